@@ -28,7 +28,7 @@ from spherekit.plugin import (
     TableData,
     listing,
 )
-from spherekit.plugin.designs import Merit
+from spherekit.plugin.designs import FigureOfMerit
 from spherekit.plugin.dynamics import (
     CoordinateMotion,
     InverseSolution,
@@ -125,15 +125,15 @@ class Eksergian(AbstractAnalysis):
 
     at: str = ""
 
-    def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
+    def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return the largest torque and the ends of the equivalent inertia."""
         if not mechanism.masses or len(mechanism.inputs) != 1:
             return ()
         return (
-            Merit("largest_torque", "max", "abs(torque)", meaning="at the input"),
-            Merit("rms_torque", "rms", "torque", meaning="at the input"),
-            Merit("least_inertia", "min", "B"),
-            Merit("largest_inertia", "max", "B"),
+            FigureOfMerit("largest_torque", "max", "abs(torque)", meaning="at the input"),
+            FigureOfMerit("rms_torque", "rms", "torque", meaning="at the input"),
+            FigureOfMerit("least_inertia", "min", "B"),
+            FigureOfMerit("largest_inertia", "max", "B"),
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:

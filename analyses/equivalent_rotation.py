@@ -40,13 +40,13 @@ from spherekit.plugin.rotations import (
     PoseCandidates,
     PoseFinder,
     RotationSamples,
-    Schedule,
+    TimeScaling,
     chosen_output,
     dead_centre,
     mid_plane_form,
     mirror_angles,
-    quickest,
     tilt_torsion,
+    time_optimal,
 )
 
 from .posed_workspace import read_end, read_pose
@@ -112,7 +112,7 @@ class FoundRotation:
     rotation: FixedAxisRotation
     samples: RotationSamples
     form: MidPlaneArchitecture | None
-    schedule: Schedule | None
+    schedule: TimeScaling | None
     unscheduled: str
 
 
@@ -163,7 +163,7 @@ class EquivalentRotation(AbstractAnalysis):
                 ),
                 INPUTS,
                 Column("dq_dtheta", "", "derivative of q by theta", per_input=True),
-                Column("departure", "rad", "angle from the pose turned exactly"),
+                Column("orientation_error", "rad", "angle from the pose turned exactly"),
                 Column(
                     "drift", "rad", "angle from the axis of the moment to the fixed one"
                 ),
@@ -252,7 +252,7 @@ class EquivalentRotation(AbstractAnalysis):
             "torsion": tilted[:, 2],
             **input_columns(mechanism, at.inputs),
             **input_columns(mechanism, at.rates, "dq_dtheta"),
-            "departure": at.departure,
+            "orientation_error": at.orientation_error,
             "drift": at.drift,
             "type_2": at.type_2,
             "status": at.status,
@@ -300,9 +300,9 @@ class EquivalentRotation(AbstractAnalysis):
         """Return axis, angle, feasibility, places of type II, and the duration."""
         result = self._found(batch)
         turn, at, start = result.rotation, result.samples, result.start
-        departure = _largest(at.departure)
+        orientation_error = _largest(at.orientation_error)
         failed = ~np.isin(at.status, (Status.OK, Status.AT_SINGULARITY))
-        kept = departure < FEASIBLE and not np.any(failed)
+        kept = orientation_error < FEASIBLE and not np.any(failed)
         figures: dict[str, Any] = {
             "output": result.output.name,
             "axis": turn.axis.tolist(),
@@ -311,7 +311,7 @@ class EquivalentRotation(AbstractAnalysis):
             "failed_rows": int(np.sum(failed)),
             "reached_rad": turn.reached,
             "end": Status(turn.end).name,
-            "largest_departure_rad": departure,
+            "largest_orientation_error_rad": orientation_error,
             "largest_drift_rad": _largest(at.drift),
             "crossings_rad": list(turn.crossings),
             "start": {
@@ -371,7 +371,7 @@ class EquivalentRotation(AbstractAnalysis):
                 for limit in (self.speed, self.acceleration)
             )
             try:
-                schedule = quickest(
+                schedule = time_optimal(
                     turn, speed, acceleration, self.shape, self.cycle or None
                 )
             except SolveError as problem:
@@ -411,7 +411,7 @@ class EquivalentRotation(AbstractAnalysis):
             f"| axis, in axes of link {result.output.relative_to} "
             f"| {x:.6f}, {y:.6f}, {z:.6f} |",
             f"| angle | {np.degrees(turn.angle):.6f} deg |",
-            f"| largest departure | {_largest(at.departure):.3g} rad |",
+            f"| largest error of orientation | {_largest(at.orientation_error):.3g} rad |",
             f"| largest drift of the axis | {_largest(at.drift):.3g} rad |",
         ]
         if result.schedule is not None:
@@ -426,7 +426,7 @@ class EquivalentRotation(AbstractAnalysis):
 def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]:
     """Yield what is not as it was asked for; `failed` are rows of the samples."""
     turn, at = result.rotation, result.samples
-    departure = _largest(at.departure)
+    orientation_error = _largest(at.orientation_error)
     if turn.end != Status.OK:
         dead = dead_centre(turn)
         yield (
@@ -441,11 +441,11 @@ def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]
             f"{int(np.sum(failed))} of {len(failed)} rows failed, the first at theta = "
             f"{np.degrees(at.theta[first]):.6g} deg: {Status(at.status[first]).name}"
         )
-    if not departure < FEASIBLE:
-        worst = int(np.nanargmax(at.departure))
+    if not orientation_error < FEASIBLE:
+        worst = int(np.nanargmax(at.orientation_error))
         yield (
             "the output link does not turn about a fixed axis: nearest to it, it "
-            f"departs by up to {np.degrees(departure):.4g} deg, at theta = "
+            f"departs by up to {np.degrees(orientation_error):.4g} deg, at theta = "
             f"{np.degrees(at.theta[worst]):.4g} deg, and its axis by "
             f"{np.degrees(_largest(at.drift)):.4g} deg"
         )
@@ -470,7 +470,7 @@ def _largest(values: Floats) -> float:
     return float(np.max(finite, initial=0.0))
 
 
-def _schedule_figures(schedule: Schedule, shape: str) -> dict[str, Any]:
+def _schedule_figures(schedule: TimeScaling, shape: str) -> dict[str, Any]:
     most = schedule.binding
     return {
         "shape": shape,

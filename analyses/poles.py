@@ -40,7 +40,7 @@ from spherekit.plugin import (
     parse_pole,
     pole_of,
 )
-from spherekit.plugin.designs import Merit
+from spherekit.plugin.designs import FigureOfMerit
 from spherekit.plugin.motion import BlockPoles, LinePole, Plan, PrimaryPole, describe
 from spherekit.plugin.rotations import link_axes, quaternion
 
@@ -325,7 +325,7 @@ class Poles(AbstractAnalysis):
         primary = _primary(mechanism)
         return next((p for p in self.poles(mechanism) if p not in primary), None)
 
-    def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
+    def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return the largest coefficients: of the poles asked for, else of the outputs."""
         names = mechanism.links
         wanted = [(names[j], names[i]) for i, j in self.poles(mechanism)]
@@ -335,7 +335,7 @@ class Poles(AbstractAnalysis):
         inputs = mechanism.input_pairs
         moving = [f"_by_{pair}" for pair in inputs] if len(inputs) > 1 else [""]
         return tuple(
-            Merit(
+            FigureOfMerit(
                 f"largest_coefficient_{link}_{other}{by}",
                 "max",
                 f"abs(velocity_coefficient_{link}_{other}{by})",

@@ -27,12 +27,12 @@ from spherekit.plugin.rotations import (
 )
 from spherekit.plugin.workspace import (
     AngleLimit,
-    AxesLimit,
     ClosedKinematics,
     DirectionWorkspace,
+    InterferenceLimit,
+    JointRange,
     Judged,
     OrientationWorkspace,
-    PairLimit,
     judge,
     label_of,
     nearest_reachable,
@@ -180,23 +180,25 @@ class Limited:
         return judge(self.kinematics, self.bounds, item.signs, places)
 
 
-def read_limit(text: str) -> PairLimit:
+def read_limit(text: str) -> JointRange:
     """Return the limits of a pair from ``PAIR:LOW:HIGH`` in degrees."""
     pair, *limits = text.split(":")
     if len(limits) == 2:
         low, high = (_degrees("limits", text, limit) for limit in limits)
-        return PairLimit(pair, low, high)
+        return JointRange(pair, low, high)
     raise AnalysisError(
         f'workspace: limits: "{text}" is not PAIR:LOW:HIGH, with both in degrees'
     )
 
 
-def read_apart(text: str) -> AxesLimit:
+def read_apart(text: str) -> InterferenceLimit:
     """Return limits from ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST``."""
     axes, *limits = text.split(":")
     one, _, other = axes.partition("/")
     if other and len(limits) in (1, 2):
-        return AxesLimit(one, other, *(_degrees("apart", text, limit) for limit in limits))
+        return InterferenceLimit(
+            one, other, *(_degrees("apart", text, limit) for limit in limits)
+        )
     raise AnalysisError(
         f'workspace: apart: "{text}" is not PAIR/PAIR:LEAST or PAIR/PAIR:LEAST:GREATEST, '
         "with angles in degrees"

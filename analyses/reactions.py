@@ -80,9 +80,9 @@ class ReactionAnalysis(AbstractAnalysis):
                     "of an R pair: about its zero direction in the first link instead",
                 ),
                 Column("moment_y_first", "N m", "about the direction across that one"),
-                Column("across", "N m", "its part across the axis or the point"),
+                Column("transverse_moment", "N m", "its part across the axis or the point"),
                 Column(
-                    "push",
+                    "contact_torque",
                     "N m",
                     "force of a contact along its normal, times the radius: above 0 it "
                     "presses",
@@ -112,7 +112,7 @@ class ReactionAnalysis(AbstractAnalysis):
                 Column("load", "", "the load that places it", "text"),
                 Column("pair", "", "the pair", "text"),
                 Column("position", "m", "its distance from the centre along the axis"),
-                Column("couple", "N", "force across the axis of the couple alone"),
+                Column("couple_force", "N", "force across the axis of the couple alone"),
                 Column("radial", "N", "that with the force through the centre"),
                 Column("axial", "N", "force along the axis, on the second link"),
                 STATUS,
@@ -137,8 +137,8 @@ class ReactionAnalysis(AbstractAnalysis):
                 **repeated(row_columns(batch, timed=True), names, "pair"),
                 **{f"moment_{axis}": moments[:, k] for k, axis in enumerate("xyz")},
                 **{f"moment_{axis}_first": first[:, k] for k, axis in enumerate("xy")},
-                "across": result.across.ravel(),
-                "push": result.push.ravel(),
+                "transverse_moment": result.across.ravel(),
+                "contact_torque": result.push.ravel(),
                 "traction": result.traction.ravel(),
                 **{f"force_{axis}": forces[:, k] for k, axis in enumerate("xyz")},
                 **{f"force_{axis}_first": held[:, k] for k, axis in enumerate("xy")},
@@ -155,10 +155,10 @@ class ReactionAnalysis(AbstractAnalysis):
         result = self._found(batch)
         pairs: dict[str, Any] = {}
         for k, pair in enumerate(batch.mechanism.pairs):
-            across = result.across[:, k]
+            transverse_moment = result.across[:, k]
             lifted = int(np.count_nonzero(result.status[:, k] == Status.LIFT_OFF))
             pairs[pair.name] = {
-                **_peaks(batch, largest_across_Nm=across),
+                **_peaks(batch, largest_transverse_moment_Nm=transverse_moment),
                 "rows_that_lift_off": lifted,
                 "is_open": bool(np.any(result.is_open[:, k])),
                 "force_is_open": bool(np.any(result.open_forces[:, k])),
@@ -166,7 +166,7 @@ class ReactionAnalysis(AbstractAnalysis):
         bearings: dict[str, Any] = {
             _named(load, at): _peaks(
                 batch,
-                largest_couple_N=couple,
+                largest_couple_force_N=couple,
                 largest_radial_N=radial,
                 largest_axial_N=np.abs(axial),
             )
@@ -205,11 +205,21 @@ class ReactionAnalysis(AbstractAnalysis):
         result = self._found(batch)
         curves = []
         for k, pair in enumerate(batch.mechanism.pairs):
-            title, across = "moment across the axis", result.across[:, k]
-            curves.append(curve("across", pair.name, title, across, "N m"))
+            title, transverse_moment = (
+                "moment across the axis",
+                result.across[:, k],
+            )
+            curves.append(
+                curve("transverse_moment", pair.name, title, transverse_moment, "N m")
+            )
             if not pair.kind.has_axis:
-                title, push = "push of contacts, times the radius", result.push[:, k]
-                curves.append(curve("push", pair.name, title, push, "N m"))
+                title, contact_torque = (
+                    "push of contacts, times the radius",
+                    result.push[:, k],
+                )
+                curves.append(
+                    curve("contact_torque", pair.name, title, contact_torque, "N m")
+                )
         for load, at, couple, radial, axial in _bearing_loads(batch.mechanism, result):
             label = _named(load, at)
             whole = np.any(np.isfinite(radial))
@@ -258,7 +268,7 @@ def _bearing_rows(batch: Batch, result: Reactions) -> TableData:
     timed = row_columns(batch, timed=True)
     loads = {
         name: np.reshape([bearing[k] for bearing in bearings], (-1, n)).T.ravel()
-        for k, name in enumerate(("couple", "radial", "axial"), 2)
+        for k, name in enumerate(("couple_force", "radial", "axial"), 2)
     }
     return {
         **repeated(timed, [load.name for load, *_ in bearings], "load"),
@@ -328,7 +338,7 @@ def _said(figures: Mapping[str, Any]) -> Findings:
             f"{listing(loose)}; what is open is left empty{hint}"
         )
     for key, unit, what in (
-        ("largest_across_Nm", "N m", "moment across an axis or a contact"),
+        ("largest_transverse_moment_Nm", "N m", "moment across an axis or a contact"),
         ("largest_radial_N", "N", "radial load of a bearing"),
         ("largest_axial_N", "N", "axial load of a bearing"),
     ):
@@ -337,7 +347,7 @@ def _said(figures: Mapping[str, Any]) -> Findings:
         if given and (facts is pairs or len(given) == len(facts)):
             name = max(given, key=lambda one: given[one])
             where = f"in pair {name}" if facts is pairs else f"({name})"
-            beside = max(x.get("largest_couple_N") or 0.0 for x in facts.values())
+            beside = max(x.get("largest_couple_force_N") or 0.0 for x in facts.values())
             if given[name] <= ROUNDING * beside:
                 remarks.append(f"{what}: zero in every row, to rounding")
                 continue

@@ -26,7 +26,7 @@ from spherekit.plugin.rotations import (
     FixedAxisRotation,
     MidPlaneArchitecture,
     RotationSamples,
-    Timetable,
+    Trajectory,
     link_axes,
 )
 
@@ -63,11 +63,11 @@ class RotationScenes:
         if len(lost):
             parts.append(InputMarks("marks/lost", "type II", lost, LOST_TONE))
         for label, values in (
-            ("departure", samples.departure),
+            ("orientation_error", samples.orientation_error),
             ("drift of the axis", samples.drift),
         ):
             path = f"plots/{label.split()[0]}"
-            group = "departure from the fixed axis"
+            group = "error of orientation about the fixed axis"
             parts.append(Series(path, label, group, values, "rad"))
         parts.append(
             Series("plots/type_2", "type_2", "transmission measure", samples.type_2)
@@ -76,7 +76,7 @@ class RotationScenes:
         over = Axis("theta", "rad", samples.theta)
         return Scene("Equivalent rotation", tuple(parts), (over,))
 
-    def schedule(self, rows: Timetable) -> Scene:
+    def schedule(self, rows: Trajectory) -> Scene:
         """Return the page on which rows are evenly spread over the duration."""
         parts = self._stage(self.turn.at(rows.theta))
         parts += self._driving("q", "driving angles in time", rows.inputs, "rad")

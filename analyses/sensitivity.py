@@ -26,7 +26,7 @@ from spherekit.plugin import (
     TableData,
     listing,
 )
-from spherekit.plugin.designs import Deviations, Distribution, Sensitivity
+from spherekit.plugin.designs import Distribution, Sensitivity, SizeDeviations
 
 from .dynamics import curve, largest_of, repeated, row_columns
 
@@ -154,10 +154,10 @@ class SensitivityAnalysis(AbstractAnalysis):
             tracer=True, time=timed, continued_values=wound, links=sensitivity.links
         )
 
-    def _asked(self, mechanism: Mechanism) -> tuple[Sensitivity, Deviations]:
+    def _asked(self, mechanism: Mechanism) -> tuple[Sensitivity, SizeDeviations]:
         sensitivity = Sensitivity(mechanism, _split(self.by), _split(self.of))
         sizes = sensitivity.deviating(self.deviation * DEG, self._singly())
-        return sensitivity, Deviations(sizes, self.distribution, self.draws)
+        return sensitivity, SizeDeviations(sizes, self.distribution, self.draws)
 
     def _singly(self) -> dict[str, float]:
         """Return the deviations of single numbers by their keys."""

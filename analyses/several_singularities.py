@@ -19,15 +19,15 @@ from spherekit.plugin import (
 from spherekit.plugin.rotations import wrap
 from spherekit.plugin.singularities import (
     Aspects,
-    Budget,
-    Claim,
-    Cut,
+    Completeness,
+    LockedInputSection,
     LocusName,
     OutputCoefficients,
     RowType,
     SingularCurves,
     SingularPoints,
     SingularSurface,
+    TimeLimit,
     aspects,
     coefficients,
     cut,
@@ -165,8 +165,8 @@ class SeveralInputs:
                 **input_columns(batch.mechanism, batch.inputs),
                 "output": named(batch.mechanism, output),
                 "form": "i",
-                "angle_I": angle_of(rows.type_one),
-                "angle_II": angle_of(rows.type_two),
+                "distance_I": angle_of(rows.type_one),
+                "distance_II": angle_of(rows.type_two),
                 "sigma": rows.hold,
                 "reciprocal_condition": rows.reciprocal_condition,
                 "status": batch.status,
@@ -275,7 +275,7 @@ class SeveralInputs:
         that share their locus; what every pair moves has its self-motions on the locus of
         type II.
         """
-        mechanism, budget = batch.mechanism, Budget(self.seconds)
+        mechanism, budget = batch.mechanism, TimeLimit(self.seconds)
         names = [output.name for output in mechanism.outputs]
         input_grid = self.input_grid
         if input_grid is None:
@@ -318,8 +318,8 @@ class SeveralInputs:
         mechanism: Mechanism,
         kind: LocusName,
         output: str,
-        made: Cut | None,
-        budget: Budget,
+        made: LockedInputSection | None,
+        budget: TimeLimit,
     ) -> SingularCurves | SingularSurface:
         """Look for a type: curves of a mid-plane architecture, or as slices find them."""
         if len(mechanism.inputs) == MOST_INPUTS:
@@ -394,14 +394,14 @@ def _everywhere(
         "output": named(batch.mechanism, output),
         "residual": 0.0,
         "double": "no",
-        "decided": "yes",
+        "certain": "yes",
         "guarantee": locus.claim.guarantee.value,
         "curve": -1,
         "note": "in every configuration",
     }
 
 
-def _rows(batch: Batch, points: SingularPoints, output: Output, claim: Claim) -> Row:
+def _rows(batch: Batch, points: SingularPoints, output: Output, claim: Completeness) -> Row:
     number = batch.mechanism.link_number
     links = number[output.link], number[output.relative_to]
     return {
@@ -413,7 +413,7 @@ def _rows(batch: Batch, points: SingularPoints, output: Output, claim: Claim) ->
         "output": named(batch.mechanism, output),
         "residual": points.residual,
         "double": "no",
-        "decided": "yes",
+        "certain": "yes",
         "guarantee": claim.guarantee.value,
     }
 

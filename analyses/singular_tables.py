@@ -35,7 +35,7 @@ from spherekit.plugin import (
     link_bodies,
     numbered,
 )
-from spherekit.plugin.motion import Tracer
+from spherekit.plugin.motion import PositionAnalysis
 from spherekit.plugin.rotations import quaternion, wrap
 from spherekit.plugin.singularities import (
     CurveSeen,
@@ -76,9 +76,9 @@ SINGULARITIES = Table(
         Column("s", "rad", "place on it, in its own arc length"),
         Column("error", "rad", "bound of the error of the place"),
         Column("residual", "", "sine by which the condition is missed"),
-        Column("turns", "", "what reverses there: input, output, both", "text"),
+        Column("reversal", "", "what reverses there: input, output, both", "text"),
         Column("double", "", "whether it is only touched", "text"),
-        Column("decided", "", "whether the kind is certain", "text"),
+        Column("certain", "", "whether the kind is certain", "text"),
         Column("guarantee", "", "what is known of those not listed", "text"),
         Column("note", "", "what coincides, what is in doubt", "text"),
     ),
@@ -95,13 +95,13 @@ RELATION = Table(
         Column("c", "", "coefficient of the output rate"),
         Column("d", "", "coefficient of the input rate"),
         Column("velocity_coefficient", "", "y'/q' = d/c, infinite at type II"),
-        Column("angle_I", "rad", "angle to type I, 0 there alone"),
-        Column("angle_II", "rad", "angle to type II, 0 there alone"),
+        Column("distance_I", "rad", "angle to type I, 0 there alone"),
+        Column("distance_II", "rad", "angle to type II, 0 there alone"),
         Column("output_rate", "", "of y by the arc length of all variables"),
         Column("input_rate", "", "of q by the arc length of all variables"),
         Column("transmission", "rad", "transmission angle of the output's dyad"),
-        Column("to_I", "rad", "change of the input to the nearest type I"),
-        Column("to_II", "rad", "change of the input to the nearest type II"),
+        Column("input_margin_I", "rad", "change of the input to the nearest type I"),
+        Column("input_margin_II", "rad", "change of the input to the nearest type II"),
         Column("sigma", "", "least singular value of the passive equations"),
         Column("reciprocal_condition", "", "its part of the greatest one"),
         STATUS,
@@ -143,7 +143,7 @@ def configuration_columns(
     values: Floats,
     links: tuple[int, int],
     pointing: Floats | None = None,
-    part: Tracer | None = None,
+    part: PositionAnalysis | None = None,
 ) -> dict[str, Any]:
     """Return passive variables, signs, modes and the output's pose of rows (n, V).
 
@@ -190,8 +190,8 @@ DRAWN = 721
 PARTS = 8
 """Parts of each way between two nodes of a singular curve that is drawn."""
 _ANGLES = {
-    "angle_I": "to type I",
-    "angle_II": "to type II",
+    "distance_I": "to type I",
+    "distance_II": "to type II",
     "transmission": "transmission angle",
 }
 _AXES = {"ir": "ir", "or_": "or", "os": "os", "io": "io", "is_": "is", "rs": "rs"}

@@ -26,7 +26,7 @@ from spherekit.plugin import (
     counted,
     listing,
 )
-from spherekit.plugin.designs import Merit, middle_pairs
+from spherekit.plugin.designs import FigureOfMerit, middle_pairs
 from spherekit.plugin.singularities import (
     NearMiss,
     RelationAt,
@@ -184,9 +184,9 @@ class OneInput:
                 agreeing,
                 [point.note, *dict.fromkeys(words or [at.note for at in point.relations])],
                 kind=str(point.type),
-                decided="yes" if point.decided else "no",
+                certain="yes" if point.certain else "no",
                 error=point.error,
-                turns=" and ".join(_turns(point)),
+                reversal=" and ".join(_turns(point)),
                 double="yes" if point.double else "no",
             )
         rows += self._crossed(batch)
@@ -200,7 +200,7 @@ class OneInput:
                     "output": _named(sampled.tracer.mechanism, whole.output),
                     "curve": whole.curve,
                     "residual": 0.0,
-                    "decided": "yes",
+                    "certain": "yes",
                     "note": f"at rest on the whole of curve {whole.curve}",
                 }
             )
@@ -235,7 +235,7 @@ class OneInput:
                     made,
                     words,
                     kind="III",
-                    decided="yes" if crossing.decided else "no",
+                    certain="yes" if crossing.certain else "no",
                     error=error,
                 )
         return rows
@@ -254,7 +254,7 @@ class OneInput:
         sampled, (curve, s) = self._found(batch), ends[0]
         part = None if sampled.tracer is batch.tracer else sampled.tracer
         held = [item for relation in relations for item in relation.conditions]
-        labels = dict.fromkeys(h.label + ("" if h.decided else "?") for h in held)
+        labels = dict.fromkeys(h.label + ("" if h.certain else "?") for h in held)
         whole = {
             **configuration_columns(batch, values[None], links, part=part),
             **columns,
@@ -347,12 +347,12 @@ def _joined(numbers: Iterable[int], sign: str = "+") -> str:
 
 def _turns(point: SingularPoint) -> list[str]:
     """Return what reverses at a singularity."""
-    turns = []
+    reversal = []
     if point.input_turns and point.type is not Type.I:
-        turns.append("input")
+        reversal.append("input")
     if point.output_turns and point.type is not Type.II:
-        turns.append("output")
-    return turns
+        reversal.append("output")
+    return reversal
 
 
 def _found_with(
@@ -426,10 +426,10 @@ class SingularityAnalysis(AbstractAnalysis):
         rest = beside or [k for k in range(1, len(mechanism.links)) if k not in driven]
         return tuple((link, 0) for link in dict.fromkeys(rest))
 
-    def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
+    def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return the least transmission angle of each dyad, 0 at a type II singularity."""
         return tuple(
-            Merit(
+            FigureOfMerit(
                 f"least_transmission_angle_{pair}",
                 "min",
                 f"transmission_angle_{pair}",

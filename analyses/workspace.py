@@ -31,7 +31,7 @@ from spherekit.plugin import (
     Text,
     input_columns,
 )
-from spherekit.plugin.designs import Merit
+from spherekit.plugin.designs import FigureOfMerit
 from spherekit.plugin.rotations import (
     azimuth_tilt,
     from_quaternion,
@@ -267,14 +267,14 @@ class WorkspaceAnalysis(AbstractAnalysis):
 
     `output` is its name, if several are declared. `mode` is the signs of one mode, such as
     ``+-``, or its number; by default all modes. Angles are in degrees: `limits` of pairs
-    are ``PAIR:LOW:HIGH``, beside the stops of the mechanism; `apart` are angles between
-    the axes of two pairs, ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST``; `near` is
-    the least angle to a singularity of type I or II. Links of a `width` on a sphere of a
-    `radius`, in the same unit of length, are kept from touching. `tolerance` is the
-    relative error of the area or volume, by default 1e-4 of directions and 1e-2 of
-    orientations. `pose` is judged: ``name=number+name=number`` of x, y, z or
-    azimuth, tilt of a direction; azimuth, tilt, torsion, qx, qy, qz, qw or rx, ry, rz of
-    an orientation; phi, gamma; or all driven pairs.
+    are ``PAIR:LOW:HIGH``, beside the joint limits of the mechanism; `apart` are angles
+    between the axes of two pairs, ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST``;
+    `near` is the least angle to a singularity of type I or II. Links of a `width` on a
+    sphere of a `radius`, in the same unit of length, are kept from touching. `tolerance` is
+    the relative error of the area or volume, by default 1e-4 of directions and 1e-2 of
+    orientations. `pose` is judged: ``name=number+name=number`` of x, y, z or azimuth, tilt
+    of a direction; azimuth, tilt, torsion, qx, qy, qz, qw or rx, ry, rz of an orientation;
+    phi, gamma; or all driven pairs.
     """
 
     name: ClassVar[str] = "workspace"
@@ -352,10 +352,10 @@ class WorkspaceAnalysis(AbstractAnalysis):
     tolerance: float = 0.0
     pose: str = ""
 
-    def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
+    def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return the area, or volume, of the whole workspace in each working mode."""
         del mechanism
-        size = Merit(
+        size = FigureOfMerit(
             "workspace_area",
             "max",
             "size",

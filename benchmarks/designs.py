@@ -19,7 +19,7 @@ from spherekit.files.read import read
 from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 DEG = np.pi / 180.0
 
@@ -197,7 +197,7 @@ def _mujoco(case: Case, count: int) -> Callable[[], object]:
     import mujoco
 
     mechanism = sk.load(case.name)
-    values = Tracer(mechanism, samples=2).motion().values[0]
+    values = PositionAnalysis(mechanism, samples=2).motion().values[0]
     text = mjcf(mechanism, values, 1e-3).text
 
     def job() -> None:

@@ -17,7 +17,7 @@ from spherekit.engine.integration import Integration
 from spherekit.engine.kernels import MOST_DERIVATIVES, Engine, Source, kernel
 from spherekit.files.read import load
 from spherekit.model.study import Start
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
 
@@ -49,7 +49,7 @@ def _batch(quick: bool) -> Section:
     count = 100_000 if quick else 1_000_000
     rows: list[tuple[Cell, ...]] = []
     for name in NAMES:
-        tracer = Tracer(load(name), search=False)
+        tracer = PositionAnalysis(load(name), search=False)
         sources: tuple[Source, ...] = ("variables",)
         if tracer.assembly.has_closed_form:
             sources = ("variables", "input")
@@ -83,7 +83,7 @@ def _batch(quick: bool) -> Section:
 
 
 def _kernel_row(
-    tracer: Tracer, source: Source, derivatives: int, count: int
+    tracer: PositionAnalysis, source: Source, derivatives: int, count: int
 ) -> tuple[Cell, ...]:
     made = tracer.mechanism
     pair = made.inputs[0].pair

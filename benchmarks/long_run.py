@@ -11,7 +11,7 @@ from pathlib import Path
 from benchmarks.harness import Cell, Section
 from spherekit.analysis.run import run as run_analyses
 from spherekit.files.read import load
-from spherekit.motion.motion import BLOCK, Tracer
+from spherekit.motion.motion import BLOCK, PositionAnalysis
 
 JOBS = (("stephenson", "poles:only=31"), ("four_bar", "poles"), ("four_bar", "eksergian"))
 SAMPLES = (10_000, 100_000, 1_000_000)
@@ -90,7 +90,7 @@ def _measured(name: str, analysis: str, samples: int) -> tuple[Cell, ...]:
 
 def _blocks(quick: bool) -> Section:
     made = load("stephenson")
-    assembly_modes = len(Tracer(made, samples=2).assembly_modes)
+    assembly_modes = len(PositionAnalysis(made, samples=2).assembly_modes)
     sizes = [BLOCK >> 5, BLOCK >> 3, BLOCK >> 1, BLOCK, BLOCK << 1, BLOCK << 3]
     samples = sizes[-1] // assembly_modes
     best = dict.fromkeys(sizes, float("inf"))

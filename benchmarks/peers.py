@@ -13,7 +13,7 @@ from spherekit.dynamics.compiled_engine import by_taylor_series
 from spherekit.dynamics.coordinates import by_variables
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.start import Problem, prepare
-from spherekit.dynamics.tabulate import online_model, online_motion
+from spherekit.dynamics.tabulate import reduced_model, simulate_reduced
 from spherekit.engine.compiler import available
 from spherekit.errors import ModelError
 from spherekit.exchange.bodies import RigidBodies, rigid_bodies
@@ -23,7 +23,7 @@ from spherekit.model.dynamics import Mass, PairTorque, uniform_arc
 from spherekit.model.gears import link_axes
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Start
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Run = Callable[[], tuple[Floats, float]]
@@ -124,7 +124,7 @@ def _several() -> Case:
 def _case(made: Mechanism, start: Start, pushes: tuple[Push, ...]) -> Case:
     inputs = [item.pair for item in made.inputs]
     q, dq = start.each(inputs)
-    tracer = Tracer(made, path=q[None], assembly_mode=0)
+    tracer = PositionAnalysis(made, path=q[None], assembly_mode=0)
     values = tracer.motion().values[0].copy()
     places = [made.angles[pair] for pair in inputs]
     values[places] = q
@@ -239,7 +239,7 @@ def _plain(case: Case) -> Floats:
     """Return the only input by SciPy's DOP853 on Eksergian's equation in q."""
     from scipy.integrate import solve_ivp
 
-    model = online_model(case.made, poles=())
+    model = reduced_model(case.made, poles=())
 
     def right(t: float, state: Floats) -> tuple[float, float]:
         q, dq = float(state[0]), float(state[1])
@@ -278,14 +278,14 @@ def _numpy(case: Case, tolerance: float) -> Run:
 
 
 def _stored(case: Case, tolerance: float) -> Run:
-    model = online_model(case.made, poles=())
+    model = reduced_model(case.made, poles=())
     (q,), (dq,) = case.start.each(case.inputs)
     # The first state asked for makes the table of single states.
     model.torque(q, dq, 0.0, 0.0)
 
     def job() -> tuple[Floats, float]:
         started = time.process_time()
-        found = online_motion(model, TIMES, q, dq, tolerance)
+        found = simulate_reduced(model, TIMES, q, dq, tolerance)
         return found.q[:, None], time.process_time() - started
 
     return job

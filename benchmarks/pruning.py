@@ -17,7 +17,7 @@ from spherekit.engine.fields import evaluate
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.rates.request import Request
 
 SAMPLES = 361
@@ -61,14 +61,14 @@ def _job(motion: Callable[[], Motion], wanted: Request) -> Callable[[], object]:
 
 def _case(name: str, mechanism: Mechanism, repeats: int) -> list[tuple[Cell, ...]]:
     """Return the rows of one mechanism, over all poles of it."""
-    whole = Tracer(mechanism, search=False, samples=SAMPLES)
+    whole = PositionAnalysis(mechanism, search=False, samples=SAMPLES)
     jobs = {"all poles": _job(whole.motion, _request(mechanism, WIDE))}
     about = {"all poles": (mechanism, WIDE, False)}
     for what, text in NARROW.items():
         jobs[what] = _job(whole.motion, _request(mechanism, text))
         about[what] = (mechanism, text, False)
         part = needed_part(Study(mechanism.name, mechanism), [create(text)])
-        tracer = Tracer(part, search=False, samples=SAMPLES)
+        tracer = PositionAnalysis(part, search=False, samples=SAMPLES)
         jobs[f"{what}, only needed"] = _job(tracer.motion, _request(part, text))
         about[f"{what}, only needed"] = (mechanism, text, True)
     times = rounds(jobs, repeats)

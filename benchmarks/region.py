@@ -16,9 +16,9 @@ from spherekit.sphere.rotation import from_quaternion
 from spherekit.workspace.inverse import closed_kinematics
 from spherekit.workspace.rows import (
     AngleLimit,
-    AxesLimit,
     Constraints,
-    PairLimit,
+    InterferenceLimit,
+    JointRange,
     bounds_of,
 )
 from spherekit.workspace.workspace import (
@@ -127,7 +127,7 @@ def _mechanisms(quick: bool) -> Section:
     ten = np.radians(10.0)
     for name, axes in RULES.items():
         mechanism = load(name)
-        wanted = Constraints(apart=tuple(AxesLimit(*pair, ten) for pair in axes))
+        wanted = Constraints(apart=tuple(InterferenceLimit(*pair, ten) for pair in axes))
         exact = _found(mechanism, wanted, 1e-10)[0].region.area
         for tolerance in (1e-4,) if quick else (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
 
@@ -163,7 +163,7 @@ def _limited(quick: bool) -> Section:
     for name, pair, near in LIMITED[:3] if quick else LIMITED:
         kinematics = closed_kinematics(load(name))
         low, high = np.radians([-40.0, 100.0])
-        limits = (PairLimit(pair, float(low), float(high)),) if pair else ()
+        limits = (JointRange(pair, float(low), float(high)),) if pair else ()
         bounds = bounds_of(kinematics, Constraints(limits, near=float(np.radians(near))))
 
         def job(

@@ -19,7 +19,7 @@ from spherekit.engine.kernels import kernel
 from spherekit.engine.row_kernel import row_kernel
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
 
@@ -85,7 +85,7 @@ def _by(engine: Engine | None) -> Iterator[None]:
 
 def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
     made = sk.load(name)
-    tracer = Tracer(made)
+    tracer = PositionAnalysis(made)
     modes = len(tracer.assembly_modes)
     wanted = 200_000 if quick else 1_000_000
     samples = wanted // modes
@@ -104,7 +104,7 @@ def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
     jobs: dict[str, Callable[[], object]] = {
         "run": quickly,
         "careful": carefully,
-        "search": lambda: Tracer(made, samples=samples),
+        "search": lambda: PositionAnalysis(made, samples=samples),
     }
     alone, width, inputs = _alone(tracer, engine)
     inputs = np.ascontiguousarray(
@@ -134,7 +134,7 @@ def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
 
 
 def _alone(
-    tracer: Tracer, engine: Engine
+    tracer: PositionAnalysis, engine: Engine
 ) -> tuple[Callable[[Floats, Floats], object], int, Floats]:
     """Return a kernel of all poles, how many columns it has, and variables to call it with.
 

@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.harness import Cell, Section, own_mechanisms
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.singular.relation import Type
 from spherekit.singular.single import SingleFreedom
 
@@ -72,7 +72,7 @@ def _timed(name: str) -> tuple[float, float, float, float, tuple[Cell, ...]]:
     """Return the times (s) of the whole and its three parts, and what was found."""
     made = load(name)
     marks = [time.process_time()]
-    tracer = Tracer(made, samples=9)
+    tracer = PositionAnalysis(made, samples=9)
     marks.append(time.process_time())
     curves = [item.curve for item in tracer.configurations.curves]
     marks.append(time.process_time())

@@ -9,13 +9,13 @@ import numpy as np
 
 from benchmarks.harness import Cell, Section
 from spherekit.dynamics.coordinates import by_variables, inertia
-from spherekit.dynamics.tabulate import grid_model, online_model
+from spherekit.dynamics.tabulate import reduced_grid_model, reduced_model
 from spherekit.dynamics.tabulated import StoredModel
 from spherekit.engine.fields import evaluate
 from spherekit.files.read import load
 from spherekit.model.dynamics import Bearings, Damper
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.numeric.cells import TensorChebyshev
 from spherekit.planning.poles import parse_pole
 from spherekit.rates.request import request
@@ -32,7 +32,7 @@ def run(quick: bool) -> list[Section]:
     places = 5_000 if quick else 100_000
     for name, assembly_mode in CASES:
         started = time.perf_counter()
-        model = online_model(_stored(name), assembly_mode=assembly_mode)
+        model = reduced_model(_stored(name), assembly_mode=assembly_mode)
         seconds = time.perf_counter() - started
         worst, where = _worst(model, name, assembly_mode, places)
         cells = sum(len(group.coefficients) for group in model.groups)
@@ -86,7 +86,7 @@ def _several(quick: bool) -> Section:
         pairs = [item.pair for item in made.inputs]
         made = made.with_loads(*(Damper(f"oil_{pair}", pair, 0.1) for pair in pairs))
         started = time.process_time()
-        model = grid_model(made)
+        model = reduced_grid_model(made)
         seconds = time.process_time() - started
         (cells,) = model.groups
         assert isinstance(cells, TensorChebyshev)
@@ -155,7 +155,7 @@ def _worst(
 ) -> tuple[float, str]:
     """Return the largest error of all functions, and whose it is."""
     mechanism = _stored(name)
-    tracer = Tracer(mechanism, assembly_mode=assembly_mode)
+    tracer = PositionAnalysis(mechanism, assembly_mode=assembly_mode)
     x = np.sort(np.random.default_rng(11).uniform(0.0, 2.0 * np.pi, count))
     poles = {text: parse_pole(mechanism, text) for text in model.heading.poles}
     wanted = request(mechanism, tracer.inputs[0], poles.values(), poles.values())

@@ -13,7 +13,7 @@ from spherekit.files.schema import schema
 PAGE = Path(__file__).parent / "reference.md"
 
 HEADER = """\
-# Keys of mechanism, study and sizing files
+# Keys of mechanism, study and synthesis files
 
 Generated from the JSON Schemas in `spherekit/files/` by `docs/make_reference.py`; change
 those and run it again. What the keys mean together: [mechanism files](mechanism-files.md).
@@ -27,7 +27,7 @@ def page() -> str:
     lines = [HEADER]
     lines += section(schema("mechanism"), "Mechanism files (`X.toml`)")
     lines += section(schema("study"), "Study files (`X.study.toml`)")
-    lines += section(schema("sizing"), "Sizing files")
+    lines += section(schema("synthesis"), "Synthesis files")
     return "\n".join(lines) + "\n"
 
 

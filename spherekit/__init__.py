@@ -33,7 +33,7 @@ falling.at(np.linspace(0.0, 5.0, 101)).q
 
 from typing import TYPE_CHECKING
 
-from spherekit.lazily import offered as _offered
+from spherekit.lazy_imports import offered as _offered
 
 if TYPE_CHECKING:
     from spherekit.analysis.result import RunResult as RunResult
@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from spherekit.dynamics.reference import reference_simulation as reference_simulation
     from spherekit.dynamics.simulation import Simulation as Simulation
     from spherekit.dynamics.start import PoseStart as PoseStart
-    from spherekit.dynamics.tabulate import grid_model as grid_model
-    from spherekit.dynamics.tabulate import online_model as online_model
-    from spherekit.dynamics.tabulate import online_motion as online_motion
+    from spherekit.dynamics.tabulate import reduced_grid_model as reduced_grid_model
+    from spherekit.dynamics.tabulate import reduced_model as reduced_model
+    from spherekit.dynamics.tabulate import simulate_reduced as simulate_reduced
     from spherekit.dynamics.tabulated import load_reduced as load_reduced
     from spherekit.errors import SpherekitError as SpherekitError
     from spherekit.exchange.coupling import load_coupling as load_coupling
@@ -57,18 +57,18 @@ if TYPE_CHECKING:
     from spherekit.files.read import load as load
     from spherekit.files.study import load_study as load_study
     from spherekit.files.write import dump as dump
+    from spherekit.front.designs import sweep as sweep
+    from spherekit.front.designs import synthesize as synthesize
     from spherekit.front.evaluate import Kinematics as Kinematics
     from spherekit.front.evaluate import evaluate as evaluate
     from spherekit.front.export import export as export
     from spherekit.front.export import plan as plan
     from spherekit.front.run import run as run
     from spherekit.front.run import trade as trade
-    from spherekit.front.size import size_of as size_of
-    from spherekit.front.size import sweep as sweep
     from spherekit.guidance.follow import follow_rotation as follow_rotation
     from spherekit.guidance.follow import follow_to as follow_to
     from spherekit.guidance.loci import mid_plane_form as mid_plane_form
-    from spherekit.guidance.rotation import quickest as quickest
+    from spherekit.guidance.rotation import time_optimal as time_optimal
     from spherekit.model.dynamics import Bearings as Bearings
     from spherekit.model.dynamics import ContactFriction as ContactFriction
     from spherekit.model.dynamics import Damper as Damper

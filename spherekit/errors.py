@@ -35,7 +35,7 @@ class AnalysisError(SpherekitError):
 
 
 class DesignError(SpherekitError):
-    """A sweep, a sensitivity or a sizing was asked for wrongly, or failed."""
+    """A sweep, a sensitivity or a synthesis was asked for wrongly, or failed."""
 
 
 class ArgumentError(AnalysisError):

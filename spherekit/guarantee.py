@@ -10,7 +10,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 
 
 class Guarantee(Enum):
@@ -34,7 +34,7 @@ class Guarantee(Enum):
 
 @final
 @dataclass(frozen=True)
-class Claim:
+class Completeness:
     """A guarantee, the size of the box (rad, 0 without one), and the reason in words."""
 
     guarantee: Guarantee
@@ -49,7 +49,7 @@ class Claim:
 
 
 @final
-class Budget:
+class TimeLimit:
     """Processor time (s) that a search may take from now on; without a limit by default.
 
     A search does what is worth most first, until the time is spent. Then it ends with what
@@ -60,16 +60,16 @@ class Budget:
         self.seconds, self.what = seconds, what
         self._started = time.process_time()
         self._note = ""
-        self._working = Working(what)
+        self._working = ProgressReporter(what)
 
     @property
     def taken(self) -> float:
         """The processor time (s) taken until now."""
         return time.process_time() - self._started
 
-    def part(self, share: float, what: str | None = None) -> "Budget":
+    def part(self, share: float, what: str | None = None) -> "TimeLimit":
         """Return a budget of a share of what is left, for the same or another search."""
-        part = Budget(max(0.0, share * (self.seconds - self.taken)), what or self.what)
+        part = TimeLimit(max(0.0, share * (self.seconds - self.taken)), what or self.what)
         if what is None:
             part._working = self._working
         return part

@@ -13,7 +13,7 @@ _listener: ContextVar[Callable[[str], None] | None] = ContextVar("listener", def
 
 
 @contextmanager
-def heard_by(listener: Callable[[str], None] | None) -> Iterator[None]:
+def progress_listener(listener: Callable[[str], None] | None) -> Iterator[None]:
     """Give what work says within the block to a listener, one text at a time."""
     token = _listener.set(listener)
     try:
@@ -23,7 +23,7 @@ def heard_by(listener: Callable[[str], None] | None) -> Iterator[None]:
 
 
 @final
-class Working:
+class ProgressReporter:
     """Work that says every few seconds what it is doing and how far it is."""
 
     def __init__(self, what: str) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import spherekit as sk
 from spherekit.engine.fields import evaluate
 from spherekit.motion import assembly_modes as assembly_modes
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
 
@@ -48,7 +48,7 @@ def bare(name):
 
 
 def field_of(made, samples=361, search=True, wanted=None, derivatives=True):
-    tracer = Tracer(made, search=search, samples=samples)
+    tracer = PositionAnalysis(made, search=search, samples=samples)
     poles = all_poles(len(made.links)) if wanted is None else wanted
     asked = request(
         tracer.mechanism, tracer.mechanism.inputs[0].pair, poles, poles, derivatives

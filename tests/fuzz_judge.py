@@ -12,7 +12,7 @@ from spherekit.conventions import EPS, Status
 from spherekit.engine.fields import evaluate
 from spherekit.errors import CountError, PlanError, SpherekitError
 from spherekit.model.joints import revolute
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
@@ -70,7 +70,7 @@ def _judge_seed(seed, tally):
             plan_assembly(made)
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
-            tracer = Tracer(made, search=False, samples=SAMPLES, assembly_mode=0)
+            tracer = PositionAnalysis(made, search=False, samples=SAMPLES, assembly_mode=0)
             motion = tracer.motion()
             poles = all_poles(len(made.links))
             fields = {

@@ -46,7 +46,8 @@ def texts():
         "many outputs": FOUR_BAR + "".join(f"[outputs.q{k}]\nlink='2'\n" for k in many),
         "many loads": FOUR_BAR
         + "".join(f"[loads.q{k}]\npair='a'\ntorque='t'\n" for k in many),
-        "many stops": FOUR_BAR + "".join(f"[stops.q{k}]\nfrom=0\nto=1\n" for k in many),
+        "many stops": FOUR_BAR
+        + "".join(f"[joint_limits.q{k}]\nfrom=0\nto=1\n" for k in many),
         "many unknown keys": FOUR_BAR + "".join(f"q{k} = 1\n" for k in range(300000)),
         "many unknown tables": FOUR_BAR + "".join(f"[q{k}]\n" for k in range(300000)),
         "many faults": FOUR_BAR + "".join(f"[links.q{k}]\nx={k}\n" for k in range(100000)),

@@ -8,7 +8,7 @@ from mode_judge import Structure
 
 from spherekit.errors import PlanError
 from spherekit.model.parts import Input
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import plan_assembly
 
 HALF = np.radians(30.0)
@@ -64,7 +64,7 @@ def judge(tally, made, seed):
     random = np.random.default_rng([seed, 1])
     inputs = random.uniform(-HALF, HALF, INPUTS)
     structure = Structure.of(made)
-    tracer = Tracer(made, samples=91)
+    tracer = PositionAnalysis(made, samples=91)
     solver, found = tracer.solver, tracer.configurations
     for q, (modes, _) in zip(inputs, structure.modes(inputs, STARTS, random), strict=True):
         on_assembly_modes = [

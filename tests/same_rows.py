@@ -12,7 +12,7 @@ from spherekit.engine.fields import evaluate
 from spherekit.model.study import Study
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import all_poles
-from spherekit.rates.request import PoleField, SignMemory, request
+from spherekit.rates.request import PoleField, SignContinuation, request
 
 TURN = 2.0 * np.pi
 
@@ -57,11 +57,11 @@ def both_ways(made, **options):
             request(tracer.mechanism, pair, every, every, by_rank=tracer.by_rank)
             for pair in tracer.inputs
         ]
-        quick = rows_at_once.RowsAtOnce.of(course, wanted, recorded=False)
+        quick = rows_at_once.BatchRunner.of(course, wanted, recorded=False)
         if quick is None:
             return None
         (motion,) = quick.blocks(len(course))
-        fields = quick.fields(motion, [SignMemory() for _ in wanted])
+        fields = quick.fields(motion, [SignContinuation() for _ in wanted])
         found = tuple(field.made for field in fields)
     (careful,) = course.blocks(len(course))
     return BothWays(motion, found, careful, tuple(evaluate(careful, x) for x in wanted))

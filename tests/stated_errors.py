@@ -10,7 +10,7 @@ from special_mechanisms import special_mechanism
 from spherekit.conventions import Status
 from spherekit.engine.fields import evaluate
 from spherekit.errors import SpherekitError
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.proof.balls import FEWEST, Digits, exactly, floats
 from spherekit.proof.gears import Written
@@ -70,7 +70,7 @@ def judged_special(seed: int) -> tuple[str, Stated]:
     family, made, path = special_mechanism(seed)
     found = Stated()
     try:
-        tracer = Tracer(made, path=path)
+        tracer = PositionAnalysis(made, path=path)
     except SpherekitError:
         return family, found
     with np.errstate(all="ignore"):
@@ -78,7 +78,7 @@ def judged_special(seed: int) -> tuple[str, Stated]:
     return family, found
 
 
-def stated(tracer: Tracer, as_written: bool = False, every: int = 0) -> Stated:
+def stated(tracer: PositionAnalysis, as_written: bool = False, every: int = 0) -> Stated:
     """Return errors and statements of the rows that are OK and have a reference.
 
     With `as_written` they are judged a second time, by the decimal numbers of a file; of

@@ -18,7 +18,7 @@ from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.closure import Closure
 from spherekit.motion.configuration import configuration_curves
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import plan_assembly
 
 NO_CRANK = np.radians([60.0, 75.0, 40.0, 50.0])
@@ -44,7 +44,7 @@ def shipped(name):
     """Return a curve of a shipped mechanism."""
     if name in GUESSES:
         return closed_near(sk.load(name), GUESSES[name])
-    tracer = Tracer(sk.load(name), search=False)
+    tracer = PositionAnalysis(sk.load(name), search=False)
     there = tracer.solver.evaluate(
         tracer.assembly_modes[0], np.array([[tracer.range[0] + 0.5]])
     )
@@ -237,7 +237,7 @@ def test_shipped_mechanisms_close_after_one_lap(name, winding):
 @pytest.mark.parametrize("name", ["stephenson", "eight_bar_01"])
 def test_samples_at_inputs_are_those_of_the_branches(name):
     curve = shipped(name)
-    tracer = Tracer(sk.load(name), search=False)
+    tracer = PositionAnalysis(sk.load(name), search=False)
     for q in tracer.range[0] + np.linspace(0.1, 0.9, 5) * np.ptp(tracer.range):
         there = tracer.solver.evaluate(tracer.assembly_modes[0], np.array([[q]]))
         if there.status[0] != Status.OK:
@@ -265,7 +265,7 @@ def test_a_gear_train_runs_at_constant_rates():
 
 
 def test_cones_without_a_common_length_never_close():
-    tracer = Tracer(sk.load("rolling_cones"), search=False)
+    tracer = PositionAnalysis(sk.load("rolling_cones"), search=False)
     there = tracer.solver.evaluate(tracer.assembly_modes[0], np.array([[0.5]])).values[0]
     curve = follow_arc(tracer.solver.closure, there, longest=20.0)
     assert not curve.closed
@@ -352,7 +352,7 @@ def test_starts_that_cannot_be_followed(no_crank):
 
 
 def test_modes_that_meet_at_dead_points_are_one_curve():
-    tracer = Tracer(four_bar(NO_CRANK))
+    tracer = PositionAnalysis(four_bar(NO_CRANK))
     (found,) = configuration_curves(
         tracer.solver, tracer.assembly_modes, *tracer.range
     ).curves
@@ -380,7 +380,7 @@ def test_modes_that_meet_at_dead_points_are_one_curve():
 
 @pytest.mark.slow
 def test_two_modes_of_the_double_butterfly_are_one_closed_curve():
-    tracer = Tracer(sk.load("double_butterfly"))
+    tracer = PositionAnalysis(sk.load("double_butterfly"))
     found = configuration_curves(tracer.solver, tracer.assembly_modes, *tracer.range).curves
     assert sorted(p.assembly_mode for c in found for p in c.pieces) == list(range(8))
     assert all(c.curve.closed for c in found)

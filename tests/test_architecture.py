@@ -22,7 +22,14 @@ PACKAGE = ROOT / "spherekit"
 
 LAYERS = (
     ("arrays", "errors", "conventions", "guarantee", "version", "progress"),
-    ("boundary", "budget", "checked", "lazily", "markup", "resources"),
+    (
+        "api_validation",
+        "argument_validation",
+        "budget",
+        "lazy_imports",
+        "markup",
+        "resources",
+    ),
     ("numeric",),
     ("sphere",),
     ("model", "region"),
@@ -68,8 +75,8 @@ HOME_OF = {
     "jsonschema": {"files/schema.py"},
     "filelock": {"files/plain.py"},
     "heyoka": {"engine/compiler.py"},
-    "distributed": {"design/wanted.py"},
-    "dask": {"design/wanted.py"},
+    "distributed": {"design/requirements.py"},
+    "dask": {"design/requirements.py"},
     "flint": {"proof/balls.py"},
     "numpy_quaddtype": {"engine/row_kernel.py"},
     "matplotlib": {"figures/sdk.py"},

@@ -14,7 +14,7 @@ import spherekit as sk
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import assemblies, candidates, solutions
 from spherekit.motion.groups import group_closure
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import plan_assembly
 from spherekit.sphere.trigonometric import all_angles, common_angles, eliminated_degree
 
@@ -375,14 +375,14 @@ def test_a_bar_without_arc_is_searched_and_said_to_be():
     ],
 )
 def test_the_summary_tells_the_method(name, words):
-    said = Tracer(sk.load(name)).search
+    said = PositionAnalysis(sk.load(name)).search
     assert said == words or (words.endswith(", ") and said.startswith(words))
 
 
 def test_no_search_is_told_too():
     made = mechanism(STEPHENSON, random_axes(np.random.default_rng(13), 7), "p1_6")
     words = "component only: the mode of the reference pose; no others were looked for"
-    assert Tracer(made, search=False).search == words
+    assert PositionAnalysis(made, search=False).search == words
 
 
 def test_modes_come_in_the_same_order_every_time():

@@ -14,7 +14,7 @@ from test_reactions import STARTS, moving
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
 from spherekit.model.study import Polynomial
-from spherekit.motion.motion import Tracer, by_laws
+from spherekit.motion.motion import PositionAnalysis, by_laws
 
 PLACES, TEETH = (0.4, 0.9), np.radians(20.0)
 STARTS = STARTS | {"bevel_differential": (0.3, 0.2)}
@@ -138,7 +138,9 @@ def reactions_at_speed(made, speed, q=0.4):
     (driven,) = made.inputs
     law = {driven.pair: Polynomial((q, speed))}
     path, timing = by_laws([driven.pair], law, np.zeros(1))
-    return reactions(replace(Tracer(made, None, 0, path=path).motion(), timing=timing))
+    return reactions(
+        replace(PositionAnalysis(made, None, 0, path=path).motion(), timing=timing)
+    )
 
 
 def test_the_weight_of_a_cross_bends_the_shafts_of_hookes_joint():

@@ -16,7 +16,7 @@ from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.errors import UndeclaredNeed
 from spherekit.model.dynamics import PairTorque
 from spherekit.model.study import ConstantSpeed, Start
-from spherekit.motion.motion import AngleMemory, Tracer
+from spherekit.motion.motion import AngleUnwrapping, PositionAnalysis
 
 BACK = {"laws": {"21": ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
 """More than three turns of the crank, and of the coupler on it, backwards."""
@@ -43,15 +43,17 @@ def wound():
 
 
 def many_turns():
-    return Tracer(sk.load("four_bar"), path=np.linspace(0.5, -25.0, 161)[:, None])
+    return PositionAnalysis(sk.load("four_bar"), path=np.linspace(0.5, -25.0, 161)[:, None])
 
 
 def test_angles_go_on_however_far_samples_lie_apart():
     """As 361 samples a turn say, which NumPy unwraps, from zero in (-pi, pi] at zero."""
-    tracer = Tracer(sk.load("four_bar"), path=np.linspace(0.0, -25.0, 1441)[:, None])
+    tracer = PositionAnalysis(
+        sk.load("four_bar"), path=np.linspace(0.0, -25.0, 1441)[:, None]
+    )
     motion, names = tracer.motion(), ["32", "43", "41"]
-    few = Tracer(sk.load("four_bar"), path=motion.inputs[:1441:240])
-    found = AngleMemory().continued(few.motion(), names, few.solver)
+    few = PositionAnalysis(sk.load("four_bar"), path=motion.inputs[:1441:240])
+    found = AngleUnwrapping().continued(few.motion(), names, few.solver)
     for column, name in enumerate(names, 1):
         whole = np.unwrap(motion.values[:, column].reshape(2, 1441), axis=1)
         assert np.max(np.abs(found[name].reshape(2, -1) - whole[:, ::240])) < 1e-12
@@ -62,7 +64,7 @@ def test_angles_go_on_however_far_samples_lie_apart():
 def test_blocks_go_on_where_the_one_before_ended(size):
     """Over gaps too, and through JSON; with one input, and along a path of several."""
     way = np.linspace(0.0, 1.0, 40)[:, None] * np.array([0.9, 0.7])
-    for tracer in (many_turns(), Tracer(sk.load("five_bar"), path=way)):
+    for tracer in (many_turns(), PositionAnalysis(sk.load("five_bar"), path=way)):
 
         def gaps(motion):
             values = motion.values.copy()
@@ -70,12 +72,12 @@ def test_blocks_go_on_where_the_one_before_ended(size):
             return replace(motion, values=values)
 
         names, modes = list(tracer.mechanism.angles), len(tracer.assembly_modes)
-        whole = AngleMemory().continued(gaps(tracer.motion()), names, tracer.solver)
-        memory, parts = AngleMemory(), []
+        whole = AngleUnwrapping().continued(gaps(tracer.motion()), names, tracer.solver)
+        memory, parts = AngleUnwrapping(), []
         for motion in tracer.blocks(size):
             found = memory.continued(gaps(motion), names, tracer.solver)
             parts.append({name: own.reshape(modes, -1) for name, own in found.items()})
-            memory = AngleMemory.restored(json.loads(json.dumps(memory.state())))
+            memory = AngleUnwrapping.restored(json.loads(json.dumps(memory.state())))
         for name in names:
             joined = np.concatenate([part[name] for part in parts], axis=1)
             here = joined.ravel(), whole[name]
@@ -84,10 +86,10 @@ def test_blocks_go_on_where_the_one_before_ended(size):
 
 def test_a_million_turns_add_no_rounding():
     """An angle after n turns is the wrapped one and 2 pi n, rounded once or twice."""
-    tracer = Tracer(sk.load("four_bar"), path=np.array([[0.5]]), assembly_mode=0)
+    tracer = PositionAnalysis(sk.load("four_bar"), path=np.array([[0.5]]), assembly_mode=0)
     motion = tracer.motion()
     away = replace(motion, inputs=motion.inputs + 2.0 * np.pi * 10**6)
-    first = AngleMemory().continued(away, ["32"], tracer.solver)["32"][0]
+    first = AngleUnwrapping().continued(away, ["32"], tracer.solver)["32"][0]
     exact = float(motion.values[0, 1]) - 2.0 * np.pi * 10**6
     assert abs(first - exact) <= np.spacing(abs(exact))
 
@@ -95,7 +97,7 @@ def test_a_million_turns_add_no_rounding():
 def test_inputs_are_as_given_and_grids_go_on_as_paths():
     tracer = many_turns()
     motion = tracer.motion()
-    found = AngleMemory().continued(motion, ["21"], tracer.solver)["21"]
+    found = AngleUnwrapping().continued(motion, ["21"], tracer.solver)["21"]
     assert np.array_equal(found, motion.q) and np.min(found) == -25.0
     low = replace(
         five := sk.load("five_bar"),
@@ -104,12 +106,12 @@ def test_inputs_are_as_given_and_grids_go_on_as_paths():
             for item, stop in zip(five.inputs, (1.1, 2.4), strict=True)
         ),
     )
-    grid = Tracer(low, samples=(3, 4), grid=True)
+    grid = PositionAnalysis(low, samples=(3, 4), grid=True)
     names = sorted(set(grid.mechanism.angles) - set(grid.inputs))
     motion = grid.motion()
-    found = AngleMemory().continued(motion, names, grid.solver)
+    found = AngleUnwrapping().continued(motion, names, grid.solver)
     way = np.linspace([0.7, 0.7], [1.1, 2.4], 400)
-    fine = Tracer(low, path=way).motion()
+    fine = PositionAnalysis(low, path=way).motion()
     for name in names:
         column = fine.values[:, fine.mechanism.angles[name]].reshape(2, -1)
         grown = np.ptp(np.unwrap(column, axis=1)[:, [0, -1]], axis=1)

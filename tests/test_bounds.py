@@ -15,7 +15,7 @@ from stated_errors import KINDS, evaluate, judged_special, stated
 
 import spherekit as sk
 from spherekit.conventions import EPS
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
 
@@ -152,7 +152,7 @@ def test_shipped_mechanisms_keep_to_what_is_stated(name):
     """All modes, against the closure equations in 18 digits, or 50 where these say no."""
     made = sk.load(name)
     grid = [3] * len(made.inputs) if len(made.inputs) > 1 else 13
-    found = stated(Tracer(made, search=False, samples=grid))
+    found = stated(PositionAnalysis(made, search=False, samples=grid))
     assert found.silent == found.unknown == 0
     for kind in KINDS:
         assert np.all(found.parts(kind) <= 1.0), kind
@@ -166,7 +166,7 @@ def test_special_mechanisms_are_of_all_kinds():
 def test_bounds_of_rows_in_quad_precision_are_those_of_rounding_at_least():
     """An axis of the ground counted as what changes when loops open, by its components."""
     made = random_mechanism(2)[1]
-    tracer = Tracer(made, search=False, samples=3, assembly_mode=0)
+    tracer = PositionAnalysis(made, search=False, samples=3, assembly_mode=0)
     poles = all_poles(len(made.links))
     field = evaluate(tracer.motion(), request(made, made.inputs[0].pair, poles, poles))
     assert np.all(field.by_equations)

@@ -10,7 +10,7 @@ from spherekit.conventions import Status
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.model.dynamics import Mass
 from spherekit.model.study import Polynomial
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.proof.balls import Digits, floats
 from spherekit.proof.rows import exact_rows
 from spherekit.proof.simulation import exact_inertia
@@ -41,7 +41,7 @@ def four_bar(arcs):
 def test_no_wrong_torque_without_a_status(arcs):
     """At 1e-6 rad it was wrong by the hundredfold, and OK."""
     made = four_bar(arcs)
-    tracer = Tracer(made)
+    tracer = PositionAnalysis(made)
     seen = set()
     for q in DISTANCES:
         solved = inverse_dynamics(made, Polynomial((q, 1.0, 0.3)), [0.0])

@@ -77,7 +77,7 @@ def test_what_is_commented_out_in_a_new_mechanism_reads_too(tmp_path, monkeypatc
     tail = re.sub(r"^# ?", "", mark + tail, flags=re.M)
     (tmp_path / "mine.toml").write_text(head + tail)
     made = sk.load("mine.toml")
-    assert made.loads and made.masses and made.stops
+    assert made.loads and made.masses and made.joint_limits
 
 
 def test_a_new_mechanism_like_another_moves_like_it(tmp_path, monkeypatch):

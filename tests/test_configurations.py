@@ -21,7 +21,7 @@ from spherekit.motion.input_turning_points import (
     input_turning_points,
     meetings_of,
 )
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.numeric.crossings import crossings
 from spherekit.planning.inputs import plan_assembly
 from spherekit.sphere.trigonometric import taking
@@ -35,7 +35,7 @@ def solver_of(made):
 
 def with_curves(chain, axes, driven, span=(0.0, TURN)):
     """Return a tracer over the whole turn of an input, and all its curves."""
-    tracer = Tracer(mechanism(chain, axes, driven, span=span))
+    tracer = PositionAnalysis(mechanism(chain, axes, driven, span=span))
     found = configuration_curves(tracer.solver, tracer.assembly_modes, *tracer.range)
     return tracer, found
 
@@ -154,7 +154,7 @@ def test_dead_inputs_of_a_four_bar_are_where_its_links_are_stretched():
         found = input_turning_points(solver, 0.0, TURN)
         assert not len(found.doubtful)
         assert np.allclose(found.places, np.sort(true), rtol=0, atol=1e-9)
-    crank = Tracer(sk.load("four_bar")).solver
+    crank = PositionAnalysis(sk.load("four_bar")).solver
     assert not len(input_turning_points(crank, 0.0, TURN).places)
 
 
@@ -296,7 +296,7 @@ def test_a_mechanism_with_a_hard_input_is_searched_at_another_pair():
 
 
 def test_curves_of_wheels_on_fixed_axes_are_all_there():
-    tracer = Tracer(sk.load("bevel_pair"))
+    tracer = PositionAnalysis(sk.load("bevel_pair"))
     found = configuration_curves(tracer.solver, tracer.assembly_modes, *tracer.range)
     assert found.guarantee is Guarantee.COMPLETE
     assert not found.mismatches

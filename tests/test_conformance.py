@@ -9,10 +9,10 @@ from broken_plugins import BROKEN, UNNOTICED, Sound
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.conformance.examine import TURN, Examination
+from spherekit.conformance.examine import TURN, ConformanceSuite
 from spherekit.conformance.variants import renamed, turned
 from spherekit.errors import AnalysisError, PluginError
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.plugin import conformance, registered
 
 BROKEN_AT_IMPORT = {
@@ -38,7 +38,7 @@ def installed(tmp_path, monkeypatch):
 
 
 def failing(subject):
-    report = Examination(subject, ["four_bar"], 5).report()
+    report = ConformanceSuite(subject, ["four_bar"], 5).report()
     return [line.name for line in report.failing], report
 
 
@@ -129,7 +129,7 @@ def test_a_mechanism_turned_or_renamed_is_the_same(name):
     given = replace(sk.load(name), loads=())
     names = {given.ground: "base"} | {link: f"b_{link}" for link in given.links[:0:-1]}
     motions = [
-        Tracer(made, samples=4, search=False).motion()
+        PositionAnalysis(made, samples=4, search=False).motion()
         for made in (given, turned(given, TURN), renamed(given, names))
     ]
     first, other, third = motions

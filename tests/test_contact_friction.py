@@ -93,7 +93,7 @@ def test_newton_and_euler_by_hand(cam, coefficient, rest, mode):
         assembly_mode=mode,
     )
     rows = run.frame("reactions", "reactions").query("pair == 'touch'")
-    assert rows["push"].to_numpy() == pytest.approx(push, abs=1e-7)
+    assert rows["contact_torque"].to_numpy() == pytest.approx(push, abs=1e-7)
     assert rows["traction"].to_numpy() == pytest.approx(traction, abs=1e-7)
     assert rows["force_x"].to_numpy() == pytest.approx(traction / 0.1, abs=1e-6)
     assert rows["force_y"].to_numpy() == pytest.approx(-push / 0.1, abs=1e-6)
@@ -134,7 +134,7 @@ def test_a_contact_that_does_not_slide_has_none(cam, tmp_path):
         sk.dump(made, tmp_path / "copy.toml")
         assert sk.load(tmp_path / "copy.toml") == made
     with pytest.raises(sk.SpherekitError, match="follows from the reaction of pair touch"):
-        sk.online_model(mechanism)
+        sk.reduced_model(mechanism)
     rub = sk.ContactFriction("rub", "hinge", 0.2)
     with pytest.raises(sk.SpherekitError, match=r"loads\.rub\.pair.* Cs pairs: touch"):
         mechanism.with_loads(rub)

@@ -5,12 +5,12 @@ import pytest
 
 from spherekit.files.read import load
 from spherekit.motion.guides import follow, follow_each
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 
 @pytest.mark.parametrize("name", ["four_bar", "roller_cam", "two_contacts"])
 def test_the_bias_is_the_slope_of_the_jacobian_along_the_rates(name):
-    tracer = Tracer(load(name), samples=5)
+    tracer = PositionAnalysis(load(name), samples=5)
     motion = tracer.motion()
     closure, values = tracer.solver.closure, motion.values[~motion.failed]
     at = closure.at(values)
@@ -23,7 +23,7 @@ def test_the_bias_is_the_slope_of_the_jacobian_along_the_rates(name):
 
 @pytest.mark.parametrize("name", ["single_flier", "shaped_cam"])
 def test_curves_followed_side_by_side_are_those_of_each(name):
-    tracer = Tracer(load(name))
+    tracer = PositionAnalysis(load(name))
     closure, driven = tracer.solver.closure, tracer.solver.driven[0]
     guides = [mode.guide for mode in tracer.assembly_modes]
     values = np.array([guide.values[len(guide.values) // 3] for guide in guides])

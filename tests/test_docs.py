@@ -181,7 +181,7 @@ def anchors(text):
 def test_key_reference_is_current():
     made = runpy.run_path(str(DOCS / "make_reference.py"))["page"]()
     assert made == PAGES["reference.md"], "run: python docs/make_reference.py"
-    for kind in ("mechanism", "study", "sizing"):
+    for kind in ("mechanism", "study", "synthesis"):
         for key in sk_schema(kind)["properties"]:
             assert f"`{key}`" in made
 
@@ -271,12 +271,12 @@ def test_every_status_and_public_object_is_explained():
 
 def test_the_masses_loads_and_laws_shown_are_sound(folder):
     shown = blocks("mechanism-files.md", "toml")
-    parts = [text for text in shown if re.match(r"\[(mass|loads|stops)\.", text)]
+    parts = [text for text in shown if re.match(r"\[(mass|loads|joint_limits)\.", text)]
     assert len(parts) == 3
     whole = "".join([(folder / "crank_rocker.toml").read_text(), *parts])
     (folder / "loaded.toml").write_text(whole, encoding="utf-8")
     mechanism = sk.load(folder / "loaded.toml")
-    counts = len(mechanism.masses), len(mechanism.loads), len(mechanism.stops)
+    counts = len(mechanism.masses), len(mechanism.loads), len(mechanism.joint_limits)
     assert counts == (3, 4, 1)
     assert sk.load_study("turning.study.toml").laws["21"].duration == 8.0
 
@@ -361,7 +361,7 @@ def declared():
         names |= {field.name for field in fields(load(name))}
         names |= {table.name for table in load(name).tables}
         names |= {f"{name}_{table.name}" for table in load(name).tables}
-    for kind in ("mechanism", "study", "sizing"):
+    for kind in ("mechanism", "study", "synthesis"):
         text = json.dumps(sk_schema(kind))
         names |= set(re.findall(r'"(\w+)"', text))
     for mechanism in ("four_bar", "five_bar"):

@@ -21,7 +21,7 @@ from spherekit.conventions import Status
 from spherekit.dynamics import forward
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.start import PoseStart
-from spherekit.dynamics.tabulate import online_model, online_motion
+from spherekit.dynamics.tabulate import reduced_model, simulate_reduced
 from spherekit.engine.compiler import available
 from spherekit.errors import (
     AnalysisError,
@@ -30,11 +30,11 @@ from spherekit.errors import (
     SolveError,
     SpherekitError,
 )
-from spherekit.model.dynamics import Friction, Gravity, Mass, PairTorque, Spring, Stop
+from spherekit.model.dynamics import Friction, Gravity, JointLimit, Mass, PairTorque, Spring
 from spherekit.model.load import TorqueTable
 from spherekit.model.parts import Profile
 from spherekit.model.study import ConstantSpeed, Polynomial, Start
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 
 def simulate(*given, **options):
@@ -241,11 +241,11 @@ def test_direct_problem_of_the_four_bar(four_bar, exact, tabled):
 def test_a_stored_model_gives_the_same_motion(four_bar):
     t = np.linspace(0.0, 10.0, 101)
     exactly = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-11)
-    bare = online_model(four_bar, poles=())
+    bare = reduced_model(four_bar, poles=())
     model = bare.with_torque(DRIVING)
     assert model.heading.by == ("q",)
     for tolerance in (1e-7, 1e-9):
-        found = online_motion(model, t, 0.3, 1.0, tolerance)
+        found = simulate_reduced(model, t, 0.3, 1.0, tolerance)
         assert np.max(np.abs(found.q - exactly.at(t).q)) < tolerance
         assert np.max(np.abs(found.values - exactly.at(t).values)) < 10 * tolerance
         assert found.energy < 10 * tolerance
@@ -262,22 +262,24 @@ def test_a_stored_model_ends_with_its_curve_and_knows_all_loads(four_bar):
     mechanism, joint = loaded("four_bar", np.random.default_rng(8))
     table = TorqueTable("motor_table", joint, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
     mechanism = replace(
-        mechanism, loads=(*mechanism.loads, table), stops=(Stop("21", -2.0, 1.5),)
+        mechanism,
+        loads=(*mechanism.loads, table),
+        joint_limits=(JointLimit("21", -2.0, 1.5),),
     )
     exactly = simulate(mechanism, Start(0.3, 4.0), 2.0, tolerance=1e-11)
-    assert exactly.end.kind == "stop"
-    model = online_model(mechanism, poles=())
+    assert exactly.end.kind == "joint_limit"
+    model = reduced_model(mechanism, poles=())
     assert (model.heading.by, model.heading.periodic) == (("s",), False)
     (s,) = model.places("theta_21", 0.3 + 2.0 * np.pi)
     speed = 4.0 / model.value("d(theta_21)/ds", s)
     t = np.linspace(0.0, 2.0, 81)
-    found = online_motion(model, t, s, speed)
+    found = simulate_reduced(model, t, s, speed)
     before = t < exactly.end.t
     assert np.max(np.abs(found.q[before] - exactly.at(t[before]).q)) < 1e-8
     assert np.all(np.isnan(found.q[t > exactly.end.t + 0.1]))
     assert "the curve ends" in found.message
     with pytest.raises(SolveError, match="increasing times"):
-        online_motion(model, [0.0, 1.0, 0.5], s, speed)
+        simulate_reduced(model, [0.0, 1.0, 0.5], s, speed)
 
 
 def test_the_scheme_of_the_source_is_of_first_order(four_bar):
@@ -362,17 +364,17 @@ def test_a_start_on_a_dead_centre(four_bar):
 
 
 def test_a_stop_ends_the_simulation_and_all_is_kept(four_bar):
-    stopped = replace(four_bar, stops=(Stop("21", -1.0, 1.5),))
+    stopped = replace(four_bar, joint_limits=(JointLimit("21", -1.0, 1.5),))
     found = simulate(stopped, Start(0.3, 1.0), 10.0, torque=DRIVING)
     free = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING)
-    assert found.end.kind == "stop"
+    assert found.end.kind == "joint_limit"
     assert "21" in found.end.message
     assert found.at([found.end.t]).q[0] == pytest.approx(1.5, abs=1e-10)
     t = np.linspace(0.0, found.end.t, 11)
     assert np.max(np.abs(found.at(t).q - free.at(t).q)) < 1e-9
-    with pytest.raises(SolveError, match=r"reached its stop"):
+    with pytest.raises(SolveError, match=r"reached its joint limit"):
         found.at([5.0])
-    with pytest.raises(SolveError, match="outside its stops"):
+    with pytest.raises(SolveError, match="outside its joint limits"):
         simulate(stopped, Start(2.0, 1.0), 10.0)
 
 
@@ -479,7 +481,7 @@ def test_both_engines_tell_curves_that_avoid_each_other_from_crossing_ones(
     assert found.end.kind == end
     if end == "time":
         history = found.at(np.linspace(0.0, found.end.t, 25))
-        curves = [each.curve for each in Tracer(flat).configurations.curves]
+        curves = [each.curve for each in PositionAnalysis(flat).configurations.curves]
         assert any(np.all(np.isfinite(curve.find(history.values))) for curve in curves)
         assert np.ptp(history.kinetic) < 1e-7 * np.max(history.kinetic)
     if engine == "numpy":

@@ -13,7 +13,7 @@ from spherekit.dynamics.coordinates import coriolis
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.engine.compiler import available
 from spherekit.errors import ModelError, SolveError
-from spherekit.model.dynamics import Stop
+from spherekit.model.dynamics import JointLimit
 from spherekit.model.gears import geometry_of
 from spherekit.model.study import Polynomial, Start
 from spherekit.motion.closure import Closure
@@ -143,14 +143,14 @@ def test_a_feedback_law_and_a_spring_hold_a_differential():
 
 @compiled
 def test_a_stop_beyond_a_singularity_of_type_2_ends_both_engines_alike():
-    held = replace(heavy("five_bar"), stops=(Stop("51", -1.0, 1.35),))
+    held = replace(heavy("five_bar"), joint_limits=(JointLimit("51", -1.0, 1.35),))
     ends = [
         sk.simulate(
             held, Start((1.0, 1.2), (0.3, 0.2)), 3.0, engine=engine, tolerance=1e-12
         )
         for engine in ("numpy", "compiled")
     ]
-    assert [found.end.kind for found in ends] == ["stop"] * 2
+    assert [found.end.kind for found in ends] == ["joint_limit"] * 2
     assert ends[0].end.t == pytest.approx(ends[1].end.t, abs=1e-12)
     assert ends[0].events[-1].inputs == pytest.approx(ends[1].events[-1].inputs, abs=1e-12)
 
@@ -164,7 +164,7 @@ def test_the_mid_plane_s_rotation_is_driven_by_its_torques():
     form = sk.mid_plane_form(made)
     start, stop = (normal_at(*np.radians(pose)) for pose in [(75, -20), (70, 20)])
     turn = form.rotation_between(start, stop, modes=(-1, 1, 1))
-    plan = sk.quickest(turn, speed=0.5, acceleration=1.3)
+    plan = sk.time_optimal(turn, speed=0.5, acceleration=1.3)
     span, inputs = plan.duration, plan.rotation.inputs
     nodes = np.cos(np.pi * (np.arange(200)[::-1] + 0.5) / 200)
     needed = inverse_dynamics(made, plan, 0.5 * span * (nodes + 1.0))

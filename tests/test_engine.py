@@ -34,17 +34,17 @@ from spherekit.model.dynamics import (
     Damper,
     Friction,
     Gravity,
+    JointLimit,
     Moment,
     PairTorque,
     PointForce,
     Spring,
-    Stop,
 )
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mass, Mechanism
 from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
 from spherekit.model.study import Start
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
 
@@ -119,7 +119,7 @@ def agree(values, field, inertia, change, tolerance):
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_kernels_equal_the_plan(name, engine):
     made = with_masses(load(name))
-    tracer = Tracer(made, search=False)
+    tracer = PositionAnalysis(made, search=False)
     motion = tracer.at(np.linspace(tracer.range[0] + 0.1, tracer.range[1] - 0.2, 24))
     assert not np.any(motion.failed)
     found = kernel(made, made.inputs[0].pair, with_inertia=True, engine=engine)
@@ -131,12 +131,12 @@ def test_kernels_equal_the_plan(name, engine):
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "watt", "eight_bar_01"])
 def test_closed_form_positions_equal_the_plan(name, engine):
     made = with_masses(load(name))
-    tracer = Tracer(made)
+    tracer = PositionAnalysis(made)
     q = np.linspace(tracer.range[0] + 0.1, tracer.range[1] - 0.2, 24)
     pair = made.inputs[0].pair
     found = kernel(made, pair, source="input", with_inertia=True, engine=engine)
     for assembly_mode in tracer.assembly_modes:
-        motion = Tracer(made, assembly_mode=assembly_mode.number).at(q)
+        motion = PositionAnalysis(made, assembly_mode=assembly_mode.number).at(q)
         signs = [np.full(len(q), float(sign)) for sign in assembly_mode.signs]
         agree(found.values(np.vstack([q, *signs])), *reference(made, motion), 2e-14)
 
@@ -145,7 +145,7 @@ def test_closed_form_positions_equal_the_plan(name, engine):
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "double_butterfly"])
 def test_the_two_engines_of_a_kernel_differ_by_rounding(name):
     made = with_masses(load(name))
-    rows = Tracer(made, search=False).at(np.linspace(0.1, 6.0, 24)).values.T
+    rows = PositionAnalysis(made, search=False).at(np.linspace(0.1, 6.0, 24)).values.T
     one, other = (
         kernel(
             made,
@@ -163,7 +163,9 @@ def test_the_two_engines_of_a_kernel_differ_by_rounding(name):
 def test_a_kernel_of_arrays_gives_each_column_alone():
     made = with_masses(load("stephenson"))
     found = kernel(made, made.inputs[0].pair, with_inertia=True, engine="numpy")
-    some = Tracer(made, search=False).at(np.linspace(0.1, 6.0, 50)).values.T[:, :50]
+    some = (
+        PositionAnalysis(made, search=False).at(np.linspace(0.1, 6.0, 50)).values.T[:, :50]
+    )
     some[:, 7] = np.nan
     rows = np.tile(some, (1, BLOCK // 40))
     out = np.empty((len(found.columns), rows.shape[1]))
@@ -232,7 +234,7 @@ def test_third_order_of_the_paper_in_50_digits(engine, mode):
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "roller_cam"])
 def test_second_derivatives_are_slopes_of_the_first(name):
     made = with_masses(load(name))
-    tracer = Tracer(made, assembly_mode=0, search=False)
+    tracer = PositionAnalysis(made, assembly_mode=0, search=False)
     pair = made.inputs[0].pair
     found = kernel(made, pair, derivatives=2, with_inertia=True, engine="numpy")
     # Central differences of eighth order.
@@ -272,7 +274,7 @@ def test_second_derivatives_are_slopes_of_the_first(name):
 def test_rates_by_arc_length_are_those_by_the_input_times_its_rate():
     made = with_masses(load("stephenson"))
     pair = made.inputs[0].pair
-    tracer = Tracer(made, search=False)
+    tracer = PositionAnalysis(made, search=False)
     rows = tracer.at(np.linspace(0.1, 6.0, 24)).values.T
     by_input = kernel(made, pair, with_inertia=True, with_tangent=True).values(rows)
     found = kernel(
@@ -384,7 +386,7 @@ DRIVING = "10*sin(2*t)"
 
 def start_of(mechanism, q, assembly_mode=0):
     """Return a configuration (variables,) at an input."""
-    return Tracer(mechanism).at(np.array([q])).values[assembly_mode]
+    return PositionAnalysis(mechanism).at(np.array([q])).values[assembly_mode]
 
 
 def with_torque(mechanism, pair, torque):
@@ -679,28 +681,30 @@ def test_whole_turns_count_for_a_torsion_spring():
 
 @compiled
 def test_a_stop_beyond_a_turn_ends_the_motion_where_it_is():
-    made = replace(load("four_bar"), loads=(), stops=(Stop("21", -1.0, 9.0),))
+    made = replace(load("four_bar"), loads=(), joint_limits=(JointLimit("21", -1.0, 9.0),))
     found = run(made, Start(0.3, 1.0), 60.0)
-    assert found.end.kind == "stop"
+    assert found.end.kind == "joint_limit"
     assert abs(found.at([found.end.t]).q[0] - 9.0) < 1e-13
-    assert found.end.message == "pair 21 reached its stop at 9 rad"
+    assert found.end.message == "pair 21 reached its joint limit at 9 rad"
     back = run(made, Start(0.3, -1.0), 60.0)
     assert abs(back.at([back.end.t]).q[0] + 1.0) < 1e-13
-    beyond = run(replace(made, stops=(Stop("21", -3.0, 9.5),)), Start(0.3, 1.0), 60.0)
+    beyond = run(
+        replace(made, joint_limits=(JointLimit("21", -3.0, 9.5),)), Start(0.3, 1.0), 60.0
+    )
     assert beyond.engine.compile_seconds == 0.0
     assert abs(beyond.at([beyond.end.t]).q[0] - 9.5) < 1e-13
 
 
 @compiled
 def test_a_start_on_a_stop_leaves_it_or_ends_there():
-    made = replace(load("four_bar"), loads=(), stops=(Stop("21", 0.3, 2.0),))
+    made = replace(load("four_bar"), loads=(), joint_limits=(JointLimit("21", 0.3, 2.0),))
     for engine in ("compiled", "numpy"):
         left, stayed = (
             simulate(made, Start(0.3, rate), 5.0, engine=engine) for rate in (1.0, -1.0)
         )
         assert left.end.message.endswith("2 rad")
-        assert (stayed.end.kind, stayed.end.t) == ("stop", 0.0)
-        assert [each.kind for each in stayed.events] == ["stop"]
+        assert (stayed.end.kind, stayed.end.t) == ("joint_limit", 0.0)
+        assert [each.kind for each in stayed.events] == ["joint_limit"]
         assert stayed.at([0.0]).q[0] == 0.3
 
 
@@ -774,7 +778,7 @@ def test_chosen_equations_that_come_to_depend_on_each_other_are_no_crossing(monk
     reference = simulate(made, start, until, engine="numpy", **driving)
     assert reference.end.kind == "time"
     t = np.linspace(0.0, until, 61)
-    motion = Tracer(made, samples=3, search=False).given(reference.at(t).values)
+    motion = PositionAnalysis(made, samples=3, search=False).given(reference.at(t).values)
     assert np.min(np.abs(np.linalg.det(motion.axes[:, 2:5]))) > 0.1
     with pytest.raises(EngineError, match=r"redundant equations.*use NumPy's"):
         simulate(made, start, until, engine="compiled", **driving)
@@ -821,7 +825,7 @@ def test_quadruple_precision_where_the_machine_has_it():
     made = load("four_bar")
     one = kernel(made, "21", [(0, 3)])
     exact = kernel(made, "21", [(0, 3)], number=heyoka().real128)
-    values = Tracer(made).at(np.linspace(0.0, 6.0, 9)).values.T
+    values = PositionAnalysis(made).at(np.linspace(0.0, 6.0, 9)).values.T
     gap = exact(values.astype(heyoka().real128)).astype(float) - one(values)
     assert np.max(np.abs(gap)) < 1e-15
 

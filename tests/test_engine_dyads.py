@@ -6,7 +6,7 @@ from chains import FOUR_BAR, WATT, joints, mechanism, random_axes
 
 from spherekit.conventions import EPS
 from spherekit.engine.kernels import kernel
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.proof.balls import Digits, floats
 from spherekit.proof.rows import exact_rows
 
@@ -24,7 +24,7 @@ def tilted(random, axis, angle):
 
 def digits_lost(made):
     """Return the error of the links' rates, over roundoff times the condition."""
-    tracer = Tracer(made, search=False, samples=3)
+    tracer = PositionAnalysis(made, search=False, samples=3)
     motion = tracer.at(np.zeros(1))
     (driven,) = motion.assembly.inputs
     exact = exact_rows(motion, motion.sample >= 0, driven, FIFTY, order=1)
@@ -71,7 +71,7 @@ def test_bodies_of_several_links(which, sense):
 
 def outer_and_other(made, which):
     """Return the outer pair of a body of several links, and its middle or far pair."""
-    groups = Tracer(made, search=False, samples=3).assembly.groups
+    groups = PositionAnalysis(made, search=False, samples=3).assembly.groups
     group, body = next(
         (group, body) for group in groups for body in (1, 2) if len(group.bodies[body]) > 1
     )

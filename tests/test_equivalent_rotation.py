@@ -24,12 +24,12 @@ from spherekit.engine.fields import evaluate
 from spherekit.errors import ModelError, SolveError
 from spherekit.guidance.follow import follow_rotation, follow_to
 from spherekit.guidance.loci import mid_plane_form
-from spherekit.guidance.rotation import SHAPES, RotationSamples, quickest
+from spherekit.guidance.rotation import SHAPES, RotationSamples, time_optimal
 from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry, SizeGeometry
 from spherekit.motion.closure import Closure
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
@@ -337,7 +337,7 @@ def test_graph_and_mid_plane_form_are_one(paper, form):
     assert form.proof()[1] == 2
     assert form.proof()[0] < 1e-14
     normals = inside(form, 60, 1, away=np.radians(1.0))
-    tracer = Tracer(paper, samples=2)
+    tracer = PositionAnalysis(paper, samples=2)
     frames = revolute_frames(paper)
     judged = 0
     for third in (1, -1):
@@ -470,7 +470,7 @@ def test_mechanisms_without_the_form(case):
 def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
     """All mid-planes on the way hold the axis; so does the end effector: 1e-12."""
     starts, stops = inside(form, pairs, 21), inside(form, pairs, 22)
-    drift = departure = gap = 0.0
+    drift = orientation_error = gap = 0.0
     reached = 0
     for start, stop in zip(starts, stops, strict=True):
         turn = form.rotation_between(start, stop, OUTWARD)
@@ -482,14 +482,16 @@ def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
         if not ok[-1]:
             continue
         drift = max(drift, float(np.max(found.drift[ok])))
-        departure = max(departure, float(np.max(found.departure[ok])))
+        orientation_error = max(
+            orientation_error, float(np.max(found.orientation_error[ok]))
+        )
         back = np.einsum("nji,j->ni", found.orientation[ok], turn.axis)
         gap = max(gap, float(np.max(np.linalg.norm(back - back[0], axis=1))))
         last = form.orientations(stop[None])[0]
         assert np.max(np.abs(found.orientation[-1] - last)) < 1e-13
     assert reached > 0.9 * pairs
     assert drift < 1e-12
-    assert departure < 1e-12
+    assert orientation_error < 1e-12
     assert gap < 1e-12
 
 
@@ -508,7 +510,7 @@ def test_graph_follows_the_fixed_axis(form, paper, pairs):
         assert followed.end == Status.OK
         found = followed.at(theta)
         assert np.all(found.status == Status.OK)
-        assert np.max(found.departure) < 1e-12
+        assert np.max(found.orientation_error) < 1e-12
         assert np.max(found.drift) < 1e-11
         assert np.max(np.abs(np.exp(1j * found.values) - np.exp(1j * known.values))) < 1e-10
         size = np.max(np.abs(known.second_rates))
@@ -546,7 +548,7 @@ def test_through_the_home_pose(form, paper):
     assert np.max(np.abs(found.inputs - closed.inputs)) < 1e-11
     assert np.max(np.abs(found.rates - closed.rates)) < 1e-10
     assert np.max(np.abs(found.second_rates - closed.second_rates)) < 1e-7
-    assert np.max(found.departure) < 1e-12
+    assert np.max(found.orientation_error) < 1e-12
 
 
 def test_rates_of_the_mid_plane_form(form):
@@ -611,7 +613,7 @@ def test_three_freedoms_follow_any_axis(name):
         assert np.max(at.gap) < 1e-13
         wanted = rotation(turn.axis, theta) @ start
         assert np.max(np.abs(placed[:, output] - wanted)) < 1e-12
-        assert np.max(found.departure) < 1e-13
+        assert np.max(found.orientation_error) < 1e-13
         assert np.max(found.drift) < 1e-12
         h, at = 1e-3, 0.5 * theta[-1]
         around = turn.at(at + h * np.arange(-2, 3))
@@ -654,8 +656,8 @@ def test_two_freedoms_depart_as_little_as_they_can():
     theta = np.array([0.0, 0.3, 0.6])
     found = turn.at(theta)
     assert np.all(found.status == Status.OK)
-    assert found.departure[0] < 1e-14
-    assert found.departure[2] > 0.1
+    assert found.orientation_error[0] < 1e-14
+    assert found.orientation_error[2] > 0.1
     closure = Closure.of(made, geometry_of(made).joints)
     start = closure.at(values[None]).placed[0, output]
     wanted = rotation(turn.axis, theta) @ start
@@ -668,7 +670,7 @@ def test_two_freedoms_depart_as_little_as_they_can():
         rows = motion.assembly_mode == 0
         far = turns_between(rotations[rows], np.tile(wanted[k], (9, 1, 1))).angle
         assert np.argmin(far) == 4
-        assert far[4] == pytest.approx(found.departure[k], abs=1e-13)
+        assert far[4] == pytest.approx(found.orientation_error[k], abs=1e-13)
         a, b = np.meshgrid([-step, 0, step], [-step, 0, step], indexing="ij")
         fit = np.stack([np.ones(9), a.ravel(), b.ravel()], axis=1)
         gradient = np.linalg.lstsq(fit, far**2, rcond=None)[0][1:]
@@ -692,7 +694,7 @@ def test_one_freedom_about_its_own_pivot():
     axis = motion.axes[row, made.pair_number["41"]]
     turn = follow_rotation(made, motion.values[row], axis, 0.2)
     found = turn.at([0.0, 0.1, 0.2])
-    assert np.max(found.departure) < 1e-13
+    assert np.max(found.orientation_error) < 1e-13
     there = sk.trace(made, path=found.inputs[:, 0])
     rocker = made.link_number[made.outputs[0].link]
     rows = there.assembly_mode == motion.assembly_mode[row]
@@ -756,12 +758,12 @@ def test_contact_pairs_follow_too():
     turn = follow_rotation(made, motion.values[row], axis, 0.02)
     h = 1e-3
     around = turn.at(0.01 + h * np.arange(-2, 3))
-    assert np.max(around.departure) < 1e-13
+    assert np.max(around.orientation_error) < 1e-13
     assert slopes_of(around.inputs, h) == pytest.approx(around.rates[2], rel=1e-7)
     assert slopes_of(around.rates, h) == pytest.approx(around.second_rates[2], rel=1e-5)
     beside = follow_rotation(made, motion.values[row], axis + [0.0, 0.2, 0.1], 0.02)
     around = beside.at(0.01 + h * np.arange(-2, 3))
-    assert np.all(around.departure > 1e-5)
+    assert np.all(around.orientation_error > 1e-5)
     assert slopes_of(around.inputs, h) == pytest.approx(around.rates[2], rel=1e-7)
     assert np.all(np.isnan(around.second_rates))
 
@@ -825,11 +827,11 @@ PEAKS = {
 def test_durations_against_closed_forms(shape):
     speed, acceleration = PEAKS[shape]
     straight = Straight(np.array([0, 0, 1.0]), 0.8, ("a", "b"), np.array([1.5, -2.0]))
-    by_speed = quickest(straight, speed=[1.0, 0.5], shape=shape)
+    by_speed = time_optimal(straight, speed=[1.0, 0.5], shape=shape)
     assert by_speed.duration == pytest.approx(speed * 1.6 / 0.5, rel=1e-12)
     assert by_speed.binding.input == "b"
     assert by_speed.binding.value == pytest.approx(-0.5, rel=1e-12)
-    by_acceleration = quickest(straight, acceleration=2.0, shape=shape)
+    by_acceleration = time_optimal(straight, acceleration=2.0, shape=shape)
     assert by_acceleration.duration == pytest.approx(
         np.sqrt(acceleration * 1.6 / 2.0), rel=1e-12
     )
@@ -846,7 +848,7 @@ def test_schedule_of_the_papers_example(form, shape):
         normal_at(*np.radians([75.0, -20.0])), normal_at(*np.radians([70.0, 20.0])), OUTWARD
     )
     limits = 0.5, 1.3
-    plan = quickest(turn, *limits, shape=shape)
+    plan = time_optimal(turn, *limits, shape=shape)
     table = plan.table(20001)
     tops = np.max(np.abs(table.rates)), np.max(np.abs(table.accelerations))
     assert tops[0] <= limits[0] * (1 + 1e-9)
@@ -870,7 +872,7 @@ def test_schedule_through_the_home_pose(form, paper):
         normal_at(*np.radians([30.0, 0.0])), normal_at(*np.radians([-30.0, 0.0])), OUTWARD
     )
     followed = follow_rotation(paper, turn.at([0.0]).values[0], turn.axis, turn.angle)
-    one, other = quickest(turn, 1.0, 5.0), quickest(followed, 1.0, 5.0)
+    one, other = time_optimal(turn, 1.0, 5.0), time_optimal(followed, 1.0, 5.0)
     assert other.duration == pytest.approx(one.duration, rel=1e-9)
     table = other.table(11)
     assert np.all(np.isfinite(table.accelerations))
@@ -910,7 +912,7 @@ def four_bar_rotation(axis=(0, 0, 1), angle=0.1, spoil=0.0, output=None):
 
 def straight(**given):
     line = Straight(np.array([0, 0, 1.0]), 0.8, ("a", "b"), np.array([1.5, -2.0]))
-    return quickest(line, **given)
+    return time_optimal(line, **given)
 
 
 @pytest.mark.parametrize("call", TABLES["rotations"])
@@ -923,4 +925,4 @@ def test_a_way_that_leaves_the_reach_has_no_schedule():
     for axis in np.random.default_rng(1).normal(size=(2, 3)):
         turn = follow_rotation(made, values, axis, 0.9)
     with pytest.raises(SolveError, match="does not follow all the way.*OUT_OF_REACH"):
-        quickest(turn, speed=1.0)
+        time_optimal(turn, speed=1.0)

@@ -26,7 +26,7 @@ from spherekit.guidance.poses import (
     PoseFinder,
 )
 from spherekit.model.parts import Output
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.output.inverse import InverseKinematics
 from spherekit.sphere.rotation import (
     arc,
@@ -48,7 +48,7 @@ TABLE_3 = f"{NAME}:start=phi=75+gamma=-20,end=phi=70+gamma=20"
 
 @cache
 def tracer_of(name):
-    return Tracer(sk.load(name), samples=2, assembly_mode=0)
+    return PositionAnalysis(sk.load(name), samples=2, assembly_mode=0)
 
 
 @dataclass
@@ -66,7 +66,7 @@ def ran(name, text, mechanism=None, scenes=False):
     if mechanism is None:
         tracer = tracer_of(name)
     else:
-        tracer = Tracer(mechanism, samples=2, assembly_mode=0)
+        tracer = PositionAnalysis(mechanism, samples=2, assembly_mode=0)
     needs = analysis.needs(tracer.mechanism)
     batch = Batch(tracer.mechanism, (), needs, tracer.motion(), (), _tracer=tracer)
     tables = {
@@ -140,7 +140,7 @@ def test_rows_of_table_3(table_3):
 def test_that_the_axis_stays_fixed_is_proven_in_numbers(table_3):
     own = findings(table_3)
     assert own["feasible"] and own["end"] == "OK"
-    assert own["largest_departure_rad"] < 1e-14
+    assert own["largest_orientation_error_rad"] < 1e-14
     assert own["largest_drift_rad"] < 1e-14
 
 
@@ -330,12 +330,14 @@ def test_a_mechanism_with_two_inputs_departs():
     result = ran("five_bar", "start=21=60+51=100,end=21=75+51=75,samples=21,speed=60")
     own = findings(result)
     assert not own["feasible"] and own["end"] == "OK"
-    found = degrees(result, "q_21", "q_51", "phi", "departure")
+    found = degrees(result, "q_21", "q_51", "phi", "orientation_error")
     assert found[0, :2] == pytest.approx([60.0, 100.0], abs=1e-9)
     assert found[-1, :2] == pytest.approx([75.0, 75.0], abs=1e-9)
     assert np.all(np.isnan(found[:, 2]))
     assert found[0, 3] < 1e-9 and found[-1, 3] < 1e-9
-    assert np.degrees(own["largest_departure_rad"]) == pytest.approx(np.max(found[:, 3]))
+    assert np.degrees(own["largest_orientation_error_rad"]) == pytest.approx(
+        np.max(found[:, 3])
+    )
     assert "does not turn about a fixed axis" in result.warnings[0]
 
 

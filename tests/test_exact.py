@@ -16,7 +16,7 @@ from spherekit.engine.fields import evaluate
 from spherekit.errors import EngineError, SolveError, SpherekitError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, Pair, PoseGeometry
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.proof.balls import Digits, exactly, floats
 from spherekit.proof.linkage import left_inverse
 from spherekit.proof.rows import (
@@ -293,7 +293,7 @@ def no_crank():
     good = limits.inputs[limits.status == Status.OK, 0]
     assert len(good) < len(limits)
     low, high = float(np.max(good)), float(np.max(good)) + 0.02
-    tracer = Tracer(made)
+    tracer = PositionAnalysis(made)
     for _ in range(60):
         middle = 0.5 * (low + high)
         inside = tracer.at(np.array([middle])).status[0] == Status.OK
@@ -456,7 +456,7 @@ def test_stated_errors_hold(seeds):
     for seed in seeds:
         try:
             made = random_mechanism(seed)[1]
-            tracer = Tracer(made, search=False, samples=3, assembly_mode=0)
+            tracer = PositionAnalysis(made, search=False, samples=3, assembly_mode=0)
         except SpherekitError:
             continue
         found = stated(tracer)

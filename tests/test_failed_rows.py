@@ -93,7 +93,11 @@ REFUSED = [
         (f'[loads.x]\npair = "32"\ntorque = "{text}"\n', ["validate"], said)
         for text, said in CONSTANTS
     ),
-    ('[[stops]]\npair = "32"\nlow = -inf\nhigh = 1\n', ["validate"], "stops[0].low"),
+    (
+        '[[joint_limits]]\npair = "32"\nlow = -inf\nhigh = 1\n',
+        ["validate"],
+        "joint_limits[0].low",
+    ),
     (
         '[loads.x]\nkind = "bearings"\npair = "32"\npositions = [-0.1, 0.1]\n'
         "radius = 0.005\ncoefficient = inf\nspeed = 1.0\n",

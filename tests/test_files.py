@@ -20,7 +20,7 @@ from spherekit.files.write import dumps
 from spherekit.model.dynamics import LOADS
 from spherekit.model.expression import MAX_LENGTH
 from spherekit.model.joints import KINDS
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 SIZES = text_of("sizes")
 
@@ -213,5 +213,7 @@ def test_signed_arcs_lead_to_the_other_side(signed, turned):
     )
     assert loads(dumps(found)) == found
     q = np.linspace(0.3, 6.0, 7)
-    one, other = (Tracer(mechanism).at(q).rotations for mechanism in (found, plain))
+    one, other = (
+        PositionAnalysis(mechanism).at(q).rotations for mechanism in (found, plain)
+    )
     assert np.allclose(one, other, rtol=0.0, atol=1e-12)

@@ -21,12 +21,12 @@ from spherekit.model.dynamics import (
     Bearings,
     Damper,
     Friction,
+    JointLimit,
     Mass,
     Moment,
     PairTorque,
     PointForce,
     Spring,
-    Stop,
 )
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
@@ -149,7 +149,7 @@ def random_mechanism(seed):
         outputs=(Output("out", links[2], links[1]),),
         masses=random_masses(random, links),
         loads=random_loads(random, links, first, angle),
-        stops=(Stop(first, *sorted((angle(), angle()))),),
+        joint_limits=(JointLimit(first, *sorted((angle(), angle()))),),
         source=Source("A, 'B \"C\"', 2024", "nothing\nmuch") if seed % 3 else None,
         user=USER if seed % 5 == 0 else {},
     )

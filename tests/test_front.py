@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 import spherekit as sk
 import spherekit.engine as sk_engine
 import spherekit.view as sk_view
-from spherekit.checked import _fits, _resolved, checked
+from spherekit.argument_validation import _fits, _resolved, checked
 from spherekit.engine import kernel
 from spherekit.errors import SpherekitError
 from spherekit.model.load import Load

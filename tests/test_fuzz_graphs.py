@@ -16,7 +16,7 @@ from spherekit.engine.fields import evaluate
 from spherekit.errors import PlanError, SpherekitError
 from spherekit.model.parts import Input
 from spherekit.motion.closure import Closure
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.plan import plans
 from spherekit.planning.poles import (
     BlockPoles,
@@ -36,7 +36,7 @@ def fields(made, samples=3):
     """Return the motion and the field of each input."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        tracer = Tracer(made, search=False, samples=samples, assembly_mode=0)
+        tracer = PositionAnalysis(made, search=False, samples=samples, assembly_mode=0)
         motion = tracer.motion()
         poles = all_poles(len(made.links))
         found = {
@@ -234,7 +234,7 @@ def test_no_branch_jumps_in_hundreds(part):
 
 
 def test_a_jump_is_seen():
-    tracer = Tracer(sk.load("four_bar"), samples=9)
+    tracer = PositionAnalysis(sk.load("four_bar"), samples=9)
     motion = tracer.motion()
     first, other = (motion.rows(motion.assembly_mode == k) for k in (0, 1))
     check_one_mode(first)

@@ -9,7 +9,7 @@ from random_mechanisms import FAMILIES, random_mechanism
 from spherekit.conventions import Status
 from spherekit.engine.fields import evaluate
 from spherekit.errors import CountError, PlanError
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
 
@@ -61,7 +61,9 @@ def test_the_oracle_agrees_with_the_equations_of_other_tests():
         if len(made.links) > 8:
             continue
         try:
-            motion = Tracer(made, search=False, samples=3, assembly_mode=0).motion()
+            motion = PositionAnalysis(
+                made, search=False, samples=3, assembly_mode=0
+            ).motion()
         except (CountError, PlanError):
             continue
         moved = motion.assembly.inputs[0]
@@ -87,7 +89,7 @@ def test_the_derivative_of_the_oracle_by_the_remainder():
         family, made = random_mechanism(seed)
         if family not in ("contacts", "triads") or len(made.inputs) > 1:
             continue
-        tracer = Tracer(made, search=False, samples=3, assembly_mode=0)
+        tracer = PositionAnalysis(made, search=False, samples=3, assembly_mode=0)
         steps = np.array([0.0, 1e-3, 1e-4]) * made.inputs[0].stop
         motion = tracer.at(steps)
         if np.any(motion.status != Status.OK):
@@ -117,9 +119,11 @@ def test_a_short_range_is_searched_too():
         and len(mechanism.links) == 8
         and mechanism.inputs[0].stop == 1e-6
         and len(mechanism.inputs) == 1
-        and not Tracer(mechanism, search=False, samples=3).assembly.has_closed_form
+        and not PositionAnalysis(
+            mechanism, search=False, samples=3
+        ).assembly.has_closed_form
     )
-    short = Tracer(made, samples=3)
+    short = PositionAnalysis(made, samples=3)
     motion = short.motion()
     poles = all_poles(len(made.links))
     name = made.inputs[0].pair

@@ -16,11 +16,11 @@ from spherekit.model.dynamics import (
     Damper,
     Friction,
     Gravity,
+    JointLimit,
     Moment,
     PairTorque,
     PointForce,
     Spring,
-    Stop,
 )
 from spherekit.model.gears import geometry_of
 from spherekit.motion.closure import Closure
@@ -160,14 +160,16 @@ def test_loads_and_masses_come_back(tmp_path):
         PointForce("push", "3", (0.1, 0.2, 0.9), ("1", "-2", "6"), "ground"),
         Moment("spin", "4", ("0.4", "-0.2", "0.1"), "link"),
     )
-    mechanism = replace(load("five_bar"), loads=loads_there, stops=(Stop("54", -2.0, 0.5),))
+    mechanism = replace(
+        load("five_bar"), loads=loads_there, joint_limits=(JointLimit("54", -2.0, 0.5),)
+    )
     made, values = posed(mechanism, at=[1.2, 1.3])
     again = sk.import_mechanism(written(tmp_path, mjcf(made, values).text)).mechanism
     found = {load.name: load for load in again.loads}
     for load_there in loads_there[:4]:
         assert repr(found[load_there.name]).replace("np.float64", "") == repr(load_there)
     assert {*found} == {load.name for load in loads_there}
-    assert again.stops == (Stop("54", -2.0, 0.5),)
+    assert again.joint_limits == (JointLimit("54", -2.0, 0.5),)
     placed = Closure.of(made, geometry_of(made).joints).at(values[None]).placed[0]
     for mass in made.masses:
         turn = placed[made.link_number[mass.link]]

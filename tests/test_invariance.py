@@ -10,7 +10,7 @@ from oracles import off_axis
 import spherekit as sk
 from spherekit.engine.fields import evaluate
 from spherekit.model.parts import PoseGeometry
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
 
@@ -19,7 +19,7 @@ CHAIN = EIGHT_BARS[4]
 
 def rows(made, q, search=False):
     """Return pole vectors by link names, {(link, relative to): (n, 3)}, and directions."""
-    tracer = Tracer(made, search=search)
+    tracer = PositionAnalysis(made, search=search)
     poles = all_poles(len(made.links))
     driven = tracer.mechanism.inputs[0].pair
     field = evaluate(tracer.at(q), request(tracer.mechanism, driven, poles, poles))
@@ -76,7 +76,7 @@ def test_flipping_an_axis(random):
 def test_sizes_and_reference_pose_describe_the_same_motion():
     """The Stephenson of the shipped file, given again by its axes at some input."""
     sized = sk.load("stephenson")
-    tracer = Tracer(sized)
+    tracer = PositionAnalysis(sized)
     start = tracer.at(np.array([0.7]))
     first = start.assembly_mode == 2
     axes = {p.name: tuple(start.axes[first][0, k]) for k, p in enumerate(sized.pairs)}
@@ -84,7 +84,7 @@ def test_sizes_and_reference_pose_describe_the_same_motion():
     posed = replace(sized, geometry=PoseGeometry(axes, value))
     q = np.linspace(0.0, 6.0, 13)
     motion = tracer.at(q)
-    other = Tracer(posed).at(q)
+    other = PositionAnalysis(posed).at(q)
     ours, theirs = motion.assembly_mode == 2, other.assembly_mode == 0
     turned = np.exp(1j * motion.values[ours]) - np.exp(1j * other.values[theirs])
     assert np.nanmax(np.abs(turned)) < 1e-13

@@ -11,7 +11,7 @@ from spherekit.errors import ModelError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, Output, Pair, PoseGeometry
 from spherekit.model.study import ConstantSpeed
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 CASES = {
     # mechanism: the pair that is locked, at what (rad), and values of the other inputs
@@ -73,10 +73,10 @@ def test_poses_and_torques_are_those_with_the_input_held(name, tmp_path):
 
 def test_a_pair_between_moving_links_and_one_beside_a_contact():
     made = sk.load("five_bar")
-    held = Tracer(made, path=np.array([[1.0, 1.2]]), assembly_mode=0).motion()
+    held = PositionAnalysis(made, path=np.array([[1.0, 1.2]]), assembly_mode=0).motion()
     coupler = float(held.values[0, made.angles["43"]])
     locked = sk.lock(made, {"43": coupler}, angle_unit="rad").with_inputs("21")
-    tracer = Tracer(locked, path=np.array([[1.0]]))
+    tracer = PositionAnalysis(locked, path=np.array([[1.0]]))
     found = tracer.motion()
     near = [abs(np.sin(0.5 * (x - 1.2))) for x in found.values[:, locked.angles["51"]]]
     assert min(near) < 1e-12

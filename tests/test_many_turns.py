@@ -12,7 +12,7 @@ from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.start import PoseStart, reduced, whole_turns
 from spherekit.engine.compiler import available
 from spherekit.errors import SolveError
-from spherekit.model.dynamics import Stop
+from spherekit.model.dynamics import JointLimit
 from spherekit.model.parts import Input
 from spherekit.model.study import ConstantSpeed, Start
 
@@ -75,14 +75,14 @@ def test_stops_are_whole_angles(four_bar, engine):
     away = 100 * TURN
     ends = []
     for shift in (0.0, away):
-        stop = Stop("21", shift - 1.0, shift + 0.55)
-        made = replace(four_bar, stops=(stop,))
+        stop = JointLimit("21", shift - 1.0, shift + 0.55)
+        made = replace(four_bar, joint_limits=(stop,))
         found = simulate(made, Start(0.3 + shift, 2.0), 5.0, engine=engine)
-        (event,) = [each for each in found.events if each.kind == "stop"]
+        (event,) = [each for each in found.events if each.kind == "joint_limit"]
         ends.append((found.end.t, event.q - shift))
     assert np.allclose(ends[0], ends[1], rtol=0.0, atol=1e-9)
     assert abs(ends[1][1] - 0.55) < 1e-9
-    with pytest.raises(SolveError, match="outside its stops"):
+    with pytest.raises(SolveError, match="outside its joint limits"):
         simulate(made, Start(0.3, 2.0), 5.0, engine=engine)
 
 

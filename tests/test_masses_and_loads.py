@@ -1,4 +1,4 @@
-"""Masses, loads and stops: what files mean, and what no body or load can be."""
+"""Masses, loads and joint limits: what files mean, and what no body or load can be."""
 
 import math
 from dataclasses import replace
@@ -15,12 +15,12 @@ from spherekit.model.dynamics import (
     Damper,
     Friction,
     Gravity,
+    JointLimit,
     Mass,
     Moment,
     PairTorque,
     PointForce,
     Spring,
-    Stop,
     uniform_arc,
 )
 from spherekit.model.gears import link_axes
@@ -44,7 +44,7 @@ def test_every_load_is_read_in_si():
         Friction("rub", "joint", 0.5, 0.0, math.radians(0.9)),
         TorqueTable("motor", "drive", (0.0, 1.0, 3.0), (1.0, 5.0, 1.0), True),
     )
-    assert mechanism.stops == (Stop("hinge", -math.pi / 2, math.radians(135)),)
+    assert mechanism.joint_limits == (JointLimit("hinge", -math.pi / 2, math.radians(135)),)
 
 
 @pytest.mark.parametrize("unit", ["deg", "rad"])
@@ -173,7 +173,7 @@ def test_loads_act_at_revolute_pairs_only():
         with pytest.raises(ModelError, match=r"is a contact pair .* only R pairs have"):
             replace(cam, loads=(load,))
     with pytest.raises(ModelError, match="contact pair"):
-        replace(cam, stops=(Stop(contact, 0.0, 1.0),))
+        replace(cam, joint_limits=(JointLimit(contact, 0.0, 1.0),))
     with pytest.raises(ModelError, match="is not known"):
         revolute = next(pair.name for pair in cam.pairs if pair.type == "R")
         replace(cam, loads=(PairTorque("x", revolute, f"theta_{contact}"),))
@@ -190,8 +190,8 @@ def test_loads_act_at_revolute_pairs_only():
         ({"loads": (Spring("s", "tip", math.nan),)}, "stiffness: found nan"),
         ({"loads": (TorqueTable("s", "tip", (0.0,), (0.0,)),)}, "needs at least 2"),
         ({"loads": (TorqueTable("s", "tip", (0, math.nan), (0, 0)),)}, "found nan"),
-        ({"stops": (Stop("tip", 0.0, math.inf),)}, "found inf"),
-        ({"stops": (Stop("tip", 0.0, 1.0),) * 2}, "given twice"),
+        ({"joint_limits": (JointLimit("tip", 0.0, math.inf),)}, "found inf"),
+        ({"joint_limits": (JointLimit("tip", 0.0, 1.0),) * 2}, "given twice"),
     ],
 )
 def test_mechanisms_made_in_python_are_checked_too(change, words):

@@ -173,7 +173,7 @@ def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
         (line,) = re.findall(rf"load {name} left out: .*", told)
         assert why in line and f"load {name} left out" in written
     assert "bearing left out" not in told and "load bearing: MuJoCo's dry friction" in told
-    assert "stops of 41 are MuJoCo's soft limits" in told
+    assert "joint limits of 41 are MuJoCo's soft limits" in told
     model, _ = started(written)
     joint = model.joint("32")
     assert joint.frictionloss[0] == 0.2 and joint.damping[0] == 0.3

@@ -10,10 +10,10 @@ import spherekit as sk
 from spherekit import progress
 from spherekit.cli.main import main
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.elimination import RangeSearch, assemblies, in_order, solutions
+from spherekit.motion.elimination import MultiStart, assemblies, in_order, solutions
 from spherekit.motion.groups import group_closure
-from spherekit.motion.motion import Tracer
-from spherekit.motion.search import STARTS, Census
+from spherekit.motion.motion import PositionAnalysis
+from spherekit.motion.search import STARTS, SearchStatistics
 from spherekit.planning.inputs import plan_assembly
 
 
@@ -44,7 +44,7 @@ def test_modes_of_nine_bodies_are_those_of_an_independent_search(seed):
 def test_the_reference_pose_is_found_whatever_the_starts(seed, monkeypatch):
     monkeypatch.setattr("spherekit.motion.search.MOST_ROUNDS", 0)
     monkeypatch.setattr("spherekit.motion.search.LEAST_ROUNDS", 0)
-    monkeypatch.setattr("spherekit.motion.search.Census.goes_on", False)
+    monkeypatch.setattr("spherekit.motion.search.SearchStatistics.goes_on", False)
     made = ten_bar(seed)
     solver = solver_of(made)
     found = [values for _, values in assemblies(solver, np.zeros(1)).modes]
@@ -65,7 +65,7 @@ def test_curves_that_are_short_along_the_input_are_met():
     made = mechanism("1-2 2-3 3-4 1-4", axes, "p1_4")
     solver = solver_of(made)
     turn = np.array([np.pi])
-    values, _ = RangeSearch(solver, -turn, turn).rounds()
+    values, _ = MultiStart(solver, -turn, turn).rounds()
     assert np.max(solver.closure.at(values).gap) < 1e-12
     swing = values[:, solver.single]
     assert np.ptp(swing[np.abs(swing) < 0.1]) < np.radians(1.5)
@@ -77,7 +77,7 @@ def test_starts_keep_to_the_range_of_the_input():
     made = ten_bar(0)
     low, high = np.array([-0.02]), np.array([0.03])
     solver = solver_of(made)
-    values, _ = RangeSearch(solver, low, high).rounds()
+    values, _ = MultiStart(solver, low, high).rounds()
     assert len(values) > 10
     assert np.all((values[:, solver.single] >= low) & (values[:, solver.single] <= high))
 
@@ -88,7 +88,7 @@ def test_the_share_that_is_stated_is_missed_so_rarely():
     missed = judged = 0
     for _ in range(150):
         shares = random.dirichlet(np.full(12, 0.5))
-        census, numbers = Census(12), {}
+        census, numbers = SearchStatistics(12), {}
         while census.goes_on:
             drawn = random.choice(12, STARTS, p=shares)
             met = [numbers.setdefault(int(each), len(numbers)) for each in drawn]
@@ -101,7 +101,7 @@ def test_the_share_that_is_stated_is_missed_so_rarely():
 
 
 def test_a_search_goes_on_while_it_finds_little():
-    census = Census(12)
+    census = SearchStatistics(12)
     census.add(STARTS, np.repeat([0, 1], [100, 2]), 2)
     census.add(STARTS, np.repeat([0, 1], [100, 2]), 2)
     assert census.goes_on
@@ -110,14 +110,14 @@ def test_a_search_goes_on_while_it_finds_little():
     assert "576 random starts, 308 closed on 2 modes, on each at least 8 times" in (
         census.words("modes")
     )
-    rare = Census(12)
+    rare = SearchStatistics(12)
     rare.add(STARTS, np.array([0, 0, 1]), 2)
     assert rare.unseen == pytest.approx(1 / 3)
     assert "on 1 of them at most once" in rare.words("modes")
 
 
 def test_a_search_that_finds_nothing_ends_and_says_so():
-    census = Census(12)
+    census = SearchStatistics(12)
     while census.goes_on:
         census.add(STARTS, np.zeros(0, dtype=np.intp), 0)
     assert census.starts == 4 * STARTS
@@ -125,7 +125,7 @@ def test_a_search_that_finds_nothing_ends_and_says_so():
 
 
 def test_the_claim_of_a_searched_group_says_how_many_starts_it_rests_on():
-    tracer = Tracer(sk.load("roller_cam"), samples=19)
+    tracer = PositionAnalysis(sk.load("roller_cam"), samples=19)
     assert "random starts" in tracer.search
     assert "would have been met with 99% probability" in tracer.search
 
@@ -166,7 +166,7 @@ def test_runs_and_curves_have_every_mode(made):
 
 def test_the_order_of_modes_does_not_hang_on_rounding_at_half_turns():
     """The agile eye has modes with such angles, which rounding puts on either side."""
-    tracer = Tracer(sk.load("agile_eye"), samples=[1, 1, 1])
+    tracer = PositionAnalysis(sk.load("agile_eye"), samples=[1, 1, 1])
     solver, q = tracer.solver, tracer.input_grid.q[0]
     group = solver.assembly.groups[0]
     closure = group_closure(solver.start(q[None]), group)

@@ -16,7 +16,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, SizeGeometry
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.guides import follow
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import plan_assembly
 
 SHIPPED = (
@@ -96,7 +96,7 @@ def test_following_random_cranks_stays_on_the_closed_form():
     for _ in range(60):
         made = four_bar(random_crank(random))
         solver = Solver(made, plan_assembly(made))
-        tracer = Tracer(made)
+        tracer = PositionAnalysis(made)
         for assembly_mode in tracer.assembly_modes:
             start = solver.evaluate(assembly_mode, np.zeros((1, 1))).values[0]
             curve = follow(solver.closure, solver.driven[0], start, 0.0, 2 * np.pi)
@@ -132,7 +132,7 @@ def test_followed_branches_end_at_the_dead_centre_of_the_input():
         "p1_6",
         span=(-np.pi, np.pi),
     )
-    tracer = Tracer(made)
+    tracer = PositionAnalysis(made)
     ends = []
     for assembly_mode in tracer.assembly_modes:
         curve = assembly_mode.guide

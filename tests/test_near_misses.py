@@ -10,7 +10,7 @@ from strategies import MECHANISMS
 import spherekit as sk
 from spherekit.model.parts import Input
 from spherekit.numeric.minima import minima
-from spherekit.plugin.motion import Tracer
+from spherekit.plugin.motion import PositionAnalysis
 
 NAME = "singularities"
 NEAR = np.tan(np.radians(5.0))
@@ -125,7 +125,7 @@ def geared(teeth, ground=60.0, crank=20.0, span=360.0):
 def test_a_geared_curve_is_followed_once():
     """29 turns of the input are 17 of the crank, with two dead centres in each mode."""
     made = geared([17, 29])
-    curves = Tracer(made, samples=5).configurations.curves
+    curves = PositionAnalysis(made, samples=5).configurations.curves
     for item in curves:
         rise = np.abs(item.curve.rise[made.angles["a"]])
         assert item.curve.closed and abs(rise - 29 * 2 * np.pi) < 1e-9

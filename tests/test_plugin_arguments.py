@@ -16,7 +16,7 @@ import pytest
 from public_packages import TOPICS
 
 import spherekit as sk
-from spherekit.checked import _fits, _resolved, judges
+from spherekit.argument_validation import _fits, _resolved, judges
 from spherekit.errors import ArgumentError, SpherekitError
 
 PACKAGES = ("spherekit.plugin", *(f"spherekit.plugin.{topic}" for topic in TOPICS))
@@ -147,14 +147,16 @@ def test_messages_say_where_what_and_what_to_try():
 
 def test_names_are_those_of_the_library_to_help_and_to_pickle():
     from spherekit.plugin.dynamics import inertia
-    from spherekit.plugin.singularities import Cut
+    from spherekit.plugin.singularities import LockedInputSection
 
     ours = importlib.import_module("spherekit.dynamics.coordinates").inertia
     assert inspect.signature(inertia) == inspect.signature(ours)
     assert inertia.__doc__ == ours.__doc__ and inertia.__name__ == ours.__name__
     assert judges(inertia) and not judges(ours)
     assert pickle.loads(pickle.dumps(inertia)) is inertia
-    assert list(inspect.signature(Cut).parameters) == list(Cut.__dataclass_fields__)
+    assert list(inspect.signature(LockedInputSection).parameters) == list(
+        LockedInputSection.__dataclass_fields__
+    )
 
 
 INSIDE = """

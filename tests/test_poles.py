@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 
 import spherekit as sk
 from spherekit.engine.fields import evaluate
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
 
@@ -140,7 +140,7 @@ def test_random_ten_bars_against_the_null_space():
 def test_derivatives_by_taylor_remainder(name):
     """The remainder f(q + h) - f(q) - h f'(q) falls with the square of h."""
     made = sk.load(name)
-    tracer = Tracer(made, search=False, assembly_mode=0)
+    tracer = PositionAnalysis(made, search=False, assembly_mode=0)
     poles = all_poles(len(made.links))
     asked = request(tracer.mechanism, tracer.mechanism.inputs[0].pair, poles, poles)
     steps = np.array([0.0, 1e-2, 1e-3, 1e-4])
@@ -165,12 +165,12 @@ def test_coefficient_where_the_published_formula_is_indeterminate():
         for link, size in base.geometry.links.items()
     }
     made = replace(base, geometry=replace(base.geometry, links=sizes))
-    tracer = Tracer(made)
+    tracer = PositionAnalysis(made)
     poles = all_poles(4)
     asked = request(tracer.mechanism, "21", poles, poles)
     for assembly_mode in range(2):
         low, high = 0.1, 3.0
-        one = Tracer(made, assembly_mode=assembly_mode)
+        one = PositionAnalysis(made, assembly_mode=assembly_mode)
 
         def still(q, one=one):
             return evaluate(one.at(q), asked).velocity_coefficient[1, 2][0]
@@ -210,7 +210,7 @@ def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
 
 def test_any_order_and_any_block_gives_the_same_rows():
     made = sk.load("stephenson")
-    tracer = Tracer(made, samples=60)
+    tracer = PositionAnalysis(made, samples=60)
     poles = all_poles(6)
     asked = request(tracer.mechanism, "12", poles, poles)
     q = tracer.input_grid.q[:, 0]

@@ -13,7 +13,7 @@ from spherekit.conventions import Status
 from spherekit.dynamics.inverse import holding_torques, output_stiffness
 from spherekit.dynamics.reactions import reactions
 from spherekit.model.study import Polynomial
-from spherekit.motion.motion import Tracer, by_laws
+from spherekit.motion.motion import PositionAnalysis, by_laws
 
 STARTS = {
     "two_dof_spm": (0.3, 0.35),
@@ -30,7 +30,7 @@ def moving(made, starts, t):
         for k, (item, q) in enumerate(zip(made.inputs, starts, strict=True))
     }
     q, timing = by_laws(list(laws), laws, np.asarray(t, dtype=float))
-    return replace(Tracer(made, None, 0, path=q).motion(), timing=timing)
+    return replace(PositionAnalysis(made, None, 0, path=q).motion(), timing=timing)
 
 
 @pytest.mark.parametrize("name", STARTS)
@@ -109,7 +109,7 @@ def test_a_cam_lifts_off_where_its_follower_would_outrun_the_spring():
     for torque in (0.5, -0.5):
         made = pressed(str(torque))
         q = np.linspace(0.0, 6.2, 400)
-        tracer = Tracer(made, None, 0, path=q[:, None])
+        tracer = PositionAnalysis(made, None, 0, path=q[:, None])
         law = {"cam_shaft": sk.ConstantSpeed(speed)}
         found = reactions(
             replace(tracer.motion(), timing=by_laws(["cam_shaft"], law, q / speed)[1])
@@ -144,7 +144,7 @@ def test_hookes_joint_holds_and_bends_its_shafts():
     found = reactions(moving_slowly(made, f))
     beta = np.radians(35.0)
     ratio = (1.0 - np.sin(beta) ** 2 * np.cos(f) ** 2) / np.cos(beta)
-    held = holding_torques(Tracer(made, None, 0, path=f[:, None]).motion())
+    held = holding_torques(PositionAnalysis(made, None, 0, path=f[:, None]).motion())
     assert held.torques[:, 0] == pytest.approx(3.0 / ratio, rel=1e-12)
     bent = found.across[:, made.pair_number["21"]]
     couple = held.torques[:, 0] * np.tan(beta) * np.abs(np.sin(f))
@@ -157,19 +157,22 @@ def test_hookes_joint_holds_and_bends_its_shafts():
 
 def moving_slowly(made, q):
     timing = by_laws(["21"], {"21": sk.ConstantSpeed(0.0)}, np.arange(len(q)) * 1.0)[1]
-    return replace(Tracer(made, None, 0, path=q[:, None]).motion(), timing=timing)
+    return replace(PositionAnalysis(made, None, 0, path=q[:, None]).motion(), timing=timing)
 
 
 def test_outputs_yield_by_what_a_moment_does_to_the_inputs():
     """Each input turned by w . m / k, the output moves by the closure itself."""
     made = sk.load("five_bar")
     q, k = np.array([[1.0, 1.2]]), np.array([40.0, 90.0])
-    tracer = Tracer(made, None, 0, path=q)
+    tracer = PositionAnalysis(made, None, 0, path=q)
     held = output_stiffness(holding_torques(tracer.motion()), "3", "1", k)
     axis, stiffness = held.axes[0, 0], held.stiffness[0, 0]
     moment = 1e-6 * axis
     turned = q + (held.w[0] @ moment / k)[None]
-    ends = [Tracer(made, None, 0, path=x).motion().rotations[0, 2] for x in (q, turned)]
+    ends = [
+        PositionAnalysis(made, None, 0, path=x).motion().rotations[0, 2]
+        for x in (q, turned)
+    ]
     gap = ends[1] @ ends[0].T
     moved = 0.5 * np.array(
         [gap[2, 1] - gap[1, 2], gap[0, 2] - gap[2, 0], gap[1, 0] - gap[0, 1]]
@@ -188,7 +191,7 @@ def test_redundant_constraints_are_named_and_left_open(capsys):
     where = r"([\d.]+) N m in pair (\w+) at sample (\d+) of assembly mode (\d+)"
     ((size, *place),) = re.findall(where, " ".join(found.summary["remarks"]))
     table = found.frame("reactions").astype({"pair": str})
-    at = table.set_index(["pair", "sample", "assembly_mode"])["across"]
+    at = table.set_index(["pair", "sample", "assembly_mode"])["transverse_moment"]
     there = at.loc[(place[0], int(place[1]), int(place[2]))]
     assert there == pytest.approx(at.max())
     assert float(size) == pytest.approx(there, rel=1e-4)

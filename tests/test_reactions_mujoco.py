@@ -12,7 +12,7 @@ import spherekit as sk
 from spherekit.dynamics.reactions import reactions
 from spherekit.exchange.mjcf import mjcf
 from spherekit.model.study import Polynomial
-from spherekit.motion.motion import Tracer, by_laws
+from spherekit.motion.motion import PositionAnalysis, by_laws
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -69,7 +69,7 @@ def test_forces_of_an_open_chain_are_what_mujoco_says():
         for item, a, b, c in zip(made.inputs, q, dq, ddq, strict=True)
     }
     path, timing = by_laws(list(laws), laws, np.zeros(1))
-    motion = replace(Tracer(made, None, 0, path=path).motion(), timing=timing)
+    motion = replace(PositionAnalysis(made, None, 0, path=path).motion(), timing=timing)
     found = reactions(motion)
     model = mujoco.MjModel.from_xml_string(mjcf(made, found.torques.values[0]).text)
     data = mujoco.MjData(model)

@@ -12,7 +12,7 @@ from common import bare
 
 from spherekit.cli.main import main
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.tabulate import online_model
+from spherekit.dynamics.tabulate import reduced_model
 from spherekit.dynamics.tabulated import load_reduced
 from spherekit.engine.fields import evaluate
 from spherekit.errors import FileError, ModelError, PlanError, SolveError
@@ -31,7 +31,7 @@ from spherekit.model.dynamics import (
 )
 from spherekit.model.load import TorqueTable
 from spherekit.model.study import Polynomial
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import parse_pole
 from spherekit.rates.request import request
 
@@ -50,14 +50,14 @@ def models(four_bar, tmp_path_factory):
     found = []
     for assembly_mode in (0, 1):
         path = folder / f"mode{assembly_mode}.npz"
-        online_model(four_bar, assembly_mode=assembly_mode).save(path)
+        reduced_model(four_bar, assembly_mode=assembly_mode).save(path)
         found.append(load_reduced(path))
     return found
 
 
 def worst_pole_errors(mechanism, model, assembly_mode, count, names):
     """Largest errors of directions and, relative to the largest, of coefficients."""
-    tracer = Tracer(mechanism, assembly_mode=assembly_mode)
+    tracer = PositionAnalysis(mechanism, assembly_mode=assembly_mode)
     x = np.sort(np.random.default_rng(5).uniform(0.0, TURN, count))
     motion = tracer.at(x)
     poles = [parse_pole(mechanism, name) for name in names]
@@ -92,7 +92,7 @@ def test_every_pole_and_coefficient_is_that_of_the_plan(four_bar, models, assemb
 def test_a_pole_that_turns_fast_has_narrow_cells_and_the_same_error():
     mechanism = bare("stephenson")
     names = ("6/3", "5/2", "3/1")
-    model = online_model(mechanism, poles=names)
+    model = reduced_model(mechanism, poles=names)
     assert len(model.groups[1].edges) > len(model.groups[2].edges)
     assert worst_pole_errors(mechanism, model, 0, 2000, names) < 1e-12
 
@@ -179,7 +179,7 @@ def every_load(four_bar):
 
 def test_every_kind_of_load_is_kept(four_bar, tmp_path):
     mechanism = every_load(four_bar)
-    online_model(mechanism, poles=()).save(tmp_path / "loads.npz")
+    reduced_model(mechanism, poles=()).save(tmp_path / "loads.npz")
     model = load_reduced(tmp_path / "loads.npz")
     t = np.linspace(0.0, 2.0, 50)
     found = inverse_dynamics(mechanism, Polynomial((0.3, 1.0, 1.0)), t, assembly_mode=0)
@@ -206,7 +206,7 @@ def rocker(four_bar):
 
 def test_without_a_crank_the_coordinate_is_the_arc_length(four_bar):
     mechanism = rocker(four_bar)
-    model = online_model(mechanism)
+    model = reduced_model(mechanism)
     assert (model.heading.by, model.heading.periodic) == (("s",), True)
     assert model.error < 1e-12
     s = np.linspace(0.0, 40.0, 300)
@@ -217,9 +217,11 @@ def test_without_a_crank_the_coordinate_is_the_arc_length(four_bar):
 
 
 def test_an_open_curve_refuses_places_beyond_its_ends(four_bar):
-    from spherekit.model.dynamics import Stop
+    from spherekit.model.dynamics import JointLimit
 
-    model = online_model(replace(four_bar, stops=(Stop("21", 0.5, 4.5),)), poles=("3/1",))
+    model = reduced_model(
+        replace(four_bar, joint_limits=(JointLimit("21", 0.5, 4.5),)), poles=("3/1",)
+    )
     (high,) = model.heading.high
     assert not model.heading.periodic
     ends = np.sort(model.value("theta_21", [0.0, high]))
@@ -241,13 +243,13 @@ def test_bad_requests_name_the_nearest_match(four_bar, models):
     with pytest.raises(SolveError, match="asked for q = inf"):
         models[0].inertia([0.1, np.inf])
     with pytest.raises(PlanError, match="is not a pole"):
-        online_model(four_bar, poles=["3/9"])
+        reduced_model(four_bar, poles=["3/9"])
     with pytest.raises(SolveError, match="no assembly mode 7"):
-        online_model(four_bar, assembly_mode=7)
+        reduced_model(four_bar, assembly_mode=7)
     with pytest.raises(SolveError, match="tolerance is nan"):
-        online_model(four_bar, tolerance=float("nan"))
+        reduced_model(four_bar, tolerance=float("nan"))
     with pytest.raises(SolveError, match='"B" is not stored'):
-        online_model(bare("stephenson"), poles=()).torque(0.1, 1.0, 0.0)
+        reduced_model(bare("stephenson"), poles=()).torque(0.1, 1.0, 0.0)
 
 
 def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
@@ -323,7 +325,11 @@ def test_the_input_of_an_exported_pose_is_in_the_unit_of_the_file(unit, given, t
     pose = dict(re.findall(r'<joint name="(\w+)".* ref="([^"]+)"', target.read_text()))
     q, gap = float(pose["21"]), float(pose["41"])
     assert q == pytest.approx(np.radians(400.0), abs=1e-12)
-    wanted = Tracer(load("four_bar"), assembly_mode=0).at(np.radians([40.0])).values[0, 3]
+    wanted = (
+        PositionAnalysis(load("four_bar"), assembly_mode=0)
+        .at(np.radians([40.0]))
+        .values[0, 3]
+    )
     assert np.exp(1j * gap) == pytest.approx(np.exp(1j * wanted), abs=1e-12)
 
 
@@ -339,7 +345,7 @@ def test_flags_of_another_export_are_refused(kind, flag, tmp_path, capsys):
 
 
 def test_rigid_bodies_have_the_inertia_of_the_mechanism(four_bar, models):
-    motion = Tracer(four_bar, assembly_mode=0).at(np.array([0.3]))
+    motion = PositionAnalysis(four_bar, assembly_mode=0).at(np.array([0.3]))
     made = rigid_bodies(four_bar, motion.values[0])
     assert [hinge.pair for hinge in made.hinges] == ["21", "32", "41"]
     w, B = {"1": np.zeros(3)}, 0.0

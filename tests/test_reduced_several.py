@@ -9,10 +9,10 @@ from newton_euler import loaded
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.conventions import Status
-from spherekit.dynamics.tabulate import grid_model
+from spherekit.dynamics.tabulate import reduced_grid_model
 from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.model.parts import Input
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 
 def narrowed(mechanism, *spans):
@@ -31,7 +31,7 @@ def mechanism():
 @pytest.fixture(scope="module")
 def model(mechanism, tmp_path_factory):
     path = tmp_path_factory.mktemp("models") / "five_bar.npz"
-    grid_model(mechanism, poles=["3/1"]).save(path)
+    reduced_grid_model(mechanism, poles=["3/1"]).save(path)
     return sk.load_reduced(path)
 
 
@@ -82,9 +82,9 @@ def test_a_torque_given_later_is_one_more_load(model):
 
 def test_the_domain_is_where_the_assembly_mode_is_away_from_its_ends():
     made = narrowed(sk.load("five_bar"), (1.2, 1.45), (1.25, 1.5))
-    found = grid_model(made, tolerance=1e-6)
+    found = reduced_grid_model(made, tolerance=1e-6)
     q = np.random.default_rng(2).uniform(found.heading.low, found.heading.high, (300, 2))
-    motion = Tracer(made, None, 0, path=q).motion()
+    motion = PositionAnalysis(made, None, 0, path=q).motion()
     known = found.status(q) == Status.OK
     assert np.mean(known) == pytest.approx(found.heading.covered, abs=0.1)
     assert 0 < np.sum(known) < np.sum(~motion.failed) < 300

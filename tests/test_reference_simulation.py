@@ -16,12 +16,12 @@ from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.reference import reference_simulation
 from spherekit.engine.compiler import available
 from spherekit.errors import EngineError
-from spherekit.model.dynamics import Gravity, Mass, PairTorque, Spring, Stop
+from spherekit.model.dynamics import Gravity, JointLimit, Mass, PairTorque, Spring
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry
 from spherekit.model.study import Start
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.proof.balls import Digits, exactly, floats, library
 from spherekit.proof.rows import exact_direction, exact_rows
 from spherekit.proof.simulation import exact_inertia
@@ -38,7 +38,7 @@ def digits():
         yield
 
 
-def pendulum(*loads, stops=()):
+def pendulum(*loads, joint_limits=()):
     """Return one link that turns about x in the ground, its centre below."""
     made = Mechanism(
         "pendulum",
@@ -49,7 +49,9 @@ def pendulum(*loads, stops=()):
     )
     tensor = ((INERTIA, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.5))
     mass = Mass("2", tensor, WEIGHT, (0.0, 0.0, -0.25))
-    return replace(made.with_inputs("12"), masses=(mass,), loads=loads, stops=stops)
+    return replace(
+        made.with_inputs("12"), masses=(mass,), loads=loads, joint_limits=joint_limits
+    )
 
 
 def off(found, expected):
@@ -91,9 +93,12 @@ def test_kinks_stops_and_tables_by_closed_forms():
     last = found.at(np.array([2.0]))
     assert off(last.values[:, 0], [1 / (2 * brake)]) < 1e-17
     # a stop
-    made = pendulum(stops=(Stop("12", -1.0, 0.7),))
+    made = pendulum(joint_limits=(JointLimit("12", -1.0, 0.7),))
     found = reference_simulation(made, Start(0.0, 0.9), 2.0)
-    assert found.kind == "stop" and off([found.end], [mp.mpf(0.7) / mp.mpf(0.9)]) < 1e-18
+    assert (
+        found.kind == "joint_limit"
+        and off([found.end], [mp.mpf(0.7) / mp.mpf(0.9)]) < 1e-18
+    )
     # a table that repeats: up to 1 N m in 0.1 s and down to 0 in 0.2 s
     saw = TorqueTable("saw", "12", (0.0, 0.1, 0.3), (0.0, 1.0, 0.0), True)
     found = reference_simulation(pendulum(saw), Start(0.0, 0.0), 2.0)
@@ -251,7 +256,7 @@ def tables_of(made, analysis, setting, t, start, toward=None):
         tolerance=setting.tolerance,
         engine=setting.integrator,
     )
-    tracer = Tracer(made, None, 0, samples=2)
+    tracer = PositionAnalysis(made, None, 0, samples=2)
     course = simulated_course(tracer, done, t, setting.tolerance)
     return Benchmark.of(course, create(analysis)).tables(Setting())[0]
 
@@ -287,7 +292,7 @@ def with_masses(name, *links):
 
 def rows_in_digits(made, q):
     """Return the exact rows at inputs of mpmath, assembly mode 0."""
-    tracer = Tracer(made, None, 0, path=np.array([[float(x)] for x in q]))
+    tracer = PositionAnalysis(made, None, 0, path=np.array([[float(x)] for x in q]))
     motion = tracer.at(np.array([float(x) for x in q]))
     inputs = np.array([[library().arb(x)] for x in q])
     every = np.ones(len(motion), dtype=bool)

@@ -17,13 +17,13 @@ from spherekit.analysis.registry import registered
 from spherekit.cli.main import main
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.tabulate import online_model
+from spherekit.dynamics.tabulate import reduced_model
 from spherekit.errors import FileError
 from spherekit.exchange.mjcf import mjcf
 from spherekit.files.read import loads
 from spherekit.model.study import ConstantSpeed, Start, Tabulated
 from spherekit.motion.closure import Closure
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.tradeoff.trade import trade
 
 TEMPLATE = Path(sk.__file__).parent / "cli" / "templates" / "four_bar.toml"
@@ -45,11 +45,11 @@ NAMES = {
     "two_four_bars": two_four_bars,
     "simulate": simulate,
     "inverse_dynamics": inverse_dynamics,
-    "online_model": online_model,
+    "reduced_model": reduced_model,
     "mjcf": mjcf,
     "trade": trade,
     "Tabulated": Tabulated,
-    "Tracer": Tracer,
+    "PositionAnalysis": PositionAnalysis,
 }
 SHOWS_A_POSE = "run five_bar -a inverse_kinematics"
 """Its message has a pose that the mechanism reaches, which takes a configuration."""

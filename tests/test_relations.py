@@ -74,13 +74,13 @@ def test_what_pairs_carry_is_one_wrench_in_all_columns(which, request):
     size = table[["moment_x", "moment_y"]].abs().max().max()
     assert size > 1e-4
     x, y = table["moment_x"], table["moment_y"]
-    assert np.max(np.abs(np.hypot(x, y) - table["across"])) < 1e-15
-    contacts = table["push"].notna()
+    assert np.max(np.abs(np.hypot(x, y) - table["transverse_moment"])) < 1e-15
+    contacts = table["contact_torque"].notna()
     at = table[contacts]
-    same(at["push"], at["moment_x"], rel=0.0)
+    same(at["contact_torque"], at["moment_x"], rel=0.0)
     # F at the point d z has the moment d z x F: (traction, -push) over the distance.
     same(at["force_x"], at["traction"] / DISTANCE, abs=1e-15)
-    same(at["force_y"], -at["push"] / DISTANCE, abs=1e-15)
+    same(at["force_y"], -at["contact_torque"] / DISTANCE, abs=1e-15)
     assert at["moment_x_first"].isna().all()
     assert len(at) == (7 if which == "gears" else 0)
     for pair, rows in table[~contacts].groupby("pair"):
@@ -116,8 +116,8 @@ def test_bearings_carry_couple_and_force(gears):
     for _, rows in bearings.groupby("sample"):
         places = rows["position"].to_numpy()
         here = shaft.loc[rows["sample"].iloc[0]]
-        couple = here["across"] / (places[1] - places[0])
-        same(rows["couple"].to_numpy(), [couple] * 2, rel=1e-12)
+        couple = here["transverse_moment"] / (places[1] - places[0])
+        same(rows["couple_force"].to_numpy(), [couple] * 2, rel=1e-12)
         assert np.nansum(rows["radial"]) == 0.0 or np.isfinite(rows["radial"]).all()
 
 
@@ -129,7 +129,7 @@ def test_torque_is_what_inertia_and_loads_ask_for(gears):
     for name in ("tau", "Q"):
         same(several[name], one[name], rel=1e-13)
     same(several["power"], one["tau"] * one["dq"], rel=1e-13)
-    same(several["kinetic"], 0.5 * one["B"] * one["dq"] ** 2, rel=1e-13)
+    same(several["kinetic_energy"], 0.5 * one["B"] * one["dq"] ** 2, rel=1e-13)
     for name, whole in (("eksergian", one), ("dynamics", several)):
         parts = wide(gears.frame(name, "loads"), "Q", "load").sum(axis=1)
         same(parts.to_numpy(), whole["Q"].to_numpy(), rel=1e-13)
@@ -148,7 +148,7 @@ def test_energy_grows_by_the_power(wrist):
         table["power"]
         + wide(wrist.frame("dynamics", "loads"), "power", "load").sum(axis=1).to_numpy()
     )
-    t, kinetic = table["t"].to_numpy(), table["kinetic"].to_numpy()
+    t, kinetic = table["t"].to_numpy(), table["kinetic_energy"].to_numpy()
     fitted = np.polynomial.Chebyshev.fit(t, kinetic, 14).deriv()(t)
     same(fitted[3:-3], supplied.to_numpy()[3:-3], abs=1e-9)
     mass = wrist.frame("dynamics", "inertia")
@@ -310,7 +310,7 @@ def test_relations_of_singularities_are_coefficients():
     same(
         table["velocity_coefficient"], table["output_rate"] / table["input_rate"], abs=1e-11
     )
-    same(np.tan(table["angle_I"]), np.abs(table["velocity_coefficient"]), abs=1e-11)
+    same(np.tan(table["distance_I"]), np.abs(table["velocity_coefficient"]), abs=1e-11)
     table = table[table["form"] == "i"]
     same(table["velocity_coefficient"], poles["velocity_coefficient"], abs=1e-11)
 

@@ -11,7 +11,7 @@ from spherekit.conventions import Status
 from spherekit.engine.fields import evaluate
 from spherekit.errors import SolveError
 from spherekit.model.parts import Input
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import (
     ROUTES,
@@ -53,7 +53,7 @@ def sharp_rows(motion, wanted, fields):
 
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_all_routes_agree_where_all_are_sharp(name):
-    tracer = Tracer(sk.load(name), samples=25)
+    tracer = PositionAnalysis(sk.load(name), samples=25)
     motion = tracer.motion()
     for driven in tracer.inputs:
         wanted = asked(tracer, driven)
@@ -89,7 +89,7 @@ def test_all_routes_agree_where_all_are_sharp(name):
 @pytest.mark.parametrize("route", ["first", "conditioned"])
 def test_derivatives_are_those_of_the_values(route):
     """Taylor: central differences of w approach dw with the square of the step."""
-    tracer = Tracer(sk.load("stephenson"), samples=3, search=False)
+    tracer = PositionAnalysis(sk.load("stephenson"), samples=3, search=False)
     wanted = asked(tracer, tracer.inputs[0])
     gaps = []
     for step in (1e-2, 1e-3):
@@ -108,7 +108,7 @@ def test_only_the_best_route_changes_over():
     axes[1] = axes[0] + 1e-9 * axes[2]
     made = mechanism(FOUR_BAR, axes / np.linalg.norm(axes, axis=1, keepdims=True))
     made = replace(made, inputs=(Input(made.inputs[0].pair, 0.0, 1e-3),))
-    tracer = Tracer(made, search=False, samples=2)
+    tracer = PositionAnalysis(made, search=False, samples=2)
     wanted = asked(tracer, tracer.inputs[0])
     motion = tracer.motion()
     best = evaluate(motion, wanted)
@@ -121,6 +121,6 @@ def test_only_the_best_route_changes_over():
 
 
 def test_unknown_route():
-    tracer = Tracer(sk.load("four_bar"), samples=3)
+    tracer = PositionAnalysis(sk.load("four_bar"), samples=3)
     with pytest.raises(SolveError, match='no route is "frist"; did you mean "first"'):
         evaluate(tracer.motion(), asked(tracer, "21"), route="frist")

@@ -11,14 +11,14 @@ from special_mechanisms import special_mechanism
 import spherekit as sk
 from benchmarks.harness import own_mechanisms
 from spherekit.analysis.running import in_turn, rows_at_once
-from spherekit.analysis.running.kernel_columns import UnreadField
+from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.sampling import course_of
 from spherekit.conventions import Status
 from spherekit.engine.compiler import available
 from spherekit.engine.fields import evaluate
 from spherekit.errors import SpherekitError
 from spherekit.model.study import Study
-from spherekit.numeric.unread import Unread
+from spherekit.numeric.unread import LazyColumn
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import _flips, request, signs_at_stops
 
@@ -165,13 +165,13 @@ def test_tables_are_made_when_they_are_read(name, samples, monkeypatch):
     left = sk.run(name, **options)
     blocks = [b for joined in _joined_of(left) for b in joined._blocks]
     parts = [part for b in blocks for c in b.values() for part in getattr(c, "parts", [c])]
-    assert sum(isinstance(part, Unread) for part in parts) > 100
+    assert sum(isinstance(part, LazyColumn) for part in parts) > 100
 
     def made_at_once(self, key, pole, component):
         values = getattr(self.made, key)[pole]
         return values.reshape(len(values), -1)[:, component].copy()
 
-    monkeypatch.setattr(UnreadField, "column", made_at_once)
+    monkeypatch.setattr(LazyField, "column", made_at_once)
     kept = sk.run(name, **options)
     for one, other in zip(_joined_of(left), _joined_of(kept), strict=True):
         assert list(one) == list(other)

@@ -82,7 +82,7 @@ def test_random_mechanisms_are_the_same_each_time_and_move(seed):
         ("singularities by default", "singularities", "singularities", "q", 7.0),
         ("singularities by default", "singularities", "motion", "q", -1.0),
         ("relation and poles", "poles", "poles", "velocity_coefficient", 0.123),
-        ("signs change at places", "singularities", "singularities", "turns", ""),
+        ("signs change at places", "singularities", "singularities", "reversal", ""),
         ("distances lead to places", "singularities", "singularities", "q", 0.01),
     ],
 )

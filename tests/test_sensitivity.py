@@ -9,7 +9,7 @@ from refusals import text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.design.sensitivity import Deviations, Sensitivity
+from spherekit.design.sensitivity import Sensitivity, SizeDeviations
 from spherekit.design.variables import sizes_of
 from spherekit.engine.algebra import DesignGeometry, revolute_frames
 from spherekit.errors import AnalysisError, DesignError, FileError
@@ -107,7 +107,7 @@ def test_frames_as_terms_are_those_of_the_model(name):
 @pytest.mark.parametrize("distribution, factor", [("normal", 1.0), ("uniform", 3.0**-0.5)])
 def test_small_deviations_spread_as_the_first_order_says(distribution, factor):
     mechanism = sk.load("stephenson")
-    deviations = Deviations(1e-5, distribution, 4096)
+    deviations = SizeDeviations(1e-5, distribution, 4096)
     assert deviations.spread == pytest.approx(factor * 1e-5)
     draws = deviations.draws(3)
     assert np.allclose(np.std(draws, axis=1), deviations.spread, rtol=2e-3)
@@ -126,7 +126,7 @@ def test_small_deviations_spread_as_the_first_order_says(distribution, factor):
 @pytest.mark.long
 def test_the_first_order_against_a_million_draws():
     mechanism = sk.load("four_bar")
-    deviations = Deviations(np.radians(0.1), "normal", 1 << 20)
+    deviations = SizeDeviations(np.radians(0.1), "normal", 1 << 20)
     sensitivity = Sensitivity(mechanism, (), ["theta_41"])
     motion = sk.trace(mechanism, samples=5)
     _, gradients = sensitivity.at(samples_of(motion), motion.values)
@@ -193,7 +193,7 @@ def test_defaults_and_mistakes():
         with pytest.raises(error, match=message):
             Sensitivity(four_bar, *arguments)
     with pytest.raises(DesignError, match="positive number"):
-        Deviations(-1.0)
+        SizeDeviations(-1.0)
 
 
 HARMONIC = "pairs.contact.profiles.cam.cosines.1"
@@ -355,7 +355,7 @@ def test_draws_beside_a_dead_centre_stay_in_their_assembly_mode():
     sensitivity = Sensitivity(mechanism, (), ["theta_hinge"])
     motion = sk.trace(mechanism, samples=25)
     motion = motion.rows(~motion.failed)
-    deviations = Deviations(np.radians(0.1), count=256).draws(4)
+    deviations = SizeDeviations(np.radians(0.1), count=256).draws(4)
     drawn = sensitivity.scattered(samples_of(motion), motion.values, deviations)[0]
     angle = motion.values[:, mechanism.variable_names.index("theta_hinge")]
     nominal = np.radians(list(BESIDE_A_DEAD_CENTRE.values()))

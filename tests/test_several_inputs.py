@@ -14,7 +14,7 @@ from spherekit.engine.fields import evaluate
 from spherekit.model.parts import Input
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.loops import rank_mobility
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import graph_mobility
 from spherekit.planning.plan import plans
 from spherekit.planning.poles import CoaxialPole, all_poles
@@ -42,7 +42,7 @@ def fields_of(tracer, motion):
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_mobility_by_graph_and_by_rank(name):
-    tracer = Tracer(sk.load(name), samples=3)
+    tracer = PositionAnalysis(sk.load(name), samples=3)
     motion = tracer.motion()
     rank = rank_mobility(tracer.solver.closure.tree, motion.vectors[~motion.failed])
     assert (graph_mobility(tracer.mechanism), set(rank)) == (
@@ -54,7 +54,7 @@ def test_mobility_by_graph_and_by_rank(name):
 @pytest.mark.parametrize("name", SHIPPED)
 def test_poles_of_every_single_freedom_mechanism(name):
     """Each input moved alone: the velocity equations with the other inputs locked."""
-    tracer = Tracer(sk.load(name), samples=5)
+    tracer = PositionAnalysis(sk.load(name), samples=5)
     motion = tracer.motion()
     judged = 0
     for moved, field in zip(motion.assembly.inputs, fields_of(tracer, motion), strict=True):
@@ -86,7 +86,7 @@ def test_coincident_axes_of_the_arc_guides_are_one_pole():
         shared = {step.pole for step in planned.steps if isinstance(step, CoaxialPole)}
         number = made.link_number
         assert (number["9"], number["10"]) in shared
-    tracer = Tracer(made, samples=4)
+    tracer = PositionAnalysis(made, samples=4)
     motion = tracer.motion()
     axes = {name: motion.axes[:, made.pair_number[name]] for name in ("11_9", "11_10")}
     assert np.max(off_axis(axes["11_9"], axes["11_10"])) < 1e-14
@@ -179,7 +179,7 @@ def test_two_freedom_mechanism_of_the_third_paper():
 
 def test_differential_law():
     """w_left + w_right = 2 w_carrier for equal side gears, at rates and positions."""
-    tracer = Tracer(sk.load("bevel_differential"), samples=[7, 5])
+    tracer = PositionAnalysis(sk.load("bevel_differential"), samples=[7, 5])
     motion = tracer.motion()
     assert np.all(motion.status == Status.OK)
     made = motion.mechanism
@@ -204,7 +204,7 @@ def test_differential_law():
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm", "three_rrr"])
 def test_superposition(name):
     """omega u = sum of omega_i u_i: the motion along any direction of the inputs."""
-    tracer = Tracer(sk.load(name), samples=3)
+    tracer = PositionAnalysis(sk.load(name), samples=3)
     motion = tracer.motion()
     fields = fields_of(tracer, motion)
     speeds = np.random.default_rng(5).normal(size=len(fields))
@@ -231,7 +231,7 @@ def test_derivative_by_the_moved_input(name):
         h = 1e-3
         path = np.repeat(middle[None], 5, axis=0)
         path[:, moved] += h * np.arange(-2, 3)
-        tracer = Tracer(made, path=path)
+        tracer = PositionAnalysis(made, path=path)
         motion = tracer.motion()
         field = fields_of(tracer, motion)[moved]
         own = slice(0, 5)
@@ -276,7 +276,7 @@ def test_five_bar_against_its_closed_form():
 def test_a_grid_holds_every_path_and_blocks_do_not_matter(name):
     made = sk.load(name)
     counts = [5] * len(made.inputs)
-    tracer = Tracer(made, samples=counts)
+    tracer = PositionAnalysis(made, samples=counts)
     whole = tracer.motion()
     parts = list(tracer.blocks(17))
     for assembly_mode in tracer.assembly_modes:
@@ -302,7 +302,7 @@ def test_a_mode_spreads_around_what_it_cannot_reach():
         sk.load("five_bar"),
         inputs=(Input("21", 0.2, 2.9), Input("51", 0.2, 2.9)),
     )
-    tracer = Tracer(made, samples=[15, 15])
+    tracer = PositionAnalysis(made, samples=[15, 15])
     motion = tracer.motion()
     from spherekit.motion.guides import spread_each
 
@@ -343,7 +343,7 @@ def test_an_over_constrained_mechanism_moves():
     assert graph_mobility(made) == 0
     assert np.all(motion.status == Status.OK)
     assert np.max(motion.residual) < 1e-13
-    tracer = Tracer(made, samples=3, search=False)
+    tracer = PositionAnalysis(made, samples=3, search=False)
     (field,) = fields_of(tracer, tracer.motion())
     w, gap = locked_rates(tracer.motion(), 1, tracer.assembly.inputs[0])
     assert gap > 1e-3

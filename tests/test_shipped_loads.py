@@ -34,7 +34,7 @@ def test_no_table_of_forces_is_empty(name):
         torques = run.frame(kind).filter(like="tau")
         assert torques.abs().max().min() > 1e-3
     facts = next(a for a in run.summary["analyses"] if a["name"] == "reactions")
-    couples = [x["largest_couple_N"] for x in facts["findings"]["bearings"].values()]
+    couples = [x["largest_couple_force_N"] for x in facts["findings"]["bearings"].values()]
     assert couples and min(couples) > 0.1
 
 

@@ -7,7 +7,7 @@ from exact_rest import exact_rest
 
 from spherekit.guarantee import Guarantee
 from spherekit.motion.elimination import assemblies
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.singular.relation import Type
 from spherekit.singular.single import SingleFreedom
 
@@ -29,7 +29,7 @@ def analysed(number):
     a, b = edges[random.integers(len(edges))]
     axes = random_axes(random, len(edges))
     made = mechanism(CHAINS[number], axes, f"p{a}_{b}", span=(-np.pi, np.pi))
-    tracer = Tracer(made, samples=9)
+    tracer = PositionAnalysis(made, samples=9)
     found = tracer.configurations
     curves = [item.curve for item in found.curves]
     analysis = SingleFreedom(tracer, curves, [(made.links[-1], "1"), ("5", "3")])
@@ -97,7 +97,7 @@ def check(number):
     assert found.guarantee is Guarantee.COMPLETE and not found.mismatches
     assert not (report.crossings or report.whole or report.notes or report.gaps)
     points = [p for p in report.points if p.type != Type.APPARENT]
-    assert all(p.decided and not p.double for p in points)
+    assert all(p.certain and not p.double for p in points)
     check_exact(tracer, analysis, points)
     dead, counts = check_counts(tracer, found, report)
     assert len(points) >= 8

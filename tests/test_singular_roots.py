@@ -11,9 +11,9 @@ from singular_examples import ROCKER, axes_at, findings_of, four_bar
 
 import spherekit as sk
 from spherekit import progress
-from spherekit.guarantee import Budget, Guarantee
+from spherekit.guarantee import Guarantee, TimeLimit
 from spherekit.guidance.loci import SIDE, mid_plane_loci
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.motion.turns import into_range, turns_in_range
 from spherekit.singular.curves import singular_curves
 from spherekit.singular.surface import singular_surface
@@ -35,7 +35,7 @@ def dead_inputs_of_geared(made, low, high):
 
     One configuration is read off the motion; from there the wheels turn by the teeth.
     """
-    motion = Tracer(made, samples=61).motion()
+    motion = PositionAnalysis(made, samples=61).motion()
     row = int(np.flatnonzero(~motion.failed)[0])
     axes = axes_at(made, motion.values[row : row + 1])[0]
     number = made.pair_number
@@ -115,7 +115,7 @@ def test_what_lies_outside_the_range_is_marked_at_the_nearest_turn():
     assert np.min(np.abs(np.mod(dead - turn + np.pi, 2 * np.pi) - np.pi)) < 1e-9
     low, high = dead[0] - 0.3, dead[0] - 0.1
     made = four_bar(ROCKER)
-    narrow = Tracer(made).mechanism.with_inputs("21")
+    narrow = PositionAnalysis(made).mechanism.with_inputs("21")
     path = np.linspace(low, high, 9)[:, None]
     result = sk.run(narrow, NAME, path=path)
     frame = result.frame()
@@ -150,9 +150,14 @@ def test_places_are_listed_for_every_turn_of_a_range(low, high):
     figures, _ = findings_of(result)
     assert not figures["checks_failed"] and "complete" in figures["guarantee"]
     relation = result.frame(NAME, "relation")
-    relation = relation[relation["to_II"].notna()]
+    relation = relation[relation["input_margin_II"].notna()]
     assert len(relation)
-    leads = np.stack([relation["q"] + relation["to_II"], relation["q"] - relation["to_II"]])
+    leads = np.stack(
+        [
+            relation["q"] + relation["input_margin_II"],
+            relation["q"] - relation["input_margin_II"],
+        ]
+    )
     every = np.radians(turns.ravel())
     assert np.all(np.min(np.abs(leads[..., None] - every), axis=(0, 2)) < 1e-7)
 
@@ -167,7 +172,7 @@ def test_a_place_at_both_ends_of_a_turn_is_listed_once():
     assert len(own) == 1 and set(own["assembly_mode"]) == {"0+1"}
     assert abs(np.degrees(own["q"].iloc[0])) == pytest.approx(180.0)
     relation = result.frame(NAME, "relation")
-    to = relation["to_II"].to_numpy()
+    to = relation["input_margin_II"].to_numpy()
     assert np.sum(np.isfinite(to)) > 9
     away = np.pi - np.abs(relation["q"].to_numpy())
     assert np.nanmax(np.abs(to - away)) < 1e-11
@@ -221,7 +226,7 @@ def test_surfaces_from_random_starts_are_at_the_inputs_given(kind):
     mesh = singular_surface(made, kind, side=0.25, halved=1, slices_of_each=0)
     assert len(mesh.points.values) and mesh.claim.guarantee is Guarantee.SAMPLED
     assert np.all(mesh.points.inside)
-    check_points(Tracer(made, samples=3), mesh.points, kind)
+    check_points(PositionAnalysis(made, samples=3), mesh.points, kind)
     ways = [mesh.triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))]
     assert len(np.unique(np.concatenate(ways), axis=0)) == 3 * len(mesh.triangles)
     if kind == "I":  # whose sheets cross
@@ -244,7 +249,7 @@ def test_random_starts_meet_the_curves_that_slices_meet(kind):
     by_starts = singular_curves(made, kind, slices_of_each=0)
     assert by_slices.claim.guarantee is Guarantee.TO_BOX
     assert by_starts.claim.guarantee is Guarantee.SAMPLED
-    tracer = Tracer(made, samples=3)
+    tracer = PositionAnalysis(made, samples=3)
     for each in by_slices.curves:
         check_points(tracer, each.points, kind)
         points = each.points
@@ -256,7 +261,7 @@ def test_random_starts_meet_the_curves_that_slices_meet(kind):
 
 
 def test_a_search_without_time_says_so():
-    budget = Budget(0.0, "curves of type II")
+    budget = TimeLimit(0.0, "curves of type II")
     found = singular_curves(sk.load("five_bar"), "II", budget=budget)
     result = sk.run(sk.load("agile_eye"), f"{NAME}:slices=6,seconds=0", samples=3)
     assert not found.curves and found.claim.guarantee is Guarantee.SAMPLED
@@ -273,7 +278,7 @@ def test_a_search_without_time_says_so():
 def test_a_search_tells_what_it_does(monkeypatch):
     monkeypatch.setattr(progress, "PATIENCE", 0.0)
     told = []
-    with progress.heard_by(told.append):
+    with progress.progress_listener(told.append):
         singular_curves(sk.load("five_bar"), "II", slices_of_each=1)
     assert "search: slice 1 of 1" in told[0]
     assert any("curve 1 of type II" in words for words in told)
@@ -331,7 +336,7 @@ def mid_plane():
 @pytest.mark.slow
 def test_mid_plane_loci_are_singular(mid_plane):
     made, loci = mid_plane
-    tracer = Tracer(made, samples=3)
+    tracer = PositionAnalysis(made, samples=3)
     for kind, found in loci.items():
         assert found.curves
         for each in found.curves:
@@ -390,7 +395,7 @@ def test_the_output_reverses_where_it_is_said_to(name):
     pole = f"{output.link}/{output.relative_to}"
     rates = sk.run(made, f"poles:only={pole}", samples=61).frame("poles")
     places = sk.run(made, NAME, samples=61).frame()
-    reversing = places[places["turns"].str.contains("output", na=False)]
+    reversing = places[places["reversal"].str.contains("output", na=False)]
     changes = 0
     for assembly_mode, rows in rates.groupby("assembly_mode"):
         w = (

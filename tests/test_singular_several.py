@@ -19,11 +19,11 @@ from spherekit.errors import AnalysisError, ModelError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Output, Pair, SizeGeometry
 from spherekit.motion.closure import lock
-from spherekit.motion.motion import Tracer, motion_of
+from spherekit.motion.motion import PositionAnalysis, motion_of
 from spherekit.rates.request import request
 from spherekit.singular.aspects import aspects
 from spherekit.singular.curves import singular_curves, trace_curves
-from spherekit.singular.locus import Locus, solver_of
+from spherekit.singular.locus import SingularityLocus, solver_of
 from spherekit.singular.several import RowType, coefficients, relations
 from spherekit.singular.stationarity import InputsLocked, output_of
 from spherekit.singular.surface import singular_surface
@@ -234,12 +234,12 @@ def second_rates(at, free, moved):
 
 
 def test_failed_rows_are_unknown_and_a_rigid_output_is_type_one():
-    tracer = Tracer(sk.load("five_bar"), samples=3)
+    tracer = PositionAnalysis(sk.load("five_bar"), samples=3)
     motion = tracer.motion()
     found = coefficients(motion, output_of(motion.mechanism))
     assert np.array_equal(found.type == RowType.UNKNOWN, motion.failed)
     assert np.all(np.isnan(found.type_two[motion.failed]))
-    differential = Tracer(sk.load("bevel_differential"), samples=3)
+    differential = PositionAnalysis(sk.load("bevel_differential"), samples=3)
     found = coefficients(
         differential.motion(), output_of(differential.mechanism), by_rank=True
     )
@@ -281,7 +281,7 @@ def test_agile_eye_in_closed_form():
         solver = solver_of(made)
         measured = []
         for rest in (InputsLocked(solver.driven), output_of(made)):
-            locus = Locus(solver.closure, 3, rest)
+            locus = SingularityLocus(solver.closure, 3, rest)
             space = locus.space(solver.geometry.reference[None])
             measured.append(locus.measure(space).value[0])
         exact = right_angle_locus(q) / np.prod(q**2 - 1.0)
@@ -310,7 +310,7 @@ def test_newton_reaches_the_locus_of_right_angles():
         turn = Rotation.random(random_state=random).as_matrix()
         made = all_right_angles(turn, (1, 1, -1))
         solver = solver_of(made)
-        locus = Locus(solver.closure, 3, InputsLocked(solver.driven))
+        locus = SingularityLocus(solver.closure, 3, InputsLocked(solver.driven))
         point = locus.onto(solver.geometry.reference[None])
         if not point.good[0]:
             continue
@@ -327,7 +327,7 @@ def test_derivatives_of_measures_are_exact():
     made = three_legs(random_axes(random, 9))
     solver = solver_of(made)
     for rest in (InputsLocked(solver.driven), output_of(made)):
-        locus = Locus(solver.closure, 3, rest)
+        locus = SingularityLocus(solver.closure, 3, rest)
         start = locus.space(solver.geometry.reference[None])
         measure = locus.measure(start)
         way = random.normal(size=3)
@@ -489,14 +489,14 @@ def test_type_three_points_lie_on_both_kinds_of_curves():
 
 def test_cusps_of_a_three_rrr_with_one_input_locked():
     """At a cusp the curve turns back in the plane of the inputs: their tangent vanishes."""
-    tracer = Tracer(sk.load("three_rrr"), samples=3)
+    tracer = PositionAnalysis(sk.load("three_rrr"), samples=3)
     motion = tracer.motion()
     values = motion.values[~motion.failed][0]
     solver = tracer.solver
     one, two, three = solver.driven
     locked = lock(solver.closure, {three: values[three]})
     driven = (locked.kept.index(one), locked.kept.index(two))
-    locus = Locus(locked.closure, 2, InputsLocked(driven))
+    locus = SingularityLocus(locked.closure, 2, InputsLocked(driven))
     (curve,) = trace_curves(locus, values[None, list(locked.kept)], longest=20.0)
     assert curve is not None
     cusps = curve.cusps()
@@ -578,7 +578,7 @@ def test_a_surface_does_not_depend_on_how_many_vertices_are_made_at_once(monkeyp
 def test_relations_without_rates_are_those_with_them(name):
     """u to its sign; c and d with it, at ordinary and at singular configurations."""
     made = sk.load(name)
-    tracer = Tracer(made, samples=11)
+    tracer = PositionAnalysis(made, samples=11)
     singular = (
         singular_curves(made, "I", slices_of_each=2).curves[0].points.values
         if len(made.inputs) == 2

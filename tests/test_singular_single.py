@@ -16,7 +16,7 @@ from spherekit.errors import PlanError, SolveError
 from spherekit.motion.arc_curve import curve_points
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.crossing import crossing_near, jacobian_rates, ways_out
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import all_poles, pole_of
 from spherekit.rates.request import request
@@ -80,7 +80,7 @@ def check_four_bar(arcs, tracer):
     q, y = (tracer.mechanism.variables_of(number[name])[0] for name in ("21", "41"))
     assert report.fourth == (tracer.mechanism.link_number["3"],)
     assert not report.crossings
-    assert all(point.decided for point in report.points)
+    assert all(point.certain for point in report.points)
     dead = np.array([p.values[q] for p in report.points if p.type == Type.II])
     still = np.array([p.values[y] for p in report.points if p.type == Type.I])
     for point in report.points:
@@ -104,7 +104,7 @@ def random_four_bars(seed, count):
         closes &= np.sum(arcs) - 2.0 * np.min(arcs) < TURN
         if np.min(np.abs(fold)) > 1e-3 and closes:
             try:
-                tracer = Tracer(four_bar(arcs), samples=61)
+                tracer = PositionAnalysis(four_bar(arcs), samples=61)
             except SolveError:
                 continue
             yield arcs, tracer
@@ -153,7 +153,7 @@ def test_a_tangential_zero_of_an_output_is_one_double_point():
     p14 = p45 - 0.4 * p56
     axes = np.array([p12, p23, p34, p14, p45, p56, p16])
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    tracer = Tracer(mechanism(WATT, axes, span=(-0.3, 0.3)), samples=31)
+    tracer = PositionAnalysis(mechanism(WATT, axes, span=(-0.3, 0.3)), samples=31)
     curve = follow_arc(tracer.solver.closure, np.zeros(7))
     (simple,), (double,) = (
         report_at(tracer, curve, output, "2/1") for output in ("4/1", "6/1")
@@ -161,7 +161,7 @@ def test_a_tangential_zero_of_an_output_is_one_double_point():
     assert (simple.type, double.type) == (Type.I, Type.I)
     assert (simple.double, double.double) == (False, True)
     assert (simple.output_turns, double.output_turns) == (True, False)
-    assert simple.decided and double.decided
+    assert simple.certain and double.certain
     assert np.max(np.abs(double.values)) < 1e-7
     assert np.max(np.abs(simple.values)) < 1e-13
     (both,) = report_at(tracer, curve, "6/1", "4/1")
@@ -186,14 +186,14 @@ FOLDING = [(60, 40, 60, 40), (60, 50, 70, 40), (60, 60, 40, 40), (50, 50, 50, 50
 @pytest.mark.parametrize("degrees", FOLDING)
 def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
     arcs = np.radians(degrees)
-    tracer = Tracer(four_bar(arcs))
+    tracer = PositionAnalysis(four_bar(arcs))
     analysis = SingleFreedom(tracer, all_curves(tracer), ["4/1"])
     report = analysis.report()
     assert report.crossings
     q, y = 0, 3
     for point in report.crossings:
         crossing = point.crossing
-        assert point.decided, point.note
+        assert point.certain, point.note
         assert (crossing.rank, crossing.freedoms, len(crossing.tangents)) == (2, 2, 2)
         assert crossing.miss < 1e-15
         assert np.max(np.abs(np.sin(crossing.values))) < 1e-14
@@ -207,7 +207,7 @@ def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
         for tangent, (three, four) in zip(crossing.tangents, assembly_modes, strict=True):
             assert four.type == Type.III
             assert four.agrees
-            assert any(h.label == "III.a" and h.decided for h in four.conditions)
+            assert any(h.label == "III.a" and h.certain for h in four.conditions)
             if three.type is None:
                 gap = three.c * tangent[y] - three.d * tangent[q]
                 assert abs(gap) < 1e-12
@@ -228,7 +228,9 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     p12, p23, p34 = flat([60.0, 100.0, 40.0], [0.0, 1.0, 0.0])
     p16, p56, p45 = flat([50.0, 85.0, 35.0], [0.0, 0.6, 0.8])
     both = np.array([p12, p23, p34, common, p45, p56, p16])
-    closure = Tracer(mechanism(WATT, both, span=(-1.0, 1.0)), samples=3).solver.closure
+    closure = PositionAnalysis(
+        mechanism(WATT, both, span=(-1.0, 1.0)), samples=3
+    ).solver.closure
     crossing = crossing_near(closure, np.full(7, 1e-6))
     assert (crossing.rank, crossing.freedoms) == (4, 3)
     assert np.max(np.abs(crossing.values)) < 1e-15
@@ -236,7 +238,7 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     slopes = []
     for axes in ([p12, p23, p34, common], [common, p45, p56, p16]):
         text = "1-2 2-3 3-4 1-4"
-        one = Tracer(mechanism(text, np.array(axes), span=(-1.0, 1.0)), samples=3)
+        one = PositionAnalysis(mechanism(text, np.array(axes), span=(-1.0, 1.0)), samples=3)
         alone = crossing_near(one.solver.closure, np.full(4, 1e-6))
         slopes.append(alone.tangents[:, 3] / alone.tangents[:, 0])
     wanted = np.array([[a, b] for a in slopes[0] for b in slopes[1]])
@@ -250,7 +252,7 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
 
 def test_an_axis_that_swings_round_is_no_zero():
     """Links 3 and 6 of the Stephenson mechanism nearly stand still, once a lap."""
-    tracer = Tracer(load("stephenson"), samples=9)
+    tracer = PositionAnalysis(load("stephenson"), samples=9)
     (first, *_) = tracer.assembly_modes
     values = tracer.solver.evaluate(first, np.zeros((1, 1))).values[0]
     curve = follow_arc(tracer.solver.closure, values)
@@ -286,7 +288,7 @@ CHAINS = [(STEPHENSON, 3), (WATT, 4), (EIGHT_BARS[0], 1), (EIGHT_BARS[8], 2)]
 @pytest.mark.parametrize(("text", "seed"), CHAINS[::2])
 def test_no_zero_of_any_pole_is_missed_or_invented(text, seed):
     """A relative rate reverses between two of many samples, and in finer ones vanishes."""
-    tracer = Tracer(chain(text, seed), samples=41)
+    tracer = PositionAnalysis(chain(text, seed), samples=41)
     along = SingleFreedom(tracer, curves_of(tracer)[:1], []).along[0]
     every = all_poles(len(tracer.mechanism.links))
     along.follow(every)
@@ -311,7 +313,7 @@ def test_no_zero_of_any_pole_is_missed_or_invented(text, seed):
 
 
 def test_the_lecture_relation_of_the_four_bar_along_a_turn():
-    tracer = Tracer(load("four_bar"))
+    tracer = PositionAnalysis(load("four_bar"))
     analysis = SingleFreedom(tracer, all_curves(tracer), ["41"])
     assert analysis.outputs == ((3, 0),)
     first, _ = revolute_frames(tracer.mechanism)
@@ -335,7 +337,7 @@ def test_the_lecture_relation_of_the_four_bar_along_a_turn():
 def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations(text):
     random = np.random.default_rng(11)
     made = mechanism(text, random_axes(random, len(joints(text))), span=(-0.3, 0.3))
-    motion = Tracer(made, samples=7).motion()
+    motion = PositionAnalysis(made, samples=7).motion()
     motion = motion.rows(motion.status == Status.OK)
     rates = evaluate(motion, request(made, made.inputs[0].pair, ()))
     planned = PlannedPoles(plan(made), motion)
@@ -367,7 +369,7 @@ def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations
 
 
 def test_near_and_on_singular_points():
-    tracer = Tracer(four_bar(np.radians([100.0, 50.0, 70.0, 40.0])), samples=61)
+    tracer = PositionAnalysis(four_bar(np.radians([100.0, 50.0, 70.0, 40.0])), samples=61)
     analysis = SingleFreedom(tracer, curves_of(tracer), ["4/1"])
     away = np.append(0.0, 10.0 ** -np.arange(3.0, 15.0))
     for point in analysis.report().points:
@@ -389,7 +391,7 @@ def test_four_bars_that_nearly_fold(power):
     """Beside a folding one: ordinary points by the triangles, or an undecided crossing."""
     arcs = np.radians([60.0, 50.0, 70.0, 40.0])
     arcs[0] += 10.0**-power
-    tracer = Tracer(four_bar(arcs), samples=61)
+    tracer = PositionAnalysis(four_bar(arcs), samples=61)
     report = SingleFreedom(tracer, curves_of(tracer), ["4/1"]).report()
     dead = np.array([p.values[0] for p in report.points if p.type == Type.II])
     if not report.crossings:
@@ -397,12 +399,12 @@ def test_four_bars_that_nearly_fold(power):
         assert matched(dead, in_line(*arcs)) < 1e-9
     for crossing in report.crossings:
         assert power > 8
-        assert crossing.decided or "undecided within tolerance" in crossing.note
-        assert not crossing.decided or power > 13
+        assert crossing.certain or "undecided within tolerance" in crossing.note
+        assert not crossing.certain or power > 13
 
 
 def test_jacobian_rates_are_the_slope_of_the_jacobian():
-    tracer = Tracer(load("roller_cam"), samples=9)
+    tracer = PositionAnalysis(load("roller_cam"), samples=9)
     motion = tracer.motion()
     values = motion.values[~motion.failed][0]
     closure = tracer.solver.closure
@@ -420,7 +422,9 @@ def test_a_mechanism_that_is_singular_everywhere_says_so(coaxial, freedoms, off)
     z, slant = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])
     axes = np.array([z] * coaxial + [slant] * (4 - coaxial))
     axes[0] = np.sin(off), 0.0, np.cos(off)
-    tracer = Tracer(mechanism("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0)), samples=9)
+    tracer = PositionAnalysis(
+        mechanism("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0)), samples=9
+    )
     report = SingleFreedom(tracer, all_curves(tracer), ["3/1"]).report()
     assert report.points == report.crossings == ()
     assert report.everywhere == freedoms
@@ -432,7 +436,7 @@ def test_links_that_move_as_one_on_a_whole_curve():
 
     Each of these circles is two curves, between its crossings with the others.
     """
-    tracer = Tracer(four_bar(np.radians([50.0] * 4)))
+    tracer = PositionAnalysis(four_bar(np.radians([50.0] * 4)))
     analysis = SingleFreedom(tracer, all_curves(tracer), ["4/1", "3/1"])
     report = analysis.report()
     folded = [each for each in report.whole if each.output == (3, 0)]
@@ -447,10 +451,10 @@ def test_links_that_move_as_one_on_a_whole_curve():
 
 
 def test_wrong_links_are_errors():
-    tracer = Tracer(load("four_bar"), samples=9)
+    tracer = PositionAnalysis(load("four_bar"), samples=9)
     with pytest.raises(PlanError, match="is not a pole"):
         SingleFreedom(tracer, [], ["4/9"]).report()
     with pytest.raises(PlanError, match="is not a pole"):
         SingleFreedom(tracer, [], [("4", "4")]).report()
     with pytest.raises(PlanError, match="has 2 inputs"):
-        SingleFreedom(Tracer(load("five_bar"), samples=3), [], ["4/1"]).report()
+        SingleFreedom(PositionAnalysis(load("five_bar"), samples=3), [], ["4/1"]).report()

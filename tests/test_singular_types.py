@@ -14,7 +14,7 @@ from spherekit.model.parts import Input, Output
 from spherekit.motion.motion import motion_of
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.singular.locus import solver_of
-from spherekit.singular.several import View, coefficients, what_vanishes
+from spherekit.singular.several import SingularityReport, coefficients, what_vanishes
 from spherekit.singular.starts import closed_configurations, everywhere, points_from
 from spherekit.singular.stationarity import output_of
 from spherekit.workspace.inverse import output_kinematics
@@ -185,7 +185,7 @@ def test_no_note_takes_an_output_for_the_input():
 def test_axes_that_coincide_are_not_called_coplanar(name):
     """Theorem 2 of Di Gregorio (2015): all u_i coincide at type II of three inputs."""
     made = sk.load(name)
-    view = View.of(solver_of(made), output_of(made), "II")
+    view = SingularityReport.of(solver_of(made), output_of(made), "II")
     random = np.random.default_rng(5)
     ranges = np.stack(view.ranges, axis=1)
     values = closed_configurations(view.solver, ranges, 16, random)
@@ -244,7 +244,10 @@ def check_types(made, count):
     for output in made.outputs:
         rest = output_of(made, output.name)
         rest = replace(rest, pointing=None if len(made.inputs) > 2 else output.direction)
-        views = {kind: View.of(solver, rest, kind) for kind in ("II", "I", "self-motion")}
+        views = {
+            kind: SingularityReport.of(solver, rest, kind)
+            for kind in ("II", "I", "self-motion")
+        }
         values = closed(solver, count)
         rows = [values[:6]]
         for kind, view in views.items():

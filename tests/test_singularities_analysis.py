@@ -63,16 +63,16 @@ def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker):
             angles += [np.arccos(cosine), 2.0 * np.pi - np.arccos(cosine)]
     assert len(dead) == len(angles) > 0
     assert np.max(np.abs(np.sort(dead["q"]) - np.sort(angles))) < 1e-12
-    assert set(dead["turns"]) == {"input"}
+    assert set(dead["reversal"]) == {"input"}
     assert all(
         len(assembly_mode.split("+")) == 2 for assembly_mode in dead["assembly_mode"]
     )
     still = frame[frame["kind"] == "I"]
     assert len(frame) == len(dead) + len(still)
-    assert set(still["turns"]) <= {"output"}
+    assert set(still["reversal"]) <= {"output"}
     for kind, rows in (("I", still), ("II", dead)):
         assert all(f"{kind}.3" in labels.split() for labels in rows["condition"])
-    assert set(frame["decided"]) == {"yes"} and set(frame["double"]) == {"no"}
+    assert set(frame["certain"]) == {"yes"} and set(frame["double"]) == {"no"}
     assert set(frame["guarantee"]) == {"complete"}
     assert np.all(frame["residual"] < 1e-9)
     assert np.all(frame["note"] != "")
@@ -85,7 +85,7 @@ def test_the_relation_holds_in_every_row(rocker):
     gap = good["c"] * good["output_rate"] - good["d"] * good["input_rate"]
     assert np.max(np.abs(gap)) < 1e-12
     assert set(good["form"]) == {"i", "ii"} and set(good["output"]) == {"4/1"}
-    assert silent(frame) <= {"transmission", "to_I", "to_II"}
+    assert silent(frame) <= {"transmission", "input_margin_I", "input_margin_II"}
     assert np.all(good[good["form"] == "ii"]["transmission"].notna())
 
 
@@ -96,7 +96,7 @@ def test_the_nearest_dead_centre_is_as_far_as_the_inputs_say(rocker):
     dead = points[points["kind"] == "II"]["q"].to_numpy()
     away = np.abs(good["q"].to_numpy()[:, None] - dead)
     away = np.min(np.minimum(away, 2.0 * np.pi - away), axis=1)
-    assert np.max(np.abs(good["to_II"] - away)) < 1e-9
+    assert np.max(np.abs(good["input_margin_II"] - away)) < 1e-9
 
 
 def test_findings_count_and_warn_as_near_asks(rocker):
@@ -202,7 +202,7 @@ def test_folding_four_bars_run_with_the_right_types(name):
     assert frame["kind"].value_counts().to_dict() == kinds
     crossing = frame[frame["kind"] == "III"]
     assert all("III.a" in labels.split() for labels in crossing["condition"])
-    assert set(frame["decided"]) == {"yes"}
+    assert set(frame["certain"]) == {"yes"}
     whole = frame["q"].isna()
     assert all("at rest on the whole" in words for words in frame[whole]["note"])
     resting, still = resting_arcs(arcs)
@@ -232,9 +232,9 @@ def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
     assert silent(relation) <= {"transmission"}
     if power < 12:
         assert frame["kind"].value_counts().to_dict() == {"I": 2, "II": 2}
-        assert set(frame["decided"]) == {"yes"}
+        assert set(frame["certain"]) == {"yes"}
         return
-    assert set(frame["kind"]) == {"III"} and set(frame["decided"]) == {"no"}
+    assert set(frame["kind"]) == {"III"} and set(frame["certain"]) == {"no"}
     assert all("undecided within tolerance" in words for words in frame["note"])
     assert "AT_SINGULARITY" in set(relation["status"].astype(str))
 
@@ -253,7 +253,7 @@ def test_a_sample_on_a_dead_centre_or_beside_it_is_right_or_has_a_status(away):
     points, frame = result.frame(), result.frame(NAME, "relation")
     assert not result.failures
     assert np.min(np.abs(points[points["kind"] == "II"]["q"] - dead)) < 1e-13
-    assert silent(frame) <= {"transmission", "to_I"}
+    assert silent(frame) <= {"transmission", "input_margin_I"}
     last = frame[frame["sample"] == 4]
     if away == -1e-3:
         assert set(last["status"].astype(str)) == {"OUT_OF_REACH"}
@@ -262,7 +262,7 @@ def test_a_sample_on_a_dead_centre_or_beside_it_is_right_or_has_a_status(away):
         assert set(last["status"].astype(str)) == {"OK"}
         rates = np.abs(last["input_rate"])
         assert np.all((rates > 0.1 * np.sqrt(away)) & (rates < 10.0 * np.sqrt(away)))
-        assert np.allclose(last["to_II"], away, rtol=1e-3, atol=1e-15)
+        assert np.allclose(last["input_margin_II"], away, rtol=1e-3, atol=1e-15)
     else:
         assert set(last["status"].astype(str)) <= {"AT_SINGULARITY", "OUT_OF_REACH"}
 
@@ -284,11 +284,18 @@ def test_a_chain_that_moves_against_its_count_has_its_singularities():
     result = sk.run(dixon(np.random.default_rng(3)), NAME, samples=9)
     frame, relation = result.frame(), result.frame(NAME, "relation")
     assert not result.failures and len(frame)
-    assert set(frame["decided"]) == {"yes"}
+    assert set(frame["certain"]) == {"yes"}
     notes = " ".join(findings_of(result)[0]["notes"])
     assert "lie in one plane everywhere" in notes
     assert "are one line everywhere, so form i says nothing" in notes
-    assert silent(relation) <= {"c", "d", "angle_I", "angle_II", "transmission", "to_II"}
+    assert silent(relation) <= {
+        "c",
+        "d",
+        "distance_I",
+        "distance_II",
+        "transmission",
+        "input_margin_II",
+    }
     empty = relation[relation["c"].isna()]
     assert set(zip(empty["output"], empty["form"], strict=True)) == {("bar2/bar0", "i")}
 
@@ -335,7 +342,9 @@ def check_shipped(name, tmp_path, capsys):
     assert not findings["checks_failed"]
     one_line = any("are one line everywhere" in note for note in findings["notes"])
     unknown = {"c", "d"} if one_line else set()
-    assert silent(relation) <= {"transmission", "to_I", "to_II"} | unknown
+    assert (
+        silent(relation) <= {"transmission", "input_margin_I", "input_margin_II"} | unknown
+    )
 
 
 @pytest.mark.parametrize("name", QUICK)

@@ -14,12 +14,12 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 696_658,
-    "code lines": 57_066,
-    "files": 331,
-    "classes": 715,
-    "dataclasses": 507,
-    "functions of 60 lines": 25,
+    "nodes": 669_945,
+    "code lines": 54_292,
+    "files": 329,
+    "classes": 676,
+    "dataclasses": 479,
+    "functions of 60 lines": 20,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
 LINES = {"tests": 42_509, "benchmarks": 4_497}

@@ -13,14 +13,14 @@ from spherekit.cli.main import main
 from spherekit.conventions import Status
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.tabulate import online_model
+from spherekit.dynamics.tabulate import reduced_model
 from spherekit.engine.fields import evaluate
 from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Guarantee
 from spherekit.model.dynamics import Gravity, Mass
 from spherekit.model.parts import Input, Output
 from spherekit.model.study import ConstantSpeed, Start
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
 
@@ -74,7 +74,7 @@ def test_poles_of_open_chains(chain, route):
     q = np.repeat(Q[:, None], len(made.inputs), axis=1) * np.linspace(
         1.0, 0.5, len(made.inputs)
     )
-    tracer = Tracer(made, path=q)
+    tracer = PositionAnalysis(made, path=q)
     motion = tracer.motion()
     assert np.all(motion.status == Status.OK)
     assert tracer.claim.guarantee == Guarantee.COMPLETE
@@ -156,7 +156,7 @@ def test_one_link_as_a_pendulum():
     history = run.at(t)
     want = [weight(q) / inertia for q in history.q]
     assert np.max(np.abs(history.ddq - want)) < 1e-12
-    model = online_model(made)
+    model = reduced_model(made)
     assert abs(model.inertia(0.4) - inertia) < 1e-12
 
 

@@ -15,7 +15,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Pair, SizeGeometry
 from spherekit.motion import modes, steps
 from spherekit.motion.loops import LoopTree
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.numeric.crossings import crossings
 
 PAIRS = ("drive", "tip", "joint", "hinge")
@@ -63,7 +63,7 @@ def test_two_bars_that_can_turn_together_are_singular_and_not_out_of_reach(arcs,
     """The tip of the rocker lies on the crank's axis, or opposite to it."""
     made = four_bar(arcs, "hinge")
     gap = np.array([folded, folded + 1e-3, folded + 0.1])
-    motion = Tracer(made).at(gap)
+    motion = PositionAnalysis(made).at(gap)
     status = motion.status.reshape(len(motion.assembly_modes), -1)
     assert np.all(status[:, 0] == Status.AT_SINGULARITY)
     assert np.all(motion.residual.reshape(len(motion.assembly_modes), -1)[:, 0] < 1e-13)
@@ -88,7 +88,7 @@ def test_configuration_curves_do_not_depend_on_the_pair_driven(arcs, pairs):
     """With the rocker driven the curves on which it stands still were missing."""
     lengths = []
     for driven in pairs:
-        found = Tracer(four_bar(arcs, driven), samples=13).configurations
+        found = PositionAnalysis(four_bar(arcs, driven), samples=13).configurations
         lengths.append(sorted(each.curve.length for each in found.curves))
         # the two bars that turn together keep the other two pairs still
         moving = [np.ptp(each.curve.nodes.values, axis=0) for each in found.curves]
@@ -126,7 +126,9 @@ def test_a_pose_at_a_dead_centre_is_there_and_has_a_way_on(chain, driven):
     random = np.random.default_rng(11)
     for _ in range(2):
         made = mechanism(chain, dead_pose(chain, driven, random), driven)
-        motion = Tracer(made, path=np.array([0.0, -1e-4, 1e-4]), search=False).motion()
+        motion = PositionAnalysis(
+            made, path=np.array([0.0, -1e-4, 1e-4]), search=False
+        ).motion()
         assert motion.status[0] == Status.AT_SINGULARITY
         assert np.max(np.abs(motion.values[0])) < 1e-6  # a double root
         assert sorted(motion.status[1:]) == [Status.OK, Status.OUT_OF_REACH]
@@ -217,10 +219,10 @@ def steps_counted(monkeypatch):
 def test_steps_in_vain_end_the_search_of_modes(monkeypatch):
     """As the claim says, with the steps along its modes; others were followed beside."""
     made = sk.load("eight_bar_07")
-    every = Tracer(made, samples=3)
+    every = PositionAnalysis(made, samples=3)
     monkeypatch.setattr(modes, "MOST_IN_VAIN", 0)
     tried = steps_counted(monkeypatch)
-    few = Tracer(made, samples=3)
+    few = PositionAnalysis(made, samples=3)
     assert 0 < len(few.assembly_modes) < len(every.assembly_modes)
     count = len(few.assembly_modes)
     said = re.search(rf"stopped after (\d+) steps along {count} modes", few.search)
@@ -245,7 +247,7 @@ def test_right_angled_eight_bars_say_what_is_doubtful(monkeypatch):
     }
     plain = replace(made, geometry=SizeGeometry(links), masses=(), loads=(), outputs=())
     try:
-        tracer = Tracer(plain, samples=3)
+        tracer = PositionAnalysis(plain, samples=3)
     except sk.SpherekitError as problem:
         assert "close" in str(problem)
     else:

@@ -9,14 +9,14 @@ from refusals import text_of
 
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
-from spherekit.motion.motion import Tracer, by_laws
+from spherekit.motion.motion import PositionAnalysis, by_laws
 
 
 def at_rest(made, pair, q):
     """Return what pairs transmit at inputs (n,) of a mechanism that does not move."""
     made = made.with_inputs(pair)
     timing = by_laws([pair], {pair: sk.ConstantSpeed(0.0)}, np.arange(len(q)) * 1.0)[1]
-    found = Tracer(made, None, 0, path=np.array(q)[:, None]).motion()
+    found = PositionAnalysis(made, None, 0, path=np.array(q)[:, None]).motion()
     return reactions(replace(found, timing=timing))
 
 

@@ -13,12 +13,12 @@ from spherekit.engine.compiler import available
 from spherekit.errors import EngineError, SolveError
 from spherekit.files.read import load
 from spherekit.files.write import dump
-from spherekit.model.dynamics import Friction, Mass, PairTorque, Stop
+from spherekit.model.dynamics import Friction, JointLimit, Mass, PairTorque
 from spherekit.model.expression import parse
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry
 from spherekit.model.study import Start
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 ENGINES = (
     pytest.param(
@@ -76,7 +76,7 @@ class Case:
         mass keeps.
         """
         made = self.mechanism()
-        motion = Tracer(made).at(np.array([START.q]))
+        motion = PositionAnalysis(made).at(np.array([START.q]))
         turn, number = motion.rotations[0], made.link_number
         own = np.zeros((len(made.links), 3, 3))
         for mass in made.masses:
@@ -188,7 +188,7 @@ def test_dry_friction_of_every_speed(name, speed, dry, engine):
 INERTIA = 0.75
 
 
-def one_link(*loads, stops=()):
+def one_link(*loads, joint_limits=()):
     """Return one link of this inertia that turns about x in the ground."""
     made = Mechanism(
         "one_link",
@@ -198,7 +198,9 @@ def one_link(*loads, stops=()):
         PoseGeometry({"12": (1.0, 0.0, 0.0)}),
     ).with_inputs("12")
     tensor = ((INERTIA, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.5))
-    return replace(made, masses=(Mass("2", tensor),), loads=loads, stops=stops)
+    return replace(
+        made, masses=(Mass("2", tensor),), loads=loads, joint_limits=joint_limits
+    )
 
 
 def torque(text):
@@ -271,9 +273,11 @@ def test_friction_stops_a_link_and_holds_it(speed, engine):
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_stop_that_is_touched_ends_the_motion(engine):
     """q = t - t^2 / 2 rises to 1/2, 1e-9 above the stop."""
-    made = one_link(torque(repr(-INERTIA)), stops=(Stop("12", -1.0, 0.5 - 1e-9),))
+    made = one_link(
+        torque(repr(-INERTIA)), joint_limits=(JointLimit("12", -1.0, 0.5 - 1e-9),)
+    )
     found = simulate(made, Start(0.0, 1.0), 3.0, engine=engine)
-    assert found.end.kind == "stop"
+    assert found.end.kind == "joint_limit"
     assert abs(found.end.t - (1.0 - np.sqrt(2e-9))) < 1e-9
 
 

@@ -16,7 +16,7 @@ from spherekit.analysis.result import MOTION
 from spherekit.analysis.scene import Portrait
 from spherekit.dynamics import forward
 from spherekit.dynamics.numpy_engine import Collocation
-from spherekit.model.dynamics import Stop
+from spherekit.model.dynamics import JointLimit
 from spherekit.view.rerun_view import RerunRecorder
 
 START, LONG = sk.Start(q=0.3, dq=1.0), 20.0
@@ -124,13 +124,13 @@ def test_a_run_that_misses_its_tolerance_is_taken_back(monkeypatch, tmp_path):
 
 def test_a_simulation_that_ends_early_has_its_end_as_the_last_row(monkeypatch):
     monkeypatch.setattr(forward, "compiling_time", lambda *_: 1e9)
-    stopped = replace(sk.load("four_bar"), stops=(Stop("21", -10.0, 0.35),))
+    stopped = replace(sk.load("four_bar"), joint_limits=(JointLimit("21", -10.0, 0.35),))
     order = Order(monkeypatch)
     result = sk.run(
         stopped, "poles", start=START, duration=LONG, samples=COUNT, recorder=order
     )
     end = result.summary["simulation"]["end"]
-    assert end["kind"] == "stop" and end["t"] < LONG
+    assert end["kind"] == "joint_limit" and end["t"] < LONG
     frame = result.frame("motion")
     assert frame["t"].iloc[-1] == end["t"]
     assert order.samples == frame["sample"].tolist()
@@ -139,7 +139,7 @@ def test_a_simulation_that_ends_early_has_its_end_as_the_last_row(monkeypatch):
 def test_a_long_simulation_tells_how_far_it_is(monkeypatch):
     monkeypatch.setattr(progress, "PATIENCE", 0.0)
     said = []
-    with progress.heard_by(said.append):
+    with progress.progress_listener(said.append):
         simulated("numpy", duration=2.0)
     far = [float(text.split()[1]) for text in said if text.startswith("simulating: ")]
     assert len(far) > 5 and far[0] < 0.5 and 2.0 in far

@@ -15,16 +15,16 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.tables import SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.design import sweep_identity, sweep_parts
+from spherekit.design.requirements import _write
 from spherekit.design.sweep import DesignSpace, listed
 from spherekit.design.sweep_parts import run_sweep
-from spherekit.design.wanted import _write
 from spherekit.errors import DesignError, FileError, OutputError
 from spherekit.files.document import parse
 from spherekit.files.library import find
 from spherekit.files.read import read
 from spherekit.files.schema import check
 from spherekit.files.write import document_of, number_path, with_numbers
-from spherekit.front.size import sweep_of
+from spherekit.front.designs import sweep_of
 
 CASES = [
     (

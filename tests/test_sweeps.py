@@ -29,7 +29,7 @@ from spherekit.engine.design_kernel import (
     design_kernel,
 )
 from spherekit.engine.row_quantities import (
-    DesignTerms,
+    VariedTerms,
 )
 from spherekit.errors import (
     AnalysisError,
@@ -42,7 +42,7 @@ from spherekit.errors import (
 from spherekit.files.library import find
 from spherekit.files.read import read
 from spherekit.files.write import document_of, number_path, with_numbers
-from spherekit.front.size import sizing_of, sweep_of
+from spherekit.front.designs import specification_of, sweep_of
 from spherekit.model.study import Study
 from spherekit.numeric.crossings import wrap
 from spherekit.plugin.designs import middle_pairs, row_quantities
@@ -707,7 +707,7 @@ def test_ranges_and_middles():
 
 def test_a_kernel_may_have_nothing_to_compute():
     mechanism = sk.load("single_flier")
-    kernel = design_kernel(DesignTerms.of(mechanism, ["12"]), [])
+    kernel = design_kernel(VariedTerms.of(mechanism, ["12"]), [])
     assert kernel.prepare(np.empty((0, 3))).shape == (0, 3)
     assert kernel.evaluate(np.zeros((14, 3))).shape == (0, 3)
 
@@ -770,8 +770,8 @@ vary = { "links.crank.arc" = [19.999, 20.001] }
 figures = { high = "max(torque)" }
 """
     )
-    sizing = sizing_of(study, 4)
-    gradients = FigureGradients(sizing.sweep.evaluator)
+    synthesis = specification_of(study, 4)
+    gradients = FigureGradients(synthesis.sweep.evaluator)
     modes = [SignedMode(sign) for sign in "+-"]
     highs = [gradients.at(np.array([20.0]), mode)[0][0] for mode in modes]
     assert np.allclose(np.sort(highs), wanted[:, 0], rtol=1e-9)

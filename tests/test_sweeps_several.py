@@ -175,6 +175,6 @@ minimise = "match"
 vary = {{"links.3.arc" = [{own - 8.0}, {own + 12.0}]}}
 match = {{quantity = "theta_43", at = {places}, values = {wanted.tolist()}}}
 """)
-    found = sk.size_of(path, designs=64, starts=1)
+    found = sk.synthesize(path, designs=64, starts=1)
     assert found.objectives[0, 0] < 1e-7
     assert found.values[0, 0] == pytest.approx(own, abs=1e-6)

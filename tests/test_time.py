@@ -26,7 +26,7 @@ from spherekit.errors import (
     UndeclaredNeed,
 )
 from spherekit.files.study import load_study
-from spherekit.model.dynamics import Stop
+from spherekit.model.dynamics import JointLimit
 from spherekit.model.study import ConstantSpeed, Start
 
 HEAD = text_of("timed.study")
@@ -182,8 +182,8 @@ def test_rates_at_a_dead_centre_are_singular_rows():
 
 
 def stopped():
-    stops = (Stop("21", -1.0, 1.0),)
-    return replace(sk.load("four_bar"), stops=stops, loads=())
+    stops = (JointLimit("21", -1.0, 1.0),)
+    return replace(sk.load("four_bar"), joint_limits=stops, loads=())
 
 
 def test_what_was_found_until_an_interruption_is_kept(tmp_path, capsys):
@@ -191,7 +191,7 @@ def test_what_was_found_until_an_interruption_is_kept(tmp_path, capsys):
         stopped(), "eksergian", start=Start(0.0, 1.0), duration=10.0, samples=101
     )
     end = found.summary["simulation"]["end"]
-    assert end["kind"] == "stop"
+    assert end["kind"] == "joint_limit"
     motion = found.frame("motion")
     assert len(motion) == int(end["t"] / 0.1) + 2
     assert motion["t"].iloc[-1] == end["t"]
@@ -202,9 +202,9 @@ def test_what_was_found_until_an_interruption_is_kept(tmp_path, capsys):
     assert main([*args, "-a", "eksergian", "-o", str(tmp_path / "out")]) == 0
     said = capsys.readouterr()
     assert "ended at" in said.err
-    assert "reached its stop" in said.err
+    assert "reached its joint limit" in said.err
     assert "tolerance 1.0e-08" in said.out
-    assert (tmp_path / "out" / "motion_events.csv").read_text().count("stop") == 1
+    assert (tmp_path / "out" / "motion_events.csv").read_text().count("joint_limit") == 1
 
 
 def test_faults_with_several_inputs(study):

@@ -13,7 +13,7 @@ import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.guidance.follow import follow_rotation
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.motion import Tracer, motion_of
+from spherekit.motion.motion import PositionAnalysis, motion_of
 from spherekit.planning.inputs import plan_assembly
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.singular.several import RowType, coefficients
@@ -186,14 +186,14 @@ def test_what_the_inputs_do_not_hold_has_no_transmission():
     made = sk.load("five_bar")
     motion = sk.trace(made, samples=3)
     measure = Transmission.of(made.with_inputs("21"), made.outputs[0])
-    closure = Tracer(made, samples=3).solver.closure
+    closure = PositionAnalysis(made, samples=3).solver.closure
     assert np.all(measure.of_values(closure, motion.values[~motion.failed]) == 0.0)
 
 
 @pytest.mark.parametrize("name", ["bevel_differential", "three_rrr", "two_dof_spm"])
 def test_neither_frame_nor_ground_nor_order_matters(name):
     made = sk.load(name)
-    motion = Tracer(made, samples=3, assembly_mode=0).motion()
+    motion = PositionAnalysis(made, samples=3, assembly_mode=0).motion()
     values = motion.values[~motion.failed][:2]
     closure = Solver(made, plan_assembly(made, by_rank=True)).closure
     at = closure.at(values)

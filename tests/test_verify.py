@@ -16,7 +16,7 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.running import evaluation, verify
 from spherekit.analysis.running.evaluation import ORDINARY, Evaluation
 from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.running.summary import Asked, RunPlan, faults, told
+from spherekit.analysis.running.summary import RequestedAnalyses, RunPlan, faults, told
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
@@ -24,7 +24,7 @@ from spherekit.conventions import EPS, Status
 from spherekit.engine.fields import evaluate
 from spherekit.errors import EngineError, FileError
 from spherekit.model.study import Start
-from spherekit.motion.motion import AngleMemory, Tracer
+from spherekit.motion.motion import AngleUnwrapping, PositionAnalysis
 from spherekit.rates.request import request
 
 
@@ -150,12 +150,13 @@ def verifier_of(tracer, count):
     course = Sampling(tracer, tracer.input_grid.q, tracer.input_grid.shape, None, False, {})
     evaluation = Evaluation(ORDINARY, course, [wanted], Needs())
     return wanted, Verifier(
-        RunPlan(course, Asked((), (), {}), (wanted,), len(course), evaluation), count
+        RunPlan(course, RequestedAnalyses((), (), {}), (wanted,), len(course), evaluation),
+        count,
     )
 
 
 def test_a_wrong_configuration_has_no_reference():
-    tracer = Tracer(sk.load("four_bar"), samples=7)
+    tracer = PositionAnalysis(sk.load("four_bar"), samples=7)
     motion = tracer.motion()
     wanted, verifier = verifier_of(tracer, 20)
     values = motion.values.copy()
@@ -182,7 +183,7 @@ def test_a_wrong_configuration_has_no_reference():
 
 
 def test_nothing_to_verify():
-    tracer = Tracer(sk.load("four_bar"), samples=3)
+    tracer = PositionAnalysis(sk.load("four_bar"), samples=3)
     motion = tracer.motion()
     wanted, verifier = verifier_of(tracer, 4)
     failed = replace(
@@ -251,7 +252,7 @@ def test_a_wrong_variable_of_a_whole_motion_is_found(monkeypatch):
     The row that is off most is then the last one that is verified, several turns on.
     """
     drift = 1e-9
-    right = AngleMemory.continued
+    right = AngleUnwrapping.continued
     path = np.linspace(0.0, -25.0, 160)[:, None]
     sound = sk.run(sk.load("four_bar"), Risen(), path=path).frame()
 
@@ -259,7 +260,7 @@ def test_a_wrong_variable_of_a_whole_motion_is_found(monkeypatch):
         angles = right(memory, motion, names, solver)
         return {name: angle + drift * motion.sample for name, angle in angles.items()}
 
-    monkeypatch.setattr(AngleMemory, "continued", drifting)
+    monkeypatch.setattr(AngleUnwrapping, "continued", drifting)
     result = sk.run(sk.load("four_bar"), Risen(), path=path, verify=9)
     verdict = result.summary["verified"]
     assert "risen.rise" in verdict["beyond"]

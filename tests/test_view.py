@@ -37,7 +37,7 @@ from spherekit.analysis.scene import (
     Text,
 )
 from spherekit.errors import OutputError
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.sphere.rotation import frame_from, perpendicular, quaternion
 from spherekit.view.blueprint import input_scale, input_timeline
 from spherekit.view.names import Names
@@ -570,7 +570,7 @@ def test_picture_of_a_file_that_is_not_there(tmp_path: Path) -> None:
 
 
 def test_names_of_links_do_not_cover_each_other() -> None:
-    motion = Tracer(sk.load("two_dof_spm"), samples=1).motion()
+    motion = PositionAnalysis(sk.load("two_dof_spm"), samples=1).motion()
     bodies = link_bodies(motion.mechanism, motion.rotations[:1])
     sight = Sight.facing(None)
     given = Names(sight).give(bodies)

@@ -22,7 +22,7 @@ from spherekit.model.dynamics import Mass
 from spherekit.model.gears import pitch_angles
 from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
 from spherekit.model.study import ConstantSpeed, Start
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.output.forward import ForwardKinematics
 
 DEGREE = np.pi / 180.0
@@ -41,7 +41,7 @@ def five_bar(folder, teeth, span):
 def test_what_follows_wheels_is_grouped_as_ever(tmp_path):
     """Without its mesh the five-bar has both cranks as inputs, and dyads in closed form."""
     geared = five_bar(tmp_path, (20, 40), (0.0, 720.0))
-    tracer = Tracer(geared, samples=25)
+    tracer = PositionAnalysis(geared, samples=25)
     kinds = [group.kind for group in tracer.solver.assembly.groups]
     assert kinds == ["over-constrained group of 2 bodies", "dyad"]
     motion = tracer.motion()
@@ -56,8 +56,8 @@ def test_what_follows_wheels_is_grouped_as_ever(tmp_path):
     for mode in tracer.assembly_modes:
         rows = (motion.assembly_mode == mode.number) & (motion.status == Status.OK)
         path = motion.values[rows][:, cranks]
-        other = Tracer(free, path=path).motion()
-        modes = Tracer(free, path=path).assembly_modes
+        other = PositionAnalysis(free, path=path).motion()
+        modes = PositionAnalysis(free, path=path).assembly_modes
         (alike,) = (each.number for each in modes if each.signs[0] == mode.signs[1])
         same = other.assembly_mode == alike
         assert np.max(np.abs(other.rotations[same] - motion.rotations[rows])) < 1e-13
@@ -68,7 +68,7 @@ def test_what_follows_wheels_is_grouped_as_ever(tmp_path):
 )
 def test_wheels_that_follow_the_inputs_are_placed_without_a_search(name):
     """Random starts on the loops, with the lengths rolled held, find the same."""
-    tracer = Tracer(sk.load(name), samples=9)
+    tracer = PositionAnalysis(sk.load(name), samples=9)
     solver = tracer.solver
     assert solver.has_closed_form and not solver.assembly.has_closed_form
     assert tracer.claim.guarantee is Guarantee.COMPLETE
@@ -85,7 +85,7 @@ def test_wheels_that_follow_the_inputs_are_placed_without_a_search(name):
 
 def test_a_linkage_on_wheels_has_all_modes(tmp_path):
     geared = five_bar(tmp_path, (20, 30), (0.0, 360.0))
-    tracer = Tracer(geared, samples=25)
+    tracer = PositionAnalysis(geared, samples=25)
     assert tracer.claim.guarantee is Guarantee.COMPLETE
     assert tracer.configurations.guarantee is Guarantee.COMPLETE
     assert not tracer.configurations.mismatches
@@ -97,7 +97,7 @@ def test_wheels_of_an_irrational_ratio_never_return(tmp_path):
     text = FIVE_BAR.replace("teeth = [{0}, {1}]", "half_angles = [57.0]")
     path.write_text(text.format(0, 0, 0.0, 720.0))
     geared = sk.load(path)
-    tracer = Tracer(geared, samples=25)
+    tracer = PositionAnalysis(geared, samples=25)
     assert np.isinf(tracer.solver.periods[0])
     motion = tracer.motion()
     ok = motion.status == Status.OK
@@ -194,7 +194,7 @@ def test_a_reference_pose_says_the_phase_and_nothing_else_does(tmp_path):
     teeth, shaft = (17, 23), BASE * DEGREE
     radii = pitch_angles(teeth, shaft, "external")
     sizes = five_bar(tmp_path, teeth, (59, 61))
-    there = Tracer(sizes, samples=3).motion()
+    there = PositionAnalysis(sizes, samples=3).motion()
     names = [pair.name for pair in sizes.pairs]
     axes = {
         name: tuple(map(float, axis))
@@ -220,7 +220,7 @@ def test_a_reference_pose_says_the_phase_and_nothing_else_does(tmp_path):
     )
     for low, high in ((410.0, 440.0), (-8220.0, -8200.0)):
         span = Input("left", low * DEGREE, high * DEGREE)
-        motion = Tracer(replace(made, inputs=(span,)), samples=41).motion()
+        motion = PositionAnalysis(replace(made, inputs=(span,)), samples=41).motion()
         held = ~motion.failed
         back = -(motion.q - 60.0 * DEGREE) * teeth[0] / teeth[1]
         assert np.any(held)
@@ -241,7 +241,7 @@ def test_shipped_trains_turn_by_their_ratio_in_any_range(name, pair, ratio):
     seen = []
     for low, high in ((0.0, 1.0), (-400.0, -300.0), (1000.0, 1900.0)):
         span = replace(driven, start=low * DEGREE, stop=high * DEGREE)
-        motion = Tracer(replace(made, inputs=(span,)), samples=11).motion()
+        motion = PositionAnalysis(replace(made, inputs=(span,)), samples=11).motion()
         assert not motion.failed.any()
         seen.append(angle_of(motion, pair) - ratio * motion.q)
     assert np.max(turned(np.concatenate(seen) - seen[0][0])) < 1e-9
@@ -255,7 +255,7 @@ def test_two_inputs_of_a_differential_in_any_range():
             replace(item, start=item.start + by * DEGREE, stop=item.stop + by * DEGREE)
             for item, by in zip(made.inputs, shift, strict=True)
         )
-        motion = Tracer(replace(made, inputs=spans), samples=9).motion()
+        motion = PositionAnalysis(replace(made, inputs=spans), samples=9).motion()
         held = ~motion.failed
         assert np.sum(held) >= 9
         carrier = angle_of(motion, "carrier_axle")[held]
@@ -265,7 +265,7 @@ def test_two_inputs_of_a_differential_in_any_range():
 @pytest.mark.slow
 def test_curves_of_wheels_return_after_all_their_turns(tmp_path):
     made = five_bar(tmp_path, (20, 40), (0, 720))
-    tracer = Tracer(made, samples=73)
+    tracer = PositionAnalysis(made, samples=73)
     found = tracer.configurations
     assert not found.mismatches
     motion = tracer.motion()
@@ -292,7 +292,7 @@ def test_wheels_on_moving_links_keep_to_the_curve_of_the_reference_pose(shift):
     made = random_suspect(4).mechanism
     (driven,) = (item.pair for item in made.inputs)
     span = {driven: (shift - 40.0, shift + 60.0)}
-    tracer = Tracer(made.with_inputs(ranges=span, angle_unit="deg"), samples=101)
+    tracer = PositionAnalysis(made.with_inputs(ranges=span, angle_unit="deg"), samples=101)
     motion = tracer.motion()
     fine = (motion.status == Status.OK).reshape(len(tracer.assembly_modes), -1)
     counted = np.sum(fine, axis=0)
@@ -307,7 +307,7 @@ def test_wheels_on_moving_links_keep_to_the_curve_of_the_reference_pose(shift):
 )
 def test_lengths_of_a_train_roll_at_the_rates_of_closed_configurations(name):
     """A train is read from the carriers, rates are those of the closure equations."""
-    tracer = Tracer(sk.load(name), samples=5)
+    tracer = PositionAnalysis(sk.load(name), samples=5)
     solver, motion = tracer.solver, tracer.motion()
     driven, meshes = list(solver.driven), solver.meshes
     at = solver.closure.at(motion.values)
@@ -330,7 +330,8 @@ def test_a_second_planet_is_put_together_as_the_first_one_says(tmp_path):
     path = tmp_path / "two.toml"
     path.write_text(text + SECOND_PLANET)
     two, one = (
-        Tracer(item, samples=9) for item in (sk.load(path), sk.load("planetary_bevel"))
+        PositionAnalysis(item, samples=9)
+        for item in (sk.load(path), sk.load("planetary_bevel"))
     )
     assert two.solver.meshes.all_known and len(two.assembly_modes) == 1
     assert two.claim.guarantee is Guarantee.COMPLETE

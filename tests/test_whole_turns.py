@@ -1,4 +1,4 @@
-"""Turns of passive pairs that loads and stops see: the same by every way to a state."""
+"""Turns of passive pairs that loads and joint limits see, by every way to a state."""
 
 from dataclasses import replace
 
@@ -13,9 +13,9 @@ from spherekit.errors import SolveError
 from spherekit.exchange.coupling_made import coupling_table
 from spherekit.exchange.posed import posed
 from spherekit.files.write import document_of
-from spherekit.model.dynamics import Mass, PairTorque, Stop
+from spherekit.model.dynamics import JointLimit, Mass, PairTorque
 from spherekit.model.study import ConstantSpeed, Start
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 AWAY = 0.3 + 6.0 * np.pi
 
@@ -80,7 +80,7 @@ def loaded(name, pair):
 def whole_at(mechanism, pair, q, mode):
     """The angle of a pair that moves by less than half a turn from sample to sample."""
     path = np.linspace(0.0, q, 1 + 120 * int(np.ceil(abs(q))))[:, None]
-    tracer = Tracer(mechanism, path=path, assembly_mode=mode)
+    tracer = PositionAnalysis(mechanism, path=path, assembly_mode=mode)
     angles = tracer.motion().values[:, mechanism.angles[pair]]
     return np.unwrap(angles)[-1]
 
@@ -103,7 +103,7 @@ def generalised_forces(mechanism, q, mode):
         law = sk.Cycloidal(0.0, q, 1.0)
         rest = inverse_dynamics(mechanism, law, times, assembly_mode=mode)
         yield "inverse dynamics", -rest.torques[-1, 0]
-    stored = sk.online_model(mechanism, assembly_mode=mode, poles=[])
+    stored = sk.reduced_model(mechanism, assembly_mode=mode, poles=[])
     yield "stored", -stored.torque(q, 0.0, 0.0)
     key, document = next(iter(sizes_of(mechanism))), document_of(mechanism)
     figure = f"there=at(torque - 0.5*dB_dq, {float(np.degrees(q))!r})"
@@ -158,14 +158,14 @@ def test_three_samples_a_turn_say_what_many_do(coil):
 
 def test_stops_of_passive_pairs_count_turns(coil):
     """The same end from q = 0 and from q = 5; a start beyond it is refused."""
-    whole = sk.online_model(coil, poles=[]).value
+    whole = sk.reduced_model(coil, poles=[]).value
     limit = whole("theta_32", 5.5)
     side = np.sign(limit - whole("theta_32", 0.0))
     low, high = sorted([limit, limit - side * 30.0])
-    stopped = replace(coil, loads=(), stops=(Stop("32", low, high),))
+    stopped = replace(coil, loads=(), joint_limits=(JointLimit("32", low, high),))
     for q in (0.0, 5.0):
         found = simulate(stopped, Start(q, 3.0), 20.0, engine="numpy")
-        assert found.end.kind == "stop"
+        assert found.end.kind == "joint_limit"
         assert found.at([found.end.t]).q[0] == pytest.approx(5.5, abs=1e-6)
-    with pytest.raises(SolveError, match="outside its stops"):
+    with pytest.raises(SolveError, match="outside its joint limits"):
         simulate(stopped, Start(5.0 + 2.0 * np.pi, 3.0), 1.0, engine="numpy")

@@ -24,7 +24,11 @@ SOURCES = [
     *sorted((ROOT / "spherekit").rglob("*.py")),
     *sorted((ROOT / "analyses").glob("*.py")),
 ]
-KEYS = {"branch", "branches", "moved", "rate", "rate_dq", "flatness", "lattice", "show"}
+KEYS = {
+    *("branch", "branches", "moved", "rate", "rate_dq", "flatness", "lattice", "show"),
+    *("stops", "decided", "turns", "angle_I", "angle_II", "to_I", "to_II", "kinetic"),
+    *("across", "push", "couple", "departure"),
+}
 """Words that no key of a file and no column has any more."""
 RETIRED = {
     r"\bbranch(?:es)?\b": r"a \*branch\* is a piece|\"branch\" and|branch(?:es)? points?",
@@ -33,6 +37,9 @@ RETIRED = {
     r"\blattice\b": None,
     r"\bmid-plane form\b": None,
     r"\bno talk\b": None,
+    r"\bspherekit size\b": None,
+    r"\b[Ss]izings?\b": None,
+    r"\b(?:size_of|quickest|online_model|grid_model|online_motion)\(": None,
     r"\bbefore any number is\b": None,
     r"\bhold by the inputs\b": None,
     r"\boff the fixed axis\b": None,

@@ -18,7 +18,7 @@ from scipy.integrate import quad
 import spherekit as sk
 from spherekit.analysis.scene import SphereCurves, SphereMap, Text
 from spherekit.conventions import Status
-from spherekit.model.dynamics import Stop
+from spherekit.model.dynamics import JointLimit
 from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.forward import ForwardKinematics
@@ -34,9 +34,9 @@ from spherekit.sphere.rotation import (
 from spherekit.workspace.inverse import closed_kinematics
 from spherekit.workspace.rows import (
     AngleLimit,
-    AxesLimit,
     Constraints,
-    PairLimit,
+    InterferenceLimit,
+    JointRange,
     bounds_of,
     left_of,
 )
@@ -75,7 +75,9 @@ def mid_plane():
 
 def ten_degrees():
     ten = np.radians(10.0)
-    return Constraints(apart=(AxesLimit("21", "43", ten), AxesLimit("61", "54", ten)))
+    return Constraints(
+        apart=(InterferenceLimit("21", "43", ten), InterferenceLimit("61", "54", ten))
+    )
 
 
 def sub_loop():
@@ -280,8 +282,8 @@ def loop_case():
     mechanism = sub_loop()
     kinematics = closed_kinematics(mechanism)
     wanted = Constraints(
-        limits=(PairLimit("f2", -2.0, 1.0),),
-        apart=(AxesLimit("b1", "b2", 0.3), AxesLimit("e2", "c", 0.0, 1.9)),
+        limits=(JointRange("f2", -2.0, 1.0),),
+        apart=(InterferenceLimit("b1", "b2", 0.3), InterferenceLimit("e2", "c", 0.0, 1.9)),
         near=np.radians(6.0),
     )
     return mechanism, kinematics, bounds_of(kinematics, wanted)
@@ -328,7 +330,7 @@ def test_a_distance_to_singularities_is_known_where_an_input_cannot_move():
 def test_a_pose_outside_gets_the_nearest_reachable(five_bar):
     cloud = DIRECTIONS
     kinematics = closed_kinematics(five_bar)
-    bounds = bounds_of(kinematics, Constraints(limits=(PairLimit("21", 0.7, 2.4),)))
+    bounds = bounds_of(kinematics, Constraints(limits=(JointRange("21", 0.7, 2.4),)))
     (item,) = direction_workspaces(kinematics, bounds, [(1, 1)], 1e-3)
     inside = judge(kinematics, bounds, (1, 1), cloud).inside
     counted = 4.0 * np.pi * inside.mean()
@@ -345,7 +347,7 @@ def test_a_pose_outside_gets_the_nearest_reachable(five_bar):
 
 
 def test_stops_of_the_mechanism_are_limits(five_bar):
-    stopped = replace(five_bar, stops=(Stop("51", 0.4, 2.0),))
+    stopped = replace(five_bar, joint_limits=(JointLimit("51", 0.4, 2.0),))
     kinematics = closed_kinematics(stopped)
     (*_, bound) = bounds_of(kinematics, Constraints())
     rows = kinematics.at(DIRECTIONS, (1, -1))
@@ -353,7 +355,7 @@ def test_stops_of_the_mechanism_are_limits(five_bar):
     known = np.isfinite(q)
     assert np.array_equal(bound.left(rows)[known] >= 0.0, (np.abs(q - 1.2) <= 0.8)[known])
     with pytest.raises(sk.errors.AnalysisError, match="contradict each other"):
-        bounds_of(kinematics, Constraints(limits=(PairLimit("51", 2.5, 3.0),)))
+        bounds_of(kinematics, Constraints(limits=(JointRange("51", 2.5, 3.0),)))
 
 
 def test_a_pose_is_judged_in_each_mode(five_bar):

@@ -10,7 +10,7 @@ from benchmarks.samples import mechanism, random_axes
 from spherekit.engine.fields import evaluate
 from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.rates.request import request
 
 FAMILY = "charts of the sphere"
@@ -38,7 +38,7 @@ def with_pole_at(pole: tuple[int, int], height: float) -> Mechanism:
     """Return a six-bar with one of its poles this height over the edge in its pose."""
     axes = random_axes(np.random.default_rng(11), 7)
     made = mechanism(SIX_BAR, axes)
-    motion = Tracer(made, search=False).at(np.zeros(1))
+    motion = PositionAnalysis(made, search=False).at(np.zeros(1))
     found = evaluate(motion, request(made, made.inputs[0].pair, [pole], [pole]))
     return mechanism(SIX_BAR, turned(axes, found.direction[pole][0], height))
 
@@ -72,7 +72,7 @@ def poles_across_the_edge(counts: Sequence[float]) -> Iterator[Row]:
     less those where the rate times the direction is continuous through zero.
     """
     for count in counts:
-        motion = Tracer(load("four_bar"), samples=int(count)).motion()
+        motion = PositionAnalysis(load("four_bar"), samples=int(count)).motion()
         made = motion.mechanism
         field = evaluate(motion, request(made, "21", [(0, 2), (1, 3)], [(0, 2), (1, 3)]))
         jumps, edges = 0, 0

@@ -21,7 +21,7 @@ from benchmarks.extremes.reference import (
 from benchmarks.extremes.registry import ROUNDOFF, Row
 from spherekit.conventions import Status
 from spherekit.engine.fields import evaluate
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import (
     PoleField,
@@ -59,7 +59,7 @@ def judged(
     `search` and `route` say what is asked for.
     """
     path = np.array([np.asarray(point.inputs, dtype=float) for point in points])
-    tracer = Tracer(reference.mechanism, path=path, search=search)
+    tracer = PositionAnalysis(reference.mechanism, path=path, search=search)
     motion, mechanism = tracer.motion(), tracer.mechanism
     driven = mechanism.pairs[reference.tree.owners[reference.moved]].name
     every = all_poles(len(mechanism.links)) if poles else ()

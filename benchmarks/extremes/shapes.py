@@ -9,7 +9,7 @@ from benchmarks.extremes.kinematics import Point
 from benchmarks.extremes.reference import DIGITS, Reference, exact
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Pair, Profile, SizeGeometry
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 TURN = 2 * np.pi
 
@@ -65,7 +65,7 @@ def point_of(
     Where a mechanism has two modes, the start that Newton's method in 90 digits is given
     says which one is meant, and no more.
     """
-    motion = Tracer(mechanism, path=np.array([q]), search=search).motion()
+    motion = PositionAnalysis(mechanism, path=np.array([q]), search=search).motion()
     row = int(np.flatnonzero(~motion.failed)[0])
     reference = Reference(mechanism)
     with mp.workdps(DIGITS):

@@ -20,7 +20,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.closure import lock
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 FAMILY = "singularities"
 ALONG = "distance on the curve, rad"
@@ -58,7 +58,7 @@ def standstill(mechanism: Mechanism, stands: str, others: Sequence[float] = ()) 
     reference = Reference(mechanism)
     first = mechanism.inputs[0]
     path = np.array([[q, *others] for q in np.linspace(first.start, first.stop, 9)])
-    tracer = Tracer(mechanism, path=path)
+    tracer = PositionAnalysis(mechanism, path=path)
     motion = tracer.motion()
     (number,) = mechanism.variables_of(mechanism.pair_number[stands])
     for assembly_mode in range(len(motion.assembly_modes)):
@@ -189,7 +189,7 @@ def three_rrr_output_stands(distances: Sequence[float]) -> Iterator[Row]:
 def change_point(distances: Sequence[float]) -> Iterator[Row]:
     """Type III: a four-bar with opposite arcs equal, where its two modes cross."""
     made = four_bar(np.radians([60.0, 40.0, 60.0, 40.0]).tolist())
-    first = Tracer(made, path=np.array([[0.5]])).motion()
+    first = PositionAnalysis(made, path=np.array([[0.5]])).motion()
     reference = Reference(made)
     for values in first.values:
         with mp.workdps(DIGITS):
@@ -224,7 +224,7 @@ def folded_dyad(distances: Sequence[float]) -> Iterator[Row]:
     meeting = float(np.arccos(1.0 / np.tan(np.radians(75.0))))
     for sign in (1.0, -1.0):
         path = np.array([[meeting - sign * each, -meeting] for each in distances])
-        motion = Tracer(made, path=path).motion()
+        motion = PositionAnalysis(made, path=path).motion()
         # From farther away the reference does not reach configurations this near.
         near = exact(motion.values[np.argmin(np.abs(np.array(distances) - 1e-3))])
         points = [

@@ -5,7 +5,7 @@ from dataclasses import MISSING, fields
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from spherekit.checked import Style, in_words, read_as
+from spherekit.argument_validation import Style, in_words, read_as
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError, SpherekitError
 

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.running.kernel_columns import UnreadField
+from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.scene import Primitive, Scene, Series
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
@@ -28,8 +28,8 @@ from spherekit.arrays import Array, Floats, Integers, SmallIntegers
 from spherekit.conventions import Status, listing
 from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Extent, Motion, Timing, Tracer
-from spherekit.numeric.unread import Interleaved, Unread
+from spherekit.motion.motion import Extent, Motion, PositionAnalysis, Timing
+from spherekit.numeric.unread import Interleaved, LazyColumn
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.request import PoleField
 
@@ -100,10 +100,10 @@ class Batch:
     plans: tuple[Plan, ...]
     needs: Needs
     _motion: Motion
-    _fields: tuple[PoleField | UnreadField, ...] = field(repr=False)
+    _fields: tuple[PoleField | LazyField, ...] = field(repr=False)
     _angles: Mapping[str, Floats] = field(default_factory=dict, repr=False)
     timed: bool = False
-    _tracer: Tracer | None = field(default=None, repr=False)
+    _tracer: PositionAnalysis | None = field(default=None, repr=False)
     _extent: Callable[[], Extent] | None = field(default=None, repr=False)
     _made: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
@@ -189,7 +189,7 @@ class Batch:
         return _sealed(run_status(self._motion, self._fields))
 
     @property
-    def tracer(self) -> Tracer:
+    def tracer(self) -> PositionAnalysis:
         """The tracer of the run: its solver, its modes, all configuration curves."""
         self._check("the tracer", "tracer")
         assert self._tracer is not None
@@ -239,9 +239,9 @@ class Batch:
 
     def _column(
         self, quantity: str, i: int, j: int, moved: int, component: int | None
-    ) -> Array | Unread:
+    ) -> Array | LazyColumn:
         name, poles = _QUANTITIES[quantity], self._found(moved)
-        if isinstance(poles, UnreadField) and name not in poles.KNOWN:
+        if isinstance(poles, LazyField) and name not in poles.KNOWN:
             self._declared(i, j, quantity)
             return poles.column(name, pole_of(i, j), component or 0)
         made = np.asarray(getattr(self, quantity)(i, j, moved))
@@ -391,7 +391,7 @@ class Batch:
             )
         return columns[:, 0]
 
-    def _found(self, moved: int) -> PoleField | UnreadField:
+    def _found(self, moved: int) -> PoleField | LazyField:
         if not self._fields:
             raise UndeclaredNeed("a pole was read; declare it in needs()")
         return self._fields[moved]
@@ -448,7 +448,7 @@ def _sealed(values: Values) -> Values:
     return seen
 
 
-def run_status(motion: Motion, fields: Sequence[PoleField | UnreadField]) -> SmallIntegers:
+def run_status(motion: Motion, fields: Sequence[PoleField | LazyField]) -> SmallIntegers:
     """Return (n,) status codes of a motion, or of the first input that says more."""
     status = motion.status
     for pole_field in fields:

@@ -46,7 +46,7 @@ _BARE = re.compile(r"\s*(?:abs\s*\(\s*)?([A-Za-z_]\w*)\s*\)?\s*")
 
 @final
 @dataclass(frozen=True)
-class Merit:
+class FigureOfMerit:
     """A figure of merit: a reduction of an expression over the rows of a design.
 
     Attributes
@@ -119,7 +119,7 @@ class Merit:
         return names.get(bare[1], "") if bare else ""
 
 
-def parse_merit(text: str, radians: float) -> Merit:
+def parse_merit(text: str, radians: float) -> FigureOfMerit:
     """Return the figure of merit of ``NAME=REDUCTION(EXPRESSION)``, the name optional.
 
     Parameters
@@ -169,7 +169,9 @@ def parse_merit(text: str, radians: float) -> Merit:
         name = re.sub(r"\W+", "_", words).strip("_")
     chosen = re.findall(r"(\w+)\s*=\s*(\w+)", only)
     only_of = tuple(chosen)
-    return Merit(name, reduction, expression.strip(), point, table, "", only_of, place)
+    return FigureOfMerit(
+        name, reduction, expression.strip(), point, table, "", only_of, place
+    )
 
 
 CONTRACT = 1
@@ -265,7 +267,7 @@ class AbstractAnalysis(ABC):
         del batch
         return Findings()
 
-    def merits(self, mechanism: Mechanism) -> tuple[Merit, ...]:
+    def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return the figures of merit that compare designs; none by default.
 
         Their expressions are of `spherekit.plugin.designs.row_quantities`, or of the
@@ -292,7 +294,7 @@ class AbstractAnalysis(ABC):
 
 @final
 @dataclass(frozen=True)
-class Unusable(AbstractAnalysis):
+class BrokenAnalysis(AbstractAnalysis):
     """An analysis that is asked for and cannot be used; `why` says what is wrong."""
 
     name: str  # type: ignore[misc]

@@ -7,7 +7,7 @@ import numpy as np
 
 from spherekit.analysis.batch import Needs
 from spherekit.analysis.class_check import fault_of_class
-from spherekit.analysis.contract import AbstractAnalysis, Unusable
+from spherekit.analysis.contract import AbstractAnalysis, BrokenAnalysis
 from spherekit.analysis.faults import faults_of
 from spherekit.conventions import choices
 from spherekit.errors import PluginError
@@ -30,7 +30,7 @@ def declared(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
         With which it refuses the mechanism, or its parameters.
     """
     name = getattr(analysis, "name", type(analysis).__name__)
-    unusable = isinstance(analysis, Unusable)
+    unusable = isinstance(analysis, BrokenAnalysis)
     fault = "" if unusable else fault_of_class(type(analysis))
     if not fault:
         with faults_of(name, "needs"):

@@ -8,7 +8,7 @@ from spherekit.analysis.folder import Unfinished
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.recording import Recorder
 from spherekit.analysis.tables import Format
-from spherekit.checked import check_fields
+from spherekit.argument_validation import check_fields
 from spherekit.conventions import AnyPath
 from spherekit.engine.kernels import Engine
 from spherekit.errors import AnalysisError
@@ -48,8 +48,8 @@ class Execution:
     progress
         Called with samples done and samples in all after each block.
     block
-        Samples evaluated at once, by default as `Tracer.blocks` has them; all, if an
-        analysis wants whole batches.
+        Samples evaluated at once, by default as `PositionAnalysis.blocks` has them; all, if
+        an analysis wants whole batches.
     setting, accuracy
         How samples are computed, and what is known of the errors of that, for the summary.
     """

@@ -24,7 +24,7 @@ from spherekit.errors import AnalysisError
 from spherekit.files.atomic import check_own
 from spherekit.model.mechanism import Mechanism
 from spherekit.numeric.crossings import wrap
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.proof.balls import Ball, bits, exact, middle, upper
 from spherekit.proof.certificate import CertifiedPole, enclosed_poles
 from spherekit.proof.construction import construct
@@ -142,7 +142,7 @@ def prove_poles(
     made = construct(written.structure)
     names, links = written.structure.pairs, mechanism.links
     columns = [written.motion_columns()[pair] for pair in made.pairs]
-    working = Working("proving poles")
+    working = ProgressReporter("proving poles")
     proven: dict[tuple[int, int], Enclosed] = {}
     with bits(PRECISION):
         equations = Equations(written, made)

@@ -30,7 +30,7 @@ from spherekit.analysis.tables import (
     Table,
     TableArrays,
 )
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.conventions import choices, counted, listing
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.atomic import make_folder, write_bytes

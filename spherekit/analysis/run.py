@@ -25,12 +25,12 @@ from spherekit.analysis.result import MOTION, RunResult, file_names, result_of
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.cost import AXES, RECORDING, SEARCH, SIMULATION, Timer
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
-from spherekit.analysis.running.kernel_columns import UnreadField
+from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.recording import RecordingSession, thinning_of
 from spherekit.analysis.running.run_state import RunState
 from spherekit.analysis.running.sampling import EVENTS, courses_of
 from spherekit.analysis.running.summary import (
-    Asked,
+    RequestedAnalyses,
     RunPlan,
     actual_cost,
     faults,
@@ -43,14 +43,14 @@ from spherekit.analysis.running.summary import (
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.study import Subject, chosen, study_of, takes
 from spherekit.analysis.tables import Files, Table, TableData
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.checked import checked
 from spherekit.conventions import AnyPath, listing
 from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import AnalysisError, FileError, OutputError, SpherekitError
 from spherekit.model.study import Study
 from spherekit.motion.motion import Motion
-from spherekit.rates.request import PoleField, SignMemory
+from spherekit.rates.request import PoleField, SignContinuation
 
 
 @takes(Execution)
@@ -123,7 +123,7 @@ def executed(
         study = replace(study, mechanism=needed_part(study, analyses))
     recorder = execution.recorder
     with opened(execution.folder) as place:
-        asked = Asked.of(analyses, study.mechanism)
+        asked = RequestedAnalyses.of(analyses, study.mechanism)
         engine = engine_of(place, execution.unfinished, execution.engine)
         follow = traced(study, analyses, execution)
         with ledger.stage(solving):
@@ -225,7 +225,7 @@ def evaluate_block(
     store: StoredParts | InMemory | None,
     stage: RecordingSession | None,
     ledger: Timer,
-) -> tuple[tuple[PoleField | UnreadField, ...], Mapping[str, Floats]]:
+) -> tuple[tuple[PoleField | LazyField, ...], Mapping[str, Floats]]:
     """Evaluate a block for all analyses, and hand over what they make of it.
 
     Return its poles for each input, and the variables that go on. An analysis that fails
@@ -347,7 +347,9 @@ def taken_up(
         If there is unfinished work that is not to be gone on with, is of another run, or
         is damaged.
     """
-    standing = RunState([SignMemory() for _ in job.requests], failures=dict(job.refused))
+    standing = RunState(
+        [SignContinuation() for _ in job.requests], failures=dict(job.refused)
+    )
     if place is None:
         return standing, InMemory() if tables else None
     if not place.unfinished or unfinished == "discard":

@@ -18,8 +18,8 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.analysis.tables import IN_DEGREES
+from spherekit.argument_validation import checked_class
 from spherekit.arrays import Bools, Floats, Integers
-from spherekit.checked import checked_class
 from spherekit.errors import OutputError
 from spherekit.sphere.rotation import from_quaternion
 

@@ -14,11 +14,11 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 from spherekit.analysis.arguments import given
 from spherekit.analysis.batch import Needs
-from spherekit.analysis.contract import AbstractAnalysis, Unusable
+from spherekit.analysis.contract import AbstractAnalysis, BrokenAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.registry import create, load
-from spherekit.checked import Style, in_words, read_as
+from spherekit.argument_validation import Style, in_words, read_as
 from spherekit.conventions import choices, listing
 from spherekit.errors import AnalysisError, PluginError, SpherekitError
 from spherekit.files.schema import mismatch, shown
@@ -64,7 +64,7 @@ def chosen(
 ) -> list[AbstractAnalysis]:
     """Return the analyses of a run: those asked for, else those that the study names.
 
-    For one that is broken there is an `Unusable` one, so that the others go on.
+    For one that is broken there is an `BrokenAnalysis` one, so that the others go on.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def chosen(
         try:
             analyses.append(create(item) if asked else _named(study, item, named[item]))
         except PluginError as fault:
-            analyses.append(Unusable(item.partition(":")[0], str(fault)))
+            analyses.append(BrokenAnalysis(item.partition(":")[0], str(fault)))
     return analyses
 
 

@@ -52,7 +52,7 @@ def _executed(words: list[str]) -> int:
     """Run a command line and return its exit status."""
     from spherekit.cli.grammar import USAGE, fill, home_of, parser
     from spherekit.errors import SpherekitError
-    from spherekit.progress import heard_by
+    from spherekit.progress import progress_listener
     from spherekit.resources import need_space
 
     grammar = parser()
@@ -70,7 +70,7 @@ def _executed(words: list[str]) -> int:
         _trace_plugins()
     try:
         need_space(LEAST_SPACE, "numerical libraries need")
-        with heard_by(None if options.quiet else _say):
+        with progress_listener(None if options.quiet else _say):
             return int(home_of(options.command).execute(options))
     except SpherekitError as problem:
         if options.traceback:

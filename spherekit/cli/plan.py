@@ -36,7 +36,7 @@ def execute(options: argparse.Namespace) -> int:
     """Print the plan, or one plan for each of several inputs."""
     from spherekit.errors import CountError
     from spherekit.files.read import load
-    from spherekit.motion.motion import Tracer
+    from spherekit.motion.motion import PositionAnalysis
     from spherekit.planning.inputs import driven_pairs
     from spherekit.planning.plan import plan
     from spherekit.planning.poles import as_dict, as_markdown, as_text, describe
@@ -49,7 +49,7 @@ def execute(options: argparse.Namespace) -> int:
         planned = [plan(mechanism, poles, name) for name in moved]
     except CountError:
         one = moved[0] if len(names) == 1 else None
-        if not Tracer(mechanism, one, samples=2).by_rank:
+        if not PositionAnalysis(mechanism, one, samples=2).by_rank:
             raise
         planned = [plan(mechanism, poles, name, by_rank=True) for name in moved]
     if options.json:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from spherekit.cli.run_report import duration
 from spherekit.conventions import counted
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 
 BAR = 30
 
@@ -17,7 +17,7 @@ def progress(quiet: bool) -> Callable[[int, int], None] | None:
         return None
     if sys.stderr.isatty():
         return Bar(time.monotonic)
-    working = Working("computing")
+    working = ProgressReporter("computing")
 
     def tell(done: int, total: int) -> None:
         if done < total:

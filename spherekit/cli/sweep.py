@@ -70,7 +70,7 @@ def execute(options: argparse.Namespace) -> int:
     from spherekit.analysis.registry import create
     from spherekit.design.sweep import DesignSpace, variation
     from spherekit.errors import DesignError
-    from spherekit.front.size import perform, sweep_of
+    from spherekit.front.designs import perform, sweep_of
 
     if options.tables and options.output is None:
         raise DesignError("--tables: give the folder to which they go, -o DIR")

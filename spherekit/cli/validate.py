@@ -59,7 +59,7 @@ def check(name: str, locks: Sequence[str] | None = None) -> dict[str, Any]:
     from spherekit.analysis.study import analyses_of
     from spherekit.files.study import load_study
     from spherekit.motion.loops import rank_mobility
-    from spherekit.motion.motion import Tracer
+    from spherekit.motion.motion import PositionAnalysis
     from spherekit.planning.inputs import graph_mobility
     from spherekit.planning.plan import plans
 
@@ -76,7 +76,7 @@ def check(name: str, locks: Sequence[str] | None = None) -> dict[str, Any]:
         check_time(study)
         facts["study"] = study.name
         facts["analyses"] = [analysis.name for analysis in analyses_of(study)]
-    tracer = Tracer(mechanism, samples=COARSE)
+    tracer = PositionAnalysis(mechanism, samples=COARSE)
     if tracer.unnamed:
         raise SolveError(f"{mechanism.name}: {'; '.join(tracer.unnamed)}")
     planned = plans(mechanism, tracer.by_rank)

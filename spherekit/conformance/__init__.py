@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from spherekit.conformance.examine import Examination, Subject
+from spherekit.conformance.examine import ConformanceSuite, Subject
 from spherekit.conformance.report import Line, Report
 from spherekit.errors import PluginError
 from spherekit.model.mechanism import Mechanism
@@ -58,7 +58,7 @@ def conformance(
     >>> report["blocks"].verdict
     'holds'
     """
-    report = Examination(analysis, mechanisms, samples).report()
+    report = ConformanceSuite(analysis, mechanisms, samples).report()
     if report.failing:
         lines = "\n".join(f"  {line.name}: {line.note}" for line in report.failing)
         raise PluginError(f"{report.analysis} does not conform:\n{lines}")

@@ -23,7 +23,7 @@ from spherekit.analysis.registry import create, load, origin_of
 from spherekit.analysis.run import executed
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, TableArrays, arrays
 from spherekit.arrays import Floats
-from spherekit.conformance.report import Line, Report, Trial, failed_at
+from spherekit.conformance.report import ConformanceCase, Line, Report, failed_at
 from spherekit.conformance.variants import (
     BLOCKS,
     VARIANTS,
@@ -56,7 +56,7 @@ READ_ONLY = "read-only"
 ASKED = ("compute", "findings", "scene")
 
 Subject = type[AbstractAnalysis] | AbstractAnalysis | str
-Check = Callable[[Trial], str]
+Check = Callable[[ConformanceCase], str]
 
 
 class NotAppliesError(Exception):
@@ -64,7 +64,7 @@ class NotAppliesError(Exception):
 
 
 @final
-class Examination:
+class ConformanceSuite:
     """An analysis looked at, line by line."""
 
     def __init__(
@@ -73,7 +73,7 @@ class Examination:
         self._subject = subject
         self._asked = mechanisms
         self._samples = samples
-        self._trials: list[Trial] = []
+        self._trials: list[ConformanceCase] = []
         self._notes: list[str] = []
         self._lines: list[Line] = []
         self._analysis: AbstractAnalysis | None = None
@@ -176,7 +176,7 @@ class Examination:
                 )
             if repr(self._analysis) != before:
                 raise PluginError("needs changes the parameters of the analysis")
-            self._trials.append(Trial(self._analysis, mechanism, self._samples))
+            self._trials.append(ConformanceCase(self._analysis, mechanism, self._samples))
         if not self._trials:
             raise PluginError(f"it refuses every mechanism: {'; '.join(refused)}")
         self._notes += refused
@@ -223,7 +223,7 @@ class Examination:
         return "; ".join(filter(None, dict.fromkeys([*notes, *without])))
 
 
-def _ask(trial: Trial, method: str) -> None:
+def _ask(trial: ConformanceCase, method: str) -> None:
     """Ask one thing of an analysis for all samples at once."""
     (batch,) = trial.batches(len(trial.course))
     with faults_of(trial.analysis.name, method):
@@ -239,7 +239,7 @@ def _changed(first: Needs, again: Sequence[Needs]) -> str:
     )
 
 
-def _reads(trial: Trial) -> str:
+def _reads(trial: ConformanceCase) -> str:
     """Nothing is read that was not declared, nor found in another way."""
     for method in ASKED:
         try:
@@ -260,7 +260,7 @@ def _reads(trial: Trial) -> str:
     return ""
 
 
-def _inputs(trial: Trial) -> str:
+def _inputs(trial: ConformanceCase) -> str:
     """What is read is left as it was."""
     for method in ASKED:
         try:
@@ -274,7 +274,7 @@ def _inputs(trial: Trial) -> str:
     return ""
 
 
-def _tables(trial: Trial) -> str:
+def _tables(trial: ConformanceCase) -> str:
     """Tables have the columns, types and rows that were declared."""
     (batch,) = trial.batches(len(trial.course))
     tables = trial.job.tables_of(trial.analysis)
@@ -294,14 +294,14 @@ def _tables(trial: Trial) -> str:
     return ""
 
 
-def _findings(trial: Trial) -> str:
+def _findings(trial: ConformanceCase) -> str:
     """What is found is ready for JSON."""
     (batch,) = trial.batches(len(trial.course))
     findings_of(trial.analysis, batch, None)
     return ""
 
 
-def _blocks(trial: Trial) -> str:
+def _blocks(trial: ConformanceCase) -> str:
     """Other blocks give the same rows and findings."""
     if not trial.analysis.reads_samples:
         raise NotAppliesError("it reads no samples")
@@ -336,7 +336,7 @@ def _alike(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-def _failed_rows(trial: Trial) -> str:
+def _failed_rows(trial: ConformanceCase) -> str:
     """A row without a configuration says so, and no other row changes."""
     if not trial.analysis.reads_samples:
         raise NotAppliesError("it reads no samples")
@@ -371,7 +371,7 @@ def _failed_rows(trial: Trial) -> str:
     return ""
 
 
-def _rotation(trial: Trial) -> str:
+def _rotation(trial: ConformanceCase) -> str:
     """The mechanism turned as a whole gives the same, with vectors turned."""
     try:
         other = replace(trial, mechanism=turned(trial.mechanism, TURN))
@@ -381,13 +381,13 @@ def _rotation(trial: Trial) -> str:
     return ""
 
 
-def _names(trial: Trial) -> str:
+def _names(trial: ConformanceCase) -> str:
     """Links of other names, and in another order, give the same rows."""
     mechanism = trial.mechanism
     for order in (mechanism.links[1:], mechanism.links[:0:-1]):
         names = {link: f"body_{k}" for k, link in enumerate((mechanism.ground, *order))}
         analysis = with_names(trial.analysis, names)
-        other = Trial(analysis, renamed(mechanism, names), trial.samples)
+        other = ConformanceCase(analysis, renamed(mechanism, names), trial.samples)
         back = {new: old for old, new in names.items()}
         numbers = {old: other.mechanism.link_number[new] for old, new in names.items()}
         for table in trial.job.tables_of(trial.analysis):
@@ -414,7 +414,7 @@ def with_names(analysis: AbstractAnalysis, names: Mapping[str, str]) -> Abstract
     return replace(analysis, **changes)  # type: ignore[type-var]
 
 
-def _scene(trial: Trial) -> str:
+def _scene(trial: ConformanceCase) -> str:
     """What is to be seen can be recorded, in the viewer's strict mode."""
     from spherekit.view.rerun_view import RerunRecorder
 
@@ -432,7 +432,7 @@ def _scene(trial: Trial) -> str:
 
 
 def _same(
-    trial: Trial,
+    trial: ConformanceCase,
     expected: Mapping[str, TableArrays],
     given: Mapping[str, TableArrays],
     where: str,

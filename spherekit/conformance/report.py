@@ -16,14 +16,14 @@ from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.evaluation import ORDINARY
 from spherekit.analysis.running.sampling import Sampling, course_of
-from spherekit.analysis.running.summary import Asked, RunPlan, job_of
+from spherekit.analysis.running.summary import RequestedAnalyses, RunPlan, job_of
 from spherekit.analysis.tables import TableArrays
 from spherekit.conventions import Status
 from spherekit.errors import PluginError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.motion.motion import AngleMemory, Motion
-from spherekit.rates.request import SignMemory
+from spherekit.motion.motion import AngleUnwrapping, Motion
+from spherekit.rates.request import SignContinuation
 
 Verdict = Literal["holds", "FAILS", "not checked"]
 
@@ -74,7 +74,7 @@ def _kept(motion: Motion) -> Motion:
 
 @final
 @dataclass(frozen=True)
-class Trial:
+class ConformanceCase:
     """An analysis and what it is tried on: `samples` of each input's range."""
 
     analysis: AbstractAnalysis
@@ -96,7 +96,7 @@ class Trial:
         PluginError
             If the analysis breaks the contract.
         """
-        asked = Asked.of([self.analysis], self.course.tracer.mechanism)
+        asked = RequestedAnalyses.of([self.analysis], self.course.tracer.mechanism)
         job = job_of(self.course, asked, None, ORDINARY, False)
         for fault in job.refused.values():
             raise PluginError(fault)
@@ -121,7 +121,7 @@ class Trial:
         analysis then sees of it.
         """
         job, course = self.job, self.course
-        signs, memory = [SignMemory() for _ in job.requests], AngleMemory()
+        signs, memory = [SignContinuation() for _ in job.requests], AngleUnwrapping()
         made = []
         for block in job.evaluation.blocks(size):
             motion = change(block)

@@ -1,1 +1,1 @@
-"""Many designs of one topology: sizes varied, figures of merit, sensitivity, sizing."""
+"""Many designs of one topology: sizes varied, figures of merit, sensitivity, synthesis."""

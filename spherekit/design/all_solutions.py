@@ -21,7 +21,7 @@ import numpy as np
 from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.engine.design_kernel import PathKernel, path_kernel
 from spherekit.engine.row_quantities import (
-    DesignTerms,
+    VariedTerms,
 )
 from spherekit.model.parts import Input
 from spherekit.motion.assembly_modes import Solver
@@ -43,7 +43,7 @@ SEEDED = 5
 
 @final
 @dataclass(frozen=True)
-class StartSet:
+class StartSolutions:
     """The solutions (variables, m) of a design with `sizes` (k,) at complex inputs q.
 
     `counted` says whether their number is known, and was found.
@@ -56,8 +56,8 @@ class StartSet:
 
 
 def start_set(
-    kernel: PathKernel, sizes: Floats, terms: DesignTerms, of_every: Floats
-) -> StartSet | None:
+    kernel: PathKernel, sizes: Floats, terms: VariedTerms, of_every: Floats
+) -> StartSolutions | None:
     """Return all solutions of the mechanism of a file; None if they are not found.
 
     `sizes` are its numbers that `kernel` has as inputs. Loops go through all its sizes,
@@ -86,7 +86,7 @@ def start_set(
     counted = roots > 0 and values.shape == solutions.shape
     at_rest = np.repeat(sizes[:, None], values.shape[1], axis=1)
     _, closed = settled(kernel, values, kernel.prepare(at_rest))
-    return StartSet(values, sizes, q, counted) if np.all(closed) else None
+    return StartSolutions(values, sizes, q, counted) if np.all(closed) else None
 
 
 def _all(
@@ -112,7 +112,7 @@ def _all(
 
 
 def _seeds(
-    terms: DesignTerms, kernel: PathKernel, sizes: Floats, inputs: Floats
+    terms: VariedTerms, kernel: PathKernel, sizes: Floats, inputs: Floats
 ) -> tuple[Floats, int]:
     """Return solutions (variables, n) at inputs (m, k), and how many there are in all.
 
@@ -168,7 +168,7 @@ def _around(
         corners.append((there, q[:, None] + np.repeat(away, count, axis=1)))
     now, arrived = np.tile(values, (1, TOGETHER)), np.ones(TOGETHER * count, dtype=bool)
     for (one, begin), (other, end) in zip(corners, corners[1:] + corners[:1], strict=True):
-        now, reached = tracked(kernel, Way((one, other), (begin, end)), now)
+        now, reached = tracked(kernel, HomotopyPath((one, other), (begin, end)), now)
         arrived &= reached
     return now[:, arrived]
 
@@ -181,7 +181,7 @@ def _moved(
 ) -> Array:
     """Return where solutions come to, those that do."""
     one, other = sizes
-    made, arrived = tracked(kernel, Way((one[:, None], other[:, None]), q), values)
+    made, arrived = tracked(kernel, HomotopyPath((one[:, None], other[:, None]), q), values)
     return made[:, arrived]
 
 
@@ -214,7 +214,7 @@ SAME = 1e-6
 
 @final
 @dataclass(frozen=True)
-class Way:
+class HomotopyPath:
     """Ways of n rows in sizes and inputs: straight, and bent off the real axis between.
 
     `sizes` (k, n) and `q` (inputs, n) at both ends, or (k, 1) and (inputs, 1) of all;
@@ -234,7 +234,7 @@ class Way:
         return one + (other - one) * t, q
 
 
-def tracked(kernel: PathKernel, way: Way, start: Array) -> tuple[Array, Bools]:
+def tracked(kernel: PathKernel, way: HomotopyPath, start: Array) -> tuple[Array, Bools]:
     """Return the solutions (variables, n) at the ends of ways, and which arrived (n,)."""
     n = start.shape[1]
     now = start.astype(complex)

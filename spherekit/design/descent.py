@@ -1,4 +1,4 @@
-"""Descents of sizings by exact gradients.
+"""Descents of syntheses by exact gradients.
 
 The least of the greatest of several functions that have kinks, within bounds.
 """
@@ -13,9 +13,9 @@ from spherekit.arrays import Array, Bools, Floats
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.figures import extremes, widest_swings
 from spherekit.design.held_modes import HeldMode
+from spherekit.design.requirements import MATCH, Specification
 from spherekit.design.sensitivity import DEG, DesignAt
 from spherekit.design.sweep import Columns
-from spherekit.design.wanted import MATCH, Sizing
 from spherekit.engine.design_kernel import design_kernel
 from spherekit.engine.expression_graph import (
     Expr,
@@ -236,11 +236,11 @@ def with_derivatives(
 
 @final
 class Descent:
-    """Descents of a sizing in units of the ranges of its variables."""
+    """Descents of a synthesis in units of the ranges of its variables."""
 
-    def __init__(self, sizing: Sizing) -> None:
-        self.sizing = sizing
-        sweep = self.sweep = sizing.sweep
+    def __init__(self, synthesis: Specification) -> None:
+        self.synthesis = synthesis
+        sweep = self.sweep = synthesis.sweep
         assert isinstance(sweep.evaluator, Evaluator)
         self.figures = FigureGradients(sweep.evaluator)
         self.low = np.array([variation.low for variation in sweep.space.variations])
@@ -250,18 +250,18 @@ class Descent:
         terms = symbols(variable.name for variable in sweep.variables)
         terms += symbols(merit.name for merit in sweep.merits)
         named = {x.arguments[0]: (x, x) for x in terms}
-        if sizing.matched:
-            missed = [named[name][0] for name in sizing.matched]
+        if synthesis.matched:
+            missed = [named[name][0] for name in synthesis.matched]
             size = np.sqrt(sum(x * x for x in missed) / len(missed))
             named[MATCH] = (size, size)
-        items = [expression_terms(item, named) for item in sizing.objectives]
+        items = [expression_terms(item, named) for item in synthesis.objectives]
         for item in sweep.conditions:
             if "closes" not in item.names:
                 sides = [expression_terms(x, named) for x in (item.left, item.right)]
                 less, more = sides if item.sign.startswith("<") else sides[::-1]
                 items.append(less - more)
         self._wanted, self._function = (
-            len(sizing.objectives),
+            len(synthesis.objectives),
             with_derivatives(items, terms),
         )
         radians = DEG if sweep.angle == "deg" else 1.0
@@ -382,7 +382,7 @@ BESIDE = 0.1
 
 @final
 @dataclass(frozen=True)
-class End:
+class LocalOptimum:
     """Where a descent ended: mode, place in units of the ranges, objectives and figures."""
 
     mode: HeldMode
@@ -392,13 +392,13 @@ class End:
 
 
 @final
-class Settling:
-    """Descents to where a sizing's objectives no longer fall.
+class Convergence:
+    """Descents to where a synthesis's objectives no longer fall.
 
     Parameters
     ----------
     descent
-        The sizing's descents.
+        The synthesis's descents.
     modes, places, wanted
         Rows that are tried as other starts: modes (n,), places (n, variables) and
         objectives (n, k).
@@ -419,7 +419,7 @@ class Settling:
         """By how much of each objective (k,) a design has to be better to beat another."""
         return BEATEN * self.size
 
-    def down(self, mode: HeldMode, x: Floats) -> End:
+    def down(self, mode: HeldMode, x: Floats) -> LocalOptimum:
         """Return where descents from x end for good, those of one objective and of all."""
         descent = self.descent
         for _ in range(ROUNDS):
@@ -434,12 +434,12 @@ class Settling:
                 break
         return self.here(mode, x)
 
-    def here(self, mode: HeldMode, x: Floats) -> End:
+    def here(self, mode: HeldMode, x: Floats) -> LocalOptimum:
         """Return a place as the end of a descent."""
         (wanted, *_), _, figures = self.descent.at(x, mode)
-        return End(mode, x, wanted, figures)
+        return LocalOptimum(mode, x, wanted, figures)
 
-    def attacked(self, end: End, ends: Sequence[End]) -> End:
+    def attacked(self, end: LocalOptimum, ends: Sequence[LocalOptimum]) -> LocalOptimum:
         """Return what is left where a design, also from other starts, beats an end."""
         for _ in range(ROUNDS):
             for start in self._others(end, ends):
@@ -453,7 +453,7 @@ class Settling:
                 break
         return end
 
-    def _others(self, end: End, ends: Sequence[End]) -> Iterator[Floats]:
+    def _others(self, end: LocalOptimum, ends: Sequence[LocalOptimum]) -> Iterator[Floats]:
         """Yield places apart from an end, those that come nearest to beating it first."""
         rows = self.modes == end.mode.label
         others = [other for other in ends if other.mode.goes_on_in(end.mode)]
@@ -469,14 +469,14 @@ class Settling:
                 yield places[k]
 
 
-def unbeaten(ends: Sequence[End], tolerance: Floats) -> list[End]:
+def unbeaten(ends: Sequence[LocalOptimum], tolerance: Floats) -> list[LocalOptimum]:
     """Return the ends that none of their mode beats within a tolerance (k,).
 
     One beats another that is less in an objective by more than the tolerance, and in
     none greater by more.
     """
 
-    def beats(one: End, other: End) -> bool:
+    def beats(one: LocalOptimum, other: LocalOptimum) -> bool:
         less = other.wanted - one.wanted
         return bool(np.all(less >= -tolerance) and np.any(less > tolerance))
 

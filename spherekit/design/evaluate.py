@@ -14,10 +14,10 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import Merit
+from spherekit.analysis.contract import FigureOfMerit
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN
-from spherekit.design.all_solutions import StartSet, start_set
+from spherekit.design.all_solutions import StartSolutions, start_set
 from spherekit.design.figures import (
     BLOCK,
     IMPOSSIBLE,
@@ -49,7 +49,7 @@ from spherekit.engine.design_kernel import (
 )
 from spherekit.engine.hinges import hinged
 from spherekit.engine.row_quantities import (
-    DesignTerms,
+    VariedTerms,
 )
 from spherekit.engine.turns import turning_pairs
 from spherekit.errors import DesignError, SpherekitError
@@ -60,7 +60,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
 from spherekit.motion.assembly_modes import Solver, first_turns
 from spherekit.motion.input_grid import InputGrid
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import plan_assembly
 from spherekit.singular.grashof import class_of, four_bar_links
@@ -304,7 +304,7 @@ class Evaluator:
         document: Document,
         mechanism: Mechanism,
         variables: Sequence[DesignVariable],
-        merits: Sequence[Merit],
+        merits: Sequence[FigureOfMerit],
         samples: DesignSamples,
     ) -> None:
         self.document, self.mechanism, self.inputs = document, mechanism, samples.inputs
@@ -316,7 +316,7 @@ class Evaluator:
         self.varied = VariedMechanism(
             document, mechanism, variables, self.inputs, contacts, self._masses_follow
         )
-        self._paths: tuple[PathKernel, StartSet] | None = None
+        self._paths: tuple[PathKernel, StartSolutions] | None = None
         self.kernel = self._kernel()
 
     def _kernel(self) -> DesignKernel | None:
@@ -335,11 +335,11 @@ class Evaluator:
             self._paths = paths, start
         return design_kernel(terms, self.figures.columns)
 
-    def _every_size(self) -> tuple[DesignTerms, Floats]:
+    def _every_size(self) -> tuple[VariedTerms, Floats]:
         """Return terms of all sizes of the mechanism, and what these are in the file."""
         contacts = self.varied.contacts
         if contacts is not None:
-            terms = DesignTerms.of(
+            terms = VariedTerms.of(
                 contacts.mechanism,
                 self.inputs,
                 [f"turned_{k}" for k in range(len(contacts.numbers))],
@@ -500,16 +500,16 @@ class Evaluator:
         lattice, place = self._followed_inputs
         return followed_modes(*self._paths, sizes, lattice), place
 
-    def traced(self, mechanism: Mechanism) -> tuple[Tracer, Motion, Floats]:
+    def traced(self, mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, Floats]:
         """Return what traced one design, and its motion.
 
         With the variables (v, samples and points, modes), NaN where a mode does not close.
         """
         lattice, points = self.samples.lattice, self.figures.points
         if lattice.is_path:
-            tracer = Tracer(mechanism, self.inputs, path=lattice.q)
+            tracer = PositionAnalysis(mechanism, self.inputs, path=lattice.q)
         else:
-            tracer = Tracer(mechanism, self.inputs, samples=lattice.shape)
+            tracer = PositionAnalysis(mechanism, self.inputs, samples=lattice.shape)
         motions = [tracer.motion()]
         if len(points) and len(self.inputs) == 1:
             motions.append(tracer.at(points[:, :1]))
@@ -608,12 +608,12 @@ class Evaluator:
     def _single(self, mechanism: Mechanism) -> Evaluated:
         assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
         if assembly.has_closed_form:
-            terms = DesignTerms.of(mechanism, self.inputs)
+            terms = VariedTerms.of(mechanism, self.inputs)
             kernel = design_kernel(terms, self.figures.columns, compiled=False)
             return self._modes(kernel, np.empty((0, 1)))
         tracer, motion, values = self.traced(mechanism)
         profiled = self.varied.is_profiled
-        terms = DesignTerms.of(
+        terms = VariedTerms.of(
             mechanism,
             self.inputs,
             geometry=lambda _: turning_pairs(mechanism, as_columns=profiled),

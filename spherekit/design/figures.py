@@ -7,7 +7,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import Merit
+from spherekit.analysis.contract import FigureOfMerit
 from spherekit.analysis.running.sampling import UNIT_SPEED, check_time
 from spherekit.arrays import Array, Floats, Indices, Integers
 from spherekit.conventions import counted, listing
@@ -223,7 +223,7 @@ class KernelFigures:
     """
 
     def __init__(
-        self, mechanism: Mechanism, merits: Sequence[Merit], samples: DesignSamples
+        self, mechanism: Mechanism, merits: Sequence[FigureOfMerit], samples: DesignSamples
     ) -> None:
         self.merits, self.inputs, self.samples = tuple(merits), samples.inputs, samples
         self.names = [merit.name for merit in merits]
@@ -272,7 +272,7 @@ class KernelFigures:
         """Whether a figure depends on masses or loads."""
         return any(name.split("_by_")[0].startswith(INERTIAL) for name in self.columns)
 
-    def rows_of(self, merit: Merit) -> Indices:
+    def rows_of(self, merit: FigureOfMerit) -> Indices:
         """Return the numbers of the `rows` that a figure is of: samples, or its point."""
         count = len(self.samples.rows)
         if not merit.point:
@@ -280,7 +280,7 @@ class KernelFigures:
         inputs = self.points[:, : len(self.inputs)]
         return count + np.flatnonzero(np.all(inputs == merit.point, axis=1))
 
-    def reduced(self, merit: Merit, values: Floats) -> Floats:
+    def reduced(self, merit: FigureOfMerit, values: Floats) -> Floats:
         """Return the figure (n,) of values (rows, n) at `rows_of` it."""
         place = self.inputs.index(merit.place) if merit.place else 0
         q = self.rows[self.rows_of(merit), place]

@@ -17,8 +17,8 @@ import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices, Integers
 from spherekit.design.all_solutions import (
-    StartSet,
-    Way,
+    HomotopyPath,
+    StartSolutions,
     apart,
     corrected,
     distinct,
@@ -62,7 +62,7 @@ class Modes:
 
 
 def followed_modes(
-    kernel: PathKernel, start: StartSet, sizes: Floats, lattice: InputGrid
+    kernel: PathKernel, start: StartSolutions, sizes: Floats, lattice: InputGrid
 ) -> Modes:
     """Return the modes of designs (sizes, n) at inputs: a path, or a grid."""
     m = start.values.shape[1]
@@ -148,10 +148,12 @@ class _Following:
         self.prepared = kernel.prepare(np.ascontiguousarray(sizes))
         self.lost = np.zeros(sizes.shape[1] // together, dtype=bool)
 
-    def begun(self, start: StartSet, q: Floats) -> _Sample:
+    def begun(self, start: StartSolutions, q: Floats) -> _Sample:
         """Return the first sample."""
         n = len(self.lost)
-        way = Way((start.sizes[:, None], self.sizes), (start.q[:, None], q[:, None]))
+        way = HomotopyPath(
+            (start.sizes[:, None], self.sizes), (start.q[:, None], q[:, None])
+        )
         values, arrived = tracked(self.kernel, way, np.tile(start.values, (1, n)))
         values[:, ~arrived] = np.nan
         values, real = self._real(values, np.ones(n * self.m, dtype=bool))
@@ -207,7 +209,7 @@ class _Following:
                 break
             rows = np.flatnonzero(np.repeat(again, self.m))
             sizes, ends = self.sizes[:, rows], (before[:, None], there[:, None])
-            way = Way((sizes, sizes), ends, 1j * bend * h[:, None])
+            way = HomotopyPath((sizes, sizes), ends, 1j * bend * h[:, None])
             arrivals, arrived = tracked(kernel, way, at.values[:, rows])
             arrivals[:, ~arrived] = np.nan
             values[:, rows] = arrivals

@@ -87,7 +87,7 @@ class FollowedMode:
 
 
 HeldMode = SignedMode | FollowedMode
-"""An assembly mode at the samples of a sizing, then at the inputs of its figures.
+"""An assembly mode at the samples of a synthesis, then at the inputs of its figures.
 
 Its `label` is its name among the modes of the design, `places` are those (w, count) that
 the kernel has of it for a design, NaN where it does not close or cannot be followed to it.
@@ -95,7 +95,7 @@ the kernel has of it for a design, NaN where it does not close or cannot be foll
 
 
 @final
-class HeldModes:
+class TrackedModes:
     """The assembly modes of designs of an evaluator."""
 
     def __init__(self, evaluator: Evaluator) -> None:

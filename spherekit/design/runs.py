@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis, Merit
+from spherekit.analysis.contract import AbstractAnalysis, FigureOfMerit
 from spherekit.analysis.execution import Execution
 from spherekit.analysis.result import MOTION, RunResult, stems
 from spherekit.analysis.run import executed
@@ -89,7 +89,7 @@ class DesignRuns:
         document: Document,
         study: Study,
         variables: Sequence[DesignVariable],
-        merits: Sequence[Merit],
+        merits: Sequence[FigureOfMerit],
         analyses: Sequence[AbstractAnalysis],
         tables: bool,
         kernel_figures: Evaluator | None,
@@ -242,7 +242,9 @@ class DesignRuns:
             _tables(run) if self.tables else (),
         )
 
-    def _by_mode(self, run: RunResult, merit: Merit) -> dict[tuple[str, str], float]:
+    def _by_mode(
+        self, run: RunResult, merit: FigureOfMerit
+    ) -> dict[tuple[str, str], float]:
         """Return a figure for each mode of its table; of `WHOLE` where it has no modes."""
         rows = run.frame(*merit.of_table)
         for column, value in merit.only:
@@ -256,7 +258,7 @@ class DesignRuns:
                 }
         return {WHOLE: self._reduced(merit, rows)}
 
-    def _reduced(self, merit: Merit, rows: "pd.DataFrame") -> float:
+    def _reduced(self, merit: FigureOfMerit, rows: "pd.DataFrame") -> float:
         expression = merit.parsed(self.units[merit.name])
         columns = {name: rows[name].to_numpy(dtype=float) for name in expression.names}
         values = np.broadcast_to(expression.evaluate(columns), len(rows))
@@ -295,7 +297,7 @@ def _tables(run: RunResult) -> tuple[RunTable, ...]:
 
 
 def _units(
-    merit: Merit, analyses: Sequence[AbstractAnalysis], study: Study
+    merit: FigureOfMerit, analyses: Sequence[AbstractAnalysis], study: Study
 ) -> dict[str, str]:
     """Return the unit of each column of numbers in the table of a figure."""
     analysis, table = merit.of_table

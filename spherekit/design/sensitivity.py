@@ -40,9 +40,9 @@ from spherekit.engine.design_kernel import (
     design_kernel,
     path_kernel,
 )
-from spherekit.engine.hinges import Hinged, hinged
+from spherekit.engine.hinges import EquivalentLinkage, hinged
 from spherekit.engine.row_quantities import (
-    DesignTerms,
+    VariedTerms,
     row_quantities,
     sample_names,
 )
@@ -54,7 +54,7 @@ from spherekit.model.gears import ONE_LINE
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
 from spherekit.planning.inputs import driven_at
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 
 DEG = np.pi / 180.0
 
@@ -105,7 +105,7 @@ class VariedMechanism:
         mechanism: Mechanism,
         variables: Sequence[DesignVariable],
         inputs: Sequence[str],
-        contacts: Hinged | None = None,
+        contacts: EquivalentLinkage | None = None,
         follow: bool = False,
         apart: float = ONE_LINE,
     ) -> None:
@@ -128,13 +128,13 @@ class VariedMechanism:
         """Whether profiles are no circles, and what they are is handed in."""
         return has_other_profiles(self.mechanism)
 
-    def terms(self, closed_form: bool | None = None) -> DesignTerms:
+    def terms(self, closed_form: bool | None = None) -> VariedTerms:
         """Return what kernels of all designs are written in."""
         contacts, numbers = self.contacts, self.numbers
         acting = numbers.of_actions if numbers else ()
         if contacts is not None and numbers is not None:
             names = {k: f"turned_{k}" for k in numbers.of_contacts}
-            return DesignTerms.of(
+            return VariedTerms.of(
                 contacts.mechanism,
                 self.inputs,
                 tuple(names.values()),
@@ -143,7 +143,7 @@ class VariedMechanism:
                 acting,
             )
         chosen, handed_in = [self.variables[k] for k in self.sized], self.is_profiled
-        return DesignTerms.of(
+        return VariedTerms.of(
             self.mechanism,
             self.inputs,
             [variable.name for variable in chosen],
@@ -299,11 +299,11 @@ class Sensitivity:
         return variable
 
     @cached_property
-    def _hinged(self) -> Hinged | None:
+    def _hinged(self) -> EquivalentLinkage | None:
         return hinged(self.mechanism, self.inputs)
 
     @cached_property
-    def _terms(self) -> DesignTerms:
+    def _terms(self) -> VariedTerms:
         """The terms of kernels, and `_varied` what designs have of them.
 
         Of the mechanism with its contacts, or with these as links where some of their
@@ -463,7 +463,7 @@ class Sensitivity:
         if design.profiles is not None:
             profiles = design.profiles.towards(deviations)
         together = max(1, TOGETHER // draws)
-        made, working = [], Working(f"{self.mechanism.name}: deviating mechanisms")
+        made, working = [], ProgressReporter(f"{self.mechanism.name}: deviating mechanisms")
         for k in range(0, len(samples), together):
             working.tell(f"configuration {k + 1} of {len(samples)}".__str__)
             some = slice(k, k + together)
@@ -498,7 +498,7 @@ DISTRIBUTIONS: tuple[Distribution, ...] = ("normal", "uniform")
 
 @final
 @dataclass(frozen=True)
-class Deviations:
+class SizeDeviations:
     """Draws of sizes about those of the file.
 
     With a ``"normal"`` distribution `size` (rad) is the standard deviation, and the worst

@@ -17,7 +17,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis, Merit
+from spherekit.analysis.contract import AbstractAnalysis, FigureOfMerit
 from spherekit.analysis.frames import PartTables, notes_of, part_tables, write_columns
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import AnyPath, choices, listing
@@ -292,7 +292,7 @@ class Sweep:
     samples: DesignSamples | None
     document: Document
     space: DesignSpace
-    merits: tuple[Merit, ...]
+    merits: tuple[FigureOfMerit, ...]
     where: tuple[str, ...] = ()
     study: Study | None = None
     analyses: tuple[AbstractAnalysis, ...] = ()
@@ -418,7 +418,7 @@ class Sweep:
         with np.printoptions(threshold=2**62, floatmode="unique"):
             return sampled + repr(through).encode()
 
-    def _unit(self, merit: Merit) -> str:
+    def _unit(self, merit: FigureOfMerit) -> str:
         evaluator = self.evaluator
         if merit.table:
             assert isinstance(evaluator, DesignRuns)

@@ -22,14 +22,14 @@ import numpy as np
 
 from spherekit.analysis.folder import need_disk, size_text
 from spherekit.analysis.frames import columns_of_files, frame_of, frame_of_parts
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath, counted, listing, nearest
 from spherekit.design.sweep import DESIGNS, TABLES, Columns, Sweep
 from spherekit.design.sweep_identity import working_folder
 from spherekit.errors import DesignError, OutputError, SpherekitError
 from spherekit.files.atomic import make_folder
 from spherekit.files.plain import as_json, locked
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.resources import usable_memory
 
 if TYPE_CHECKING:
@@ -275,7 +275,7 @@ def run_sweep(
     OutputError
         If the folder holds another sweep, is in use, or cannot be written.
     """
-    working = Working(f"{sweep.mechanism.name}: sweep")
+    working = ProgressReporter(f"{sweep.mechanism.name}: sweep")
     if folder is None:
         parts = []
         for number in range(sweep.parts):

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN, listing
 from spherekit.engine.algebra import DesignGeometry
-from spherekit.engine.hinges import Hinged, hinged
-from spherekit.engine.row_quantities import Actions, row_quantities
+from spherekit.engine.hinges import EquivalentLinkage, hinged
+from spherekit.engine.row_quantities import ActionParameters, row_quantities
 from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document, KeyPath
@@ -84,7 +84,8 @@ def design_variable(document: Document, key: str) -> DesignVariable:
     path = number_path(document, key)
     if path[0] not in DESIGNED:
         raise DesignError(
-            f"{document.name}: {key} is no size of a design: the samples, ranges and stops "
+            f"{document.name}: {key} is no size of a design: the samples, ranges "
+            f"and joint limits "
             f"are the same for all; vary numbers of {listing(DESIGNED)}"
         )
     slot = _slot(document, path)
@@ -306,7 +307,7 @@ class FileNumbers:
         mechanism: Mechanism,
         variables: Sequence[DesignVariable],
         inputs: Sequence[str],
-        contacts: Hinged | None,
+        contacts: EquivalentLinkage | None,
         whole: bool,
         apart: float = ONE_LINE,
     ) -> None:
@@ -315,7 +316,7 @@ class FileNumbers:
         self.values = np.array([variable.value for variable in variables])
         self.apart, self.contacts = apart, contacts
         self.whole = whole or contacts is not None
-        actions = Actions.of(mechanism)
+        actions = ActionParameters.of(mechanism)
         self._form = actions.form
         of_contacts = contacts.numbers if contacts else []
         self._first = len(of_contacts)
@@ -340,7 +341,7 @@ class FileNumbers:
 
     @property
     def of_actions(self) -> list[int]:
-        """Those of the masses and loads that differ, as `Actions` counts them."""
+        """Those of the masses and loads that differ, as `ActionParameters` counts them."""
         return [int(k) - self._first for k in self.differing if k >= self._first]
 
     def _read(self, values: Floats) -> Floats | str:
@@ -351,7 +352,7 @@ class FileNumbers:
                 made = designed(self.document, self.variables, numbers)
             else:
                 made = with_actions(self.document, self.mechanism, self.variables, numbers)
-            actions = Actions.of(made)
+            actions = ActionParameters.of(made)
             if self.contacts is not None:
                 with_contacts = hinged(made, self.inputs, self.apart)
                 if with_contacts is None or with_contacts.form != self.contacts.form:

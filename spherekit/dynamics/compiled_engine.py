@@ -269,7 +269,7 @@ def _events(problem: Problem, path: StatePath, runs: Sequence[Run]) -> tuple[Eve
         for t, kind, place in run.passages
         if kind != "singularity"
         and kind != "coordinates"
-        and (t > 0.0 or kind in ("switch", "stop"))
+        and (t > 0.0 or kind in ("switch", "joint_limit"))
     ]
     passages += [(t, "switch", -1) for t in problem.switches if t < runs[-1].time]
     passages.sort(key=lambda passage: passage[0])
@@ -289,7 +289,7 @@ def _end(problem: Problem, path: StatePath, run: Run) -> SimulationEnd:
         kind, words = SAID[run.end]
         return SimulationEnd(kind, run.time, words)
     traced, mechanism = path.at(np.array([run.time])), problem.equation.mechanism
-    if run.end == "stop":
+    if run.end == "joint_limit":
         place = run.passages[-1][2]
         (name,) = (pair for pair, v in mechanism.angles.items() if v == place)
         return stop_end(run.time, name, float(traced.values[0, place]))

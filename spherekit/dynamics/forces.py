@@ -198,7 +198,7 @@ DETERMINED = 1e-7
 
 @final
 @dataclass(frozen=True)
-class Driven(ArrayRows):
+class DrivenState(ArrayRows):
     """n rows of a mechanism that moves, with the torques (n, inputs) that drive it.
 
     `joints` are those of its pairs with their `frames` (n, pairs, 3, 3) in ground axes,
@@ -217,7 +217,7 @@ class Driven(ArrayRows):
 
 @final
 @dataclass(frozen=True)
-class Transmitted:
+class JointReactions:
     """Moments about O (N m) and forces through it (N), in pair axes, at n rows.
 
     `wrenches` (n, pairs, 6), the moment and then the force, which is NaN where it was not
@@ -243,7 +243,7 @@ class Transmitted:
 
 
 @final
-class Balance:
+class NewtonEuler:
     """Newton's and Euler's equations of all links at n rows, solved for what pairs hold.
 
     `columns` are the pair and the component of its wrench of each reaction, `matrix` (n,
@@ -391,12 +391,12 @@ class Balance:
         """(n, pairs, 6) which components of the pairs' wrenches are not determined."""
         return self.on_pairs(self.is_open.astype(float)) != 0.0
 
-    def transmitted(self) -> Transmitted:
+    def transmitted(self) -> JointReactions:
         """Return what the pairs transmit, NaN where it is open."""
         values = self.on_pairs(self.reactions) + self.about[..., None] * self.working
         opened = self.opened | ~self.settled[:, None, None]
         wrenches = np.where(opened, np.nan, values)
-        return Transmitted(wrenches, opened, self.missed, self.slides)
+        return JointReactions(wrenches, opened, self.missed, self.slides)
 
     def on_pairs(self, reactions: Floats) -> Floats:
         """Return reactions (n, columns) as wrenches (n, pairs, 6) in pair axes."""
@@ -457,7 +457,7 @@ def _share(kept: Bools, vectors: Floats) -> Floats:
     return np.sum(np.where(kept[..., None], vectors, 0.0) ** 2, axis=1)
 
 
-def transmitted(driven: Driven, *, forces: bool = False) -> Transmitted:
+def transmitted(driven: DrivenState, *, forces: bool = False) -> JointReactions:
     """Return what every pair transmits; open components are NaN.
 
     Where links slide, forces are not determined, for the loads would move the links.
@@ -476,7 +476,7 @@ def transmitted(driven: Driven, *, forces: bool = False) -> Transmitted:
     return results
 
 
-def balanced(driven: Driven, forces: bool) -> Balance:
+def balanced(driven: DrivenState, forces: bool) -> NewtonEuler:
     """Return the equations of all links solved for what moves and drives them.
 
     Teeth press on the side on which they turn the wheels, and that follows from the
@@ -489,7 +489,7 @@ def balanced(driven: Driven, forces: bool) -> Balance:
     toothed = np.array([pair.pressure_angle is not None for pair in mechanism.pairs])
     sides = np.ones(driven.frames.shape[:2])
     for _ in range(SIDES):
-        balance = Balance(
+        balance = NewtonEuler(
             mechanism, driven.joints, driven.frames, forces=forces, sides=sides
         )
         balance.solve(needed - loads, about)
@@ -538,7 +538,7 @@ def _of_inertia(mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats)
     return wrenches
 
 
-def applied(driven: Driven) -> tuple[Floats, Floats]:
+def applied(driven: DrivenState) -> tuple[Floats, Floats]:
     """Return the wrenches of loads on links (n, links, 6), and torques at pairs (n, pairs).
 
     These with the torques of the drives.

@@ -8,8 +8,8 @@ from typing import Literal, final
 
 import numpy as np
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.compiled_engine import by_taylor_series, first_of
 from spherekit.dynamics.numpy_engine import Collocation
@@ -101,7 +101,7 @@ def simulate(
     Parameters
     ----------
     mechanism
-        A mechanism with masses; its loads act, its stops end the simulation.
+        A mechanism with masses; its loads act, its joint limits end the simulation.
     start
         Input variable (rad) and rate (rad/s) at t = 0 on an assembly mode, which may be
         ``{"q": 0.4, "dq": 1.2}`` or ``"q=0.4,dq=1.2"``; or a whole configuration.

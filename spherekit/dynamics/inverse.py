@@ -7,8 +7,8 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Bools, Floats, Integers, SmallIntegers
-from spherekit.checked import checked
 from spherekit.conventions import Status, counted, listing
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
@@ -20,18 +20,18 @@ from spherekit.dynamics.coordinates import (
     inertia,
     single,
 )
-from spherekit.dynamics.forces import Driven, Loads
+from spherekit.dynamics.forces import DrivenState, Loads
 from spherekit.dynamics.start import at_inputs
 from spherekit.dynamics.state import rubbed
 from spherekit.engine.fields import found
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.guidance.rotation import Schedule
+from spherekit.guidance.rotation import TimeScaling
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import TimeLaw
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import Linearisation
-from spherekit.motion.motion import Motion, Timing, Tracer, by_laws, going_on
+from spherekit.motion.motion import Motion, PositionAnalysis, Timing, by_laws, going_on
 from spherekit.planning.inputs import driven_at
 from spherekit.rates.request import request
 
@@ -216,7 +216,7 @@ class InverseSolution(InputMotion):
 @checked(SolveError)
 def inverse_dynamics(
     mechanism: AnyMechanism,
-    law: TimeLaw | Mapping[str, TimeLaw] | Schedule,
+    law: TimeLaw | Mapping[str, TimeLaw] | TimeScaling,
     times: ArrayLike,
     *,
     input_pair: str | None = None,
@@ -231,8 +231,8 @@ def inverse_dynamics(
         One with masses, loads or both.
     law
         Variable, rate and acceleration of the input by time, of several inputs a mapping
-        from their names; or a rotation of an output in time (`spherekit.quickest`), in its
-        own assembly mode.
+        from their names; or a rotation of an output in time (`spherekit.time_optimal`), in
+        its own assembly mode.
     times
         (k,) increasing times, s.
     input_pair, assembly mode, search
@@ -258,7 +258,7 @@ def inverse_dynamics(
             f"{mechanism.name}: the times (k,) of samples must be finite and increase"
         )
     need_terms(mechanism)
-    if isinstance(law, Schedule):
+    if isinstance(law, TimeScaling):
         return needed_torques(_scheduled(mechanism, law, t))
     if isinstance(law, Mapping):
         mechanism = mechanism.with_inputs(*_ordered(mechanism, law))
@@ -304,10 +304,10 @@ def _ordered(mechanism: Mechanism, laws: Mapping[str, TimeLaw]) -> list[str]:
     return list(laws)
 
 
-def _scheduled(mechanism: Mechanism, schedule: Schedule, t: Floats) -> Motion:
+def _scheduled(mechanism: Mechanism, schedule: TimeScaling, t: Floats) -> Motion:
     """Return the motion of a rotation in time, its angles going on."""
     rows = schedule.at(t)
-    tracer = Tracer(mechanism.with_inputs(*rows.names), follow=False)
+    tracer = PositionAnalysis(mechanism.with_inputs(*rows.names), follow=False)
     samples = schedule.rotation.at(rows.theta)
     motion = replace(tracer.given(samples.values), inputs=rows.inputs, status=rows.status)
     motion = going_on(motion, tracer.solver)
@@ -359,7 +359,7 @@ def _rubbed(
     torques = _torques(inertia(mechanism, coordinates), still, timing)
     good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
     at = Linearisation(motion.linearisation.tree, motion.joints, motion.values)
-    every = Driven(mechanism, motion.joints, at.frames, coordinates, timing, torques)
+    every = DrivenState(mechanism, motion.joints, at.frames, coordinates, timing, torques)
     carried, locked, rounds = rubbed(every, loads, good)
     carried[~good] = 0.0
     return carried, locked, rounds

@@ -45,7 +45,7 @@ from spherekit.dynamics.simulation import (
 from spherekit.dynamics.start import Problem, variable_of
 from spherekit.dynamics.state import Dynamics
 from spherekit.engine.integration import CROSSED, good_until
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import all_finite, max_abs
 
 FIRST_ARC = 0.1
@@ -119,7 +119,7 @@ class Collocation:
         self.drift = 0.0
         self.end: SimulationEnd | None = None
         self._steps = self._integrate()
-        self._working = Working("simulating")
+        self._working = ProgressReporter("simulating")
         self._reached: list[tuple[float, float]] = [(0.0, 0.0)]
 
     def advance(self) -> bool:
@@ -401,7 +401,9 @@ class Collocation:
         if reached is None:
             return None
         t, stop = reached
-        value = self._note("stop", t, step, stop.pair)[variable_of(mechanism, stop.pair)]
+        value = self._note("joint_limit", t, step, stop.pair)[
+            variable_of(mechanism, stop.pair)
+        ]
         return stop_end(t, stop.pair, float(value))
 
     def _note(self, kind: EventKind, t: float, step: Step, pair: str = "") -> Floats:

@@ -22,7 +22,7 @@ from spherekit.dynamics.state import EquationOfMotion, Roots
 from spherekit.engine.equation import CompiledEquation
 from spherekit.engine.integration import Run, Stretch
 from spherekit.engine.system import mass_size
-from spherekit.model.dynamics import Stop
+from spherekit.model.dynamics import JointLimit
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.numeric.zeros import ArrayRows, Function, zeros
@@ -120,13 +120,15 @@ class Step:
         later = crossed.places > self.start
         return [float(t) for t in crossed.places[later & ~crossed.double]]
 
-    def stopped(self, mechanism: Mechanism, whole: Floats) -> tuple[float, Stop] | None:
+    def stopped(
+        self, mechanism: Mechanism, whole: Floats
+    ) -> tuple[float, JointLimit] | None:
         """Return the first time at which a pair passes a stop, and that stop.
 
         `whole` (variables,) rad are turns by which the states are less than stops.
         """
-        reached: list[tuple[float, Stop]] = []
-        for stop in mechanism.stops:
+        reached: list[tuple[float, JointLimit]] = []
+        for stop in mechanism.joint_limits:
             number = variable_of(mechanism, stop.pair)
             for limit, sense in ((stop.low, -1.0), (stop.high, 1.0)):
                 beyond = self._function(self.column(number, limit - whole[number]))

@@ -20,9 +20,9 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.conventions import Status
-from spherekit.dynamics.forces import Driven, transmitted
+from spherekit.dynamics.forces import DrivenState, transmitted
 from spherekit.dynamics.inverse import InverseSolution, needed_torques
-from spherekit.dynamics.state import Lacking, lacking
+from spherekit.dynamics.state import IndeterminateForces, lacking
 from spherekit.model.dynamics import Bearings
 from spherekit.motion.loops import Linearisation
 from spherekit.motion.motion import Motion
@@ -57,7 +57,7 @@ class Reactions:
     is_open: Bools
     open_forces: Bools
     slides: Bools
-    lacking: Lacking
+    lacking: IndeterminateForces
     unbalanced: Floats
     status: SmallIntegers
 
@@ -70,7 +70,7 @@ class Reactions:
     @property
     def across(self) -> Floats:
         """(n, pairs) N m: the part across the axis, or across the point of a contact."""
-        return np.hypot(self.moments[..., 0], self.moments[..., 1])
+        return np.asarray(np.hypot(self.moments[..., 0], self.moments[..., 1]))
 
     @property
     def on_bearings(self) -> Mapping[str, Floats]:
@@ -138,7 +138,7 @@ def reactions(motion: Motion) -> Reactions:
     mechanism, timing = motion.mechanism, motion.timing
     assert timing is not None
     at = Linearisation(motion.linearisation.tree, motion.joints, torques.values)
-    driven = Driven(
+    driven = DrivenState(
         mechanism,
         motion.joints,
         at.frames,
@@ -153,7 +153,7 @@ def reactions(motion: Motion) -> Reactions:
     is_open = np.zeros((*shape, 6), dtype=bool)
     slides = np.zeros((len(motion), len(mechanism.links)), dtype=bool)
     unbalanced = nans(len(motion))
-    missing = Lacking()
+    missing = IndeterminateForces()
     if np.any(good):
         carried = transmitted(driven.rows(good), forces=True)
         wrenches[good], is_open[good] = carried.wrenches, carried.is_open

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.simulation import Simulation
@@ -14,7 +14,7 @@ from spherekit.model.study import Start, StartGiven
 from spherekit.proof.balls import FEWEST, Digits
 from spherekit.proof.simulation import ExactSimulation
 
-ENDS = ("time", "stop", "sticking")
+ENDS = ("time", "joint_limit", "sticking")
 """The ends of simulations that a reference finds for itself."""
 
 
@@ -61,7 +61,7 @@ def reference_simulation(
 def refined(
     simulation: Simulation, start: Start, until: float, arithmetic: Digits | None = None
 ) -> ExactSimulation:
-    """Return a simulation in many digits: the same start, loads and stops.
+    """Return a simulation in many digits: the same start, loads and joint limits.
 
     Parameters
     ----------

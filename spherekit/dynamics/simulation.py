@@ -14,8 +14,8 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.checked import checked
 from spherekit.conventions import TURN, counted
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
@@ -27,7 +27,12 @@ from spherekit.dynamics.coordinates import (
     inertia_matrix,
     single,
 )
-from spherekit.dynamics.forces import Driven, Transmitted, rates_by_time, transmitted
+from spherekit.dynamics.forces import (
+    DrivenState,
+    JointReactions,
+    rates_by_time,
+    transmitted,
+)
 from spherekit.dynamics.path import StatePath, Step, Traced, through_steps
 from spherekit.dynamics.start import STANDSTILL, Problem
 from spherekit.dynamics.state import Dynamics, EquationOfMotion
@@ -38,11 +43,11 @@ from spherekit.motion.motion import Timing
 from spherekit.sphere.rotation import all_finite
 
 EventKind = Literal[
-    "dead_centre", "type_2", "crossing", "rest", "stop", "switch", "lift_off"
+    "dead_centre", "type_2", "crossing", "rest", "joint_limit", "switch", "lift_off"
 ]
 EndKind = Literal[
     "time",
-    "stop",
+    "joint_limit",
     "off_profile",
     "curvature",
     "singularity",
@@ -96,8 +101,8 @@ class Event:
     dead_centre: the only input's variable turns back though the mechanism moves on; type_2:
     several inputs do not hold the mechanism; crossing: it went straight on where sets of
     configurations cross; rest: a mechanism with one input stands still;
-    stop: a pair reached its stop; switch: a load has a kink; lift_off: a one-sided contact
-    presses no more.
+    stop: a pair reached its joint limit; switch: a load has a kink; lift_off: a one-sided
+    contact presses no more.
     """
 
     kind: EventKind
@@ -123,7 +128,9 @@ class SimulationEnd:
 
 def stop_end(t: float, pair: str, value: float) -> SimulationEnd:
     """Return the end at a stop of a pair whose variable is `value` (rad)."""
-    return SimulationEnd("stop", t, f"pair {pair} reached its stop at {value:.6g} rad")
+    return SimulationEnd(
+        "joint_limit", t, f"pair {pair} reached its joint limit at {value:.6g} rad"
+    )
 
 
 def too_many(steps: int) -> str:
@@ -332,14 +339,14 @@ class Simulation:
         )
 
     @checked(SolveError)
-    def moments(self, t: ArrayLike) -> Transmitted:
+    def moments(self, t: ArrayLike) -> JointReactions:
         """Return the moments that every pair transmits at times (n,), in pair axes."""
         traced, dynamics, motion, _, timing = self._accelerated(t)
         closure, none = self.equation.closure, np.zeros((len(timing.t), len(self.driven)))
         frames = closure.at(motion.values).frames
         seen = replace(motion, values=traced.values)
         given = closure.joints, frames, seen, timing, none, dynamics.carried
-        return transmitted(Driven(self.mechanism, *given))
+        return transmitted(DrivenState(self.mechanism, *given))
 
     def _accelerated(
         self, t: ArrayLike

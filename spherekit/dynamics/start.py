@@ -6,8 +6,8 @@ from typing import final
 
 import numpy as np
 
+from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats
-from spherekit.checked import checked_class
 from spherekit.conventions import (
     STATUS_MEANING,
     TURN,
@@ -27,7 +27,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Start
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.motion.turns import into_range as turned_into
 from spherekit.planning.inputs import driven_at
 from spherekit.sphere.rotation import all_finite, max_abs
@@ -277,32 +277,36 @@ def _need_digits(name: str, values: Floats) -> None:
         )
 
 
-def traced(mechanism: Mechanism) -> Tracer:
+def traced(mechanism: Mechanism) -> PositionAnalysis:
     """Return the assembly modes of a mechanism, found once for the last few geometries."""
     made = bare(mechanism)
-    return _TRACERS.get(made, "assembly_modes", lambda: Tracer(made))
+    return _TRACERS.get(made, "assembly_modes", lambda: PositionAnalysis(made))
 
 
 def bare(mechanism: Mechanism) -> Mechanism:
     """Return a mechanism without what its configurations do not depend on."""
-    return replace(mechanism, masses=(), loads=(), stops=())
+    return replace(mechanism, masses=(), loads=(), joint_limits=())
 
 
 def at_inputs(
-    of: Mechanism | Tracer,
+    of: Mechanism | PositionAnalysis,
     q: Floats,
     assembly_mode: int | None = None,
     search: bool = True,
-) -> tuple[Tracer, Motion]:
+) -> tuple[PositionAnalysis, Motion]:
     """Return all assembly modes, or one, at inputs (n, inputs) with any whole turns.
 
     With their tracer, which of one input may be given, over the range of the input.
     """
     if q.shape[1] > 1:
         assert isinstance(of, Mechanism)
-        tracer = Tracer(of, None, assembly_mode, search, path=q)
+        tracer = PositionAnalysis(of, None, assembly_mode, search, path=q)
         return tracer, tracer.motion()
-    first = Tracer(of, None, assembly_mode, search) if isinstance(of, Mechanism) else of
+    first = (
+        PositionAnalysis(of, None, assembly_mode, search)
+        if isinstance(of, Mechanism)
+        else of
+    )
     tracer = reaching(first, q[:, 0], assembly_mode, search)
     motion = tracer.at(into_range(tracer, q))
     return tracer, replace(motion, inputs=np.tile(q, (len(tracer.assembly_modes), 1)))
@@ -348,7 +352,7 @@ def whole_turns(angles: Floats) -> Floats:
     return np.round((angles - reduced(angles)) / TURN)
 
 
-def into_range(tracer: Tracer, q: Floats) -> Floats:
+def into_range(tracer: PositionAnalysis, q: Floats) -> Floats:
     """Return inputs moved by whole turns into the input's range, or as near as these lead.
 
     Where wheels count the turns, only by those after which all are as before.
@@ -363,8 +367,11 @@ def into_range(tracer: Tracer, q: Floats) -> Floats:
 
 
 def reaching(
-    tracer: Tracer, q: Floats, assembly_mode: int | None = None, search: bool = True
-) -> Tracer:
+    tracer: PositionAnalysis,
+    q: Floats,
+    assembly_mode: int | None = None,
+    search: bool = True,
+) -> PositionAnalysis:
     """Return a tracer over a range that holds inputs q (n,) where wheels count the turns.
 
     It is the one given where no contact rolls, or whole turns lead into its range.
@@ -374,16 +381,16 @@ def reaching(
     if tracer.solver.meshes is None or np.all((moved >= low) & (moved <= high)):
         return tracer
     path = np.array([min(low, np.min(moved)), max(high, np.max(moved))])
-    return Tracer(tracer.mechanism, None, assembly_mode, search, path=path)
+    return PositionAnalysis(tracer.mechanism, None, assembly_mode, search, path=path)
 
 
 def _check_stops(mechanism: Mechanism, values: Floats) -> None:
-    for stop in mechanism.stops:
+    for stop in mechanism.joint_limits:
         value = values[variable_of(mechanism, stop.pair)]
         if not stop.low <= value <= stop.high:
             raise SolveError(
                 f"{mechanism.name}: pair {stop.pair} starts at {value:.6g} rad, outside "
-                f"its stops {stop.low:.6g} to {stop.high:.6g} rad"
+                f"its joint limits {stop.low:.6g} to {stop.high:.6g} rad"
             )
 
 

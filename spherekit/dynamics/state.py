@@ -53,9 +53,9 @@ from spherekit.dynamics.coordinates import (
 from spherekit.dynamics.forces import (
     DEPENDENT,
     DETERMINED,
-    Balance,
-    Driven,
+    DrivenState,
     Loads,
+    NewtonEuler,
     accelerating,
     balanced,
     rates_by_time,
@@ -63,7 +63,7 @@ from spherekit.dynamics.forces import (
 )
 from spherekit.errors import SolveError
 from spherekit.model.joints import Joint
-from spherekit.model.load import Rubbing
+from spherekit.model.load import BearingFriction
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Timing
@@ -72,7 +72,7 @@ from spherekit.sphere.rotation import all_finite, transpose
 
 @final
 @dataclass(frozen=True)
-class Lacking:
+class IndeterminateForces:
     """What a file would have to say more.
 
     `centres` are links with inertia without a centre of mass, `distances` contacts of which
@@ -108,7 +108,9 @@ class Lacking:
         return bool(self.wanted)
 
 
-def lacking(mechanism: Mechanism, joints: Sequence[Joint], frames: Floats) -> Lacking:
+def lacking(
+    mechanism: Mechanism, joints: Sequence[Joint], frames: Floats
+) -> IndeterminateForces:
     """Return what would determine all forces at one row, `frames` (pairs, 3, 3) its pairs.
 
     The reactions that balance each other without loads are a linear space. Each pair that
@@ -127,7 +129,7 @@ def lacking(mechanism: Mechanism, joints: Sequence[Joint], frames: Floats) -> La
             for pair in mechanism.pairs
         ),
     )
-    balance = Balance(told, joints, frames[None], forces=True)
+    balance = NewtonEuler(told, joints, frames[None], forces=True)
     _, sizes, back = np.linalg.svd(balance.matrix[0])
     rank = int(np.count_nonzero(sizes > DEPENDENT * sizes[0]))
     free = back[rank:].T
@@ -144,7 +146,9 @@ def lacking(mechanism: Mechanism, joints: Sequence[Joint], frames: Floats) -> La
     forces = [k for k, (_, component) in enumerate(balance.columns) if component > 2]
     names = tuple(mechanism.names_of(sorted(floating)))
     enough = not np.any(free[forces] ** 2 > DETERMINED)
-    return Lacking(tuple(without_centre(mechanism)), tuple(distances), names, enough)
+    return IndeterminateForces(
+        tuple(without_centre(mechanism)), tuple(distances), names, enough
+    )
 
 
 SETTLED = 1e-14
@@ -154,7 +158,7 @@ MOST_ROUNDS = 100
 
 
 def rubbed(
-    every: Driven, loads: Loads, good: Bools, inverse: Floats | None = None
+    every: DrivenState, loads: Loads, good: Bools, inverse: Floats | None = None
 ) -> tuple[Floats, Bools, int]:
     """Return what pairs that rub carry, given how a mechanism moves without.
 
@@ -209,7 +213,10 @@ def rubbed(
 
 
 def _on_bearings(
-    balance: Balance, bearings: Sequence[Rubbing], pairs: Sequence[int], left: Floats
+    balance: NewtonEuler,
+    bearings: Sequence[BearingFriction],
+    pairs: Sequence[int],
+    left: Floats,
 ) -> Floats:
     """Return what is carried (n, k, 2, 3); 0 at a second place where there is none."""
     wrenches = balance.on_pairs(balance.held(left)[0])
@@ -221,7 +228,9 @@ def _on_bearings(
     return forces
 
 
-def _need_determined(driven: Driven, balance: Balance, rubbing: Sequence[Rubbing]) -> None:
+def _need_determined(
+    driven: DrivenState, balance: NewtonEuler, rubbing: Sequence[BearingFriction]
+) -> None:
     """Raise `SolveError` if a reaction is open that friction follows from."""
     mechanism = driven.mechanism
     for one in rubbing:
@@ -480,7 +489,7 @@ class EquationOfMotion:
             timing = Timing(t, speed, (inverse @ drive[..., None])[..., 0])
             good, none = all_finite(timing.ddq, 1), np.zeros((len(t), self.freedoms))
             joints, frames = self.closure.joints, self.closure.at(values).frames
-            driven = Driven(self.mechanism, joints, frames, seen, timing, none)
+            driven = DrivenState(self.mechanism, joints, frames, seen, timing, none)
             carried, locked, _ = rubbed(driven, self.loads, good, inverse)
             forces = self.loads.parts(seen, speed, t, carried)
             status = np.where(locked, Status.NOT_CONVERGED, motion.status)

@@ -34,7 +34,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.closure import NewtonResult
-from spherekit.motion.motion import Motion, Tracer, going_on, motion_of
+from spherekit.motion.motion import Motion, PositionAnalysis, going_on, motion_of
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import (
     CoaxialPole,
@@ -92,7 +92,7 @@ class Sampler:
     nodes: CoordinateMotion
     driven: list[int]
 
-    def __init__(self, tracer: Tracer, poles: tuple[Pole, ...]) -> None:
+    def __init__(self, tracer: PositionAnalysis, poles: tuple[Pole, ...]) -> None:
         self.tracer, self.mechanism, self.poles = tracer, tracer.mechanism, poles
         self.closure = tracer.solver.closure
         self.loads = Loads(self.mechanism)
@@ -184,7 +184,7 @@ class Sampler:
 class AlongCurve(Sampler):
     """These along the whole curve of one input, and all that is asked of its poles."""
 
-    def __init__(self, tracer: Tracer, poles: tuple[Pole, ...]) -> None:
+    def __init__(self, tracer: PositionAnalysis, poles: tuple[Pole, ...]) -> None:
         super().__init__(tracer, poles)
         self.curve, values = _followed(tracer)
         curve, driven = self.curve, tracer.solver.single
@@ -338,7 +338,7 @@ class AlongCurve(Sampler):
 class OverBox(Sampler):
     """These over the ranges of several inputs."""
 
-    def __init__(self, tracer: Tracer, poles: tuple[Pole, ...]) -> None:
+    def __init__(self, tracer: PositionAnalysis, poles: tuple[Pole, ...]) -> None:
         super().__init__(tracer, poles)
         self.driven = [self.mechanism.angles[pair] for pair in tracer.inputs]
         self.low, self.high = np.array([item.range for item in self.mechanism.inputs]).T
@@ -380,7 +380,7 @@ class OverBox(Sampler):
         return np.concatenate(parts, axis=1)
 
 
-def _followed(tracer: Tracer) -> tuple[ArcCurve, Floats]:
+def _followed(tracer: PositionAnalysis) -> tuple[ArcCurve, Floats]:
     """Return the curve of the tracer's assembly mode, and a configuration on it."""
     mechanism = tracer.mechanism
     low, high = tracer.range
@@ -388,7 +388,7 @@ def _followed(tracer: Tracer) -> tuple[ArcCurve, Floats]:
     motion = going_on(tracer.at(places), tracer.solver)
     stops = {
         mechanism.variables_of(mechanism.pair_number[stop.pair])[0]: (stop.low, stop.high)
-        for stop in mechanism.stops
+        for stop in mechanism.joint_limits
     }
     usable = motion.status == Status.OK
     for variable, (least, most) in stops.items():
@@ -397,7 +397,8 @@ def _followed(tracer: Tracer) -> tuple[ArcCurve, Floats]:
     good = np.flatnonzero(usable)
     if not len(good):
         raise SolveError(
-            f"{mechanism.name}: the assembly mode has no configuration within the stops "
+            f"{mechanism.name}: the assembly mode has no configuration within the "
+            f"joint limits "
             f"at any of {PROBED_INPUTS} inputs of its range; give another assembly mode or "
             "range"
         )

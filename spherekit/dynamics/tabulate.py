@@ -22,8 +22,8 @@ from typing import final
 
 import numpy as np
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.checked import checked
 from spherekit.dynamics.stored_model import (
     StoredFunction,
     StoredHeading,
@@ -34,14 +34,14 @@ from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.numeric.cells import TensorChebyshev
 from spherekit.numeric.chebyshev import ROUNDING, PiecewiseChebyshev
 from spherekit.planning.poles import (
     all_poles,
     parse_pole,
 )
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import all_finite, max_abs, nans
 
 FIRST_CELLS = 16
@@ -60,7 +60,7 @@ MEASURED = 4000
 
 
 @checked(SolveError)
-def online_model(
+def reduced_model(
     mechanism: AnyMechanism,
     *,
     input_pair: str | None = None,
@@ -73,7 +73,7 @@ def online_model(
     Parameters
     ----------
     mechanism
-        Its masses and loads are stored where it has some; its stops end the curve.
+        Its masses and loads are stored where it has some; its joint limits end the curve.
     input_pair, assembly mode
         The driven R pair, by default the first input, and the assembly mode.
     poles
@@ -88,7 +88,7 @@ def online_model(
         a pole axis has no direction somewhere on the curve, or the tolerance is none.
     """
     mechanism = _storable(mechanism, tolerance, 1e-15)
-    tracer = Tracer(mechanism, input_pair, assembly_mode)
+    tracer = PositionAnalysis(mechanism, input_pair, assembly_mode)
     made = tracer.mechanism
     if poles is None:
         wanted = all_poles(len(made.links))
@@ -100,7 +100,7 @@ def online_model(
     names = {name: unit for group in every for name, unit in group.items()}
     size = _sizes(list(names), sampler.columns(range(len(every)), sampler.spread(MARKS)))
     fitted, groups, at = [], [], 0
-    working = Working("fitting functions")
+    working = ProgressReporter("fitting functions")
     for k, units in enumerate(every):
         working.tell(f"{at} of {len(size)}".__str__)
         sizes = size[at : at + len(units)]
@@ -127,7 +127,7 @@ def _fitted(
 
 
 @checked(SolveError)
-def grid_model(
+def reduced_grid_model(
     mechanism: AnyMechanism,
     *,
     assembly_mode: int = 0,
@@ -157,7 +157,7 @@ def grid_model(
     mechanism = _storable(mechanism, tolerance, 1e-13)
     inputs = len(mechanism.inputs)
     count = min(SAMPLES, int(MOST_SAMPLES ** (1.0 / max(inputs, 1))))
-    tracer = Tracer(mechanism, None, assembly_mode, samples=count, grid=True)
+    tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=count, grid=True)
     wanted = tuple(parse_pole(mechanism, text) for text in poles)
     sampler = OverBox(tracer, wanted)
     heading = sampler.heading(
@@ -172,7 +172,7 @@ def grid_model(
             by = heading.by_coordinates(f"velocity {pole} {axis}")
             names |= dict.fromkeys(by, "")
     size = _sizes(list(names), sampler.columns(sampler.nodes))
-    working = Working("fitting functions")
+    working = ProgressReporter("fitting functions")
 
     def function(q: Floats) -> Floats:
         working.tell(f"{len(q)} places".__str__)
@@ -281,7 +281,7 @@ class TabulatedMotion:
 
 
 @checked(SolveError)
-def online_motion(
+def simulate_reduced(
     model: StoredModel,
     times: Sequence[float] | Floats,
     x: float,

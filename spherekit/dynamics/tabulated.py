@@ -13,8 +13,8 @@ from typing import Any, TypeVar, final, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
-from spherekit.checked import checked
 from spherekit.conventions import AnyPath, Status, choices, listing
 from spherekit.dynamics.stored_model import (
     DAMAGED,

@@ -5,7 +5,7 @@
 
 from typing import TYPE_CHECKING
 
-from spherekit.lazily import offered as _offered
+from spherekit.lazy_imports import offered as _offered
 
 if TYPE_CHECKING:
     from spherekit.engine.kernels import Kernel as Kernel

@@ -28,7 +28,7 @@ from spherekit.engine.expression_graph import (
     rewrite,
     symbols,
 )
-from spherekit.engine.row_quantities import DesignTerms, RowQuantities
+from spherekit.engine.row_quantities import RowQuantities, VariedTerms
 from spherekit.engine.system import ArrayFunction, array_function, term_function
 
 Parts = tuple[Expr, Expr]
@@ -170,7 +170,7 @@ class DesignKernel:
 
 
 def design_kernel(
-    terms: DesignTerms,
+    terms: VariedTerms,
     columns: Sequence[str],
     gradients: bool = False,
     compiled: bool = True,
@@ -217,7 +217,7 @@ def design_kernel(
     )
 
 
-def arc_function(terms: DesignTerms) -> tuple[tuple[int, ...], ArrayFunction]:
+def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], ArrayFunction]:
     """Return the links with two axes, and the function of sizes that gives their arcs.
 
     The arcs (links, n) are in [0, pi] rad.
@@ -308,7 +308,7 @@ def _on_arrays(
 
 
 def path_kernel(
-    terms: DesignTerms, compiled: bool = True, alone: bool = False
+    terms: VariedTerms, compiled: bool = True, alone: bool = False
 ) -> PathKernel:
     """Return the kernel; `terms` are of variables, not of signs.
 

@@ -33,7 +33,7 @@ from spherekit.model.joints import revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import numbered
 from spherekit.planning.inputs import Assembly, Group
-from spherekit.sphere.dyad import HalfArc, middle_axis, triple_square
+from spherekit.sphere.dyad import HalfAngle, middle_axis, triple_square
 
 Made = TypeVar("Made")
 
@@ -220,18 +220,18 @@ def _inverse(a: Exprs, b: Exprs) -> Exprs:
 
 def _side(
     within: Sequence[LinkOrientation], one: tuple[int, Entries], other: tuple[int, Entries]
-) -> HalfArc:
+) -> HalfAngle:
     """Return the arc between two axes (link, direction) of a body."""
     if one[0] == other[0]:
         a, b = (constants(axis) for _, axis in (one, other))
     else:
         a, b = (within[link].direction(axis) for link, axis in (one, other))
     more, less = a + b, a - b
-    return HalfArc(0.5 * np.sqrt(dot(less, less)), 0.5 * np.sqrt(dot(more, more)))
+    return HalfAngle(0.5 * np.sqrt(dot(less, less)), 0.5 * np.sqrt(dot(more, more)))
 
 
 def _third_axis(
-    first: Exprs, second: Exprs, sides: Sequence[HalfArc], sign: Expr
+    first: Exprs, second: Exprs, sides: Sequence[HalfAngle], sign: Expr
 ) -> tuple[Exprs, Expr, Expr]:
     """Return the unit vector at given arcs from two others.
 
@@ -250,7 +250,7 @@ def _third_axis(
     return np.asarray(third), square, angle
 
 
-def _cosine(arc: HalfArc) -> Expr:
+def _cosine(arc: HalfAngle) -> Expr:
     return (arc.cosine - arc.sine) * (arc.cosine + arc.sine)
 
 

@@ -1,7 +1,7 @@
 """The equation of motion as a system that the Taylor integrator runs.
 
 Of one freedom it is that of `spherekit.engine.system`, of several that of
-`spherekit.engine.system` in given coordinates; loads, stops and switches are the
+`spherekit.engine.system` in given coordinates; loads, joint limits and switches are the
 same.
 """
 
@@ -38,8 +38,8 @@ from spherekit.engine.system import (
 )
 from spherekit.engine.turns import turning_pairs
 from spherekit.errors import EngineError
-from spherekit.model.dynamics import Stop
-from spherekit.model.load import Rubbing, TorqueTable
+from spherekit.model.dynamics import JointLimit
+from spherekit.model.load import BearingFriction, TorqueTable
 from spherekit.model.mechanism import Mechanism
 
 LOOSEST = 1e-12
@@ -71,7 +71,7 @@ class Coordinates:
 @final
 @dataclass(frozen=True)
 class CompiledEquation:
-    """The compiled equation of motion of a mechanism with its loads and stops.
+    """The compiled equation of motion of a mechanism with its loads and joint limits.
 
     The state of the integrator is the pair variables less whole turns, the momenta in
     their unit, and the work of each load in the square of that unit. `events` are the kinds
@@ -125,7 +125,7 @@ def compiled_equation(
     ----------
     mechanism
         All its loads act. Of one freedom its first input is the input. The values of torque
-        tables and stops are set for each run, so mechanisms that differ in them only
+        tables and joint limits are set for each run, so mechanisms that differ in them only
         share one equation.
     tolerance
         Error of each step, in states of size one, at most `LOOSEST`, of several freedoms
@@ -199,7 +199,7 @@ def compiling_time(
 def _need_written(mechanism: Mechanism) -> None:
     """Raise `EngineError` where a load is no expression of the state."""
     for load in mechanism.loads:
-        if isinstance(load, Rubbing) and load.grip > 0.0:
+        if isinstance(load, BearingFriction) and load.grip > 0.0:
             raise EngineError(
                 f"{mechanism.name}: the friction of loads.{load.name} follows from the "
                 f"reaction of pair {load.pair}, which Taylor series do not solve for",
@@ -224,7 +224,7 @@ def _common(mechanism: Mechanism, coordinates: Coordinates | None) -> Mechanism:
     if coordinates is not None and coordinates.pairs != inputs:
         mechanism = mechanism.with_inputs(*coordinates.pairs)
     tables = any(isinstance(load, TorqueTable) for load in mechanism.loads)
-    if not tables and not mechanism.stops:
+    if not tables and not mechanism.joint_limits:
         return mechanism
     return replace(
         mechanism,
@@ -234,7 +234,9 @@ def _common(mechanism: Mechanism, coordinates: Coordinates | None) -> Mechanism:
             else load
             for load in mechanism.loads
         ),
-        stops=tuple(Stop(stop.pair, -1.0, 1.0) for stop in mechanism.stops),
+        joint_limits=tuple(
+            JointLimit(stop.pair, -1.0, 1.0) for stop in mechanism.joint_limits
+        ),
     )
 
 

@@ -39,7 +39,7 @@ from spherekit.rates.request import (
     PoleField,
     Request,
     Route,
-    SignMemory,
+    SignContinuation,
     axis_pairs,
     dot,
     norm,
@@ -64,7 +64,7 @@ RowEngine = Literal["numpy", "compiled", "extended"]
 def evaluate(
     motion: Motion,
     wanted: Request,
-    memory: SignMemory | None = None,
+    memory: SignContinuation | None = None,
     route: Route = "best",
     engine: RowEngine = "numpy",
 ) -> PoleField:
@@ -95,7 +95,7 @@ def evaluate(
         )
     with np.errstate(all="ignore"):
         field = signed(
-            found(motion, wanted, engine), motion, wanted, memory or SignMemory()
+            found(motion, wanted, engine), motion, wanted, memory or SignContinuation()
         )
         if route in ("first", "conditioned"):
             return _by_sequence(field, motion, wanted, route)

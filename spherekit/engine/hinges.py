@@ -20,9 +20,9 @@ from spherekit.engine.algebra import Exprs, about_z, cosine, sine
 from spherekit.engine.expression_graph import Expr
 from spherekit.engine.turns import (
     AxisRotation,
-    Chain,
     Entries,
     Follower,
+    JointTransform,
     TurningPairs,
     turning_pairs,
 )
@@ -34,14 +34,14 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair
 from spherekit.planning.wheels import (
     ONE_LINE,
-    WheelTrain,
+    GearTrain,
     wheel_train,
 )
 
 
 @final
 @dataclass(frozen=True)
-class Hinged:
+class EquivalentLinkage:
     """A mechanism of R pairs instead of contacts, and the rotations between its turns.
 
     Attributes
@@ -64,7 +64,7 @@ class Hinged:
     contacts: tuple[int, ...]
     constants: tuple[tuple[Floats, ...], ...]
     turns: tuple[AxisRotation, ...]
-    train: WheelTrain | None
+    train: GearTrain | None
 
     @cached_property
     def mechanism(self) -> Mechanism:
@@ -92,7 +92,7 @@ class Hinged:
 
     def pairs(self, given: Mapping[int, Expr]) -> TurningPairs:
         """Return the pairs of the mechanism with terms for some of the `numbers`."""
-        chains: list[Chain] = []
+        chains: list[JointTransform] = []
         at = 0
         for number, rotations in enumerate(self.constants):
             made = []
@@ -103,7 +103,7 @@ class Hinged:
             if number in self.contacts:
                 parts = [(made[0], np.eye(3)), (made[1], made[2])]
             for first, second in parts:
-                chains.append(Chain((first, second), (AxisRotation(len(chains)),)))
+                chains.append(JointTransform((first, second), (AxisRotation(len(chains)),)))
         followers = {}
         if self.train is not None:
             numbers = [given.get(at + k, x) for k, x in enumerate(self.train.numbers)]
@@ -115,7 +115,7 @@ class Hinged:
 
 def hinged(
     mechanism: Mechanism, driven: Sequence[str], apart: float = ONE_LINE
-) -> Hinged | None:
+) -> EquivalentLinkage | None:
     """Return a mechanism driven at pairs without contacts; None if some are of other kinds.
 
     None too where contacts rub, which pairs between centres do not. Wheels that miss each
@@ -163,7 +163,7 @@ def hinged(
         places = (kept.index(n) + sum(m < n for m in contacts) for n in train.followers)
         train = replace(train, followers=tuple(places))
     slide = tuple(kept.index(n) for n in contacts)
-    return Hinged(mechanism, tuple(kept), slide, constants, round_ones, train)
+    return EquivalentLinkage(mechanism, tuple(kept), slide, constants, round_ones, train)
 
 
 def _without_contacts(
@@ -197,7 +197,7 @@ def _without_contacts(
         links=tuple(links),
         pairs=tuple(pairs),
         geometry=sizes_by_frames(pairs, frames),
-        stops=(),
+        joint_limits=(),
         modes=(),
     )
 

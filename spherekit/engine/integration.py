@@ -28,7 +28,7 @@ from spherekit.engine.system import EventKind, ParameterLayout
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.numeric.crossings import bracketed_zeros
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 
 EVEN = 17
 """Places in a step that are always looked at, both ends among them,"""
@@ -158,7 +158,7 @@ _Mark = tuple[int, Floats]
 
 RunEnd = Literal[
     "time",
-    "stop",
+    "joint_limit",
     "singularity",
     "coordinates",
     "sticking",
@@ -243,7 +243,7 @@ class Integration:
     Parameters
     ----------
     equation, mechanism
-        The mechanism's tables and stops are used.
+        The mechanism's tables and joint limits are used.
     values, turns, momenta
         (variables,) a closed configuration (rad) less whole turns, and (m,) the momenta: of
         one freedom sqrt(B) u, positive in the sense of the homogeneous rates.
@@ -287,7 +287,7 @@ class Integration:
         self.unit = max(unit, float(np.linalg.norm(momenta)))
         self.period = np.zeros(len(mechanism.variable_owners))
         self.period[list(mechanism.angles.values())] = 1.0
-        self.stops = [v for stop in mechanism.stops for v in (stop.low, stop.high)]
+        self.stops = [v for stop in mechanism.joint_limits for v in (stop.low, stop.high)]
         self.sides = np.zeros(equation.switches)
         self.first = np.array([*values, *(momenta / self.unit), *np.zeros(len(self.work))])
         self.stretches: list[Stretch] = []
@@ -308,7 +308,7 @@ class Integration:
         integrator.start(self.first, self.time, self._parameters(self.time, targets[0]))
         end: RunEnd = "time"
         steps = 0
-        working = Working("simulating")
+        working = ProgressReporter("simulating")
         for target in targets:
             end = "too_many"
             self._pass_parameters(integrator, self.time, target)
@@ -456,7 +456,7 @@ class Integration:
             return "too_many" if len(integrator.seen) >= MOST_SWITCHES else "sticking"
         if kind == "coordinates":
             return "coordinates"
-        return "stop" if kind == "stop" else "singularity"
+        return "joint_limit" if kind == "joint_limit" else "singularity"
 
     def _reduce(self, integrator: Integrator) -> None:
         """Take whole turns off the angles, set work aside, adapt the unit of momentum."""

@@ -7,8 +7,8 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Floats
-from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.engine.algebra import cross, dot, vector
 from spherekit.engine.compiler import CompiledFunction, available, compile_function

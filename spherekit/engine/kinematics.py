@@ -58,7 +58,7 @@ from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
 from spherekit.sphere.rotation import max_abs
 
@@ -143,7 +143,7 @@ class Structure:
         def vectors() -> Floats:
             values = closed
             if values is None:
-                motion = Tracer(mechanism, input_pairs, search=False).sparse(9)
+                motion = PositionAnalysis(mechanism, input_pairs, search=False).sparse(9)
                 if np.all(motion.failed):
                     raise EngineError(
                         f"{mechanism.name}: no configuration was found at which to choose "

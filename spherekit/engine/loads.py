@@ -60,7 +60,7 @@ class LoadState:
 
 
 @final
-class Switches:
+class EventFunctions:
     """The conditions that loads switch on; `factor(k)` stands for the sign of the k-th."""
 
     def __init__(self, factor: Callable[[int], Expr]) -> None:

@@ -17,8 +17,8 @@ from spherekit.engine.algebra import Exprs, constants, cross, vector
 from spherekit.engine.expression_graph import Expr, ExpressionNode, function
 from spherekit.engine.turns import (
     AxisRotation,
-    Chain,
     Entries,
+    JointTransform,
     ProfileFrame,
     ProfileSide,
     TurningPairs,
@@ -84,7 +84,9 @@ class Angles:
         return function("cos", angle), sense * function("sin", angle)
 
 
-def placed_by(chain: Chain, start: LinkOrientation, angles: Angles) -> LinkOrientation:
+def placed_by(
+    chain: JointTransform, start: LinkOrientation, angles: Angles
+) -> LinkOrientation:
     """Return the placement of a link that a chain of turns joins to a placed one."""
     basis, within = start.basis, start.within
     for constant, turn in zip(chain.constants, chain.turns, strict=False):
@@ -134,7 +136,7 @@ def placed_along(
 
 @final
 @dataclass(frozen=True)
-class CarriedVector:
+class UnitTwist:
     """A variable's `vector` (3,): it turns with a link, and slides on it.
 
     By `slide` (3,) per unit of the variable, None where it is fixed in the link. `size` and
@@ -179,13 +181,13 @@ class ContactLine:
 
 @final
 @dataclass(frozen=True)
-class CarriedVectors:
+class UnitTwists:
     """The vectors of all variables, the lines of rolling contacts by pair, and curvatures.
 
     `relative` are by how much more first profiles curve than second ones, of all contacts.
     """
 
-    vectors: tuple[CarriedVector, ...]
+    vectors: tuple[UnitTwist, ...]
     lines: Mapping[int, ContactLine]
     relative: tuple[Expr, ...]
 
@@ -196,23 +198,21 @@ def carried_vectors(
     placed: Sequence[LinkOrientation],
     variables: Sequence[Expr],
     about_centres: bool = False,
-) -> CarriedVectors:
+) -> UnitTwists:
     """Return them of links that are placed, by pair variables.
 
     Where circles roll on each other, their vector may be that `about_centres`, the sum of
     those of both, which takes fewer terms but loses digits where the circles are small.
     """
     angles = Angles(variables)
-    carried: dict[int, CarriedVector] = {}
+    carried: dict[int, UnitTwist] = {}
     lines: dict[int, ContactLine] = {}
     for pair, ends in enumerate(mechanism.ends):
         owned = mechanism.variables_of(pair)
         if pair not in pairs.sides:
             held = zip(ends, pairs.axes(pair), strict=True)
             link, axis = min(held, key=lambda end: placed[end[0]].depth)
-            carried[owned[0]] = CarriedVector(
-                vector(list(placed[link].direction(axis))), link
-            )
+            carried[owned[0]] = UnitTwist(vector(list(placed[link].direction(axis))), link)
             continue
         sides = pairs.sides[pair]
         around = [
@@ -223,14 +223,14 @@ def carried_vectors(
             carried |= zip(owned, around, strict=True)
         elif about_centres and not any(side.columns for side in sides):
             one, other = (part.vector for part in around)
-            carried[owned[0]] = CarriedVector(one + other, ends[0], slide=cross(one, other))
+            carried[owned[0]] = UnitTwist(one + other, ends[0], slide=cross(one, other))
         else:
             near = 0 if placed[ends[0]].depth <= placed[ends[1]].depth else 1
             line = _line(sides, near, ends[near], placed[ends[near]], angles)
             lines[pair] = line
             carried[owned[0]] = _rolling(sides, near, line)
     relative = tuple(_relative(sides) for sides in pairs.sides.values())
-    return CarriedVectors(tuple(carried[v] for v in sorted(carried)), lines, relative)
+    return UnitTwists(tuple(carried[v] for v in sorted(carried)), lines, relative)
 
 
 def along_ways(tree: LoopTree, parts: Sequence[Exprs]) -> list[Exprs]:
@@ -301,12 +301,12 @@ def _frame(
 
 def _rolling(
     sides: tuple[ProfileSide, ProfileSide], near: int, line: ContactLine
-) -> CarriedVector:
+) -> UnitTwist:
     """Return (k1 - k2) p."""
     relative, slope, curvature = line.relative, line.slope, sides[near].curvature
     swing = size_of(relative) * root(1.0 + curvature * curvature)
     vector, slide = sides[0].rolled(sides[1], line.tangent, line.point)
-    return CarriedVector(
+    return UnitTwist(
         vector,
         line.link,
         size_of(relative),
@@ -319,15 +319,15 @@ def _rolling(
 
 def _sliding(
     sense: float, side: ProfileSide, link: int, placed: LinkOrientation, angles: Angles
-) -> CarriedVector:
+) -> UnitTwist:
     """Return n + k p, or the opposite."""
     if isinstance(side.turn, AxisRotation):
         axis = placed.direction(side.before[:, 2]) * (sense * side.turn.scale)
-        return CarriedVector(vector(list(axis)), link, abs(side.turn.scale))
+        return UnitTwist(vector(list(axis)), link, abs(side.turn.scale))
     _, normal, point = _frame(side, placed, angles)
     k, slope = side.curvature, side.slope
     along, slide = side.slid(sense, normal, point)
-    return CarriedVector(
+    return UnitTwist(
         along,
         link,
         root(1.0 + k * k),

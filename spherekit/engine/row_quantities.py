@@ -46,31 +46,31 @@ _Each = Callable[[Any], Any]
 
 @final
 @dataclass(frozen=True)
-class Actions:
+class ActionParameters:
     """Tensors (rows of link axes) by link, and the components of every load."""
 
     tensors: tuple[tuple[str, tuple[tuple[Any, ...], ...]], ...]
     loads: tuple[tuple[Component, ...], ...]
 
     @staticmethod
-    def of(mechanism: Mechanism) -> "Actions":
+    def of(mechanism: Mechanism) -> "ActionParameters":
         """Return those of a mechanism."""
         tensors = [
             (mass.link, tuple(tuple(map(float, row)) for row in mass.tensor))
             for mass in mechanism.masses
         ]
-        return Actions(
+        return ActionParameters(
             tuple(tensors), tuple(load.components(mechanism) for load in mechanism.loads)
         )
 
-    def mapped(self, change: _Each) -> "Actions":
+    def mapped(self, change: _Each) -> "ActionParameters":
         """Return the same form with other numbers, asked for in one order."""
         tensors = tuple(
             (link, tuple(tuple(change(x) for x in row) for row in rows))
             for link, rows in self.tensors
         )
         loads = tuple(tuple(_component(x, change) for x in parts) for parts in self.loads)
-        return Actions(tensors, loads)
+        return ActionParameters(tensors, loads)
 
     @property
     def numbers(self) -> list[float]:
@@ -80,11 +80,11 @@ class Actions:
         return numbers
 
     @property
-    def form(self) -> "Actions":
+    def form(self) -> "ActionParameters":
         """What is left without the numbers: equal for mechanisms that differ in these."""
         return self.mapped(lambda number: 0.0)
 
-    def replaced(self, numbers: Sequence[Expr]) -> "Actions":
+    def replaced(self, numbers: Sequence[Expr]) -> "ActionParameters":
         """Return the same form with these numbers or terms."""
         more: Iterator[Expr] = iter(numbers)
         return self.mapped(lambda number: next(more))
@@ -185,7 +185,7 @@ Geometry = Callable[[Mapping[str, Expr]], TurningPairs]
 
 @final
 @dataclass(frozen=True)
-class DesignTerms:
+class VariedTerms:
     """What kernels of a topology are written in.
 
     Attributes
@@ -206,7 +206,7 @@ class DesignTerms:
     """
 
     structure: Structure
-    actions: Actions
+    actions: ActionParameters
     sizes: tuple[ExpressionNode, ...]
     sample: tuple[ExpressionNode, ...]
     places: tuple[ExpressionNode, ...]
@@ -224,11 +224,11 @@ class DesignTerms:
         closed_form: bool | None = None,
         differing: Sequence[int] = (),
         closed: Floats | None = None,
-    ) -> "DesignTerms":
+    ) -> "VariedTerms":
         """Return the terms of a mechanism; by default in closed form where there is one.
 
-        `differing` says which of the numbers of `Actions` are terms, after the sizes;
-        `closed` is a configuration (variables,) of the mechanism, if one is known.
+        `differing` says which of the numbers of `ActionParameters` are terms, after the
+        sizes; `closed` is a configuration (variables,) of the mechanism, if one is known.
 
         Raises
         ------
@@ -252,12 +252,12 @@ class DesignTerms:
             following = structure.following([places[v] for v in structure.inputs])
             variables = [following.get(v, place) for v, place in enumerate(places)]
             links = place_by_variables(mechanism, structure.pairs, variables)
-        actions = Actions.of(mechanism)
+        actions = ActionParameters.of(mechanism)
         numbers: list[Expr] = list(actions.numbers)
         more = symbols([f"number_{k}" for k in differing])
         for k, term in zip(differing, more, strict=True):
             numbers[k] = term
-        return DesignTerms(
+        return VariedTerms(
             structure,
             actions.replaced(numbers),
             sizes=(*terms, *more),
@@ -332,7 +332,7 @@ class RowQuantities:
     Rates are those of one input while the others rest; with one input it is that.
     """
 
-    def __init__(self, terms: DesignTerms) -> None:
+    def __init__(self, terms: VariedTerms) -> None:
         self.terms, self.structure, self._flow = terms, terms.structure, terms.flow
         mechanism = self.mechanism = terms.structure.mechanism
         self.inputs = mechanism.names_of(terms.structure.input_pairs)

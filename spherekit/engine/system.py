@@ -70,7 +70,7 @@ from spherekit.engine.kinematics import (
     InputMoments,
     Structure,
 )
-from spherekit.engine.loads import LoadState, Switches, generalised_forces
+from spherekit.engine.loads import EventFunctions, LoadState, generalised_forces
 from spherekit.engine.pose import LinkOrientation, place_by_variables
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
@@ -78,7 +78,7 @@ from spherekit.model.mechanism import Mechanism
 (MOMENT,) = symbols(["moment"])
 
 EventKind = Literal[
-    "rest", "dead_centre", "type_2", "singularity", "coordinates", "stop", "switch"
+    "rest", "dead_centre", "type_2", "singularity", "coordinates", "joint_limit", "switch"
 ]
 
 SystemEvent = tuple[EventFunction, EventKind, int]
@@ -106,7 +106,7 @@ class ParameterLayout:
         return ParameterLayout(
             len(mechanism.variable_names),
             len(mechanism.inputs),
-            len(mechanism.stops),
+            len(mechanism.joint_limits),
             tuple(load.name for load in mechanism.loads if isinstance(load, TorqueTable)),
         )
 
@@ -161,7 +161,7 @@ class Symbols:
     variables: list[ExpressionNode]
     momenta: list[ExpressionNode]
     works: list[ExpressionNode]
-    switches: Switches
+    switches: EventFunctions
 
     @staticmethod
     def of(mechanism: Mechanism) -> "Symbols":
@@ -172,7 +172,7 @@ class Symbols:
             symbols(mechanism.variable_names),
             symbols([f"momentum_{k}" for k in range(layout.freedoms)]),
             symbols([f"work_{k}" for k in range(len(mechanism.loads))]),
-            Switches(lambda k: constant(layout.side + k)),
+            EventFunctions(lambda k: constant(layout.side + k)),
         )
 
     def moving(
@@ -203,7 +203,7 @@ class System:
     `rates` are those of the variables by time, `push` those of the momenta, `powers` those
     of the works; `tau[i][v]` the homogeneous rates of the variables by each coordinate;
     `measure` vanishes where sets of configurations cross; `events` are those of the
-    motion, without stops and switches; `moving` is what loads see.
+    motion, without joint limits and switches; `moving` is what loads see.
     """
 
     structure: Structure
@@ -228,16 +228,16 @@ class System:
 
 
 def stop_events(mechanism: Mechanism, state: Symbols) -> list[SystemEvent]:
-    """Return the events at which pairs reach their stops."""
+    """Return the events at which pairs reach their joint limits."""
     events: list[SystemEvent] = []
-    for number, stop in enumerate(mechanism.stops):
+    for number, stop in enumerate(mechanism.joint_limits):
         (place,) = mechanism.variables_of(mechanism.pair_number[stop.pair])
         value = state.variables[place] + TURN * constant(place)
         limits: tuple[tuple[int, Literal[-1, 1]], ...] = ((0, -1), (1, 1))
         for side, sense in limits:
             level = constant(state.layout.stop + 2 * number + side)
             passed = EventFunction(value - level, stops=True, sense=sense)
-            events.append((passed, "stop", place))
+            events.append((passed, "joint_limit", place))
     return events
 
 

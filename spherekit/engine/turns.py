@@ -128,15 +128,15 @@ Turn = AxisRotation | ProfileFrame
 
 @final
 @dataclass(frozen=True)
-class Chain:
+class JointTransform:
     """R_second = R_first C_0 Z_1 C_1 ... Z_k C_k: constant rotations between turns."""
 
     constants: tuple[Entries, ...]
     turns: tuple[Turn, ...]
 
-    def reversed(self) -> "Chain":
+    def reversed(self) -> "JointTransform":
         """Return the chain from the second link to the first."""
-        return Chain(
+        return JointTransform(
             tuple(frame.T for frame in reversed(self.constants)),
             tuple(_back(turn) for turn in reversed(self.turns)),
         )
@@ -182,9 +182,9 @@ class ProfileSide:
         return np.asarray(point * relative), np.asarray(tangent * relative + point * slope)
 
     @property
-    def frame(self) -> Chain:
+    def frame(self) -> JointTransform:
         """The chain from the link to the frame."""
-        return Chain((self.before, self.after), (self.turn,))
+        return JointTransform((self.before, self.after), (self.turn,))
 
 
 @final
@@ -205,7 +205,7 @@ class TurningPairs:
     follow from the inputs.
     """
 
-    chains: tuple[Chain, ...]
+    chains: tuple[JointTransform, ...]
     sides: dict[int, tuple[ProfileSide, ProfileSide]]
     followers: Mapping[int, Follower] = field(default_factory=dict)
 
@@ -239,7 +239,7 @@ def turning_pairs(
     """
     frames = revolute_frames(mechanism, design) if design else {}
     joints = geometry_of(mechanism).joints
-    chains: list[Chain] = []
+    chains: list[JointTransform] = []
     tracks = dict(contact_tracks(joints))
     sides: dict[int, tuple[ProfileSide, ProfileSide]] = {}
     for number, at, joint in numbered(joints):
@@ -256,14 +256,14 @@ def turning_pairs(
             hinge = revolute(joint)
             name = mechanism.pairs[number].name
             one, other = frames.get(name, (hinge.first, hinge.second))
-            chains.append(Chain((one, other.T), (AxisRotation(at),)))
+            chains.append(JointTransform((one, other.T), (AxisRotation(at),)))
     return TurningPairs(tuple(chains), sides)
 
 
-def _along(one: ProfileSide, other: ProfileSide) -> Chain:
+def _along(one: ProfileSide, other: ProfileSide) -> JointTransform:
     """Return the turns that run along two profiles."""
     constants = one.before, one.after @ transpose(other.after), transpose(other.before)
-    return Chain(constants, (one.turn, _back(other.turn)))
+    return JointTransform(constants, (one.turn, _back(other.turn)))
 
 
 def _side(

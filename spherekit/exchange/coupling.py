@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.analysis.frames import frame_of
+from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Bools, Floats, Integers
-from spherekit.checked import checked
 from spherekit.conventions import AnyPath, counted, listing
 from spherekit.dynamics.stored_model import DAMAGED, Archive
 from spherekit.errors import FileError, SolveError

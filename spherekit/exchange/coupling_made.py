@@ -7,8 +7,8 @@ from itertools import product
 
 import numpy as np
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.dynamics.coordinates import by_variables
 from spherekit.errors import SolveError
@@ -16,10 +16,10 @@ from spherekit.exchange.coupling import Coupled, CouplingTable
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Tracer, going_on
+from spherekit.motion.motion import PositionAnalysis, going_on
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, parse_pole
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import all_finite, max_abs, nans
 from spherekit.version import __version__
 
@@ -92,7 +92,7 @@ def coupling_table(
     wanted = tuple(parse_pole(mechanism, text) for text in poles)
     given = samples is not None
     counts = _counts(mechanism, samples)
-    working = Working("filling the table")
+    working = ProgressReporter("filling the table")
     while True:
         words = "x".join(map(str, counts))
         working.tell(words.__str__)
@@ -164,7 +164,7 @@ def _table(
 ) -> CouplingTable:
     """Return the table of a grid, with errors from one of a third of its steps."""
     fine = tuple(PARTS * (count - 1) + 1 for count in counts)
-    tracer = Tracer(
+    tracer = PositionAnalysis(
         mechanism, None, assembly_mode, samples=fine if len(fine) > 1 else fine[0]
     )
     motion = going_on(tracer.motion(), tracer.solver)

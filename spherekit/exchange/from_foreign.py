@@ -98,7 +98,7 @@ class _Import:
             "mass": self._masses(),
         }
         content["loads"] = self._loads(content["mass"])
-        content["stops"] = {
+        content["joint_limits"] = {
             pair.name: self._ends(*limits)
             for pair in self.pairs
             if (limits := self._limits(pair)) is not None

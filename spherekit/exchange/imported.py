@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath
 from spherekit.errors import FileError
 from spherekit.exchange.from_foreign import Tables, tables_of
@@ -47,7 +47,7 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
 
     Hinges are pairs, and so is each point at which a loop is closed; bodies that are
     welded are one link. Actuated joints are inputs. Springs, dampers, dry friction, limits,
-    gravity and constant actuators are loads and stops.
+    gravity and constant actuators are loads and joint limits.
 
     Parameters
     ----------

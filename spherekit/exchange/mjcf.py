@@ -1,6 +1,6 @@
 """A mechanism as a MuJoCo model (MJCF): bodies, hinges, closed loops, loads, looks.
 
-The loads and stops of a mechanism in what MuJoCo has, and those that it has not.
+The loads and joint limits of a mechanism in what MuJoCo has, and those that it has not.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,8 +12,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from spherekit.analysis.link_scenes import Shape, link_shapes
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.engine.expression_graph import (
     derivatives,
@@ -69,7 +69,7 @@ class MujocoLoads:
 
     @property
     def held(self) -> list[str]:
-        """The pairs that loads or stops need as hinges."""
+        """The pairs that loads or joint limits need as hinges."""
         pairs = [x.pair for x, _ in self.actuated if isinstance(x, PairTorque)]
         return list(dict.fromkeys([*self.hinges, *pairs]))
 
@@ -80,7 +80,7 @@ class MujocoLoads:
 
 
 def mujoco_loads(mechanism: Mechanism) -> MujocoLoads:
-    """Return the loads and stops of a mechanism as MuJoCo has them."""
+    """Return the loads and joint limits of a mechanism as MuJoCo has them."""
     sums = {pair: dict.fromkeys(_SUMS, 0.0) for pair in mechanism.angles}
     pulls = dict.fromkeys(sums, 0.0)
     actuated: list[tuple[PairTorque | PointForce | Moment, Attributes]] = []
@@ -113,7 +113,7 @@ def mujoco_loads(mechanism: Mechanism) -> MujocoLoads:
         else:
             lost[load.name] = f"MuJoCo has no load of kind {load.kind}"
     hinges: dict[str, Attributes] = {}
-    stops = {stop.pair: (stop.low, stop.high) for stop in mechanism.stops}
+    stops = {stop.pair: (stop.low, stop.high) for stop in mechanism.joint_limits}
     for pair, here in sums.items():
         rest = pulls[pair] / (here["stiffness"] or 1.0)
         held = here | {"springref": rest, "range": stops.get(pair)}
@@ -475,10 +475,11 @@ def _notes(made: RigidBodies, loads: MujocoLoads) -> tuple[str, ...]:
         lost = {load.name: "the model has no masses of its own" for load in mechanism.loads}
     notes += [f"load {name} left out: {reason}" for name, reason in lost.items()]
     notes += () if made.made_up else loads.otherwise
-    if mechanism.stops:
-        pairs = listing(stop.pair for stop in mechanism.stops)
+    if mechanism.joint_limits:
+        pairs = listing(stop.pair for stop in mechanism.joint_limits)
         notes.append(
-            f"stops of {pairs} are MuJoCo's soft limits, where spherekit ends a simulation"
+            f"joint limits of {pairs} are MuJoCo's soft limits, where spherekit "
+            f"ends a simulation"
         )
     weighed = {mass.link for mass in mechanism.masses if np.any(np.array(mass.tensor))}
     unknown = [b.link for b in made.bodies if not b.stated and b.link in weighed]

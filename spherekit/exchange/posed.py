@@ -9,7 +9,7 @@ from spherekit.conventions import counted, listing
 from spherekit.dynamics.start import at_inputs
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Tracer, going_on
+from spherekit.motion.motion import PositionAnalysis, going_on
 from spherekit.sphere.rotation import all_finite
 
 SAMPLES = 61
@@ -36,7 +36,7 @@ def posed(
         If there are not as many inputs as given, or the mode does not exist there.
     """
     if at is None:
-        tracer = Tracer(mechanism, input_pair, assembly_mode, samples=SAMPLES)
+        tracer = PositionAnalysis(mechanism, input_pair, assembly_mode, samples=SAMPLES)
         motion = tracer.motion()
         where = f"any of {len(motion)} samples of the inputs' ranges"
         other = "inputs, or another assembly mode"
@@ -44,7 +44,7 @@ def posed(
         q = np.atleast_1d(np.asarray(at, dtype=float))
         if not all_finite(q):
             raise SolveError(f"export: at is {at}, it has to be finite numbers of rad")
-        mechanism = Tracer(mechanism, input_pair, follow=False).mechanism
+        mechanism = PositionAnalysis(mechanism, input_pair, follow=False).mechanism
         inputs = mechanism.input_pairs
         if len(q) != len(inputs):
             raise SolveError(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.conventions import counted
 from spherekit.errors import ModelError
 from spherekit.files.document import Document, KeyPath, spelt
@@ -31,7 +31,7 @@ def build(
     outputs: Tables | None = None,
     mass: Tables | None = None,
     loads: Tables | None = None,
-    stops: Tables | None = None,
+    joint_limits: Tables | None = None,
     modes: Tables | None = None,
     source: Tables | None = None,
     user: Tables | None = None,
@@ -58,7 +58,7 @@ def build(
     inputs
         Driven pairs: their names, or by name the first and the last value of the
         variable. By default the first R pair, through one turn.
-    outputs, mass, loads, stops, modes, source, user
+    outputs, mass, loads, joint_limits, modes, source, user
         Tables by name, as in files.
 
     Raises
@@ -122,7 +122,7 @@ def build(
         "outputs": outputs,
         "mass": mass,
         "loads": loads,
-        "stops": stops,
+        "joint_limits": joint_limits,
         "modes": modes,
         "source": source,
         "user": user,

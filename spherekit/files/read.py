@@ -10,7 +10,7 @@ from typing import Any, NoReturn, TypeVar, final
 
 import numpy as np
 
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.conventions import TURN, AnyPath, choices, nearest
 from spherekit.errors import FileError, ModelError
 from spherekit.files.document import Document, KeyPath, parse, read_text
@@ -19,9 +19,9 @@ from spherekit.files.schema import check
 from spherekit.files.units import Table, Vector, converted, made
 from spherekit.model.dynamics import (
     LOADS,
+    JointLimit,
     Mass,
     PairTorque,
-    Stop,
     axes_frame,
     check_tensor,
     moved_to_sphere_centre,
@@ -57,7 +57,7 @@ Given = TypeVar("Given")
 AnyMechanism = Mechanism | str | os.PathLike[str]
 """A mechanism, or where `load` finds it: its path, or the name of a shipped one."""
 
-_ACTIONS = ("mass", "loads", "stops")
+_ACTIONS = ("mass", "loads", "joint_limits")
 _SIZES_OF_LINK = ("axes", "arcs", "angles", "signed_arcs", "unpaired")
 _ARC_OF_PAIR = ("through_xyz", "through_lonlat")
 _AXIS_OF_PAIR = ("xyz", "lonlat", *_ARC_OF_PAIR)
@@ -158,7 +158,7 @@ def stated(document: Document) -> Mechanism:
 
 
 def acted_on(mechanism: Mechanism, document: Document) -> Mechanism:
-    """Return a mechanism with the masses, loads and stops that a document states.
+    """Return a mechanism with the masses, loads and joint limits that a document states.
 
     Everything else of the document is as the mechanism has it.
     """
@@ -186,7 +186,7 @@ class _Reader:
             self.fail(path, str(error))
 
     def mechanism(self) -> Mechanism:
-        """Return the mechanism without masses, loads and stops."""
+        """Return the mechanism without masses, loads and joint limits."""
         data = self.data
         stated = Mechanism(
             name=data["name"],
@@ -209,8 +209,8 @@ class _Reader:
         return replace(stated, pairs=pairs) if pairs != stated.pairs else stated
 
     def acted_on(self, mechanism: Mechanism) -> Mechanism:
-        """Return a mechanism with masses, loads and stops, tensors in link axes."""
-        masses, loads, stops = (self.data.get(key, {}).items() for key in _ACTIONS)
+        """Return a mechanism with masses, loads and joint limits, tensors in link axes."""
+        masses, loads, limits = (self.data.get(key, {}).items() for key in _ACTIONS)
 
         @cache
         def axes() -> LinkAxes:
@@ -226,7 +226,9 @@ class _Reader:
             mechanism,
             masses=tuple(self.mass(link, item, axes) for link, item in masses),
             loads=tuple(self.load(name, item) for name, item in loads),
-            stops=tuple(made(Stop, item, {"pair": pair}) for pair, item in stops),
+            joint_limits=tuple(
+                made(JointLimit, item, {"pair": pair}) for pair, item in limits
+            ),
         )
 
     def load(self, name: str, item: Table) -> Load:

@@ -25,11 +25,11 @@ from spherekit.files.document import Document, KeyPath, spelt, values_in
 FORMAT = 1
 """The format of mechanism and study files that this version reads and writes."""
 
-Kind = Literal["mechanism", "study", "sizing"]
+Kind = Literal["mechanism", "study", "synthesis"]
 _SCHEMAS: Mapping[Kind, str] = {
     "mechanism": f"format_{FORMAT}.schema.json",
     "study": f"study_{FORMAT}.schema.json",
-    "sizing": f"sizing_{FORMAT}.schema.json",
+    "synthesis": f"synthesis_{FORMAT}.schema.json",
 }
 
 _DEFS = "#/$defs/"

@@ -8,8 +8,8 @@ from typing import final
 
 import numpy as np
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.checked import checked
 from spherekit.conventions import DEFAULT_SAMPLES, AnyPath, choices, listing
 from spherekit.errors import FileError, ModelError
 from spherekit.files.document import Document, KeyPath, parse, read_text

@@ -18,7 +18,7 @@ from spherekit.conventions import EPS
 from spherekit.files.document import Document, KeyPath, LiteralNumber
 from spherekit.files.schema import Kind, Leaves, walked
 from spherekit.files.toml_text import Literal
-from spherekit.model.dynamics import Mass, Stop
+from spherekit.model.dynamics import JointLimit, Mass
 from spherekit.model.parts import AngleUnit, Input, LinkSizes, Output, Pair, Profile, Source
 from spherekit.model.study import ConstantSpeed, Cycloidal, Polynomial, Tabulated
 
@@ -158,7 +158,7 @@ KEYS: Mapping[type, Mapping[str, str]] = {
     Input: {"from": "start", "to": "stop"},
     Output: {"link": "link", "relative_to": "relative_to", "xyz": "direction"},
     Mass: _same("tensor mass centre"),
-    Stop: {"from": "low", "to": "high"},
+    JointLimit: {"from": "low", "to": "high"},
     ConstantSpeed: {"speed": "speed", "from": "start"},
     Polynomial: _same("coefficients"),
     Cycloidal: {"from": "start", "to": "stop", "duration": "duration"},

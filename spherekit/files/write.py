@@ -14,7 +14,7 @@ from functools import reduce
 from operator import getitem
 from typing import Any
 
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath, listing, nearest
 from spherekit.errors import EngineError, FileError, OutputError
 from spherekit.files.atomic import write_text
@@ -117,7 +117,7 @@ def _content(mechanism: Mechanism) -> dict[str, _Table]:
         "outputs": {item.name: table_of(item) for item in mechanism.outputs},
         "mass": {item.link: table_of(item) for item in mechanism.masses},
         "loads": {item.name: _load(item) for item in mechanism.loads},
-        "stops": {item.pair: table_of(item) for item in mechanism.stops},
+        "joint_limits": {item.pair: table_of(item) for item in mechanism.joint_limits},
         "modes": {mode.name: mode.values for mode in mechanism.modes},
         "user": dict(mechanism.user),
     }

@@ -20,15 +20,15 @@ from spherekit.analysis.tables import (
     Table,
     input_columns,
 )
+from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Floats, Integers, SmallIntegers
-from spherekit.checked import checked
 from spherekit.conventions import counted, listing, nearest
 from spherekit.dynamics.start import into_range, reaching, traced
 from spherekit.engine.fields import evaluate as evaluate_poles
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, all_poles, parse_pole
 from spherekit.sphere.rotation import all_finite
@@ -310,7 +310,7 @@ def evaluate(
             tracer = reaching(tracer, q)
         motion = tracer.at(into_range(tracer, q))
     else:
-        tracer = Tracer(mechanism, path=q)
+        tracer = PositionAnalysis(mechanism, path=q)
         motion = tracer.motion()
     if assembly_mode is not None:
         number = tracer.assembly_modes[tracer.place_of(assembly_mode)].number

@@ -10,9 +10,9 @@ from typing import Literal, final
 
 import numpy as np
 
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath, counted, listing
-from spherekit.dynamics.tabulate import grid_model, online_model
+from spherekit.dynamics.tabulate import reduced_grid_model, reduced_model
 from spherekit.errors import OutputError, PlanError
 from spherekit.exchange.coupling import CouplingTable, header, write_csv, write_npz
 from spherekit.exchange.coupling_made import coupling_table
@@ -22,7 +22,7 @@ from spherekit.files.atomic import write_text
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import dump
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning import plan as planning
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Plan, Pole
@@ -127,7 +127,9 @@ def export(
             raise OutputError(f"export: {name} does nothing but for {of}; this is {kind}")
     made = driven_at(mechanism_of(mechanism), input_pair)
     if isinstance(assembly_mode, str):
-        assembly_mode = Tracer(made, assembly_mode=assembly_mode).assembly_modes[0].number
+        assembly_mode = (
+            PositionAnalysis(made, assembly_mode=assembly_mode).assembly_modes[0].number
+        )
     mode = 0 if assembly_mode is None else assembly_mode
     if kind == "model":
         return _functions(made, target, mode, poles, tolerance)
@@ -200,7 +202,7 @@ def _functions(
     if not mechanism.masses:
         notes.append("no inertia: the mechanism has no masses")
     if len(mechanism.inputs) > 1:
-        model = grid_model(
+        model = reduced_grid_model(
             mechanism,
             assembly_mode=assembly_mode,
             poles=poles or (),
@@ -212,7 +214,7 @@ def _functions(
                 "elsewhere the assembly mode does not exist or is near a singularity"
             )
     else:
-        model = online_model(
+        model = reduced_model(
             mechanism,
             assembly_mode=assembly_mode,
             poles=poles,

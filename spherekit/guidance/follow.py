@@ -13,8 +13,8 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebfit, chebpts1, chebval
 from numpy.typing import ArrayLike
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
-from spherekit.checked import checked
 from spherekit.conventions import SINGULAR_RATIO, Status
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
@@ -25,7 +25,7 @@ from spherekit.guidance.rotation_path import (
     VERIFIED,
     Nodes,
     Optimality,
-    Target,
+    OutputTarget,
     Way,
     least_about,
 )
@@ -89,7 +89,7 @@ class RotationSamples:
     second_rates: Floats
     values: Floats
     orientation: Floats
-    departure: Floats
+    orientation_error: Floats
     drift: Floats
     type_2: Floats
     status: SmallIntegers
@@ -191,7 +191,7 @@ class FollowedRotation(Way):
             second_rates=kept(bends[:, self.driven]),
             values=kept(near.values),
             orientation=kept(near.reached),
-            departure=kept(turns_between(near.reached, self.wanted(theta)).angle),
+            orientation_error=kept(turns_between(near.reached, self.wanted(theta)).angle),
             drift=kept(arc(w, np.broadcast_to(self.axis, w.shape))),
             type_2=kept(held),
             status=status,
@@ -309,7 +309,7 @@ def follow_rotation(
     about = unit(axis)
     if not (np.isfinite(angle) and angle > 0.0):
         raise SolveError(f"angle: found {angle:g} rad, needs a finite angle above 0")
-    target = Target.of(mechanism, end)
+    target = OutputTarget.of(mechanism, end)
     near = _started(target, _configuration(target, values, mechanism.name), mechanism.name)
     given = target, about, rotation(about, [lead])[0] @ near.reached[0]
     way = Way(*given, bool(near.rates(about)[2][0]))
@@ -340,7 +340,7 @@ def follow_to(
     """
     mechanism = mechanism_of(mechanism)
     end = chosen_output(mechanism, output)
-    target = Target.of(mechanism, end)
+    target = OutputTarget.of(mechanism, end)
     start = _configuration(target, values, mechanism.name)
     placed = target.closure.at(start[None]).placed
     wanted = np.asarray(orientation, dtype=float)
@@ -351,7 +351,7 @@ def follow_to(
     return follow_rotation(mechanism, values, axis, angle, output)
 
 
-def _configuration(target: Target, values: ArrayLike, name: str) -> Floats:
+def _configuration(target: OutputTarget, values: ArrayLike, name: str) -> Floats:
     """Return a configuration (variables,); `SolveError` unless it has finite values."""
     given, count = np.asarray(values, dtype=float), len(target.closure.tree.owners)
     if given.shape != (count,) or not all_finite(given):
@@ -362,7 +362,7 @@ def _configuration(target: Target, values: ArrayLike, name: str) -> Floats:
     return given
 
 
-def _started(target: Target, values: Floats, name: str) -> Optimality:
+def _started(target: OutputTarget, values: Floats, name: str) -> Optimality:
     """Return a configuration (variables,), closed exactly, from which a way may begin."""
     count = len(values)
     if target.freedoms > 3:

@@ -26,12 +26,12 @@ from typing import final
 
 import numpy as np
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Indices, Integers
-from spherekit.checked import checked
 from spherekit.conventions import CLOSURE_TOLERANCE, listing
 from spherekit.errors import ModelError
 from spherekit.files.read import AnyMechanism, mechanism_of
-from spherekit.guarantee import Budget, Claim, Guarantee
+from spherekit.guarantee import Completeness, Guarantee, TimeLimit
 from spherekit.guidance.mid_plane_architecture import (
     Carrier,
     Leg,
@@ -47,7 +47,7 @@ from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.region.mesh import edges_of, hemisphere
 from spherekit.singular.curves import CurveSeen, SingularCurves
 from spherekit.singular.locus import solver_of
-from spherekit.singular.several import LocusName, View
+from spherekit.singular.several import LocusName, SingularityReport
 from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import (
     all_finite,
@@ -271,7 +271,7 @@ def mid_plane_loci(
     mechanism: Mechanism,
     kind: LocusName,
     output: str | None = None,
-    budget: Budget | None = None,
+    budget: TimeLimit | None = None,
 ) -> SingularCurves | None:
     """Return the singular curves of a type, of the mid-plane architecture of a mechanism.
 
@@ -282,19 +282,19 @@ def mid_plane_loci(
         form = mid_plane_form(mechanism, output)
     except ModelError:
         return None
-    budget = budget or Budget()
+    budget = budget or TimeLimit()
     modes = _Modes(form, mechanism, kind, output)
     curves = list(modes.borders() if kind == "I" else modes.contours(budget))
     none = np.zeros((0, len(mechanism.variable_owners)))
     beyond = "configurations in which the output is not a mirror image of the base"
     if kind == "I":
         words = f"borders of the reach of driven legs in closed form, without {beyond}"
-        claim = Claim(Guarantee.COMPONENT, words)
+        claim = Completeness(Guarantee.COMPONENT, words)
     elif budget.note:
-        claim = Claim(Guarantee.SAMPLED, budget.note)
+        claim = Completeness(Guarantee.SAMPLED, budget.note)
     else:
         words = f"changes of sign over the mid-planes of every mode, without {beyond}"
-        claim = Claim(Guarantee.TO_BOX, words, SIDE)
+        claim = Completeness(Guarantee.TO_BOX, words, SIDE)
     return SingularCurves(kind, tuple(curves), claim, none)
 
 
@@ -312,7 +312,7 @@ class _Modes:
         self.form = form
         solver = solver_of(mechanism)
         rest = output_of(mechanism, output)
-        self.view = View(solver, rest, kind)
+        self.view = SingularityReport(solver, rest, kind)
         self.locus = self.view.locus
         self.passive = [
             v for v in range(len(mechanism.variable_owners)) if v not in solver.driven
@@ -328,7 +328,7 @@ class _Modes:
                 margins, axis = partial(self._margins, leg), self.form.plane.axes[leg]
                 yield from self._zeros(margins, modes, why, (axis, -axis))
 
-    def contours(self, budget: Budget) -> Iterator[CurveSeen]:
+    def contours(self, budget: TimeLimit) -> Iterator[CurveSeen]:
         """Yield the lines on which the determinant of the locked mechanism changes sign."""
         for signs in product((1, -1), repeat=len(self.form.legs)):
             if not budget.goes_on(f"mode {signs}"):

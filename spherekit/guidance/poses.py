@@ -17,7 +17,7 @@ from spherekit.conventions import listing
 from spherekit.errors import SolveError
 from spherekit.guidance.follow import FollowedRotation, follow_rotation, follow_to, unit
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
-from spherekit.guidance.rotation_path import UNFIXED, Target
+from spherekit.guidance.rotation_path import UNFIXED, OutputTarget
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import Solver, label_of
@@ -221,8 +221,8 @@ class PoseFinder:
         return candidates.singular_last()
 
     @cached_property
-    def _target(self) -> Target:
-        return Target.of(self.mechanism, self.output)
+    def _target(self) -> OutputTarget:
+        return OutputTarget.of(self.mechanism, self.output)
 
     def _singular(self, values: Floats) -> Bools:
         near = self._target.at(values, np.eye(3)[None])

@@ -13,8 +13,8 @@ from typing import Literal, Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
-from spherekit.checked import checked
 from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import SolveError
 from spherekit.guidance.follow import RotationSamples
@@ -104,7 +104,7 @@ class Extreme:
 
 @final
 @dataclass(frozen=True)
-class Timetable:
+class Trajectory:
     """What a controller needs: n rows in time.
 
     `t` (n,) s; `theta` (n,) rad; `inputs` rad, `rates` rad/s, `accelerations` rad/s2, all
@@ -124,7 +124,7 @@ class Timetable:
 
 @final
 @dataclass(frozen=True)
-class Schedule:
+class TimeScaling:
     """A rotation in time.
 
     `duration` in s; `extremes` for each input, speeds first; `error` is that of the
@@ -147,7 +147,7 @@ class Schedule:
             self.extremes, key=lambda x: (abs(x.value) / x.limit) ** powers[x.quantity]
         )
 
-    def at(self, t: ArrayLike) -> Timetable:
+    def at(self, t: ArrayLike) -> Trajectory:
         """Return the rows at times t (n,) from 0 to the duration (s).
 
         Raises
@@ -164,7 +164,7 @@ class Schedule:
         part = np.clip(t / self.duration, 0.0, 1.0)
         samples, motion = _moved(self.rotation, self.shape, part)
         speeds, accelerations = np.split(motion, 2, axis=1)
-        return Timetable(
+        return Trajectory(
             self.rotation.inputs,
             t,
             samples.theta,
@@ -175,7 +175,7 @@ class Schedule:
             samples.status,
         )
 
-    def table(self, samples: int) -> Timetable:
+    def table(self, samples: int) -> Trajectory:
         """Return rows at equally spaced times, both ends included.
 
         With a cycle there is a row for each, whatever number of samples is asked for.
@@ -189,13 +189,13 @@ class Schedule:
 
 
 @checked(SolveError)
-def quickest(
+def time_optimal(
     rotation: FixedAxisRotation,
     speed: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     shape: str | Law = "cycloidal",
     cycle: float | None = None,
-) -> Schedule:
+) -> TimeScaling:
     """Return the shortest schedule of a law shape that keeps to the limits of the drives.
 
     Parameters
@@ -244,7 +244,7 @@ def quickest(
         Extreme(*name, *row)  # type: ignore[arg-type]
         for name, row in zip(names, rows, strict=True)
     )
-    return Schedule(rotation, law, duration, extremes, fitted.error, cycle)
+    return TimeScaling(rotation, law, duration, extremes, fitted.error, cycle)
 
 
 def _shape(shape: str | Law) -> Law:

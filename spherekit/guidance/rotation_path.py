@@ -48,7 +48,7 @@ DEPARTED = 1e-10
 
 @final
 @dataclass(frozen=True)
-class Target:
+class OutputTarget:
     """An output link, number `link`, of a mechanism with `freedoms`, and its closure."""
 
     closure: Closure
@@ -56,11 +56,11 @@ class Target:
     freedoms: int
 
     @staticmethod
-    def of(mechanism: Mechanism, output: Output) -> "Target":
+    def of(mechanism: Mechanism, output: Output) -> "OutputTarget":
         """Return the target of an output, body 0 the link that it is relative to."""
         made = replace(mechanism, ground=output.relative_to)
         closure = Closure.of(made, geometry_of(made).joints)
-        return Target(closure, made.link_number[output.link], len(made.inputs))
+        return OutputTarget(closure, made.link_number[output.link], len(made.inputs))
 
     def at(self, values: Floats, wanted: Floats) -> "Optimality":
         """Return n configurations (n, variables) beside orientations (n, 3, 3)."""
@@ -78,7 +78,7 @@ class Optimality:
     `turning` G (n, 3, variables); `left` d (n, 3) rad.
     """
 
-    target: Target
+    target: OutputTarget
     at: Linearisation
     turning: Floats
     left: Floats
@@ -403,7 +403,7 @@ class Way:
     axes of body 0; `exact` says that the output link can follow.
     """
 
-    target: Target
+    target: OutputTarget
     axis: Floats
     start: Floats
     exact: bool

@@ -1,4 +1,4 @@
-"""What acts on the links of a mechanism: inertia, loads, and stops of pairs.
+"""What acts on the links of a mechanism: inertia, loads, and joint limits.
 
 Inertia tensors about the centre of the sphere, from what is known of a link.
 
@@ -12,19 +12,19 @@ from typing import final
 
 import numpy as np
 
+from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats
-from spherekit.checked import checked_class
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.expression import parse
 from spherekit.model.load import (
     Axes,
+    BearingFriction,
     Called,
     Component,
     LinkMoment,
     Load,
     Loaded,
-    Rubbing,
     TorqueFunction,
     TorqueTable,
     Vector,
@@ -108,7 +108,7 @@ def uniform_arc(
 @final
 @checked_class(ModelError)
 @dataclass(frozen=True)
-class Bearings(Rubbing):
+class Bearings(BearingFriction):
     """The bearings of an R pair, with Coulomb's friction that follows from its reaction.
 
     `positions` (m) are where they sit along the axis, from the centre of the sphere: one,
@@ -155,7 +155,7 @@ class Bearings(Rubbing):
 
     @property
     def asks_forces(self) -> bool:
-        """See `Rubbing`."""
+        """See `BearingFriction`."""
         return self.axial is not None
 
     def carried(self, moments: Floats, forces: Floats | None = None) -> Floats:
@@ -223,7 +223,7 @@ class Bearings(Rubbing):
 @final
 @checked_class(ModelError)
 @dataclass(frozen=True)
-class ContactFriction(Rubbing):
+class ContactFriction(BearingFriction):
     """Coulomb's friction of a contact that slides, which follows from its push.
 
     It is `coefficient` times the push, against the rate v at which the second link slides
@@ -245,7 +245,7 @@ class ContactFriction(Rubbing):
         return self.coefficient
 
     def carried(self, moments: Floats, forces: Floats | None = None) -> Floats:
-        """Return the push (..., 1, 3) N m, see `Rubbing`."""
+        """Return the push (..., 1, 3) N m, see `BearingFriction`."""
         return (moments * [1.0, 0.0, 0.0])[..., None, :]
 
     def components(self, mechanism: Loaded) -> tuple[Component, ...]:
@@ -265,7 +265,7 @@ def sliding_rate(pair: str) -> str:
 def need_no_rubbing(mechanism: Loaded, what: str) -> None:
     """Raise `ModelError` if friction follows from reactions, which `what` does not know."""
     for load in mechanism.loads:
-        if isinstance(load, Rubbing) and load.grip > 0.0:
+        if isinstance(load, BearingFriction) and load.grip > 0.0:
             instead = (
                 "a load of kind friction there, whose torque the analysis reactions can "
                 "tell, or "
@@ -527,7 +527,7 @@ def _on_link(
 
 @final
 @dataclass(frozen=True)
-class Stop:
+class JointLimit:
     """An R pair whose variable (rad) may not leave [low, high]; a simulation ends there."""
 
     pair: str
@@ -611,9 +611,9 @@ def _need_moments(key: str, tensor: Floats, slack: float, about: str) -> None:
         )
 
 
-def check_stop(stop: Stop, mechanism: Loaded) -> None:
+def check_stop(stop: JointLimit, mechanism: Loaded) -> None:
     """Refuse a stop that is not a range of an R pair's variable."""
-    key = f"stops.{stop.pair}"
+    key = f"joint_limits.{stop.pair}"
     need_angle(key, stop.pair, mechanism)
     need_finite(key, (stop.low, stop.high))
     if not stop.low < stop.high:

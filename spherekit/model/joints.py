@@ -108,7 +108,7 @@ class Joint(ABC):
     """How many variables it has: the relative freedoms that it leaves, of three."""
     has_axis: ClassVar[bool]
     """Whether its variable is the angle about an axis that is fixed in both links: such a
-    pair can be driven, and carry torques and stops."""
+    pair can be driven, and carry torques and joint limits."""
     pole_line: ClassVar[str | None]
     """What of it is the pole of its links; None where that is only known to lie in the
     plane of the contact."""

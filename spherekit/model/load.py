@@ -11,8 +11,8 @@ from typing import Any, ClassVar, Literal, Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats
-from spherekit.checked import checked_class
 from spherekit.conventions import counted, listing
 from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
@@ -108,7 +108,7 @@ class Component:
     magnitude: "Expression | Called | TorqueTable"
     pair: str = ""
     moments: tuple[LinkMoment, ...] = ()
-    rubs: "Rubbing | None" = None
+    rubs: "BearingFriction | None" = None
 
 
 class Loaded(Protocol):
@@ -179,7 +179,7 @@ class Load(ABC):
         """Return what it is made of: magnitudes, and what they work on."""
 
 
-class Rubbing(Load):
+class BearingFriction(Load):
     """A load at a pair whose friction follows from the reaction of that pair."""
 
     pair: str
@@ -325,7 +325,7 @@ def need_angle(key: str, pair: str, mechanism: Loaded) -> None:
         return
     raise ModelError(
         f'{key}: "{pair}" is a contact pair ({mechanism.pair(pair).type}), whose variables '
-        "are arc lengths; only R pairs have torques and stops. R pairs: "
+        "are arc lengths; only R pairs have torques and joint limits. R pairs: "
         f"{listing(mechanism.angles)}"
     )
 

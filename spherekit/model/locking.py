@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.checked import checked
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.dynamics import Mass
@@ -178,9 +178,10 @@ def lock(
     """Return the mechanism with R pairs locked, the two links of each joined to one.
 
     The link that stays is the ground, or the one with contacts, or the pair's first;
-    masses, loads and outputs of the other go over to it. Loads and stops at the pair go,
-    as do an input there and outputs between both links. A mechanism given in a reference
-    pose is given by arcs and angles if a pair is locked at another value than it has there.
+    masses, loads and outputs of the other go over to it. Loads and joint limits at the pair
+    go, as do an input there and outputs between both links. A mechanism given in a
+    reference pose is given by arcs and angles if a pair is locked at another value than it
+    has there.
 
     Parameters
     ----------
@@ -194,9 +195,9 @@ def lock(
     Raises
     ------
     ModelError
-        If there is no such R pair, its stops exclude the value, they are all inputs that
-        the mechanism states, or a contact would lose
-        the place from which lengths along its profiles are measured.
+        If there is no such R pair, its joint limits exclude the value, they are all inputs
+        that the mechanism states, or a contact would lose the place from which lengths
+        along its profiles are measured.
 
     Examples
     --------
@@ -269,7 +270,7 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
         outputs=tuple(item for item in parts["outputs"] if item.link != item.relative_to),
         masses=_added(parts["masses"]),
         loads=tuple(x for x in parts["loads"] if getattr(x, "pair", "") != pair.name),
-        stops=tuple(stop for stop in made.stops if stop.pair != pair.name),
+        joint_limits=tuple(stop for stop in made.joint_limits if stop.pair != pair.name),
         modes=(),
     )
 
@@ -298,10 +299,10 @@ def _check_lockable(made: Mechanism, pair: Pair, value: float, where: str) -> bo
         raise ModelError(f"{where} is a contact; only R pairs can be locked")
     if not math.isfinite(value):
         raise ModelError(f"{where}: found {value}, needs a finite angle")
-    for stop in made.stops:
+    for stop in made.joint_limits:
         if stop.pair == pair.name and not stop.low <= value <= stop.high:
             raise ModelError(
-                f"{where}: {value:.6g} rad is outside its stops, {stop.low:.6g} to "
+                f"{where}: {value:.6g} rad is outside its joint limits, {stop.low:.6g} to "
                 f"{stop.high:.6g} rad"
             )
     if isinstance(made.geometry, SizeGeometry):

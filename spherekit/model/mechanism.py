@@ -12,7 +12,7 @@ from typing import Any, final
 
 from numpy.typing import ArrayLike
 
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.conventions import (
     MAX_NAME_LENGTH,
     NAME_PATTERN,
@@ -22,7 +22,7 @@ from spherekit.conventions import (
 )
 from spherekit.errors import ModelError
 from spherekit.markup import html_table
-from spherekit.model.dynamics import Mass, Stop, check_mass, check_stop
+from spherekit.model.dynamics import JointLimit, Mass, check_mass, check_stop
 from spherekit.model.joints import KINDS
 from spherekit.model.load import Load
 from spherekit.model.parts import (
@@ -67,7 +67,7 @@ class Mechanism:
     outputs: tuple[Output, ...] = ()
     masses: tuple[Mass, ...] = ()
     loads: tuple[Load, ...] = ()
-    stops: tuple[Stop, ...] = ()
+    joint_limits: tuple[JointLimit, ...] = ()
     modes: tuple[NamedMode, ...] = ()
     source: Source | None = None
     user: Mapping[str, Any] = field(default_factory=dict)
@@ -185,7 +185,7 @@ class Mechanism:
         named = {
             "inertia of": [mass.link for mass in self.masses],
             "loads": [load.name for load in self.loads],
-            "stops of": [stop.pair for stop in self.stops],
+            "joint limits of": [stop.pair for stop in self.joint_limits],
         }
         parts += [f"{what} {listing(names)}" for what, names in named.items() if names]
         return f"<Mechanism {self.name}: {'; '.join(parts)}>"
@@ -412,7 +412,7 @@ def _check(mechanism: Mechanism) -> None:
         ("output", [output.name for output in mechanism.outputs]),
         ("load", [load.name for load in mechanism.loads]),
         ("mass of a", [mass.link for mass in mechanism.masses]),
-        ("stop of a", [stop.pair for stop in mechanism.stops]),
+        ("joint limit of a", [stop.pair for stop in mechanism.joint_limits]),
         ("mode", [mode.name for mode in mechanism.modes]),
     ):
         _check_names(where, what, names)
@@ -468,7 +468,7 @@ def _pairs_named(mechanism: Mechanism) -> Iterator[tuple[str, str]]:
         yield from ((f"modes.{mode.name}", pair) for pair in mode.values)
     yield from ((f"inputs.{item.pair}", item.pair) for item in mechanism.inputs)
     yield from _named_by_loads(mechanism, ("pair", "contact"))
-    yield from ((f"stops.{stop.pair}", stop.pair) for stop in mechanism.stops)
+    yield from ((f"joint_limits.{stop.pair}", stop.pair) for stop in mechanism.joint_limits)
     geometry = mechanism.geometry
     of_pairs = (
         [geometry.zeros]
@@ -520,7 +520,7 @@ def _check_dynamics(where: str, mechanism: Mechanism) -> None:
             check_mass(mass)
         for load in mechanism.loads:
             load.check(f"loads.{load.name}", mechanism)
-        for stop in mechanism.stops:
+        for stop in mechanism.joint_limits:
             check_stop(stop, mechanism)
     except ModelError as error:
         raise ModelError(f"{where}: {error}") from None

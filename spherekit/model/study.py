@@ -13,8 +13,8 @@ from typing import Any, Literal, Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.argument_validation import check_fields, checked_class
 from spherekit.arrays import Floats
-from spherekit.checked import check_fields, checked_class
 from spherekit.conventions import DEFAULT_SAMPLES, counted
 from spherekit.errors import AnalysisError, ModelError, SpherekitError
 from spherekit.model.mechanism import Mechanism

@@ -260,7 +260,8 @@ def _curve(
     count = len(back.values)
     if count == 0 and len(nodes.values) == 1:
         raise SolveError(
-            "the configuration to follow has its limits on both sides; widen the stops"
+            "the configuration to follow has its limits on both sides; widen the "
+            "joint limits"
         )
     points = CurvePoints.joined([back, nodes])
     winding = np.zeros(len(periods), dtype=np.int64)

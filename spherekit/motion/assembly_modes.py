@@ -36,13 +36,13 @@ from spherekit.motion.groups import (
 )
 from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow
 from spherekit.motion.loops import DEPENDENT, left_inverse, penetrates, rank_mobility
-from spherekit.motion.meshes import Meshes, meshes_of
+from spherekit.motion.meshes import GearPhases, meshes_of
 from spherekit.motion.steps import determinant_sign, walk
 from spherekit.motion.turns import into_range, whole_laps
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import Assembly
 from spherekit.planning.wheels import (
-    WheelTrain,
+    GearTrain,
     wheel_train,
 )
 from spherekit.sphere.rotation import all_finite, max_abs, nans
@@ -170,11 +170,11 @@ class Solver:
         return number
 
     @cached_property
-    def _train(self) -> WheelTrain | None:
+    def _train(self) -> GearTrain | None:
         return wheel_train(self.mechanism, self.assembly.inputs, whole=False)
 
     @cached_property
-    def meshes(self) -> Meshes | None:
+    def meshes(self) -> GearPhases | None:
         """How far wheels have rolled at inputs, None without rolling contacts."""
         reference = self.geometry.reference
         return meshes_of(self.closure, self.driven, reference, self._train)

@@ -14,25 +14,25 @@ from typing import final
 
 import numpy as np
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Integers
-from spherekit.checked import checked
 from spherekit.conventions import TURN, Status, counted
 from spherekit.errors import SolveError
-from spherekit.guarantee import Claim, Guarantee
+from spherekit.guarantee import Completeness, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.crossing import ways_out
-from spherekit.motion.elimination import RANGE_ROUNDS, RangeSearch, assemblies
+from spherekit.motion.elimination import RANGE_ROUNDS, MultiStart, assemblies
 from spherekit.motion.input_turning_points import (
     InputTurningPoints,
     easiest_drive,
     input_turning_points,
 )
-from spherekit.motion.search import SEED, STARTS, Census
+from spherekit.motion.search import SEED, STARTS, SearchStatistics
 from spherekit.motion.turns import in_range, turns_in_range
 from spherekit.numeric.crossings import wrap
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import max_abs
 
 PROBED = 181
@@ -178,7 +178,7 @@ class Configurations:
     """
 
     curves: tuple[ConfigurationCurve, ...]
-    claim: Claim
+    claim: Completeness
     drive: str
     inputs: Floats
     counts: Integers
@@ -245,7 +245,7 @@ def configuration_curves(
     if search.problems:
         failed = counted(len(search.problems), "check")
         words = f"{failed} failed, the first: {search.problems[0]}"
-        claim = Claim(Guarantee.SAMPLED, words)
+        claim = Completeness(Guarantee.SAMPLED, words)
     inputs, counts = np.array(search.counted).reshape(-1, 2).T
     pieces = _pieces(solver, assembly_modes, search.curves, segments)
     return Configurations(
@@ -322,19 +322,19 @@ class _CurveSearch:
             ):
                 self.problems.append(words)
 
-    def sweep(self, drive: Solver, dead: InputTurningPoints, step: float) -> Claim:
+    def sweep(self, drive: Solver, dead: InputTurningPoints, step: float) -> Completeness:
         """Follow the curves of all modes of `drive` between its dead inputs."""
         for q in dead.probes(step):
             values, complete = _modes(drive, float(q))
             if not complete:
                 words = "no elimination finds all modes at an input"
-                return Claim(Guarantee.SAMPLED, words)
+                return Completeness(Guarantee.SAMPLED, words)
             if drive is self.solver:
                 self.counted.append((float(q), len(values)))
             self.add(values)
         return dead.claim(step)
 
-    def search(self) -> Claim:
+    def search(self) -> Completeness:
         """Follow the curves that random starts over the range lead to.
 
         The starts are others than those by which a run finds its assembly modes, so that
@@ -342,11 +342,11 @@ class _CurveSearch:
         """
         if self.solver.meshes is not None and not self.solver.meshes.all_known:
             words = "wheels in mesh as in the assembly modes given"
-            return Claim(Guarantee.COMPONENT, words)
+            return Completeness(Guarantee.COMPONENT, words)
         low, high = np.array([self.low]), np.array([self.high])
-        starts = RangeSearch(self.solver, low, high, seed=SEED + 1)
-        census = Census(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
-        working = Working("searching the configuration curves")
+        starts = MultiStart(self.solver, low, high, seed=SEED + 1)
+        census = SearchStatistics(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
+        working = ProgressReporter("searching the configuration curves")
         while census.goes_on and len(self.curves) < MOST_CURVES:
             values, _ = starts.rounds()
             self.add(values)
@@ -355,7 +355,7 @@ class _CurveSearch:
                 met[curve.passes(values)] = number
             census.add(STARTS, met, len(self.curves))
             working.tell(lambda: census.words("curves"))
-        return Claim(Guarantee.SAMPLED, census.words("curves"))
+        return Completeness(Guarantee.SAMPLED, census.words("curves"))
 
     def count(self, segments: Sequence[MonotoneSegments], complete: bool) -> None:
         """Compare the number of modes with that of the curves' crossings.

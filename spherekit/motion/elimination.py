@@ -50,8 +50,8 @@ from spherekit.motion.search import (
     POLISHING_STEPS,
     SEED,
     STARTS,
-    Census,
     Distinct,
+    SearchStatistics,
     damped,
     search,
     starting_range,
@@ -140,7 +140,7 @@ def candidates(group: Group, closure: Closure) -> ModeCandidates | None:
 
 @final
 @dataclass(frozen=True)
-class Bar:
+class BinaryLink:
     """A body with two pairs: the pairs, and the two bodies that it joins by them."""
 
     body: int
@@ -148,14 +148,14 @@ class Bar:
     bodies: tuple[int, int]
 
 
-def bars_of(group: Group) -> tuple[Bar, ...]:
+def bars_of(group: Group) -> tuple[BinaryLink, ...]:
     """Return the bodies of a group that have two pairs, with two other bodies."""
     bars = []
     for body in range(len(group.bodies)):
         pairs = [k for k, ends in enumerate(group.ends) if body in ends]
         others = [sum(group.ends[k]) - body for k in pairs]
         if len(pairs) == 2 and others[0] != others[1]:
-            bars.append(Bar(body, (pairs[0], pairs[1]), (others[0], others[1])))
+            bars.append(BinaryLink(body, (pairs[0], pairs[1]), (others[0], others[1])))
     return tuple(bars)
 
 
@@ -170,7 +170,7 @@ class Order:
 
     bodies: tuple[int, ...]
     pairs: tuple[int, ...]
-    bars: tuple[Bar, ...]
+    bars: tuple[BinaryLink, ...]
     ways: tuple[tuple[int, ...], ...]
 
     @property
@@ -233,13 +233,13 @@ class Frames:
         """Return the frames (n, 3, 3) of a pair in one of its bodies."""
         return self.sides[self.group.ends[pair].index(body), pair]
 
-    def _axes(self, bar: Bar) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    def _axes(self, bar: BinaryLink) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         """Return the unit axes (n, 3) of a bar's pairs: in it, in the bodies it joins."""
         both = zip(bar.pairs, bar.bodies, strict=True)
         outer = tuple(self.of_pair(pair, body)[..., 2] for pair, body in both)
         return tuple(self.of_pair(pair, bar.body)[..., 2] for pair in bar.pairs), outer
 
-    def sine(self, bar: Bar) -> float:
+    def sine(self, bar: BinaryLink) -> float:
         """Return the least sine of a bar's arc; at 0 it spins between its neighbours."""
         return float(np.min(np.linalg.norm(cross(*self._axes(bar)[0]), axis=-1)))
 
@@ -328,7 +328,7 @@ class Method:
     roots: int
     problem: str = ""
     closed_form: bool = False
-    census: Census | None = None
+    census: SearchStatistics | None = None
 
     @property
     def is_complete(self) -> bool:
@@ -547,7 +547,7 @@ def group_signs(solver: Solver, values: Floats) -> SmallIntegers:
 
 
 @final
-class RangeSearch:
+class MultiStart:
     """Rounds of random starts over a range of the inputs, the same ones every time.
 
     `low`, `high` (inputs,) rad; `samples` (n, inputs) are the inputs to start at if they

@@ -71,7 +71,7 @@ def sampled(
 ) -> InputGrid:
     """Return the samples of a mechanism: a path, a grid of its ranges, or a way through.
 
-    The parameters are those of `Tracer`.
+    The parameters are those of `PositionAnalysis`.
 
     Raises
     ------

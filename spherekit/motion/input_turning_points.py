@@ -25,14 +25,14 @@ import numpy as np
 from spherekit.arrays import Complexes, Floats
 from spherekit.conventions import counted
 from spherekit.errors import PlanError
-from spherekit.guarantee import Claim, Guarantee
+from spherekit.guarantee import Completeness, Guarantee
 from spherekit.model.joints import revolute
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import Frames, Order, orders_of
 from spherekit.motion.groups import train_turns
 from spherekit.numeric.crossings import MOST_CELLS, crossings
 from spherekit.planning.inputs import Group, plan_assembly
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import all_finite, max_abs
 
 MOST_COMPLEX = 64
@@ -232,10 +232,10 @@ class InputTurningPoints:
         # A range that is one short doubtful part has no sides to look at.
         return probes if len(probes) else np.array([0.5 * (self.low + self.high)])
 
-    def claim(self, step: float) -> Claim:
+    def claim(self, step: float) -> Completeness:
         """Return what all modes at the inputs of `probes(step)` say of all others."""
         if self.low == self.high:
-            return Claim(Guarantee.COMPLETE, "all modes at the only input")
+            return Completeness(Guarantee.COMPLETE, "all modes at the only input")
         gap = self.gap(step)
         if not gap:
             count = len(self.places)
@@ -243,11 +243,11 @@ class InputTurningPoints:
             if count == 1:
                 words = "on both sides of the only input of the range at which they meet"
             words = words if count else "which meet nowhere in the range"
-            return Claim(Guarantee.COMPLETE, f"all modes, {words}")
+            return Completeness(Guarantee.COMPLETE, f"all modes, {words}")
         words = f"all modes at {counted(len(self.probes(step)), 'input')}"
         if len(self.places):
             words += f", and between {len(self.places)} at which they are known to meet"
-        return Claim(Guarantee.TO_BOX, words, gap)
+        return Completeness(Guarantee.TO_BOX, words, gap)
 
 
 def input_turning_points(
@@ -268,7 +268,7 @@ def input_turning_points(
     if not meetings.groups:  # an open chain has one mode
         return InputTurningPoints(low, high, np.zeros(0), np.zeros((0, 2)))
     most = int(np.clip(most_time / (36.0 * meetings.cost), 12, MOST_CELLS))
-    working = Working("looking for the inputs at which modes meet")
+    working = ProgressReporter("looking for the inputs at which modes meet")
     per_group = []
     for part in range(len(meetings.groups)):
         asked = [0]

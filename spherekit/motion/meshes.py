@@ -26,7 +26,7 @@ from spherekit.motion.search import Distinct, search
 from spherekit.motion.turns import whole_laps
 from spherekit.planning.wheels import (
     SAME_LENGTH,
-    WheelTrain,
+    GearTrain,
 )
 from spherekit.sphere.rotation import nans
 
@@ -40,7 +40,7 @@ MOST_TURNS = 12
 
 @final
 @dataclass(frozen=True)
-class Meshes:
+class GearPhases:
     """The rolled lengths that follow from the inputs alone.
 
     `variables` are their numbers; `lengths` (m,) those at the inputs `anchor` (k,), rad;
@@ -93,8 +93,8 @@ def meshes_of(
     closure: Closure,
     driven: Sequence[int],
     reference: Floats | None,
-    train: WheelTrain | None,
-) -> Meshes | None:
+    train: GearTrain | None,
+) -> GearPhases | None:
     """Return what is known of the lengths rolled, None where no contact rolls.
 
     `driven` are the variables of the inputs, `reference` (variables,) those of a reference
@@ -106,7 +106,7 @@ def meshes_of(
     anchor = np.zeros(len(driven)) if reference is None else reference[list(driven)]
     if train is None:
         none, unknown = np.zeros((0, len(driven))), nans(len(driven))
-        return Meshes((), anchor, none[:, 0], none, unknown, False)
+        return GearPhases((), anchor, none[:, 0], none, unknown, False)
     variables = [v for v in rolling if closure.tree.owners[v] in train.contacts]
     ratios, all_known = train.length_ratios, len(variables) == len(rolling)
     periods = np.full(len(driven), np.inf)
@@ -114,7 +114,7 @@ def meshes_of(
         laps = periods_of(closure)[variables]
         periods = np.array([_period(laps, ratio) for ratio in ratios.T])
     lengths = train.lengths + ratios @ anchor
-    return Meshes(tuple(variables), anchor, lengths, ratios, periods, all_known)
+    return GearPhases(tuple(variables), anchor, lengths, ratios, periods, all_known)
 
 
 def whole_turns_apart(joint: Joint, length: float) -> list[float]:

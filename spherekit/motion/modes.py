@@ -15,7 +15,7 @@ import numpy as np
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, Status, counted
 from spherekit.errors import PlanError, SolveError
-from spherekit.guarantee import Claim, Guarantee
+from spherekit.guarantee import Completeness, Guarantee
 from spherekit.model.parts import PoseGeometry
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import LONGEST, follow_arc
@@ -27,7 +27,7 @@ from spherekit.motion.elimination import (
     ONE_WAY,
     RANGE_ROUNDS,
     Method,
-    RangeSearch,
+    MultiStart,
     assemblies,
     chains,
     group_matrices,
@@ -39,11 +39,11 @@ from spherekit.motion.groups import State, place_dyad
 from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow_each, sheets_through
 from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.input_turning_points import input_turning_points
-from spherekit.motion.search import SAME_MODE, STARTS, Census
+from spherekit.motion.search import SAME_MODE, STARTS, SearchStatistics
 from spherekit.motion.steps import determinant_sign
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import graph_mobility, inputs_to_declare
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import all_finite, max_abs
 
 PROBED_INPUTS = 721
@@ -72,8 +72,8 @@ AHEAD = 16
 """Configurations on different modes that are followed together."""
 GUESSED = 6
 """The same of random starts, some of which are on one mode."""
-REFERENCE_ONLY = Claim(Guarantee.COMPONENT, "the mode of the reference pose")
-AS_ASSEMBLED = Claim(
+REFERENCE_ONLY = Completeness(Guarantee.COMPONENT, "the mode of the reference pose")
+AS_ASSEMBLED = Completeness(
     Guarantee.COMPONENT,
     "the mode of the reference pose, and where it ends those that go on; wheels put "
     "together otherwise were not looked for",
@@ -119,19 +119,19 @@ class ModeSearch:
         self._freedoms: list[int] = []
         self._nodes = self._in_vain = self._followed = 0
         self._curves: list[ArcCurve] = []
-        self._working = Working("searching the assembly modes")
+        self._working = ProgressReporter("searching the assembly modes")
         if solver.has_closed_form:
             self._enumerate(search)
         else:
             self._gather(search)
         if len(self.assembly_modes) >= MOST_ASSEMBLY_MODES:
             words = f"stopped at {MOST_ASSEMBLY_MODES} modes; there may be more"
-            self.claim = Claim(Guarantee.SAMPLED, words)
+            self.claim = Completeness(Guarantee.SAMPLED, words)
         if self._is_spent:
             steps = self._nodes + self._in_vain
             modes = counted(len(self.assembly_modes), "mode")
             words = f"stopped after {steps} steps along {modes}; there may be more"
-            self.claim = Claim(Guarantee.SAMPLED, words)
+            self.claim = Completeness(Guarantee.SAMPLED, words)
         if not self.assembly_modes:
             raise SolveError(_why_nothing_closes(solver, input_grid))
 
@@ -173,15 +173,15 @@ class ModeSearch:
             f"{len(self.solver.driven)}; {inputs_to_declare(freedoms)}"
         )
 
-    def _probed(self) -> tuple[Floats, Claim]:
+    def _probed(self) -> tuple[Floats, Completeness]:
         """Return the inputs (k, inputs) at which the modes of dyads are looked for."""
         grid, trains = self.input_grid, self.solver.trains
         if len(trains) == len(self.groups):
             words = "wheels in mesh have one" if trains else "no loop has to close"
-            return grid.q[:1], Claim(Guarantee.COMPLETE, words)
+            return grid.q[:1], Completeness(Guarantee.COMPLETE, words)
         if grid.q.shape[1] > 1:
             q = grid.thinned(PROBED_INPUTS).q
-            return q, Claim(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")
+            return q, Completeness(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")
         dead = input_turning_points(self.solver, *grid.range, MOST_COST, MOST_TIME)
         step = float(np.ptp(grid.q)) / (PROBED_INPUTS - 1)
         return dead.probes(step)[:, None], dead.claim(step)
@@ -287,7 +287,7 @@ class ModeSearch:
             for number, sign in enumerate(signs)
         )
 
-    def _all_modes(self) -> Claim:
+    def _all_modes(self) -> Completeness:
         """Look for further modes in the whole range; return what is claimed then."""
         solver, q = self.solver, self.input_grid.q
         if solver.meshes is not None:
@@ -311,16 +311,16 @@ class ModeSearch:
             # Random starts leave out what is next to a dead centre.
             self._probe(q[len(q) // 2][None])
         things = "components" if len(solver.driven) == 1 else "modes"
-        return Claim(Guarantee.SAMPLED, census.words(things))
+        return Completeness(Guarantee.SAMPLED, census.words(things))
 
-    def _as_assembled(self) -> Claim:
+    def _as_assembled(self) -> Completeness:
         """Find the curve of wheels whose lengths rolled do not follow from the inputs."""
         for q in self._scattered():
             if not self.assembly_modes:
                 self._probe(q[None])
         self._go_beyond()
         words = f"modes found at {counted(self.probes, 'input')}"
-        return Claim(Guarantee.SAMPLED, words) if self.probes else AS_ASSEMBLED
+        return Completeness(Guarantee.SAMPLED, words) if self.probes else AS_ASSEMBLED
 
     def _scattered(self) -> Floats:
         """Return samples (k, inputs) spread over the input grid, its middle first."""
@@ -333,11 +333,13 @@ class ModeSearch:
             rows = rows * count + place
         return self.input_grid.q[np.unique(rows)]
 
-    def _eliminated(self) -> Claim | None:
+    def _eliminated(self) -> Completeness | None:
         """Find all modes at some inputs; return None if some may be missing there."""
         if len(self.solver.driven) > 1:
             self._probe(self._scattered())
-            claim = Claim(Guarantee.SAMPLED, f"modes at {self.probes} of the samples")
+            claim = Completeness(
+                Guarantee.SAMPLED, f"modes at {self.probes} of the samples"
+            )
             return claim if self._is_complete else None
         low, high = self.input_grid.range
         dead = input_turning_points(self.solver, low, high, MOST_COST, MOST_TIME)
@@ -459,12 +461,12 @@ class ModeSearch:
         middles = MonotoneSegments.of(curve, *given).middles
         self._add_new(middles, np.zeros(len(middles), dtype=np.intp), family)
 
-    def _search(self) -> Census:
+    def _search(self) -> SearchStatistics:
         """Add what random starts over the range meet, and return how often they did."""
         q, several = self.input_grid.q, len(self.solver.driven) > 1
         low, high = np.min(q, axis=0), np.max(q, axis=0)
-        starts = RangeSearch(self.solver, low, high, q if several else None)
-        census = Census(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
+        starts = MultiStart(self.solver, low, high, q if several else None)
+        census = SearchStatistics(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
         self._go_beyond()
         while census.goes_on and not self._is_full:
             count = 1 if census.starts else RANGE_ROUNDS

@@ -15,8 +15,8 @@ from typing import Any, Self, final
 
 import numpy as np
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Bools, Floats, Indices, Integers, SmallIntegers
-from spherekit.checked import checked
 from spherekit.conventions import DEFAULT_SAMPLES, EPS, TURN, Status, counted, listing
 from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.files.read import AnyMechanism, mechanism_of
@@ -101,7 +101,7 @@ def by_laws(
 
 
 BLOCK = 16384
-"""Rows evaluated at once by `Tracer.blocks`: enough to hide the overhead of calls, few
+"""Rows evaluated at once by `PositionAnalysis.blocks`: enough to hide what calls take, few
 enough for the caches; with half or twice as many a run takes the same time."""
 
 
@@ -348,7 +348,7 @@ def _in_rows(
 
 
 @final
-class Tracer:
+class PositionAnalysis:
     """The assembly modes of a mechanism over its inputs, evaluated as asked.
 
     Parameters
@@ -557,16 +557,16 @@ def trace(
 ) -> Motion:
     """Return the motion of a mechanism over the ranges of its inputs.
 
-    Parameters and errors are those of `Tracer`.
+    Parameters and errors are those of `PositionAnalysis`.
     """
     mechanism = mechanism_of(mechanism)
-    return Tracer(
+    return PositionAnalysis(
         mechanism, input_pair, assembly_mode, search, samples, grid, path
     ).motion()
 
 
 @final
-class AngleMemory:
+class AngleUnwrapping:
     """The last configuration of each mode with its turns, from which samples go on.
 
     With one input nothing is remembered: its value says how far all angles have turned.
@@ -630,6 +630,6 @@ class AngleMemory:
 def going_on(motion: Motion, solver: Solver) -> Motion:
     """Return a motion whose angles go on over all turns, as loads see them."""
     values, angles = motion.values.copy(), motion.mechanism.angles
-    for pair, angle in AngleMemory().continued(motion, angles, solver).items():
+    for pair, angle in AngleUnwrapping().continued(motion, angles, solver).items():
         values[:, angles[pair]] = angle
     return replace(motion, values=values)

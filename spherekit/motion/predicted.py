@@ -12,7 +12,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN, Status
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 DEGREE = 7
 """Of the splines."""
@@ -31,7 +31,7 @@ PORTION = 1024
 class Predictor:
     """Predicts samples of a tracer from nodes, every so many of its samples."""
 
-    def __init__(self, tracer: Tracer, every: int) -> None:
+    def __init__(self, tracer: PositionAnalysis, every: int) -> None:
         self._tracer, self._every = tracer, every
         self._driven = list(tracer.solver.driven)
         every_one = range(len(tracer.mechanism.variable_owners))
@@ -39,7 +39,7 @@ class Predictor:
         self._angles = np.isin(self._free, tracer.solver.angles)
 
     @classmethod
-    def of(cls, tracer: Tracer) -> "Predictor | None":
+    def of(cls, tracer: PositionAnalysis) -> "Predictor | None":
         """Return a predictor, None where samples do not lie close together along a path."""
         q = tracer.input_grid.q
         if not tracer.input_grid.is_path or not tracer.assembly_modes:

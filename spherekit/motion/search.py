@@ -16,7 +16,7 @@ from spherekit.conventions import CLOSURE_TOLERANCE, EPS
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import penetrates, rolled_lengths
 from spherekit.numeric.descent import descent
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import max_abs
 
 SEED = 20240616
@@ -53,7 +53,7 @@ SPREAD = 8.0
 
 @final
 @dataclass
-class Census:
+class SearchStatistics:
     """How many random starts were made, and how often they met each of the things found.
 
     `variables` is the number of unknowns of a start, `least` that of rounds made at least.
@@ -236,7 +236,9 @@ class Distinct:
         return shifted
 
 
-def search(closure: Closure, distinct: Distinct, given: Floats | None = None) -> Census:
+def search(
+    closure: Closure, distinct: Distinct, given: Floats | None = None
+) -> SearchStatistics:
     """Add the configurations to `distinct` that starts of a single sample lead to.
 
     The first starts are those `given` (n, variables), the others random. Returns how
@@ -246,8 +248,8 @@ def search(closure: Closure, distinct: Distinct, given: Floats | None = None) ->
     low, high = starting_range(closure)
     if given is not None:
         distinct.add(_closed(closure, given))
-    census = Census(len(low))
-    working = Working("searching the modes of a group at an input")
+    census = SearchStatistics(len(low))
+    working = ProgressReporter("searching the modes of a group at an input")
     while census.goes_on and len(distinct.values) < MOST_MODES:
         starts = random.uniform(low, high, (STARTS, len(low)))
         values, near = damped(closure, starts)

@@ -24,7 +24,7 @@ class Source(Protocol):
 
 @final
 @dataclass(frozen=True)
-class Unread:
+class LazyColumn:
     """A column (n,) of numbers that `source` makes by its `key` when it is read."""
 
     source: Source
@@ -50,9 +50,9 @@ class Interleaved:
 
     ndim = 1
 
-    def __init__(self, parts: Sequence[Array | Unread]) -> None:
-        self.parts: tuple[Array | Unread, ...] = tuple(
-            part if isinstance(part, Unread) else np.asarray(part) for part in parts
+    def __init__(self, parts: Sequence[Array | LazyColumn]) -> None:
+        self.parts: tuple[Array | LazyColumn, ...] = tuple(
+            part if isinstance(part, LazyColumn) else np.asarray(part) for part in parts
         )
         self.dtype = np.result_type(*{part.dtype for part in self.parts})
 
@@ -70,13 +70,13 @@ def once(column: Array | Interleaved) -> tuple[Array, int]:
     return np.asarray(column), 1
 
 
-Column = Array | Unread | Interleaved
+Column = Array | LazyColumn | Interleaved
 Span = tuple[slice, int]
 """Rows of a column, and from where on they belong in an array."""
 
 
 def _array(
-    column: Unread | Interleaved, dtype: DTypeLike | None, copy: bool | None
+    column: LazyColumn | Interleaved, dtype: DTypeLike | None, copy: bool | None
 ) -> Array:
     if copy is False:
         raise ValueError("what is put together cannot be read without a copy")
@@ -100,12 +100,12 @@ _Target = tuple[Array, int]
 
 def put(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span]) -> None:
     """Write rows of columns into arrays; what a source makes is made once for all."""
-    unread: defaultdict[int, list[tuple[Unread, _Target]]] = defaultdict(list)
+    unread: defaultdict[int, list[tuple[LazyColumn, _Target]]] = defaultdict(list)
     for column, out in columns:
         parts = column.parts if isinstance(column, Interleaved) else (column,)
         for number, part in enumerate(parts):
             target = out[number:], len(parts)
-            if isinstance(part, Unread):
+            if isinstance(part, LazyColumn):
                 unread[id(part.source)].append((part, target))
             else:
                 _write([target], spans, slice(0, len(part)), [part])

@@ -19,7 +19,7 @@ from spherekit.model.gears import COLLINEAR
 from spherekit.model.joints import Revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Assembly, Group
-from spherekit.sphere.dyad import HalfArc
+from spherekit.sphere.dyad import HalfAngle
 from spherekit.sphere.rotation import cross
 
 Signs = tuple[int, ...]
@@ -48,9 +48,9 @@ class DyadArcs:
         return min(total, 2.0 * np.pi - total)
 
     @cached_property
-    def halves(self) -> tuple[HalfArc, HalfArc]:
+    def halves(self) -> tuple[HalfAngle, HalfAngle]:
         """Both arcs by their halves."""
-        return HalfArc.of(self.near), HalfArc.of(self.far)
+        return HalfAngle.of(self.near), HalfAngle.of(self.far)
 
 
 @final

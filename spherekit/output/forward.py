@@ -21,8 +21,8 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
-from spherekit.checked import checked
 from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
@@ -36,7 +36,7 @@ from spherekit.motion.meshes import (
     MOST_SORTED,
     MOST_TURNS,
     SAME_RATIO,
-    Meshes,
+    GearPhases,
     whole_turns_apart,
 )
 from spherekit.motion.motion import Motion
@@ -81,7 +81,7 @@ def as_assembled(held: Solver, released: Solver, values: Floats) -> Floats | Non
     return best
 
 
-def _lengths(held: Solver, meshes: Meshes, lengths: Floats) -> Floats:
+def _lengths(held: Solver, meshes: GearPhases, lengths: Floats) -> Floats:
     """Return lengths (n, m) whole turns of wheels from some, as inputs can roll them."""
     joints = [held.closure.joints[held.closure.tree.owners[v]] for v in meshes.variables]
     choices = map(whole_turns_apart, joints, map(float, lengths))
@@ -95,7 +95,7 @@ def _lengths(held: Solver, meshes: Meshes, lengths: Floats) -> Floats:
     return every[order[:MOST_ASSEMBLIES]]
 
 
-def _turned(meshes: Meshes, q: Floats, lengths: Floats) -> Floats | None:
+def _turned(meshes: GearPhases, q: Floats, lengths: Floats) -> Floats | None:
     """Return inputs (k,) whole turns from some that roll the lengths (m,), the least."""
     rolling = max_abs(meshes.ratios, axis=0, initial=0.0) > SAME_RATIO
     half = np.minimum(MOST_TURNS, np.ceil(0.5 * np.asarray(meshes.periods) / TURN))

@@ -21,8 +21,8 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Floats, SmallIntegers
-from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of

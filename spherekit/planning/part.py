@@ -96,8 +96,8 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     """Return the mechanism without the pairs and links that the given links do not need.
 
     Names, frames of links, zeros of variables and ranges of inputs stay as they are;
-    numbers of links and pairs change. Masses, loads, stops and outputs stay where all
-    that they refer to stays. The same object where nothing can be left out, as where
+    numbers of links and pairs change. Masses, loads, joint limits and outputs stay where
+    all that they refer to stays. The same object where nothing can be left out, as where
     constraints are redundant and all pairs are solved together.
 
     Raises
@@ -136,7 +136,7 @@ def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
         outputs=tuple(o for o in mechanism.outputs if {o.link, o.relative_to} <= on),
         masses=tuple(mass for mass in mechanism.masses if mass.link in on),
         loads=tuple(load for load in mechanism.loads if stays(load)),
-        stops=tuple(stop for stop in mechanism.stops if stop.pair in names),
+        joint_limits=tuple(stop for stop in mechanism.joint_limits if stop.pair in names),
         modes=tuple(mode for mode in mechanism.modes if set(mode.values) <= names),
     )
 

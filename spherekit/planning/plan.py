@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Pebbles, counted_freedom, driven_pairs

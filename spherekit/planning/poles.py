@@ -21,7 +21,7 @@ from typing import Any, final
 
 import numpy as np
 
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.conventions import counted, nearest
 from spherekit.errors import PlanError
 from spherekit.markup import html_table

@@ -54,7 +54,7 @@ Number = TypeVar("Number", bound=_Signed)
 
 @final
 @dataclass(frozen=True)
-class Mesh:
+class GearMesh:
     """Two wheels on a carrier: by which pairs each is turned in it, and the signs.
 
     `contact` is the number of the rolling contact among the pairs of the mechanism. `ways`
@@ -103,7 +103,7 @@ def mesh_of(
     centres: tuple[Floats, Floats],
     cosine: float | None = None,
     apart: float = ONE_LINE,
-) -> Mesh | None:
+) -> GearMesh | None:
     """Return how the nearest carrier holds the wheels of a contact, None if none does.
 
     Parameters
@@ -128,7 +128,7 @@ def mesh_of(
         one, other = tables[0][link], tables[1][link]
         touch = cosine is None or abs(float(one.line @ other.line) - cosine) <= apart
         if touch and not one_line(one.line, other.line):
-            made = Mesh(number, link, (one.turned, other.turned), (one.way, other.way))
+            made = GearMesh(number, link, (one.turned, other.turned), (one.way, other.way))
             if best is None or len(made.pairs) < len(best.pairs):
                 best = made
     return best
@@ -193,7 +193,7 @@ MOST_TEETH = 64
 
 @final
 @dataclass(frozen=True)
-class WheelTrain:
+class GearTrain:
     """The angles of pairs, and the lengths rolled, that follow from the inputs.
 
     `followers` are the numbers of pairs; `ratios` (followers, inputs) the rates of their
@@ -220,7 +220,7 @@ class WheelTrain:
 class RollingOnCarrier:
     """A contact with both its wheels, on a carrier."""
 
-    mesh: Mesh
+    mesh: GearMesh
     wheels: tuple[Wheel, Wheel]
 
     @property
@@ -302,7 +302,7 @@ def wheel_train(
     driven: Sequence[int],
     apart: float = ONE_LINE,
     whole: bool = True,
-) -> WheelTrain | None:
+) -> GearTrain | None:
     """Return how wheels follow the inputs, pairs `driven`.
 
     None without rolling contacts; of a `whole` train also if one of them has no common
@@ -347,7 +347,7 @@ def _fixed(
     followers: list[int],
     rows: Floats,
     first: Floats,
-) -> WheelTrain | None:
+) -> GearTrain | None:
     """Return the train of contacts whose relations `rows` (contacts, pairs) fix all angles.
 
     `first` are the parts of the first wheels in these. Contacts that repeat others are
@@ -388,6 +388,6 @@ def _fixed(
             rolled = np.round(np.abs(fits[:, 0] - by_angles[k] @ offsets) / SAME_LENGTH)
             unrolled[k] = fits[np.lexsort([-fits[:, 0], rolled])[0]]
         lengths = unrolled[:, 0] - by_angles @ offsets
-    return WheelTrain(
+    return GearTrain(
         tuple(followers), ratios, offsets, tuple(contacts), length_ratios, lengths
     )

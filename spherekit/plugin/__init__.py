@@ -9,7 +9,7 @@ Names are imported when they are first read.
 from typing import TYPE_CHECKING
 from typing import Any as _Any
 
-from spherekit.lazily import offered as _offered
+from spherekit.lazy_imports import offered as _offered
 
 if TYPE_CHECKING:
     from spherekit.analysis.batch import Batch as Batch
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 
 def _offer(value: _Any, package: str) -> _Any:
     """Return something of ours as one that judges what it is called with."""
-    from spherekit.boundary import offer
+    from spherekit.api_validation import offer
 
     return offer(value, package)
 

@@ -2,15 +2,15 @@
 
 from typing import TYPE_CHECKING
 
-from spherekit.lazily import offered as _offered
+from spherekit.lazy_imports import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import REDUCTIONS as REDUCTIONS
-    from spherekit.analysis.contract import Merit as Merit
-    from spherekit.design.sensitivity import Deviations as Deviations
+    from spherekit.analysis.contract import FigureOfMerit as FigureOfMerit
     from spherekit.design.sensitivity import Distribution as Distribution
     from spherekit.design.sensitivity import Sensitivity as Sensitivity
+    from spherekit.design.sensitivity import SizeDeviations as SizeDeviations
     from spherekit.engine.row_quantities import middle_pairs as middle_pairs
     from spherekit.engine.row_quantities import row_quantities as row_quantities
 

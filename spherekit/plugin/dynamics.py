@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from spherekit.lazily import offered as _offered
+from spherekit.lazy_imports import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:

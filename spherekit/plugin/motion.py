@@ -2,13 +2,13 @@
 
 from typing import TYPE_CHECKING
 
-from spherekit.lazily import offered as _offered
+from spherekit.lazy_imports import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
     from spherekit.motion.configuration import configuration_curves as configuration_curves
     from spherekit.motion.motion import Motion as Motion
-    from spherekit.motion.motion import Tracer as Tracer
+    from spherekit.motion.motion import PositionAnalysis as PositionAnalysis
     from spherekit.planning.poles import BlockPoles as BlockPoles
     from spherekit.planning.poles import LinePole as LinePole
     from spherekit.planning.poles import Plan as Plan

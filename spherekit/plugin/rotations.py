@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from spherekit.lazily import offered as _offered
+from spherekit.lazy_imports import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from spherekit.guidance.poses import PoseFinder as PoseFinder
     from spherekit.guidance.rotation import SHAPES as SHAPES
     from spherekit.guidance.rotation import FixedAxisRotation as FixedAxisRotation
-    from spherekit.guidance.rotation import Schedule as Schedule
-    from spherekit.guidance.rotation import Timetable as Timetable
+    from spherekit.guidance.rotation import TimeScaling as TimeScaling
+    from spherekit.guidance.rotation import Trajectory as Trajectory
     from spherekit.guidance.rotation import dead_centre as dead_centre
-    from spherekit.guidance.rotation import quickest as quickest
+    from spherekit.guidance.rotation import time_optimal as time_optimal
     from spherekit.model.gears import link_axes as link_axes
     from spherekit.model.mechanism import chosen_output as chosen_output
     from spherekit.numeric.crossings import wrap as wrap

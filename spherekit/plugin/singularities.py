@@ -2,12 +2,12 @@
 
 from typing import TYPE_CHECKING
 
-from spherekit.lazily import offered as _offered
+from spherekit.lazy_imports import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
-    from spherekit.guarantee import Budget as Budget
-    from spherekit.guarantee import Claim as Claim
+    from spherekit.guarantee import Completeness as Completeness
+    from spherekit.guarantee import TimeLimit as TimeLimit
     from spherekit.guidance.loci import mid_plane_loci as mid_plane_loci
     from spherekit.motion.elimination import group_signs as group_signs
     from spherekit.singular.aspects import Aspects as Aspects
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from spherekit.singular.grashof import grashof as grashof
     from spherekit.singular.grashof import least_transmission as least_transmission
     from spherekit.singular.grashof import near_misses as near_misses
-    from spherekit.singular.locus import Cut as Cut
+    from spherekit.singular.locus import LockedInputSection as LockedInputSection
     from spherekit.singular.locus import cut as cut
     from spherekit.singular.locus import solver_of as solver_of
     from spherekit.singular.record import RelationAt as RelationAt

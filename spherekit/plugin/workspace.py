@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from spherekit.lazily import offered as _offered
+from spherekit.lazy_imports import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from spherekit.workspace.inverse import closed_kinematics as closed_kinematics
     from spherekit.workspace.inverse import output_kinematics as output_kinematics
     from spherekit.workspace.rows import AngleLimit as AngleLimit
-    from spherekit.workspace.rows import AxesLimit as AxesLimit
     from spherekit.workspace.rows import Constraints as Constraints
+    from spherekit.workspace.rows import InterferenceLimit as InterferenceLimit
     from spherekit.workspace.rows import InverseRows as InverseRows
-    from spherekit.workspace.rows import PairLimit as PairLimit
+    from spherekit.workspace.rows import JointRange as JointRange
     from spherekit.workspace.rows import bounds_of as bounds_of
     from spherekit.workspace.rows import sense_of as sense_of
     from spherekit.workspace.rows import turns_of as turns_of

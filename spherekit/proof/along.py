@@ -20,7 +20,7 @@ from spherekit.errors import SolveError
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Arm, Crossings
-from spherekit.proof.tubes import LONGEST, UP, Piece, corrected, piece_at
+from spherekit.proof.tubes import LONGEST, UP, CertifiedArc, corrected, piece_at
 
 FORWARD = 0.9
 """Where the next centre is looked for, over the half length of a piece."""
@@ -55,12 +55,12 @@ class Chain:
     of a crossing, or `problem` says why the chain does not go on.
     """
 
-    pieces: tuple[Piece, ...]
+    pieces: tuple[CertifiedArc, ...]
     closed: bool
     problem: str = ""
 
     @property
-    def links(self) -> list[tuple[Piece, Piece]]:
+    def links(self) -> list[tuple[CertifiedArc, CertifiedArc]]:
         """Every piece with the one whose centre is in it."""
         return list(pairwise([*self.pieces, *self.pieces[: int(self.closed)]]))
 
@@ -76,7 +76,7 @@ class Chain:
 
 
 def chain_through(
-    equations: Equations, first: Piece, inputs: Range, crossings: Crossings
+    equations: Equations, first: CertifiedArc, inputs: Range, crossings: Crossings
 ) -> Chain | None:
     """Return the chain of the curve through a piece, from one of its ends to the other.
 
@@ -90,14 +90,14 @@ def chain_through(
     return None if crossings.may_hold(first.centre, first.miss) else made
 
 
-def _turned(piece: Piece) -> Piece:
+def _turned(piece: CertifiedArc) -> CertifiedArc:
     """Return the same piece the other way round: its test has sizes only."""
     frame = piece.frame.copy()
     frame[:, 0] *= -1.0
     return replace(piece, frame=frame)
 
 
-def _next(equations: Equations, last: Piece) -> Piece | None:
+def _next(equations: Equations, last: CertifiedArc) -> CertifiedArc | None:
     """Return the piece that goes on from one, with its centre in that one."""
     part = FORWARD
     while part > 1e-3:
@@ -114,7 +114,7 @@ def _next(equations: Equations, last: Piece) -> Piece | None:
 
 
 def _followed(
-    equations: Equations, start: Piece, inputs: Range, crossings: Crossings
+    equations: Equations, start: CertifiedArc, inputs: Range, crossings: Crossings
 ) -> Chain:
     """Return the chain from a piece on: round to it, or until the curve ends.
 
@@ -122,7 +122,7 @@ def _followed(
     it is in the range and on none, or on another one.
     """
 
-    def outside(piece: Piece) -> Arm | int | None:
+    def outside(piece: CertifiedArc) -> Arm | int | None:
         beyond = max(piece.tight, BEYOND)
         return crossings.arm(piece) or inputs.side(float(piece.centre[-1]), beyond)
 
@@ -180,7 +180,7 @@ class Rates:
         return int(self.bend_low[variable] > 0.0) - int(self.bend_high[variable] < 0.0)
 
 
-def rates(piece: Piece, half: float) -> Rates:
+def rates(piece: CertifiedArc, half: float) -> Rates:
     """Return bounds of the rates where |s| <= half."""
     at, t, normals = piece.at, piece.frame[:, 0], piece.frame[:, 1:]
     test = piece.test
@@ -216,7 +216,7 @@ def rates(piece: Piece, half: float) -> Rates:
 
 @final
 @dataclass(frozen=True)
-class Stop:
+class StationaryPlace:
     """A configuration where one variable stops along a curve, and nowhere else near it.
 
     `place` (v,) is off by at most `off` (rad) in every variable. `before` is the sign of
@@ -232,7 +232,7 @@ class Stop:
 
 @final
 @dataclass(frozen=True)
-class Doubt:
+class UndecidedInterval:
     """A part of a chain, between two configurations, in which a variable may stop.
 
     It lies between the centre of piece number `after` and that of the next one; the
@@ -248,7 +248,7 @@ class Doubt:
 
 def stops(
     equations: Equations, chain: Chain, variable: int
-) -> tuple[list[Stop], list[Doubt]]:
+) -> tuple[list[StationaryPlace], list[UndecidedInterval]]:
     """Return where a variable stops along a chain, and the parts that are undecided.
 
     Raises
@@ -256,8 +256,8 @@ def stops(
     SolveError
         If its rate does not change its sign back from one place to the next.
     """
-    places: list[Stop] = []
-    undecided: list[Doubt] = []
+    places: list[StationaryPlace] = []
+    undecided: list[UndecidedInterval] = []
     budget = MOST_PARTS
     for number, (first, further) in enumerate(chain.links):
         budget += PARTS_EACH
@@ -266,9 +266,9 @@ def stops(
             budget -= 1
             piece, goal, off, depth = waiting.pop()
             made = _part(equations, variable, piece, goal, off, depth, budget > 0)
-            if isinstance(made, Stop):
+            if isinstance(made, StationaryPlace):
                 places.append(replace(made, after=number))
-            elif isinstance(made, Doubt):
+            elif isinstance(made, UndecidedInterval):
                 undecided.append(replace(made, after=number))
             elif made is not None:
                 waiting += [
@@ -287,12 +287,12 @@ def stops(
 def _part(
     equations: Equations,
     variable: int,
-    piece: Piece,
+    piece: CertifiedArc,
     goal: Floats,
     off: float,
     depth: int,
     short: bool,
-) -> Stop | Doubt | Piece | None:
+) -> StationaryPlace | UndecidedInterval | CertifiedArc | None:
     """Return what a variable does from a piece's centre to a goal in it, off by `off`.
 
     It stops once, it may stop, it does not stop, or what it does is seen in the two parts
@@ -321,8 +321,8 @@ def _part(
 
 
 def _doubt(
-    equations: Equations, piece: Piece, goal: Floats, reach: float, variable: int
-) -> Doubt:
+    equations: Equations, piece: CertifiedArc, goal: Floats, reach: float, variable: int
+) -> UndecidedInterval:
     """Return the part of an arc from a piece's centre to a goal in it as undecided."""
     start = float(piece.centre[variable])
     end = start + float(wrap(goal - piece.centre)[variable])
@@ -333,10 +333,12 @@ def _doubt(
     across = float(np.sum(np.abs(near.frame[variable, 1:]))) * near.tight
     ahead = abs(float(near.frame[variable, 0])) * reach
     off = min(ahead + across, 1.001 * rate * reach + near.miss) + 1e-12
-    return Doubt(piece.centre, goal, min(start - off, end), max(start + off, end))
+    return UndecidedInterval(
+        piece.centre, goal, min(start - off, end), max(start + off, end)
+    )
 
 
-def _sign_at(equations: Equations, piece: Piece, goal: Floats, variable: int) -> int:
+def _sign_at(equations: Equations, piece: CertifiedArc, goal: Floats, variable: int) -> int:
     """Return the sign of a rate at a configuration in a piece, in the piece's sense."""
     there = piece_at(equations, goal, piece.tangent, 1e-3)
     if there is None or not there.tangent @ piece.tangent > 1e-3:
@@ -345,8 +347,8 @@ def _sign_at(equations: Equations, piece: Piece, goal: Floats, variable: int) ->
 
 
 def _middle(
-    equations: Equations, piece: Piece, goal: Floats, guess: Floats
-) -> Piece | None:
+    equations: Equations, piece: CertifiedArc, goal: Floats, guess: Floats
+) -> CertifiedArc | None:
     """Return a piece around a configuration between a piece's centre and a goal in it."""
     place = corrected(equations, guess)
     if place is None:
@@ -361,8 +363,8 @@ def _middle(
 
 
 def _place(
-    equations: Equations, piece: Piece, goal: Floats, variable: int, before: int
-) -> Stop:
+    equations: Equations, piece: CertifiedArc, goal: Floats, variable: int, before: int
+) -> StationaryPlace:
     """Return the only zero of a rate from a piece's centre to a goal, near its place."""
     beyond = 0.0
     for step in range(STEPS):
@@ -392,4 +394,6 @@ def _place(
     if around is None or not around.holds(goal, 1e-10):
         around = piece
     reach = float(np.max(np.abs(around.coordinates(goal))))
-    return Stop(piece.centre + 0.5 * apart, reach + 2.0 * around.tight + 1e-10, before)
+    return StationaryPlace(
+        piece.centre + 0.5 * apart, reach + 2.0 * around.tight + 1e-10, before
+    )

@@ -18,8 +18,8 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spherekit.argument_validation import checked_class
 from spherekit.arrays import Array, Floats
-from spherekit.checked import checked_class
 from spherekit.errors import EngineError
 from spherekit.model.gears import COLLINEAR, axes_from_sizes
 from spherekit.model.mechanism import Mechanism
@@ -91,7 +91,7 @@ middles = np.frompyfunc(lambda ball: ball.mid(), 1, 1)
 
 def exactly(values: ArrayLike) -> Array:
     """Return float64 numbers without error."""
-    return np.frompyfunc(library().arb, 1, 1)(np.asarray(values, dtype=float))
+    return np.asarray(np.frompyfunc(library().arb, 1, 1)(np.asarray(values, dtype=float)))
 
 
 def floats(balls: Array) -> Floats:
@@ -118,7 +118,7 @@ def coefficient(of: Array, power: int) -> Array:
             item[power] if isinstance(item, flint.arb_series) else zero if power else item
         )
 
-    return np.frompyfunc(taken, 1, 1)(of)
+    return np.asarray(np.frompyfunc(taken, 1, 1)(of))
 
 
 @contextmanager

@@ -18,7 +18,7 @@ import numpy as np
 
 from spherekit.guarantee import Guarantee
 from spherekit.numeric.crossings import wrap
-from spherekit.proof.along import Doubt, Stop
+from spherekit.proof.along import StationaryPlace, UndecidedInterval
 from spherekit.proof.balls import (
     Ball,
     bits,
@@ -31,7 +31,7 @@ from spherekit.proof.balls import (
     solved,
     upper,
 )
-from spherekit.proof.construction import Across, Construction
+from spherekit.proof.construction import Construction, PlacedByJoint
 from spherekit.proof.curves import CertifiedCurves
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
@@ -57,7 +57,7 @@ class CertifiedSingularity:
     output: str
     kind: str
     curve: int
-    stop: Stop
+    stop: StationaryPlace
     q: float
     inside: bool
 
@@ -136,7 +136,9 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
         if pair == made.pairs[curves.driven] or pair in curves.equations.offsets:
             continue
         variable = next((v for v, p in enumerate(made.pairs) if p == pair), None)
-        stops: Sequence[tuple[list[Stop], list[Doubt]]] = [([], [])] * len(curves.chains)
+        stops: Sequence[tuple[list[StationaryPlace], list[UndecidedInterval]]] = [
+            ([], [])
+        ] * len(curves.chains)
         if variable is None:
             skipped.append(output.name)
         else:
@@ -164,7 +166,7 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     )
 
 
-def _meet(one: Stop, other: Stop) -> bool:
+def _meet(one: StationaryPlace, other: StationaryPlace) -> bool:
     """Return whether two stops may be at the same configuration."""
     apart = wrap(one.place - other.place)
     return bool(np.all(np.abs(apart) <= one.off + other.off))
@@ -302,7 +304,7 @@ def construction_table(written: Written, construction: Construction) -> Mapping[
     links, names = structure.links, structure.pairs
     steps: list[dict[str, Any]] = []
     for step in construction.steps:
-        if isinstance(step, Across):
+        if isinstance(step, PlacedByJoint):
             parents, pairs = [links[step.parent]], [names[step.pair]]
         else:
             parents = [links[parent] for parent in step.parents]
@@ -391,7 +393,9 @@ def _near(balls: Sequence[Ball]) -> tuple[list[float], list[float]]:
 def _wheels(written: Written, made: Construction) -> list[dict[str, Any]]:
     """Return by how much wheels turn with the only variable, and their angles at zero."""
     structure = written.structure
-    turns = {step.pair: step.turns for step in made.steps if isinstance(step, Across)}
+    turns = {
+        step.pair: step.turns for step in made.steps if isinstance(step, PlacedByJoint)
+    }
     with bits(WHEEL_BITS):
         angles, off = _near(written.given([exact(0.0)])[1:])
     keys = "pair", "turns", "at_zero_rad", "off"

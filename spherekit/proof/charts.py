@@ -204,7 +204,7 @@ class Given:
 
 @final
 @dataclass(frozen=True)
-class Tubes:
+class RootEnclosures:
     """What is proven of points over boxes: `good` (n,) and what else.
 
     At the centre of the box a root is within `radius` (n,), and alone within `unique`;
@@ -220,7 +220,7 @@ class Tubes:
     rates: Complexes
 
 
-def tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
+def tubes(made: Polynomials, roots: ChartRoots, given: Given) -> RootEnclosures:
     """Return where points have one root for every input of boxes."""
     with np.errstate(all="ignore"):
         return _tubes(made, roots, given.take(roots.row))
@@ -271,7 +271,7 @@ def _along(
     return along, mixed, np.einsum("nide,nd,ne->ni", bent, half, half)
 
 
-def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
+def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> RootEnclosures:
     """Return what is proven: to second order along the axes of tubes, bounded beyond.
 
     All derivatives by z in `reach`, or by 1, are at most `constant`, on the axis `axis`,
@@ -330,7 +330,7 @@ def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> Tubes:
     radius = MARGIN * np.max(still * UP, axis=1, initial=0.0) / (1.0 - slope)
     width = np.minimum(miss / (1.0 - slope) * UP, unique)
     reach = (moved + width[:, None]) * UP
-    return Tubes(good, np.minimum(radius, unique), unique, width, reach, rates)
+    return RootEnclosures(good, np.minimum(radius, unique), unique, width, reach, rates)
 
 
 def _contracted(miss: Floats, slack: Floats, bend: Floats) -> tuple[Floats, Floats, Bools]:
@@ -371,7 +371,7 @@ def are_apart(roots: ChartRoots, radius: Floats, good: Bools, count: int) -> Boo
     return np.all(apart, axis=(1, 2)) & np.all(good.reshape(r.shape), axis=1)
 
 
-def are_real(roots: ChartRoots, proven: Tubes) -> tuple[Bools, Bools]:
+def are_real(roots: ChartRoots, proven: RootEnclosures) -> tuple[Bools, Bools]:
     """Return which roots are proven real, and which are proven not to be.
 
     With z also 1 / conj(z) is a root; where both are in a ball with one root they are

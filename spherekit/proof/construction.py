@@ -41,7 +41,7 @@ MOST_KEPT = 256
 
 @final
 @dataclass(frozen=True)
-class Across:
+class PlacedByJoint:
     """A link placed across a pair from a link placed before; `variable` is its angle.
 
     Or the pair turns by `turns` for one turn of the variable.
@@ -56,7 +56,7 @@ class Across:
 
 @final
 @dataclass(frozen=True)
-class Onto:
+class PlacedByDyad:
     """A link put on the axes of two pairs with links placed before; one equation."""
 
     link: int
@@ -64,7 +64,7 @@ class Onto:
     parents: tuple[int, int]
 
 
-Step = Across | Onto
+Step = PlacedByJoint | PlacedByDyad
 _Numbers = tuple[int, ...]
 _Key = tuple[tuple[tuple[int, int], ...], int, _Numbers, _Numbers, frozenset[int]]
 
@@ -98,9 +98,9 @@ class Construction:
         return self.pairs[self.unknowns + self.inputs :]
 
     @property
-    def equations(self) -> tuple[Onto, ...]:
+    def equations(self) -> tuple[PlacedByDyad, ...]:
         """The links put on two axes, whose arcs are the equations, in order."""
-        return tuple(step for step in self.steps if isinstance(step, Onto))
+        return tuple(step for step in self.steps if isinstance(step, PlacedByDyad))
 
     @cached_property
     def degrees(self) -> Indices:
@@ -179,7 +179,7 @@ class Ranks:
         self.local: dict[int, Indices] = {}
         self.parents: dict[int, tuple[int, int] | None] = {}
         for step in construction.steps:
-            if isinstance(step, Across):
+            if isinstance(step, PlacedByJoint):
                 self.parent[step.link] = step.parent
                 self.local[step.link] = np.zeros(count, dtype=np.intp)
                 self.local[step.link][step.variable] = abs(step.turns)
@@ -341,7 +341,7 @@ def _constructed(
         for pair in given:
             other = sum(ends[pair]) - link
             if link in ends[pair] and other not in placed:
-                steps.append(Across(other, link, pair, pairs.index(pair)))
+                steps.append(PlacedByJoint(other, link, pair, pairs.index(pair)))
                 spread(other)
 
     root = members[first][0]
@@ -352,11 +352,15 @@ def _constructed(
         if len(set(links)) != 1 or (len(parents) == 2 and parents[0] == parents[1]):
             return None
         if len(joining) == 1:
-            steps.append(Across(links[0], parents[0], joining[0], pairs.index(joining[0])))
+            steps.append(
+                PlacedByJoint(links[0], parents[0], joining[0], pairs.index(joining[0]))
+            )
         else:
-            steps.append(Onto(links[0], (joining[0], joining[1]), (parents[0], parents[1])))
+            steps.append(
+                PlacedByDyad(links[0], (joining[0], joining[1]), (parents[0], parents[1]))
+            )
         spread(links[0])
-    equations = sum(isinstance(step, Onto) for step in steps)
+    equations = sum(isinstance(step, PlacedByDyad) for step in steps)
     if equations != len(unknown):
         return None
     return Construction(root, tuple(steps), pairs, len(unknown), len(structure.inputs))
@@ -397,7 +401,7 @@ def turned_together(written: Written, construction: Construction) -> Constructio
     variable = construction.unknowns
     steps = tuple(
         replace(step, variable=variable, turns=turns[step.pair])
-        if isinstance(step, Across) and step.pair in turns
+        if isinstance(step, PlacedByJoint) and step.pair in turns
         else step
         for step in construction.steps
     )

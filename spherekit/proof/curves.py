@@ -16,17 +16,17 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN
 from spherekit.errors import PlanError
-from spherekit.guarantee import Claim, Guarantee
-from spherekit.proof.along import Chain, Doubt, Range, Stop, stops
+from spherekit.guarantee import Completeness, Guarantee
+from spherekit.proof.along import Chain, Range, StationaryPlace, UndecidedInterval, stops
 from spherekit.proof.balls import bits, exact, middle, pi, upper
 from spherekit.proof.construction import Construction, construct, turned_together
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Arm, Crossings
 from spherekit.proof.gears import Written
-from spherekit.proof.paving import FIRST, Axis, Paved, paved
+from spherekit.proof.paving import FIRST, Axis, CoveredBoxes, paved
 from spherekit.proof.saddles import Saddle
 from spherekit.proof.search import OVERLAPPING, Search
-from spherekit.proof.tubes import Piece
+from spherekit.proof.tubes import CertifiedArc
 
 PRECISION = 80
 SMALLEST = 1e-6
@@ -54,7 +54,7 @@ class CertifiedCurves:
     whole: bool
     chains: tuple[Chain, ...]
     crossings: Crossings
-    paving: Paved
+    paving: CoveredBoxes
     problems: tuple[str, ...]
 
     @property
@@ -72,11 +72,13 @@ class CertifiedCurves:
         return float(place[self.driven]) * self.laps
 
     @cached_property
-    def stopping(self) -> tuple[tuple[list[Stop], list[Doubt]], ...]:
+    def stopping(self) -> tuple[tuple[list[StationaryPlace], list[UndecidedInterval]], ...]:
         """Where the input stops along each chain: type II, dead centres of the input."""
         return self.stops_of(self.driven)
 
-    def stops_of(self, variable: int) -> tuple[tuple[list[Stop], list[Doubt]], ...]:
+    def stops_of(
+        self, variable: int
+    ) -> tuple[tuple[list[StationaryPlace], list[UndecidedInterval]], ...]:
         """Return where a variable stops along each chain, and undecided parts."""
         still = self.still_in(variable)
         with bits(PRECISION):
@@ -217,7 +219,7 @@ class CertifiedCurves:
                 segments += _segments(chain, self.stopping[number], self.driven, ways)
         return segments
 
-    def _on(self, piece: Piece, arm: Arm | None) -> float:
+    def _on(self, piece: CertifiedArc, arm: Arm | None) -> float:
         """Return how far the input goes from the end of a chain to a crossing there."""
         if arm is None:
             return 0.0
@@ -260,7 +262,7 @@ class CertifiedCurves:
         )
 
     @cached_property
-    def claim(self) -> Claim:
+    def claim(self) -> Completeness:
         """What is guaranteed, and what that rests on."""
         pieces = sum(len(chain.pieces) for chain in self.chains)
         rests = (
@@ -273,14 +275,14 @@ class CertifiedCurves:
             rests = f"{OVERLAPPING}; {rests}"
         if parts:
             widest = max(high - low for low, high in parts)
-            return Claim(
+            return Completeness(
                 Guarantee.TO_BOX,
                 f"{len(parts)} parts of the range are undecided; elsewhere {rests}",
                 max(widest, float(2.0 * np.max(self.paving.radii, initial=0.0))),
             )
         if self.problems:
-            return Claim(Guarantee.COMPONENT, f"{self.problems[0]}; {rests}")
-        return Claim(Guarantee.CERTIFIED, f"all configurations; {rests}")
+            return Completeness(Guarantee.COMPONENT, f"{self.problems[0]}; {rests}")
+        return Completeness(Guarantee.CERTIFIED, f"all configurations; {rests}")
 
 
 def _met(saddles: Sequence[Saddle]) -> str:
@@ -305,7 +307,7 @@ def _crossings(low: float, high: float, q: float) -> int:
 
 def _segments(
     chain: Chain,
-    stopping: tuple[Sequence[Stop], Sequence[Doubt]],
+    stopping: tuple[Sequence[StationaryPlace], Sequence[UndecidedInterval]],
     driven: int,
     ways: tuple[float, float],
 ) -> list[tuple[float, float]]:

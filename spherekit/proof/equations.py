@@ -31,7 +31,7 @@ from spherekit.proof.balls import (
     matrix,
     revolute,
 )
-from spherekit.proof.construction import Across, Construction, Onto, Ranks
+from spherekit.proof.construction import Construction, PlacedByDyad, PlacedByJoint, Ranks
 from spherekit.proof.gears import Written
 from spherekit.proof.harmonics import Harmonics
 
@@ -83,7 +83,7 @@ Rotation = tuple[BallMatrix, BallMatrix, BallMatrix]
 
 @final
 @dataclass(frozen=True)
-class Putting:
+class Placement:
     """A link put on axes u and w of two others; `rows` take its axes to coordinates.
 
     Its orientation is U a + W b + (U x W) n, with U and W the axes where they are and a, b,
@@ -115,9 +115,9 @@ class Equations:
         self.frames = written.frames()
         self.offsets = self._offsets()
         self.turning: dict[int, Rotation] = {}
-        self.putting: dict[int, Putting] = {}
+        self.putting: dict[int, Placement] = {}
         for step in construction.steps:
-            if isinstance(step, Across):
+            if isinstance(step, PlacedByJoint):
                 self.turning[step.link] = self._turning(step)
             else:
                 self.putting[step.link] = self._putting(step)
@@ -135,7 +135,7 @@ class Equations:
         _, *angles = self.written.given([exact(0.0)])
         return dict(zip(followers, angles, strict=True))
 
-    def _turning(self, step: Across) -> Rotation:
+    def _turning(self, step: PlacedByJoint) -> Rotation:
         parts = revolute(*self.frames[step.pair])
         if self.written.structure.ends[step.pair][0] != step.parent:
             parts = parts.swapaxes(1, 2)
@@ -145,7 +145,7 @@ class Equations:
             even, turned = even * c + turned * s, turned * c - even * s
         return still, even, turned
 
-    def _putting(self, step: Onto) -> Putting:
+    def _putting(self, step: PlacedByDyad) -> Placement:
         a, b = (self.frame(pair, step.link)[2] for pair in step.pairs)
         normal = np.cross(a, b)
         square = normal @ normal
@@ -165,7 +165,7 @@ class Equations:
             matrix(self.frame(pair, parent)[2:].T)
             for pair, parent in zip(step.pairs, step.parents, strict=True)
         ]
-        return Putting(axes[0], axes[1], (rows[0], rows[1], rows[2]), a @ b, sine)
+        return Placement(axes[0], axes[1], (rows[0], rows[1], rows[2]), a @ b, sine)
 
     def at(self, places: Sequence[Ball] | Array, order: int = 1) -> list[Jet]:
         """Return the jets of f of each equation at balls of all variables."""
@@ -210,7 +210,7 @@ class Equations:
             return jet
 
         for step in self.construction.steps:
-            if isinstance(step, Across):
+            if isinstance(step, PlacedByJoint):
                 turn = turns[step.variable]
                 local[step.link] = _turned(self.turning[step.link], turn, step, order)
                 continue
@@ -237,7 +237,7 @@ class Equations:
         products = []
         for step in self.construction.steps:
             factors[step.link] = 1.0
-            if isinstance(step, Onto):
+            if isinstance(step, PlacedByDyad):
                 _, *ways = self.ranks.apart(*step.parents)
                 one, other = (prod(factors[link] for link in way) for way in ways)
                 sums = (one + other + one * other) * (1 + 16 * UNIT)
@@ -259,7 +259,9 @@ class Equations:
         )
 
 
-def _turned(parts: Rotation, turn: tuple[Ball, Ball], step: Across, order: int) -> Jet:
+def _turned(
+    parts: Rotation, turn: tuple[Ball, Ball], step: PlacedByJoint, order: int
+) -> Jet:
     """Return the jet of a rotation at the sine and cosine of a step's variable."""
     sine, cosine = 0 * turn[0], 0 * turn[1] + 1
     for _ in range(abs(step.turns)):

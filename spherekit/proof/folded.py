@@ -31,12 +31,12 @@ from spherekit.proof.balls import (
     upper,
     wide,
 )
-from spherekit.proof.construction import Across, Onto
+from spherekit.proof.construction import PlacedByDyad, PlacedByJoint
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
 from spherekit.proof.roots import zero_within
 from spherekit.proof.saddles import Quadrant, Saddle, saddle_near
-from spherekit.proof.tubes import Piece
+from spherekit.proof.tubes import CertifiedArc
 
 NEAR = 1e-9
 """Variables (rad) that differ by less are tried as the same."""
@@ -94,12 +94,12 @@ def foldings(equations: Equations) -> list[Folding]:
     return [folding for folding in made if folding is not None]
 
 
-def _folding(equations: Equations, number: int, step: Onto) -> Folding | None:
+def _folding(equations: Equations, number: int, step: PlacedByDyad) -> Folding | None:
     """Return the loop of an equation, None if it is none of four pairs in exact arcs."""
     shared, first, second = equations.ranks.apart(*step.parents)
     steps = {s.link: s for s in equations.construction.steps}
     turned = [steps[link] for link in (*first, *second)]
-    joints = [s for s in turned if isinstance(s, Across)]
+    joints = [s for s in turned if isinstance(s, PlacedByJoint)]
     if not len(turned) == len(joints) == len({s.variable for s in joints}) == 2:
         return None
     if any(s.turns != 1 or s.pair in equations.offsets for s in joints):
@@ -240,7 +240,7 @@ class Crossings:
             self.saddles.append(made)
         return made is not None
 
-    def arm(self, piece: Piece) -> Arm | None:
+    def arm(self, piece: CertifiedArc) -> Arm | None:
         """Return the arm that the middle of a piece's arc is on, None if on none."""
         for number, saddle in enumerate(self.saddles):
             quadrant = saddle.quadrant(piece.centre, piece.miss)
@@ -248,7 +248,9 @@ class Crossings:
                 return Arm(number, quadrant)
         return None
 
-    def ends(self, pieces: Sequence[Piece], closed: bool) -> tuple[Arm | None, Arm | None]:
+    def ends(
+        self, pieces: Sequence[CertifiedArc], closed: bool
+    ) -> tuple[Arm | None, Arm | None]:
         """Return the arms that a chain begins and ends on, None where on none.
 
         A chain of one piece on an arm comes from beyond the range.
@@ -268,7 +270,7 @@ class Crossings:
             out |= saddle.covers(centres, radii)
         return out
 
-    def still(self, pieces: Sequence[Piece], variable: int) -> bool:
+    def still(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
         """Return whether a variable is proven the same along a whole chain of pieces.
 
         One configuration of it is enough: where the slopes of the loop's equation by the

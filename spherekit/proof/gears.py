@@ -36,7 +36,7 @@ from spherekit.model.gears import carrier_of, link_axes
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry, Profile
 from spherekit.planning.inputs import driven_pairs
-from spherekit.planning.wheels import Mesh, Way, back, least_rolled, mesh_of
+from spherekit.planning.wheels import GearMesh, Way, back, least_rolled, mesh_of
 from spherekit.proof.balls import (
     Arcs,
     Ball,
@@ -64,7 +64,7 @@ from spherekit.proof.balls import (
 
 @final
 @dataclass(frozen=True)
-class Coupler:
+class EquivalentLink:
     """The link that stands for a sliding contact, and its pairs with the two links of it.
 
     `contact` is the number of the contact among the pairs of the mechanism.
@@ -89,7 +89,7 @@ class Structure:
     pairs: tuple[str, ...]
     ends: tuple[tuple[int, int], ...]
     inputs: tuple[int, ...]
-    couplers: tuple[Coupler, ...] = ()
+    couplers: tuple[EquivalentLink, ...] = ()
     wheels: tuple[int, ...] = ()
     followers: tuple[int, ...] = ()
 
@@ -133,7 +133,7 @@ def structure_of(mechanism: Mechanism) -> Structure:
             halves.append(len(pairs))
             pairs.append(_new(f"{pair.name}_{link}", pairs))
             ends.append((end, len(links) - 1))
-        couplers.append(Coupler(number, len(links) - 1, (halves[0], halves[1])))
+        couplers.append(EquivalentLink(number, len(links) - 1, (halves[0], halves[1])))
     names = [mechanism.pairs[number].name for number in driven_pairs(mechanism)]
     return Structure(
         mechanism.name,
@@ -212,7 +212,7 @@ class Written:
     document: Document
     tolerance: float
     structure: Structure
-    meshes: tuple[Mesh, ...] = ()
+    meshes: tuple[GearMesh, ...] = ()
     turns: tuple[tuple[int, int], ...] = ()
 
     @staticmethod

@@ -264,7 +264,7 @@ class _Spline(_Path):
                 low, high = knots[i][:, None], knots[i + degree + 1 - level][:, None]
                 share = (u - low) / (high - low)
                 points[r] = (1 - share) * points[r - 1] + share * points[r]
-        return points[degree]
+        return np.asarray(points[degree])
 
 
 def _length(vectors: Array) -> Array:

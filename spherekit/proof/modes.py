@@ -13,7 +13,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats
 from spherekit.conventions import TURN
-from spherekit.guarantee import Claim, Guarantee
+from spherekit.guarantee import Completeness, Guarantee
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import (
     Ball,
@@ -30,7 +30,7 @@ from spherekit.proof.balls import (
 from spherekit.proof.construction import Construction, construct
 from spherekit.proof.equations import Equations, Jet
 from spherekit.proof.gears import Written
-from spherekit.proof.paving import FIRST, Axis, Paved, paved
+from spherekit.proof.paving import FIRST, Axis, CoveredBoxes, paved
 from spherekit.proof.roots import Root, root_near
 from spherekit.proof.systems import SEEDS, SolvedSystem, Systems, modes_near
 from spherekit.proof.tubes import UP, corrected
@@ -69,7 +69,7 @@ class CertifiedModes:
     inputs: tuple[str, ...]
     roots: tuple[Root, ...]
     precision: int
-    left: Paved | None = None
+    left: CoveredBoxes | None = None
     systems: tuple[SolvedSystem, ...] = ()
 
     @property
@@ -107,30 +107,30 @@ class CertifiedModes:
         return clusters(self.left.centres[:, :count], self.left.radii[:, :count])
 
     @cached_property
-    def claim(self) -> Claim:
+    def claim(self) -> Completeness:
         """What is guaranteed, and what that rests on."""
         rests = f"ball arithmetic of {self.precision} bits"
         if self.counted:
-            return Claim(
+            return Completeness(
                 Guarantee.CERTIFIED,
                 f"{len(self.real)} real of {self.bound} complex modes, as many as Bezout's "
                 f"bound, each alone in its ball; {rests}",
             )
         statement = f"{len(self.real)} real modes, each alone in its ball"
         if self.systems:
-            return Claim(
+            return Completeness(
                 Guarantee.CERTIFIED,
                 f"{statement}; all solutions of each system of equations proven, "
                 f"with those at infinity of at most {self.bound}; {rests}",
             )
         if self.complete:
-            return Claim(
+            return Completeness(
                 Guarantee.CERTIFIED,
                 f"{statement}, all others excluded in {self.boxes} boxes; {rests}; "
                 f"{len(self.roots)} of at most {self.bound} complex modes found",
             )
         widths = [float(2.0 * np.max(radius)) for _, radius in self.clusters]
-        return Claim(
+        return Completeness(
             Guarantee.TO_BOX,
             f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "
             f"{rests}",
@@ -296,7 +296,7 @@ class _Search:
         elif all(root.apart(other) for other in self.roots):
             self.roots.append(root)
 
-    def excluded(self) -> Paved:
+    def excluded(self) -> CoveredBoxes:
         """Return the boxes left of space in which there may be other real roots."""
         axes = [Axis(exact(FIRST), 2 * pi()) for _ in range(self.equations.unknowns)]
         axes += [Axis(angle, exact(0.0)) for angle in self.driven]

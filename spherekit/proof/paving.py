@@ -29,8 +29,8 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.conventions import listing
 from spherekit.errors import PlanError
-from spherekit.guarantee import Claim, Guarantee
-from spherekit.progress import Working
+from spherekit.guarantee import Completeness, Guarantee
+from spherekit.progress import ProgressReporter
 from spherekit.proof.balls import UNIT, Ball, bits, circle, middle, upper
 from spherekit.proof.construction import Construction, construct
 from spherekit.proof.equations import Equations
@@ -185,7 +185,7 @@ class Boxes:
 
 @final
 @dataclass
-class Paved:
+class CoveredBoxes:
     """What became of space: how many boxes were looked at, and those undecided.
 
     `centres` and `radii` (n, variables) rad are those of the boxes left.
@@ -209,7 +209,7 @@ def paved(
     looked: Looked,
     smallest: float,
     most: int,
-) -> Paved:
+) -> CoveredBoxes:
     """Return which boxes of the axes' ranges may have configurations not in pieces.
 
     Boxes whose largest radius is below `smallest` (rad) are not halved; after `most` boxes
@@ -219,8 +219,8 @@ def paved(
     waiting = [Boxes.whole(axes)]
     nothing = np.empty((0, len(axes)))
     left = [(nothing, nothing)]
-    paving = Paved()
-    working = Working("proving that nothing else is there")
+    paving = CoveredBoxes()
+    working = ProgressReporter("proving that nothing else is there")
     while waiting:
         boxes = waiting.pop()
         if len(boxes) > CHUNK:
@@ -319,7 +319,7 @@ class InputMap:
         return max(min(nearest, edge) - 1e-12, 0.0)
 
     @property
-    def claim(self) -> Claim:
+    def claim(self) -> Completeness:
         """What is guaranteed, and what that rests on."""
         regular, contains, left = (self.share(k) for k in (REGULAR, CONTAINS, UNDECIDED))
         words = (
@@ -328,8 +328,8 @@ class InputMap:
             f"{len(self.centres)} boxes, all complex roots continued over each that is free"
         )
         if left == 0.0:
-            return Claim(Guarantee.CERTIFIED, words)
-        return Claim(Guarantee.TO_BOX, words, CELL)
+            return Completeness(Guarantee.CERTIFIED, words)
+        return Completeness(Guarantee.TO_BOX, words, CELL)
 
 
 def input_map(
@@ -396,7 +396,7 @@ def _judged(
     most = max(1, AT_ONCE // sum(systems.bounds))
     done: list[tuple[Boxes, Indices, Indices]] = []
     fine: dict[tuple[int, ...], set[int]] = {}
-    working = Working("proving boxes of the inputs regular")
+    working = ProgressReporter("proving boxes of the inputs regular")
     waiting = [Boxes.whole(axes)]
     while waiting:
         boxes = waiting.pop()

@@ -11,8 +11,8 @@ from typing import Any, final
 
 import numpy as np
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
-from spherekit.checked import checked
 from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status, listing
 from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism

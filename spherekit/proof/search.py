@@ -12,7 +12,7 @@ from spherekit.numeric.crossings import wrap
 from spherekit.proof.along import Chain, Range, chain_through
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import MOST_SADDLES, Arm, Crossings
-from spherekit.proof.paving import Paved
+from spherekit.proof.paving import CoveredBoxes
 from spherekit.proof.saddles import QUADRANTS, Saddle
 from spherekit.proof.tubes import LONGEST, UP, corrected, piece_at
 
@@ -126,7 +126,7 @@ class Search:
                 self.vain = 0
         return (len(self.cover.chains), len(self.crossings.saddles)) != before
 
-    def without_saddles(self, done: Paved) -> Paved:
+    def without_saddles(self, done: CoveredBoxes) -> CoveredBoxes:
         """Look for crossings in boxes left over; return what is left without these.
 
         Arms that end the range are kept too.

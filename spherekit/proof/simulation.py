@@ -249,7 +249,7 @@ Guess = Callable[[Floats], tuple[Floats, Floats]]
 """Approximate variables (n, variables) rad, whole turns included, and their rates by
 time, at times (n,) s."""
 
-EndKind = Literal["time", "stop", "sticking"]
+EndKind = Literal["time", "joint_limit", "sticking"]
 
 
 @final
@@ -328,8 +328,9 @@ class _Step:
 class ExactSimulation:
     """The motion of a single-DOF mechanism from a start, under its loads.
 
-    It goes from t = 0 to `end` (s), where it ended by `kind`: the time asked for, a stop,
-    or dry friction that would turn back at once. `switches` are the times (s) of its kinks.
+    It goes from t = 0 to `end` (s), where it ended by `kind`: the time asked for, a joint
+    limit, or dry friction that would turn back at once. `switches` are the times (s) of its
+    kinks.
 
     Parameters
     ----------
@@ -366,7 +367,7 @@ class ExactSimulation:
         self._largest = 0.0
         self._stops = [
             (mechanism.variables_of(mechanism.pair_number[stop.pair])[0], stop)
-            for stop in mechanism.stops
+            for stop in mechanism.joint_limits
         ]
         self._steps: list[_Step] = []
         self.switches: list[Ball] = []
@@ -482,7 +483,7 @@ class ExactSimulation:
             moving, *_ = self._moving(values, along, start)
             sides, flipped = step.sides.copy(), switch
             if switch == -1:
-                self.kind = "stop"
+                self.kind = "joint_limit"
                 break
             if switch is not None:
                 sides[switch] = -sides[switch]

@@ -31,7 +31,7 @@ from spherekit.proof.charts import (
     ChartRoots,
     Given,
     Polynomials,
-    Tubes,
+    RootEnclosures,
     are_apart,
     are_real,
     inverses,
@@ -325,7 +325,7 @@ class Systems:
 
     def _proven(
         self, number: int, modes: _Modes, boxes: tuple[Floats, ...], hard: Bools
-    ) -> tuple[ChartRoots, Tubes]:
+    ) -> tuple[ChartRoots, RootEnclosures]:
         """Return the roots of a system for all modes over their boxes, and what is proven.
 
         `boxes` has their centres, turns and half widths.
@@ -402,7 +402,7 @@ class Systems:
 
 
 def _angles(
-    roots: ChartRoots, proven: Tubes, half: Floats
+    roots: ChartRoots, proven: RootEnclosures, half: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return angles (n, k) of roots, of which the real ones are of use, rates, and off.
 

@@ -90,7 +90,7 @@ class Zone:
 
 @final
 @dataclass(frozen=True)
-class Piece(Zone):
+class CertifiedArc(Zone):
     """A part of space with one arc in it: `frame` (v, v) has the columns t and N.
 
     The arc is within `tight` of the axis, y = 0; at s = 0 within `miss`.
@@ -139,7 +139,7 @@ def piece_at(
     along: Floats | None,
     longest: float,
     shortest: float = SHORTEST_PIECE,
-) -> Piece | None:
+) -> CertifiedArc | None:
     """Return a piece around a configuration, as long as can be proven up to `longest`."""
     at = local(equations, centre)
     frame = frame_at(at.slopes, along)
@@ -156,7 +156,7 @@ def piece_at(
         if inside is not None:
             half, radius, tight, miss = inside
             limits = np.array([half, *[radius] * (len(centre) - 1)])
-            return Piece(centre, frame, limits, tight, miss, inverse, at, test)
+            return CertifiedArc(centre, frame, limits, tight, miss, inverse, at, test)
     return None
 
 

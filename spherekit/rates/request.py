@@ -238,7 +238,7 @@ Path = Floats
 
 
 @final
-class SignMemory:
+class SignContinuation:
     """What earlier blocks of a motion found, so that signs continue.
 
     The last direction and rates of each pole, and the side that directions start on.
@@ -261,7 +261,7 @@ class SignMemory:
         }
 
     @classmethod
-    def restored(cls, state: Mapping[str, Any]) -> "SignMemory":
+    def restored(cls, state: Mapping[str, Any]) -> "SignContinuation":
         """Return the memory that `state` gave."""
         memory = cls()
         memory.home = {
@@ -273,7 +273,7 @@ class SignMemory:
 
 
 def signed(
-    field: PoleField, motion: Motion, wanted: Request, memory: SignMemory
+    field: PoleField, motion: Motion, wanted: Request, memory: SignContinuation
 ) -> PoleField:
     """Give directions, and coefficients along them, the signs that continue; in place.
 
@@ -343,7 +343,7 @@ class Stops:
 
 @final
 @dataclass(frozen=True)
-class TurnedRows:
+class ReversedRows:
     """Which directions of an input are turned round: the `pole` from `start` to `stop`.
 
     All (k,). Over a grid of inputs each row is turned to a side, `sides` (modes, 3).
@@ -357,7 +357,7 @@ class TurnedRows:
     @classmethod
     def of(
         cls, ranges: Sequence[tuple[int, int, int]], sides: Floats | None = None
-    ) -> "TurnedRows":
+    ) -> "ReversedRows":
         """Return those of poles with their rows' starts and stops."""
         pole, start, stop = np.array(ranges, dtype=np.intp).reshape(-1, 3).T
         return cls(pole, start, stop, sides)
@@ -391,8 +391,8 @@ def signs_at_stops(
     signed: Sequence[Pole],
     stops: Mapping[int, Stops],
     at: Callable[[Indices], Iterable[Floats]],
-    memory: SignMemory,
-) -> TurnedRows:
+    memory: SignContinuation,
+) -> ReversedRows:
     """Return which directions are turned round to go on along each assembly mode.
 
     Of the poles `signed`, whose rates are not negative before. `stops` are those of modes
@@ -401,7 +401,7 @@ def signs_at_stops(
     """
     ranges: list[tuple[int, int, int]] = []
     if not signed or not stops:
-        return TurnedRows.of(ranges)
+        return ReversedRows.of(ranges)
     units, vectors, changes = at(np.concatenate([item.rows for item in stops.values()]))
     if motion.inputs.shape[1] > 1:
         changes = np.zeros_like(vectors)  # by the way of all inputs it is not known
@@ -439,10 +439,10 @@ def signs_at_stops(
             edges = np.flatnonzero(np.diff(signs < 0.0, prepend=False, append=False))
             bounds = np.append(rows, end)[edges]
             ranges += [(j, *bounds[k : k + 2].tolist()) for k in range(0, len(bounds), 2)]
-    return TurnedRows.of(ranges)
+    return ReversedRows.of(ranges)
 
 
-def sides_of(motion: Motion, held: Bools, memory: SignMemory) -> TurnedRows:
+def sides_of(motion: Motion, held: Bools, memory: SignContinuation) -> ReversedRows:
     """Return that directions are turned to the side that modes start on.
 
     `held` (modes, samples) says which rows have a configuration.
@@ -452,7 +452,7 @@ def sides_of(motion: Motion, held: Bools, memory: SignMemory) -> TurnedRows:
         if np.any(some):
             first = number * motion.samples + int(np.argmax(some))
             sides[number] = _home(motion, mode.number, first, memory)
-    return TurnedRows.of([], sides)
+    return ReversedRows.of([], sides)
 
 
 def _way(motion: Motion, rows: Indices) -> Floats:
@@ -461,7 +461,7 @@ def _way(motion: Motion, rows: Indices) -> Floats:
     return motion.q[rows] if single else motion.sample[rows].astype(float)
 
 
-def _home(motion: Motion, mode: int, row: int, memory: SignMemory) -> Floats:
+def _home(motion: Motion, mode: int, row: int, memory: SignContinuation) -> Floats:
     """Return the side (3,) on which directions of a mode start, read at its first row."""
     if mode not in memory.home:
         (frames,) = motion.rows(np.array([row])).frames
@@ -473,7 +473,7 @@ SUBSTEPS = 8
 
 
 def _chain(
-    memory: SignMemory,
+    memory: SignContinuation,
     key: tuple[int, Pole],
     side: float,
     path: Path,

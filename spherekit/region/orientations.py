@@ -12,7 +12,7 @@ from typing import final
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.region.mesh import VALUE_SLACK, Evaluator, Margins, check_positive, least
 from spherekit.sphere.rotation import max_abs, unit_rows
 
@@ -136,7 +136,7 @@ def find_orientations(
     """
     check_positive({"tolerance": tolerance, "most": most})
     cells = _Cells(Evaluator(margins))
-    working = Working("measuring a set of orientations")
+    working = ProgressReporter("measuring a set of orientations")
     while True:
         volume, error = float(cells.volume.sum()), float(cells.error.sum())
         told = (

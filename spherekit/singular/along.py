@@ -16,7 +16,7 @@ from spherekit.conventions import EPS
 from spherekit.errors import PlanError
 from spherekit.motion.arc_curve import ArcCurve, CurvePoints, bordered, bordered_condition
 from spherekit.motion.loops import left_inverse
-from spherekit.motion.motion import Motion, Tracer, motion_of
+from spherekit.motion.motion import Motion, PositionAnalysis, motion_of
 from spherekit.numeric.zeros import ArrayRows, Zeros, zeros
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import Plan, Pole, pole_of
@@ -133,7 +133,7 @@ class AlongCurve:
         Plans of poles already made, which all curves share.
     """
 
-    def __init__(self, tracer: Tracer, curve: ArcCurve, plans: Plans) -> None:
+    def __init__(self, tracer: PositionAnalysis, curve: ArcCurve, plans: Plans) -> None:
         self.tracer, self.curve = tracer, curve
         self.closure = curve.segments.closure
         self._senses: dict[Pole, Sense] = {}

@@ -14,7 +14,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.conventions import TURN, Status
 from spherekit.errors import AnalysisError
-from spherekit.guarantee import Budget
+from spherekit.guarantee import TimeLimit
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion import input_grid as grids
 from spherekit.motion.arc_length import periods_of
@@ -24,7 +24,7 @@ from spherekit.motion.steps import walk
 from spherekit.motion.turns import less_periods
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.region.mesh import labels
-from spherekit.singular.locus import Locus, configurations, solver_of
+from spherekit.singular.locus import SingularityLocus, configurations, solver_of
 from spherekit.singular.several import TypeName
 from spherekit.singular.stationarity import InputsLocked, OutputStationary, output_of
 from spherekit.sphere.rotation import max_abs, nans
@@ -99,7 +99,7 @@ def aspects(
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
     whole_turn: bool = False,
-    budget: Budget | None = None,
+    budget: TimeLimit | None = None,
 ) -> Aspects:
     """Return the aspects of a mechanism with any number of inputs.
 
@@ -142,7 +142,7 @@ def aspects(
         )
     counts = list(samples) if isinstance(samples, Sequence) else [samples] * count
     input_grid, beside = _lattice(mechanism, counts, whole_turn)
-    budget = budget or Budget()
+    budget = budget or TimeLimit()
     spread = _Spread(solver, input_grid, beside, rest, "I" in free_of, budget)
     if budget.goes_on("modes at samples of the input grid"):
         spread.add(*_starts(solver, input_grid))
@@ -221,7 +221,7 @@ class _Spread:
         beside: Indices,
         output: OutputStationary | None,
         divides: bool,
-        budget: Budget,
+        budget: TimeLimit,
     ) -> None:
         self.budget = budget
         self.solver, self.input_grid, self.beside = solver, input_grid, beside
@@ -236,14 +236,14 @@ class _Spread:
 
     def _judged(self, values: Floats, row: Indices) -> _Nodes:
         closure, count = self.solver.closure, len(self.driven)
-        locus = Locus(closure, count, InputsLocked(self.solver.driven))
+        locus = SingularityLocus(closure, count, InputsLocked(self.solver.driven))
         space = locus.space(values)
         two = locus.measure(space)
         least = np.minimum(space.reciprocal_condition, two.smallest)
         signs = two.value if two.signed else np.zeros(len(values))
         one, slope = np.zeros(len(values)), np.zeros((len(values), count))
         if self.output is not None:
-            measure = Locus(closure, count, self.output).measure(space)
+            measure = SingularityLocus(closure, count, self.output).measure(space)
             self.signed = measure.signed
             one = measure.value
             if self.divides:

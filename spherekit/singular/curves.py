@@ -20,11 +20,11 @@ from typing import final
 
 import numpy as np
 
+from spherekit.argument_validation import checked
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.checked import checked
 from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError
-from spherekit.guarantee import Budget, Claim
+from spherekit.guarantee import Completeness, TimeLimit
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import NEAR, Chords, CurvePoints
 from spherekit.motion.arc_length import periods_of
@@ -37,13 +37,18 @@ from spherekit.motion.steps import (
 )
 from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.numeric.zeros import cubic, cubic_slope
-from spherekit.singular.locus import Cut, Locus, LocusPoints, solver_of
+from spherekit.singular.locus import (
+    LockedInputSection,
+    LocusPoints,
+    SingularityLocus,
+    solver_of,
+)
 from spherekit.singular.several import (
     LocusName,
+    SingularityReport,
     SingularPoints,
-    View,
 )
-from spherekit.singular.starts import EVERYWHERE, Seeding
+from spherekit.singular.starts import EVERYWHERE, StartPoints
 from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import max_abs
 
@@ -77,7 +82,7 @@ class SingularCurve:
         MODE_LOST.
     """
 
-    locus: Locus
+    locus: SingularityLocus
     nodes: LocusPoints
     periods: Floats
     closed: bool
@@ -206,11 +211,11 @@ SAME_MOTION = 0.8
 
 
 def trace_curves(
-    locus: Locus,
+    locus: SingularityLocus,
     values: Floats,
     longest: float = 200.0,
     step: float = LARGEST_STEP,
-    budget: Budget | None = None,
+    budget: TimeLimit | None = None,
 ) -> list[SingularCurve | None]:
     """Return the curves of a locus through configurations (n, V) near it, side by side.
 
@@ -241,7 +246,7 @@ def trace_curves(
     both = LocusPoints.joined([starts, _turned(starts, -1.0)])
     still, inside = np.zeros(both.values.shape), np.ones(2 * count, dtype=bool)
     start = _Nodes(both.values, both.tangents[:, :, 0], still, both.residual, both, inside)
-    given = periods_of(locus.closure), longest, step, locus, budget or Budget()
+    given = periods_of(locus.closure), longest, step, locus, budget or TimeLimit()
     paths = _LocusCurves(start, *given)
     paths.follow(FIRST_STEP)
     curves: list[SingularCurve | None] = [None] * len(values)
@@ -285,8 +290,8 @@ class _LocusCurves(Curves[_Nodes]):
     same = 1e-8
     most_nodes = 20_000
 
-    locus: Locus
-    budget: Budget
+    locus: SingularityLocus
+    budget: TimeLimit
 
     def exhaust(self, rows: Indices) -> None:
         """End curves that have closed in the other sense, and all when time is over."""
@@ -396,7 +401,7 @@ class CurveSeen:
     why: str = ""
     modes: tuple[int, ...] = ()
     curve: SingularCurve | None = None
-    view: View | None = None
+    view: SingularityReport | None = None
 
     @cached_property
     def cusps(self) -> SingularPoints:
@@ -429,7 +434,7 @@ class SingularCurves:
 
     kind: LocusName
     curves: tuple[CurveSeen, ...]
-    claim: Claim
+    claim: Completeness
     stray: Floats
     everywhere: bool = False
     traced: tuple[SingularCurve, ...] = ()
@@ -441,7 +446,9 @@ class SingularCurves:
 
         See `locus_key`.
         """
-        view = View.of(solver_of(mechanism), output_of(mechanism, output), kind)
+        view = SingularityReport.of(
+            solver_of(mechanism), output_of(mechanism, output), kind
+        )
         curves = tuple(part for curve in self.traced for part in _parts(curve, view))
         return replace(self, kind=kind, curves=curves)
 
@@ -454,7 +461,7 @@ def locus_key(
     Type II is the same for all outputs that the same pairs move; self-motions are on the
     locus of those that all pairs move.
     """
-    view = View.of(solver_of(mechanism), output_of(mechanism, output), kind)
+    view = SingularityReport.of(solver_of(mechanism), output_of(mechanism, output), kind)
     moving = None if view.part is None else view.part.variables
     return moving, view.output if kind == "I" else None
 
@@ -468,8 +475,8 @@ def singular_curves(
     slices_of_each: int = 12,
     whole_turn: bool = False,
     step: float = LARGEST_STEP,
-    made: Cut | None = None,
-    budget: Budget | None = None,
+    made: LockedInputSection | None = None,
+    budget: TimeLimit | None = None,
 ) -> SingularCurves:
     """Return the curves of singular configurations of a mechanism with two inputs.
 
@@ -500,8 +507,8 @@ def singular_curves(
             f"{mechanism.name} has {len(solver.driven)} inputs; curves of singular "
             "configurations are those of a mechanism with two"
         )
-    view, budget = View.of(solver, rest, kind), budget or Budget()
-    source = Seeding(view, whole_turn, made, slices_of_each, budget)
+    view, budget = SingularityReport.of(solver, rest, kind), budget or TimeLimit()
+    source = StartPoints(view, whole_turn, made, slices_of_each, budget)
     none = np.zeros((0, len(mechanism.variable_owners)))
     if source.everywhere:
         return SingularCurves(kind, (), EVERYWHERE, none, everywhere=True)
@@ -523,7 +530,7 @@ def singular_curves(
 
 
 def _followed(
-    source: Seeding, points: LocusPoints, traced: list[SingularCurve], step: float
+    source: StartPoints, points: LocusPoints, traced: list[SingularCurve], step: float
 ) -> list[Floats]:
     """Follow curves from points that lie on none traced yet; return those none leaves."""
     left, stray = np.ones(len(points), dtype=bool), []
@@ -547,7 +554,7 @@ def _followed(
     return stray
 
 
-def _parts(curve: SingularCurve, view: View) -> Iterator[CurveSeen]:
+def _parts(curve: SingularCurve, view: SingularityReport) -> Iterator[CurveSeen]:
     """Yield the parts of a traced curve that are of the type looked for."""
     of_type = view.is_own(view.types(curve.nodes.values))
     if np.all(of_type):
@@ -561,7 +568,7 @@ def _parts(curve: SingularCurve, view: View) -> Iterator[CurveSeen]:
             yield _found(replace(curve, nodes=nodes, closed=False), view)
 
 
-def _found(curve: SingularCurve, view: View) -> CurveSeen:
+def _found(curve: SingularCurve, view: SingularityReport) -> CurveSeen:
     def measured(nodes: LocusPoints) -> Floats:
         return view.other.measure(view.other.space(nodes.values)).value
 

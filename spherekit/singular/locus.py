@@ -23,7 +23,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, Status, counted
 from spherekit.errors import CountError
-from spherekit.guarantee import Budget
+from spherekit.guarantee import TimeLimit
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve, CurvePoints
 from spherekit.motion.arc_length import follow_arcs
@@ -143,7 +143,7 @@ class LocusPoints(ArrayRows):
 
 @final
 @dataclass(frozen=True)
-class Locus:
+class SingularityLocus:
     """Singular configurations of a closure with g freedoms, of one type.
 
     With a `part` the singular motion is one of that part alone, which closes its loops.
@@ -394,7 +394,7 @@ def slices(
     solver: Solver,
     free: int,
     held: Floats,
-    budget: Budget | None = None,
+    budget: TimeLimit | None = None,
 ) -> Iterator[Slice]:
     """Yield all curves found with all inputs but one locked at some values.
 
@@ -413,7 +413,7 @@ def slices(
     budget
         Time that the curves of all slices may take, unlimited by default.
     """
-    budget = budget or Budget()
+    budget = budget or TimeLimit()
     many = TOGETHER if solver.assembly.has_closed_form else 1
     for first in range(0, len(held), many):
         if not budget.goes_on(f"slice {first + 1} of {len(held)}"):
@@ -421,7 +421,9 @@ def slices(
         yield from _together(solver, free, held[first : first + many], budget)
 
 
-def _together(solver: Solver, free: int, held: Floats, budget: Budget) -> Iterator[Slice]:
+def _together(
+    solver: Solver, free: int, held: Floats, budget: TimeLimit
+) -> Iterator[Slice]:
     """Yield the curves of some slices, a curve of each followed side by side."""
     probes = PROBED if solver.assembly.has_closed_form else PROBES
     turn = (np.arange(probes) + 0.5) * (2.0 * np.pi / probes) - np.pi
@@ -450,7 +452,7 @@ def _together(solver: Solver, free: int, held: Floats, budget: Budget) -> Iterat
 
 @final
 @dataclass(frozen=True)
-class Cut:
+class LockedInputSection:
     """The slices of a mechanism at some values of each input, in the order made.
 
     `gaps` (rad) are the distances of the values of each input; `note` says what was left
@@ -466,13 +468,13 @@ def cut(
     solver: Solver,
     ranges: Sequence[tuple[float, float]],
     values_of_each: int,
-    budget: Budget | None = None,
-) -> Cut:
+    budget: TimeLimit | None = None,
+) -> LockedInputSection:
     """Return the slices with each input free, the others at values over their ranges.
 
     The values are taken in an order that is spread out wherever time is spent.
     """
-    budget = budget or Budget()
+    budget = budget or TimeLimit()
     spread = [
         low + (high - low) * (np.arange(values_of_each) + 0.5) / values_of_each
         for low, high in ranges
@@ -491,7 +493,7 @@ def cut(
         if share.note:
             notes.append(f"{share.note} with input {free + 1} free")
     gaps = tuple((high - low) / values_of_each for low, high in ranges)
-    return Cut(tuple(sections), gaps, "; ".join(notes))
+    return LockedInputSection(tuple(sections), gaps, "; ".join(notes))
 
 
 def _spread_out(count: int) -> Indices:
@@ -501,7 +503,7 @@ def _spread_out(count: int) -> Indices:
     return np.array(order, dtype=np.intp)
 
 
-def seeds(section: Slice, locus: Locus) -> LocusPoints:
+def seeds(section: Slice, locus: SingularityLocus) -> LocusPoints:
     """Return the singular configurations on a slice."""
 
     def along(points: CurvePoints) -> tuple[Floats, Floats]:

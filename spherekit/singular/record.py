@@ -103,7 +103,7 @@ class Holding:
     label: str
     words: str
     residual: float
-    decided: bool
+    certain: bool
 
 
 _IN_1: tuple[Plane, Plane] = (("ir", "is_", "rs"), ("or_", "ir", "io"))
@@ -198,9 +198,9 @@ def conditions(
         residual = condition.residual(relation.poles)
         words = condition.words(relation.links, names)
         for row in np.flatnonzero(residual <= UNDECIDED * allowed):
-            size, decided = float(residual[row]), bool(residual[row] <= allowed[row])
-            rows[row].append(Holding(condition.label, words, size, decided))
-    return [tuple(sorted(row, key=lambda holding: not holding.decided)) for row in rows]
+            size, certain = float(residual[row]), bool(residual[row] <= allowed[row])
+            rows[row].append(Holding(condition.label, words, size, certain))
+    return [tuple(sorted(row, key=lambda holding: not holding.certain)) for row in rows]
 
 
 def _between(first: Floats, second: Floats) -> Floats:
@@ -392,7 +392,7 @@ class SingularPoint:
     relations: tuple[RelationAt, ...]
 
     @property
-    def decided(self) -> bool:
+    def certain(self) -> bool:
         """Whether the type is certain within rounding."""
         return not self.note
 
@@ -424,7 +424,7 @@ class CrossingPoint:
     relations: tuple[tuple[tuple[RelationAt, ...], ...], ...]
 
     @property
-    def decided(self) -> bool:
+    def certain(self) -> bool:
         """Whether the loss of rank is certain within rounding."""
         return not self.note
 

@@ -19,7 +19,7 @@ from spherekit.conventions import Status
 from spherekit.motion.configuration import SAME_CONFIGURATION, Configurations, Piece
 from spherekit.motion.input_turning_points import input_turning_points
 from spherekit.motion.modes import MOST_COST, MOST_TIME
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.motion.turns import in_range, into_range, turns_in_range, whole_periods
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import Assembly, Group
@@ -37,8 +37,8 @@ SAME_INPUT = 1e-6
 
 
 def traced_part(
-    tracer: Tracer, links: Iterable[int]
-) -> tuple[Tracer, list[int], dict[int, tuple[int, ...]]]:
+    tracer: PositionAnalysis, links: Iterable[int]
+) -> tuple[PositionAnalysis, list[int], dict[int, tuple[int, ...]]]:
     """Return a tracer of the part that places links, by numbers, relative to the input.
 
     Or of the whole mechanism where nothing can be left out. With it the numbers that its
@@ -47,7 +47,7 @@ def traced_part(
     whole = tracer.mechanism
     made = whole if tracer.by_rank else part_for(whole, links)
     if made is not whole and tracer.solver.meshes is None:
-        part = Tracer(made, path=np.linspace(*tracer.range, COMPARED)[:, None])
+        part = PositionAnalysis(made, path=np.linspace(*tracer.range, COMPARED)[:, None])
         pairs = [whole.pair_number[pair.name] for pair in made.pairs]
         variables = [v for pair in pairs for v in whole.variables_of(pair)]
         modes = _modes(tracer, part, variables)
@@ -58,7 +58,7 @@ def traced_part(
 
 
 def _modes(
-    tracer: Tracer, part: Tracer, variables: list[int]
+    tracer: PositionAnalysis, part: PositionAnalysis, variables: list[int]
 ) -> dict[int, tuple[int, ...]] | None:
     """Return the modes of the whole in each of the part, None if one has no place."""
     motion: Motion = tracer.sparse(COMPARED)
@@ -82,7 +82,7 @@ def _modes(
     return modes
 
 
-def _same_turning_points(tracer: Tracer, part: Tracer) -> bool:
+def _same_turning_points(tracer: PositionAnalysis, part: PositionAnalysis) -> bool:
     """Return whether what is left out meets no dead centre at any input of a turn."""
     whole, inner = (
         input_turning_points(solver, -np.pi, np.pi, MOST_COST, MOST_TIME)
@@ -140,7 +140,7 @@ class SampledSingularities:
 
     def __init__(
         self,
-        tracer: Tracer,
+        tracer: PositionAnalysis,
         outputs: Sequence[tuple[int, int]],
         values: Floats,
         assembly_mode: Integers,
@@ -305,9 +305,10 @@ class SampledSingularities:
         """Return the columns (n,) of each output, by its position, in each form; or NaN.
 
         ``c`` and ``d`` of c y' = d q'; ``output_rate`` and ``input_rate`` by the arc length
-        of all variables; ``angle_I`` and ``angle_II`` (rad), see `angle`; ``transmission``
-        (rad), see `transmission_angles`; ``to_I``, ``to_II`` (rad), by how much the input
-        changes along the curve to the nearest singularity.
+        of all variables; ``distance_I`` and ``distance_II`` (rad), see `angle`;
+        ``transmission`` (rad), see `transmission_angles`; ``input_margin_I``,
+        ``input_margin_II`` (rad), by how much the input changes along the curve to the
+        nearest singularity.
         """
         measured: dict[tuple[int, Form], dict[str, Floats]] = {}
         for number in np.unique(self._curve[self._curve >= 0]).tolist():
@@ -322,8 +323,8 @@ class SampledSingularities:
                     "transmission": transmission,
                 }
                 for kind in (Type.I, Type.II):
-                    here[f"angle_{kind}"] = self.angle(kind, number, s, output)
-                    here[f"to_{kind}"] = self._to_nearest(number, output, kind, s)
+                    here[f"distance_{kind}"] = self.angle(kind, number, s, output)
+                    here[f"input_margin_{kind}"] = self._to_nearest(number, output, kind, s)
                 for relation in at.relations:
                     columns = measured.setdefault((output, relation.form), {})
                     here |= {"c": relation.c, "d": relation.d}

@@ -30,7 +30,7 @@ from spherekit.rates.request import Request, request
 from spherekit.rates.sequence import TRUSTED_ERROR, PlannedPoles
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.rates.transmission import hold as hold_of
-from spherekit.singular.locus import Locus, LocusPoints, adjugate
+from spherekit.singular.locus import LocusPoints, SingularityLocus, adjugate
 from spherekit.singular.relation import FourLinks, SixPoles, form_i
 from spherekit.singular.stationarity import InputsLocked, OutputPart, OutputStationary
 from spherekit.sphere.rotation import all_finite, cross, nans, unit_rows
@@ -249,7 +249,7 @@ def _with_motions(
     if not len(rows):
         return c, d, u
     closure, held = Closure.of(motion.mechanism, motion.joints), _held(motion)
-    space = Locus(closure, len(held), output).space(motion.values[rows])
+    space = SingularityLocus(closure, len(held), output).space(motion.values[rows])
     alone = space.basis @ adjugate(space.basis[:, held])
     alone = unit_rows(alone)
     for k, pair in enumerate(motion.assembly.inputs):
@@ -280,7 +280,7 @@ def by_motions(
 ) -> MotionMeasures:
     """Return what the motions that close the loops say."""
     held, closure = _held(motion), Closure.of(motion.mechanism, motion.joints)
-    space = Locus(closure, len(held), output).space(motion.values)
+    space = SingularityLocus(closure, len(held), output).space(motion.values)
     inputs, moving = space.basis[:, held], output.equations(space.at) @ space.basis
     transmission = Transmission(
         closure.tree, tuple(held), output.link, output.relative_to, output.pointing
@@ -482,7 +482,7 @@ class SingularPoints(ArrayRows):
 
 @final
 @dataclass(frozen=True)
-class View:
+class SingularityReport:
     """The singular configurations of a type, and what of them is reported."""
 
     solver: Solver
@@ -491,33 +491,37 @@ class View:
     part: OutputPart | None = None
 
     @staticmethod
-    def of(solver: Solver, output: OutputStationary, kind: LocusName) -> "View":
+    def of(
+        solver: Solver, output: OutputStationary, kind: LocusName
+    ) -> "SingularityReport":
         """Return what is singular of an output: of the part alone that moves it.
 
         Self-motions are those of the whole mechanism.
         """
         if kind == "self-motion":
-            return View(solver, output, kind)
+            return SingularityReport(solver, output, kind)
         links = output.link, output.relative_to
         part = OutputPart.of(solver.mechanism, solver.assembly, *links)
         if part is None:
-            return View(solver, output, kind)
-        return View(solver, replace(output, way=part.way), kind, part)
+            return SingularityReport(solver, output, kind)
+        return SingularityReport(solver, replace(output, way=part.way), kind, part)
 
     @cached_property
-    def locus(self) -> Locus:
+    def locus(self) -> SingularityLocus:
         """The configurations of the type."""
         return self._locus(self.kind)
 
     @cached_property
-    def other(self) -> Locus:
+    def other(self) -> SingularityLocus:
         """Those of the other type."""
         return self._locus("II" if self.kind == "I" else "I")
 
-    def _locus(self, kind: LocusName) -> Locus:
+    def _locus(self, kind: LocusName) -> SingularityLocus:
         driven = self.solver.driven if self.part is None else self.part.driven
         rest = self.output if kind == "I" else InputsLocked(driven)
-        return Locus(self.solver.closure, len(self.solver.driven), rest, self.part)
+        return SingularityLocus(
+            self.solver.closure, len(self.solver.driven), rest, self.part
+        )
 
     def types(self, values: Floats) -> SmallIntegers:
         """Return the types (n,) of configurations for the output."""

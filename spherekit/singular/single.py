@@ -23,7 +23,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import SINGULAR
 from spherekit.motion.crossing import Crossing, crossing_near
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import Pole, parse_pole, pole_of
 from spherekit.singular.along import AlongCurve, Axis, LinkRates, Plans, rounding_of
 from spherekit.singular.record import (
@@ -212,7 +212,7 @@ class SingleFreedom:
 
     def __init__(
         self,
-        tracer: Tracer,
+        tracer: PositionAnalysis,
         curves: Sequence[ArcCurve],
         outputs: Iterable[str | tuple[int | str, int | str]],
         input: str | tuple[int | str, int | str] | None = None,

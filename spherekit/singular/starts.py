@@ -7,12 +7,18 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import CLOSURE_TOLERANCE
-from spherekit.guarantee import Budget, Claim, Guarantee
+from spherekit.guarantee import Completeness, Guarantee, TimeLimit
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.search import starting_range
-from spherekit.singular.locus import Cut, Locus, LocusPoints, cut, seeds
-from spherekit.singular.several import View
+from spherekit.singular.locus import (
+    LockedInputSection,
+    LocusPoints,
+    SingularityLocus,
+    cut,
+    seeds,
+)
+from spherekit.singular.several import SingularityReport
 
 CLOSING_STEPS = 40
 """Newton's steps that a random start may take to closed loops."""
@@ -30,13 +36,13 @@ MOST_ROUNDS = 12
 SEED = 20240616
 FOR_SLICES = 0.6
 """Part of the time that slices may take."""
-EVERYWHERE = Claim(
+EVERYWHERE = Completeness(
     Guarantee.SAMPLED, f"all configurations that {PROBES} random starts led to are of it"
 )
 
 
 @final
-class Seeding:
+class StartPoints:
     """Batches of points of a locus, from slices if there are any, else from random starts.
 
     Whoever reads them tells by `met` whether a batch had news: random starts end after
@@ -63,11 +69,11 @@ class Seeding:
 
     def __init__(
         self,
-        view: View,
+        view: SingularityReport,
         whole_turn: bool,
-        made: Cut | None,
+        made: LockedInputSection | None,
         slices_of_each: int,
-        budget: Budget,
+        budget: TimeLimit,
     ) -> None:
         self.view, self.budget, self.cut = view, budget, made
         self.ranges = ranges_of(view.solver.mechanism, whole_turn)
@@ -110,7 +116,7 @@ class Seeding:
         self.hits += len(points)
         return points
 
-    def claim(self, what: str) -> Claim:
+    def claim(self, what: str) -> Completeness:
         """Return what is known of curves or surfaces (`what`) that were not found."""
         if self.cut is None:
             reason = (
@@ -124,9 +130,9 @@ class Seeding:
             reason = f"but for {what}s within a box of {sides} deg between slices"
             notes = "; ".join(filter(None, [self.cut.note, self.budget.note]))
             if not notes:
-                return Claim(Guarantee.TO_BOX, reason, max(self.cut.gaps))
+                return Completeness(Guarantee.TO_BOX, reason, max(self.cut.gaps))
             reason = f"{self.searched} curves on slices were searched"
-        return Claim(Guarantee.SAMPLED, "; ".join(filter(None, [reason, notes])))
+        return Completeness(Guarantee.SAMPLED, "; ".join(filter(None, [reason, notes])))
 
 
 def ranges_of(mechanism: Mechanism, whole_turn: bool = False) -> list[tuple[float, float]]:
@@ -157,7 +163,7 @@ def closed_configurations(
     return solution.values[solution.residual < CLOSURE_TOLERANCE]
 
 
-def everywhere(view: View) -> bool:
+def everywhere(view: SingularityReport) -> bool:
     """Return whether every configuration that random starts lead to is on the locus.
 
     What has no more freedoms than the locus has is not looked for on curves or surfaces.
@@ -168,7 +174,9 @@ def everywhere(view: View) -> bool:
     return bool(len(values)) and bool(np.all(view.is_own(view.types(values))))
 
 
-def points_from(locus: Locus, values: Floats, driven: Sequence[int]) -> LocusPoints:
+def points_from(
+    locus: SingularityLocus, values: Floats, driven: Sequence[int]
+) -> LocusPoints:
     """Return the points of a locus that configurations (n, V) lead to.
 
     One after the other by the shortest way, or with all `driven` variables but one held,

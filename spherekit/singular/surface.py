@@ -17,14 +17,19 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.errors import AnalysisError
-from spherekit.guarantee import Budget, Claim
+from spherekit.guarantee import Completeness, TimeLimit
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.turns import in_range, into_range, less_periods
 from spherekit.region.mesh import edges_of
-from spherekit.singular.locus import Cut, Locus, LocusPoints, solver_of
-from spherekit.singular.several import LocusName, SingularPoints, View
-from spherekit.singular.starts import EVERYWHERE, Seeding
+from spherekit.singular.locus import (
+    LockedInputSection,
+    LocusPoints,
+    SingularityLocus,
+    solver_of,
+)
+from spherekit.singular.several import LocusName, SingularityReport, SingularPoints
+from spherekit.singular.starts import EVERYWHERE, StartPoints
 from spherekit.singular.stationarity import output_of
 
 
@@ -45,7 +50,7 @@ class Mesh:
         (n, V) which variables of vertices are at an end of a range that cuts the mesh.
     """
 
-    locus: Locus
+    locus: SingularityLocus
     points: LocusPoints
     triangles: Indices
     component: Integers
@@ -238,7 +243,7 @@ class SingularSurface:
     border: Indices
     component: Integers
     side: float
-    claim: Claim
+    claim: Completeness
     irregular: int
     full: bool
     everywhere: bool = False
@@ -262,8 +267,8 @@ def singular_surface(
     slices_of_each: int = 4,
     whole_turn: bool = False,
     most: int = 20_000,
-    made: Cut | None = None,
-    budget: Budget | None = None,
+    made: LockedInputSection | None = None,
+    budget: TimeLimit | None = None,
 ) -> SingularSurface:
     """Return the surfaces of singular configurations of a mechanism with three inputs.
 
@@ -293,8 +298,8 @@ def singular_surface(
         wrong += "of the link's orientation, without `pointing`"
     if wrong:
         raise AnalysisError(mechanism.name + wrong)
-    view, budget = View.of(solver, rest, kind), budget or Budget()
-    source = Seeding(view, whole_turn, made, slices_of_each, budget)
+    view, budget = SingularityReport.of(solver, rest, kind), budget or TimeLimit()
+    source = StartPoints(view, whole_turn, made, slices_of_each, budget)
     front = _Front(view, whole_turn, side, most, budget)
     if halved:
         source.budget = front.budget = budget.part(1.0 / (1.0 + HALVING * 4**halved))
@@ -326,7 +331,12 @@ class _Front:
     """
 
     def __init__(
-        self, view: View, whole_turn: bool, side: float, most: int, budget: Budget
+        self,
+        view: SingularityReport,
+        whole_turn: bool,
+        side: float,
+        most: int,
+        budget: TimeLimit,
     ) -> None:
         self.locus, self.view, self.whole_turn = view.locus, view, whole_turn
         self.side, self.most, self.budget = side, most, budget
@@ -342,7 +352,7 @@ class _Front:
         self.ways: set[Edge] = set()
         self.closed: set[Edge] = set()
 
-    def finished(self, halved: int, budget: Budget) -> Mesh:
+    def finished(self, halved: int, budget: TimeLimit) -> Mesh:
         """Return it with its edges halved so often, cut at the ranges of the inputs."""
         none = self.locus.onto(np.zeros((0, len(self.periods))))
         mesh = Mesh(
@@ -371,7 +381,7 @@ class _Front:
         same = np.abs(self.motions @ motion) > TURNED
         return np.flatnonzero((distance < radius) & same)
 
-    def grow_all(self, source: Seeding) -> int:
+    def grow_all(self, source: StartPoints) -> int:
         """Mesh the surfaces through all seeds; return how many of these are irregular."""
         irregular = 0
         for points in source.batches():

@@ -21,37 +21,37 @@ import numpy as np
 
 @final
 @dataclass(frozen=True)
-class HalfArc:
+class HalfAngle:
     """An arc by the sine and the cosine of its half."""
 
     sine: Any
     cosine: Any
 
     @staticmethod
-    def of(arc: float) -> "HalfArc":
+    def of(arc: float) -> "HalfAngle":
         """Return an arc given in rad."""
-        return HalfArc(float(np.sin(0.5 * arc)), float(np.cos(0.5 * arc)))
+        return HalfAngle(float(np.sin(0.5 * arc)), float(np.cos(0.5 * arc)))
 
-    def __add__(self, other: "HalfArc") -> "HalfArc":
-        return HalfArc(
+    def __add__(self, other: "HalfAngle") -> "HalfAngle":
+        return HalfAngle(
             self.sine * other.cosine + self.cosine * other.sine,
             self.cosine * other.cosine - self.sine * other.sine,
         )
 
-    def __sub__(self, other: "HalfArc") -> "HalfArc":
-        return HalfArc(
+    def __sub__(self, other: "HalfAngle") -> "HalfAngle":
+        return HalfAngle(
             self.sine * other.cosine - self.cosine * other.sine,
             self.cosine * other.cosine + self.sine * other.sine,
         )
 
 
-def triple_square(near: HalfArc, far: HalfArc, more: Any, less: Any) -> Any:
+def triple_square(near: HalfAngle, far: HalfAngle, more: Any, less: Any) -> Any:
     """Return t^2 from |a + c|^2 and |a - c|^2: negative where the arcs do not reach."""
     return _over(near - far, more, less) * (-1.0 * _over(near + far, more, less))
 
 
 def middle_axis(
-    near: HalfArc, far: HalfArc, more: Any, less: Any, root: Any
+    near: HalfAngle, far: HalfAngle, more: Any, less: Any, root: Any
 ) -> tuple[Any, Any, Any]:
     """Return how much of a + c, of a - c and of a x c the middle axis is.
 
@@ -65,7 +65,7 @@ def middle_axis(
     )
 
 
-def _over(arc: HalfArc, more: Any, less: Any) -> Any:
+def _over(arc: HalfAngle, more: Any, less: Any) -> Any:
     """Return the cosine of an arc less a . c.
 
     It is |a - c|^2 / 2 - 2 sin^2 of half the arc, and 2 cos^2 of it - |a + c|^2 / 2. The

@@ -11,7 +11,7 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.running.sampling import course_of
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError, PluginError
 from spherekit.model.mechanism import Mechanism

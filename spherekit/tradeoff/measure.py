@@ -20,12 +20,12 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.evaluation import ENGINES, Evaluation, Integrator, Setting
-from spherekit.analysis.running.kernel_columns import UnreadField, turn_round
+from spherekit.analysis.running.kernel_columns import LazyField, turn_round
 from spherekit.analysis.running.sampling import Sampling, simulated_course
 from spherekit.analysis.study import requests_for
 from spherekit.analysis.tables import Column, Table, TableData, arrays
+from spherekit.argument_validation import check_fields
 from spherekit.arrays import Array, Floats, Indices
-from spherekit.checked import check_fields
 from spherekit.conventions import EPS, TURN, Status
 from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.reference import refined
@@ -34,16 +34,16 @@ from spherekit.engine.compiler import available
 from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError, EngineError, SpherekitError
 from spherekit.model.study import Start, Study
-from spherekit.motion.motion import AngleMemory, Motion, Timing
+from spherekit.motion.motion import AngleUnwrapping, Motion, Timing
 from spherekit.numeric.crossings import wrap
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.proof.balls import FEWEST, exactly, floats, pi
 from spherekit.proof.rows import exact_field, exact_motion, exact_rows
 from spherekit.rates.request import (
     ROUTES,
     PoleField,
     Request,
-    SignMemory,
+    SignContinuation,
 )
 from spherekit.tradeoff.record import Measured
 
@@ -268,7 +268,7 @@ class Benchmark:
         course, analysis = self.course, self.analysis
         evaluation = Evaluation(setting, course, self._wanted, self.needs)
         first = time.process_time() - started
-        memories = [SignMemory() for _ in evaluation.requests], AngleMemory()
+        memories = [SignContinuation() for _ in evaluation.requests], AngleUnwrapping()
         store = InMemory()
         size = evaluation.block if analysis.rowwise else len(course)
         for motion in evaluation.blocks(size):
@@ -302,7 +302,7 @@ class Benchmark:
         )
         reference = self.reference_at(plain.motion_at(rows))
         motion = evaluation.motion_at(rows)
-        memories = [SignMemory() for _ in evaluation.requests], AngleMemory()
+        memories = [SignContinuation() for _ in evaluation.requests], AngleUnwrapping()
         every = np.arange(len(motion))
         given = self._evaluated(evaluation, motion, memories, reference, every)
         return self.deviations(given, reference.tables), len(motion)
@@ -311,12 +311,12 @@ class Benchmark:
         self,
         evaluation: Evaluation,
         motion: Motion,
-        memories: tuple[Sequence[SignMemory], AngleMemory],
+        memories: tuple[Sequence[SignContinuation], AngleUnwrapping],
         toward: Reference | None,
         rows: Indices,
     ) -> dict[str, TableData]:
         """Return tables at a motion, directions turned to a reference's at these rows."""
-        fields: Sequence[PoleField | UnreadField]
+        fields: Sequence[PoleField | LazyField]
         fields = evaluation.fields(motion, memories[0])
         if toward is not None:
             both = zip(fields, toward.fields, strict=True)
@@ -326,7 +326,7 @@ class Benchmark:
     def _computed(
         self,
         motion: Motion,
-        fields: Sequence[PoleField | UnreadField],
+        fields: Sequence[PoleField | LazyField],
         angles: Mapping[str, Floats],
     ) -> dict[str, TableData]:
         course, plans = self.course, tuple(item.plan for item in self._wanted)
@@ -363,7 +363,7 @@ class Benchmark:
             if item.poles
         )
         lacking = (motion.status == Status.OK) & (exact[0].status != Status.OK)
-        angles = self.course.angles(better, self.needs.continued_values, AngleMemory())
+        angles = self.course.angles(better, self.needs.continued_values, AngleUnwrapping())
         tables = self._computed(better, fields, angles)
         return Reference(tables, fields, int(np.sum(lacking)))
 
@@ -401,7 +401,7 @@ def timing_loop(
     """
     began = time.monotonic()
     measured: dict[str, Measured] = {}
-    working = Working("measuring settings")
+    working = ProgressReporter("measuring settings")
     for done, (name, setting, way) in enumerate(ways):
         working.tell(f"{name}, {done + 1} of {len(ways)}".__str__)
         measured[name] = _judged(name, setting, way, judge)

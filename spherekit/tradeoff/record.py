@@ -23,8 +23,8 @@ from spherekit.analysis.folder import differences
 from spherekit.analysis.result import Columns
 from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Text
+from spherekit.argument_validation import checked as judged
 from spherekit.arrays import Floats
-from spherekit.checked import checked as judged
 from spherekit.conventions import AnyPath, without_numbers
 from spherekit.errors import AnalysisError
 from spherekit.files.plain import as_json

@@ -19,13 +19,13 @@ from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.study import Subject, requests_for, study_of, takes
 from spherekit.analysis.tables import TableData
+from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Indices
-from spherekit.checked import checked
 from spherekit.conventions import EPS
 from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.proof.balls import FEWEST as DIGITS
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import all_finite, max_abs
@@ -81,7 +81,7 @@ def at_places(course: Sampling, rows: Indices, search: bool) -> Sampling:
     q, timing = course.inputs[rows], course.timing
     return replace(
         course,
-        tracer=Tracer(tracer.mechanism, None, only, search, path=q),
+        tracer=PositionAnalysis(tracer.mechanism, None, only, search, path=q),
         inputs=q,
         shape=(len(q),),
         clock=None if timing is None else partial(timing.rows, rows),

@@ -7,7 +7,7 @@ begin with a `RecordingHead`;
 
 from typing import TYPE_CHECKING
 
-from spherekit.lazily import offered as _offered
+from spherekit.lazy_imports import offered as _offered
 
 if TYPE_CHECKING:
     from spherekit.analysis.scene import RecordingHead as RecordingHead

@@ -15,7 +15,7 @@ from typing import IO, Any, Literal
 
 import numpy as np
 
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.conventions import listing, nearest
 from spherekit.errors import OutputError
 from spherekit.files.atomic import check_file, write_bytes

@@ -38,8 +38,8 @@ from spherekit.analysis.scene import (
     in_degrees,
     titled,
 )
+from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats, Integers
-from spherekit.checked import checked_class
 from spherekit.errors import OutputError
 from spherekit.view import charts, colours, diagrams, entities, shapes
 from spherekit.view.blueprint import (

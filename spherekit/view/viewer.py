@@ -32,11 +32,11 @@ from spherekit.analysis.scene import (
     SphereCurves,
     Text,
 )
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.errors import OutputError, SolveError
 from spherekit.model.gears import link_axes
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.planning.plan import plans
 from spherekit.sphere.rotation import arc
 from spherekit.view.rerun_view import RerunRecorder
@@ -127,16 +127,16 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     return note
 
 
-def _assembled(mechanism: Mechanism) -> tuple[Tracer, Motion, str]:
+def _assembled(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
     """Return one sample of a mechanism in all modes, and where if not at the first one."""
     try:
-        tracer = Tracer(mechanism, samples=1)
+        tracer = PositionAnalysis(mechanism, samples=1)
         motion = tracer.motion()
         if not np.all(motion.failed):
             return tracer, motion, ""
     except SolveError:
         pass
-    tracer = Tracer(mechanism, samples=PLACES)
+    tracer = PositionAnalysis(mechanism, samples=PLACES)
     motion = tracer.motion()
     closed = np.flatnonzero(~motion.failed)
     if not len(closed):

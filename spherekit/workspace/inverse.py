@@ -31,7 +31,7 @@ from spherekit.output.inverse import InverseKinematics
 from spherekit.output.virtual_output import COORDINATES, with_wrist
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.part import of_pairs
-from spherekit.planning.wheels import WheelTrain, wheel_train
+from spherekit.planning.wheels import GearTrain, wheel_train
 from spherekit.sphere.rotation import cross, nans
 from spherekit.workspace.rows import InverseRows, Rows, Span
 from spherekit.workspace.workspace import ClosedKinematics, OutputKinematics
@@ -254,7 +254,7 @@ class GearedKinematics(ClosedKinematics):
         mechanism: Mechanism,
         output: Output,
         carried: DyadKinematics,
-        train: WheelTrain,
+        train: GearTrain,
         carriers: _Carriers,
     ) -> None:
         super().__init__(mechanism, output, carried.points)
@@ -348,7 +348,7 @@ def geared(mechanism: Mechanism, output: Output) -> GearedKinematics | None:
     if train is None or len(turning) + len(train.contacts) < len(mechanism.pairs):
         return None
     kept = _carrying(mechanism, output, turning)
-    stopped = {mechanism.pair_number[stop.pair] for stop in mechanism.stops}
+    stopped = {mechanism.pair_number[stop.pair] for stop in mechanism.joint_limits}
     carriers = _carriers(train, driven, kept)
     if carriers is None or not stopped <= kept:
         return None
@@ -375,7 +375,7 @@ def _carrying(mechanism: Mechanism, output: Output, pairs: set[int]) -> set[int]
         kept = {pair for pair in kept if not loose & set(mechanism.ends[pair])}
 
 
-def _carriers(train: WheelTrain, driven: list[int], kept: set[int]) -> _Carriers | None:
+def _carriers(train: GearTrain, driven: list[int], kept: set[int]) -> _Carriers | None:
     """Return as many of the pairs kept as there are inputs, which say these."""
     rows = {pair: (np.eye(len(driven))[k], 0.0) for k, pair in enumerate(driven)}
     every = zip(train.followers, train.ratios, train.offsets, strict=True)

@@ -18,7 +18,7 @@ from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import AnalysisError
 from spherekit.guidance.mid_plane_architecture import axis_in
-from spherekit.model.dynamics import Stop
+from spherekit.model.dynamics import JointLimit
 from spherekit.model.gears import COLLINEAR, geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.assembly_modes import FLAT_DYAD
@@ -239,7 +239,7 @@ class AngleLimit:
 
 @final
 @dataclass(frozen=True)
-class PairLimit:
+class JointRange:
     """A pair whose variable stays within [low, high] (rad)."""
 
     pair: str
@@ -249,7 +249,7 @@ class PairLimit:
 
 @final
 @dataclass(frozen=True)
-class AxesLimit:
+class InterferenceLimit:
     """Two pairs whose axes are between `low` and `high` (rad) apart."""
 
     one: str
@@ -266,7 +266,7 @@ class Constraints:
     Attributes
     ----------
     limits
-        Limits of pairs; the stops of the mechanism hold as well.
+        Limits of pairs; the joint limits of the mechanism hold as well.
     apart
         Limits of angles between axes.
     near
@@ -278,8 +278,8 @@ class Constraints:
         sphere, that its links do not touch (Chen et al. 2021, section 3). 0 for none.
     """
 
-    limits: tuple[PairLimit, ...] = ()
-    apart: tuple[AxesLimit, ...] = ()
+    limits: tuple[JointRange, ...] = ()
+    apart: tuple[InterferenceLimit, ...] = ()
     near: float = 0.0
     width: float = 0.0
     radius: float = 0.0
@@ -383,7 +383,9 @@ def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit,
     return tuple(bounds)
 
 
-def _holds_always(mechanism: Mechanism, item: AxesLimit, one: int, other: int) -> bool:
+def _holds_always(
+    mechanism: Mechanism, item: InterferenceLimit, one: int, other: int
+) -> bool:
     """Return whether the axes are on one link, and so always apart as asked."""
     where = f"{item.one}/{item.other}"
     if one == other:
@@ -432,11 +434,11 @@ def _closest(mechanism: Mechanism, wanted: Constraints) -> float:
     return width / radius
 
 
-def _of_pairs(mechanism: Mechanism, limits: Sequence[PairLimit]) -> tuple[AngleLimit, ...]:
-    """Return the bounds of pairs: stops and limits wanted, each by its middle."""
-    asked = [(item, "stop") for item in map(_of_stop, mechanism.stops)]
+def _of_pairs(mechanism: Mechanism, limits: Sequence[JointRange]) -> tuple[AngleLimit, ...]:
+    """Return the bounds of pairs: joint limits and limits wanted, each by its middle."""
+    asked = [(item, "joint_limit") for item in map(_of_stop, mechanism.joint_limits)]
     asked += [(item, "limit") for item in limits]
-    kept: dict[str, PairLimit] = {}
+    kept: dict[str, JointRange] = {}
     bounds = []
     for item, kind in asked:
         number = _pair(mechanism, "limits", item.pair)
@@ -468,11 +470,11 @@ def _of_pairs(mechanism: Mechanism, limits: Sequence[PairLimit]) -> tuple[AngleL
     return tuple(bounds)
 
 
-def _of_stop(stop: Stop) -> PairLimit:
-    return PairLimit(stop.pair, stop.low, stop.high)
+def _of_stop(stop: JointLimit) -> JointRange:
+    return JointRange(stop.pair, stop.low, stop.high)
 
 
-def _overlap(one: PairLimit, other: PairLimit) -> bool:
+def _overlap(one: JointRange, other: JointRange) -> bool:
     """Return whether two ranges of an angle meet, up to whole turns."""
     gap = 0.5 * (other.low + other.high - one.low - one.high)
     width = 0.5 * (one.high - one.low + other.high - other.low)

@@ -155,7 +155,7 @@ class ClosedKinematics(OutputKinematics):
 
     @cached_property
     def bounds(self) -> tuple[AngleLimit, ...]:
-        """The reach of the legs, and the stops of the mechanism."""
+        """The reach of the legs, and the joint limits of the mechanism."""
         return bounds_of(self, Constraints())
 
     def inverse(

@@ -16,7 +16,7 @@ from spherekit.cli.main import main
 from spherekit.conventions import DEFAULT_SAMPLES
 from spherekit.files.write import dump
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 ANALYSES = (
     "poles",
@@ -141,7 +141,7 @@ class Evidence:
     @cached_property
     def tracer(self):
         """Its assembly modes at the samples of its runs."""
-        return Tracer(self.mechanism, samples=self.samples)
+        return PositionAnalysis(self.mechanism, samples=self.samples)
 
     @cached_property
     def motion(self):

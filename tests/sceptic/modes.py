@@ -6,9 +6,9 @@ import numpy as np
 from sceptic.evidence import Kind, check
 
 from spherekit.conventions import Status
-from spherekit.guarantee import Claim, Guarantee
+from spherekit.guarantee import Completeness, Guarantee
 from spherekit.motion.elimination import assemblies
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 
 SAME = 1e-6
 """Links whose orientations differ by less are in one configuration."""
@@ -115,7 +115,9 @@ def run_and_narrow_run(evidence, notes):
             replace(item, start=float(x) - NARROW, stop=float(x) + NARROW)
             for item, x in zip(evidence.tracer.mechanism.inputs, q, strict=True)
         )
-        narrow = Tracer(replace(evidence.tracer.mechanism, inputs=near), samples=3)
+        narrow = PositionAnalysis(
+            replace(evidence.tracer.mechanism, inputs=near), samples=3
+        )
         motion = narrow.motion()
         chosen = (motion.sample == 1) & (motion.status == Status.OK)
         alone = placed(evidence.tracer, motion.values[chosen])
@@ -140,7 +142,7 @@ def run_and_forward(evidence, notes):
         q, values = at_sample(evidence, sample)
         here = assemblies(tracer.solver, q)
         complete = all(m is None or m.is_complete for m in here.methods)
-        claim = Claim(
+        claim = Completeness(
             Guarantee.COMPLETE if complete else Guarantee.SAMPLED, "forward kinematics"
         )
         alone = placed(tracer, np.array([found for _, found in here.modes]))
@@ -168,7 +170,9 @@ def whole_turns(evidence, notes):
         replace(item, start=item.start + 2.0 * np.pi, stop=item.stop + 2.0 * np.pi)
         for item in tracer.mechanism.inputs
     )
-    again = Tracer(replace(tracer.mechanism, inputs=moved), samples=evidence.samples)
+    again = PositionAnalysis(
+        replace(tracer.mechanism, inputs=moved), samples=evidence.samples
+    )
     other = again.motion()
     for sample in samples:
         q, values = at_sample(evidence, sample)

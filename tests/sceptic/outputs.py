@@ -281,7 +281,7 @@ def rotation_and_forward(evidence, notes):
     frame = ran.tables["equivalent_rotation"]
     (own,) = ran.summary["analyses"]
     axis = np.array(own["findings"]["axis"])
-    fine = (frame["status"].astype(str) == "OK") & (frame["departure"] < 1e-8)
+    fine = (frame["status"].astype(str) == "OK") & (frame["orientation_error"] < 1e-8)
     rows = frame[fine.to_numpy()]
     if len(rows) < 2:
         return

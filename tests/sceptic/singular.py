@@ -58,7 +58,7 @@ def places_are_singular(evidence, notes):
 
 def _on_curves(evidence, points, notes):
     curves, tracer = evidence.configurations.curves, evidence.tracer
-    points = points[points["s"].notna() & (points["decided"].astype(str) == "yes")]
+    points = points[points["s"].notna() & (points["certain"].astype(str) == "yes")]
     row: Any
     for row in points.head(MOST).itertuples():
         values = curves[row.curve].curve.at(row.s).values.reshape(1, -1)
@@ -250,7 +250,7 @@ def signs_change_at_places(evidence, notes):
         link, base = output.split("/")
         there = frame[ends.isin((output, f"{base}/{link}"))]
         own = points[points["output"].astype(str).isin((output, "", "nan"))]
-        turning = own["turns"].astype(str).str.contains("output").to_numpy(bool)
+        turning = own["reversal"].astype(str).str.contains("output").to_numpy(bool)
         assembly_mode: Any
         for assembly_mode, rows in there.groupby("assembly_mode"):
             on_assembly_mode = (
@@ -260,7 +260,7 @@ def signs_change_at_places(evidence, notes):
             )
             at = np.sort(own.loc[turning & on_assembly_mode, "q"].to_numpy())
             crossed = own["note"].astype(str).str.contains("curves cross").to_numpy(bool)
-            dead = own["turns"].astype(str).str.contains("input").to_numpy(bool)
+            dead = own["reversal"].astype(str).str.contains("input").to_numpy(bool)
             crossings = own.loc[(crossed | dead) & on_assembly_mode, "q"].to_numpy()
             _parities(
                 evidence, output, assembly_mode, rows, (at, crossings), sampled, notes
@@ -363,11 +363,11 @@ def distances_lead_to_places(evidence, notes):
     low, high = sorted((item.start, item.stop))
     kinds = points["kind"].astype(str)
     q = relation["q"].to_numpy()
-    to_two = np.nan_to_num(relation["to_II"].to_numpy(dtype=float), nan=np.inf)
+    to_two = np.nan_to_num(relation["input_margin_II"].to_numpy(dtype=float), nan=np.inf)
     for kind in ("I", "II"):
         own = kinds.isin((kind, "III")).to_numpy(bool)
         at = both_ends(evidence, points.loc[own, "q"].dropna().to_numpy())
-        to = relation[f"to_{kind}"].to_numpy(dtype=float)
+        to = relation[f"input_margin_{kind}"].to_numpy(dtype=float)
         inside = np.isfinite(to) & (q - np.abs(to) > low) & (q + np.abs(to) < high)
         if kind == "I":
             inside &= np.abs(to) < np.abs(to_two)
@@ -384,8 +384,8 @@ def distances_lead_to_places(evidence, notes):
             row = relation.iloc[rows[int(np.argmax(gap))]]
             notes.found(
                 f"sample {row['sample']}, assembly mode {row['assembly_mode']}: "
-                f"to_{kind} = "
-                f"{row[f'to_{kind}']:.9g} of {row['output']} leads from q = "
+                f"input_margin_{kind} = "
+                f"{row[f'input_margin_{kind}']:.9g} of {row['output']} leads from q = "
                 f"{row['q']:.9g} rad "
                 f"to no place of type {kind} or III (the nearest {np.max(gap):.2e} rad "
                 f"off); "

@@ -28,7 +28,7 @@ from spherekit.model.parts import (
     Profile,
     SizeGeometry,
 )
-from spherekit.motion.motion import Tracer
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import driven_at
 
 TURN = 2.0 * np.pi
@@ -72,7 +72,9 @@ def random_suspect(seed):
     while True:
         try:
             made = KINDS[kind](random)
-            Tracer(made, samples=3, search=isinstance(made.geometry, SizeGeometry))
+            PositionAnalysis(
+                made, samples=3, search=isinstance(made.geometry, SizeGeometry)
+            )
         except SpherekitError:
             continue
         made = replace(with_masses(random, made), name=f"random_{seed}")

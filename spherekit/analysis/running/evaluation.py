@@ -8,21 +8,21 @@ from dataclasses import dataclass, replace
 from typing import Literal, final
 
 from spherekit.analysis.batch import Needs
-from spherekit.analysis.running.kernel_columns import UnreadField
-from spherekit.analysis.running.rows_at_once import RowsAtOnce
+from spherekit.analysis.running.kernel_columns import LazyField
+from spherekit.analysis.running.rows_at_once import BatchRunner
 from spherekit.analysis.running.sampling import Sampling
+from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats, Indices
-from spherekit.checked import checked_class
 from spherekit.engine.compiler import heyoka
 from spherekit.engine.fields import RowEngine, evaluate
 from spherekit.errors import AnalysisError
-from spherekit.motion.motion import AngleMemory, Motion
+from spherekit.motion.motion import AngleUnwrapping, Motion
 from spherekit.rates.request import (
     ROUTES,
     PoleField,
     Request,
     Route,
-    SignMemory,
+    SignContinuation,
 )
 
 Integrator = Literal["auto", "numpy", "compiled"]
@@ -112,11 +112,11 @@ class Evaluation:
         self.needs = needs
         if setting.engine == "compiled":
             heyoka()
-        self.at_once: RowsAtOnce | None = None
+        self.at_once: BatchRunner | None = None
         if (setting.engine, setting.route) == ORDINARY_WAY:
             ahead = not needs.tracer
             timed = needs.time or all_links or course.timed
-            self.at_once = RowsAtOnce.of(course, self.requests, all_links, ahead, timed)
+            self.at_once = BatchRunner.of(course, self.requests, all_links, ahead, timed)
 
     @property
     def block(self) -> int:
@@ -146,8 +146,8 @@ class Evaluation:
         return replace(motion, timing=timing)
 
     def fields(
-        self, motion: Motion, memories: Sequence[SignMemory]
-    ) -> tuple[PoleField | UnreadField, ...]:
+        self, motion: Motion, memories: Sequence[SignContinuation]
+    ) -> tuple[PoleField | LazyField, ...]:
         """Return the poles of a block of `blocks` for each input that moves."""
         if self.at_once is not None and self.at_once.has_found(motion):
             return self.at_once.fields(motion, memories)
@@ -157,6 +157,6 @@ class Evaluation:
             for item, memory in zip(self.requests, memories, strict=False)
         )
 
-    def angles(self, motion: Motion, memory: AngleMemory) -> Mapping[str, Floats]:
+    def angles(self, motion: Motion, memory: AngleUnwrapping) -> Mapping[str, Floats]:
         """Return the variables that go on, by pair, at a block of `blocks`."""
         return self.course.angles(motion, sorted(self.needs.continued_values), memory)

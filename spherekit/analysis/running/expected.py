@@ -16,13 +16,13 @@ from spherekit.analysis.running.evaluation import ORDINARY
 from spherekit.analysis.running.recording import MOST_LOGGED
 from spherekit.analysis.running.run_state import RunState
 from spherekit.analysis.running.sampling import course_of
-from spherekit.analysis.running.summary import Asked, job_of
+from spherekit.analysis.running.summary import RequestedAnalyses, job_of
 from spherekit.analysis.tables import TableArrays
 from spherekit.conventions import Status
 from spherekit.model.study import Study
 from spherekit.motion.motion import samples_in_block
 from spherekit.planning.inputs import Assembly
-from spherekit.rates.request import SignMemory
+from spherekit.rates.request import SignContinuation
 
 LEAST = 4
 """Samples below which no short run is smaller than the run."""
@@ -59,9 +59,13 @@ def expected(
     able = [analysis for analysis in analyses if analysis.rowwise]
     course = course_of(few, follow=traced(study, analyses, Execution()))
     job = job_of(
-        course, Asked.of(able, course.tracer.mechanism), None, ORDINARY, all_links=False
+        course,
+        RequestedAnalyses.of(able, course.tracer.mechanism),
+        None,
+        ORDINARY,
+        all_links=False,
     )
-    signs, store = [SignMemory() for _ in job.requests], InMemory()
+    signs, store = [SignContinuation() for _ in job.requests], InMemory()
     standing = RunState(signs, failures=dict(job.refused))
     for motion in job.evaluation.blocks(job.block):
         evaluate_block(job, motion, standing, store, None, Timer())

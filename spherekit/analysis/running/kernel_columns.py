@@ -13,9 +13,9 @@ from spherekit.engine.columns import ERRORS, SIGNED
 from spherekit.engine.fields import add_locked, found
 from spherekit.engine.row_kernel import RowKernel
 from spherekit.motion.motion import Motion
-from spherekit.numeric.unread import Reader, Unread, put
+from spherekit.numeric.unread import LazyColumn, Reader, put
 from spherekit.planning.poles import Pole
-from spherekit.rates.request import PoleField, Request, TurnedRows
+from spherekit.rates.request import PoleField, Request, ReversedRows
 from spherekit.rates.sequence import PlannedPoles
 from spherekit.sphere.rotation import nans
 
@@ -37,7 +37,7 @@ def slices_of(modes: int, count: int, size: int) -> list[Part]:
 
 
 @final
-class KernelColumns:
+class ComputedColumns:
     """The columns of a block's rows by a kernel, from the values of its motion.
 
     Those at the rows `doubtful` (k,), which the kernel does not vouch for, are of `careful`
@@ -58,7 +58,7 @@ class KernelColumns:
         self._odd = motion.failed.copy()
         self._odd[doubtful] = True
         self._parts = slices_of(len(motion.assembly_modes), motion.samples, SLICE)
-        self._turned: Sequence[TurnedRows] = ()
+        self._turned: Sequence[ReversedRows] = ()
         if len(doubtful):
             rows = motion.rows(doubtful)
             pairs = zip(requests, kernel.rates, strict=False)
@@ -82,7 +82,7 @@ class KernelColumns:
                 dv[:, k, here] = (field.dw[j] - field.dw[i])[at].T
         return unit, v, dv
 
-    def turn(self, turned: Sequence[TurnedRows], samples: int) -> None:
+    def turn(self, turned: Sequence[ReversedRows], samples: int) -> None:
         """Turn directions round, of modes with so many samples each."""
         self._turned, rows = turned, self.doubtful
         for number, field in enumerate(self.careful):
@@ -140,7 +140,7 @@ def turn_round(field: PoleField, pole: Pole, signs: Floats) -> None:
 
 
 @final
-class UnreadField:
+class LazyField:
     """The poles of a motion in which one input moves, as `PoleField` has them.
 
     Columns are made when they are read: one by one by `column`, or all as arrays where any
@@ -152,7 +152,7 @@ class UnreadField:
 
     def __init__(
         self,
-        source: KernelColumns,
+        source: ComputedColumns,
         number: int,
         motion: Motion,
         vouched: Bools,
@@ -199,24 +199,24 @@ class UnreadField:
         """All of it, as arrays."""
         if not self._is_made:
             self._is_made, n = True, len(self._field.status)
-            columns: list[tuple[Unread, Floats]] = []
+            columns: list[tuple[LazyColumn, Floats]] = []
             for name, places in self._places.items():
                 for of, place in places.items():
                     made = np.empty((place.count, n))
                     keys = ((self._number, name, of, k) for k in range(place.count))
                     columns += [
-                        (Unread(self._source, key, n), out)
+                        (LazyColumn(self._source, key, n), out)
                         for key, out in zip(keys, made, strict=True)
                     ]
                     getattr(self._field, name)[of] = made.T if len(made) > 1 else made[0]
             put(columns, [(slice(0, n), 0)])
         return self._field
 
-    def column(self, name: str, pole: Pole, k: int) -> Unread | Floats:
+    def column(self, name: str, pole: Pole, k: int) -> LazyColumn | Floats:
         """Return a component of a part (n,), which is made when it is read."""
         if pole in self._places.get(name, {}):
             key = self._number, name, pole, k
-            return Unread(self._source, key, len(self._field.status))
+            return LazyColumn(self._source, key, len(self._field.status))
         part: Floats = getattr(self._field, name)[pole]
         return part.reshape(len(part), -1)[:, k]
 

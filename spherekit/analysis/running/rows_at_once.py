@@ -2,9 +2,9 @@
 
 Variables are predicted from nodes, the kernel says how far loops are open there and what
 rates follow, and what all of that may be off by. Rows that it does not vouch for are
-found by `Tracer` and `evaluate`, as without it. It is done slice by slice, so that each
-stays in the cache; of each it is seen where directions of poles may reverse from one row to
-the next.
+found by `PositionAnalysis` and `evaluate`, as without it. It is done slice by slice, so
+that each stays in the cache; of each it is seen where directions of poles may reverse from
+one row to the next.
 """
 
 from collections import defaultdict
@@ -19,9 +19,9 @@ import numpy as np
 from spherekit.analysis.running.in_turn import SCRATCH, each_at_once, in_turn
 from spherekit.analysis.running.kernel_columns import (
     SLICE,
-    KernelColumns,
+    ComputedColumns,
+    LazyField,
     Part,
-    UnreadField,
     slices_of,
 )
 from spherekit.analysis.running.sampling import Sampling
@@ -31,13 +31,13 @@ from spherekit.engine.compiler import available
 from spherekit.engine.dyads import given_by
 from spherekit.engine.row_kernel import RowFunction, RowKernel, row_kernel
 from spherekit.motion.guides import ModeCurve
-from spherekit.motion.motion import Motion, Tracer
+from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.motion.predicted import Predictor
 from spherekit.rates.request import (
     Request,
-    SignMemory,
+    ReversedRows,
+    SignContinuation,
     Stops,
-    TurnedRows,
     sides_of,
     signs_at_stops,
 )
@@ -76,7 +76,7 @@ class Rows:
     given. `errors` are those of rows after their slice.
     """
 
-    def __init__(self, kernel: RowKernel, tracer: Tracer, q: Floats) -> None:
+    def __init__(self, kernel: RowKernel, tracer: PositionAnalysis, q: Floats) -> None:
         self.kernel, self._tracer, self._q = kernel, tracer, q
         n = len(tracer.assembly_modes) * q.shape[1]
         self.closure = np.empty((2, n))
@@ -328,7 +328,7 @@ class _Block:
 
 @final
 @dataclass
-class RowsAtOnce:
+class BatchRunner:
     """The rows of a course by a kernel.
 
     Where all groups are dyads it has the closed form in it; else a `predictor` reads
@@ -353,7 +353,7 @@ class RowsAtOnce:
         recorded: bool,
         looks_ahead: bool = False,
         with_times: bool = True,
-    ) -> "RowsAtOnce | None":
+    ) -> "BatchRunner | None":
         """Return it, None where rows are few or the terms do not hold.
 
         Where it `looks_ahead`, a block is found while the one before is made use of; the
@@ -394,16 +394,16 @@ class RowsAtOnce:
         return id(motion) in self._found
 
     def fields(
-        self, motion: Motion, memories: Sequence[SignMemory]
-    ) -> tuple[UnreadField, ...]:
+        self, motion: Motion, memories: Sequence[SignContinuation]
+    ) -> tuple[LazyField, ...]:
         """Return the poles of a motion that was found, for each input that moves.
 
         They are made when they are read.
         """
         block = self._found.pop(id(motion))
         asked = self.requests[: len(memories)]
-        columns = KernelColumns(self.kernel, motion, asked, block.doubtful)
-        turned: list[TurnedRows] = []
+        columns = ComputedColumns(self.kernel, motion, asked, block.doubtful)
+        turned: list[ReversedRows] = []
         for k, (memory, _) in enumerate(zip(memories, asked, strict=False)):
             if motion.is_path:
                 at = partial(columns.relative_at, k)
@@ -413,7 +413,7 @@ class RowsAtOnce:
                 turned.append(sides_of(motion, block.held, memory))
         columns.turn(turned, motion.samples)
         return tuple(
-            UnreadField(columns, k, motion, block.vouched, block.errors[k].tolist())
+            LazyField(columns, k, motion, block.vouched, block.errors[k].tolist())
             for k in range(len(asked))
         )
 

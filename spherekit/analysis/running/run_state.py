@@ -12,7 +12,7 @@ import numpy as np
 from spherekit.analysis.batch import Batch, run_status
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.running.evaluation import Setting
-from spherekit.analysis.running.kernel_columns import UnreadField
+from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.tables import Table, TableData
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
@@ -20,9 +20,9 @@ from spherekit.conventions import STATUS_MEANING, Status
 from spherekit.files.plain import as_json
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.loops import rank_mobility, redundancy
-from spherekit.motion.motion import AngleMemory, Motion, Tracer
+from spherekit.motion.motion import AngleUnwrapping, Motion, PositionAnalysis
 from spherekit.numeric.unread import Interleaved
-from spherekit.rates.request import PoleField, SignMemory
+from spherekit.rates.request import PoleField, SignContinuation
 from spherekit.version import __version__
 
 Counts = dict[str, int]
@@ -61,7 +61,10 @@ class RunStatistics:
     redundant: dict[str, Any] | None = None
 
     def add(
-        self, tracer: Tracer, motion: Motion, fields: Sequence[PoleField | UnreadField]
+        self,
+        tracer: PositionAnalysis,
+        motion: Motion,
+        fields: Sequence[PoleField | LazyField],
     ) -> None:
         """Count a block."""
         status = run_status(motion, fields)
@@ -80,7 +83,7 @@ class RunStatistics:
                     # Links that other inputs hold together have none.
                     _add(self.poles, counts, often)
             for name, largest in BOUNDS.items():
-                if isinstance(poles, UnreadField):
+                if isinstance(poles, LazyField):
                     self._note(largest, np.array([poles.largest[name]]))
                     continue
                 for bound, _ in _counted_once(getattr(poles, name).values()):
@@ -209,8 +212,8 @@ class RunState:
     analysis and the table. All of it goes to a journal and comes back bit for bit.
     """
 
-    signs: list[SignMemory]
-    angles: AngleMemory = field(default_factory=AngleMemory)
+    signs: list[SignContinuation]
+    angles: AngleUnwrapping = field(default_factory=AngleUnwrapping)
     tally: RunStatistics = field(default_factory=RunStatistics)
     done: int = 0
     failures: dict[str, str] = field(default_factory=dict)
@@ -220,7 +223,7 @@ class RunState:
 
     def begin_again(self, refused: Mapping[str, str]) -> None:
         """Forget what was done, but for the time it took and what is `refused`."""
-        fresh = RunState([SignMemory() for _ in self.signs], failures=dict(refused))
+        fresh = RunState([SignContinuation() for _ in self.signs], failures=dict(refused))
         vars(self).update(vars(fresh), seconds=self.seconds)
 
     def count(self, analysis: str, table: str, data: TableData) -> None:
@@ -248,8 +251,8 @@ class RunState:
             for name, item in state["findings"].items()
         }
         return cls(
-            [SignMemory.restored(memory) for memory in state["signs"]],
-            AngleMemory.restored(state["angles"]),
+            [SignContinuation.restored(memory) for memory in state["signs"]],
+            AngleUnwrapping.restored(state["angles"]),
             RunStatistics(**state["tally"]),
             int(state["done"]),
             dict(state["failures"]),

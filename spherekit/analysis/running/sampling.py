@@ -19,11 +19,11 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import ConstantSpeed, Law, Study, time_fault
 from spherekit.motion.motion import (
     BLOCK,
-    AngleMemory,
+    AngleUnwrapping,
     Extent,
     Motion,
+    PositionAnalysis,
     Timing,
-    Tracer,
     by_laws,
 )
 from spherekit.numeric.crossings import wrap
@@ -40,7 +40,7 @@ EVENTS = Table(
     "what happened in the course of a simulation, in order of time",
     (
         Column("t", "s", "time"),
-        Column("kind", "", "dead_centre, type_2, rest, stop or switch", "text"),
+        Column("kind", "", "dead_centre, type_2, rest, joint_limit or switch", "text"),
         Column("pair", "", "the pair concerned, if it is one", "text"),
         INPUTS,
     ),
@@ -60,7 +60,7 @@ class Sampling:
     `run` tells what solves it.
     """
 
-    tracer: Tracer
+    tracer: PositionAnalysis
     inputs: Floats
     shape: tuple[int, ...]
     clock: Callable[[], Timing] | None
@@ -122,7 +122,7 @@ class Sampling:
         return motion_of(self.simulation, self.tracer, self.timing.t[sample], sample)
 
     def angles(
-        self, motion: Motion, names: Collection[str], memory: AngleMemory
+        self, motion: Motion, names: Collection[str], memory: AngleUnwrapping
     ) -> Mapping[str, Floats]:
         """Return the variables that go on, by pair, at the next block of a motion."""
         solver = self.tracer.solver
@@ -221,7 +221,7 @@ def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sam
     AnalysisError, FileError
         If what is said of time does not fit together.
     PlanError, SolveError, ModelError
-        See `Tracer` and `simulate`.
+        See `PositionAnalysis` and `simulate`.
     """
     *_, course = courses_of(study, engine, follow)
     return course
@@ -238,7 +238,7 @@ def courses_of(
     check_time(study)
     mechanism, assembly_mode, samples = study.mechanism, study.assembly_mode, study.samples
     if study.duration is None:
-        tracer = Tracer(
+        tracer = PositionAnalysis(
             mechanism,
             None,
             assembly_mode,
@@ -262,7 +262,9 @@ def courses_of(
         need_allowed(mechanism, engine, study.tolerance)
         inputs = _inputs(study)
         several = study.start.each(inputs)[0][None] if len(inputs) > 1 else None
-        tracer = Tracer(mechanism, None, assembly_mode or 0, samples=2, path=several)
+        tracer = PositionAnalysis(
+            mechanism, None, assembly_mode or 0, samples=2, path=several
+        )
         pieces = solving(
             tracer.mechanism,
             study.start,
@@ -279,12 +281,12 @@ def courses_of(
     if not laws:
         laws = {inputs[0]: _at_speed(mechanism)}
     q, timing = by_laws(inputs, laws, t)
-    tracer = Tracer(mechanism, None, assembly_mode, study.search, path=q)
+    tracer = PositionAnalysis(mechanism, None, assembly_mode, study.search, path=q)
     yield Sampling(tracer, q, (len(q),), lambda: timing, True, laws, study.duration)
 
 
 def _simulated_courses(
-    tracer: Tracer, pieces: Solving, t: Floats, tolerance: float
+    tracer: PositionAnalysis, pieces: Solving, t: Floats, tolerance: float
 ) -> Iterator[Sampling]:
     """Yield a simulation at times t (n,) s while it is solved, and when it is checked.
 
@@ -368,7 +370,7 @@ def _at_speed(mechanism: Mechanism) -> ConstantSpeed:
 
 
 def simulated_course(
-    tracer: Tracer,
+    tracer: PositionAnalysis,
     simulation: Simulation,
     t: Floats,
     tolerance: float,
@@ -408,7 +410,7 @@ def _over_time(
 
 
 def motion_of(
-    simulation: Simulation, tracer: Tracer, t: Floats, sample: Integers
+    simulation: Simulation, tracer: PositionAnalysis, t: Floats, sample: Integers
 ) -> Motion:
     """Return a simulation as a motion, at times t (n,) of these samples."""
     states = simulation.at(t)

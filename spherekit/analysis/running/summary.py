@@ -21,7 +21,7 @@ from spherekit.analysis.link_scenes import plan_notes
 from spherekit.analysis.result import MOTION, stems
 from spherekit.analysis.running.cost import RECORDING, Timer, cost_of
 from spherekit.analysis.running.evaluation import Evaluation, Setting
-from spherekit.analysis.running.kernel_columns import UnreadField
+from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.recording import CountingRecorder, Recorder
 from spherekit.analysis.running.run_state import RunState, identity_of
 from spherekit.analysis.running.sampling import EVENTS, Sampling
@@ -60,7 +60,7 @@ class RunPlan:
     """
 
     course: Sampling
-    asked: "Asked"
+    asked: "RequestedAnalyses"
     requests: tuple[Request, ...]
     block: int
     evaluation: Evaluation
@@ -153,7 +153,7 @@ class RunPlan:
 
 @final
 @dataclass(frozen=True)
-class Asked:
+class RequestedAnalyses:
     """What analyses need of a mechanism, and why those that break the contract do not run.
 
     All that can be said against them and their parameters has been said.
@@ -198,7 +198,11 @@ class Asked:
 
 
 def job_of(
-    course: Sampling, asked: Asked, block: int | None, setting: Setting, all_links: bool
+    course: Sampling,
+    asked: RequestedAnalyses,
+    block: int | None,
+    setting: Setting,
+    all_links: bool,
 ) -> RunPlan:
     """Return the job of analyses over a course.
 
@@ -223,7 +227,7 @@ def job_of(
     return RunPlan(course, asked, wanted, block, evaluation)
 
 
-def _need_times(course: Sampling, asked: Asked) -> None:
+def _need_times(course: Sampling, asked: RequestedAnalyses) -> None:
     for analysis, what in zip(asked.analyses, asked.needs, strict=True):
         if what.time and course.clock is None:
             raise AnalysisError(
@@ -257,7 +261,7 @@ def motion_table(course: Sampling) -> Table:
 
 
 def motion_rows(
-    course: Sampling, motion: Motion, fields: Sequence[PoleField | UnreadField]
+    course: Sampling, motion: Motion, fields: Sequence[PoleField | LazyField]
 ) -> TableArrays:
     """Return the rows of a block of a course whose poles were found."""
     mechanism = course.tracer.mechanism

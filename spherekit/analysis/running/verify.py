@@ -19,7 +19,7 @@ from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.result import MOTION
-from spherekit.analysis.running.kernel_columns import UnreadField
+from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.summary import BOUNDED, RunPlan, motion_rows, motion_table
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
@@ -109,7 +109,7 @@ class Verifier:
     def see(
         self,
         motion: Motion,
-        poles: Sequence[PoleField | UnreadField],
+        poles: Sequence[PoleField | LazyField],
         angles: Mapping[str, Floats],
     ) -> None:
         """Take a block of the run, and keep the rows of it that may be verified.

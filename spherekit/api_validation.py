@@ -15,9 +15,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from spherekit.checked import P, R, checked, judges, marked
+from spherekit.argument_validation import P, R, checked, judges, marked
 from spherekit.errors import ArgumentError
-from spherekit.lazily import homes
+from spherekit.lazy_imports import homes
 
 _PASSED_ON = ("dataclasses", "copy", "functools")
 """Modules that call on behalf of the module that called them."""

@@ -1,4 +1,4 @@
-"""A sizing from a file.
+"""A synthesis from a file.
 
 A sweep from names, paths and texts.
 """
@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spherekit.analysis.contract import Merit, parse_merit
+from spherekit.analysis.contract import FigureOfMerit, parse_merit
 from spherekit.analysis.registry import create
-from spherekit.checked import checked
+from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath
 from spherekit.design.figures import DesignSamples
+from spherekit.design.requirements import Specification
 from spherekit.design.sensitivity import DEG
-from spherekit.design.sizing import Sized, size
 from spherekit.design.sweep import (
     DesignSpace,
     Scheme,
@@ -28,7 +28,7 @@ from spherekit.design.sweep import (
     variation,
 )
 from spherekit.design.sweep_parts import SweepResult, run_sweep
-from spherekit.design.wanted import Sizing
+from spherekit.design.synthesis import Synthesis, size
 from spherekit.errors import DesignError
 from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import find, is_study, named_in
@@ -151,7 +151,7 @@ def sweep_of(
         study = replace(study, samples=samples, path=None)
     document = _document(study.mechanism, subject if source is None else source)
     radians = np.pi / 180.0 if document.data["angle_unit"] == "deg" else 1.0
-    merits: dict[str, Merit] = {}
+    merits: dict[str, FigureOfMerit] = {}
     for analysis in analyses:
         offered = analysis.merits(study.mechanism)
         if not offered and not tables:
@@ -196,7 +196,7 @@ def perform(
         return run_sweep(sweep, folder, workers or os.cpu_count() or 1)
     if folder is None:
         raise DesignError("dask: give a folder that its workers see, for their parts")
-    from spherekit.design.wanted import Cluster
+    from spherekit.design.requirements import Cluster
 
     return run_sweep(sweep, folder, elsewhere=Cluster(dask))
 
@@ -224,19 +224,19 @@ SAMPLES, DESIGNS = 181, 16384
 
 
 @checked(DesignError)
-def size_of(
+def synthesize(
     path: AnyPath,
     *,
     designs: int = DESIGNS,
     starts: int = 12,
     seed: int = 0,
-) -> Sized:
-    """Return the designs that a sizing file asks for, the first objective's best first.
+) -> Synthesis:
+    """Return the designs that a synthesis file asks for, the first objective's best first.
 
     Parameters
     ----------
     path
-        A sizing file: a mechanism, the sizes that vary, figures, precision points, an
+        A synthesis file: a mechanism, the sizes that vary, figures, precision points, an
         objective and conditions.
     designs, seed
         How many designs of a scrambled Sobol sequence are looked at first.
@@ -263,16 +263,16 @@ def size_of(
     ... figures = {peak = "max(abs(torque))"}
     ... '''
     >>> _ = Path("wanted.toml").write_text(wanted)
-    >>> sk.size_of("wanted.toml", designs=64, starts=1).mechanism().name
+    >>> sk.synthesize("wanted.toml", designs=64, starts=1).mechanism().name
     'four_bar'
     """
-    return size(sizing_of(path, designs, seed), starts)
+    return size(specification_of(path, designs, seed), starts)
 
 
-def sizing_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Sizing:
-    """Return what a sizing file asks for."""
+def specification_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Specification:
+    """Return what a synthesis file asks for."""
     document = parse(read_text(Path(path)), str(path))
-    check(document, "sizing")
+    check(document, "synthesis")
     data = document.data
     variations = [between(key, *map(float, ends)) for key, ends in data["vary"].items()]
     figures = [f"{name}={text}" for name, text in data.get("figures", {}).items()]
@@ -288,7 +288,7 @@ def sizing_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Sizing:
     sweep = replace(sweep, where=tuple(data.get("where", ())))
     wanted = data["minimise"]
     objectives = (wanted,) if isinstance(wanted, str) else tuple(wanted)
-    return Sizing(sweep, objectives, tuple(missed))
+    return Specification(sweep, objectives, tuple(missed))
 
 
 def _missed(

@@ -1,4 +1,4 @@
-"""Sizing against random designs, differences, and what the mechanism then does."""
+"""Synthesis against random designs, differences, and what the mechanism then does."""
 
 from pathlib import Path
 
@@ -9,28 +9,28 @@ from refusals import text_of
 import spherekit as sk
 from spherekit.design.descent import FigureGradients, least_greatest
 from spherekit.design.held_modes import SignedMode
-from spherekit.design.sizing import one_linkage
-from spherekit.design.wanted import nondominated
+from spherekit.design.requirements import nondominated
+from spherekit.design.synthesis import one_linkage
 from spherekit.errors import AnalysisError, DesignError, FileError
 from spherekit.files.library import find
-from spherekit.front.size import sizing_of
+from spherekit.front.designs import specification_of
 
-EXAMPLES = Path(__file__).parent.parent / "examples" / "sizing"
+EXAMPLES = Path(__file__).parent.parent / "examples" / "synthesis"
 
 
 def random_best(path, count):
     """Return the least objective of so many random designs that meet the conditions."""
-    sizing = sizing_of(path, designs=count, seed=7)
+    synthesis = specification_of(path, designs=count, seed=7)
     best = np.inf
-    for number in range(sizing.sweep.parts):
-        _, wanted = sizing.rows_of(sizing.sweep.part(number))
+    for number in range(synthesis.sweep.parts):
+        _, wanted = synthesis.rows_of(synthesis.sweep.part(number))
         best = np.min(wanted[:, 0], initial=best)
     return best
 
 
 def test_the_rocker_follows_the_function():
     path = EXAMPLES / "function.toml"
-    found = sk.size_of(path, designs=2048, starts=4)
+    found = sk.synthesize(path, designs=2048, starts=4)
     assert found.objectives[0, 0] < 0.5 < random_best(path, 16384)
     made = found.mechanism()
     mode = next(
@@ -49,7 +49,7 @@ def test_the_rocker_follows_the_function():
 
 def test_a_linkage_is_listed_once():
     """Axes turned round, and the mirror image, are the same linkage, other arcs are not."""
-    found = sk.size_of(EXAMPLES / "function.toml", designs=2048, starts=4)
+    found = sk.synthesize(EXAMPLES / "function.toml", designs=2048, starts=4)
     assert np.all(np.diff(found.objectives[:, 0]) > 1e-6)
     made = sk.load("stephenson")
     arcs = {"2": (np.pi - made.geometry.links["2"].arcs[0],)}
@@ -65,7 +65,7 @@ def test_a_linkage_is_listed_once():
 @pytest.mark.slow
 def test_the_peak_torque_is_less_than_that_of_random_designs():
     path = EXAMPLES / "torque.toml"
-    found = sk.size_of(path, designs=2048, starts=4)
+    found = sk.synthesize(path, designs=2048, starts=4)
     assert found.objectives[0, 0] <= random_best(path, 16384)
     row = found.frame().iloc[0]
     assert row["swing"] > 65.0 - 1e-6 and row["least"] > 30.0 - 1e-6
@@ -78,12 +78,12 @@ def test_the_peak_torque_is_less_than_that_of_random_designs():
 def check_front(name, designs, count, starts, seed=0):
     """Compare a front with random designs: none beats it in both objectives."""
     pytest.importorskip("pymoo")
-    found = sk.size_of(EXAMPLES / name, designs=designs, starts=starts, seed=seed)
+    found = sk.synthesize(EXAMPLES / name, designs=designs, starts=starts, seed=seed)
     assert np.all(found.tolerance <= 1e-5 * np.max(np.abs(found.objectives), axis=0))
     assert np.all(np.diff(found.objectives[:, 0]) >= 0.0)
-    sizing = sizing_of(EXAMPLES / name, designs=count, seed=7)
-    for number in range(sizing.sweep.parts):
-        rows, wanted = sizing.rows_of(sizing.sweep.part(number))
+    synthesis = specification_of(EXAMPLES / name, designs=count, seed=7)
+    for number in range(synthesis.sweep.parts):
+        rows, wanted = synthesis.rows_of(synthesis.sweep.part(number))
         for mode in set(found.modes):
             own = wanted[rows["mode"] == mode]
             front = found.objectives[np.array(found.modes) == mode]
@@ -148,7 +148,7 @@ def test_rows_that_no_other_beats():
 
 
 def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
-    found = sk.size_of(EXAMPLES / "cone.toml", designs=512, starts=1)
+    found = sk.synthesize(EXAMPLES / "cone.toml", designs=512, starts=1)
     arcs = {f"links.{link}.arc": [90.0] for link in "2345"}
     arcs |= {f"links.1.{each}": [90.0] for each in ("arcs.A", "arcs.D", "angles.D")}
     published = sk.sweep(
@@ -168,12 +168,12 @@ def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["function.toml", "torque.toml", "cone.toml"])
 def test_no_million_of_random_designs_is_better(name):
-    found = sk.size_of(EXAMPLES / name)
+    found = sk.synthesize(EXAMPLES / name)
     assert found.objectives[0, 0] <= random_best(EXAMPLES / name, 1 << 20)
 
 
 def test_gradients_of_figures_are_those_of_differences(tmp_path):
-    path = tmp_path / "sizing.toml"
+    path = tmp_path / "synthesis.toml"
     path.write_text(
         'format = 1\nmechanism = "four_bar"\nsamples = 19\nminimise = "a"\n'
         '[vary]\n"links.2.arc" = [10, 40]\n"links.4.arc" = [30, 60]\n'
@@ -182,7 +182,7 @@ def test_gradients_of_figures_are_those_of_differences(tmp_path):
         'd = "swing(theta_41)"\ne = "at(max(theta_41, 0.1*q), 70)"\n'
         'f = "mean(min(B, 2))"\ng = "range(acceleration_coefficient_3_1)"\n'
     )
-    evaluator = sizing_of(path, designs=4).sweep.evaluator
+    evaluator = specification_of(path, designs=4).sweep.evaluator
     gradients = FigureGradients(evaluator)
     at = np.array([22.0, 41.0, 10.0])
     for mode in ("+", "-"):
@@ -200,13 +200,13 @@ def test_gradients_of_figures_are_those_of_differences(tmp_path):
             assert slopes[k] == pytest.approx(difference, rel=1e-6, abs=1e-7), merit.name
 
 
-ACTED = text_of("sizing_acted")
+ACTED = text_of("synthesis_acted")
 
 
 def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
     whole = find("four_bar").read_text()
     (tmp_path / "acted.toml").write_text(whole[: whole.index("[mass.2]")] + ACTED)
-    path = tmp_path / "sizing.toml"
+    path = tmp_path / "synthesis.toml"
     path.write_text(
         'format = 1\nmechanism = "acted.toml"\nsamples = 19\nminimise = "a"\n'
         '[vary]\n"links.4.arc" = [30, 60]\n"mass.3.mass" = [1, 3]\n'
@@ -214,7 +214,7 @@ def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
         '"loads.back.rest" = [-90, 90]\n[figures]\na = "max(abs(torque))"\n'
         'b = "rms(torque)"\nc = "mean(B)"\n'
     )
-    evaluator = sizing_of(path, designs=4).sweep.evaluator
+    evaluator = specification_of(path, designs=4).sweep.evaluator
     gradients = FigureGradients(evaluator)
     at, steps = np.array([41.0, 2.1, 0.25, 2.5, 31.0]), np.array([1e-4] + 4 * [1e-5])
     figures, slopes, _ = gradients.at(at, SignedMode("+"))
@@ -237,7 +237,9 @@ def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
 
 def test_numbers_at_their_limits_have_slopes():
     """The rocker of the file is as light as a body with its other moments can be."""
-    numbers = sizing_of(EXAMPLES / "spring.toml", designs=4).sweep.evaluator.varied.numbers
+    numbers = specification_of(
+        EXAMPLES / "spring.toml", designs=4
+    ).sweep.evaluator.varied.numbers
     values = np.array([variable.value for variable in numbers.variables])
     wanted = [[0.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, np.pi / 180.0, 0.0]]
     assert numbers.slopes(values) == pytest.approx(np.array(wanted), rel=1e-12)
@@ -247,7 +249,7 @@ def test_numbers_at_their_limits_have_slopes():
 @pytest.mark.long
 def test_a_spring_balances_better_than_random_ones():
     path = EXAMPLES / "spring.toml"
-    found = sk.size_of(path, designs=512, starts=2)
+    found = sk.synthesize(path, designs=512, starts=2)
     assert found.objectives[0, 0] <= random_best(path, 2048)
     best = found.frame().iloc[0]
     number = next(
@@ -290,14 +292,14 @@ MISTAKES = [
 
 @pytest.mark.parametrize("text, error, message", MISTAKES)
 def test_mistakes_say_what_is_wrong(text, error, message, tmp_path):
-    path = tmp_path / "sizing.toml"
+    path = tmp_path / "synthesis.toml"
     path.write_text(text)
     with pytest.raises(error, match=message):
-        sk.size_of(path, designs=8, starts=1)
+        sk.synthesize(path, designs=8, starts=1)
 
 
 def test_what_none_of_the_designs_meets_is_said(tmp_path):
-    path = tmp_path / "sizing.toml"
+    path = tmp_path / "synthesis.toml"
     text = """
 format = 1
 mechanism = "four_bar"
@@ -309,14 +311,14 @@ vary = { "links.2.arc" = [10.0, 20.0], "links.1.arc" = [LOW, HIGH] }
 """
     path.write_text(text.replace("LOW", "60.0").replace("HIGH", "70.0"))
     with pytest.raises(DesignError, match=r"peak < 0 holds in 0 of 16 rows; widen"):
-        sk.size_of(path, designs=8, starts=1)
+        sk.synthesize(path, designs=8, starts=1)
     path.write_text(text.replace("LOW", "172.0").replace("HIGH", "179.0"))
     with pytest.raises(DesignError, match=r"8 of 8 close at no sample; widen"):
-        sk.size_of(path, designs=8, starts=1)
+        sk.synthesize(path, designs=8, starts=1)
 
 
 def test_match_is_the_angle_that_points_are_missed_by(tmp_path):
-    path = tmp_path / "sizing.toml"
+    path = tmp_path / "synthesis.toml"
     path.write_text(
         """
 format = 1
@@ -326,7 +328,7 @@ vary = { "links.2.arc" = [19.0, 21.0] }
 match = { quantity = "theta_41", at = [0.0, 90.0, 180.0], values = [300.0, 60.0, 0.0] }
 """
     )
-    sized = sk.size_of(path, designs=4, starts=1)
+    sized = sk.synthesize(path, designs=4, starts=1)
     for row in range(len(sized.modes)):
         mechanism = sized.mechanism(row)
         modes = sk.evaluate(mechanism, np.radians([0.0, 90.0, 180.0]))

@@ -1,4 +1,4 @@
-"""Sizing where modes have no signs: groups beyond dyads, followed from design to design."""
+"""Synthesis where modes have no signs: groups beyond dyads, from design to design."""
 
 import numpy as np
 import pytest
@@ -6,11 +6,11 @@ from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.descent import FigureGradients
-from spherekit.design.held_modes import HeldModes
+from spherekit.design.held_modes import TrackedModes
 from spherekit.design.variables import EIGHTH
 from spherekit.errors import DesignError
 from spherekit.files.library import find
-from spherekit.front.size import sizing_of
+from spherekit.front.designs import specification_of
 
 AXES = {
     "pairs.C.longitude": [-13.0, -3.0],
@@ -33,7 +33,7 @@ POSES = [(40, 50, 60), (80, 50, 80), (60, 70, 100), (40, 90, 60), (80, 90, 100)]
 
 
 def written(path, mechanism, minimise, vary, figures, samples=37, where=(), more=""):
-    """Write a sizing file, and return its path."""
+    """Write a synthesis file, and return its path."""
     lines = [f'format = 1\nmechanism = "{mechanism}"\nsamples = {samples}']
     lines += [f'minimise = "{minimise}"', f"where = {list(where)}", "[vary]"]
     lines += [f'"{key}" = {ends}' for key, ends in vary.items()]
@@ -50,7 +50,7 @@ def of_design(mechanism, keys, numbers, figures, samples):
 
 
 def function_of_another(path):
-    """Write the sizing for the function of another double butterfly in its first mode."""
+    """Write a synthesis for the function of another double butterfly in its first mode."""
     points = {f"p{k}": f"at(theta_F, {q})" for k, q in enumerate(TURNED)}
     row = of_design("double_butterfly", AXES, OTHER, points, 37).iloc[0]
     wanted = [float(row[name]) for name in points]
@@ -63,7 +63,7 @@ def function_of_another(path):
 @pytest.mark.slow
 def test_a_double_butterfly_gets_the_function_of_another(tmp_path):
     path = function_of_another(tmp_path / "function.toml")
-    found = sk.size_of(path, designs=16, starts=2)
+    found = sk.synthesize(path, designs=16, starts=2)
     assert found.before[0] > 0.1 and found.objectives[0, 0] < 1e-9
     assert found.values[0] == pytest.approx(OTHER, abs=1e-8)
 
@@ -71,11 +71,11 @@ def test_a_double_butterfly_gets_the_function_of_another(tmp_path):
 @pytest.mark.long
 def test_no_ten_thousand_random_double_butterflies_are_better(tmp_path):
     path = function_of_another(tmp_path / "function.toml")
-    found = sk.size_of(path, designs=64, starts=3)
-    sizing = sizing_of(path, designs=10240, seed=7)
+    found = sk.synthesize(path, designs=64, starts=3)
+    synthesis = specification_of(path, designs=10240, seed=7)
     best = np.inf
-    for number in range(sizing.sweep.parts):
-        _, wanted = sizing.rows_of(sizing.sweep.part(number))
+    for number in range(synthesis.sweep.parts):
+        _, wanted = synthesis.rows_of(synthesis.sweep.part(number))
         best = np.min(wanted[:, 0], initial=best)
     assert found.objectives[0, 0] < 1e-9 < best
 
@@ -88,7 +88,7 @@ def test_modes_of_a_double_butterfly_are_kept_apart(tmp_path):
         where = ["closes > 0.999", side]
         path = tmp_path / "side.toml"
         written(path, "double_butterfly", "steep", AXES, figures, 19, where)
-        found = sk.size_of(path, designs=16, starts=1)
+        found = sk.synthesize(path, designs=16, starts=1)
         rows = of_design("double_butterfly", AXES, found.values[0], figures, 19)
         row = rows[rows["mode"] == found.modes[0]].iloc[0]
         assert row["steep"] == pytest.approx(found.objectives[0, 0], rel=1e-9)
@@ -111,7 +111,7 @@ def test_a_platform_on_three_legs_gets_to_the_poses_of_another(tmp_path):
     where = ["closes > 0.999", "steep < 8"]
     path = tmp_path / "poses.toml"
     written(path, "three_rrr", " + ".join(missed), ARCS, figures, [3, 3, 3], where)
-    found = sk.size_of(path, designs=64, starts=2)
+    found = sk.synthesize(path, designs=64, starts=2)
     assert found.before[0] > 1.0 and found.objectives[0, 0] < 1e-12
     assert found.values[0] == pytest.approx(OTHER_ARCS, abs=1e-5)
 
@@ -175,11 +175,11 @@ def test_gradients_are_those_of_differences(name, vary, samples, figures, tmp_pa
 def check_gradients(tmp_path, name, vary, samples, figures):
     """Compare figures with a sweep's, and their gradients with differences."""
     path = written(tmp_path / "smooth.toml", name, "a", vary, figures, samples)
-    evaluator = sizing_of(path, designs=4).sweep.evaluator
+    evaluator = specification_of(path, designs=4).sweep.evaluator
     gradients = FigureGradients(evaluator)
     at = 1.01 * np.array([variable.value for variable in evaluator.variables])
     rows = evaluator.at(at[:, None])
-    modes = HeldModes(evaluator).every(at[:, None])[0]
+    modes = TrackedModes(evaluator).every(at[:, None])[0]
     assert [mode.label for mode in modes] == rows.mode.tolist()
     whole = [k for k, closes in enumerate(rows.closes) if closes == 1.0]
     for k in whole[:4]:
@@ -206,10 +206,10 @@ def test_a_mode_ends_where_its_designs_do(tmp_path):
     figures = {"a": "rms(rate_F)"}
     vary = {"pairs.C.longitude": [-60.0, 60.0]}
     path = written(tmp_path / "far.toml", "double_butterfly", "a", vary, figures, 9)
-    evaluator = sizing_of(path, designs=4).sweep.evaluator
+    evaluator = specification_of(path, designs=4).sweep.evaluator
     gradients = FigureGradients(evaluator)
-    modes = HeldModes(evaluator).every(np.array([[-8.0]]))[0]
-    others = HeldModes(evaluator).every(np.array([[20.0]]))[0]
+    modes = TrackedModes(evaluator).every(np.array([[-8.0]]))[0]
+    others = TrackedModes(evaluator).every(np.array([[20.0]]))[0]
     shares = np.array(
         [
             [gradients.at(np.array([x]), mode)[2] for x in (-8.0, 20.0, 50.0)]
@@ -233,7 +233,7 @@ def test_several_objectives_need_dyads(tmp_path):
     text = path.read_text().replace('minimise = "a"', 'minimise = ["a", "-a"]')
     path.write_text(text)
     with pytest.raises(DesignError, match="minimise one, and bound the others"):
-        sk.size_of(path, designs=4, starts=1)
+        sk.synthesize(path, designs=4, starts=1)
 
 
 CAM = "pairs.contact.profiles.cam."
@@ -246,7 +246,7 @@ OTHER_CAM = [4.9, 1.7, 0.4]
 
 
 def law_of_another(path):
-    """Write the sizing of a cam for the law of another's follower, in its first mode."""
+    """Write the synthesis of a cam for the law of another's follower, in its first mode."""
     points = {f"p{k}": f"at(theta_follower_pivot, {q})" for k, q in enumerate(TURNED)}
     row = of_design("shaped_cam", HARMONICS, OTHER_CAM, points, 13).iloc[0]
     wanted = [float(row[name]) for name in points]
@@ -259,15 +259,19 @@ def law_of_another(path):
 
 @pytest.mark.slow
 def test_a_cam_gets_the_law_of_another(tmp_path):
-    found = sk.size_of(law_of_another(tmp_path / "law.toml"), designs=8, starts=2)
+    found = sk.synthesize(law_of_another(tmp_path / "law.toml"), designs=8, starts=2)
     assert found.before[0] > 0.1 and found.objectives[0, 0] < 1e-9
     assert found.values[0] == pytest.approx(OTHER_CAM, abs=1e-8)
 
 
 @pytest.mark.long
 def test_no_random_cams_are_better(tmp_path):
-    sizing = sizing_of(law_of_another(tmp_path / "law.toml"), designs=1024, seed=7)
-    parts = [sizing.rows_of(sizing.sweep.part(k))[1] for k in range(sizing.sweep.parts)]
+    synthesis = specification_of(
+        law_of_another(tmp_path / "law.toml"), designs=1024, seed=7
+    )
+    parts = [
+        synthesis.rows_of(synthesis.sweep.part(k))[1] for k in range(synthesis.sweep.parts)
+    ]
     assert np.min(np.concatenate(parts)) > 1e-3
 
 
@@ -276,14 +280,14 @@ def test_rollers_on_other_profiles_are_swept(tmp_path):
     vary = {"pairs.contact.follower.roller": [10.0, 14.0]}
     path = written(tmp_path / "roller.toml", "shaped_cam", "a", vary, figures, 9)
     with pytest.raises(DesignError, match="sweep it instead"):
-        sk.size_of(path, designs=4, starts=1)
+        sk.synthesize(path, designs=4, starts=1)
 
 
 POINTED = """kind = "points"
 points = [[0.0, 58.0], [37.0, 62.0], [85.0, 66.0], [120.0, 68.0], [165.0, 66.0],
     [200.0, 63.5], [243.0, 61.0], [280.0, 60.0], [325.0, 58.5]]
 """
-ACTED = text_of("sizing_followed_acted")
+ACTED = text_of("synthesis_followed_acted")
 
 
 @pytest.mark.slow

@@ -9,16 +9,16 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import counted
-from spherekit.design.descent import BESIDE, Descent, End, Settling, unbeaten
+from spherekit.design.descent import BESIDE, Convergence, Descent, LocalOptimum, unbeaten
 from spherekit.design.evaluate import Evaluator
-from spherekit.design.held_modes import HeldMode, HeldModes, SignedMode
+from spherekit.design.held_modes import HeldMode, SignedMode, TrackedModes
+from spherekit.design.requirements import Specification, front_of, nondominated
 from spherekit.design.sweep import Columns
 from spherekit.design.variables import ACTIONS, designed
-from spherekit.design.wanted import Sizing, front_of, nondominated
 from spherekit.errors import DesignError
 from spherekit.model.gears import pair_frames
 from spherekit.model.mechanism import Mechanism
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import max_abs
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ SAME = 1e-3
 
 @final
 @dataclass(frozen=True)
-class Sized:
-    """Designs that a sizing found, the least of the first objective first.
+class Synthesis:
+    """Designs that a synthesis found, the least of the first objective first.
 
     With one objective one design for each assembly mode and valley; with several the
     Pareto front of each assembly mode: designs that none beats in all objectives. What is
@@ -45,7 +45,7 @@ class Sized:
 
     Attributes
     ----------
-    sizing
+    synthesis
         What was wanted.
     values
         (n, variables), in the file's units.
@@ -65,7 +65,7 @@ class Sized:
         several objectives no descent found one that beats a design here by more.
     """
 
-    sizing: Sizing
+    synthesis: Specification
     values: Floats
     modes: tuple[str, ...]
     objectives: Floats
@@ -77,23 +77,25 @@ class Sized:
 
     def mechanism(self, number: int = 0) -> Mechanism:
         """Return the mechanism of a design, the best by default."""
-        sweep = self.sizing.sweep
+        sweep = self.synthesis.sweep
         return designed(sweep.document, sweep.variables, self.values[number])
 
     def frame(self) -> "pd.DataFrame":
         """Return the designs as a pandas frame."""
         from spherekit.analysis.frames import frame_of
 
-        names = [variable.name for variable in self.sizing.sweep.variables]
+        names = [variable.name for variable in self.synthesis.sweep.variables]
         columns = {"mode": np.array(self.modes, dtype=object)}
         columns |= dict(zip(self.headings, self.objectives.T, strict=True))
         columns |= dict(zip(names, self.values.T, strict=True))
-        return frame_of(columns | dict(self.figures), {"units": self.sizing.sweep.units()})
+        return frame_of(
+            columns | dict(self.figures), {"units": self.synthesis.sweep.units()}
+        )
 
     @property
     def headings(self) -> list[str]:
         """The names of the columns of objectives."""
-        count = len(self.sizing.minimise)
+        count = len(self.synthesis.minimise)
         return ["objective"] if count == 1 else [f"objective_{k + 1}" for k in range(count)]
 
     def __repr__(self) -> str:
@@ -101,8 +103,8 @@ class Sized:
         return f"Sized({counted(len(self.objectives), 'design')}, least {best})"
 
 
-def size(sizing: Sizing, starts: int = 12) -> Sized:
-    """Return the best designs of a sizing: a sweep, then descents from its best rows.
+def size(synthesis: Specification, starts: int = 12) -> Synthesis:
+    """Return the best designs of a synthesis: a sweep, then descents from its best rows.
 
     With several objectives an evolution of the sweep's best (NSGA-II, Deb and others
     2002, by pymoo) is between these, and points of the front are attacked from other
@@ -116,14 +118,14 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     EngineError
         If there is no kernel of the mechanism's designs.
     """
-    sweep, held = sizing.sweep, _held(sizing)
-    working = Working(f"{sweep.mechanism.name}: sizing")
-    rows, wanted, feasible = _looked_at(sizing, MOST * starts, working)
-    descent, several = Descent(sizing), len(sizing.minimise) > 1
+    sweep, held = synthesis.sweep, _held(synthesis)
+    working = ProgressReporter(f"{sweep.mechanism.name}: synthesis")
+    rows, wanted, feasible = _looked_at(synthesis, MOST * starts, working)
+    descent, several = Descent(synthesis), len(synthesis.minimise) > 1
     places = descent.places(rows)
     if several:
         most = FRONT * starts
-        front = front_of(sizing, rows["mode"], places, wanted, most, working)
+        front = front_of(synthesis, rows["mode"], places, wanted, most, working)
         begun: list[Start] = [(SignedMode(mode), place) for mode, place in front]
     else:
         varied = np.stack([rows[variable.name] for variable in sweep.variables])
@@ -133,7 +135,7 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
             wanted[:, 0],
             starts,
         )
-    settling = Settling(descent, rows["mode"], places, wanted)
+    settling = Convergence(descent, rows["mode"], places, wanted)
     ends = []
     for k, (mode, start) in enumerate(begun):
         ends.append(settling.down(mode, start))
@@ -150,12 +152,12 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
         kept = unbeaten(kept, settling.tolerance)
     figures = np.array([end.figures for end in kept])
     columns = dict(zip([merit.name for merit in sweep.merits], figures.T, strict=True))
-    return Sized(
-        sizing,
+    return Synthesis(
+        synthesis,
         np.array([descent.low + descent.width * end.x for end in kept]),
         tuple(end.mode.label for end in kept),
         np.array([end.wanted for end in kept]),
-        sizing.with_match(columns),
+        synthesis.with_match(columns),
         sweep.space.count,
         feasible,
         np.min(wanted, axis=0),
@@ -163,19 +165,19 @@ def size(sizing: Sizing, starts: int = 12) -> Sized:
     )
 
 
-def _held(sizing: Sizing) -> HeldModes:
+def _held(synthesis: Specification) -> TrackedModes:
     """Return the modes that descents hold on to; `DesignError` where there is no kernel."""
-    sweep = sizing.sweep
+    sweep = synthesis.sweep
     made = sweep.evaluator
     if not isinstance(made, Evaluator) or not made.has_gradients:
         raise DesignError(
-            f"{sweep.mechanism.name}: sizing follows gradients by numbers that kernels "
+            f"{sweep.mechanism.name}: synthesis follows gradients by numbers that kernels "
             "have as inputs, and there is no kernel of these designs: where profiles are "
             "no circles, sizes of links and numbers under pairs.PAIR.profiles vary; with "
             "others, or groups of more than 64 solutions, sweep it instead"
         )
-    held = HeldModes(made)
-    if held.are_followed and len(sizing.minimise) > 1:
+    held = TrackedModes(made)
+    if held.are_followed and len(synthesis.minimise) > 1:
         raise DesignError(
             f"{sweep.mechanism.name}: fronts of several objectives are of modes that have "
             "signs, and some of its groups are no dyads; minimise one, and bound the "
@@ -184,12 +186,14 @@ def _held(sizing: Sizing) -> HeldModes:
     return held
 
 
-def _looked_at(sizing: Sizing, count: int, working: Working) -> tuple[Columns, Floats, int]:
+def _looked_at(
+    synthesis: Specification, count: int, working: ProgressReporter
+) -> tuple[Columns, Floats, int]:
     """Return the best rows of the sweep, their objectives, and how many meet conditions."""
-    sweep = sizing.sweep
+    sweep = synthesis.sweep
     parts, feasible = [], 0
     for number in range(sweep.parts):
-        rows, wanted = sizing.rows_of(sweep.part(number))
+        rows, wanted = synthesis.rows_of(sweep.part(number))
         feasible += len(wanted)
         parts.append(_best(rows, wanted, count))
         done = min((number + 1) * sweep.part_size, sweep.space.count)
@@ -197,7 +201,8 @@ def _looked_at(sizing: Sizing, count: int, working: Working) -> tuple[Columns, F
     if not feasible:
         raise DesignError(
             f"{sweep.mechanism.name}: none of {counted(sweep.space.count, 'design')} meets "
-            f"the conditions: {sizing.why_none()}; widen ranges, relax conditions, or look "
+            f"the conditions: {synthesis.why_none()}; widen ranges, relax "
+            f"conditions, or look "
             "at more with --designs"
         )
     rows = {name: np.concatenate([part[name] for part, _ in parts]) for name in rows}
@@ -243,8 +248,11 @@ def _spread(
 
 
 def _confirmed(
-    held: HeldModes, settling: Settling, begun: Sequence[Start], ends: Sequence[End]
-) -> list[End]:
+    held: TrackedModes,
+    settling: Convergence,
+    begun: Sequence[Start],
+    ends: Sequence[LocalOptimum],
+) -> list[LocalOptimum]:
     """Return ends of descents whose configurations are a mode of the design in a sweep.
 
     With its label there. Where they are none, a dead centre has come between two samples,
@@ -261,22 +269,22 @@ def _confirmed(
     return made
 
 
-def _apart(ends: Sequence[End], settling: Settling) -> list[End]:
+def _apart(ends: Sequence[LocalOptimum], settling: Convergence) -> list[LocalOptimum]:
     """Return ends of descents in order, those that came to the same linkage once."""
-    kept: list[End] = []
+    kept: list[LocalOptimum] = []
     for end in sorted(ends, key=lambda descent: tuple(descent.wanted)):
         if not any(_alike(other, end, settling) for other in kept):
             kept.append(end)
     return kept
 
 
-def _alike(one: End, other: End, settling: Settling) -> bool:
+def _alike(one: LocalOptimum, other: LocalOptimum, settling: Convergence) -> bool:
     """Return whether ends are one place, or one linkage told otherwise and as good."""
     off = np.abs(one.x - other.x)
     if np.max(off) < SAME and one.mode.goes_on_in(other.mode):
         return True
     descent = settling.descent
-    sweep = descent.sizing.sweep
+    sweep = descent.synthesis.sweep
     acting = [variable.path[0] in ACTIONS for variable in sweep.variables]
     if np.any(np.abs(one.wanted - other.wanted) > settling.tolerance) or np.any(
         off[acting] >= SAME

@@ -1,4 +1,4 @@
-"""What a sizing wants: objectives, conditions and precision points.
+"""What a synthesis wants: objectives, conditions and precision points.
 
 Parts of a sweep computed by the workers of a Dask cluster; dask's only home.
 """
@@ -20,11 +20,11 @@ from spherekit.design.sweep_identity import code_identity, other_code
 from spherekit.design.variables import OK
 from spherekit.errors import DesignError, ModelError
 from spherekit.model.expression import Expression, parse
-from spherekit.progress import Working
+from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import all_finite
 
 LOOKED_AT = 1024
-"""Designs by which a sizing says what none of them meets."""
+"""Designs by which a synthesis says what none of them meets."""
 
 MATCH = "match"
 """The figure of precision points."""
@@ -32,7 +32,7 @@ MATCH = "match"
 
 @final
 @dataclass(frozen=True)
-class Sizing:
+class Specification:
     """What sizes are wanted: objectives, and conditions, of figures of a sweep.
 
     Attributes
@@ -157,18 +157,18 @@ def nondominated(wanted: Floats, modes: Array) -> Indices:
 
 
 def front_of(
-    sizing: Sizing,
+    synthesis: Specification,
     modes: Array,
     places: Floats,
     wanted: Floats,
     most: int,
-    working: Working,
+    working: ProgressReporter,
 ) -> list[tuple[str, Floats]]:
     """Return the front of each mode: modes, and places in units of the variables' ranges.
 
     Parameters
     ----------
-    sizing
+    synthesis
         What is wanted.
     modes, places, wanted
         Rows to begin with: their modes (n,), places (n, variables) and objectives (n, k).
@@ -178,25 +178,25 @@ def front_of(
         What tells how far it is.
     """
     made: list[tuple[str, Floats]] = []
-    generations = max(sizing.sweep.space.count // POPULATION, 1)
+    generations = max(synthesis.sweep.space.count // POPULATION, 1)
     for mode in np.unique(modes):
         rows = np.flatnonzero(modes == mode)
         rows = rows[nondominated(wanted[rows], modes[rows])]
         begin = places[rows[np.argsort(wanted[rows, 0], kind="stable")]]
         thinned = np.linspace(0, len(begin) - 1, min(len(begin), POPULATION)).astype(int)
         words = f"front of mode {mode}"
-        ends = _evolved(sizing, mode, begin[thinned], generations, working, words)
+        ends = _evolved(synthesis, mode, begin[thinned], generations, working, words)
         spread = np.linspace(0, len(ends) - 1, min(len(ends), most)).astype(int)
         made += [(str(mode), end) for end in ends[spread]]
     return made
 
 
 def _evolved(
-    sizing: Sizing,
+    synthesis: Specification,
     mode: str,
     begin: Floats,
     generations: int,
-    working: Working,
+    working: ProgressReporter,
     words: str,
 ) -> Floats:
     """Return the front (n, variables) of a mode after generations, in order."""
@@ -206,17 +206,17 @@ def _evolved(
         from pymoo.optimize import minimize
     except ImportError:
         raise DesignError(
-            f"{sizing.sweep.mechanism.name}: several objectives need pymoo: "
+            f"{synthesis.sweep.mechanism.name}: several objectives need pymoo: "
             'pip install "spherekit-mechanisms[optimise]"; or minimise one, and bound the '
             "others by conditions"
         ) from None
-    sweep = sizing.sweep
+    sweep = synthesis.sweep
     ranges = np.array(
         [(variation.low, variation.high) for variation in sweep.space.variations]
     ).T
-    count = len(sizing.minimise)
+    count = len(synthesis.minimise)
 
-    class Wanted(Problem):  # type: ignore[misc]
+    class Requirements(Problem):  # type: ignore[misc]
         """The objectives and conditions of a generation."""
 
         def __init__(self) -> None:
@@ -230,7 +230,7 @@ def _evolved(
 
         def _evaluate(self, x: Floats, out: dict[str, Floats], *_: Any, **__: Any) -> None:
             values = ranges[0] + (ranges[1] - ranges[0]) * x
-            rows, wanted, missed = sizing.missed(values.T, mode)
+            rows, wanted, missed = synthesis.missed(values.T, mode)
             out["F"] = np.full((len(x), count), MISSED)
             out["G"] = np.full((len(x), 1), MISSED)
             out["F"][rows], out["G"][rows, 0] = wanted, missed
@@ -240,7 +240,7 @@ def _evolved(
         size=(max(POPULATION - len(begin), 0), begin.shape[1])
     )
     result = minimize(
-        Wanted(),
+        Requirements(),
         NSGA2(pop_size=POPULATION, sampling=np.concatenate([begin, first])),
         ("n_gen", generations),
         seed=sweep.space.seed,

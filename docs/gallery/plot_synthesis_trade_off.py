@@ -11,9 +11,9 @@ import numpy as np
 
 import spherekit as sk
 
-found = sk.size_of("../../examples/sizing/trade_off.toml", designs=512, starts=1)
+found = sk.synthesize("../../examples/synthesis/trade_off.toml", designs=512, starts=1)
 frame = found.frame()
-sweep = found.sizing.sweep.part(0)
+sweep = found.synthesis.sweep.part(0)
 
 figure, panel = plt.subplots(layout="constrained")
 for mode, tone in {"+": "tab:blue", "-": "tab:orange"}.items():

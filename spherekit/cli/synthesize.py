@@ -1,4 +1,4 @@
-"""`spherekit size`: sizes for a wanted function, from a file."""
+"""`spherekit synthesize`: sizes for a wanted function, from a file."""
 
 import argparse
 import sys
@@ -7,7 +7,7 @@ from spherekit.cli.main import note
 from spherekit.conventions import counted, with_units
 
 PAGE = """
-SIZING
+SYNTHESIS
     file of what is wanted
 --designs N = 16384
     designs that are looked at first; default 16384
@@ -20,9 +20,9 @@ SIZING
 
 examples:
   # a four-bar whose rocker follows a function
-  spherekit size examples/sizing/function.toml
+  spherekit synthesize examples/synthesis/function.toml
   # a longer search, and the file of the best mechanism
-  spherekit size examples/sizing/torque.toml --designs 65536 -o found.toml
+  spherekit synthesize examples/synthesis/torque.toml --designs 65536 -o found.toml
 """
 
 SHOWN = 5
@@ -35,13 +35,13 @@ def execute(options: argparse.Namespace) -> int:
 
     from spherekit.errors import DesignError
     from spherekit.files.write import dump
-    from spherekit.front.size import size_of
+    from spherekit.front.designs import synthesize
 
     for name in ("designs", "starts"):
         if getattr(options, name) < 1:
             raise DesignError(f"--{name} {getattr(options, name)}: give at least 1")
-    sized = size_of(
-        options.sizing, designs=options.designs, starts=options.starts, seed=options.seed
+    sized = synthesize(
+        options.synthesis, designs=options.designs, starts=options.starts, seed=options.seed
     )
     if options.output is not None:
         dump(sized.mechanism(), options.output)
@@ -49,12 +49,12 @@ def execute(options: argparse.Namespace) -> int:
         frame = sized.frame()
         units = frame.attrs["units"]
         print(
-            f"{sized.sizing.sweep.mechanism.name}: {counted(sized.explored, 'design')} "
+            f"{sized.synthesis.sweep.mechanism.name}: {counted(sized.explored, 'design')} "
             f"looked at, conditions held in {counted(sized.feasible, 'row')}"
         )
         ends = zip(
             sized.headings,
-            sized.sizing.minimise,
+            sized.synthesis.minimise,
             sized.before,
             sized.objectives.min(axis=0),
             strict=True,
@@ -70,7 +70,7 @@ def execute(options: argparse.Namespace) -> int:
                 f"{count} that none met beats, of their mode, in all objectives by more "
                 f"than {least}:"
             )
-        hidden = [name for name in frame.columns if name in sized.sizing.matched]
+        hidden = [name for name in frame.columns if name in sized.synthesis.matched]
         few = np.unique(np.linspace(0, len(frame) - 1, SHOWN).astype(int))
         rows = slice(SHOWN) if len(sized.headings) == 1 else few
         shown = frame.drop(columns=hidden).iloc[rows]
