@@ -132,13 +132,7 @@ def _grown_edges(random, links, triads):
     return edges
 
 
-def with_contacts(
-    random,
-    links,
-    rolling,
-    sliding,
-    shaped=False,
-):
+def with_contacts(random, links, rolling, sliding, shaped=False):
     """Return a chain of dyads in which some pairs are contacts of circles.
 
     Where they are `shaped`, profiles are also Fourier series and run through points.
@@ -200,13 +194,7 @@ def _touching(random, kinds, shaped):
     return Mechanism("chain", "1", links, tuple(pairs), PoseGeometry(axes), (drives,))
 
 
-def _profile(
-    random,
-    point,
-    across,
-    angle,
-    shaped,
-):
+def _profile(random, point, across, angle, shaped):
     """Return a circle about a centre so far from a point of it, or what is nearly one."""
     centre, radius = _tilted(point, across, angle), abs(angle)
     kind = random.choice(["circle", "fourier", "points"]) if shaped else "circle"

@@ -55,9 +55,7 @@ def four_bar(arcs, span=TURN):
         for link, size in base.geometry.links.items()
     }
     return replace(
-        base,
-        geometry=replace(base.geometry, links=sizes),
-        inputs=(Input("21", *span),),
+        base, geometry=replace(base.geometry, links=sizes), inputs=(Input("21", *span),)
     )
 
 

@@ -189,16 +189,7 @@ def _inputs_differ(motion, rows):
     return faults
 
 
-def _judge_row(
-    found,
-    row,
-    w,
-    dw,
-    values,
-    over,
-    spread,
-    tally,
-):
+def _judge_row(found, row, w, dw, values, over, spread, tally):
     flat = values[-1] / values[0]
     if flat < DETERMINED:
         return [f"row {row}: OK, but the motion is not determined ({flat:.1e})"]

@@ -72,10 +72,7 @@ class Wheels:
         carrier = next(link for link in one if link in other)
         two = [self.sizes.frame(name, carrier) for name in item["axes"]]
         held = [[frame[k, 2].real for k in range(3)] for frame in two]
-        arc = arb.atan2(
-            dot(cross(*held), cross(*held)).sqrt(),
-            dot(*held),
-        )
+        arc = arb.atan2(dot(cross(*held), cross(*held)).sqrt(), dot(*held))
         if "teeth" in item:
             first, second = (arb(int(count)) for count in item["teeth"])
             return a, b, first, second, arc, inner

@@ -187,8 +187,7 @@ def turned(made, rotation):
         pair
         if pair.profiles is None
         else replace(
-            pair,
-            profiles=tuple(replace(p, centre=moved(p.centre)) for p in pair.profiles),
+            pair, profiles=tuple(replace(p, centre=moved(p.centre)) for p in pair.profiles)
         )
         for pair in made.pairs
     )

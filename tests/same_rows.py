@@ -87,14 +87,7 @@ def differences(ways, same_signs=True):
     return found
 
 
-def _compare_pole(
-    found,
-    quick,
-    careful,
-    pole,
-    good,
-    same_signs,
-):
+def _compare_pole(found, quick, careful, pole, good, same_signs):
     found.statuses += int(np.sum(quick.pole_status[pole] != careful.pole_status[pole]))
     bound = careful.velocity_coefficient_error[pole]
     # Of what stands still the sign is rounding.
@@ -117,12 +110,7 @@ def _compare_pole(
         _judge(found, f"{name} {pole}", size[judged], allowed[judged])
 
 
-def _judge(
-    found,
-    what,
-    size,
-    allowed,
-):
+def _judge(found, what, size, allowed):
     if not len(size):
         return
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -368,10 +368,7 @@ def test_a_bar_without_arc_is_searched_and_said_to_be():
             "closed form",
         ),
         ("roller_cam", "sampled: 768 random starts, "),
-        (
-            "watt",
-            "complete: all modes, which meet nowhere in the range; dyad: closed form",
-        ),
+        ("watt", "complete: all modes, which meet nowhere in the range; dyad: closed form"),
     ],
 )
 def test_the_summary_tells_the_method(name, words):

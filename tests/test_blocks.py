@@ -200,11 +200,7 @@ class Counting(AbstractAnalysis):
     summary: ClassVar = "rows"
     rowwise: ClassVar = True
     tables: ClassVar = (
-        Table(
-            "counting",
-            "",
-            (SAMPLE, ASSEMBLY_MODE, Column("x", "", "")),
-        ),
+        Table("counting", "", (SAMPLE, ASSEMBLY_MODE, Column("x", "", ""))),
     )
     joins: bool = True
     reads: str = "41"

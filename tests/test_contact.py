@@ -405,11 +405,7 @@ def test_gears_in_a_file(tmp_path):
             'axes = ["01", "03"]',
             "but the R pairs on this link are [01, 02]",
         ),
-        (
-            'axes = ["01", "02"]',
-            'axes = ["02", "01"]',
-            'link "1" has no R pair "02"',
-        ),
+        ('axes = ["01", "02"]', 'axes = ["02", "01"]', 'link "1" has no R pair "02"'),
         ("arcs = [75.0]", "arcs = [0.0]", "no pitch cones"),
         ('type = "Cr"', 'type = "Cs"', "allowed: Cr"),
     ):

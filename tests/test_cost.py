@@ -21,12 +21,7 @@ from spherekit.model.dynamics import Mass, Spring
 from spherekit.model.study import Start, Study
 from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.part import needed_groups, part_for
-from spherekit.planning.poles import (
-    CoaxialPole,
-    LinePole,
-    PrimaryPole,
-    pole_of,
-)
+from spherekit.planning.poles import CoaxialPole, LinePole, PrimaryPole, pole_of
 from spherekit.rates.sequence import PlannedPoles
 from spherekit.view.rerun_view import RerunRecorder
 

@@ -327,11 +327,7 @@ def test_a_rocker_is_driven_over_its_dead_centres(four_bar):
     (rocker,) = free.variables_of(free.pair_number["41"])
     rate = float(begin.value_rates[0, rocker])
     swung = simulate(
-        free,
-        PoseStart(begin.values[0], "41", rate),
-        10.0,
-        input_pair="41",
-        tolerance=1e-11,
+        free, PoseStart(begin.values[0], "41", rate), 10.0, input_pair="41", tolerance=1e-11
     )
     t = np.linspace(0.0, 10.0, 201)
     assert np.max(np.abs(swung.at(t).values - crank.at(t).values)) < 1e-8

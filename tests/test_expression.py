@@ -40,10 +40,7 @@ VALUES = {
         ("tan(theta_21)+asin(theta_21)", lambda a, w, t: np.tan(a) + np.arcsin(a)),
         ("acos(theta_21)*atan(t)", lambda a, w, t: np.arccos(a) * np.arctan(t)),
         ("atan2(dtheta_21, theta_21)", lambda a, w, t: np.arctan2(w, a)),
-        (
-            "sqrt(t) + exp(-t) + log(1+t)",
-            lambda a, w, t: t**0.5 + np.exp(-t) + np.log1p(t),
-        ),
+        ("sqrt(t) + exp(-t) + log(1+t)", lambda a, w, t: t**0.5 + np.exp(-t) + np.log1p(t)),
         ("abs(theta_21)*sign(dtheta_21)", lambda a, w, t: np.abs(a) * np.sign(w)),
         ("-0.2*tanh(dtheta_21/1e-2)", lambda a, w, t: -0.2 * np.tanh(w / 1e-2)),
         ("min(theta_21, t, 0.5)", lambda a, w, t: np.minimum(np.minimum(a, t), 0.5)),

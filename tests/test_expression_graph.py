@@ -7,9 +7,7 @@ import operator
 import numpy as np
 import pytest
 
-from spherekit.engine.design_kernel import (
-    compile_complex,
-)
+from spherekit.engine.design_kernel import compile_complex
 from spherekit.engine.expression_graph import (
     ExpressionNode,
     derivatives,

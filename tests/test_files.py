@@ -206,10 +206,7 @@ def test_signed_arcs_lead_to_the_other_side(signed, turned):
     assert text.count(coupler) == 1
     found, plain = (
         loads(text.replace(coupler, f"arcs = [60.0, {arc}]\nangles = [{angle}]\n{key}"))
-        for arc, angle, key in [
-            (signed, 90.0, "signed_arcs = true\n"),
-            (30.0, turned, ""),
-        ]
+        for arc, angle, key in [(signed, 90.0, "signed_arcs = true\n"), (30.0, turned, "")]
     )
     assert loads(dumps(found)) == found
     q = np.linspace(0.3, 6.0, 7)

@@ -245,10 +245,7 @@ def square(**changes):
         ({"name": "a/b"}, "would not be readable"),
         ({"inputs": (Input("a", 0.0, math.nan),)}, "would not be readable"),
         ({"geometry": PoseGeometry({"a": (0.0, 0.0, 2.0)})}, "needs a unit vector"),
-        (
-            {"geometry": PoseGeometry({"a": (0.0, 0.0, 1.0001)})},
-            "geometry would not read",
-        ),
+        ({"geometry": PoseGeometry({"a": (0.0, 0.0, 1.0001)})}, "geometry would not read"),
         ({"masses": (Mass("2", np.eye(3)),)}, "masses"),
     ],
 )

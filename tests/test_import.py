@@ -336,10 +336,7 @@ def test_models_of_another_kind_are_refused(inside, why, tmp_path):
         (LOOPS["two link1"].replace("0 0 0.1", "0 x 0"), "has no numbers: could not"),
         (LOOPS["two link1"].replace("left_rod", "rod"), 'loop joint tip: no link "rod"'),
         (LOOPS["two link1"].replace("spherical", "planar"), 'type "planar"; allowed: rev'),
-        (
-            '<loop_joint name="tip"><link1 link="hand"/></loop_joint>',
-            "has 1 link, needs 2",
-        ),
+        ('<loop_joint name="tip"><link1 link="hand"/></loop_joint>', "has 1 link, needs 2"),
         (LOOPS["two link1"].replace("0 0 0.1", "0 0 0.15"), "loops do not close near"),
     ],
 )

@@ -8,13 +8,7 @@ from refusals import text_of
 
 from spherekit.errors import FileError, ModelError
 from spherekit.files.study import load_study
-from spherekit.model.study import (
-    ConstantSpeed,
-    Cycloidal,
-    Polynomial,
-    Start,
-    Tabulated,
-)
+from spherekit.model.study import ConstantSpeed, Cycloidal, Polynomial, Start, Tabulated
 
 TIMES = np.array([0.0, 0.3, 0.7, 1.1, 1.2, 1.9, 2.5, 3.0])
 

@@ -127,10 +127,7 @@ def test_rocker_is_reported_out_of_reach_exactly_where_it_is():
 def test_followed_branches_end_at_the_dead_centre_of_the_input():
     """A Stephenson driven in its outer loop: modes meet in pairs at dead centres."""
     made = mechanism(
-        STEPHENSON,
-        random_axes(np.random.default_rng(3), 7),
-        "p1_6",
-        span=(-np.pi, np.pi),
+        STEPHENSON, random_axes(np.random.default_rng(3), 7), "p1_6", span=(-np.pi, np.pi)
     )
     tracer = PositionAnalysis(made)
     ends = []
@@ -183,12 +180,7 @@ def test_arcs_that_cannot_close_are_refused_with_the_group():
         for link in random.links
     }
     made = Mechanism(
-        "far",
-        "1",
-        random.links,
-        random.pairs,
-        SizeGeometry(lengths),
-        inputs=random.inputs,
+        "far", "1", random.links, random.pairs, SizeGeometry(lengths), inputs=random.inputs
     )
     with pytest.raises(SolveError, match="did not close from any start"):
         sk.trace(made)

@@ -249,10 +249,7 @@ def test_pruned_plans_do_not_take_one_circle_twice():
     side = np.arctan(2.0)
 
     def mesh(name, gear, axis, planet, at):
-        circles = (
-            Profile("circle", axis, side),
-            Profile("circle", at, np.pi / 2 - side),
-        )
+        circles = (Profile("circle", axis, side), Profile("circle", at, np.pi / 2 - side))
         return Pair(name, "Cr", (gear, planet), circles)
 
     axles = {"left": up, "right": up, "carrier": up, "extra": up}

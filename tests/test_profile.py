@@ -350,9 +350,7 @@ RING = spherical(TURN, 0.3 + 0 * TURN)
         (lambda: profile.through(eight(16, 0.0)), "meets itself: between points"),
         (lambda: profile.through(eight(400, 0.31)), "meets itself: between points"),
         (
-            lambda: profile.through(
-                spherical(2 * TURN + 0.1, 0.3 + 0.1 * np.cos(TURN)),
-            ),
+            lambda: profile.through(spherical(2 * TURN + 0.1, 0.3 + 0.1 * np.cos(TURN))),
             "meets itself",
         ),
     ],

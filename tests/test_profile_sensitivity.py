@@ -143,10 +143,7 @@ class Cam:
             mp.cos(self.roller) * a - mp.sin(self.roller) * b / size
             for a, b in zip(p, n, strict=True)
         ]
-        x, y = (
-            mp.cos(q) * c[0] - mp.sin(q) * c[1],
-            mp.sin(q) * c[0] + mp.cos(q) * c[1],
-        )
+        x, y = (mp.cos(q) * c[0] - mp.sin(q) * c[1], mp.sin(q) * c[0] + mp.cos(q) * c[1])
         sine, cosine = mp.sin(self.base), mp.cos(self.base)
         return x, cosine * y - sine * c[2], sine * y + cosine * c[2]
 

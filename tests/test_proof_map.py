@@ -78,11 +78,7 @@ def test_no_singularity_of_a_run_is_in_a_regular_box(five_bar):
 
 
 @pytest.mark.parametrize(
-    "ends",
-    [
-        [("20", "20.4"), ("17", "17.4")],
-        pytest.param(None, marks=pytest.mark.long),
-    ],
+    "ends", [[("20", "20.4"), ("17", "17.4")], pytest.param(None, marks=pytest.mark.long)]
 )
 def test_inputs_of_the_two_dof_mechanism_are_free_of_type_ii(ends):
     written = Written.of(sk.load("two_dof_spm"))

@@ -213,10 +213,7 @@ def true_tables(q, rates):
             "B": [x for each in parts for x in each],
             "dB_dq": [x for each in slopes for x in each],
         },
-        "loads": {
-            "Q": force,
-            "power": [f * v for f, v in zip(force, rates, strict=True)],
-        },
+        "loads": {"Q": force, "power": [f * v for f, v in zip(force, rates, strict=True)]},
     }
 
 
@@ -250,11 +247,7 @@ def tables_of(made, analysis, setting, t, start, toward=None):
     from spherekit.tradeoff.measure import Benchmark
 
     done = simulate(
-        made,
-        start,
-        float(t[-1]),
-        tolerance=setting.tolerance,
-        engine=setting.integrator,
+        made, start, float(t[-1]), tolerance=setting.tolerance, engine=setting.integrator
     )
     tracer = PositionAnalysis(made, None, 0, samples=2)
     course = simulated_course(tracer, done, t, setting.tolerance)

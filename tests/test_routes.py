@@ -13,10 +13,7 @@ from spherekit.errors import SolveError
 from spherekit.model.parts import Input
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
-from spherekit.rates.request import (
-    ROUTES,
-    request,
-)
+from spherekit.rates.request import ROUTES, request
 
 SHARP = 2e-10
 """Bound of directions (rad) below which a row counts as well conditioned."""

@@ -125,10 +125,7 @@ def phi_gamma(p):
 
 # Chen et al. 2021, Table 1, columns "initial configuration" and "CAD" (four digits; the
 # sign of gamma at (14, 23) is that of the closed form, theory notes on the third paper)
-TABLE_1 = {
-    (14.0, 23.0): (59.0786, -4.7420),
-    (31.0, 12.0): (64.9472, 9.2984),
-}
+TABLE_1 = {(14.0, 23.0): (59.0786, -4.7420), (31.0, 12.0): (64.9472, 9.2984)}
 TABLE_1_CAD = {
     ((14.0, 23.0), (1e-3, 2e-3)): (3.4417e-3, -0.3505e-3),
     ((14.0, 23.0), (-3e-3, 4e-3)): (0.8857e-3, -3.6368e-3),
@@ -299,8 +296,7 @@ def test_a_grid_holds_every_path_and_blocks_do_not_matter(name):
 def test_a_mode_spreads_around_what_it_cannot_reach():
     """A sheet covers every sample that the closed form of the same mode covers."""
     made = replace(
-        sk.load("five_bar"),
-        inputs=(Input("21", 0.2, 2.9), Input("51", 0.2, 2.9)),
+        sk.load("five_bar"), inputs=(Input("21", 0.2, 2.9), Input("51", 0.2, 2.9))
     )
     tracer = PositionAnalysis(made, samples=[15, 15])
     motion = tracer.motion()

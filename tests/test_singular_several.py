@@ -461,11 +461,7 @@ def elbows(base, crank, other, first, second):
     base, crank, other = (mpmath.radians(size) for size in (base, crank, other))
     sin, cos = mpmath.sin, mpmath.cos
     first, second = mpmath.mpf(first), mpmath.mpf(second)
-    one = (
-        -sin(crank) * sin(first),
-        sin(crank) * cos(first),
-        cos(crank),
-    )
+    one = (-sin(crank) * sin(first), sin(crank) * cos(first), cos(crank))
     along, aside = sin(other) * cos(second), sin(other) * sin(second)
     two = (
         aside,

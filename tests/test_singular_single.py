@@ -120,10 +120,7 @@ def check_four_bars(seed, count):
         ground, crank, coupler, rocker = arcs
         turns = tuple(
             not len(in_line(*each))
-            for each in (
-                (ground, crank, coupler, rocker),
-                (ground, rocker, crank, coupler),
-            )
+            for each in ((ground, crank, coupler, rocker), (ground, rocker, crank, coupler))
         )
         kinds.add(turns)
     assert points > 3 * count

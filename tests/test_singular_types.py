@@ -105,9 +105,7 @@ DRIVEN = posed(
     ("made", "expected"),
     [
         pytest.param(
-            PASSIVE,
-            {"3/1": {"I", "II", "III", "self-motion"}},
-            marks=pytest.mark.slow,
+            PASSIVE, {"3/1": {"I", "II", "III", "self-motion"}}, marks=pytest.mark.slow
         ),
         (CRANK, {"2/1": {"I", "self-motion"}, "3/1": {"I", "II", "III"}}),
         (RELATIVE, {"2/5": {"self-motion"}}),

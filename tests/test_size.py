@@ -22,7 +22,7 @@ REACHED = {
     "functions of 60 lines": 20,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
-LINES = {"tests": 42_509, "benchmarks": 4_497}
+LINES = {"tests": 42_433, "benchmarks": 4_497}
 """Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 

@@ -25,12 +25,8 @@ from spherekit.design.held_modes import SignedMode
 from spherekit.design.sweep import DesignSpace, between, listed, variation
 from spherekit.design.sweep_parts import run_sweep
 from spherekit.design.variables import sizes_of
-from spherekit.engine.design_kernel import (
-    design_kernel,
-)
-from spherekit.engine.row_quantities import (
-    VariedTerms,
-)
+from spherekit.engine.design_kernel import design_kernel
+from spherekit.engine.row_quantities import VariedTerms
 from spherekit.errors import (
     AnalysisError,
     DesignError,

@@ -48,8 +48,7 @@ def written(folder, text):
 
 
 @pytest.mark.parametrize(
-    "case",
-    [pytest.param(case, marks=SLOW if case == "geared" else ()) for case in CASES],
+    "case", [pytest.param(case, marks=SLOW if case == "geared" else ()) for case in CASES]
 )
 def test_wheels_and_contacts_in_any_group_are_those_of_runs(case, tmp_path):
     text, vary, pair, places = CASES[case]

@@ -19,12 +19,7 @@ from spherekit.analysis.tables import Column, Table
 from spherekit.cli.main import main
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.errors import (
-    AnalysisError,
-    FileError,
-    ModelError,
-    UndeclaredNeed,
-)
+from spherekit.errors import AnalysisError, FileError, ModelError, UndeclaredNeed
 from spherekit.files.study import load_study
 from spherekit.model.dynamics import JointLimit
 from spherekit.model.study import ConstantSpeed, Start

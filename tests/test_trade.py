@@ -27,11 +27,7 @@ from spherekit.tradeoff.record import MARGIN, Measured, check_tolerance, read_tr
 from spherekit.tradeoff.trade import _places_apart, trade
 
 FIVE = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "two_dof_spm")
-FEW = (
-    Setting(),
-    Setting(route="conditioned"),
-    Setting(engine="extended"),
-)
+FEW = (Setting(), Setting(route="conditioned"), Setting(engine="extended"))
 
 
 @pytest.fixture(autouse=True)

@@ -437,10 +437,7 @@ def test_wrong_number_of_rows(tmp_path: Path) -> None:
 
 def test_no_viewer_listens(tmp_path: Path) -> None:
     for url in ("127.0.0.1", "http://x:1/", "rerun+http://127.0.0.1/proxy"):
-        with (
-            pytest.raises(OutputError, match="looks like"),
-            RerunRecorder("x", url=url),
-        ):
+        with pytest.raises(OutputError, match="looks like"), RerunRecorder("x", url=url):
             pass
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))

@@ -5,12 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from closed_forms import (
-    MID_PLANE_LEG,
-    SMALLEST_ANGLE,
-    five_bar_area,
-    mid_plane_area,
-)
+from closed_forms import MID_PLANE_LEG, SMALLEST_ANGLE, five_bar_area, mid_plane_area
 from common import Listener
 from example_mechanisms import mechanism_of, unlike_legs
 from scipy.integrate import quad
@@ -406,10 +401,7 @@ def test_an_empty_workspace_names_what_excludes_each_other(five_bar):
         ({"working_mode": "+"}, "none of"),
         ({"working_mode": "9"}, "none of"),
         ({"output": "nose"}, "no output"),
-        (
-            {"pose": "rx=1+ry=2+rz=3"},
-            "is not a pose; say one of x\\+y\\+z, azimuth\\+tilt",
-        ),
+        ({"pose": "rx=1+ry=2+rz=3"}, "is not a pose; say one of x\\+y\\+z, azimuth\\+tilt"),
         ({"pose": "1+2+3+4"}, "is not name=number"),
         ({"pose": "x=0+y=0+z=0"}, "all numbers are 0"),
         ({"tolerance": "2"}, "relative error"),

@@ -150,12 +150,7 @@ def run_and_forward(evidence, notes):
         where = place_of(q)
         _lack(notes, lacking(rows, alone), "forward kinematics", claim, "a run", where)
         _lack(
-            notes,
-            lacking(alone, rows),
-            "a run",
-            tracer.claim,
-            "forward kinematics",
-            where,
+            notes, lacking(alone, rows), "a run", tracer.claim, "forward kinematics", where
         )
 
 

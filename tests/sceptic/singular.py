@@ -267,15 +267,7 @@ def signs_change_at_places(evidence, notes):
             )
 
 
-def _parities(
-    evidence,
-    output,
-    assembly_mode,
-    rows,
-    places,
-    sampled,
-    notes,
-):
+def _parities(evidence, output, assembly_mode, rows, places, sampled, notes):
     at, crossings = places
     q = rows["q"].to_numpy()
     w = (

@@ -3,14 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from chains import (
-    EIGHT_BARS,
-    grown,
-    mechanism,
-    random_axes,
-    vector,
-    with_contacts,
-)
+from chains import EIGHT_BARS, grown, mechanism, random_axes, vector, with_contacts
 from random_mechanisms import random_mechanism
 
 from spherekit.errors import SpherekitError
