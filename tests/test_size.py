@@ -19,7 +19,7 @@ REACHED = {
     "files": 329,
     "classes": 676,
     "dataclasses": 479,
-    "functions of 60 lines": 20,
+    "functions of 60 lines": 15,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
 LINES = {"tests": 42_433, "benchmarks": 4_497}

@@ -160,12 +160,8 @@ def reduced_grid_model(
     tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=count, grid=True)
     wanted = tuple(parse_pole(mechanism, text) for text in poles)
     sampler = OverBox(tracer, wanted)
-    heading = sampler.heading(
-        assembly_mode,
-        tracer.inputs,
-        sampler.low.tolist(),
-        sampler.high.tolist(),
-    )
+    box = sampler.low.tolist(), sampler.high.tolist()
+    heading = sampler.heading(assembly_mode, tracer.inputs, *box)
     names = sampler.names(heading)
     for pole in heading.poles:
         for axis in "xyz":

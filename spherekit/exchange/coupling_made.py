@@ -94,8 +94,7 @@ def coupling_table(
     counts = _counts(mechanism, samples)
     working = ProgressReporter("filling the table")
     while True:
-        words = "x".join(map(str, counts))
-        working.tell(words.__str__)
+        working.tell("x".join(map(str, counts)).__str__)
         table = _table(mechanism, assembly_mode, chosen, wanted, counts, tolerance)
         reached = np.sum(np.isfinite(table.error))
         finer = tuple(2 * count - 1 for count in counts)
@@ -164,9 +163,8 @@ def _table(
 ) -> CouplingTable:
     """Return the table of a grid, with errors from one of a third of its steps."""
     fine = tuple(PARTS * (count - 1) + 1 for count in counts)
-    tracer = PositionAnalysis(
-        mechanism, None, assembly_mode, samples=fine if len(fine) > 1 else fine[0]
-    )
+    samples = fine if len(fine) > 1 else fine[0]
+    tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=samples)
     motion = going_on(tracer.motion(), tracer.solver)
     held = [mechanism.angles[pair] for pair in tracer.inputs]
     good, columns = np.flatnonzero(~motion.failed), list(chosen)
@@ -183,8 +181,7 @@ def _table(
     low, high = [p[0] for p in poles], [p[1] for p in poles]
     turning = spread(np.moveaxis(parts.w[:, :, high] - parts.w[:, :, low], 2, 1))
     bent = spread(np.moveaxis(parts.dw[:, :, :, high] - parts.dw[:, :, :, low], 3, 1))
-    usable = all_finite(first, (2, 3))
-    usable &= all_finite(second, (2, 3, 4))
+    usable = all_finite(first, (2, 3)) & all_finite(second, (2, 3, 4))
     angles = np.where(usable[..., None], spread(parts.values[:, columns]), np.nan)
     owned = [period for joint in motion.joints for period in joint.periods]
     periods, q = np.array(owned)[columns], tracer.input_grid.q
@@ -214,9 +211,8 @@ def _table(
         sure=np.ones(cells, dtype=bool),
         coefficient_error=0.0,
     )
-    return _periodic(
-        _measured(made, Coupled(angles, first, second, turning), fine), periods
-    )
+    coupled = Coupled(angles, first, second, turning)
+    return _periodic(_measured(made, coupled, fine), periods)
 
 
 def _measured(table: CouplingTable, exact: Coupled, fine: tuple[int, ...]) -> CouplingTable:

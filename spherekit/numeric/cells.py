@@ -98,15 +98,13 @@ class TensorChebyshev:
                         part[1 - side, axis] = middle
                         later.append((part, (len(splits) - 1, side)))
             open_ = later
-        shape = (0, *[count] * m, len(size))
+        shape = (-1, *[count] * m, len(size))
         return TensorChebyshev(
             low,
             high,
             np.array(splits).reshape(-1, 4),
             np.array([cell for cell, _ in kept]).reshape(-1, 2, m),
-            np.array([coefficients for _, coefficients in kept])
-            if kept
-            else np.zeros(shape),
+            np.array([coefficients for _, coefficients in kept]).reshape(shape),
         )
 
     @property

@@ -502,8 +502,7 @@ def split(
         game.gather(base, 3)
         game.merge(part, base)
         body_of = [base if body in part else body for body in body_of]
-        for n in inside:
-            del open_pairs[n]
+        open_pairs = {n: ends for n, ends in open_pairs.items() if n not in inside}
     return tuple(groups)
 
 

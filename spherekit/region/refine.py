@@ -485,9 +485,6 @@ def find_region(
     open_area, areas = search.open_area(), search.area_inside()
     counted = search.verdict[search.owner] != TriangleClass.OPEN
     components, gaps, boundaries = _parts(search, areas)
-    excluding: tuple[tuple[int, ...], ...] = ()
-    if not components:
-        excluding = _excluding(evaluate, search.values, spacing, feature)
     return Region(
         float(np.sum(areas)),
         float(np.sum(search.pieces.error[counted])) + open_area + ROUNDING,
@@ -495,7 +492,7 @@ def find_region(
         components,
         gaps,
         boundaries,
-        excluding,
+        () if components else _excluding(evaluate, search.values, spacing, feature),
         search.points,
         search.triangles,
         search.values,
