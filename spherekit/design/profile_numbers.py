@@ -47,6 +47,11 @@ NOTHING = 1e-15
 """A next step (rad) that need not be made, and"""
 NEARLY = 1e-6
 """one that need not on the way."""
+SURE = 0.05
+"""A fold is there when it is foreseen twice at places that differ by this part of the way
+that is left to it, and"""
+TOWARDS = 0.45
+"""ways go towards it by this part."""
 MARGIN, LEAST, LONGEST = 0.8, 1.0 / 16.0, 4.0
 """Parts of ways change by these factors at least and at most, so that steps shrink by more
 than they have to."""
@@ -83,7 +88,9 @@ def followed(
     profiles
         The columns of profiles, where some are handed in.
     short
-        Whether ways are those of small deviations. Others take steps that shrink more.
+        Whether ways are those of small deviations. They end at a fold that is foreseen
+        twice: there the square of the determinant falls to zero linearly. Others are
+        followed up to it, in steps that shrink more.
     turned
         By how much inputs turn along the way (rad), by their variables.
 
@@ -111,7 +118,8 @@ class _Ways:
 
     `gone` and `part` (m,) are how far they have come and what is tried next, `slope` (v, m)
     their direction at the start, `places` (2, m) and `values` (2, v, m) the last two
-    arrivals. The determinant has the sign `side` (m,).
+    arrivals. The determinant has the sign `side` (m,); its `squares` at the last arrival
+    foresee `folds`, infinite where none.
     """
 
     def __init__(
@@ -124,12 +132,12 @@ class _Ways:
         short: bool,
         turned: Mapping[int, float],
     ) -> None:
-        self.newton, self.profiles = newton, profiles
+        self.newton, self.profiles, self.short = newton, profiles, short
         self.start, self.sizes, self.away = start, sizes, away
         m, self.shrinking = sizes.shape[1], SHRINKING[0 if short else 1]
-        self.gone, self.part, self.side = np.zeros(m), np.ones(m), np.zeros(m)
+        self.gone, self.part, self.folds = np.zeros(m), np.ones(m), np.full(m, np.inf)
         self.places, self.values = np.zeros((2, m)), np.stack([start, start])
-        self.slope = np.zeros_like(start)
+        self.slope, self.side, self.squares = np.zeros_like(start), np.zeros(m), np.zeros(m)
         for some in _blocks(np.arange(m)):
             soon = np.full(len(some), SOON)
             onward = start[:, some].copy()
@@ -140,21 +148,41 @@ class _Ways:
             finite = all_finite([*moved, begun.determinant], 0)
             self.slope[:, some] = np.where(finite, moved / SOON, 0.0)
             self.side[some] = np.sign(begun.determinant)
+            self.squares[some] = begun.determinant**2
 
     def advance(self, some: Indices) -> None:
         """Try the next parts of some ways; they become shorter where these do not hold."""
         ahead = np.minimum(self.gone[some] + self.part[some], 1.0)
-        now, shrunk, holds = self._corrected(some, ahead)
+        now, determinant, shrunk, holds = self._corrected(some, ahead)
         arrived, there = some[holds], ahead[holds]
         with np.errstate(all="ignore"):
             factor = MARGIN * self.shrinking / shrunk
         most = np.where(holds, LONGEST, 0.5)
         part = (ahead - self.gone[some]) * np.minimum(np.maximum(factor, LEAST), most)
+        if self.short:
+            part[holds] = self._before_folds(
+                arrived, there, determinant[holds], part[holds]
+            )
         self.gone[arrived] = there
         self.places[:, arrived] = self.places[1, arrived], there
         self.values[0][:, arrived] = self.values[1][:, arrived]
         self.values[1][:, arrived] = now[:, holds]
         self.part[some] = np.exp2(np.floor(np.log2(np.maximum(part, 0.5 * SHORTEST))))
+
+    def _before_folds(
+        self, rows: Indices, places: Floats, determinant: Floats, part: Floats
+    ) -> Floats:
+        """Return the next parts of ways that have come to places; 0 where they end."""
+        square = determinant**2
+        with np.errstate(all="ignore"):
+            falls = (self.squares[rows] - square) / (places - self.places[1, rows])
+            left = np.where(falls > 0.0, square / falls, np.inf)
+            fold = places + left
+            ends = np.abs(fold - self.folds[rows]) < SURE * left
+        ends &= fold + left < 1.0
+        self.squares[rows], self.folds[rows] = square, fold
+        shorter = np.minimum(part, np.maximum(TOWARDS * left, SHORTEST))
+        return np.where(ends, 0.0, shorter)
 
     def _foreseen(self, rows: Indices, t: Floats) -> tuple[Floats, Floats]:
         """Return the variables (v, k) foreseen at places, and how far these are."""
@@ -182,17 +210,20 @@ class _Ways:
         with np.errstate(all="ignore"):
             return self.newton.at(now, rest)
 
-    def _corrected(self, rows: Indices, ahead: Floats) -> tuple[Floats, Floats, Bools]:
+    def _corrected(
+        self, rows: Indices, ahead: Floats
+    ) -> tuple[Floats, Floats, Floats, Bools]:
         """Return where Newton's method leads from foreseen variables, and who holds.
 
-        With by what part of a step the worst one shrank. It
+        With the determinants there, and by what part of a step the worst one shrank. It
         holds where each step is this part of the one before at most (Kantorovich 1948), and
         the determinant keeps its sign. A configuration is left where a step is too long,
         and is there when the next step would be nothing, by how the last ones shrank; on
         the way, when it would not matter.
         """
         made, before = self._foreseen(rows, ahead)
-        shrank, holds = np.zeros(len(rows)), np.zeros(len(rows), dtype=bool)
+        determinant, shrank = np.zeros((2, len(rows)))
+        holds = np.zeros(len(rows), dtype=bool)
         left, goes_on = np.arange(len(rows)), np.ones(len(rows), dtype=bool)
         enough = np.where(ahead < 1.0, NEARLY, NOTHING)
         prepared = self._prepared(rows, ahead)
@@ -211,6 +242,7 @@ class _Ways:
                 same_side = np.sign(here.determinant) == self.side[rows[left]]
                 holds[left[ends & same_side]] = True
                 made[:, left[shrinks]] += step[:, shrinks]
+                determinant[left[goes_on]] = here.determinant[goes_on]
                 goes_on, before = shrinks & ~ends, length
                 if not np.any(goes_on):
                     break
@@ -218,7 +250,7 @@ class _Ways:
                     left, before = left[goes_on], before[goes_on]
                     prepared = prepared[:, goes_on]
                     goes_on = np.ones(len(left), dtype=bool)
-        return made, shrank, holds
+        return made, determinant, shrank, holds
 
 
 STEPS = 2.0 ** -np.array([5.0, 9.0, 13.0])
