@@ -172,6 +172,20 @@ def test_no_million_of_random_designs_is_better(name):
     assert found.objectives[0, 0] <= random_best(EXAMPLES / name, 1 << 20)
 
 
+def closes_with_gradients(evaluator, at, steps, mode, least):
+    """Hold the gradients of all figures against differences; return how a mode closes."""
+    figures, slopes, closes = FigureGradients(evaluator).at(at, SignedMode(mode))
+    every = np.concatenate([np.diag(steps), -np.diag(steps)]) + at
+    found = evaluator.at(np.concatenate([at[None], every]).T)
+    rows, count = np.flatnonzero(found.mode == mode), len(at)
+    for k, merit in enumerate(evaluator.figures.merits):
+        own = found.merits[merit.name][rows]
+        assert figures[k] == pytest.approx(own[0], rel=1e-12)
+        difference = (own[1 : count + 1] - own[count + 1 :]) / (2.0 * steps)
+        assert slopes[k] == pytest.approx(difference, rel=1e-6, abs=least), merit.name
+    return closes
+
+
 def test_gradients_of_figures_are_those_of_differences(tmp_path):
     path = tmp_path / "synthesis.toml"
     path.write_text(
@@ -183,21 +197,9 @@ def test_gradients_of_figures_are_those_of_differences(tmp_path):
         'f = "mean(min(B, 2))"\ng = "range(acceleration_coefficient_3_1)"\n'
     )
     evaluator = specification_of(path, designs=4).sweep.evaluator
-    gradients = FigureGradients(evaluator)
-    at = np.array([22.0, 41.0, 10.0])
+    at, step = np.array([22.0, 41.0, 10.0]), np.full(3, np.degrees(1e-6))
     for mode in ("+", "-"):
-        figures, slopes, closes = gradients.at(at, SignedMode(mode))
-        assert closes == 1.0
-        step = np.degrees(1e-6)
-        shifted = at[:, None] + step * np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1]])
-        every = np.concatenate([at[:, None], shifted, 2.0 * at[:, None] - shifted], axis=1)
-        found = evaluator.at(every)
-        rows = np.flatnonzero(found.mode == mode)
-        for k, merit in enumerate(evaluator.figures.merits):
-            own = found.merits[merit.name][rows]
-            assert figures[k] == pytest.approx(own[0], rel=1e-12)
-            difference = (own[1:4] - own[4:7]) / (2.0 * step)
-            assert slopes[k] == pytest.approx(difference, rel=1e-6, abs=1e-7), merit.name
+        assert closes_with_gradients(evaluator, at, step, mode, 1e-7) == 1.0
 
 
 ACTED = text_of("synthesis_acted")
@@ -215,17 +217,8 @@ def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
         'b = "rms(torque)"\nc = "mean(B)"\n'
     )
     evaluator = specification_of(path, designs=4).sweep.evaluator
-    gradients = FigureGradients(evaluator)
     at, steps = np.array([41.0, 2.1, 0.25, 2.5, 31.0]), np.array([1e-4] + 4 * [1e-5])
-    figures, slopes, _ = gradients.at(at, SignedMode("+"))
-    every = np.concatenate([np.diag(steps), -np.diag(steps)]) + at
-    found = evaluator.at(np.concatenate([at[None], every]).T)
-    rows = np.flatnonzero(found.mode == "+")
-    for k, merit in enumerate(evaluator.figures.merits):
-        own = found.merits[merit.name][rows]
-        assert figures[k] == pytest.approx(own[0], rel=1e-12)
-        difference = (own[1:6] - own[6:]) / (2.0 * steps)
-        assert slopes[k] == pytest.approx(difference, rel=1e-6, abs=1e-8), merit.name
+    closes_with_gradients(evaluator, at, steps, "+", 1e-8)
     design = evaluator.varied.design_at(at)
     numbers, by_values = design.sizes, design.slopes
     # About O the tensor has m (|c|^2 1 - c c^T), whose derivatives are known.
