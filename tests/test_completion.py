@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 import spherekit as sk
-from spherekit.cli.grammar import COMMANDS, parser
+from spherekit.cli.grammar import COMMANDS, ENTRY, home_of, parser
 from spherekit.cli.main import main
 from spherekit.cli.new import TEMPLATES
 
@@ -42,6 +42,12 @@ def test_help_loads_no_library_and_none_but_its_own_command(words):
     others = {f"spherekit.cli.{name}" for name in COMMANDS} - {"spherekit.cli.run"}
     assert not (others - {f"spherekit.cli.{word}" for word in words}) & loaded
     assert "examples:\n  # " in text
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_all_that_a_page_declares_is_an_argument(command):
+    entries = home_of(command).PAGE.partition("examples:")[0]
+    assert not ENTRY.sub("", entries).strip()
 
 
 @pytest.mark.parametrize("words", helps())

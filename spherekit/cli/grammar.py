@@ -63,7 +63,7 @@ EVERYWHERE = """
     say nothing but errors
 """
 
-_ENTRY = re.compile(
+ENTRY = re.compile(
     r"^(\| )?((?:-\w, )?--[\w-]+|[A-Z]+(?= \{)|) ?(\S.*?|)( \.\.\.)?( !)?(?: = (\S+))?\n"
     r"((?: {4}.*\n)+)",
     re.M,
@@ -207,7 +207,7 @@ class CommandParser(Parser):
             return
         entries, mark, examples = home_of(self._command).PAGE.partition("examples:")
         self.epilog = mark + examples
-        for either, matches in groupby(_ENTRY.findall(EVERYWHERE + entries), itemgetter(0)):
+        for either, matches in groupby(ENTRY.findall(EVERYWHERE + entries), itemgetter(0)):
             place = self.add_mutually_exclusive_group() if either else self
             for _, *entry in matches:
                 _declare(place, entry)
