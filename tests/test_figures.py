@@ -21,7 +21,7 @@ from spherekit.cli.main import main
 from spherekit.errors import AnalysisError
 from spherekit.figures import style
 from spherekit.figures.contents import figures_of
-from spherekit.figures.projection import EQUAL_AREA, STEREOGRAPHIC, centre_of
+from spherekit.figures.curves import EQUAL_AREA, STEREOGRAPHIC, centre_of
 from spherekit.markup import html_table
 
 CAP = 0.4

@@ -16,7 +16,7 @@ FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
     "nodes": 669_945,
     "code lines": 54_292,
-    "files": 329,
+    "files": 327,
     "classes": 676,
     "dataclasses": 479,
     "functions of 60 lines": 15,
