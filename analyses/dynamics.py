@@ -6,7 +6,7 @@ What the analyses whose tables have rows at every sample share: columns and plot
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,7 +142,6 @@ PARTS = Column("Q", "N m", "part of the load in the generalised force at", per_i
 DERIVATIVES = Column("dM", "kg m2/rad", "derivative of the entry by", per_input=True)
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Dynamics(AbstractAnalysis):
     """Torques at all inputs as they move: by their laws, or from the motion itself.

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -59,7 +59,6 @@ USABLE_RATES = 1e-6
 """Inertia and torque are not given where more than this part of the rates is in doubt."""
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Eksergian(AbstractAnalysis):
     """Torque that drives the input as it moves: by its law, or else at 1 rad/s.

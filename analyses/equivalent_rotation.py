@@ -5,7 +5,7 @@ Columns that say a pose of an output and its working mode.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +98,6 @@ FEASIBLE = 1e-9
 """A rotation that departs by less (rad) is one about a fixed axis."""
 
 
-@final
 @dataclass(frozen=True)
 class FoundRotation:
     """A rotation with its samples, its schedule, or why there is none of these.
@@ -116,7 +115,6 @@ class FoundRotation:
     unscheduled: str
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class EquivalentRotation(AbstractAnalysis):
     """The rotation about a fixed axis that carries an output link from `start` to `end`.

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, final
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,6 @@ POSED = ("azimuth", "tilt", "torsion", "phi", "gamma")
 """Angles that say a pose."""
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class InverseKinematicsAnalysis(AbstractAnalysis):
     """Inputs of poses of an output in every working mode, or all poses at given inputs.

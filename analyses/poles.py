@@ -5,7 +5,7 @@ What the analysis `poles` shows beside its plots: the lecture's chart, axodes, s
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,6 @@ REACH = 2.5
 PAIR_TONE, POLE_TONE = 0, 2
 
 
-@final
 class Chart:
     """The gnomonic chart: the plane that touches the sphere at x, seen from its centre.
 
@@ -214,7 +213,6 @@ MANY = 6
 """With more poles than this, those to the ground and the shown one are seen at first."""
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Poles(AbstractAnalysis):
     """Pole axis, velocity coefficient and its derivative for pairs of links.

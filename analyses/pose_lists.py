@@ -6,7 +6,7 @@ The tables of the analysis `inverse_kinematics`, and how they are filled.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +64,6 @@ TRIED = 7
 """Inputs at which a pose to show is looked for."""
 
 
-@final
 @dataclass(frozen=True)
 class PoseList:
     """n poses: `poses` directions (n, 3) or rotations (n, 3, 3), or `inputs` (n, inputs).
@@ -77,7 +76,6 @@ class PoseList:
     shape: tuple[int, ...] | None
 
 
-@final
 @dataclass(frozen=True)
 class Given:
     """Where poses come from, as the analysis is told: one of the three is not empty."""
@@ -393,7 +391,6 @@ PAIRS = Table(
 )
 
 
-@final
 @dataclass(frozen=True)
 class FoundPoses:
     """What was asked for, and what was found: one of `rows` and `forward` is None."""

@@ -5,7 +5,7 @@ A pose of an output as text: ``azimuth=10+tilt=20``, ``21=5.3+61=56.7``.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -160,7 +160,6 @@ UNDEFINED = "the output is not determined"
 """Name of a border where no bound is 0."""
 
 
-@final
 @dataclass(frozen=True)
 class Limited:
     """An output under limits of angles."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -42,7 +42,6 @@ SAME = 1e-9
 """Figures less apart than this part are the same: the first is named."""
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class ReactionAnalysis(AbstractAnalysis):
     """The moment about the centre that every pair transmits while the inputs move.

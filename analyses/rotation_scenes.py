@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -36,7 +35,6 @@ PATH_TONE, LOST_TONE = 0, 2
 PLANE_TONES = {0: 1, -1: 4}
 
 
-@final
 @dataclass(frozen=True)
 class RotationScenes:
     """Pages about a rotation.

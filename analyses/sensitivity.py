@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,6 @@ SHOWN = 6
 """Quantities whose derivatives are drawn, and sizes of each."""
 
 
-@final
 @dataclass(frozen=True)
 class Spread:
     """Quantities (c, n), their gradients (sizes, c, n), and what deviations do to them.
@@ -57,7 +56,6 @@ class Spread:
     tolerances: Mapping[str, NDArray[Any]]
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class SensitivityAnalysis(AbstractAnalysis):
     """Exact derivatives of quantities by sizes, and what deviating sizes do to them.

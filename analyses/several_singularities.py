@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -86,7 +86,6 @@ Loci = dict[str, list[SingularCurves | SingularSurface]]
 """What is found of each output: curves of two inputs, surfaces of three."""
 
 
-@final
 @dataclass(frozen=True)
 class SeveralInputs:
     """Singularities of a mechanism with several inputs, asked for once in a run.

@@ -5,7 +5,7 @@ What the analysis `singularities` shows, with one input and with several.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 
@@ -242,7 +242,6 @@ def words_of(kind: str) -> str:
     return kind if kind == SELF_MOTION else f"type {kind}"
 
 
-@final
 @dataclass(frozen=True)
 class OneInputScenes:
     """Pages about the singularities of a batch with one input.
@@ -400,7 +399,6 @@ def _planes(six: SixPoles, kind: str) -> Floats:
     return planes
 
 
-@final
 @dataclass(frozen=True)
 class SeveralScenes:
     """Pages about the singularities of a batch with several inputs, by its outputs.

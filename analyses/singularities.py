@@ -5,7 +5,7 @@ The half of the analysis `singularities` for mechanisms with one input.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, final
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,6 @@ RESTS = 1e-8
 """A rate by arc length below this is none."""
 
 
-@final
 @dataclass(frozen=True)
 class OneInput:
     """Singularities of a mechanism with one input, asked for once in a run.
@@ -365,7 +364,6 @@ def _found_with(
     return Sweep(parameter, values, *where, places=True, beside=beside, inputs=inputs)
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class SingularityAnalysis(AbstractAnalysis):
     """Singularities of types I, II and III, and the distance from them along the motion.

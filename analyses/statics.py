@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +58,6 @@ ADVANTAGES = Column(
 )
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Statics(AbstractAnalysis):
     """Torques that hold the mechanism at rest, and how stiffly the inputs hold outputs.

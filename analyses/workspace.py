@@ -5,7 +5,7 @@ What the analysis `workspace` shows: borders, margins and turns on the sphere.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -71,7 +71,6 @@ ROWS, COLUMNS, TORSIONS = 24, 48, 36
 """Tilts, azimuths and torsions at which orientations are drawn."""
 
 
-@final
 @dataclass(frozen=True)
 class WorkspaceScenes:
     """Pages about workspaces; `samples` are those of each mode, with how they fare."""
@@ -260,7 +259,6 @@ AREA = "sr or sr rad"
 """The unit of a set of directions, or of orientations."""
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class WorkspaceAnalysis(AbstractAnalysis):
     """Directions or orientations that an output reaches in a working mode.

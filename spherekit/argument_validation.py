@@ -13,7 +13,6 @@ from typing import (
     ParamSpec,
     TypeVar,
     Union,
-    final,
     get_args,
     get_origin,
     get_type_hints,
@@ -244,7 +243,6 @@ def _is_text(hint: Any) -> bool:
     return hint is not ArrayLike and "str" in str(hint)
 
 
-@final
 class Style(NamedTuple):
     """How types are said: simple ones, a choice of words, items one by one, and many."""
 

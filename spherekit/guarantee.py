@@ -6,7 +6,6 @@ What a search may spend, and what it says of itself while it goes on.
 import time
 from dataclasses import dataclass
 from enum import Enum
-from typing import final
 
 import numpy as np
 
@@ -32,7 +31,6 @@ class Guarantee(Enum):
     """What samples or random starts met is there."""
 
 
-@final
 @dataclass(frozen=True)
 class Completeness:
     """A guarantee, the size of the box (rad, 0 without one), and the reason in words."""
@@ -48,7 +46,6 @@ class Completeness:
         return f"{words}: {self.reason}"
 
 
-@final
 class TimeLimit:
     """Processor time (s) that a search may take from now on; without a limit by default.
 

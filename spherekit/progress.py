@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import final
 
 PATIENCE = 2.0
 """Time (s) after which work says what it is doing, and then again."""
@@ -22,7 +21,6 @@ def progress_listener(listener: Callable[[str], None] | None) -> Iterator[None]:
         _listener.reset(token)
 
 
-@final
 class ProgressReporter:
     """Work that says every few seconds what it is doing and how far it is."""
 

@@ -284,3 +284,23 @@ def test_every_package_is_in_the_distribution():
     listed = set(project["tool"]["setuptools"]["packages"])
     made = (path.parent.relative_to(ROOT) for path in PACKAGE.rglob("__init__.py"))
     assert {".".join(path.parts) for path in made} <= listed
+
+
+INHERITED = """
+AbstractAnalysis AbstractOutput AnalysisError ArrayRows BearingFriction Chords
+ClosedKinematics Curve CurvePoints Curves EngineError InputMotion Joint Load MotionMeasures
+OutputKinematics Parametrised Parser PlanError Problem Recorder Sampler SpherekitError
+Way Zone _Joint _LiveOutput _Path
+"""
+
+
+def test_only_these_classes_are_inherited_from():
+    """Each is abstract, or bears rows or errors of several kinds; all others are final."""
+    classes = {
+        node.name: [ast.unparse(base).split("[")[0].split(".")[-1] for base in node.bases]
+        for path in (*FILES, *(ROOT / "analyses").glob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    }
+    inherited = {base for bases in classes.values() for base in bases if base in classes}
+    assert inherited == set(INHERITED.split())

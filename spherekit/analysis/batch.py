@@ -7,7 +7,7 @@ What an analysis declares to read.
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, TypeVar, final
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,6 @@ from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.request import PoleField
 
 
-@final
 @dataclass(frozen=True)
 class Needs:
     """What an analysis reads, by link numbers, pair names and link names.
@@ -80,7 +79,6 @@ Values = TypeVar("Values", bound=Array)
 Made = TypeVar("Made")
 
 
-@final
 @dataclass(frozen=True)
 class Batch:
     """Read-only view of a block of samples of all modes, limited to declared needs.

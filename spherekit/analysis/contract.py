@@ -1,6 +1,6 @@
 """The contract between spherekit and an analysis: needs, batch, tables, scene.
 
-A plugin is a final frozen dataclass derived from `AbstractAnalysis`; its fields are its
+A plugin is a frozen dataclass derived from `AbstractAnalysis`; its fields are its
 parameters. It says what it needs before anything is computed, gets exactly that, block
 after block or for all samples at once, and returns the tables it declared.
 
@@ -13,7 +13,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, final
+from typing import Any, ClassVar, Literal
 
 from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.scene import Scene
@@ -44,7 +44,6 @@ _PLACE = re.compile(r"(.*),\s*(\w+)\s*", re.S)
 _BARE = re.compile(r"\s*(?:abs\s*\(\s*)?([A-Za-z_]\w*)\s*\)?\s*")
 
 
-@final
 @dataclass(frozen=True)
 class FigureOfMerit:
     """A figure of merit: a reduction of an expression over the rows of a design.
@@ -178,7 +177,6 @@ CONTRACT = 1
 """Version of this contract; a plugin states the one it was written for."""
 
 
-@final
 @dataclass(frozen=True)
 class Sweep:
     """A parameter of an analysis that trades speed for accuracy, for `spherekit trade`.
@@ -209,7 +207,6 @@ class Sweep:
         return self.inputs in ("any", several)
 
 
-@final
 @dataclass(frozen=True)
 class Findings:
     """What an analysis has to say beside its tables.
@@ -224,7 +221,7 @@ class Findings:
 
 
 class AbstractAnalysis(ABC):
-    """Base class of analyses; subclasses are final frozen dataclasses of parameters."""
+    """Base class of analyses; subclasses are frozen dataclasses of parameters."""
 
     name: ClassVar[str]
     version: ClassVar[str]
@@ -292,7 +289,6 @@ class AbstractAnalysis(ABC):
         return now
 
 
-@final
 @dataclass(frozen=True)
 class BrokenAnalysis(AbstractAnalysis):
     """An analysis that is asked for and cannot be used; `why` says what is wrong."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 from spherekit.analysis.folder import Unfinished
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
@@ -16,7 +16,6 @@ from spherekit.errors import AnalysisError
 Progress = Callable[[int, int], None]
 
 
-@final
 @dataclass(frozen=True)
 class Execution:
     """How a run is done; what it goes through is its `Study`.

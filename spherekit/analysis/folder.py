@@ -19,7 +19,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 from spherekit.analysis.rows import order_of, parts_in_order, typed
 from spherekit.analysis.tables import (
@@ -64,7 +64,6 @@ Unfinished = Literal["refuse", "resume", "discard"]
 """What to do with the unfinished work in a folder."""
 
 
-@final
 class RunFolder:
     """A folder for the results of one run, which holds its lock."""
 
@@ -295,7 +294,6 @@ def foreign(place: Path, files: re.Pattern[str], folders: re.Pattern[str]) -> li
 _NOTHING = re.compile(r"(?!)")
 
 
-@final
 class StoredParts:
     """The tables of a run while it goes on: a file for each block of each table.
 

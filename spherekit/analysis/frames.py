@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, final
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -344,7 +344,6 @@ DESIGN = "design"
 """The column that says whose rows tables of many designs have."""
 
 
-@final
 class PartTables:
     """The tables of the designs of one part, taken design by design.
 
@@ -456,7 +455,6 @@ def columns_text(tables: Mapping[str, tuple[str, Table]], degrees: bool) -> byte
     return _csv([("table", "column", "unit", "meaning"), *rows])
 
 
-@final
 class ParquetColumns(Mapping[str, Array]):
     """The columns of a Parquet file that `write_table` wrote, read when asked for.
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +22,6 @@ SAME_PLACE = 1e-6
 """Arc (rad) below which two places on a link are drawn as one."""
 
 
-@final
 @dataclass(frozen=True)
 class Shape:
     """What draws a link, in its own axes: curves (k, 3) each, joints (j, 3), names."""

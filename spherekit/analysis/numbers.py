@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +24,6 @@ _NAMED = re.compile(r" \[(deg|rad)\]$")
 """The unit of an angle at the end of a header."""
 
 
-@final
 @dataclass(frozen=True)
 class Numbers:
     """Columns (n, names) of a file, the place of each row in it, and units if it says."""

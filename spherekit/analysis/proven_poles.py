@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +80,6 @@ PROVEN = Table(
 )
 
 
-@final
 @dataclass(frozen=True)
 class ProvenPoles:
     """The table, and how many rows of poles are proven and of each finding."""

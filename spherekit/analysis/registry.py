@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any, final
+from typing import Any
 
 from spherekit.analysis.arguments import given_in
 from spherekit.analysis.class_check import fault_of_class
@@ -19,7 +19,6 @@ from spherekit.errors import AnalysisError, PluginError
 GROUP = "spherekit.analyses"
 
 
-@final
 @dataclass(frozen=True)
 class Record:
     """An installed analysis: where it comes from, and why it cannot be used if so."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, final, overload
+from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
 
 import numpy as np
 
@@ -61,7 +61,6 @@ class Views(Protocol):
         """Return all figures by name, to be drawn when asked for."""
 
 
-@final
 @dataclass(frozen=True)
 class AnalysisResult:
     """The tables of one analysis, as declared arrays.
@@ -75,7 +74,6 @@ class AnalysisResult:
     data: Mapping[str, TableArrays]
 
 
-@final
 @dataclass(frozen=True)
 class RunResult:
     """The tables of all analyses of a run, its failures and its summary.

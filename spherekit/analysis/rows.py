@@ -3,7 +3,7 @@
 import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +22,6 @@ LARGEST_SHARE = 8
 """Columns that are a smaller part of an array than one of so many are kept as copies."""
 
 
-@final
 class InMemory:
     """Keeps the blocks of tables as they come; columns that nobody read are not made."""
 
@@ -44,7 +43,6 @@ class InMemory:
         return JoinedBlocks(self._blocks[analysis, table.name], table)
 
 
-@final
 class JoinedBlocks(Mapping[str, Array]):
     """The columns of blocks, joined when they are first read.
 

@@ -13,7 +13,7 @@ The units that columns may have: SI without prefixes, products and powers, as pr
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +58,6 @@ def _is_single(text: str) -> bool:
 TINY = 1e-300
 
 
-@final
 @dataclass(frozen=True)
 class Axis:
     """What rows run over: an input, the time, or a quantity of an analysis."""
@@ -85,7 +84,6 @@ class Axis:
         return titled(self.label, self.unit)
 
 
-@final
 @dataclass(frozen=True)
 class Body:
     """A link: curves and joints fixed in its own axes, turned by a quaternion."""
@@ -103,7 +101,6 @@ class Body:
     """(n, 4) xyzw, link axes to ground axes; None for the ground."""
 
 
-@final
 @dataclass(frozen=True)
 class Arrow:
     """A direction from the centre, with the path its tip leaves on the sphere."""
@@ -120,7 +117,6 @@ class Arrow:
     """Whether successive rows are places on one path."""
 
 
-@final
 @dataclass(frozen=True)
 class Trace:
     """The path that a direction leaves in the axes of a link, whole, turned with the link.
@@ -148,7 +144,6 @@ class Trace:
         return self.directions @ turn.T
 
 
-@final
 @dataclass(frozen=True)
 class GreatCircle:
     """A great circle given by the normal of its plane."""
@@ -159,7 +154,6 @@ class GreatCircle:
     """(n, 3) unit vectors."""
 
 
-@final
 @dataclass(frozen=True)
 class Series:
     """A scalar against the timelines; series of one group share one plot."""
@@ -182,7 +176,6 @@ class Series:
         return titled(self.group, self.unit)
 
 
-@final
 @dataclass(frozen=True)
 class InputMarks:
     """Inputs at which something is, such as a singularity, for all plots of the page.
@@ -198,7 +191,6 @@ class InputMarks:
     tone: int = 0
 
 
-@final
 @dataclass(frozen=True)
 class Mark:
     """A named point: of a curve in a plane (2,), or a direction on the sphere (3,).
@@ -211,7 +203,6 @@ class Mark:
     tone: int = 0
 
 
-@final
 @dataclass(frozen=True)
 class PlaneCurve:
     """A curve in the plane of a portrait, named if it has to be told from others."""
@@ -222,7 +213,6 @@ class PlaneCurve:
     label: str = ""
 
 
-@final
 @dataclass(frozen=True)
 class Portrait:
     """One quantity against another, as a curve in a plane with a mark that moves.
@@ -263,7 +253,6 @@ class Portrait:
         return (points - low) / np.maximum(high - low, TINY)
 
 
-@final
 @dataclass(frozen=True)
 class SphereCurves:
     """Curves and marks on the unit sphere, in ground axes, that do not move."""
@@ -276,7 +265,6 @@ class SphereCurves:
     marks: Sequence[Mark] = ()
 
 
-@final
 @dataclass(frozen=True)
 class SphereMap:
     """A part of the unit sphere, in ground axes, coloured by a value; it does not move.
@@ -302,7 +290,6 @@ class SphereMap:
         return self.values[seen]
 
 
-@final
 @dataclass(frozen=True)
 class Surface:
     """A triangulated surface in a space of its own, with its axes named.
@@ -325,7 +312,6 @@ class Surface:
     values_unit: str = ""
 
 
-@final
 @dataclass(frozen=True)
 class Diagram:
     """Points and straight lines that move in a plane with one scale on both axes."""
@@ -351,7 +337,6 @@ class Diagram:
     reading_names: tuple[str, str] = ("", "")
 
 
-@final
 @dataclass(frozen=True)
 class Graph:
     """A link/pair graph: links and pairs are nodes, edges say which pair joins which."""
@@ -364,7 +349,6 @@ class Graph:
     """Layout in the unit square, one per node."""
 
 
-@final
 @dataclass(frozen=True)
 class Text:
     """A panel of Markdown."""
@@ -413,7 +397,6 @@ Page = int | str | None
 """The number of a mode, the title of a page of its own, or None for every page."""
 
 
-@final
 @dataclass(frozen=True)
 class Scene:
     """Primitives of one page: of an assembly mode, of a page of its own, or of every page.
@@ -506,7 +489,6 @@ def _thinned(primitive: Primitive, chosen: Bools) -> Primitive:
     return replace(primitive, **kept)
 
 
-@final
 @checked_class(OutputError)
 @dataclass(frozen=True)
 class RecordingHead:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 import numpy as np
 
@@ -31,7 +31,6 @@ MOST_CSV = 1e8
 """Bytes of CSV that are written without being asked for."""
 
 
-@final
 @dataclass(frozen=True)
 class Files:
     """Which files tables go to, if that was said, and whether angles are in degrees."""
@@ -60,7 +59,6 @@ CHUNK = 1 << 17
 """Rows that are written and read at once."""
 
 
-@final
 @dataclass(frozen=True)
 class Column:
     """One column of a table; `unit` is SI, rad, 1/rad, or empty for pure numbers.
@@ -104,7 +102,6 @@ class Column:
         return self.unit_in(degrees) or ("1" if self.kind == "number" else "")
 
 
-@final
 @dataclass(frozen=True)
 class Table:
     """A tidy table: one row per (sample, assembly mode, subject)."""

@@ -15,7 +15,7 @@ from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NoReturn, final
+from typing import Any, NoReturn
 
 from spherekit.cli import suggest
 from spherekit.version import __version__
@@ -130,7 +130,6 @@ SUGGEST: Mapping[str, suggest.Suggest] = {
 """What a shell may complete where a word of a page stands."""
 
 
-@final
 class Formatter(argparse.RawDescriptionHelpFormatter):
     """Help with the examples as they are, and words before what they mean."""
 
@@ -193,7 +192,6 @@ def _as_file(word: str) -> str:
     return ""
 
 
-@final
 class CommandParser(Parser):
     """The parser of a subcommand, whose module is loaded when the command is read."""
 

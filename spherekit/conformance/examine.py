@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +63,6 @@ class NotAppliesError(Exception):
     """A check does not apply; says why."""
 
 
-@final
 class ConformanceSuite:
     """An analysis looked at, line by line."""
 

@@ -6,7 +6,7 @@ An analysis asked for the samples of one mechanism, in blocks, on data made host
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, final
+from typing import Literal
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from spherekit.rates.request import SignContinuation
 Verdict = Literal["holds", "FAILS", "not checked"]
 
 
-@final
 @dataclass(frozen=True)
 class Line:
     """One check: what it asks, whether that holds, and what was seen."""
@@ -41,7 +40,6 @@ class Line:
         return f"{self.name:12s} {self.verdict:12s} {self.note}".rstrip()
 
 
-@final
 @dataclass(frozen=True)
 class Report:
     """The lines of a conformance check, in the order in which they were looked at."""
@@ -72,7 +70,6 @@ def _kept(motion: Motion) -> Motion:
     return motion
 
 
-@final
 @dataclass(frozen=True)
 class ConformanceCase:
     """An analysis and what it is tried on: `samples` of each input's range."""

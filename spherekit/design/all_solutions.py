@@ -14,7 +14,6 @@ Wampler, The Numerical Solution of Systems of Polynomials, 2005, chapter 7).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -41,7 +40,6 @@ SEEDED = 5
 """Inputs at which solutions to start from are looked for."""
 
 
-@final
 @dataclass(frozen=True)
 class StartSolutions:
     """The solutions (variables, m) of a design with `sizes` (k,) at complex inputs q.
@@ -212,7 +210,6 @@ SAME = 1e-6
 """Solutions that differ by less (rad) are one."""
 
 
-@final
 @dataclass(frozen=True)
 class HomotopyPath:
     """Ways of n rows in sizes and inputs: straight, and bent off the real axis between.

@@ -5,7 +5,6 @@ The least of the greatest of several functions that have kinks, within bounds.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -135,7 +134,6 @@ SLACK = 1e-9
 """A condition that is missed by less, of its size, holds."""
 
 
-@final
 class FigureGradients:
     """The figures of an evaluator with their derivatives by its variables.
 
@@ -234,7 +232,6 @@ def with_derivatives(
     return array_function([*items, *partial], terms)
 
 
-@final
 class Descent:
     """Descents of a synthesis in units of the ranges of its variables."""
 
@@ -380,7 +377,6 @@ BESIDE = 0.1
 """Starts nearer than this part of every range lead to the same place."""
 
 
-@final
 @dataclass(frozen=True)
 class LocalOptimum:
     """Where a descent ended: mode, place in units of the ranges, objectives and figures."""
@@ -391,7 +387,6 @@ class LocalOptimum:
     figures: Floats
 
 
-@final
 class Convergence:
     """Descents to where a synthesis's objectives no longer fall.
 

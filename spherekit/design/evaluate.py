@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import product
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +79,6 @@ TOGETHER = 16384
 """Rows that are looked at together: they stay in the cache."""
 
 
-@final
 class KernelTurns:
     """The turns of one assembly mode of designs.
 
@@ -289,7 +288,6 @@ SAME_INPUT = 1e-9
 """Inputs (rad) that differ by less are those of one sample."""
 
 
-@final
 class Evaluator:
     """The figures of merit of designs of one topology.
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,6 @@ FAILED = "FAILED"
 NEVER = "does not close at any sample"
 
 
-@final
 @dataclass(frozen=True)
 class DesignSamples:
     """The inputs at every sample.
@@ -149,7 +148,6 @@ def _lattice(study: Study, mechanism: Mechanism) -> InputGrid:
     return grid(mechanism.inputs, samples)
 
 
-@final
 @dataclass(frozen=True)
 class Evaluated(ArrayRows):
     """Designs in their assembly modes: one row for each that closes, one for the others.
@@ -207,7 +205,6 @@ def refused(problem: SpherekitError, names: Sequence[str]) -> Evaluated:
     return Evaluated.of([0], names, status=status, reason=reason_of(problem))
 
 
-@final
 class KernelFigures:
     """What figures of merit read of samples, and what they make of it.
 

@@ -11,7 +11,6 @@ a singularity would join two.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -45,7 +44,6 @@ TINY = 1e-7
 """Steps and predictions that are off by less (rad) are in order."""
 
 
-@final
 @dataclass(frozen=True)
 class Modes:
     """Assembly modes of designs: one row for each.
@@ -124,7 +122,6 @@ def _gathered(
     return Modes(design, values, labels, np.flatnonzero(lost))
 
 
-@final
 @dataclass(frozen=True)
 class _Sample:
     """Solutions (variables, n) at a sample, which are real (n,), and what follows."""
@@ -139,7 +136,6 @@ class _Sample:
         return np.tensordot(h, self.rates, 1)
 
 
-@final
 class _Following:
     """All solutions of designs, `together` rows of each, while the inputs go on."""
 

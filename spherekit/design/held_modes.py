@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from spherekit.errors import SpherekitError
 from spherekit.sphere.rotation import all_finite, nans
 
 
-@final
 @dataclass(frozen=True)
 class SignedMode:
     """The mode of groups that are all dyads, by their signs: ``+-``."""
@@ -38,7 +36,6 @@ class SignedMode:
         return self.label == other.label
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class FollowedMode:
     """The mode of any groups and profiles, by the configurations of one design.
@@ -94,7 +91,6 @@ the kernel has of it for a design, NaN where it does not close or cannot be foll
 """
 
 
-@final
 class TrackedModes:
     """The assembly modes of designs of an evaluator."""
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
-from typing import final
 
 import numpy as np
 
@@ -112,7 +111,6 @@ def _blocks(rows: Indices) -> list[Indices]:
     return [rows[start : start + BLOCK] for start in range(0, len(rows), BLOCK)]
 
 
-@final
 class _Ways:
     """The ways of variables (v, m) so far, and on by a cubic through where they were.
 
@@ -269,7 +267,6 @@ def has_other_profiles(mechanism: Mechanism) -> bool:
     )
 
 
-@final
 class ProfileNumbers:
     """The columns of all profiles of a mechanism, and their derivatives by its numbers.
 

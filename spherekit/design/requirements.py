@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from socket import gethostname
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +30,6 @@ MATCH = "match"
 """The figure of precision points."""
 
 
-@final
 @dataclass(frozen=True)
 class Specification:
     """What sizes are wanted: objectives, and conditions, of figures of a sweep.
@@ -251,7 +250,6 @@ def _evolved(
     return np.atleast_2d(result.X)[np.argsort(np.atleast_2d(result.F)[:, 0], kind="stable")]
 
 
-@final
 class Cluster:
     """The workers that a scheduler has, by its address; they see the folder of parts.
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,6 @@ RunTable = tuple[str, Table, TableArrays]
 """What a run's file is called, its table, and the columns of that."""
 
 
-@final
 @dataclass(frozen=True)
 class DesignRun:
     """What the run of a design found.
@@ -68,7 +67,6 @@ class DesignRun:
     tables: tuple[RunTable, ...]
 
 
-@final
 class DesignRuns:
     """Figures and tables of runs, joined mode by mode with the figures of a kernel.
 

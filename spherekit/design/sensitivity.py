@@ -6,7 +6,7 @@ A mechanism of which numbers of its file vary: one set of terms for all designs.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +59,6 @@ from spherekit.progress import ProgressReporter
 DEG = np.pi / 180.0
 
 
-@final
 @dataclass(frozen=True)
 class DesignAt:
     """What kernels have of a design.
@@ -89,7 +88,6 @@ class DesignAt:
         return made
 
 
-@final
 class VariedMechanism:
     """The designs of a mechanism, by numbers of its file.
 
@@ -194,7 +192,6 @@ TOGETHER = 2**16
 """Deviating configurations that are solved together."""
 
 
-@final
 class Sensitivity:
     """Quantities of configurations and their exact derivatives by sizes.
 
@@ -496,7 +493,6 @@ Distribution = Literal["normal", "uniform"]
 DISTRIBUTIONS: tuple[Distribution, ...] = ("normal", "uniform")
 
 
-@final
 @dataclass(frozen=True)
 class SizeDeviations:
     """Draws of sizes about those of the file.

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,6 @@ SCHEMES: tuple[Scheme, ...] = ("grid", "sobol", "latin", "random")
 Values = Sequence[float] | tuple[float, float, int] | tuple[float, float]
 
 
-@final
 @dataclass(frozen=True)
 class Variation:
     """What a variable takes on: listed `values`, or all from `low` to `high`."""
@@ -95,7 +94,6 @@ def listed(key: str, values: Sequence[float]) -> Variation:
     return Variation(key, min(values), max(values), tuple(values))
 
 
-@final
 @dataclass(frozen=True)
 class DesignSpace:
     """Designs by number, the same whenever and wherever they are asked for."""
@@ -189,7 +187,6 @@ _COMPARED = re.compile(r"(<=|>=|<|>)")
 _HOLDS = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal}
 
 
-@final
 @dataclass(frozen=True)
 class Condition:
     """``left < right`` of two expressions; where a value is NaN it does not hold."""
@@ -265,7 +262,6 @@ DESIGNS, TABLES = "designs", "tables"
 Columns = dict[str, Any]
 
 
-@final
 @dataclass(frozen=True)
 class Sweep:
     """Designs of one topology, and the figures of merit that are wanted of each.

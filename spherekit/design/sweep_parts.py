@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from traceback import format_exc
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -151,7 +151,6 @@ LOCK = ".sweep.lock"
 FEWER = "what is written stays; choose another folder, or fewer designs or samples"
 
 
-@final
 @dataclass(frozen=True)
 class SweepResult:
     """The designs of a sweep with their figures of merit, and the tables of their runs.

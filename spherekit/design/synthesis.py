@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,7 +34,6 @@ SAME = 1e-3
 """Ends of descents nearer than this part of every range, or of 1 rad in arcs, are one."""
 
 
-@final
 @dataclass(frozen=True)
 class Synthesis:
     """Designs that a synthesis found, the least of the first objective first.

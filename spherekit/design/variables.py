@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,6 @@ ACTIONS = ("mass", "loads")
 _GEOMETRY = ("arcs", "angles", "zeros", "values", "longitudes", "latitudes")
 
 
-@final
 @dataclass(frozen=True)
 class DesignVariable:
     """A number of a mechanism file that is varied.
@@ -291,7 +290,6 @@ _PLACE = re.compile(r"^[^\s:]+\.toml(?::\d+)?: ", re.MULTILINE)
 """A file's name, and perhaps a line, before what is wrong."""
 
 
-@final
 class FileNumbers:
     """What the file of a design says of masses and loads, and of contacts of circles.
 

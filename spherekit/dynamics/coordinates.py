@@ -14,7 +14,7 @@ it is Eksergian's, B q'' + 1/2 dB/dq q'^2 = Q + tau (Di Gregorio 2024, eq. (9)).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, final
+from typing import Literal
 
 import numpy as np
 
@@ -31,7 +31,6 @@ from spherekit.sphere.rotation import all_finite, cross, nans
 Order = Literal[1, 2]
 
 
-@final
 @dataclass(frozen=True)
 class CoordinateMotion(ArrayRows):
     """Configurations in rows, and how they change with m coordinates.
@@ -225,7 +224,6 @@ STILL = 1e-9
 """Links that turn slower than this part of the fastest stand still but for rounding."""
 
 
-@final
 @dataclass(frozen=True)
 class Inertia:
     """Each link's part of the inertia matrix M and of its derivatives.

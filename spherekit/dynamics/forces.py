@@ -17,7 +17,6 @@ two sums of one form: a linear map of a, and w times that of w.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import final
 
 import numpy as np
 
@@ -35,7 +34,6 @@ from spherekit.numeric.zeros import ArrayRows
 from spherekit.sphere.rotation import cross, max_abs, transpose
 
 
-@final
 class Loads:
     """The loads of a mechanism, ready to be evaluated at any configurations.
 
@@ -196,7 +194,6 @@ DETERMINED = 1e-7
 """A reaction that takes a larger part than this in such a balance is not determined."""
 
 
-@final
 @dataclass(frozen=True)
 class DrivenState(ArrayRows):
     """n rows of a mechanism that moves, with the torques (n, inputs) that drive it.
@@ -215,7 +212,6 @@ class DrivenState(ArrayRows):
     carried: Floats | None = None
 
 
-@final
 @dataclass(frozen=True)
 class JointReactions:
     """Moments about O (N m) and forces through it (N), in pair axes, at n rows.
@@ -242,7 +238,6 @@ class JointReactions:
         return np.hypot(self.wrenches[..., 0], self.wrenches[..., 1])
 
 
-@final
 class NewtonEuler:
     """Newton's and Euler's equations of all links at n rows, solved for what pairs hold.
 

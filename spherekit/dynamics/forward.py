@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, final
+from typing import Literal
 
 import numpy as np
 
@@ -33,7 +33,6 @@ from spherekit.progress import tell
 from spherekit.sphere.rotation import max_abs
 
 
-@final
 @dataclass(frozen=True)
 class Solved:
     """A simulation as far as it is solved.

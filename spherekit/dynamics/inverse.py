@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -85,7 +84,6 @@ def judged(
     return status
 
 
-@final
 @dataclass(frozen=True)
 class InverseSolution(InputMotion):
     """The driving torques, row after row: mode after mode, in each the times.
@@ -452,7 +450,6 @@ RIGID = 1e-12
 moves a link by less than this part of the fastest link does not move it."""
 
 
-@final
 @dataclass(frozen=True)
 class Stiffness:
     """How inputs hold a link relative to another one at n rows.

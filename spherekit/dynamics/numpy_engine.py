@@ -8,7 +8,6 @@ well the solution is resolved.
 
 import time
 from collections.abc import Generator
-from typing import final
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -97,7 +96,6 @@ NOWHERE: dict[Status, tuple[EndKind, str]] = {
 """The ends where there are no rates."""
 
 
-@final
 class Collocation:
     """One integration of a problem, kept while it goes on, step by step."""
 

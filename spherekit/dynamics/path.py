@@ -9,7 +9,6 @@ are zeros of functions known at its nodes or as polynomials.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import final
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -41,7 +40,6 @@ INTEGRAL = legendre.legvander(GAUSS, NODES) @ legendre.legint(TO_SERIES, lbnd=-1
 """(N, N) gives the integrals from -1 to each node, from values at all."""
 
 
-@final
 @dataclass(frozen=True)
 class Step:
     """One step: start, length, state at the start, and the series (N, states) of its rate.
@@ -164,7 +162,6 @@ class Step:
         return min([*passed, float(self.times[1 + int(np.argmax(small))])])
 
 
-@final
 @dataclass(frozen=True)
 class Traced(ArrayRows):
     """States and their rates (n, states) at n times, as in `spherekit.dynamics.state`.
@@ -189,7 +186,6 @@ BLOCK = 1024
 """Times at which states are evaluated together."""
 
 
-@final
 @dataclass(frozen=True)
 class StatePath:
     """The states of a simulation over time, whichever engine found them.

@@ -14,7 +14,6 @@ forces open.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -32,7 +31,6 @@ ROUNDING = 1e-12
 """A contact pulls where it does so by more than this part of the largest reaction."""
 
 
-@final
 @dataclass(frozen=True)
 class Reactions:
     """What every pair transmits at n rows of a motion.

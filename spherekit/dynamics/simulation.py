@@ -9,7 +9,7 @@ input (Di Gregorio 2024, eqs. (30), (31)).
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, final
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -93,7 +93,6 @@ up to 94 times as large.
 """
 
 
-@final
 @dataclass(frozen=True)
 class Event:
     """What happened at time `t` (s), at the variables of the `inputs` (rad).
@@ -116,7 +115,6 @@ class Event:
         return float(single(np.array(self.inputs)))
 
 
-@final
 @dataclass(frozen=True)
 class SimulationEnd:
     """Why a simulation ended, and when (s); `time` is the end that was asked for."""
@@ -159,7 +157,6 @@ def cannot_leave(problem: Problem, why: str) -> SolveError:
     return SolveError(f"{name}: the motion cannot leave its start: {why}")
 
 
-@final
 @dataclass(frozen=True)
 class Forecast:
     """What each engine was expected to take for what is left (s), compiling included."""
@@ -171,7 +168,6 @@ class Forecast:
         return f"expected NumPy {self.numpy:.2g} s more, compiled {self.compiled:.2g} s"
 
 
-@final
 @dataclass(frozen=True)
 class EngineReport:
     """Which engine found a simulation, and what that cost.
@@ -189,7 +185,6 @@ class EngineReport:
     forecast: Forecast | None = None
 
 
-@final
 @dataclass(frozen=True)
 class Checks:
     """What a simulation says about its own errors.
@@ -211,7 +206,6 @@ class Checks:
     error: float | None = None
 
 
-@final
 @dataclass(frozen=True)
 class History(InputMotion):
     """A simulation at n times, rows in order of time.
@@ -243,7 +237,6 @@ class History(InputMotion):
         return f"<History: {counted(len(self.t), 'time')}{span}>"
 
 
-@final
 @dataclass(frozen=True)
 class Simulation:
     """The solution of the direct problem, kept as far as it went.

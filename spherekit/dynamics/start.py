@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import final
 
 import numpy as np
 
@@ -53,7 +52,6 @@ KEPT = 8
 _TRACERS = Cache(most=KEPT)
 
 
-@final
 @checked_class(SolveError)
 @dataclass(frozen=True)
 class PoseStart:
@@ -69,7 +67,6 @@ class PoseStart:
     rate: float | Sequence[float]
 
 
-@final
 @dataclass(frozen=True)
 class Problem:
     """A direct problem of m freedoms that has passed all checks.

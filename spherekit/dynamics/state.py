@@ -34,7 +34,6 @@ that lock. Newton's step is taken where it leaves less than iteration does.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import final
 
 import numpy as np
 
@@ -70,7 +69,6 @@ from spherekit.motion.motion import Timing
 from spherekit.sphere.rotation import all_finite, transpose
 
 
-@final
 @dataclass(frozen=True)
 class IndeterminateForces:
     """What a file would have to say more.
@@ -299,7 +297,6 @@ LONGEST = 0.05
 """Longest of these (rad): near a crossing the first may lead far away."""
 
 
-@final
 @dataclass(frozen=True)
 class Roots:
     """The symmetric roots R of inertia matrices (n, m, m), by their eigenvectors.
@@ -358,7 +355,6 @@ class Roots:
         return (self.vectors @ skew @ back @ p[..., None])[..., 0]
 
 
-@final
 @dataclass(frozen=True)
 class Dynamics:
     """Motion, inertia and generalised forces at n states.
@@ -387,7 +383,6 @@ class Dynamics:
         return self.roots.solved(np.sum(self.forces, axis=2)) + self.bend
 
 
-@final
 class EquationOfMotion:
     """Rates of the state (n, variables + m + loads) of one mechanism with its loads."""
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +32,6 @@ DAMAGED: tuple[type[Exception], ...] = (
 """What NumPy and zipfile raise of archives in which a bit has changed."""
 
 
-@final
 @dataclass(frozen=True)
 class StoredFunction:
     """A stored function of the coordinates: its `largest` value and measured `error`.
@@ -47,7 +46,6 @@ class StoredFunction:
     error: float
 
 
-@final
 @dataclass(frozen=True)
 class StoredLoad:
     """The magnitudes of a load's components, and the stored functions they work on.
@@ -72,7 +70,6 @@ class StoredLoad:
         return TorqueTable(self.name, "", self.times, self.torques, self.repeats)
 
 
-@final
 @dataclass(frozen=True)
 class StoredHeading:
     """What a stored model of m coordinates is of, without its numbers.
@@ -247,7 +244,6 @@ Single = Callable[[Any], list[float]]
 """Some functions at one place, in the least time."""
 
 
-@final
 class StoredDynamics:
     """Inertia, Christoffel symbols and loads of a model, one state at a time.
 
@@ -338,7 +334,6 @@ def _sizes(
     return given, tables
 
 
-@final
 @dataclass(frozen=True)
 class Archive:
     """A kind of NumPy archive with a heading: its format, and how one is made."""

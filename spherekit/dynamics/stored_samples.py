@@ -10,7 +10,6 @@ the second order.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import final
 
 import numpy as np
 
@@ -180,7 +179,6 @@ class Sampler:
             return self.closure.solve(values, self.driven, trust=TRUST), near, step
 
 
-@final
 class AlongCurve(Sampler):
     """These along the whole curve of one input, and all that is asked of its poles."""
 
@@ -334,7 +332,6 @@ class AlongCurve(Sampler):
         self.marks = marks
 
 
-@final
 class OverBox(Sampler):
     """These over the ranges of several inputs."""
 

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from math import sqrt
-from typing import final
 
 import numpy as np
 
@@ -248,7 +247,6 @@ MARGIN = 0.03
 """The integrator's own tolerance per step, as part of the error tolerated in the end."""
 
 
-@final
 @dataclass(frozen=True)
 class TabulatedMotion:
     """The motion at times `t` (n,), s; NaN after the curve has ended.

@@ -8,7 +8,7 @@ evaluates it in control loops. It needs NumPy and the standard library only.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, TypeVar, final, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,7 +51,6 @@ NUMBER = (float, int)
 Place = TypeVar("Place", float, Floats)
 
 
-@final
 @dataclass(frozen=True)
 class StoredModel:
     """Functions of m coordinates of one assembly mode: see `StoredHeading`.

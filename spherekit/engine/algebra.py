@@ -13,7 +13,7 @@ counts from its value there.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +120,6 @@ def cofactors(rows: Sequence[Sequence[Expr]]) -> list[list[Expr]]:
     ]
 
 
-@final
 @dataclass(frozen=True)
 class DesignGeometry:
     """Sizes that take the place of a mechanism's own: numbers (rad) or terms.

@@ -18,7 +18,7 @@ the axes chosen come to depend on each other.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -111,7 +111,6 @@ def _most_regular(
     return max(near, key=lambda candidate: (candidate[1], candidate[0]))[2]
 
 
-@final
 @dataclass(frozen=True)
 class LoopInverse:
     """The inverse of loop equations as terms.
@@ -204,7 +203,6 @@ PARTS = (*SIGNED, "angle", *ERRORS, "w", "dw")
 """Parts of a field that are columns, called as in `PoleField`."""
 
 
-@final
 @dataclass(frozen=True)
 class Place:
     """Where a vector or a number is among the columns, or what it is throughout."""
@@ -222,7 +220,6 @@ class Place:
         return rows[self.first : self.first + self.count * self.step : self.step]
 
 
-@final
 class Outputs:
     """Expressions as columns; what is wanted twice is one column, a number is none."""
 
@@ -246,7 +243,6 @@ class Outputs:
         return place.numbers[0] if place.numbers else self.columns[place.first]
 
 
-@final
 @dataclass(frozen=True)
 class RatePlaces:
     """Where the columns of an input that moves are: `of` each of the `PARTS`, by key.
@@ -270,7 +266,6 @@ class RatePlaces:
         return columns[self.signs].reshape(8, len(self.signed), columns.shape[1])
 
 
-@final
 @dataclass(frozen=True)
 class Terms:
     """The terms of rows, by `variables`, and by what else is `given`."""
@@ -317,7 +312,6 @@ def _norm(item: Exprs) -> Expr:
     return root(dot(item, item))
 
 
-@final
 class _Rows:
     """The terms of a row that do not depend on the input that moves."""
 
@@ -431,7 +425,6 @@ class _Rows:
         return [variables[v] - step[v] for v in self.free]
 
 
-@final
 class _Moving:
     """Rates while one input moves, and the poles wanted."""
 

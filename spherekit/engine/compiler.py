@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 from importlib.util import find_spec
 from types import ModuleType
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 import numpy as np
 
@@ -96,7 +96,6 @@ def _plain(terms: Sequence[ExpressionNode]) -> dict[ExpressionNode, Any]:
     return {term: heyoka().expression(term.arguments[0]) for term in terms}
 
 
-@final
 @dataclass(frozen=True)
 class CompiledFunction:
     """A compiled function of arrays (inputs, n) with values (outputs, n).
@@ -131,7 +130,6 @@ def compile_function(
     return CompiledFunction(made, time.perf_counter() - started)
 
 
-@final
 @dataclass(frozen=True)
 class EventFunction:
     """A zero of an expression during an integration.
@@ -150,7 +148,6 @@ class EventFunction:
     sticks: Callable[[Floats, float, Floats], bool] | None = None
 
 
-@final
 @dataclass(frozen=True)
 class Noted:
     """An event that occurred: its number, the time, and the sense of the passage."""
@@ -170,7 +167,6 @@ class StepEnd(Enum):
     EVENT = "an event ends the integration"
 
 
-@final
 @dataclass(frozen=True)
 class Integrator:
     """A compiled Taylor integrator of given equations, with its events.

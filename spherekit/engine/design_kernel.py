@@ -13,7 +13,6 @@ analytic, and off the real axis their solutions neither meet nor vanish.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -35,7 +34,6 @@ Parts = tuple[Expr, Expr]
 """The real and the imaginary part."""
 
 
-@final
 @dataclass(frozen=True)
 class ComplexFunction:
     """A compiled function of complex variables and real numbers, with complex values.
@@ -118,7 +116,6 @@ _OPERATIONS: Mapping[str, Callable[..., Parts]] = {
 }
 
 
-@final
 @dataclass(frozen=True)
 class DesignKernel:
     """A function of designs and samples.
@@ -237,7 +234,6 @@ def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], ArrayFunction]:
     return links, array_function(arcs, terms.sizes)
 
 
-@final
 @dataclass(frozen=True)
 class At:
     """Equations at n places: Newton's `step` (variables, n) and the `rates` by the inputs.
@@ -252,7 +248,6 @@ class At:
     open: Array
 
 
-@final
 @dataclass(frozen=True)
 class PathKernel:
     """Newton's step and the rates of a topology whose sizes are inputs.

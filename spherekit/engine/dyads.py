@@ -9,7 +9,7 @@ What has been made for a mechanism, for the life of the process.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from threading import RLock
-from typing import Any, TypeVar, final
+from typing import Any, TypeVar
 from weakref import finalize, ref
 
 import numpy as np
@@ -38,7 +38,6 @@ from spherekit.sphere.dyad import HalfAngle, middle_axis, triple_square
 Made = TypeVar("Made")
 
 
-@final
 class Cache:
     """What was made for a mechanism's content and a request; the last `most`, if given."""
 
@@ -83,7 +82,6 @@ COMPILED = Cache()
 """Kernels and equations of motion that were compiled."""
 
 
-@final
 @dataclass(frozen=True)
 class ClosedDyad:
     """A dyad in closed form: pairs `middle`, and what says whether and how it closes.
@@ -97,7 +95,6 @@ class ClosedDyad:
     transmission_angle: Expr
 
 
-@final
 @dataclass(frozen=True)
 class ClosedPlacements:
     """The placements of all links, and the dyads they follow from in solving order."""
@@ -261,7 +258,6 @@ IN_LINE = 1e-16
 """Squares above this are those of dyads that are placed to 1e-8 rad at least."""
 
 
-@final
 @dataclass(frozen=True)
 class ClosedForm:
     """The terms of configurations, by `inputs` and `signs` of the dyads.

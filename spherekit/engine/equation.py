@@ -8,7 +8,7 @@ same.
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +54,6 @@ COARSEST = 1e-7
 to go on with `LOOSEST`."""
 
 
-@final
 @dataclass(frozen=True)
 class Coordinates:
     """The variables by which a mechanism of several freedoms is integrated.
@@ -68,7 +67,6 @@ class Coordinates:
     held: tuple[int, ...]
 
 
-@final
 @dataclass(frozen=True)
 class CompiledEquation:
     """The compiled equation of motion of a mechanism with its loads and joint limits.

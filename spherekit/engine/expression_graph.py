@@ -6,7 +6,7 @@ gives them to heyoka, `spherekit.engine.system` runs them on NumPy arrays.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import count
-from typing import Any, final
+from typing import Any
 from weakref import WeakValueDictionary
 
 from spherekit.errors import EngineError
@@ -19,7 +19,6 @@ WITHOUT_EXPRESSIONS = 'use NumPy\'s simulate(engine="numpy") or engine.fields.ev
 """What to ask for where a mechanism cannot be written in terms."""
 
 
-@final
 class ExpressionNode:
     """A variable, or an operation on terms and numbers.
 

@@ -7,7 +7,7 @@ by its name takes directions and rates from the sequence of the plan instead.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 import numpy as np
 
@@ -130,7 +130,6 @@ def found(motion: Motion, wanted: Request, engine: RowEngine = "numpy") -> PoleF
     return field
 
 
-@final
 class _Rows:
     """What the terms give at the rows of a motion.
 

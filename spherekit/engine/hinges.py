@@ -10,7 +10,6 @@ between the turns of all pairs are numbers, three angles of Euler each.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import final
 
 import numpy as np
 
@@ -39,7 +38,6 @@ from spherekit.planning.wheels import (
 )
 
 
-@final
 @dataclass(frozen=True)
 class EquivalentLinkage:
     """A mechanism of R pairs instead of contacts, and the rotations between its turns.

@@ -16,7 +16,7 @@ turns, which are found on the dense output.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import Literal
 
 import numpy as np
 
@@ -168,7 +168,6 @@ RunEnd = Literal[
 ]
 
 
-@final
 @dataclass(frozen=True)
 class Stretch:
     """Some steps between two reductions of the state.
@@ -201,7 +200,6 @@ class Stretch:
         return value, rate
 
 
-@final
 @dataclass(frozen=True)
 class Run:
     """A run as far as it came: its stretches, events, and why and when it ended (s).
@@ -236,7 +234,6 @@ def _powers(series: Floats, h: Floats) -> tuple[Floats, Floats]:
     return value, rate
 
 
-@final
 class Integration:
     """A run while it goes on, of an equation compiled for this mechanism.
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +32,6 @@ MOST_DERIVATIVES = 2
 """Rates with two derivatives are coefficients of third order."""
 
 
-@final
 @dataclass(frozen=True)
 class KernelValues:
     """What a kernel found at n configurations; see `Kernel`.
@@ -56,7 +55,6 @@ class KernelValues:
     dw: Mapping[int, Floats]
 
 
-@final
 @dataclass(frozen=True)
 class Kernel:
     """A function of configurations: poles, coefficients, generalised inertia.

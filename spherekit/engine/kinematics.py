@@ -25,7 +25,7 @@ with w_ji the angular velocity of link j per unit rate of input i.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +63,6 @@ from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
 from spherekit.sphere.rotation import max_abs
 
 
-@final
 @dataclass(frozen=True)
 class Structure:
     """What of a mechanism's kinematics does not depend on how links are placed."""
@@ -196,7 +195,6 @@ def _half_turn(basis: Exprs, rate: Exprs) -> Exprs:
     return total * 0.5
 
 
-@final
 class CoordinateRates:
     """Rates at given placements of the links, `variables` those that contacts run by.
 
@@ -370,7 +368,6 @@ def along(parts: Sequence[Any], rates: Sequence[Expr]) -> Any:
     return total
 
 
-@final
 class InputMoments:
     """What links with tensors (3, 3), by number and in link axes, resist to inputs.
 

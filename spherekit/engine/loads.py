@@ -7,7 +7,6 @@ factor +1 or -1 that the integration changes exactly where a condition passes th
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -20,7 +19,6 @@ from spherekit.model.load import Called, Component, Load, TorqueTable, Vector, e
 from spherekit.model.mechanism import Mechanism
 
 
-@final
 @dataclass(frozen=True)
 class LoadState:
     """A mechanism in motion, as loads see it.
@@ -59,7 +57,6 @@ class LoadState:
         return self.rates[number], self.rates[number]
 
 
-@final
 class EventFunctions:
     """The conditions that loads switch on; `factor(k)` stands for the sign of the k-th."""
 

@@ -9,7 +9,6 @@ that carries it as the contact goes along its profile.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -28,7 +27,6 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 
 
-@final
 @dataclass(frozen=True)
 class LinkOrientation:
     """The orientation of a link: R = basis @ within, from link axes to ground axes.
@@ -65,7 +63,6 @@ def ground_placement() -> LinkOrientation:
     return LinkOrientation(constants(np.eye(3)), np.eye(3), np.eye(3), 0)
 
 
-@final
 @dataclass(frozen=True)
 class Angles:
     """Sine and cosine of each turn, formed once."""
@@ -134,7 +131,6 @@ def placed_along(
     return placed
 
 
-@final
 @dataclass(frozen=True)
 class UnitTwist:
     """A variable's `vector` (3,): it turns with a link, and slides on it.
@@ -163,7 +159,6 @@ class UnitTwist:
         return turned if self.slide is None else np.asarray(turned + self.slide * rate)
 
 
-@final
 @dataclass(frozen=True)
 class ContactLine:
     """The line of a rolling contact, carried by a link: `point` and `tangent` (3,).
@@ -179,7 +174,6 @@ class ContactLine:
     slope: Expr
 
 
-@final
 @dataclass(frozen=True)
 class UnitTwists:
     """The vectors of all variables, the lines of rolling contacts by pair, and curvatures.

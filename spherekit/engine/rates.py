@@ -17,7 +17,6 @@ equations (a dyad to one), whatever its bodies.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import final
 
 import numpy as np
 
@@ -30,7 +29,6 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Assembly, Group
 
 
-@final
 @dataclass(frozen=True)
 class Loop:
     """A closed way through the bodies of a group.
@@ -139,7 +137,6 @@ COINCIDENT = 1e-9
 """Axes of one link whose angle has a smaller sine are one axis."""
 
 
-@final
 @dataclass(frozen=True)
 class GroupRows:
     """A group with its loops and unknowns, or the rows to use where equations repeat.
@@ -252,7 +249,6 @@ def way(
     return ways.get(end, ())
 
 
-@final
 class HomogeneousRates:
     """The rates of variables found so far, from the vectors (3,) of all variables.
 

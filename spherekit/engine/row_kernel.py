@@ -10,7 +10,7 @@ which is measured: every way in which loops can stay open is gone by a small ste
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 import numpy as np
 
@@ -78,7 +78,6 @@ columns change as loops open by one radian, all ways added up; where (n,) Newton
 closed them."""
 
 
-@final
 @dataclass(frozen=True)
 class WideFunctions:
     """A step of Newton's method, all columns and what else decides, of pair variables.
@@ -151,7 +150,6 @@ class WideFunctions:
         return made
 
 
-@final
 @dataclass(frozen=True)
 class ColumnFunction:
     """A function of pair variables and the columns of profiles, with `width` columns."""
@@ -165,7 +163,6 @@ class ColumnFunction:
         return np.asarray(self.function(with_columns(values, self.profiles), out))
 
 
-@final
 @dataclass(frozen=True)
 class _InputPlaces:
     """Of an input that moves: how doubtful a row is, and how links turn.
@@ -183,7 +180,6 @@ class _InputPlaces:
     poles: tuple[Indices, Indices]
 
 
-@final
 @dataclass(frozen=True)
 class RowFunction:
     """A function with columns that decide about rows.
@@ -286,7 +282,6 @@ class RowFunction:
         return columns[start : start + len(ERRORS)]
 
 
-@final
 class RowKernel:
     """What gives the rows of a run, see `row_kernel`; functions are made when asked for.
 

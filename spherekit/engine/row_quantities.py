@@ -9,7 +9,7 @@ the numbers in it, those of the texts of laws included, come one after another.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +44,6 @@ from spherekit.planning.inputs import Group, driven_pairs, plan_assembly
 _Each = Callable[[Any], Any]
 
 
-@final
 @dataclass(frozen=True)
 class ActionParameters:
     """Tensors (rows of link axes) by link, and the components of every load."""
@@ -183,7 +182,6 @@ Geometry = Callable[[Mapping[str, Expr]], TurningPairs]
 """The pairs in which sizes, by name, are terms."""
 
 
-@final
 @dataclass(frozen=True)
 class VariedTerms:
     """What kernels of a topology are written in.
@@ -325,7 +323,6 @@ BENDS = 200
 """Rows of a table of torques that a kernel may have."""
 
 
-@final
 class RowQuantities:
     """The quantities of a row as expressions, each formed when it is asked for.
 

@@ -43,7 +43,7 @@ so nothing is allocated on the way and intermediate values do not leave the cach
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 import numpy as np
 
@@ -85,7 +85,6 @@ SystemEvent = tuple[EventFunction, EventKind, int]
 """An event with its kind, and the variable that it is about or -1."""
 
 
-@final
 @dataclass(frozen=True)
 class ParameterLayout:
     """Where what is set for each run stands among the integrator's parameters.
@@ -152,7 +151,6 @@ def constant(number: int) -> ExpressionNode:
     return made
 
 
-@final
 @dataclass(frozen=True)
 class Symbols:
     """The variables of the terms of a mechanism, and what loads ask for."""
@@ -195,7 +193,6 @@ class Symbols:
         return constant(place) + constant(place + 1) * since
 
 
-@final
 @dataclass(frozen=True)
 class System:
     """The equations of motion in terms.
@@ -297,7 +294,6 @@ _OPERATORS = {
 }
 
 
-@final
 @dataclass(frozen=True)
 class _Step:
     """An operation: rows or numbers it reads, and the row it writes."""
@@ -307,7 +303,6 @@ class _Step:
     result: int
 
 
-@final
 @dataclass(frozen=True)
 class ArrayFunction:
     """A function of arrays (inputs, n) with values (outputs, n), made of NumPy's.

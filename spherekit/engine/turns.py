@@ -11,7 +11,6 @@ Profiles other than circles for terms: columns that are handed in with the varia
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import final
 
 import numpy as np
 
@@ -38,7 +37,6 @@ LAST = "d2k"
 """The second derivative of the curvature, where derivatives of all columns are wanted."""
 
 
-@final
 @dataclass(frozen=True)
 class ProfileColumns:
     """What a profile is where its pair touches it, as variables of terms.
@@ -105,7 +103,6 @@ Entries = Floats | Exprs
 """Numbers, or terms of the sizes of a design."""
 
 
-@final
 @dataclass(frozen=True)
 class AxisRotation:
     """A turn about z by scale * variable + offset (rad)."""
@@ -115,7 +112,6 @@ class AxisRotation:
     offset: float = 0.0
 
 
-@final
 @dataclass(frozen=True)
 class ProfileFrame:
     """A rotation `frame` (3, 3) of expressions: that of a profile which is no circle."""
@@ -126,7 +122,6 @@ class ProfileFrame:
 Turn = AxisRotation | ProfileFrame
 
 
-@final
 @dataclass(frozen=True)
 class JointTransform:
     """R_second = R_first C_0 Z_1 C_1 ... Z_k C_k: constant rotations between turns."""
@@ -148,7 +143,6 @@ def _back(turn: Turn) -> Turn:
     return AxisRotation(turn.variable, -turn.scale, -turn.offset)
 
 
-@final
 @dataclass(frozen=True)
 class ProfileSide:
     """A profile of a contact: its moving frame at the contact is before * turn * after.
@@ -187,7 +181,6 @@ class ProfileSide:
         return JointTransform((self.before, self.after), (self.turn,))
 
 
-@final
 @dataclass(frozen=True)
 class Follower:
     """An angle that follows from those of the inputs: `offset` plus `ratios` times them."""
@@ -196,7 +189,6 @@ class Follower:
     offset: Expr
 
 
-@final
 @dataclass(frozen=True)
 class TurningPairs:
     """The pairs of a mechanism: `chains[pair]`.

@@ -9,7 +9,6 @@ O, or it is wrong by radians without a word.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -35,7 +34,6 @@ AT_CENTRE = 1e-9
 """Centres of mass nearer to O than this part of the radius of gyration are at O."""
 
 
-@final
 @dataclass(frozen=True)
 class Hinge:
     """A pair that turns link `child` about an axis of link `parent`.
@@ -52,7 +50,6 @@ class Hinge:
     value: float
 
 
-@final
 @dataclass(frozen=True)
 class BodyInertia:
     """Mass (kg), centre of mass (3,) and tensor (3, 3) about it, in m and kg m2.
@@ -68,7 +65,6 @@ class BodyInertia:
     stated: bool
 
 
-@final
 @dataclass(frozen=True)
 class RigidBodies:
     """A mechanism in one pose, in ground axes, all bodies' origins at O.

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from itertools import product
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,7 +37,6 @@ WORDS = (
 """What the heading of an archive says; the rest are arrays of their names."""
 
 
-@final
 @dataclass(frozen=True)
 class Coupled:
     """What a table says at inputs (n, m): NaN where it is not sure.
@@ -54,7 +53,6 @@ class Coupled:
     turning: Floats
 
 
-@final
 @dataclass(frozen=True)
 class CouplingTable:
     """Passive variables and coefficients of some assembly modes on a grid of the inputs.

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,6 @@ SAME = 1e-9
 """Relative difference below which two ratios are the same."""
 
 
-@final
 @dataclass(frozen=True)
 class Turning:
     """A pair of two links about an axis (3,); `joint` is its joint's number, or -1."""
@@ -35,7 +34,6 @@ class Turning:
     joint: int = -1
 
 
-@final
 @dataclass(frozen=True)
 class Gears:
     """Two circles that touch: links, centres (3,), radii (rad), and how they lie."""
@@ -126,7 +124,6 @@ PARALLEL = 1e-9
 """Sine below which two axes are parallel."""
 
 
-@final
 @dataclass(frozen=True)
 class Line:
     """A named line through a point (3,) along a unit vector (3,)."""
@@ -201,7 +198,6 @@ SHORT = 24
 """Characters of the components of an axis that are plain to read."""
 
 
-@final
 @dataclass(frozen=True)
 class Units:
     """Angles in the unit of a file."""

@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +37,6 @@ SLOW = 0.01
 Table = dict[str, Any]
 
 
-@final
 @dataclass(frozen=True)
 class Tables:
     """The tables of a mechanism file, with comments above the file and above tables."""
@@ -71,7 +70,6 @@ def tables_of(
     return _Import(where, model, Units(unit), within).tables()
 
 
-@final
 class _Import:
     def __init__(
         self, where: str, model: ForeignModel, units: Units, within: float | None

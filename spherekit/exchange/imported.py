@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import final
 
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath
@@ -18,7 +17,6 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import AngleUnit
 
 
-@final
 @dataclass(frozen=True)
 class Imported:
     """A mechanism from another program's file.

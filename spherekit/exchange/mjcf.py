@@ -6,7 +6,7 @@ The loads and joint limits of a mechanism in what MuJoCo has, and those that it 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, final
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -50,7 +50,6 @@ Attributes = dict[str, Any]
 """Of an element, as texts, numbers, or rows of numbers."""
 
 
-@final
 @dataclass(frozen=True)
 class MujocoLoads:
     """What MuJoCo has of a mechanism's loads; `lost` are the others with the reason.
@@ -201,7 +200,6 @@ ROUNDING = 1e-16
 """Numbers below this part of the largest beside them are written as zero."""
 
 
-@final
 @dataclass(frozen=True)
 class MujocoModel:
     """A model's text, and notes on what it has otherwise, or not at all."""
@@ -277,7 +275,6 @@ FRAME = """<mujoco model="{name}">
 """What the models of all mechanisms have, and places for what is each one's own."""
 
 
-@final
 @dataclass(frozen=True)
 class _Writer:
     made: RigidBodies

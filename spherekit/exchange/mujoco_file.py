@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, final
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -65,7 +65,6 @@ NAMELESS = ("", "MuJoCo Model")
 """What MuJoCo calls models without a name."""
 
 
-@final
 @dataclass(frozen=True)
 class Hold:
     """What holds two bodies to each other: at a point (3,), or rigidly without one."""
@@ -76,7 +75,6 @@ class Hold:
     point: Floats | None = None
 
 
-@final
 class ForeignModel:
     """What an MJCF or URDF file holds, with its loops closed.
 

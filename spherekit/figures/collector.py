@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from spherekit.analysis.running.recording import Recorder
 
 
-@final
 @dataclass
 class Collector:
     """A recorder that keeps all that a run tells it, for others and as whole scenes."""
@@ -61,7 +60,6 @@ class Collector:
         return tuple(map(_joined, blocks.values()))
 
 
-@final
 @dataclass(frozen=True)
 class Both:
     """Two recorders that are told the same; the second says what it holds."""

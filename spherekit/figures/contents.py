@@ -10,7 +10,7 @@ A quantity over a grid of two inputs: a map for each mode, zeros drawn as lines.
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from functools import partial
 from html import escape
-from typing import Any, TypeVar, final
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -277,7 +277,6 @@ Draw = Callable[[], Figure]
 Item = TypeVar("Item")
 
 
-@final
 class Figures(Mapping[str, Figure]):
     """The figures of a run by their names, ``analysis/subject``; drawn when asked for."""
 

@@ -9,7 +9,7 @@ Projections: A Working Manual, USGS 1395, 1987, chapters 21 and 24).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -59,7 +59,6 @@ ALIKE = 0.003
 RULE: dict[str, Any] = {"linestyle": (0, (1, 1.5)), "linewidth": 0.8, "zorder": 1.0}
 
 
-@final
 @dataclass(frozen=True)
 class Curve:
     """A series of a page over an axis, or over several inputs."""
@@ -223,7 +222,6 @@ AXES = ("x", "y", "z")
 TINY = 1e-300
 
 
-@final
 @dataclass(frozen=True)
 class Projection:
     """A map about a centre; `radius` gives the distance from it at an angle in rad."""
@@ -236,7 +234,6 @@ EQUAL_AREA = Projection("equal-area (Lambert)", lambda angle: 2.0 * np.sin(angle
 STEREOGRAPHIC = Projection("stereographic", lambda angle: 2.0 * np.tan(angle / 2.0))
 
 
-@final
 @dataclass(frozen=True)
 class Centre:
     """A centre of maps on an axis of the ground, by right, up, out (3, 3)."""
@@ -297,7 +294,6 @@ NET: dict[str, Any] = {"color": "#909090", "alpha": 0.55, "linewidth": 0.4, "zor
 """How the graticule is drawn."""
 
 
-@final
 @dataclass(frozen=True)
 class OnSphere:
     """What of a page is on the sphere and does not move."""
@@ -337,7 +333,6 @@ class OnSphere:
         return b"".join(parts)
 
 
-@final
 @dataclass(frozen=True)
 class View:
     """A map about a centre, out to a rim at an angle (rad)."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -27,7 +26,6 @@ FEW_DECADES = 1e3
 """An axis shorter than that has ticks at 1, 2 and 5."""
 
 
-@final
 @dataclass(frozen=True)
 class Plane:
     """A portrait of a page, and what its rows run over."""

@@ -5,7 +5,7 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, ParamSpec, final
+from typing import Any, ParamSpec
 
 import numpy as np
 
@@ -53,7 +53,6 @@ def _in_look(function: Callable[P, None]) -> Callable[P, None]:
     return _drawn
 
 
-@final
 class Drawing(Figure):
     """A matplotlib figure in the look of spherekit, shown in notebooks as it is."""
 
@@ -75,7 +74,6 @@ def as_data_url(figure: Figure) -> str:
     return "data:image/png;base64," + base64.b64encode(as_bytes(figure)).decode()
 
 
-@final
 @dataclass(frozen=True)
 class Sheet:
     """How figures of a run are drawn: over one or two columns, modes by their titles."""

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, final
+from typing import Any
 
 from spherekit.errors import FileError, ModelError
 
@@ -144,7 +144,6 @@ _REPEATED = re.compile(r"Cannot declare \((.*?),?\) twice", re.S)
 _KEY = re.compile(r"""[ \t]*([\w.\-"' ]+?)[ \t]*=""")
 
 
-@final
 class LiteralNumber(float):
     """A float that remembers how it was written, so that units convert exactly."""
 
@@ -158,7 +157,6 @@ class LiteralNumber(float):
         return number
 
 
-@final
 @dataclass(frozen=True)
 class Document:
     """A parsed TOML file; its floats are `LiteralNumber`.

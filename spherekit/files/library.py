@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import final
 
 from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, AnyPath, listing, nearest
 from spherekit.errors import FileError
@@ -22,7 +21,6 @@ STUDY_SUFFIX = ".study.toml"
 """How the names of study files end; all other files are mechanisms."""
 
 
-@final
 @dataclass(frozen=True)
 class Pack:
     """An installed pack of mechanism files; a broken one has a fault and no files."""
@@ -47,7 +45,6 @@ def shipped() -> tuple[Pack, ...]:
     return tuple(_pack(point) for point in unique.values())
 
 
-@final
 class Names(tuple[str, ...]):
     """Names of mechanisms, which show themselves by pack."""
 

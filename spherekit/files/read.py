@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Any, NoReturn, TypeVar, final
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
@@ -166,7 +166,6 @@ def acted_on(mechanism: Mechanism, document: Document) -> Mechanism:
     return _Reader(document, converted(document, given)).acted_on(mechanism)
 
 
-@final
 @dataclass(frozen=True)
 class _Reader:
     """Builds a mechanism from data that fits the schema, converted as the model has it."""

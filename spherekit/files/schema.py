@@ -14,7 +14,7 @@ from functools import cache, reduce
 from importlib.resources import files
 from itertools import islice
 from operator import getitem
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 import numpy as np
 
@@ -184,7 +184,6 @@ def _holds(condition: Mapping[str, Any], value: Mapping[str, Any]) -> bool:
     )
 
 
-@final
 @dataclass(frozen=True)
 class Limits:
     """Numbers allowed: from `low` to `high`, greater than `above`, if `whole` integers."""

@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import final
 
 import numpy as np
 
@@ -65,7 +64,6 @@ def angle_unit_of_mechanism(name_or_path: AnyPath) -> AngleUnit:
     return angle_unit_of(path)
 
 
-@final
 @dataclass(frozen=True)
 class _Reader:
     """Builds a study from data that fits the schema, converted as the model has it."""

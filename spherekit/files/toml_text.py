@@ -3,7 +3,7 @@
 import datetime
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any, final
+from typing import Any
 
 _WIDTH = 88
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -18,7 +18,6 @@ _ESCAPES = {
 }
 
 
-@final
 class Literal(str):
     """Text that stands in the file as it is: a number already spelt out."""
 

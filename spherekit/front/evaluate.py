@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,7 +54,6 @@ TABLE = Table(
 )
 
 
-@final
 @dataclass(frozen=True)
 class Kinematics:
     """A mechanism at given inputs, in rows: mode after mode, in each the inputs.

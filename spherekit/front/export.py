@@ -6,7 +6,7 @@ The plan of a mechanism, given as such or named.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, final
+from typing import Literal
 
 import numpy as np
 
@@ -47,7 +47,6 @@ OWN: Mapping[str, tuple[Kind, ...]] = {
 """What each argument belongs to, of those that not every kind has."""
 
 
-@final
 @dataclass(frozen=True)
 class Exported:
     """A file that was written: what it holds, and `notes` on what it leaves out."""

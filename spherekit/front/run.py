@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, final
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 from spherekit.analysis import run as analysis
 from spherekit.analysis.result import Columns, RunResult
@@ -27,7 +27,6 @@ ONCE = ("folder", "unfinished", "formats", "recorder", "progress", "verify", "ta
 """Arguments of a run that do not matter to what is seen of it."""
 
 
-@final
 @dataclass
 class _Again:
     """What shows a run by going through it once more, and keeps what is to be seen."""

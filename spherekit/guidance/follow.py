@@ -7,7 +7,6 @@ not depend on each other.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import final
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebfit, chebpts1, chebval
@@ -52,7 +51,6 @@ CLOSED_START = 1e-6
 """A configuration to start from may be as far from closed as this (rad)."""
 
 
-@final
 @dataclass(frozen=True)
 class RotationSamples:
     """n samples of a rotation about a fixed axis, in the axes of the base.
@@ -95,7 +93,6 @@ class RotationSamples:
     status: SmallIntegers
 
 
-@final
 @dataclass(frozen=True)
 class FollowedRotation(Way):
     """A rotation about a fixed axis as far as a mechanism follows it.

@@ -22,7 +22,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import final
 
 import numpy as np
 
@@ -298,7 +297,6 @@ def mid_plane_loci(
     return SingularCurves(kind, tuple(curves), claim, none)
 
 
-@final
 class _Modes:
     """Puts the mechanism at mid-planes, mode by mode."""
 

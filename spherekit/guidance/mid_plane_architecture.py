@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,7 +44,6 @@ PROOF_POSES, SPREAD = 64, 2**16
 """Poses at which the closed form is proven, about, of so many mid-planes."""
 
 
-@final
 @dataclass(frozen=True)
 class Leg:
     """Numbers of a leg's pairs at the base, elbow and end effector, and of its links."""
@@ -57,7 +55,6 @@ class Leg:
     far: int
 
 
-@final
 @dataclass(frozen=True)
 class Carrier:
     """A link hinged to a leg's elbow that holds the mid-plane's normal.
@@ -73,7 +70,6 @@ class Carrier:
     sense: float
 
 
-@final
 @dataclass(frozen=True)
 class MidPlaneArchitecture:
     """A mechanism in its mid-plane symmetric architecture.

@@ -8,7 +8,6 @@ Which mechanisms have this form is found out by `spherekit.guidance.loci`.
 
 from dataclasses import dataclass
 from itertools import combinations, product
-from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +18,6 @@ from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import cross, nans, upward
 
 
-@final
 @dataclass(frozen=True)
 class MidPlane:
     """Legs between a base and its mirror image, in mirror axes.

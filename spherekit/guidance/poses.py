@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import final
 
 import numpy as np
 
@@ -47,7 +46,6 @@ INSIDE = np.radians(0.01)
 """How far inside the legs' reach an offered pose is."""
 
 
-@final
 @dataclass(frozen=True)
 class AtInputs:
     """The pose at inputs (inputs,) rad."""
@@ -55,7 +53,6 @@ class AtInputs:
     inputs: Floats
 
 
-@final
 @dataclass(frozen=True)
 class AtOrientation:
     """An orientation (3, 3) of the output link."""
@@ -63,7 +60,6 @@ class AtOrientation:
     orientation: Floats
 
 
-@final
 @dataclass(frozen=True)
 class AtDirection:
     """A pose in which the output points at a direction (3,) of any length."""
@@ -71,7 +67,6 @@ class AtDirection:
     direction: Floats
 
 
-@final
 @dataclass(frozen=True)
 class AtMirror:
     """The pose of a mid-plane architecture with these angles (rad), see `MirrorAngles`."""
@@ -80,7 +75,6 @@ class AtMirror:
     gamma: float
 
 
-@final
 @dataclass(frozen=True)
 class AtRotation:
     """The start's pose turned about an axis (3,) by an angle (rad)."""
@@ -92,7 +86,6 @@ class AtRotation:
 Pose = AtInputs | AtOrientation | AtDirection | AtMirror
 
 
-@final
 @dataclass(frozen=True)
 class PoseCandidates:
     """k configurations: `values` (k, variables), `inputs` (k, inputs) rad.
@@ -149,7 +142,6 @@ class PoseCandidates:
         )
 
 
-@final
 @dataclass(frozen=True)
 class PoseFinder:
     """Finds the configurations of a mechanism at poses of an output.

@@ -8,7 +8,7 @@ from their largest values at T = 1, which are found to rounding.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal, Protocol, final
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -86,7 +86,6 @@ WHOLE = 1e-12
 """Part of a duration by which it may miss a whole number of cycles: rounding."""
 
 
-@final
 @dataclass(frozen=True)
 class Extreme:
     """The largest speed (rad/s) or acceleration (rad/s2) of an input, with its sign.
@@ -102,7 +101,6 @@ class Extreme:
     limit: float
 
 
-@final
 @dataclass(frozen=True)
 class Trajectory:
     """What a controller needs: n rows in time.
@@ -122,7 +120,6 @@ class Trajectory:
     status: SmallIntegers
 
 
-@final
 @dataclass(frozen=True)
 class TimeScaling:
     """A rotation in time.

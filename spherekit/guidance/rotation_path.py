@@ -19,7 +19,6 @@ twice by the angle turned through, the condition gives exact rates.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import final
 
 import numpy as np
 
@@ -46,7 +45,6 @@ DEPARTED = 1e-10
 """A mechanism that is further from the orientation wanted (rad) has departed from it."""
 
 
-@final
 @dataclass(frozen=True)
 class OutputTarget:
     """An output link, number `link`, of a mechanism with `freedoms`, and its closure."""
@@ -70,7 +68,6 @@ class OutputTarget:
         return Optimality(self, at, turning, left)
 
 
-@final
 @dataclass(frozen=True)
 class Optimality:
     """n configurations, and how far they are from being the nearest ones.
@@ -343,7 +340,6 @@ def least_about(
     return places
 
 
-@final
 @dataclass(frozen=True)
 class Nodes(ArrayRows):
     """n configurations on a way, with their derivatives by theta.

@@ -8,7 +8,6 @@ Bearings of pairs and contacts that slide: what of reactions rubs in them.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import final
 
 import numpy as np
 
@@ -105,7 +104,6 @@ def uniform_arc(
     return tensor, radius * np.sin(half) / half * middle
 
 
-@final
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Bearings(BearingFriction):
@@ -220,7 +218,6 @@ class Bearings(BearingFriction):
         return (Component(law_of(mechanism, text), self.pair, rubs=self),)
 
 
-@final
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class ContactFriction(BearingFriction):
@@ -287,7 +284,6 @@ DRIVE = "driving_torque"
 """Name of the load that a torque at the input becomes."""
 
 
-@final
 @dataclass(frozen=True)
 class Mass:
     """Inertia of a link, in link axes.
@@ -302,7 +298,6 @@ class Mass:
     centre: Vector | None = None
 
 
-@final
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class PairTorque(Load):
@@ -327,7 +322,6 @@ class PairTorque(Load):
         return (Component(Called(self.pair, self.torque), self.pair),)
 
 
-@final
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Gravity(Load):
@@ -367,7 +361,6 @@ class Gravity(Load):
         return (Component(law_of(mechanism, "1"), moments=tuple(weights)),)
 
 
-@final
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class PointForce(Load):
@@ -393,7 +386,6 @@ class PointForce(Load):
         return _on_link(mechanism, self, self.force, vector_of(self.point))
 
 
-@final
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Moment(Load):
@@ -415,7 +407,6 @@ class Moment(Load):
         return _on_link(mechanism, self, self.moment, None)
 
 
-@final
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Spring(Load):
@@ -438,7 +429,6 @@ class Spring(Load):
         return (Component(law_of(mechanism, torque), self.pair),)
 
 
-@final
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Damper(Load):
@@ -459,7 +449,6 @@ class Damper(Load):
         return (Component(law_of(mechanism, torque), self.pair),)
 
 
-@final
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Friction(Load):
@@ -525,7 +514,6 @@ def _on_link(
     )
 
 
-@final
 @dataclass(frozen=True)
 class JointLimit:
     """An R pair whose variable (rad) may not leave [low, high]; a simulation ends there."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
 from itertools import combinations
 from types import MappingProxyType
-from typing import Any, TypeVar, final
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -93,7 +93,6 @@ ON_ARRAYS: Mapping[str, Callable[..., Any]] = MappingProxyType(
 """Every operator and function on arrays of any kind of number that NumPy knows."""
 
 
-@final
 @dataclass(frozen=True)
 class Number:
     """A number written in an expression, or a constant."""
@@ -101,7 +100,6 @@ class Number:
     value: float
 
 
-@final
 @dataclass(frozen=True)
 class Name:
     """A variable: ``theta_PAIR``, ``dtheta_PAIR`` or ``t``."""
@@ -109,7 +107,6 @@ class Name:
     name: str
 
 
-@final
 @dataclass(frozen=True)
 class Call:
     """An operator (``+ - * / **`` or ``negative``) or a function with its arguments."""
@@ -142,7 +139,6 @@ def fold(
     return apply(node.function, parts)
 
 
-@final
 @dataclass(frozen=True)
 class Expression:
     """A parsed expression: its text, the names it uses, and its tree."""

@@ -7,7 +7,7 @@ import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Generic, Literal, TypeVar, final
+from typing import Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -31,7 +31,6 @@ COLLINEAR = 1e-9
 """Below this sine two directions count as one line: they fix no arc."""
 
 
-@final
 @dataclass(frozen=True)
 class Geometry:
     """The joints of a mechanism, in the order of its pairs.
@@ -417,7 +416,6 @@ Name = TypeVar("Name", bound=Hashable)
 Link = TypeVar("Link", bound=Hashable)
 
 
-@final
 @dataclass(frozen=True)
 class Seen(Generic[Name]):
     """A line of a wheel (3,) seen from another link that turns about it.
@@ -532,7 +530,6 @@ def start_of_phase(
     return first, second
 
 
-@final
 @dataclass(frozen=True)
 class _Shaft:
     """The shaft of a wheel, with its frames (3, 3) in carrier and wheel.
@@ -570,7 +567,6 @@ def _shaft(
     return _Shaft(shaft.name, shaft.links[1], (far, near), -1.0)
 
 
-@final
 @dataclass(frozen=True)
 class Wheel:
     """A circle in its link: its centre on the side of the contact's normal, and radius.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import ClassVar, Literal, Self, final
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 
@@ -30,7 +30,6 @@ SAME_RATIO = 1e-12
 """Ratios of two lengths that differ by less, relative, are the same."""
 
 
-@final
 @dataclass(frozen=True)
 class PairStates:
     """Pairs of n samples as their variables have them.
@@ -68,7 +67,6 @@ class PairStates:
             mine[:, pairs] = its
 
 
-@final
 @dataclass(frozen=True)
 class PairRates:
     """First derivatives at pairs: of the variables' vectors and of the pair axes.
@@ -80,7 +78,6 @@ class PairRates:
     axes: Floats
 
 
-@final
 @dataclass(frozen=True)
 class Track:
     """A profile of a contact, which lies on it at the variable plus `start` (rad).
@@ -176,7 +173,6 @@ class Joint(ABC):
         """
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Revolute(Joint):
     """An R pair: its frame in both links, columns zero direction, its side, axis.
@@ -230,7 +226,6 @@ class Revolute(Joint):
         return turned[:, :, None], turned
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Rolling(Joint):
     """A rolling contact: the curves of both links, with tangents that agree.
@@ -303,7 +298,6 @@ class Rolling(Joint):
         return ((dk1 - dk2) * s * point + (k1 - k2) * moved)[:, :, None], moved
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Sliding(Joint):
     """A sliding contact: the curves of both links, with tangents that agree.

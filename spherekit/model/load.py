@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal, Protocol, final
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +25,6 @@ Axes = Literal["ground", "link"]
 """Whether components are along the axes of the ground or of the link acted on."""
 
 
-@final
 @dataclass(frozen=True)
 class LinkMoment:
     """A moment about the centre of the sphere, on a link.
@@ -40,7 +39,6 @@ class LinkMoment:
     arm: Vector | None = None
 
 
-@final
 @dataclass(frozen=True)
 class Called:
     """A torque that a function f(t, q, dq) gives, of a pair's variable and rate.
@@ -94,7 +92,6 @@ def not_written(pair: str) -> str:
     )
 
 
-@final
 @dataclass(frozen=True)
 class Component:
     """A part of a load: a magnitude, and the pair or the moments on links it works on.
@@ -202,7 +199,6 @@ class BearingFriction(Load):
         """
 
 
-@final
 @checked_class(ModelError, "at")
 @dataclass(frozen=True)
 class TorqueTable(Load):

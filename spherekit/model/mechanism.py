@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, final
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -43,7 +43,6 @@ from spherekit.model.parts import (
 )
 
 
-@final
 @dataclass(frozen=True)
 class Mechanism:
     """A spherical mechanism as a graph of links and pairs with its geometry.

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -88,7 +88,6 @@ def need_increasing(key: str, times: tuple[float, ...]) -> None:
 ProfileKind = Literal["circle", "great_circle", "points", "fourier"]
 
 
-@final
 @dataclass(frozen=True)
 class Profile:
     """The curve on the unit sphere along which a link touches in a contact pair.
@@ -114,7 +113,6 @@ class Profile:
         return self.centre if self.kind in ("circle", "great_circle") else None
 
 
-@final
 @dataclass(frozen=True)
 class Pair:
     """A kinematic pair; its variable moves the second link relative to the first.
@@ -155,7 +153,6 @@ class Pair:
         return not self.kind.has_axis and self.kind.freedoms == 1
 
 
-@final
 @dataclass(frozen=True)
 class LinkSizes:
     """Where the axes sit in one link, as arcs and angles (rad).
@@ -191,7 +188,6 @@ class LinkSizes:
         return replace(self, angles=changed("angles", self.axes[2:], self.angles, angles))
 
 
-@final
 @dataclass(frozen=True)
 class SizeGeometry:
     """Geometry given within the links; assembly modes are to be found.
@@ -205,7 +201,6 @@ class SizeGeometry:
     zeros: Mapping[str, float] = field(default_factory=dict)
 
 
-@final
 @dataclass(frozen=True)
 class PoseGeometry:
     """Geometry given by the axes of all pairs in one reference pose.
@@ -218,7 +213,6 @@ class PoseGeometry:
     values: Mapping[str, float] = field(default_factory=dict)
 
 
-@final
 @dataclass(frozen=True)
 class Input:
     """A driven pair and the range (rad) of its variable, from `start` to `stop`.
@@ -241,7 +235,6 @@ class Input:
         return -1.0 if self.stop < self.start else 1.0
 
 
-@final
 @dataclass(frozen=True)
 class NamedMode:
     """A name of the assembly mode that has a configuration.
@@ -253,7 +246,6 @@ class NamedMode:
     values: Mapping[str, float]
 
 
-@final
 @dataclass(frozen=True)
 class Output:
     """A link whose motion relative to another one is of interest.
@@ -267,7 +259,6 @@ class Output:
     direction: tuple[float, float, float] | None = None
 
 
-@final
 @dataclass(frozen=True)
 class Source:
     """Where a mechanism comes from, and what had to be assumed."""

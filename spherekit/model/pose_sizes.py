@@ -1,7 +1,7 @@
 """Arcs and angles within the links of a reference pose, which says them by its axes."""
 
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import Literal
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from spherekit.model.parts import PoseGeometry
 from spherekit.sphere.rotation import cross
 
 
-@final
 @dataclass(frozen=True)
 class PoseSize:
     """An arc from the first R pair's axis of a link to another one's, or an angle there.

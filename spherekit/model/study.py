@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Protocol, final
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +31,6 @@ SPLINE_DEGREE = 5
 
 
 @checked_class(ModelError, "at")
-@final
 @dataclass(frozen=True)
 class ConstantSpeed:
     """An input that turns at a constant speed (rad/s) from `start` (rad) at t = 0."""
@@ -54,7 +53,6 @@ class ConstantSpeed:
 
 
 @checked_class(ModelError, "at")
-@final
 @dataclass(frozen=True)
 class Polynomial:
     """The variable as a polynomial: the sum of ``coefficients[k] t**k`` (rad/s^k)."""
@@ -79,7 +77,6 @@ class Polynomial:
 
 
 @checked_class(ModelError, "at")
-@final
 @dataclass(frozen=True)
 class Cycloidal:
     """From rest at `start` to rest at `stop` (rad) in `duration` (s), with a cycloid.
@@ -113,7 +110,6 @@ class Cycloidal:
 
 
 @checked_class(ModelError, "at")
-@final
 @dataclass(frozen=True)
 class Tabulated:
     """A quintic spline through angles (rad) at increasing times (s).
@@ -187,7 +183,6 @@ class TimeLaw(Protocol):
 
 
 @checked_class(ModelError, "each")
-@final
 @dataclass(frozen=True)
 class Start:
     """The input's variable (rad) and rate (rad/s) when a simulation starts, at t = 0.
@@ -335,7 +330,6 @@ Locate = Callable[[tuple[str | int, ...], str], SpherekitError]
 """Makes the error to raise about a key, given by its path, with file and line."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Study:
     """A mechanism with the inputs it is driven at, and what is to be run on it.

@@ -16,7 +16,6 @@ centres of every pair too.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -176,7 +175,6 @@ class Chords:
         return row, number, way, np.clip(along, 0.0, self.chords[number])
 
 
-@final
 @dataclass(frozen=True)
 class Segments(Chords):
     """The curve through k nodes; u, the sum of the chords' lengths, is its parameter."""
@@ -250,7 +248,6 @@ Along = Callable[[CurvePoints], tuple[Floats, Floats]]
 """A function along the curve and its derivative by s, both (n,)."""
 
 
-@final
 @dataclass(frozen=True)
 class ArcCurve:
     """A configuration curve through verified nodes.

@@ -9,7 +9,6 @@ so that the test of their change keeps them apart.
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import final
 
 import numpy as np
 
@@ -73,7 +72,6 @@ Of variables (n, variables), with curvatures and their rates (n, pairs, 2) of pr
 """
 
 
-@final
 @dataclass(frozen=True)
 class _Limit:
     """Where a curve has to end: a bound of a variable, or equal curvatures of profiles."""
@@ -134,7 +132,6 @@ def _limits_of(
     return tuple(limits)
 
 
-@final
 @dataclass(frozen=True)
 class _Nodes(CurvePoints):
     """Points with their equations (n, 3 loops + 1, variables), bordered by the tangents.
@@ -315,7 +312,6 @@ def _motion(closure: Closure, values: Floats) -> Floats:
     return tangent * np.sign(tangent[np.argmax(np.abs(tangent))])
 
 
-@final
 @dataclass
 class _Arcs(Curves[_Nodes]):
     """Configuration curves in one sense each."""

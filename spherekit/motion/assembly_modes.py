@@ -16,7 +16,6 @@ verified steps, however far samples lie apart.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import final
 
 import numpy as np
 
@@ -60,7 +59,6 @@ def first_turns(angles: Floats) -> Floats:
     return np.ceil((angles - HALF) / TURN)
 
 
-@final
 @dataclass(frozen=True)
 class _Piece:
     """A mode over the inputs that it reaches without a gap.
@@ -112,7 +110,6 @@ CLEARLY = 0.5
 """So much nearer than every other mode, as a part, the one meant is."""
 
 
-@final
 @dataclass(frozen=True)
 class AssemblyMode:
     """One assembly mode over the ranges of the inputs.
@@ -138,7 +135,6 @@ class AssemblyMode:
         return label_of(self.signs) or "+"
 
 
-@final
 @dataclass(frozen=True)
 class Evaluated:
     """An assembly mode at n inputs: variables, orientations, status and residual."""
@@ -149,7 +145,6 @@ class Evaluated:
     residual: Floats
 
 
-@final
 class Solver:
     """Geometry, groups and closure of one mechanism with its input, ready to evaluate."""
 
@@ -347,7 +342,6 @@ class Solver:
         return list(self.mechanism.angles.values())
 
 
-@final
 class Unwrapping:
     """The turns of passive pairs of one mechanism, mode by mode."""
 

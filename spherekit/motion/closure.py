@@ -9,7 +9,6 @@ relative orientation differs from sample to sample.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from spherekit.motion.loops import REDUNDANT, Linearisation, LoopTree
 from spherekit.sphere.rotation import max_abs, transpose
 
 
-@final
 class NewtonSteps:
     """The steps of one correction of n samples.
 
@@ -68,7 +66,6 @@ def newton(
     return values, steps
 
 
-@final
 @dataclass(frozen=True)
 class Closure:
     """A loop tree with the joints of its pairs.
@@ -157,7 +154,6 @@ class Closure:
         return NewtonResult(best, residual, steps.first, steps.ratio, at_best)
 
 
-@final
 @dataclass(frozen=True)
 class NewtonResult:
     """What Newton's method reached for each sample."""
@@ -180,7 +176,6 @@ def least_change(matrices: Floats, right: Floats) -> Floats:
     return np.einsum("nij,nj->ni", inverse, right)
 
 
-@final
 @dataclass(frozen=True)
 class Locked:
     """A closure with some variables locked, and the way back to all variables.

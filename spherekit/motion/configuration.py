@@ -10,7 +10,6 @@ what the given input says is an independent check.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -57,7 +56,6 @@ SAME_INPUT = 1e-5
 """Dead points (rad) found in two ways may differ by this."""
 
 
-@final
 @dataclass(frozen=True)
 class MonotoneSegments:
     """The k parts of a configuration curve on which the input only rises or only falls.
@@ -127,7 +125,6 @@ def turning_inputs(
     return np.asarray(low + np.mod(values - low, period)) if np.isfinite(period) else values
 
 
-@final
 @dataclass(frozen=True)
 class Piece:
     """The part of a curve from `start` to `stop` (s in rad) that is one assembly mode.
@@ -146,7 +143,6 @@ class Piece:
     shift: float
 
 
-@final
 @dataclass(frozen=True)
 class ConfigurationCurve:
     """A curve and its pieces within the input range, in order of arc length."""
@@ -155,7 +151,6 @@ class ConfigurationCurve:
     pieces: tuple[Piece, ...]
 
 
-@final
 @dataclass(frozen=True)
 class Configurations:
     """The configuration curves that meet an input range, and what is known of others.
@@ -283,7 +278,6 @@ def _pieces(
         yield tuple(map(Piece, numbers, *places))
 
 
-@final
 class _CurveSearch:
     """The curves found so far over a range of the input, and what went wrong on the way.
 

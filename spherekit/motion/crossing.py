@@ -9,7 +9,6 @@ algebraic bifurcation equations).
 """
 
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -43,7 +42,6 @@ SAME = 1e-6
 """Points (rad) nearer to each other than this part of the radius are one."""
 
 
-@final
 @dataclass(frozen=True)
 class Crossing:
     """A configuration where the closure equations lose rank.

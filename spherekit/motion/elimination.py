@@ -30,7 +30,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations, islice, permutations
-from typing import final
 
 import numpy as np
 
@@ -84,7 +83,6 @@ _TURN[2, 0, 1] = -1.0
 """A rotation about z is this (3, 3, 3) times its point (1, cos, sin)."""
 
 
-@final
 @dataclass(frozen=True)
 class ModeCandidates:
     """Nearly closed configurations of a group of R pairs.
@@ -138,7 +136,6 @@ def candidates(group: Group, closure: Closure) -> ModeCandidates | None:
     return ModeCandidates(values, real, roots, problem)
 
 
-@final
 @dataclass(frozen=True)
 class BinaryLink:
     """A body with two pairs: the pairs, and the two bodies that it joins by them."""
@@ -159,7 +156,6 @@ def bars_of(group: Group) -> tuple[BinaryLink, ...]:
     return tuple(bars)
 
 
-@final
 @dataclass(frozen=True)
 class Order:
     """A tree left by bars, in an order in which its angles can be eliminated.
@@ -217,7 +213,6 @@ def _way(group: Group, pairs: Sequence[int], start: int, goal: int) -> tuple[int
     return tuple(way)
 
 
-@final
 @dataclass(frozen=True)
 class Frames:
     """The pair frames (2, pairs, n, 3, 3) of a group's bodies: in the first, in the second.
@@ -315,7 +310,6 @@ MOVED = 1e-2
 """Farthest (rad) that an angle of a real root moves until the group is closed."""
 
 
-@final
 @dataclass(frozen=True)
 class Method:
     """How the modes of one group were found.
@@ -415,7 +409,6 @@ FLAT = 1e-5
 """Configurations nearer to a dead centre (relative singular value) are not told apart."""
 
 
-@final
 @dataclass(frozen=True)
 class Assemblies:
     """The modes at one choice of the inputs.
@@ -546,7 +539,6 @@ def group_signs(solver: Solver, values: Floats) -> SmallIntegers:
     return signs
 
 
-@final
 class MultiStart:
     """Rounds of random starts over a range of the inputs, the same ones every time.
 

@@ -6,7 +6,6 @@ axes (those of one of its links); `State` holds them for a batch of samples.
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import final
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from spherekit.planning.inputs import Assembly, Group
 from spherekit.sphere.rotation import about_z, close_dyad, nans, transpose
 
 
-@final
 @dataclass
 class State:
     """Orientations of links within their bodies while a batch is being assembled.

@@ -10,7 +10,6 @@ but never through a configuration at which the inputs do not determine the motio
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import final
 
 import numpy as np
 
@@ -34,7 +33,6 @@ Predicted = tuple[Floats, Floats, SmallIntegers]
 """Variables (n, variables), how far (n,) rad they may be off, (n,) why there are none."""
 
 
-@final
 @dataclass(frozen=True)
 class ModeCurve:
     """Nodes of one assembly mode in rising input order, with exact slopes.
@@ -78,7 +76,6 @@ class ModeCurve:
         return self.at(q[:, None], None)[2] == Status.OUT_OF_REACH
 
 
-@final
 @dataclass(frozen=True)
 class ModeOverGrid:
     """Configurations of one mode at the samples of an input grid.

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from spherekit.model.parts import Input
 from spherekit.sphere.rotation import all_finite
 
 
-@final
 @dataclass(frozen=True)
 class InputGrid:
     """Sampled inputs `q` (n, inputs) rad, in rows.

@@ -18,7 +18,6 @@ is not. Driven at one pair a six-bar is two dyads, at another a triad.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -69,7 +68,6 @@ def meetings_of(solver: Solver, most_cost: float = np.inf) -> "ModeCoalescence |
     return ModeCoalescence(solver)
 
 
-@final
 class ModeCoalescence:
     """The real analytic functions of an input whose sign changes where modes meet.
 
@@ -185,7 +183,6 @@ CHEAP = 2e-3
 """A pair whose functions of meeting modes take less than this (s) is good enough."""
 
 
-@final
 @dataclass(frozen=True)
 class InputTurningPoints:
     """The inputs from `low` to `high` (rad) at which two real modes meet.

@@ -14,7 +14,6 @@ are evaluated together.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
-from typing import final
 
 import numpy as np
 
@@ -38,7 +37,6 @@ DEPENDENT = 1e-9
 """The same for the velocity equations whose rank is asked for."""
 
 
-@final
 @dataclass(frozen=True)
 class LoopTree:
     """A spanning tree of bodies and the loops that the other pairs close.
@@ -356,7 +354,6 @@ _UNTURNED = np.eye(3)
 KEPT = ("placed", "frames", "vectors", "jacobian", "residual")
 
 
-@final
 @dataclass(frozen=True)
 class Linearisation:
     """n configurations of a closure, with all that follows from them.

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import lcm
-from typing import final
 
 import numpy as np
 
@@ -38,7 +37,6 @@ MOST_TURNS = 12
 """Whole turns of an input by which a configuration found may have been put together."""
 
 
-@final
 @dataclass(frozen=True)
 class GearPhases:
     """The rolled lengths that follow from the inputs alone.

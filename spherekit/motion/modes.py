@@ -8,7 +8,6 @@ in the range.
 """
 
 from dataclasses import replace
-from typing import final
 
 import numpy as np
 
@@ -80,7 +79,6 @@ AS_ASSEMBLED = Completeness(
 )
 
 
-@final
 class ModeSearch:
     """The assembly modes that have at least one configuration at the inputs of a grid.
 

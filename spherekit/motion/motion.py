@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self, final
+from typing import Any, Self
 
 import numpy as np
 
@@ -34,7 +34,6 @@ from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
 from spherekit.sphere.rotation import all_finite, cross, nans, quaternion
 
 
-@final
 @dataclass(frozen=True)
 class Timing(ArrayRows):
     """Times `t` (n,) in s, and the inputs' rates and accelerations there.
@@ -57,7 +56,6 @@ def _repeated(rows: Floats, count: int) -> Floats:
     return np.tile(rows, (count, *(1,) * (rows.ndim - 1)))
 
 
-@final
 @dataclass(frozen=True)
 class Extent:
     """Least and greatest variables and rates of all inputs over a whole motion.
@@ -105,7 +103,6 @@ BLOCK = 16384
 enough for the caches; with half or twice as many a run takes the same time."""
 
 
-@final
 @dataclass(frozen=True)
 class Motion(ArrayRows):
     """Configurations in rows: mode after mode, in each the samples in order.
@@ -347,7 +344,6 @@ def _in_rows(
     )
 
 
-@final
 class PositionAnalysis:
     """The assembly modes of a mechanism over its inputs, evaluated as asked.
 
@@ -565,7 +561,6 @@ def trace(
     ).motion()
 
 
-@final
 class AngleUnwrapping:
     """The last configuration of each mode with its turns, from which samples go on.
 

@@ -6,7 +6,7 @@ here: whoever asks has to look.
 """
 
 from functools import cached_property
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +27,6 @@ PORTION = 1024
 """Nodes that are found at once."""
 
 
-@final
 class Predictor:
     """Predicts samples of a tracer from nodes, every so many of its samples."""
 

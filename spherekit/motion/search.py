@@ -7,7 +7,6 @@ worth: what is met as often as the rarest of them would hardly have been missed.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -51,7 +50,6 @@ SPREAD = 8.0
 """Copies of one solution differ by less than this times their first-order error."""
 
 
-@final
 @dataclass
 class SearchStatistics:
     """How many random starts were made, and how often they met each of the things found.
@@ -158,7 +156,6 @@ def damped(
     return values, squares < CLOSE**2
 
 
-@final
 class Distinct:
     """Closed configurations of one group at one sample that are pairwise different.
 

@@ -23,7 +23,7 @@ keep its sign.
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Generic, TypeVar, final
+from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -46,7 +46,6 @@ STEP_PARTS = np.array([0.5, 1.0])
 """Where a step is verified."""
 
 
-@final
 @dataclass(frozen=True)
 class Verification:
     """How well steps have to be predicted and corrected; `size` is that of a step.
@@ -294,7 +293,6 @@ NEARLY_FLAT, NEARLY_EQUAL, NEARLY_ENDED = 1e-3, 1e-3, 1e-6
 curvatures, and to the end of an open profile (rad), to name it as the reason."""
 
 
-@final
 @dataclass(frozen=True)
 class Nodes(ArrayRows):
     """Closed configurations and how they change when the inputs move along directions.

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from math import acos, copysign
-from typing import final
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -30,7 +29,6 @@ CHECKS = 48
 """Places in a cell, other than those sampled, where its error is measured."""
 
 
-@final
 @dataclass(frozen=True)
 class TensorChebyshev:
     """F functions on cells of a box by `coefficients` (cells, degree + 1, ..., F).
@@ -157,7 +155,6 @@ class TensorChebyshev:
         return [(int(a), b, int(c), int(d)) for a, b, c, d in self.splits.tolist()]
 
 
-@final
 class TensorCells:
     """Sums of the functions of a `TensorChebyshev` at one place, in little time."""
 
@@ -229,7 +226,6 @@ TOLERANCE = 1e-14
 FIRST_CELLS = 16
 
 
-@final
 @dataclass(frozen=True)
 class LocalPolynomials:
     """m functions as polynomials of degree `DEGREE` on cells of their own.

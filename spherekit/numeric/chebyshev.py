@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import final
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -25,7 +24,6 @@ ON_THE_AXIS = 1e-6
 """A zero whose imaginary part, in half cells, is smaller is taken for real."""
 
 
-@final
 @dataclass(frozen=True)
 class PiecewiseChebyshev:
     """m functions on [edges[0], edges[-1]] by `coefficients` (cells, degree + 1, m).

@@ -12,7 +12,6 @@ Angles less whole turns.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -134,7 +133,6 @@ _FITTING[[0, -1]] *= 0.5
 _CHECKING = np.cos(np.outer(np.arange(DEGREE + 1), np.arccos(_BETWEEN)))
 
 
-@final
 @dataclass(frozen=True)
 class Crossings:
     """Where a function changes its sign, and where that could not be told.

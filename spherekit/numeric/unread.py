@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, Protocol, final
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -22,7 +22,6 @@ class Source(Protocol):
         """Have columns read, rows after rows until all were, in any order or at once."""
 
 
-@final
 @dataclass(frozen=True)
 class LazyColumn:
     """A column (n,) of numbers that `source` makes by its `key` when it is read."""
@@ -40,7 +39,6 @@ class LazyColumn:
         return _array(self, dtype, copy)
 
 
-@final
 class Interleaved:
     """A column with a row for each of several subjects at every row of a batch.
 

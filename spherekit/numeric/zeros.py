@@ -7,7 +7,7 @@ Records of arrays with a row for each thing: some of the rows, and records joine
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Self, final
+from typing import Any, Self
 
 import numpy as np
 
@@ -30,7 +30,6 @@ MOST_STEPS = 100
 """Steps to a zero in its cell."""
 
 
-@final
 @dataclass(frozen=True)
 class Zeros:
     """Places (k,) in rising order, and whether the function only touches zero there."""

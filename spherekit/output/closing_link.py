@@ -8,7 +8,6 @@ derivative of f comes from the rates of the dyads, exactly.
 """
 
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -39,7 +38,6 @@ SAME_TURN = 1e-7
 """Roots nearer to each other (rad) are one."""
 
 
-@final
 @dataclass(frozen=True)
 class DyadsWithClosingLink:
     """A pointing mechanism of dyads and one bar.

@@ -10,7 +10,6 @@ How inputs move with an output, and the measures of type I that follow.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import final
 
 import numpy as np
 
@@ -25,7 +24,6 @@ from spherekit.sphere.rotation import cross
 Signs = tuple[int, ...]
 
 
-@final
 @dataclass(frozen=True)
 class DyadArcs:
     """The arcs (rad) of a dyad's two bodies, and what follows from them.
@@ -53,7 +51,6 @@ class DyadArcs:
         return HalfAngle.of(self.near), HalfAngle.of(self.far)
 
 
-@final
 @dataclass(frozen=True)
 class DyadPlacement:
     """A dyad on the growing body: pairs, the links they join, and its sign.
@@ -79,7 +76,6 @@ class DyadPlacement:
         return float(np.sin(self.cones.near) * np.sin(self.cones.far))
 
 
-@final
 class Dyads:
     """The dyads of an assembly that stand on one body, in solving order.
 
@@ -214,7 +210,6 @@ class Dyads:
         return min(arc, np.pi - arc) < COLLINEAR
 
 
-@final
 @dataclass(frozen=True)
 class InputRates:
     """Rates of the inputs, linear in the output's angular velocity w: top . w / bottom.

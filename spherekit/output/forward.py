@@ -16,7 +16,6 @@ input leads to the pose, and half a turn of a carrier is a whole one of its side
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice, product
-from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -108,7 +107,6 @@ def _turned(meshes: GearPhases, q: Floats, lengths: Floats) -> Floats | None:
     return fits[np.argmin(np.sum(np.abs(fits), axis=1))]
 
 
-@final
 @dataclass(frozen=True)
 class PoseSolutions:
     """Every configuration found at some poses or inputs, a row for each.
@@ -177,7 +175,6 @@ def solved(
     )
 
 
-@final
 @dataclass(frozen=True)
 class Forward:
     """Poses of an output at n inputs in m assembly modes of dyads.
@@ -193,7 +190,6 @@ class Forward:
     status: SmallIntegers
 
 
-@final
 class ForwardKinematics:
     """The forward kinematics of one declared output, with any number of inputs.
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,7 +40,6 @@ from spherekit.rates.transmission import Transmission
 from spherekit.sphere.rotation import azimuth_tilt, euler_zyz
 
 
-@final
 @dataclass(frozen=True)
 class Inverse:
     """The inputs of n poses in m working modes, and how near they are to singularities.
@@ -131,7 +130,6 @@ NOT_UNIT = 1e-6
 """Poses whose squared lengths or volume differ from 1 by more are refused."""
 
 
-@final
 class InverseKinematics:
     """The inverse kinematics of one declared output.
 

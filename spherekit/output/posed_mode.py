@@ -9,7 +9,7 @@ signs of some groups only is computed once for all modes that share these.
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import wraps
-from typing import Any, TypeVar, final
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from spherekit.rates.request import cross, dot, norm
 from spherekit.sphere.dyad import middle_axis, triple_square
 
 
-@final
 @dataclass(frozen=True)
 class Fraction:
     """A rate, linear in the output's angular velocity w: top . w / bottom.
@@ -83,7 +82,6 @@ def _by_rate(dyads: Dyads, pair: int) -> frozenset[int]:
     return dyads.moving[dyads.group_of[pair]]
 
 
-@final
 @dataclass(frozen=True)
 class PosedMode:
     """The dyads at n poses of the output, in one mode.

@@ -10,7 +10,6 @@ of a mechanism can be asked of that.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import final
 
 import numpy as np
 
@@ -30,7 +29,6 @@ COORDINATES = (2, 3)
 """Of a pointing output, and of an orientation."""
 
 
-@final
 @dataclass(frozen=True)
 class VirtualOutputChain:
     """A mechanism with a virtual wrist at one of its outputs.

@@ -17,7 +17,7 @@ them, and constraints point from the link whose pebble they hold to the other li
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, final
+from typing import Protocol
 
 from spherekit.conventions import listing
 from spherekit.errors import CountError, PlanError
@@ -178,7 +178,6 @@ def graph_mobility(mechanism: Mechanism) -> int:
     return FREEDOMS * (len(mechanism.links) - 1) - taken
 
 
-@final
 @dataclass(frozen=True)
 class Freedom:
     """What counting says about a chain in which one input moves and others are locked.
@@ -326,7 +325,6 @@ def _locked(mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]) 
     return Freedom(body, game)
 
 
-@final
 @dataclass(frozen=True)
 class Group:
     """Bodies that become one body when their pairs are closed together.
@@ -391,7 +389,6 @@ class Group:
         return f"{len(self.bodies)}-body group with {self.loops} loops"
 
 
-@final
 @dataclass(frozen=True)
 class Assembly:
     """The locked input pairs, then the groups in solving order.

@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +30,6 @@ from spherekit.model.graph import joined
 from spherekit.model.mechanism import Mechanism
 
 
-@final
 @dataclass(frozen=True)
 class Coaxial:
     """Links whose relative motions share one axis, that of R pair `pair`.
@@ -106,7 +105,6 @@ Pole = tuple[int, int]
 """Two link numbers, smaller first; the pole of the second relative to the first."""
 
 
-@final
 @dataclass(frozen=True)
 class PrimaryPole:
     """A pole that is the axis or contact line of a pair."""
@@ -115,7 +113,6 @@ class PrimaryPole:
     pair: int
 
 
-@final
 @dataclass(frozen=True)
 class LinePole:
     """A pole at the intersection of great circles.
@@ -143,7 +140,6 @@ class LinePole:
         return tuple(source for k in self.via for source in (pole_of(i, k), pole_of(j, k)))
 
 
-@final
 @dataclass(frozen=True)
 class CoaxialPole:
     """A pole that is the axis of R pair `pair`, which its links always share."""
@@ -153,7 +149,6 @@ class CoaxialPole:
     pair: int
 
 
-@final
 @dataclass(frozen=True)
 class BlockPoles:
     """All poles of an irreducible single-freedom part, solved together.
@@ -186,7 +181,6 @@ class BlockPoles:
 Step = PrimaryPole | CoaxialPole | LinePole | BlockPoles
 
 
-@final
 @dataclass(frozen=True)
 class Plan:
     """Ordered steps that give every requested pole while one input moves.

@@ -13,7 +13,7 @@ the inputs, these and the lengths rolled are linear functions of the inputs.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar, final
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -52,7 +52,6 @@ class _Signed(Protocol):
 Number = TypeVar("Number", bound=_Signed)
 
 
-@final
 @dataclass(frozen=True)
 class GearMesh:
     """Two wheels on a carrier: by which pairs each is turned in it, and the signs.
@@ -191,7 +190,6 @@ MOST_TEETH = 64
 """Whole turns by which wheels are tried whose contact repeats those of others."""
 
 
-@final
 @dataclass(frozen=True)
 class GearTrain:
     """The angles of pairs, and the lengths rolled, that follow from the inputs.
@@ -215,7 +213,6 @@ class GearTrain:
         return [float(number) for number in both.ravel()]
 
 
-@final
 @dataclass(frozen=True)
 class RollingOnCarrier:
     """A contact with both its wheels, on a carrier."""

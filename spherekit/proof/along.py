@@ -11,7 +11,6 @@ Configuration curves as chains of pieces, each with the centre of the next one i
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import final
 
 import numpy as np
 
@@ -31,7 +30,6 @@ LONGER = 1.6
 """How much longer than the last the next piece is tried."""
 
 
-@final
 @dataclass(frozen=True)
 class Range:
     """The range of the input (rad), of all turns if `whole`."""
@@ -45,7 +43,6 @@ class Range:
         return 0 if self.whole else int(q > self.high + off) - int(q < self.low - off)
 
 
-@final
 @dataclass(frozen=True)
 class Chain:
     """A curve, or the part of it that goes through the range of the input.
@@ -161,7 +158,6 @@ NEAREST = 6e-10
 STEPS = 60
 
 
-@final
 @dataclass(frozen=True)
 class Rates:
     """Bounds of the rates (v,) by s in a part of a piece, and of their derivatives."""
@@ -214,7 +210,6 @@ def rates(piece: CertifiedArc, half: float) -> Rates:
     return Rates(t - spread, t + spread, middle - reach, middle + reach)
 
 
-@final
 @dataclass(frozen=True)
 class StationaryPlace:
     """A configuration where one variable stops along a curve, and nowhere else near it.
@@ -230,7 +225,6 @@ class StationaryPlace:
     after: int = 0
 
 
-@final
 @dataclass(frozen=True)
 class UndecidedInterval:
     """A part of a chain, between two configurations, in which a variable may stop.

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,7 +59,6 @@ def precision() -> int:
     return int(library().ctx.prec)
 
 
-@final
 @checked_class(EngineError)
 class Digits:
     """How many decimal `digits` reference values are computed in; `eps` is their spacing.

@@ -12,7 +12,7 @@ Enclosures of pole axes and velocity coefficients of certified modes.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +45,6 @@ ROUNDING = 1e-12
 """More than inputs (rad) are off by in float64."""
 
 
-@final
 @dataclass(frozen=True)
 class CertifiedSingularity:
     """A singular configuration of an output: exactly one within `stop.off` of its place.
@@ -62,7 +61,6 @@ class CertifiedSingularity:
     inside: bool
 
 
-@final
 @dataclass(frozen=True)
 class CertifiedSingularities:
     """All singularities of types I and II of outputs along certified curves.
@@ -172,7 +170,6 @@ def _meet(one: StationaryPlace, other: StationaryPlace) -> bool:
     return bool(np.all(np.abs(apart) <= one.off + other.off))
 
 
-@final
 @dataclass(frozen=True)
 class CertifiedPole:
     """The pole of link `first` relative to `second`, while one input moves at unit rate.

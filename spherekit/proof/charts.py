@@ -10,7 +10,7 @@ angles are inputs too.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +25,6 @@ NEWTON_STEPS = 8
 STILL = 1e-13
 
 
-@final
 @dataclass(frozen=True)
 class Polynomials:
     """Coefficients of a system at m inputs, and of their derivatives by the inputs.
@@ -65,7 +64,6 @@ class Polynomials:
         return Polynomials(values, slopes, error, equations.bound[list(rows)], degrees)
 
 
-@final
 @dataclass(frozen=True)
 class ChartRoots:
     """Points (n, k): `z`, or where `inverse` says so 1 / z, of the inputs `row` (n,)."""
@@ -184,7 +182,6 @@ def inverses(first: Complexes) -> tuple[Complexes, Bools]:
     return out, regular & np.all(np.isfinite(out), axis=(1, 2))
 
 
-@final
 @dataclass(frozen=True)
 class Given:
     """Boxes of the inputs, and how what is given to a system moves with them.
@@ -202,7 +199,6 @@ class Given:
         return Given(self.half[rows], self.rates[rows], self.off[rows])
 
 
-@final
 @dataclass(frozen=True)
 class RootEnclosures:
     """What is proven of points over boxes: `good` (n,) and what else.

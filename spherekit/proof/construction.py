@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, combinations
 from math import lcm
-from typing import final
 
 import numpy as np
 
@@ -39,7 +38,6 @@ MOST_KEPT = 256
 """Structures whose order is kept: random geometries of one have the same."""
 
 
-@final
 @dataclass(frozen=True)
 class PlacedByJoint:
     """A link placed across a pair from a link placed before; `variable` is its angle.
@@ -54,7 +52,6 @@ class PlacedByJoint:
     turns: int = 1
 
 
-@final
 @dataclass(frozen=True)
 class PlacedByDyad:
     """A link put on the axes of two pairs with links placed before; one equation."""
@@ -69,7 +66,6 @@ _Numbers = tuple[int, ...]
 _Key = tuple[tuple[tuple[int, int], ...], int, _Numbers, _Numbers, frozenset[int]]
 
 
-@final
 @dataclass(frozen=True)
 class Construction:
     """All links of a mechanism in an order of placing them, from `root` on.
@@ -165,7 +161,6 @@ def permanent(matrix: Indices) -> int:
     return sum(sums.values())
 
 
-@final
 class Ranks:
     """How links depend on variables: for each link the one it is placed in, and degrees.
 

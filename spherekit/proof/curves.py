@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
 from itertools import pairwise
-from typing import final
 
 import numpy as np
 
@@ -34,7 +33,6 @@ SMALLEST = 1e-6
 MOST_BOXES = 6_000_000
 
 
-@final
 @dataclass(frozen=True)
 class CertifiedCurves:
     """What is proven of the configuration curves over a range of the only input.

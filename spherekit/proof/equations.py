@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -81,7 +81,6 @@ Rotation = tuple[BallMatrix, BallMatrix, BallMatrix]
 """How a link turns in the one before: still + cos(angle) even + sin(angle) odd."""
 
 
-@final
 @dataclass(frozen=True)
 class Placement:
     """A link put on axes u and w of two others; `rows` take its axes to coordinates.
@@ -97,7 +96,6 @@ class Placement:
     sine: float
 
 
-@final
 class Equations:
     """The equations of a mechanism in the arithmetic of balls of the present precision.
 

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
-from typing import final
 
 import numpy as np
 
@@ -44,7 +43,6 @@ BALL = 1e-9
 """Half widths (rad) of balls in which the other variables are shown to be."""
 
 
-@final
 @dataclass(frozen=True)
 class Folding:
     """The equation of a loop of four pairs with both its variables.
@@ -213,7 +211,6 @@ FARTHEST = 0.02
 MOST_SADDLES = 64
 
 
-@final
 @dataclass(frozen=True)
 class Arm:
     """One of the four arms of a saddle, by the saddle's number and its quadrant."""
@@ -222,7 +219,6 @@ class Arm:
     quadrant: Quadrant
 
 
-@final
 class Crossings:
     """All saddles of a search, whose parts of space have no point in common."""
 

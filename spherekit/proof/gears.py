@@ -22,7 +22,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -62,7 +62,6 @@ from spherekit.proof.balls import (
 )
 
 
-@final
 @dataclass(frozen=True)
 class EquivalentLink:
     """The link that stands for a sliding contact, and its pairs with the two links of it.
@@ -75,7 +74,6 @@ class EquivalentLink:
     pairs: tuple[int, int]
 
 
-@final
 @dataclass(frozen=True)
 class Structure:
     """Links and R pairs: those of a mechanism in their order, and then those of couplers.
@@ -158,7 +156,6 @@ def _new(name: str, taken: list[str]) -> str:
     return name
 
 
-@final
 @dataclass(frozen=True)
 class Circle:
     """A circle in link axes: centre, angular radius, its sine, and where arcs begin.
@@ -172,7 +169,6 @@ class Circle:
     sine: Ball
 
 
-@final
 @dataclass(frozen=True)
 class Touching:
     """The circles of a contact, and the way from one centre to the other.
@@ -198,7 +194,6 @@ PHASE = 1e-13
 """A start that the reader finds of a phase is known to this (rad)."""
 
 
-@final
 @dataclass(frozen=True)
 class Written:
     """A mechanism with the text of its file, and by how much its sizes may be off.

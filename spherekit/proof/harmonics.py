@@ -10,7 +10,7 @@ inequality for the derivatives.
 from collections.abc import Callable, Sequence
 from itertools import product
 from math import prod
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,6 @@ Values = Callable[[Sequence[Ball]], list[Ball]]
 """Equations at angles (rad) of all variables."""
 
 
-@final
 class Harmonics:
     """Equations at real angles by their coefficients: values and derivatives in float64.
 
@@ -117,7 +116,6 @@ def _waves(turns: Floats, most: int, order: int) -> Floats:
     return out
 
 
-@final
 class _Nodes:
     """Values of the equations in balls at evenly spaced angles."""
 
@@ -133,7 +131,6 @@ class _Nodes:
         return self._kept[place][k]
 
 
-@final
 class _Term:
     """One equation: its variables and the coefficients, an axis of each variable."""
 

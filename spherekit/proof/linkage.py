@@ -14,7 +14,7 @@ derivatives are those of power series.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -90,7 +90,6 @@ def _curve(profile: Profile, _: int) -> BallCurve:
     return _Measured(_Fourier(axes, profile.cosines, profile.sines), True)
 
 
-@final
 class _Circle(BallCurve):
     """A circle about the third of `axes` with the sine and cosine of its radius."""
 
@@ -122,7 +121,6 @@ class _Path(ABC):
         return _length(self.at(u)[1])
 
 
-@final
 class _Measured(BallCurve):
     """A curve in a parameter of its own, with the parameter as power series of arc length.
 
@@ -198,7 +196,6 @@ def _value(coefficients: Any, x: Any) -> Any:
     return total
 
 
-@final
 class _Fourier(_Path):
     """A colatitude about the third of `axes`; its parameter is the azimuth."""
 
@@ -226,7 +223,6 @@ class _Fourier(_Path):
         return cosine * z + sine * outward, slope[:, None] * away + sine * along
 
 
-@final
 class _Spline(_Path):
     """The radial projection of a quintic spline in space."""
 
@@ -305,7 +301,6 @@ class _Joint(ABC):
         return np.stack(vectors, axis=1)
 
 
-@final
 class _Revolute(_Joint):
     """An R pair with its frames in both links."""
 
@@ -322,7 +317,6 @@ class _Revolute(_Joint):
         return self.axis(values)[:, None]
 
 
-@final
 class _Contact(_Joint):
     """A contact pair: two curves, whose frames agree at the contact.
 
@@ -386,7 +380,6 @@ def _joints(mechanism: Mechanism, frames: Frames) -> list[_Joint]:
     return made
 
 
-@final
 class Linkage:
     """The links of a mechanism placed one after another from the ground.
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
 
 import numpy as np
 
@@ -51,7 +50,6 @@ MOST_APART = 3000
 """Boxes left over, beyond which they are one cluster."""
 
 
-@final
 @dataclass(frozen=True)
 class CertifiedModes:
     """What is proven of the modes at inputs.
@@ -232,7 +230,6 @@ def clusters(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     return list(zip(0.5 * (lows + highs), 0.5 * (highs - lows), strict=True))
 
 
-@final
 class _Search:
     """Roots proven so far at one precision."""
 

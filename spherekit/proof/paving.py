@@ -22,7 +22,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
-from typing import final
 
 import numpy as np
 
@@ -103,7 +102,6 @@ FIRST = -2.4
 """Where turns of unknown angles begin (rad): at no place that special geometry prefers."""
 
 
-@final
 class Axis:
     """One variable over its range, cut in halves: centres, radii, cosines and sines.
 
@@ -133,7 +131,6 @@ class Axis:
         return np.array([self._known[centre] for centre in centres.tolist()])[back]
 
 
-@final
 @dataclass(frozen=True)
 class Boxes:
     """Boxes (n, variables) by how often each side was halved, and which part they are."""
@@ -183,7 +180,6 @@ class Boxes:
         )
 
 
-@final
 @dataclass
 class CoveredBoxes:
     """What became of space: how many boxes were looked at, and those undecided.
@@ -272,7 +268,6 @@ AT_ONCE = 4096
 REGULAR, CONTAINS, UNDECIDED = 0, 1, 2
 
 
-@final
 @dataclass(frozen=True)
 class InputMap:
     """What is proven of boxes of the inputs (n, inputs) rad, which fill their ranges.

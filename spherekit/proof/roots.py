@@ -9,7 +9,6 @@ at a zero, at most as far from the centre.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -40,7 +39,6 @@ NEAR_REAL = 1e-6
 """Roots with smaller imaginary parts (rad) are tried as real ones."""
 
 
-@final
 @dataclass(frozen=True)
 class Root:
     """Unknown angles with exactly one solution within `unique` of `centre` (rad).

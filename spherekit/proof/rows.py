@@ -7,7 +7,7 @@ give all derivatives. Nothing of the solvers that made the motion is used.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +47,6 @@ DIRECTED = 1e6
 STEPS = 40
 
 
-@final
 @dataclass(frozen=True)
 class ExactRows:
     """Reference values of n rows while one input moves at unit rate, the others held.
@@ -197,7 +196,6 @@ def _start(motion: Motion, held: Sequence[int], inputs: Array) -> Array:
     return start
 
 
-@final
 @dataclass(frozen=True)
 class Closed:
     """Configurations (k, variables) that Newton's method reached from starts.

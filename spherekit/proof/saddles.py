@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
-from typing import final
 
 import numpy as np
 
@@ -47,7 +46,6 @@ Quadrant = tuple[int, int]
 QUADRANTS: tuple[Quadrant, ...] = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
-@final
 class _Arms:
     """Rates on arms in a rectangle, from how variables move with u and v, and from g''.
 
@@ -150,7 +148,6 @@ FAR = 100.0
 """How many times their gap arms are away from a saddle where they count as straight."""
 
 
-@final
 @dataclass(frozen=True)
 class Saddle(Zone):
     """A part of space with four arms of configuration curves that meet, or nearly do.
@@ -233,7 +230,7 @@ def _better(one: Saddle, other: Saddle | None) -> bool:
 def _form(equations: Equations, place: Floats, farthest: float) -> "_Form | None":
     """Return coordinates in which the curves at a saddle are diagonals of a rectangle."""
     form = _Form.about(equations, place)
-    critical = form and form.critical(exactly(place))
+    critical = form.critical(exactly(place)) if form else None
     if form is None or critical is None:
         return None
     centre = floats(critical)
@@ -256,7 +253,6 @@ def _form(equations: Equations, place: Floats, farthest: float) -> "_Form | None
     return replace(form, frame=frame, units=units / np.max(units), lifted=lifted)
 
 
-@final
 @dataclass(frozen=True)
 class _Form:
     """The reduced equation g about a centre, and the test over rectangles.

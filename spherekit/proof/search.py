@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import final
 
 import numpy as np
 
@@ -20,7 +19,6 @@ NEIGHBOURS = 8
 """Pieces with the nearest centres that a box is tried against."""
 
 
-@final
 class Cover:
     """All pieces of chains, searched by place."""
 
@@ -95,7 +93,6 @@ TRIED = 6
 """Boxes of each batch that are looked into."""
 
 
-@final
 class Search:
     """Finds curves in boxes that are not decided."""
 

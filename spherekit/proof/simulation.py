@@ -20,7 +20,7 @@ sign of a condition, which is held on the side it is said to be on.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -50,7 +50,6 @@ Sides = Floats | None
 """The sides (switches,) +1 or -1 of all conditions; None takes those they are on."""
 
 
-@final
 @dataclass
 class Moving:
     """A mechanism in motion at n rows, by a coordinate of its own.
@@ -103,7 +102,6 @@ def inertia(
     return B, dB
 
 
-@final
 class _Switches:
     """The conditions met so far, in the order in which expressions are evaluated."""
 
@@ -138,7 +136,6 @@ class _Switches:
         )
 
 
-@final
 class Forces:
     """The loads of a mechanism; numbers in their expressions are the float64 they are."""
 
@@ -252,7 +249,6 @@ time, at times (n,) s."""
 EndKind = Literal["time", "joint_limit", "sticking"]
 
 
-@final
 @dataclass(frozen=True)
 class ExactStates:
     """A simulation at n times, as balls.
@@ -267,7 +263,6 @@ class ExactStates:
     second: Array
 
 
-@final
 class _Legendre:
     """Series of `count` Legendre polynomials on [-1, 1], from values at Gauss's nodes.
 
@@ -299,7 +294,6 @@ class _Legendre:
         return (legvander(np.array([x]), self.count - 1) @ coefficients)[0]
 
 
-@final
 @dataclass(frozen=True)
 class _Step:
     """A step from `start` (s), `length` long: `moves`, `pushes` (count,) series.
@@ -324,7 +318,6 @@ class _Step:
     sweeps: int
 
 
-@final
 class ExactSimulation:
     """The motion of a single-DOF mechanism from a start, under its loads.
 

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
 from itertools import permutations, product
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -74,7 +74,6 @@ def solutions(made: Polynomials, seed: int) -> ChartRoots:
         return _Way(made, seed).tracked()
 
 
-@final
 class _Way:
     """A system from products of lines at t = 0 to the one wanted at t = 1."""
 
@@ -187,7 +186,6 @@ NEAR = 1.0
 MOST_KNOWN, MOST_SHOWN = 1024, 128
 
 
-@final
 @dataclass(frozen=True)
 class KnownRoots:
     """All roots of a system at one choice of what is given to it, to start from."""
@@ -196,7 +194,6 @@ class KnownRoots:
     points: ChartRoots
 
 
-@final
 @dataclass(frozen=True)
 class _Modes:
     """Modes (n,) of the systems so far, each over the box of the number in `row`.
@@ -219,7 +216,6 @@ class _Modes:
         return _Modes(*(values[kept] for values in vars(self).values()))
 
 
-@final
 @dataclass(frozen=True)
 class SolvedSystem:
     """One system: its equations and unknowns by number, and all its solutions for modes.
@@ -233,7 +229,6 @@ class SolvedSystem:
     solved: tuple[KnownRoots, ...]
 
 
-@final
 class Systems:
     """The systems of a mechanism's equations, and how many roots each can have."""
 

@@ -10,7 +10,6 @@ ordinary place. Everything is float64 with bounds of what it is off by.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -34,7 +33,6 @@ ROUNDING = 1e-14
 """More than the relative rounding of products of matrices of up to 16 rows."""
 
 
-@final
 @dataclass(frozen=True)
 class Local:
     """The equations at one configuration: values, slopes, curvatures, and what bounds them.
@@ -88,7 +86,6 @@ class Zone:
         return np.all(inside, axis=1)
 
 
-@final
 @dataclass(frozen=True)
 class CertifiedArc(Zone):
     """A part of space with one arc in it: `frame` (v, v) has the columns t and N.
@@ -168,7 +165,6 @@ def _halves(longest: float, shortest: float) -> Iterator[Floats]:
         yield powers[start : start + AT_ONCE]
 
 
-@final
 class Test:
     """Whether for every s of a length there is exactly one y in a radius."""
 

@@ -8,7 +8,7 @@ Poles of a motion in which one input moves, in rows.
 from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Literal, final
+from typing import Any, Literal
 
 import numpy as np
 
@@ -67,7 +67,6 @@ ROUTES: dict[Route, str] = {
 """Those of the sequence give a status where it is ill-conditioned."""
 
 
-@final
 @dataclass(frozen=True)
 class Request:
     """The plan behind wanted poles and coefficients, and the links whose rates it gives.
@@ -181,7 +180,6 @@ def axis_pairs(plan: Plan) -> dict[Pole, int]:
     }
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class PoleField(ArrayRows):
     """Requested poles of a motion in which one input moves; rows as in the motion.
@@ -237,7 +235,6 @@ Path = Floats
 """(8, k) what a direction follows: the way, the sense of the input, w and dw."""
 
 
-@final
 class SignContinuation:
     """What earlier blocks of a motion found, so that signs continue.
 
@@ -328,7 +325,6 @@ def signed(
     return field
 
 
-@final
 @dataclass(frozen=True)
 class Stops:
     """Rows of one assembly mode where directions are looked at.
@@ -341,7 +337,6 @@ class Stops:
     linked: Bools
 
 
-@final
 @dataclass(frozen=True)
 class ReversedRows:
     """Which directions of an input are turned round: the `pole` from `start` to `stop`.

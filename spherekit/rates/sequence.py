@@ -10,7 +10,6 @@ intersection most certain; both the angle between the two planes and the bound a
 """
 
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -34,7 +33,6 @@ TRUSTED_ERROR = 1e-12
 """A direction with a smaller bound (rad) is surely good."""
 
 
-@final
 class PlannedPoles:
     """The poles of a plan at the rows of a motion, with any signs of secondary ones.
 
@@ -162,7 +160,6 @@ def _unit(a: Floats) -> Floats:
     return a / norm(a)
 
 
-@final
 @dataclass(frozen=True)
 class NullMotion:
     """The motion of a single-freedom part up to its scale.

@@ -20,7 +20,6 @@ output. No choice of loops, ground, frame or unit of a variable changes it.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
 
 import numpy as np
 
@@ -43,7 +42,6 @@ ROWS = 4096
 """Rows computed at once."""
 
 
-@final
 @dataclass(frozen=True)
 class Transmission:
     """The measure of one output of a mechanism.

@@ -7,7 +7,6 @@ between both is the integral of sin h by the arc of the chord, exactly.
 
 from dataclasses import dataclass
 from functools import cache
-from typing import final
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -32,7 +31,6 @@ AUDIT = 16
 """Steps along a piece at which the other margins are looked at."""
 
 
-@final
 @dataclass(frozen=True)
 class Chords(ArrayRows):
     """Frames of chords (n,): their starts, directions, left sides, and arcs in rad."""
@@ -86,7 +84,6 @@ def between(order: int, u: Floats) -> Floats:
     return chebyshev.chebvander(u, order) @ coefficients(order)
 
 
-@final
 @dataclass
 class BoundarySegments(ArrayRows):
     """Pieces (n,) of the border over chords: what bounds them and their heights.

@@ -7,7 +7,6 @@ all orientations have 8 pi^2 of it, as with Euler angles and sin(b) da db dc.
 """
 
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -43,7 +42,6 @@ _CHECKS = np.array([[1, 1, 1], [1, 3, 3], [3, 1, 3], [3, 3, 1]])
 """Places of four checks in a cell, in quarters of it."""
 
 
-@final
 @dataclass(frozen=True)
 class Orientations:
     """Orientations where all margins are at least 0.

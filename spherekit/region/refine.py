@@ -6,7 +6,6 @@ The directions where given margins are not negative, with area, border and parts
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import final
 
 import numpy as np
 
@@ -301,7 +300,6 @@ LARGEST_SET = 4
 """Sets of more margins than this are not tried when a region is empty."""
 
 
-@final
 @dataclass(frozen=True)
 class BorderArc:
     """A smooth arc of the border: `points` (m, 3), the region to their left.
@@ -314,7 +312,6 @@ class BorderArc:
     points: Floats
 
 
-@final
 @dataclass(frozen=True)
 class Boundary:
     """A closed curve of the border, as its smooth arcs in order.
@@ -340,7 +337,6 @@ class Boundary:
         return np.reshape(starts, (-1, 3))
 
 
-@final
 @dataclass(frozen=True)
 class Part:
     """A connected part of the region or of the outside.
@@ -355,7 +351,6 @@ class Part:
     depth: float
 
 
-@final
 @dataclass(frozen=True)
 class Region:
     """Directions where all margins are at least 0.

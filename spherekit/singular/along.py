@@ -7,7 +7,6 @@ through its zeros, and there u is the limit that the derivative of w u points al
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -40,7 +39,6 @@ Plans = dict[tuple[Pole, ...], Plan | None]
 """Plans by the poles they give, None where counting freedoms gives none."""
 
 
-@final
 @dataclass(frozen=True)
 class Axis:
     """Unit vectors (n, 3) along a pole, and error bounds (n,).
@@ -59,7 +57,6 @@ class Axis:
         return Axis(unit, np.where(take, other.error, self.error))
 
 
-@final
 @dataclass(frozen=True)
 class Sense:
     """Which way a pole's axis points along a curve: unit vectors (k, 3) at places s (k,).
@@ -80,7 +77,6 @@ class Sense:
         return np.where(np.sum(vectors * there, axis=1) < 0.0, -1.0, 1.0)
 
 
-@final
 @dataclass(frozen=True)
 class _Seen(ArrayRows):
     """A pole's axis in either sense and its rate vector (k, 3) at rising places s (k,)."""
@@ -100,7 +96,6 @@ class _Seen(ArrayRows):
         return np.cumprod(np.append(1.0, np.where(self.turns < 0.0, -1.0, 1.0)))
 
 
-@final
 @dataclass(frozen=True)
 class LinkRates:
     """First and second derivatives by the motion's parameter of a set of bodies.
@@ -119,7 +114,6 @@ class LinkRates:
         return self.w[:, j] - self.w[:, i], self.dw[:, j] - self.dw[:, i]
 
 
-@final
 class AlongCurve:
     """Rates and axes of the links of a mechanism along one of its configuration curves.
 

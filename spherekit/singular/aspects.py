@@ -7,7 +7,6 @@ one aspect; the sign of a determinant tells others apart.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -38,7 +37,6 @@ SAME = 1e-6
 MOST_CONFIGURATIONS = 200_000
 
 
-@final
 @dataclass(frozen=True)
 class Aspects:
     """n configurations over an input grid, and the aspect of each.
@@ -184,7 +182,6 @@ def _starts(solver: Solver, input_grid: InputGrid) -> tuple[Floats, Indices]:
     return values, rows[which]
 
 
-@final
 @dataclass(frozen=True)
 class _Nodes(ArrayRows):
     """n configurations at samples of an input grid, and the signs that part aspects.
@@ -205,7 +202,6 @@ class _Nodes(ArrayRows):
         return len(self.row)
 
 
-@final
 class _Spread:
     """Configurations at the samples of an input grid, and which are joined.
 

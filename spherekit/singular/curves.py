@@ -16,7 +16,6 @@ A curve of singular configurations of a mechanism with two freedoms.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import final
 
 import numpy as np
 
@@ -60,7 +59,6 @@ Along = Callable[[LocusPoints], Floats]
 """A function (n,) of points of a curve."""
 
 
-@final
 @dataclass(frozen=True)
 class SingularCurve:
     """A curve of a locus through verified nodes, in the arc length of the variables.
@@ -255,7 +253,6 @@ def trace_curves(
     return curves
 
 
-@final
 @dataclass(frozen=True)
 class _Nodes(CurvePoints):
     """Points, tangents in the sense of the path, bends of the last step, or none.
@@ -280,7 +277,6 @@ def _bordered(points: LocusPoints, tangents: Floats) -> Floats:
     return np.concatenate([points.equations, border[:, None]], axis=1)
 
 
-@final
 @dataclass
 class _LocusCurves(Curves[_Nodes]):
     """Curves of a locus: in one sense in the first half, in the other in the second."""
@@ -382,7 +378,6 @@ TOGETHER = 16
 """Curves that are followed side by side, from different starts."""
 
 
-@final
 @dataclass(frozen=True)
 class CurveSeen:
     """A curve of singular configurations of one type: its points, and those of type III.
@@ -421,7 +416,6 @@ class CurveSeen:
         return self.view.points(made)
 
 
-@final
 @dataclass(frozen=True)
 class SingularCurves:
     """The curves of one type, and what is known of those not found.

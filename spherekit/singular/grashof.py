@@ -16,7 +16,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +34,6 @@ FOLDS = 1e-9
 """Sums of arcs (rad) below this are zero: the links can lie in one great circle."""
 
 
-@final
 @dataclass(frozen=True)
 class Grashof:
     """The class of a four-bar: names of its input and output links, and how they move.
@@ -133,7 +131,6 @@ Angles = Callable[[Floats], Floats]
 """Angles (n,) rad at places (n,) of a curve."""
 
 
-@final
 @dataclass(frozen=True)
 class NearMiss:
     """A local least of the angle to a type of singularity of an output.

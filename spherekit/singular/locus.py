@@ -16,7 +16,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import final
 
 import numpy as np
 
@@ -51,7 +50,6 @@ TRUST = 0.3
 """Largest change of a variable (rad) in one step."""
 
 
-@final
 @dataclass(frozen=True)
 class Measure:
     """How singular n configurations are.
@@ -96,7 +94,6 @@ class Measure:
         return np.einsum("nab,njba->nj", adjugate(self._square), slopes)
 
 
-@final
 @dataclass(frozen=True)
 class LocusPoints(ArrayRows):
     """n points of a locus of k = g - 1 dimensions; NaN where Newton's method failed.
@@ -141,7 +138,6 @@ class LocusPoints(ArrayRows):
         return self.residual < ON_LOCUS
 
 
-@final
 @dataclass(frozen=True)
 class SingularityLocus:
     """Singular configurations of a closure with g freedoms, of one type.
@@ -343,7 +339,6 @@ TOGETHER = 12
 """Slices of dyads that are followed side by side."""
 
 
-@final
 @dataclass(frozen=True)
 class Slice:
     """One curve of configurations with all inputs but one locked.
@@ -450,7 +445,6 @@ def _together(
                 yield Slice(locked[k], curve)
 
 
-@final
 @dataclass(frozen=True)
 class LockedInputSection:
     """The slices of a mechanism at some values of each input, in the order made.

@@ -10,7 +10,6 @@ II.c in form ii, in the order in which the lecture gives them.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -37,7 +36,6 @@ UNDECIDED = 1e3
 Plane = tuple[str, str, str]
 
 
-@final
 @dataclass(frozen=True)
 class Condition:
     """A geometric condition on the six axes, named as in `SixPoles`.
@@ -82,7 +80,6 @@ class Condition:
         return " and ".join(parts) or "all six axes lie in one plane"
 
 
-@final
 @dataclass(frozen=True)
 class Holding:
     """A condition that holds at a configuration.
@@ -226,7 +223,6 @@ def _out_of_plane(vectors: Floats) -> Floats:
     return out
 
 
-@final
 @dataclass(frozen=True)
 class RelationAt:
     """The input-output relation at one singularity.
@@ -347,7 +343,6 @@ def _disagreement(
     )
 
 
-@final
 @dataclass(frozen=True)
 class SingularPoint:
     """A singularity of one input and one output, by numbers of links.
@@ -397,7 +392,6 @@ class SingularPoint:
         return not self.note
 
 
-@final
 @dataclass(frozen=True)
 class CrossingPoint:
     """A configuration where curves cross, or one that a curve ends before.
@@ -429,7 +423,6 @@ class CrossingPoint:
         return not self.note
 
 
-@final
 @dataclass(frozen=True)
 class WholeCurve:
     """A curve on all of which an output or the input stands still: no points on it.
@@ -443,7 +436,6 @@ class WholeCurve:
     curve: int
 
 
-@final
 @dataclass(frozen=True)
 class AlongOutput:
     """Rates (n,) per arc length, and relations, of an output at n places of a curve.
@@ -456,7 +448,6 @@ class AlongOutput:
     relations: tuple[Relation, ...]
 
 
-@final
 @dataclass(frozen=True)
 class Singularities:
     """All singularities of a mechanism for one input and some outputs.

@@ -8,7 +8,6 @@ product of three directions removes the two rates that are not wanted.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import final
 
 import numpy as np
 
@@ -51,7 +50,6 @@ class LinkCount(StrEnum):
     SAME_POLE = "same pole"
 
 
-@final
 @dataclass(frozen=True)
 class FourLinks:
     """Numbers of the input link i, its reference r, the output link o, its reference s.
@@ -81,7 +79,6 @@ class FourLinks:
         return list(dict.fromkeys(pole_of(a, b) for a, b in pairs if a != b))
 
 
-@final
 @dataclass(frozen=True)
 class SixPoles:
     """Unit vectors (n, 3) along the poles of four links, in one set of axes.
@@ -112,7 +109,6 @@ class SixPoles:
         return np.stack([getattr(self, axis) for axis in axes], axis=1)
 
 
-@final
 @dataclass(frozen=True)
 class Relation:
     """c y' = d q' at n configurations.

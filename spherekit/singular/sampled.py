@@ -10,7 +10,6 @@ about unless it stops the input. A group that is left out has no dead centre any
 """
 
 from collections.abc import Iterable, Sequence
-from typing import final
 
 import numpy as np
 
@@ -105,7 +104,6 @@ TOUCHES = 1e-6
 """A piece of a curve holds what is nearer than this to its ends (rad of arc length)."""
 
 
-@final
 class SampledSingularities:
     """The singularities on all configuration curves, and measures at given rows.
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
 from itertools import combinations
-from typing import Literal, final
+from typing import Literal
 
 import numpy as np
 
@@ -113,7 +113,6 @@ class MotionMeasures:
     group: SmallIntegers
 
 
-@final
 @dataclass(frozen=True)
 class OutputCoefficients(MotionMeasures):
     """Rows with each input moved alone, and all together.
@@ -438,7 +437,6 @@ OWN: Mapping[LocusName, tuple[RowType, ...]] = {
 """Types of the configurations on each locus."""
 
 
-@final
 @dataclass(frozen=True)
 class SingularPoints(ArrayRows):
     """n singular configurations, as what stands still and what moves sees them.
@@ -480,7 +478,6 @@ class SingularPoints(ArrayRows):
     residual: Floats
 
 
-@final
 @dataclass(frozen=True)
 class SingularityReport:
     """The singular configurations of a type, and what of them is reported."""

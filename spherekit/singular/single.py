@@ -12,7 +12,6 @@ Places on a curve where relative rates vanish, put together where they agree.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import final
 
 import numpy as np
 
@@ -52,7 +51,6 @@ WIDE = 1e-9
 """Places with a larger error bound (rad) are not told apart, nor said to agree."""
 
 
-@final
 @dataclass(frozen=True)
 class Roots:
     """Zeros at s (k,), whether each is double, and bounds of the errors of s."""
@@ -62,7 +60,6 @@ class Roots:
     error: Floats
 
 
-@final
 @dataclass(frozen=True)
 class CommonRoots:
     """Zeros of several poles that are one place; None stands for the coplanarity.
@@ -188,7 +185,6 @@ SAMPLED = 9
 """Configurations at which a mechanism without curves is asked for its freedoms."""
 
 
-@final
 class SingleFreedom:
     """The singularity analysis of one input and some outputs along given curves.
 

@@ -1,7 +1,6 @@
 """Where singular configurations are looked for: on slices, or from random starts."""
 
 from collections.abc import Iterator, Sequence
-from typing import final
 
 import numpy as np
 
@@ -41,7 +40,6 @@ EVERYWHERE = Completeness(
 )
 
 
-@final
 class StartPoints:
     """Batches of points of a locus, from slices if there are any, else from random starts.
 

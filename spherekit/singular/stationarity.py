@@ -15,7 +15,6 @@ its tangent space. Both are regular where inputs or the output are singular.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
 
 import numpy as np
 
@@ -32,7 +31,6 @@ from spherekit.sphere.rotation import all_finite, cross, perpendicular
 TINY = float(np.finfo(float).tiny)
 
 
-@final
 @dataclass(frozen=True)
 class OutputPart:
     """The pairs by which an output moves: what else moves is no singularity of it.
@@ -78,7 +76,6 @@ class OutputPart:
         )
 
 
-@final
 @dataclass(frozen=True)
 class TangentSpace:
     """Motions that close loops, at n configurations of a mechanism with V variables.
@@ -201,7 +198,6 @@ def tangent_space(
     return TangentSpace(at, tree, kept, basis, inverse, condition, oriented, whole)
 
 
-@final
 @dataclass(frozen=True)
 class InputsLocked:
     """The inputs' variables stand still."""
@@ -225,7 +221,6 @@ class InputsLocked:
         return np.zeros((n, many, self.count, variables))
 
 
-@final
 @dataclass(frozen=True)
 class OutputStationary:
     """A link does not turn, or a direction in it does not move, relative to another link.

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice, pairwise
-from typing import Self, final
+from typing import Self
 
 import numpy as np
 
@@ -33,7 +33,6 @@ from spherekit.singular.starts import EVERYWHERE, StartPoints
 from spherekit.singular.stationarity import output_of
 
 
-@final
 @dataclass(frozen=True)
 class Mesh:
     """Triangles of vertices on a locus.
@@ -207,7 +206,6 @@ FLAT = 1e-4
 Edge = tuple[int, int]
 
 
-@final
 @dataclass(frozen=True)
 class SingularSurface:
     """A mesh of singular configurations.
@@ -319,7 +317,6 @@ def singular_surface(
     )
 
 
-@final
 class _Front:
     """A growing mesh. `open` has the edges with one triangle, and its third vertex.
 

@@ -14,12 +14,11 @@ the engine. Rotations of bodies whose arcs are short follow from angles instead,
 """
 
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
 
-@final
 @dataclass(frozen=True)
 class HalfAngle:
     """An arc by the sine and the cosine of its half."""

@@ -8,7 +8,7 @@ Arc length of a curve against its own parameter: measured once, inverted when as
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Protocol, final
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -51,7 +51,6 @@ class Path(Parametrised, Protocol):
         """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
 
 
-@final
 @dataclass(frozen=True)
 class FourierPath:
     """A colatitude about the third column of `axes`; its parameter is the azimuth.
@@ -118,7 +117,6 @@ class FourierPath:
         return f"azimuth {np.rad2deg(u) % 360.0:.6g} deg"
 
 
-@final
 @dataclass(frozen=True)
 class SplinePath:
     """The radial projection p = x / |x| of a spline x(u) in space through points.
@@ -331,7 +329,6 @@ _EXACT = 16.0 * EPS
 """Part of half a panel by which places read from the inverse series may be off."""
 
 
-@final
 @dataclass(frozen=True)
 class ArcLength:
     """Arc length against the parameter u, as Legendre series of the speed on panels.

@@ -7,7 +7,6 @@ tangent t, the point p and n = p x t, obeys dp/ds = t, dt/ds = k n - p, dn/ds = 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,7 +49,6 @@ __all__ = [
 _REFITS = 4
 
 
-@final
 @dataclass(frozen=True)
 class CurvePoint:
     """A curve at n arc lengths.
@@ -214,7 +212,6 @@ def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, A
         steps = np.diff(table.at_edge(knots))
 
 
-@final
 @dataclass(frozen=True)
 class _Circle(Curve):
     """A circle about the third column of `axes`; sine and cosine of its radius."""
@@ -245,7 +242,6 @@ class _Circle(Curve):
         return _Reversed(self, self.length, self.closed)
 
 
-@final
 @dataclass(frozen=True)
 class _Reversed(Curve):
     """A curve run backwards."""
@@ -278,7 +274,6 @@ class _Reversed(Curve):
         return self.forward
 
 
-@final
 @dataclass(frozen=True)
 class _Measured(Curve):
     """A curve in its own parameter, with the table of its arc length."""

@@ -1,7 +1,6 @@
 """Profiles as series in their arc length, for many places in little time."""
 
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 
@@ -19,7 +18,6 @@ BETWEEN = 17
 """Places in a cell at which the slope of the curvature is looked at."""
 
 
-@final
 @dataclass(frozen=True)
 class ProfileSeries:
     """A curve by its arc length: `series` of tangent, point, curvature k and dk/ds.

@@ -31,7 +31,7 @@ Review 40, 1998.)
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, cast, final
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -294,7 +294,6 @@ TURN_MEANING = {
 }
 
 
-@final
 @dataclass(frozen=True)
 class Turns:
     """n rotations: unit `axis` (n, 3), `angle` (n,) in [0, pi] rad, `status` (n,).
@@ -344,7 +343,6 @@ def rotation(axis: Floats, angle: ArrayLike) -> Floats:
     return np.eye(3) + np.sin(angle) * skew + 2.0 * np.sin(0.5 * angle) ** 2 * (skew @ skew)
 
 
-@final
 @dataclass(frozen=True)
 class LogRate:
     """How the rotation vector d of Q changes with the spatial angular velocity w of Q.
@@ -464,7 +462,6 @@ def from_tilt_torsion(angles: Floats) -> Floats:
     return from_euler_zyz(np.stack([azimuth, tilt, torsion - azimuth], axis=1))
 
 
-@final
 @dataclass(frozen=True)
 class MirrorAngles:
     """`phi`, `gamma` and `omega` (n,) rad of mirrors with n_z >= 0.

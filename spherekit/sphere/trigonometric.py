@@ -18,7 +18,7 @@ a_k b_k without conjugation, so a formula for real unit vectors holds word for w
 """
 
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +61,6 @@ STILL = 1e-9
 """Newton's method ends when no angle changed by more than this (rad)."""
 
 
-@final
 @dataclass(frozen=True)
 class AngleSolutions:
     """What the elimination of all angles but the first found.
@@ -234,7 +233,6 @@ def _forms(
     return forms, seconds, quadratics, weight
 
 
-@final
 @dataclass(frozen=True)
 class _Sampled:
     """Eliminants of n systems at equally spaced values of the first angle.
@@ -339,7 +337,6 @@ def _solutions(equations: Numbers, roots: Complexes) -> tuple[Complexes, int]:
     return angles, int(np.sum(lost & (np.abs(first.imag) < NEAR_CIRCLE)))
 
 
-@final
 @dataclass(frozen=True)
 class _Polished:
     """Angles (n, m, t), their relative residual (n, m), and where equations are flat."""

@@ -12,7 +12,6 @@ Curves that differ a little from one, each at places of its own.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +32,6 @@ from spherekit.sphere.profile import Curve, azimuth_panels, fourier_path, spline
 from spherekit.sphere.rotation import cross, slope_of, stepped
 
 
-@final
 @dataclass(frozen=True)
 class QuinticPanels:
     """A spline in powers of u from each knot on: `coefficients` (panels, 6, 3)."""
@@ -127,7 +125,6 @@ def _chords(points: Floats) -> Floats:
     return np.real(cosine) * slope_of(sine) - np.real(sine) * slope_of(cosine)
 
 
-@final
 @dataclass(frozen=True)
 class VariedCurve:
     """A curve with its derivatives by something that changes it.
@@ -201,7 +198,6 @@ CORRECTIONS = 3
 """Newton steps from the azimuth of the curve that others differ from: 1e-3, 1e-6, 1e-12."""
 
 
-@final
 @dataclass(frozen=True)
 class DrawnCurves:
     """Closed curves (d,) with a Fourier colatitude, near one whose arc length is a `table`.

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +41,6 @@ SHORT = (Setting(), Setting(route="conditioned"), Setting(engine="compiled"))
 """The settings of a short trade."""
 
 
-@final
 @dataclass(frozen=True)
 class Choice:
     """A setting chosen for a tolerance.

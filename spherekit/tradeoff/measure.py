@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar, Protocol, final
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -51,7 +51,6 @@ ROUNDS = 5
 """Times every setting is run, each round in another order; the best counts."""
 
 
-@final
 @dataclass(frozen=True)
 class Effort:
     """What is tried when settings are measured, and how long.
@@ -93,7 +92,6 @@ def of_simulation() -> list[Setting]:
     ]
 
 
-@final
 @dataclass(frozen=True)
 class Deviation:
     """The largest deviation of one column from its reference.
@@ -213,7 +211,6 @@ class Runner(Protocol):
         """Run it once; `judged` says that its tables count, otherwise its times do."""
 
 
-@final
 @dataclass(frozen=True)
 class Reference:
     """Tables from reference values, the fields behind them, and rows without any."""
@@ -228,7 +225,6 @@ class Reference:
         return f", {self.lacking} rows without" if self.lacking else ""
 
 
-@final
 @dataclass(frozen=True)
 class Benchmark:
     """An analysis over a course, to be run by any setting."""
@@ -505,7 +501,6 @@ def measured(bench: Benchmark, study: Study, effort: Effort) -> Found:
     return words, _largest(near), tables, results
 
 
-@final
 @dataclass(frozen=True)
 class _Solver:
     """Runs one simulation by any setting, over the times of a bench's course."""

@@ -14,7 +14,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, final
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -47,7 +47,6 @@ ALIKE = 1.1
 """Times within this factor are taken as the same: they scatter as much."""
 
 
-@final
 @dataclass(frozen=True)
 class Measured:
     """One setting: what it took and how far its tables were off.
@@ -96,7 +95,6 @@ def recommended(measured: Mapping[Way, tuple[float, float]]) -> Way:
     return min(alike, key=lambda way: measured[way][::-1])
 
 
-@final
 @dataclass(frozen=True)
 class Trade:
     """Settings of one analysis of one mechanism, measured.

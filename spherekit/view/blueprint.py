@@ -6,7 +6,7 @@ The timelines: the sample number, and the input in whole units of an angle, or t
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +25,6 @@ SCALES = (1, 10, 100, 1000)
 """A viewer timeline holds whole numbers only; these are the units to a degree."""
 
 
-@final
 @dataclass(frozen=True)
 class InputTimeline:
     """The input angle counted in 1/`scale` degrees."""
@@ -105,7 +104,6 @@ def slug(title: str) -> str:
     return re.sub(r"[^A-Za-z0-9]+", "_", title).strip("_").lower() or "plot"
 
 
-@final
 @dataclass(frozen=True)
 class Plot:
     """What stands beside the sphere as the layout sees it: a chart, or a space."""
@@ -120,7 +118,6 @@ class Plot:
     """Path of the chart that it is compared by with those of other modes."""
 
 
-@final
 @dataclass(frozen=True)
 class Panel:
     """One graph or text as the layout sees it."""
@@ -131,7 +128,6 @@ class Panel:
     graph: bool
 
 
-@final
 @dataclass
 class Layout:
     """What there is to show; it grows as the first block of each assembly mode comes in."""

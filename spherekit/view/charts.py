@@ -6,7 +6,6 @@ frame of its axes has its upper left corner at the origin, and the legend is bes
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import final
 
 import numpy as np
 
@@ -61,7 +60,6 @@ def _line(count: int) -> float:
     return min(WIDEST_LINE, max(LINE, FRAME_HEIGHT / count))
 
 
-@final
 @dataclass
 class Curve:
     """One series of a chart, growing block by block."""
@@ -80,7 +78,6 @@ class Curve:
         return rows, np.concatenate(self.values)
 
 
-@final
 @dataclass
 class Chart:
     """Curves over one axis, or one series over two: a map."""
@@ -267,7 +264,6 @@ def legend_style(
     )
 
 
-@final
 @dataclass(frozen=True)
 class Side:
     """An axis of a frame: its words, its span, and whether that is of degrees."""

@@ -2,14 +2,13 @@
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, final
+from typing import Any
 
 from spherekit.errors import OutputError
 from spherekit.view.outputs import AbstractOutput, FileOutput, ServedOutput
 from spherekit.view.sdk import rr
 
 
-@final
 class Outputs:
     """Places that all get the same.
 

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import final
 from urllib.parse import urlsplit
 
 from spherekit.errors import OutputError
@@ -34,7 +33,6 @@ HTTP2_SETTINGS = 4
 PIECE = 1 << 16
 
 
-@final
 class PipedFile:
     """The file behind one stream, from its opening to its last byte.
 
@@ -145,7 +143,6 @@ def check_place(path: Path) -> None:
     check_file(path)
 
 
-@final
 class FileOutput(AbstractOutput):
     """A file that appears under its own name only when it is whole."""
 
@@ -234,7 +231,6 @@ class FileOutput(AbstractOutput):
         self.part.unlink(missing_ok=True)
 
 
-@final
 class ServedOutput(_LiveOutput):
     """A server on this computer that keeps the recording for viewers that come."""
 
@@ -260,7 +256,6 @@ class ServedOutput(_LiveOutput):
         self.stream.set_sinks(rr.GrpcServerSink("127.0.0.1", self.port))
 
 
-@final
 class NotebookOutput(AbstractOutput):
     """The page of a notebook; the recording is in it when it is whole."""
 
@@ -288,7 +283,6 @@ class NotebookOutput(AbstractOutput):
         return ""
 
 
-@final
 class ViewerOutput(_LiveOutput):
     """A viewer, or another server, that listens at a URL."""
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Self, final
+from typing import Self
 
 import numpy as np
 
@@ -69,7 +69,6 @@ from spherekit.view.sdk import rr
 from spherekit.view.sight import Sight
 
 
-@final
 class Charts:
     """The charts of all pages; `marks` are inputs to be marked, by the page's path."""
 
@@ -199,7 +198,6 @@ curves have a gap.
 """
 
 
-@final
 @checked_class(OutputError)
 class RerunRecorder:
     """Turns scenes into one rerun recording that goes to one or more places.

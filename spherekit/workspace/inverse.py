@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import final
 
 import numpy as np
 
@@ -37,7 +36,6 @@ from spherekit.workspace.rows import InverseRows, Rows, Span
 from spherekit.workspace.workspace import ClosedKinematics, OutputKinematics
 
 
-@final
 class MidPlaneKinematics(ClosedKinematics):
     """A pointing output of a mechanism in its mid-plane symmetric architecture.
 
@@ -108,7 +106,6 @@ class MidPlaneKinematics(ClosedKinematics):
         )
 
 
-@final
 class _MidPlaneRows:
     def __init__(self, owner: MidPlaneKinematics, points: Floats, signs: Signs) -> None:
         self.form, self.signs, self.points = owner.form, signs, points
@@ -170,7 +167,6 @@ class _MidPlaneRows:
         return self.form.axis(pair, self.normals, self._elbows[0])
 
 
-@final
 class DyadKinematics(ClosedKinematics):
     """An output whose mechanism falls into dyads when it is held."""
 
@@ -217,7 +213,6 @@ class DyadKinematics(ClosedKinematics):
         return self.kinematics.posed(poses, signs)
 
 
-@final
 @dataclass(frozen=True)
 class _Carriers:
     """Pairs whose angles are linear in the inputs and say them: ratios q + offsets."""
@@ -243,7 +238,6 @@ class _Carriers:
         return every[np.arange(len(every)), best]
 
 
-@final
 class GearedKinematics(ClosedKinematics):
     """An output of a mechanism whose wheels only turn what carries it."""
 
@@ -278,7 +272,6 @@ class GearedKinematics(ClosedKinematics):
         return _GearedRows(self, self.carried.at(poses, signs))
 
 
-@final
 class _GearedRows:
     def __init__(self, owner: GearedKinematics, rows: Rows) -> None:
         self.owner, self.rows = owner, rows
@@ -449,7 +442,6 @@ def _closed_form_of(inverse: InverseKinematics) -> ClosedKinematics:
     return MidPlaneKinematics(inverse.own, output, form)
 
 
-@final
 class ForwardOnly(OutputKinematics):
     """An output with another number of inputs than a pose has coordinates: one way only."""
 
@@ -466,7 +458,6 @@ class ForwardOnly(OutputKinematics):
         raise AssertionError(self.mechanism.inputs)
 
 
-@final
 class GraphKinematics(OutputKinematics):
     """An output whose poses are solved on the graph of all links, row by row."""
 

@@ -9,7 +9,7 @@ singularities are all such bounds.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, final
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,6 @@ class Rows(Protocol):
         """
 
 
-@final
 @dataclass(frozen=True)
 class Span:
     """Two pairs whose axes a leg joins, and between what angles (rad) it does.
@@ -96,7 +95,6 @@ class Spanned(Protocol):
         """Return the name of a pair."""
 
 
-@final
 @dataclass(frozen=True)
 class InverseRows(ArrayRows):
     """k rows: the number of the pose, the label of the working mode, and what is there.
@@ -210,7 +208,6 @@ def sense_of(rates: Floats, directions: Floats | None) -> Integers:
     return np.asarray(np.sign(np.nan_to_num(volume)), dtype=np.int64)
 
 
-@final
 @dataclass(frozen=True)
 class AngleLimit:
     """An angle (rad) that may not be less, or not be more, than a limit.
@@ -237,7 +234,6 @@ class AngleLimit:
         return np.asarray(beyond if self.at_least else -beyond)
 
 
-@final
 @dataclass(frozen=True)
 class JointRange:
     """A pair whose variable stays within [low, high] (rad)."""
@@ -247,7 +243,6 @@ class JointRange:
     high: float
 
 
-@final
 @dataclass(frozen=True)
 class InterferenceLimit:
     """Two pairs whose axes are between `low` and `high` (rad) apart."""
@@ -258,7 +253,6 @@ class InterferenceLimit:
     high: float = np.pi
 
 
-@final
 @dataclass(frozen=True)
 class Constraints:
     """What a workspace is asked to keep to, beside the reach of the legs.

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar, final
+from typing import TypeVar
 
 import numpy as np
 
@@ -200,7 +200,6 @@ LEAST_PART = 1e-3
 """Part of the sphere that the tolerance is relative to at first, at least."""
 
 
-@final
 @dataclass(frozen=True)
 class Judged:
     """Constraints at n poses in one mode.
@@ -222,7 +221,6 @@ class Judged:
         return self.margin >= 0.0
 
 
-@final
 @dataclass(frozen=True)
 class DirectionWorkspace:
     """The directions that one working mode reaches; `same_as` an earlier mode has them too.
@@ -235,7 +233,6 @@ class DirectionWorkspace:
     same_as: Signs | None
 
 
-@final
 @dataclass(frozen=True)
 class OrientationWorkspace:
     """The orientations that one working mode reaches; `same_as` as for directions."""

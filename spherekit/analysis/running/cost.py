@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from typing import Any, TypeVar, final
+from typing import Any, TypeVar
 
 from spherekit.planning.poles import BlockPoles, LinePole, Plan
 from spherekit.rates.request import Request
@@ -18,7 +18,6 @@ TABLES = "tables"
 REST = "rest"
 
 
-@final
 @dataclass(frozen=True)
 class Counts:
     """What one configuration costs while one input moves.
@@ -64,7 +63,6 @@ def counts_of(wanted: Request) -> Counts:
     )
 
 
-@final
 class Timer:
     """Seconds that each stage took by itself, by the clock on the wall or another one."""
 

@@ -5,7 +5,7 @@ How a run's numbers are computed: the choices that trade speed for accuracy.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, final
+from typing import Literal
 
 from spherekit.analysis.batch import Needs
 from spherekit.analysis.running.kernel_columns import LazyField
@@ -34,7 +34,6 @@ ENGINES: dict[RowEngine, str] = {
 }
 
 
-@final
 @checked_class(AnalysisError)
 @dataclass(frozen=True)
 class Setting:
@@ -78,7 +77,6 @@ ORDINARY_WAY = ORDINARY.engine, ORDINARY.route
 """What a kernel may stand in for: the best route at every sample."""
 
 
-@final
 class Evaluation:
     """What a run evaluates, and how.
 

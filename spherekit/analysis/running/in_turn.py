@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import TypeVar, final
+from typing import TypeVar
 
 import numpy as np
 
@@ -56,7 +56,6 @@ def each_at_once(
     return made
 
 
-@final
 class Scratch:
     """Memory that pieces of work use in turn; what is new has to be cleared first."""
 

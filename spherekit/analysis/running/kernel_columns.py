@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +36,6 @@ def slices_of(modes: int, count: int, size: int) -> list[Part]:
     ]
 
 
-@final
 class ComputedColumns:
     """The columns of a block's rows by a kernel, from the values of its motion.
 
@@ -139,7 +138,6 @@ def turn_round(field: PoleField, pole: Pole, signs: Floats) -> None:
         part *= signs
 
 
-@final
 class LazyField:
     """The poles of a motion in which one input moves, as `PoleField` has them.
 
@@ -228,7 +226,6 @@ def _with(codes: SmallIntegers, rows: Indices, some: SmallIntegers) -> SmallInte
     return made
 
 
-@final
 class _PlanesWhenRead(dict[Pole, Floats]):
     """The great circles of poles, drawn when they are first read."""
 

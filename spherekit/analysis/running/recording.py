@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, final, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -60,7 +60,6 @@ class CountingRecorder(Recorder, Protocol):
         """Entities and rows logged, and bytes of the file."""
 
 
-@final
 @dataclass(frozen=True)
 class Thinning:
     """Which samples are logged: every k-th along rows of neighbours, and a path's last."""
@@ -91,7 +90,6 @@ def thinning_of(course: Sampling, every: int | None) -> Thinning:
     return Thinning(every, course.shape[-1] if len(course.shape) > 1 else total, total)
 
 
-@final
 class RecordingSession:
     """Tells a recorder of a run: what stands still at once, what moves block by block."""
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
-from typing import Literal, final
+from typing import Literal
 
 import numpy as np
 
@@ -64,7 +64,6 @@ MORE = 32
 """Blocks have so many times the rows of those without a kernel, at most."""
 
 
-@final
 class Rows:
     """The rows of a block while they are found, slice by slice.
 
@@ -200,7 +199,6 @@ class Rows:
         return Seen.of(judging, judging(self.values[:, rows]), rows) if len(rows) else None
 
 
-@final
 @dataclass(frozen=True)
 class Seen:
     """What was seen of a slice's rows that are vouched for, while they were in the cache.
@@ -309,7 +307,6 @@ def _stops(ends: Indices, parts: Sequence[Indices]) -> Stops:
     return Stops(rows, np.cumsum(depth)[:-1] > 0)
 
 
-@final
 @dataclass(frozen=True)
 class _Block:
     """What was found of a block, and by input where directions are looked at.
@@ -326,7 +323,6 @@ class _Block:
     errors: Floats
 
 
-@final
 @dataclass
 class BatchRunner:
     """The rows of a course by a kernel.

@@ -5,7 +5,7 @@ import platform
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Self, final
+from typing import Any, Self
 
 import numpy as np
 
@@ -37,7 +37,6 @@ BOUNDS = {
 """What the summary calls the largest of bounds of poles."""
 
 
-@final
 @dataclass
 class RunStatistics:
     """Counts and largest errors of the blocks so far, ready for JSON; they do not grow.
@@ -202,7 +201,6 @@ def _counted_once(
     return counted.values()
 
 
-@final
 @dataclass
 class RunState:
     """What continues: samples done, memories, counts, results.

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +47,6 @@ EVENTS = Table(
 )
 
 
-@final
 @dataclass(frozen=True)
 class Sampling:
     """The samples of a run with their times.

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, reduce
-from typing import Any, Self, final
+from typing import Any, Self
 
 import numpy as np
 
@@ -51,7 +51,6 @@ from spherekit.rates.request import PoleField, Request
 from spherekit.version import __version__
 
 
-@final
 @dataclass(frozen=True)
 class RunPlan:
     """What a run evaluates: what is `asked`, a request for each input.
@@ -151,7 +150,6 @@ class RunPlan:
         }
 
 
-@final
 @dataclass(frozen=True)
 class RequestedAnalyses:
     """What analyses need of a mechanism, and why those that break the contract do not run.

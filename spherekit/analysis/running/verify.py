@@ -11,7 +11,7 @@ rows replaced.
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -59,7 +59,6 @@ OPEN = 100.0
 """Rows of a simulation may be off by this times their residual and conditioning too."""
 
 
-@final
 @dataclass(frozen=True)
 class _Read(ArrayRows):
     """Rows of what a batch reads: a motion, its poles, and variables that go on."""
@@ -86,7 +85,6 @@ class _Read(ArrayRows):
         return self.rows(place)
 
 
-@final
 class Verifier:
     """Chooses rows of a run as they come, and verifies them in the end.
 
@@ -214,7 +212,6 @@ _Pair = tuple[str, Table, TableData, TableData]
 """An analysis, a table of it, its rows, and those that are right."""
 
 
-@final
 @dataclass(frozen=True)
 class _Rows:
     """The rows compared.
