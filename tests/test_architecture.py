@@ -290,7 +290,7 @@ INHERITED = """
 AbstractAnalysis AbstractOutput AnalysisError ArrayRows BearingFriction Chords
 ClosedKinematics Curve CurvePoints Curves EngineError InputMotion Joint Load MotionMeasures
 OutputKinematics Parametrised Parser PlanError Problem Recorder Sampler SpherekitError
-Way Zone _Joint _LiveOutput _Path
+Way Zone _LiveOutput
 """
 
 

@@ -2,23 +2,24 @@
 
 All functions take the pair variables as balls, or as power series in whatever moves.
 
-Profiles of contact pairs as a mechanism declares them, in balls.
-
-Angles, radii and coefficients are taken as the float64 numbers they are given by, and
-directions are made unit vectors. A profile through points is the quintic spline that
+Profiles of contact pairs are curves as a mechanism declares them. Angles, radii and
+coefficients are taken as the float64 numbers they are given by, and directions are made
+unit vectors. A profile through points is the quintic spline that
 `spherekit.sphere.profile` lays through them: its float64 knots and coefficients are what is
 declared. No curvature occurs here: curves give places and tangents only, and their
 derivatives are those of power series.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Array, Floats
+from spherekit.arrays import Array, Bools, Floats, SmallIntegers
+from spherekit.conventions import Status
 from spherekit.errors import EngineError
 from spherekit.model.gears import geometry_of
 from spherekit.model.graph import spanning
@@ -26,7 +27,6 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, Profile
 from spherekit.proof.balls import (
     Ball,
-    Frame,
     Frames,
     axes_about,
     coefficient,
@@ -49,6 +49,11 @@ from spherekit.sphere.profile import spline_through
 
 MOST_PANELS = 10_000
 
+Curve = Callable[[Array], Array]
+"""Frames (n, 3, 3), columns t, n = p x t, p, of a curve at arc lengths (n,) rad."""
+Path = Callable[[Array], tuple[Array, Array]]
+"""Points (n, 3) and their derivatives by a parameter (n,) of its own."""
+
 
 def harmonic(parts: Array, angles: Array) -> Array:
     """Return (n, 3, 3) parts[0] + parts[1] cos + parts[2] sin of angles (n,) rad."""
@@ -56,126 +61,83 @@ def harmonic(parts: Array, angles: Array) -> Array:
     return parts[0] + parts[1] * cosine + parts[2] * sine
 
 
-class BallCurve(ABC):
-    """A curve on the unit sphere by its arc length, closed or open, `length` (rad) long."""
+def ball_curve(profile: Profile, backwards: bool = False) -> Curve:
+    """Return the curve of a profile in balls of the present precision.
 
-    length: Ball
-    closed: bool
-
-    @abstractmethod
-    def frame(self, s: Array) -> Array:
-        """Return frames (n, 3, 3), columns t, n = p x t, p, at arc lengths s (n,) rad."""
-
-    def backwards(self, s: Array) -> Array:
-        """Return frames run backwards: from the old end, or a closed one from its start."""
-        made = self.frame(-s if self.closed else self.length - s)
-        return made * np.array([-1.0, -1.0, 1.0])
-
-
-def ball_curve(profile: Profile) -> BallCurve:
-    """Return the curve of a profile in balls of the present precision."""
-    return _curve(profile, precision())
+    Backwards it runs from its end, or a closed one from its start.
+    """
+    frame, end = _curve(profile, precision())
+    back = np.array([-1.0, -1.0, 1.0])
+    return (lambda s: frame(end - s) * back) if backwards else frame
 
 
 @lru_cache(maxsize=32)
-def _curve(profile: Profile, _: int) -> BallCurve:
+def _curve(profile: Profile, _: int) -> tuple[Curve, Ball]:
+    """Return a curve, and its length if it is open, else 0."""
     if profile.kind == "points":
         path, _table = spline_through(np.array(profile.points), profile.closed)
-        return _Measured(_Spline(path), profile.closed)
-    axes = axes_about(unit(exactly(profile.centre or ())))
+        return _by_arc_length(_spline(path), exactly(path.knots), profile.closed)
+    axes = x, y, z = axes_about(unit(exactly(profile.centre or ())))
+    if profile.kind not in ("circle", "great_circle"):
+        wave = _wave(axes, exactly(profile.cosines), exactly(profile.sines))
+        return _by_arc_length(wave, exactly([0.0, 2.0]) * pi(), True)
+    (sine, cosine), nothing = exactly([1.0, 0.0]), exactly(np.zeros(3))
     if profile.kind == "circle":
-        return _Circle(axes, *exactly([profile.radius or 0.0])[0].sin_cos())
-    if profile.kind == "great_circle":
-        return _Circle(axes, *exactly([1.0, 0.0]))
-    return _Measured(_Fourier(axes, profile.cosines, profile.sines), True)
+        sine, cosine = exactly([profile.radius or 0.0])[0].sin_cos()
+    still = [nothing, sine * z, cosine * z]
+    even, odd = [y, -cosine * x, sine * x], [-x, -cosine * y, sine * y]
+    parts = np.array([still, even, odd]).swapaxes(1, 2)
+    return lambda s: harmonic(parts, s / sine), exactly(0.0)[()]
 
 
-class _Circle(BallCurve):
-    """A circle about the third of `axes` with the sine and cosine of its radius."""
+def _by_arc_length(path: Path, edges: Array, closed: bool) -> tuple[Curve, Ball]:
+    """Return a path, analytic between `edges` of its parameter, by its arc length.
 
-    closed = True
-
-    def __init__(self, axes: Array, sine: Ball, cosine: Ball) -> None:
-        (x, y, z), nothing = axes, exactly(np.zeros(3))
-        self._sine, self.length = sine, 2 * pi() * sine
-        still = [nothing, sine * z, cosine * z]
-        even = [y, -cosine * x, sine * x]
-        odd = [-x, -cosine * y, sine * y]
-        self._parts = np.array([still, even, odd]).swapaxes(1, 2)
-
-    def frame(self, s: Array) -> Array:
-        return harmonic(self._parts, s / self._sine)
-
-
-class _Path(ABC):
-    """A curve in a parameter of its own; between its `edges` it is analytic."""
-
-    edges: Array
-
-    @abstractmethod
-    def at(self, u: Array) -> tuple[Array, Array]:
-        """Return points (n, 3) and their derivatives by u (n,)."""
-
-    def speed(self, u: Array) -> Array:
-        """Return |dp/du|."""
-        return _length(self.at(u)[1])
-
-
-class _Measured(BallCurve):
-    """A curve in a parameter of its own, with the parameter as power series of arc length.
-
-    From `starts` on, which are dense enough for the series to have all digits; each is
-    that of the arc length's series reversed.
+    The parameter is a power series of the arc length from each of `starts` on, which are
+    dense enough for the series to have all digits; each is the arc length's reversed.
     """
+    digits = precision()
+    count = 8 + digits // 3
+    zero, one = exactly([0.0, 1.0])
+    starts: list[Ball] = [zero]
+    pieces: list[list[Ball]] = []
+    with terms(count):
+        for low, high in pairwise(edges):
+            while floats(high - low) > 0.0:
+                if len(pieces) > MOST_PANELS:
+                    raise EngineError(
+                        "the arc length of a profile does not converge; give its "
+                        "points more evenly"
+                    )
+                on = (np.array([x]) for x in (low, one, *[zero] * (count - 2)))
+                arc = _length(path(series(*on))[1]).item().integral()
+                ahead, back = (
+                    [x[k].mid() for k in range(count)] for x in (arc, arc.reversion())
+                )
+                width = min(1.0, _reach(ahead, digits) / float(high - low))
+                while True:
+                    end = low + (high - low) * width if width < 1.0 else high
+                    way = _value(ahead, end - low).mid()
+                    if width == 0.0 or float(way) < _reach(back, digits):
+                        break
+                    width *= 0.7
+                starts.append(starts[-1] + way)
+                pieces.append([low, *back[1:]])
+                low = end.mid()
+    begun, length = np.array(starts), starts[-1]
+    table: Array = np.array(pieces)
+    near = floats(begun)
 
-    def __init__(self, path: _Path, closed: bool) -> None:
-        self._path, self.closed = path, closed
-        digits = precision()
-        count = 8 + digits // 3
-        starts: list[Ball] = [exactly([0.0])[0]]
-        pieces: list[list[Ball]] = []
-        with terms(count):
-            for low, high in zip(path.edges[:-1], path.edges[1:], strict=True):
-                while floats(high - low) > 0.0:
-                    if len(pieces) > MOST_PANELS:
-                        raise EngineError(
-                            "the arc length of a profile does not converge; give its "
-                            "points more evenly"
-                        )
-                    ahead, back = self._expanded(low, count)
-                    width = min(1.0, _reach(ahead, digits) / float(high - low))
-                    while True:
-                        end = low + (high - low) * width if width < 1.0 else high
-                        arc = _value(ahead, end - low).mid()
-                        if width == 0.0 or float(arc) < _reach(back, digits):
-                            break
-                        width *= 0.7
-                    starts.append(starts[-1] + arc)
-                    pieces.append([low, *back[1:]])
-                    low = end.mid()
-        self._starts, self.length = np.array(starts), starts[-1]
-        self._near = floats(self._starts)
-        self._pieces: Array = np.array(pieces)
-
-    def _expanded(self, u: Ball, count: int) -> tuple[list[Ball], list[Ball]]:
-        """Return the coefficients of the arc length from u on, and of u by it."""
-        zero, one = exactly([0.0, 1.0])
-        start = (np.array([x]) for x in (u, one, *[zero] * (count - 2)))
-        arc = self._path.speed(series(*start)).item().integral()
-        ahead, back = ([x[k].mid() for k in range(count)] for x in (arc, arc.reversion()))
-        return ahead, back
-
-    def frame(self, s: Array) -> Array:
-        if self.closed and len(s):
-            laps = np.floor(floats(coefficient(s, 0)) / self._near[-1])
-            s = s - exactly(laps) * self.length
-        near = floats(coefficient(s, 0))
-        panel = np.searchsorted(self._near, near, side="right") - 1
-        panel = np.clip(panel, 0, len(self._pieces) - 1)
-        u = _value(self._pieces[panel].T, s - self._starts[panel])
-        point, rate = self._path.at(np.asarray(u))
+    def frame(s: Array) -> Array:
+        if closed and len(s):
+            s = s - exactly(np.floor(floats(coefficient(s, 0)) / near[-1])) * length
+        panel = np.searchsorted(near, floats(coefficient(s, 0)), side="right") - 1
+        panel = np.clip(panel, 0, len(table) - 1)
+        point, rate = path(np.asarray(_value(table[panel].T, s - begun[panel])))
         tangent = rate / _length(rate)[:, None]
         return np.stack([tangent, np.cross(point, tangent), point], axis=-1)
+
+    return frame, zero if closed else length
 
 
 def _reach(coefficients: list[Ball], digits: int) -> float:
@@ -196,71 +158,60 @@ def _value(coefficients: Any, x: Any) -> Any:
     return total
 
 
-class _Fourier(_Path):
-    """A colatitude about the third of `axes`; its parameter is the azimuth."""
+def _wave(axes: Array, even: Array, odd: Array) -> Path:
+    """Return a curve by its azimuth about the third of `axes`, from its colatitude."""
+    x, y, z = axes
 
-    def __init__(
-        self, axes: Array, cosines: tuple[float, ...], sines: tuple[float, ...]
-    ) -> None:
-        self._axes = axes
-        self._even, self._odd = exactly(cosines), exactly(sines)
-        self.edges = exactly([0.0, 2.0]) * pi()
-
-    def at(self, u: Array) -> tuple[Array, Array]:
+    def at(u: Array) -> tuple[Array, Array]:
         colatitude, slope = 0 * u, 0 * u
-        for amplitudes, derived in ((self._even, 1), (self._odd, 0)):
+        for amplitudes, derived in ((even, 1), (odd, 0)):
             for wave, size in enumerate(amplitudes):
                 two = sine_cosine(wave * u)
                 colatitude = colatitude + size * two[derived]
                 slope = slope + (wave * (1 - 2 * derived) * size) * two[1 - derived]
         (sine, cosine), (s, c) = (
-            (np.asarray(x)[:, None] for x in sine_cosine(angle))
+            (np.asarray(part)[:, None] for part in sine_cosine(angle))
             for angle in (colatitude, u)
         )
-        x, y, z = self._axes
         outward, along = c * x + s * y, c * y - s * x
         away = cosine * outward - sine * z
         return cosine * z + sine * outward, slope[:, None] * away + sine * along
 
+    return at
 
-class _Spline(_Path):
-    """The radial projection of a quintic spline in space."""
 
-    def __init__(self, path: SplinePath) -> None:
-        self._path, self.edges = path, exactly(path.knots)
-        degree, control = int(path.spline.k), exactly(path.spline.c)  # type: ignore[union-attr]
-        self._float_knots: Floats = path.spline.t  # type: ignore[union-attr]
-        self._knots = knots = exactly(self._float_knots)
-        width = knots[degree + 1 : degree + len(control)] - knots[1 : len(control)]
-        slopes = degree * (control[1:] - control[:-1]) / width[:, None]
-        self._levels = (degree, knots, control), (degree - 1, knots[1:-1], slopes)
+def _spline(path: SplinePath) -> Path:
+    """Return the radial projection of a quintic spline in space."""
+    degree, control = int(path.spline.k), exactly(path.spline.c)  # type: ignore[union-attr]
+    places: Floats = path.spline.t  # type: ignore[union-attr]
+    knots = exactly(places)
+    width = knots[degree + 1 : degree + len(control)] - knots[1 : len(control)]
+    slopes = degree * (control[1:] - control[:-1]) / width[:, None]
 
-    def at(self, u: Array) -> tuple[Array, Array]:
-        knots = self._path.knots
-        span = np.searchsorted(knots, floats(coefficient(u, 0)), side="right") - 1
-        span = np.clip(span, 0, len(knots) - 2)
-        span = np.searchsorted(self._float_knots, knots[span], side="right") - 1
-        x, rate = (
-            self._combined(u[:, None], span - k, *level)
-            for k, level in enumerate(self._levels)
-        )
+    def at(u: Array) -> tuple[Array, Array]:
+        span = np.searchsorted(path.knots, floats(coefficient(u, 0)), side="right") - 1
+        span = np.clip(span, 0, len(path.knots) - 2)
+        span = np.searchsorted(places, path.knots[span], side="right") - 1
+        x = _de_boor(u[:, None], span, degree, knots, control)
+        rate = _de_boor(u[:, None], span - 1, degree - 1, knots[1:-1], slopes)
         size = _length(x)[:, None]
         point = x / size
         outward = np.sum(point * rate, axis=1, keepdims=True)
         return point, (rate - outward * point) / size
 
-    def _combined(
-        self, u: Array, span: Any, degree: int, knots: Array, control: Array
-    ) -> Array:
-        """Return a spline of a degree at u (n, 1) in spans (n,) by de Boor's algorithm."""
-        points = [control[span - degree + r] for r in range(degree + 1)]
-        for level in range(1, degree + 1):
-            for r in reversed(range(level, degree + 1)):
-                i = span - degree + r
-                low, high = knots[i][:, None], knots[i + degree + 1 - level][:, None]
-                share = (u - low) / (high - low)
-                points[r] = (1 - share) * points[r - 1] + share * points[r]
-        return np.asarray(points[degree])
+    return at
+
+
+def _de_boor(u: Array, span: Any, degree: int, knots: Array, control: Array) -> Array:
+    """Return a spline of a degree at u (n, 1) in spans (n,) by de Boor's algorithm."""
+    points = [control[span - degree + r] for r in range(degree + 1)]
+    for level in range(1, degree + 1):
+        for r in reversed(range(level, degree + 1)):
+            i = span - degree + r
+            low, high = knots[i][:, None], knots[i + degree + 1 - level][:, None]
+            share = (u - low) / (high - low)
+            points[r] = (1 - share) * points[r - 1] + share * points[r]
+    return np.asarray(points[degree])
 
 
 def _length(vectors: Array) -> Array:
@@ -268,116 +219,116 @@ def _length(vectors: Array) -> Array:
     return np.asarray(square_root(np.sum(vectors * vectors, axis=1)))
 
 
-STEPS = 60
+TOUCHING_STEPS = 60
+STEPS = 40
 """Most steps of Newton's method."""
-
+ROUNDING = 1e3
+"""Steps below this many roundings times the conditioning are rounding."""
+CONTRACTION = 0.125
+"""Newton's second step may be this part of the first; else other solutions are near."""
 SINGULAR = 1.0 / 64.0
 """A matrix whose condition times rounding is more has less than full column rank."""
 
-
-Curve = Callable[[Array], Array]
-"""Frames (n, 3, 3), columns t, n = p x t, p, of a curve at arc lengths (n,) rad."""
-
-
-class _Joint(ABC):
-    """A pair as declared, with the variables (n, m) of its own."""
-
-    @abstractmethod
-    def turn(self, values: Array) -> Array:
-        """Return rotations (n, 3, 3) of the second link in the first's axes."""
-
-    @abstractmethod
-    def axis(self, values: Array) -> Array:
-        """Return the axis, or the contact point, (n, 3) in the first link's axes."""
-
-    def vectors(self, values: Array) -> Array:
-        """Return the variables' vectors (n, m, 3) in the first link's axes, of balls."""
-        vectors = []
-        for column in range(values.shape[1]):
-            moving = values.copy()
-            one = exactly(np.ones(len(values)))
-            moving[:, column] = series(values[:, column], one)
-            vectors.append(turning_rates(self.turn(moving), 1)[0])
-        return np.stack(vectors, axis=1)
+Turn = Callable[[Array], Array]
+"""Of the variables (n, m) of a pair: rotations (n, 3, 3) of its second link in the first's
+axes, or vectors (n, 3) in these."""
 
 
-class _Revolute(_Joint):
-    """An R pair with its frames in both links."""
-
-    def __init__(self, first: Frame, second: Frame) -> None:
-        self._parts, self._axis = revolute(first, second), first[2]
-
-    def turn(self, values: Array) -> Array:
-        return harmonic(self._parts, values[:, 0])
-
-    def axis(self, values: Array) -> Array:
-        return np.broadcast_to(self._axis, (len(values), 3))
-
-    def vectors(self, values: Array) -> Array:
-        return self.axis(values)[:, None]
+def _revolute(first: Array, second: Array) -> tuple[Turn, Turn]:
+    """Return how an R pair turns, and its axis, by its frames in both links."""
+    parts = revolute(first, second)
+    return (
+        lambda values: harmonic(parts, values[:, 0]),
+        lambda values: np.broadcast_to(first[2], (len(values), 3)),
+    )
 
 
-class _Contact(_Joint):
-    """A contact pair: two curves, whose frames agree at the contact.
+def _contact(
+    curves: Sequence[Curve], variables: tuple[int, int], start: Array
+) -> tuple[Turn, Turn]:
+    """Return how a contact pair turns, and where its links touch.
 
-    Each is run along by the variable of its number in `variables`, from its `start` (2,)
-    on: in rolling both by the same one.
+    The frames of two curves agree at the contact. Each is run along by the variable of its
+    number in `variables`, from its `start` (2,) on: in rolling both by the same one.
     """
 
-    def __init__(
-        self, curves: Sequence[Curve], variables: tuple[int, int], start: Array
-    ) -> None:
-        self._curves, self._variables, self.start = curves, variables, start
+    def frame(side: int, values: Array) -> Array:
+        return curves[side](values[:, variables[side]] + start[side])
 
-    def turn(self, values: Array) -> Array:
-        one, other = (self._frame(side, values) for side in (0, 1))
-        return one @ other.swapaxes(1, 2)
-
-    def axis(self, values: Array) -> Array:
-        return self._frame(0, values)[:, :, 2]
-
-    def _frame(self, side: int, values: Array) -> Array:
-        return self._curves[side](values[:, self._variables[side]] + self.start[side])
-
-    def touching(self) -> Array:
-        """Return the arc lengths (2,) near the start at which aligned links touch.
-
-        Least squares, as profiles may miss each other by what the float64 geometry allows.
-        """
-        free = _Contact(self._curves, (0, 1), exactly(np.zeros(2)))
-        s, last = self.start, np.inf
-        for _ in range(STEPS):
-            miss = skew_part(free.turn(s[None]))
-            inverse, _ = left_inverse(free.vectors(s[None]).swapaxes(1, 2))
-            step = (inverse @ miss[..., None])[0, :, 0]
-            s = middles(s - step)
-            size = float(np.max(np.abs(floats(step))))
-            if size == 0.0 or not size < last / 2:
-                break
-            last = size
-        return s
+    return (
+        lambda values: frame(0, values) @ frame(1, values).swapaxes(1, 2),
+        lambda values: frame(0, values)[:, :, 2],
+    )
 
 
-def _joints(mechanism: Mechanism, frames: Frames) -> list[_Joint]:
-    """Return the pairs of a mechanism, in their order.
+def _touching(curves: Sequence[Curve], s: Array) -> Array:
+    """Return the arc lengths (2,) near a start at which aligned links touch.
+
+    Least squares, as profiles may miss each other by what the float64 geometry allows.
+    """
+    turn, _ = _contact(curves, (0, 1), exactly(np.zeros(2)))
+    last = np.inf
+    for _ in range(TOUCHING_STEPS):
+        miss = skew_part(turn(s[None]))
+        inverse, _ = left_inverse(_vectors(turn, s[None]).swapaxes(1, 2))
+        step = (inverse @ miss[..., None])[0, :, 0]
+        s = middles(s - step)
+        size = float(np.max(np.abs(floats(step))))
+        if size == 0.0 or not size < last / 2:
+            break
+        last = size
+    return s
+
+
+def _vectors(turn: Turn, values: Array) -> Array:
+    """Return the vectors (n, m, 3) of a pair's variables in the first link's axes."""
+    vectors = []
+    for column in range(values.shape[1]):
+        moving = values.copy()
+        moving[:, column] = series(values[:, column], exactly(np.ones(len(values))))
+        vectors.append(turning_rates(turn(moving), 1)[0])
+    return np.stack(vectors, axis=1)
+
+
+def _joints(mechanism: Mechanism, frames: Frames) -> list[tuple[Turn, Turn]]:
+    """Return how the pairs of a mechanism turn, and their axes or contact points.
 
     Which axes a zero direction is taken from, and near which place two profiles touch,
     is read off the float64 geometry; every number is computed anew.
     """
-    made: list[_Joint] = []
+    made = []
     for pair, joint in zip(mechanism.pairs, geometry_of(mechanism).joints, strict=True):
         if pair.profiles is None:
-            made.append(_Revolute(*frames[pair.name]))
+            made.append(_revolute(*frames[pair.name]))
             continue
-        one, other = map(ball_curve, pair.profiles)
-        curves = one.frame, other.backwards if pair.contact == "external" else other.frame
-        tracks = joint.tracks
-        start = exactly([track.start for track in tracks])
-        contact = _Contact(curves, (tracks[0].variable, tracks[1].variable), start)
+        one, other = pair.profiles
+        curves = ball_curve(one), ball_curve(other, pair.contact == "external")
+        first, second = joint.tracks
+        start = exactly([first.start, second.start])
         if joint.rolled and isinstance(mechanism.geometry, PoseGeometry):
-            contact.start = contact.touching()
-        made.append(contact)
+            start = _touching(curves, start)
+        made.append(_contact(curves, (first.variable, second.variable), start))
     return made
+
+
+@dataclass(frozen=True)
+class Closed:
+    """Configurations (k, variables) that Newton's method reached from starts.
+
+    `inverse` (k, free, equations) is that of the Jacobian's columns of the `free`
+    variables, `condition` (k,) its condition, and `residual` by how much loops stay open.
+    `distance` is the way from the start, `wild` whether other solutions may be as near, and
+    `status` is OK, NOT_CONVERGED or AT_SINGULARITY.
+    """
+
+    values: Array
+    free: list[int]
+    inverse: Array
+    condition: Floats
+    residual: Floats
+    distance: Floats
+    wild: Bools
+    status: SmallIntegers
 
 
 class Linkage:
@@ -391,7 +342,7 @@ class Linkage:
         self.mechanism, ends = mechanism, mechanism.ends
         joints = _joints(mechanism, frames or declared_frames(mechanism))
         self._joints = [
-            (joint, list(mechanism.variables_of(pair)), ends[pair])
+            (*joint, list(mechanism.variables_of(pair)), ends[pair][0])
             for pair, joint in enumerate(joints)
         ]
         self._way = spanning(ends)
@@ -413,7 +364,7 @@ class Linkage:
 
         At all pair variables (n, variables); gaps (n, 3 loops) rad.
         """
-        turns = [joint.turn(values[:, columns]) for joint, columns, _ in self._joints]
+        turns = [turn(values[:, columns]) for turn, _, columns, _ in self._joints]
         placed = {0: np.broadcast_to(exactly(np.eye(3)), (len(values), 3, 3))}
         for pair, parent, child in self._way:
             turn = turns[pair]
@@ -427,25 +378,28 @@ class Linkage:
         orientations = np.stack([placed[link] for link in range(len(placed))], axis=1)
         return orientations, np.concatenate(gaps, axis=1)
 
+    def axes(self, values: Array, placed: Array) -> Array:
+        """Return (n, pairs, 3): the axis of each R pair, the contact point of others."""
+        axes = [
+            (placed[:, link] @ axis(values[:, columns])[..., None])[..., 0]
+            for _, axis, columns, link in self._joints
+        ]
+        return np.stack(axes, axis=1)
+
     def vectors(self, values: Array, placed: Array) -> Array:
         """Return the variables' vectors (n, variables, 3) in ground axes, of balls.
 
         A variable's vector is the angular velocity of its pair's second link relative to
         the first per unit rate.
         """
-        vectors = [
-            joint.vectors(values[:, columns]) @ placed[:, ends[0]].swapaxes(1, 2)
-            for joint, columns, ends in self._joints
-        ]
+        vectors = []
+        for pair, (turn, axis, columns, link) in zip(
+            self.mechanism.pairs, self._joints, strict=True
+        ):
+            own = values[:, columns]
+            made = axis(own)[:, None] if pair.profiles is None else _vectors(turn, own)
+            vectors.append(made @ placed[:, link].swapaxes(1, 2))
         return np.concatenate(vectors, axis=1)
-
-    def axes(self, values: Array, placed: Array) -> Array:
-        """Return (n, pairs, 3): the axis of each R pair, the contact point of others."""
-        axes = [
-            (placed[:, ends[0]] @ joint.axis(values[:, columns])[..., None])[..., 0]
-            for joint, columns, ends in self._joints
-        ]
-        return np.stack(axes, axis=1)
 
     def velocities(self, vectors: Array, rates: Array) -> Array:
         """Return angular velocities (n, links, 3) relative to the ground, in its axes.
@@ -461,28 +415,59 @@ class Linkage:
             moved.reshape(len(vectors), 3 * len(self._passes), vectors.shape[1])
         )
 
-    def inverse(self, values: Array, free: Sequence[int]) -> tuple[Array, Floats, Array]:
-        """Return the inverse of the Jacobian's free columns, its condition, and gaps."""
-        placed, gaps = self.place(values)
-        jacobian = self.jacobian(self.vectors(values, placed))[:, :, list(free)]
-        return *left_inverse(jacobian), gaps
+    def closed(self, start: Array, held: Sequence[int], eps: float) -> Closed:
+        """Return the solutions nearest to starts (k, variables), some of which are held.
 
-    def motion(
-        self, values: Array, inverse: Array, free: Sequence[int], moved: int, order: int
-    ) -> list[Array]:
+        Numbers are rounded to `eps`. A step ends the iteration when it is rounding: no
+        longer shrinking, and small against the conditioning.
+        """
+        k, count = start.shape
+        free = [v for v in range(count) if v not in held]
+        values, last = start.copy(), np.full(k, np.inf)
+        status = np.full(k, Status.NOT_CONVERGED, dtype=np.int8)
+        going, sizes = np.ones(k, dtype=bool), []
+        while True:
+            placed, gaps = self.place(values)
+            jacobian = self.jacobian(self.vectors(values, placed))
+            inverse, condition = left_inverse(jacobian[:, :, free])
+            change = -(inverse @ gaps[..., None])[..., 0]
+            size = largest(change)
+            rounding = ROUNDING * eps * condition
+            sizes.append(size)
+            ended = (size <= rounding) & ((size <= 4 * eps) | (size >= last / 2))
+            status[going & ended] = Status.OK
+            status[going & ~np.isfinite(size)] = Status.AT_SINGULARITY
+            going &= ~ended & (size <= 1.0)
+            if len(sizes) > STEPS or not np.any(going):
+                break
+            last = size
+            moved = np.where(going[:, None], change, exactly(0.0))
+            values[:, free] = middles(values[:, free] + moved)
+        first, second = (sizes * 2)[:2] if len(sizes) == 1 else sizes[:2]
+        wild = (second > rounding) & (second > CONTRACTION * first)
+        off = largest(gaps), largest(values - start)
+        return Closed(values, free, inverse, condition, *off, wild, status)
+
+    def motion(self, at: Closed, moved: int, order: int) -> list[Array]:
         """Return the coefficients (k, variables) of all variables' series in one.
 
-        At closed configurations (k, variables); `inverse` is that of the Jacobian's columns
-        of the `free` variables, all but those that are held and the moved one. The
-        coefficient of each order solves linear equations with the same matrix.
+        At closed configurations, in which all variables but those that are held and the
+        moved one are free. The coefficient of each order solves linear equations with the
+        same matrix.
         """
-        coefficients = [values, *(exactly(np.zeros(values.shape)) for _ in range(order))]
-        coefficients[1][:, moved] = exactly(np.ones(len(values)))
+        shape = at.values.shape
+        coefficients = [at.values, *(exactly(np.zeros(shape)) for _ in range(order))]
+        coefficients[1][:, moved] = exactly(np.ones(len(at.values)))
         for power in range(1, order + 1):
             _, gaps = self.place(series(*coefficients[: power + 1]))
             open_ = coefficient(gaps, power)[..., None]
-            coefficients[power][:, list(free)] = -(inverse @ open_)[..., 0]
+            coefficients[power][:, at.free] = -(at.inverse @ open_)[..., 0]
         return coefficients
+
+
+def largest(values: Array) -> Floats:
+    """Return the largest size (k,) in each row of values (k, m)."""
+    return np.max(np.abs(floats(values)), axis=1, initial=0.0)
 
 
 def turning_rates(placed: Array, order: int) -> list[Array]:

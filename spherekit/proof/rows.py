@@ -29,22 +29,14 @@ from spherekit.proof.balls import (
     series,
     square_root,
 )
-from spherekit.proof.linkage import Linkage, turning_rates
+from spherekit.proof.linkage import ROUNDING, Closed, Linkage, largest, turning_rates
 from spherekit.rates.request import PoleField, Request
 
 RADIUS = 1e-6
 """A solution farther (rad) from the row than this is not taken for the one meant."""
 
-CONTRACTION = 0.125
-"""Newton's second step may be this part of the first; else other solutions are near."""
-
-ROUNDING = 1e3
-"""Steps below this many roundings times the conditioning are rounding."""
-
 DIRECTED = 1e6
 """A vector gives a direction above this many roundings times the conditioning."""
-
-STEPS = 40
 
 
 @dataclass(frozen=True)
@@ -152,24 +144,21 @@ def exact_rows_by_input(
     with arithmetic.within(), np.errstate(all="ignore"):
         linkage = Linkage(mechanism, frames)
         held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
-        start = _start(chosen, held, exactly(chosen.inputs) if inputs is None else inputs)
-        solution = closed(linkage, start, held, arithmetic)
+        start = exactly(chosen.values)
+        # variables may have been brought into one turn; then so are the inputs
+        turns = np.round((chosen.inputs - chosen.values[:, held]) / TURN)
+        given = exactly(chosen.inputs) if inputs is None else inputs
+        start[:, held] = given - turns * (2 * pi())
+        solution = linkage.closed(start, held, arithmetic.eps)
         status = _judged(chosen, solution)
         placed, _ = linkage.place(solution.values)
         made = []
         for pair in driven:
             (moved,) = mechanism.variables_of(pair)
-            way = linkage.motion(
-                solution.values, solution.inverse, solution.free, moved, order
-            )
+            way = linkage.motion(solution, moved, order)
             w = turning_rates(linkage.place(series(*way))[0], order)
-            values = (
-                solution.values,
-                way[1],
-                placed,
-                linkage.axes(solution.values, placed),
-                *w,
-            )
+            axes = linkage.axes(solution.values, placed)
+            values = solution.values, way[1], placed, axes, *w
             entries: list[Any] = [_where(status == Status.OK, balls) for balls in values]
             entries += [None] * (3 - order)
             entries += [solution.distance, solution.residual, solution.condition, status]
@@ -184,103 +173,17 @@ def _where(good: Bools, balls: Array) -> Array:
     return kept
 
 
-def _start(motion: Motion, held: Sequence[int], inputs: Array) -> Array:
-    """Return the starts (k, variables), with the inputs exactly as given.
-
-    Variables may have been brought into one turn; then so are the inputs.
-    """
-    start = exactly(motion.values)
-    for column, variable in enumerate(held):
-        off = motion.inputs[:, column] - motion.values[:, variable]
-        start[:, variable] = inputs[:, column] - np.round(off / TURN) * (2 * pi())
-    return start
-
-
-@dataclass(frozen=True)
-class Closed:
-    """Configurations (k, variables) that Newton's method reached from starts.
-
-    `inverse` (k, free, equations) is that of the Jacobian's columns of the `free`
-    variables. `first` and `second` are the sizes of the first steps, `rounding` what a step
-    may be that is none, `distance` the way from the start, and `status` is OK,
-    NOT_CONVERGED or AT_SINGULARITY.
-    """
-
-    values: Array
-    free: list[int]
-    inverse: Array
-    condition: Floats
-    residual: Floats
-    first: Floats
-    second: Floats
-    distance: Floats
-    status: SmallIntegers
-    rounding: Floats
-
-
-def closed(
-    linkage: Linkage, start: Array, held: Sequence[int], arithmetic: Digits
-) -> Closed:
-    """Return the solutions nearest to starts (k, variables), some of which are held.
-
-    A step ends the iteration when it is rounding: no longer shrinking, and small against
-    the conditioning.
-    """
-    eps, (k, count) = arithmetic.eps, start.shape
-    free = [v for v in range(count) if v not in held]
-    values, last = start.copy(), np.full(k, np.inf)
-    status = np.full(k, Status.NOT_CONVERGED, dtype=np.int8)
-    going, sizes = np.ones(k, dtype=bool), []
-    while True:
-        inverse, condition, gaps = linkage.inverse(values, free)
-        change = -(inverse @ gaps[..., None])[..., 0]
-        size = _largest(change)
-        rounding = ROUNDING * eps * condition
-        sizes.append(size)
-        ended = (size <= rounding) & ((size <= 4 * eps) | (size >= last / 2))
-        status[going & ended] = Status.OK
-        status[going & ~np.isfinite(size)] = Status.AT_SINGULARITY
-        going &= ~ended & (size <= 1.0)
-        if len(sizes) > STEPS or not np.any(going):
-            break
-        last = size
-        moved = np.where(going[:, None], change, exactly(0.0))
-        values[:, free] = middles(values[:, free] + moved)
-    residual, distance = _largest(gaps), _largest(values - start)
-    first, second = (sizes * 2)[:2] if len(sizes) == 1 else sizes[:2]
-    return Closed(
-        values,
-        free,
-        inverse,
-        condition,
-        residual,
-        first,
-        second,
-        distance,
-        status,
-        rounding,
-    )
-
-
 def _judged(motion: Motion, solution: Closed) -> SmallIntegers:
     """Return the status of rows: that of the motion, where this has failed already."""
     status = solution.status.copy()
     ok = status == Status.OK
-    wild = (solution.second > solution.rounding) & (
-        solution.second > CONTRACTION * solution.first
-    )
     status[ok & (solution.residual > CLOSURE_TOLERANCE)] = Status.NOT_CLOSED
     off = motion.configuration_error
     near = np.maximum(np.where(np.isfinite(off), 2.0 * off, 0.0), RADIUS)
-    status[ok & (wild | (solution.distance > near))] = Status.MODE_LOST
+    status[ok & (solution.wild | (solution.distance > near))] = Status.MODE_LOST
     unknown = motion.failed | ~np.all(np.isfinite(motion.values), axis=1)
     given = np.where(motion.status == Status.OK, Status.NOT_CONVERGED, motion.status)
     return np.where(unknown, given, status).astype(np.int8)
-
-
-def _largest(values: Array) -> Floats:
-    """Return the largest size (k,) in each row of values (k, m)."""
-    return np.max(np.abs(floats(values)), axis=1, initial=0.0)
 
 
 def exact_motion(motion: Motion, rows: Bools, exact: ExactRows) -> Motion:
@@ -319,9 +222,13 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Array:
         else:
             floor = exact.arithmetic.eps * exact.condition
             moving, change = (_relative(w, pole) for w in (exact.w, exact.dw))
-            turns = _above(moving, exact.w, pole, DIRECTED * floor)
-            rests = ~_above(moving, exact.w, pole, ROUNDING * floor)
-            leaves = _above(change, exact.dw, pole, DIRECTED * floor * exact.condition)
+            rate, bent = (
+                largest(v) / np.maximum(largest(w[:, list(pole)].reshape(len(v), 6)), 1.0)
+                for v, w in ((moving, exact.w), (change, exact.dw))
+            )
+            turns = rate > DIRECTED * floor
+            rests = ~(rate > ROUNDING * floor)
+            leaves = bent > DIRECTED * floor * exact.condition
             along = _where(
                 turns | (rests & leaves), np.where(turns[:, None], moving, change)
             )
@@ -401,13 +308,6 @@ def _turn(exact: ExactRows, pole: Pole, unit: Array) -> Floats:
 
 def _relative(w: Array, pole: Pole) -> Array:
     return w[:, pole[1]] - w[:, pole[0]]
-
-
-def _above(vectors: Array, rates: Array, pole: Pole, floor: Floats) -> Bools:
-    """Return (n,) whether differences (n, 3) of the rates of two links are not rounding."""
-    size = np.max(np.abs(floats(rates[:, list(pole)])), axis=(1, 2))
-    largest = np.max(np.abs(floats(vectors)), axis=1)
-    return largest > floor * np.maximum(size, 1.0)
 
 
 def _lengths(vectors: Array) -> Array:

@@ -19,11 +19,11 @@ sign of a condition, which is held on the side it is said to be on.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
+from numpy.polynomial.legendre import legint, legvander
 
 from spherekit.arrays import Array, Floats
 from spherekit.conventions import Status
@@ -43,14 +43,14 @@ from spherekit.proof.balls import (
     series,
     square_root,
 )
-from spherekit.proof.linkage import Linkage, left_inverse, turning_rates
-from spherekit.proof.rows import Closed, ExactRows, closed
+from spherekit.proof.linkage import Closed, Linkage, left_inverse, turning_rates
+from spherekit.proof.rows import ExactRows
 
 Sides = Floats | None
 """The sides (switches,) +1 or -1 of all conditions; None takes those they are on."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Moving:
     """A mechanism in motion at n rows, by a coordinate of its own.
 
@@ -102,40 +102,6 @@ def inertia(
     return B, dB
 
 
-class _Switches:
-    """The conditions met so far, in the order in which expressions are evaluated."""
-
-    def __init__(self, sides: Sides) -> None:
-        self.sides = sides
-        self.conditions: list[Array] = []
-
-    def side(self, condition: Array) -> Any:
-        """Return the side of the next condition (n,)."""
-        self.conditions.append(np.atleast_1d(condition))
-        if self.sides is None:
-            return np.sign(floats(condition))
-        return self.sides[len(self.conditions) - 1]
-
-    def applied(self, name: str, given: Sequence[Any]) -> Any:
-        """Return a function of expressions; NaN outside its domain."""
-        if name == "sign":
-            return self.side(given[0]) + 0 * given[0]
-        if name == "abs":
-            return self.side(given[0]) * given[0]
-        if name in KINKED:
-            upward = 1 if name == "max" else -1
-            best = given[0]
-            for item in given[1:]:
-                gap = best - item
-                best = (best + item + upward * self.side(gap) * gap) / 2
-            return best
-        if not hasattr(exact(0.0), name):
-            return ON_ARRAYS[name](*given)
-        return np.frompyfunc(lambda x, *more: getattr(x, name)(*more), len(given), 1)(
-            *given
-        )
-
-
 class Forces:
     """The loads of a mechanism; numbers in their expressions are the float64 they are."""
 
@@ -148,27 +114,26 @@ class Forces:
     def knots(self, until: float) -> list[Ball]:
         """Return the times between 0 and `until` (s) at which tables have kinks."""
         knots = []
-        for part in self.parts:
-            table = part.magnitude
-            if not isinstance(table, TorqueTable):
-                continue
-            times = exactly(table.times)
-            turns = range(1)
-            if table.periodic:
-                period = table.times[-1] - table.times[0]
-                first = int(np.floor(-table.times[-1] / period))
-                turns = range(first, int(np.ceil((until - table.times[0]) / period)) + 1)
-            for turn in turns:
-                knots += [(t + turn * (times[-1] - times[0])).mid() for t in times]
+        for table in (part.magnitude for part in self.parts):
+            if isinstance(table, TorqueTable):
+                times, turns = exactly(table.times), range(1)
+                if table.periodic:
+                    period = table.times[-1] - table.times[0]
+                    first = int(np.floor(-table.times[-1] / period))
+                    last = int(np.ceil((until - table.times[0]) / period))
+                    turns = range(first, last + 1)
+                for turn in turns:
+                    knots += [(t + turn * (times[-1] - times[0])).mid() for t in times]
         inside = {float(t): t for t in knots if 0.0 < float(t) < until}
         return [inside[t] for t in sorted(inside)]
 
     def at(self, moving: Moving, sides: Sides, inside: float) -> tuple[Array, list[Array]]:
         """Return the generalised force of all loads (n,), and the switches' conditions.
 
-        `inside` is a time (s) between the knots that the rows lie between.
+        These are in the order in which expressions are evaluated. `inside` is a time (s)
+        between the knots that the rows lie between.
         """
-        switches, variables = _Switches(sides), self.mechanism.angles
+        variables, conditions = self.mechanism.angles, list[Array]()
         total = exactly(np.zeros(len(moving.t)))
 
         def named(name: str) -> Any:
@@ -179,17 +144,40 @@ class Forces:
                 return moving.values[:, variables[pair]]
             return moving.rates[:, variables[pair]] * moving.speed
 
+        def side(condition: Array) -> Any:
+            """Return the side of the next condition (n,)."""
+            conditions.append(np.atleast_1d(condition))
+            return (
+                np.sign(floats(condition)) if sides is None else sides[len(conditions) - 1]
+            )
+
+        def applied(name: str, given: Sequence[Any]) -> Any:
+            """Return a function of expressions; NaN outside its domain."""
+            if name in ("sign", "abs"):
+                return side(given[0]) * given[0] ** (name == "abs")
+            if name in KINKED:
+                upward = 1 if name == "max" else -1
+                best = given[0]
+                for item in given[1:]:
+                    gap = best - item
+                    best = (best + item + upward * side(gap) * gap) / 2
+                return best
+            if not hasattr(exact(0.0), name):
+                return ON_ARRAYS[name](*given)
+            called = np.frompyfunc(lambda x, *more: getattr(x, name)(*more), len(given), 1)
+            return called(*given)
+
         for part in self.parts:
             if isinstance(part.magnitude, TorqueTable):
                 magnitude = _of_table(part.magnitude, moving.t, inside)
             else:
                 law = expression_of(part.magnitude)
-                magnitude = fold(law.root, exact, named, switches.applied)
+                magnitude = fold(law.root, exact, named, applied)
             if part.pair:
                 total = total + magnitude * moving.rates[:, variables[part.pair]]
             for moment in part.moments:
                 total = total + magnitude * self._power(moment, moving)
-        return total, switches.conditions
+        return total, conditions
 
     def _power(self, moment: LinkMoment, moving: Moving) -> Array:
         """Return the power (n,) of a moment per unit rate of the coordinate."""
@@ -263,59 +251,41 @@ class ExactStates:
     second: Array
 
 
-class _Legendre:
-    """Series of `count` Legendre polynomials on [-1, 1], from values at Gauss's nodes.
-
-    `nodes` (count,) are these, `from_values` (count, count) gives the coefficients, and
-    `to_integrals` (count, count) the integrals from -1 to the nodes.
-    """
-
-    def __init__(self, count: int) -> None:
-        self.count, arb = count, library().arb
-        rows = [arb.legendre_p_root(count, k, weight=True) for k in reversed(range(count))]
-        self.nodes, weights = middles(np.array(rows)).T
-        odd = np.arange(count) + 0.5
-        polynomials = legvander(self.nodes, count - 1)
-        self.from_values = middles((polynomials * weights[:, None] * odd).T)
-        self.to_integrals = middles(self.integrals(self.nodes) @ self.from_values)
-
-    def integrals(self, x: Array) -> Array:
-        """Return (n, count): the integrals from -1 to x (n,) of the polynomials.
-
-        From (2 k + 1) P_k = (P_{k+1} - P_{k-1})'.
-        """
-        every = legvander(x, self.count)
-        odd = 2 * np.arange(1, self.count) + 1
-        inner = (every[:, 2:] - every[:, :-2]) / odd
-        return np.concatenate([(x + 1)[:, None], inner], axis=1)
-
-    def value(self, coefficients: Array, x: Ball) -> Ball:
-        """Return the series with coefficients (count,) at x."""
-        return (legvander(np.array([x]), self.count - 1) @ coefficients)[0]
-
-
 @dataclass(frozen=True)
 class _Step:
-    """A step from `start` (s), `length` long: `moves`, `pushes` (count,) series.
+    """A step from `start` (s), `length` long, on which time goes from -1 to 1.
 
-    They are those of the rates of the coordinate, the variable `along`, and of p, which
-    are `c` and `p` at its start. `sides` are those of the switches; `conditions` and
-    `values` are theirs and the variables at the nodes. `error` is the size of its last
-    terms in roundings, `sweeps` the turns it took.
+    `way` (count + 1, 2) are the series of the coordinate, the variable `along`, and of p.
+    `sides` are those of the switches; `signed` are series that turn negative where one
+    ends, by its number, -1 for joint limits. `error` is the size of its last terms in
+    roundings, `sweeps` the turns it took.
     """
 
     start: Ball
     length: Ball
     along: int
-    c: Ball
-    p: Ball
-    moves: Array
-    pushes: Array
+    way: Array
     sides: Floats
-    conditions: list[Array]
-    values: Array
+    signed: list[tuple[int, Array]]
     error: float
     sweeps: int
+
+    def reached(self, x: Array) -> Array:
+        """Return the coordinate and p (2, n) at places x (n,) in [-1, 1]."""
+        return np.asarray(middles(_value(self.way, x).T))
+
+
+def _value(series: Array, x: Array) -> Array:
+    """Return Legendre series with coefficients (count, ...) at places x (n,)."""
+    # numpy's own `legval` has factors that it rounds to float64
+    return legvander(x, len(series) - 1) @ series
+
+
+def _integral(series: Array) -> Array:
+    """Return the series of the integrals from -1."""
+    made = legint(series)
+    made[0] -= _value(made, exactly([-1.0]))[0]
+    return made
 
 
 class ExactSimulation:
@@ -358,10 +328,6 @@ class ExactSimulation:
         self.arithmetic, self.mechanism, self.until = arithmetic, mechanism, until
         self._guess = guess
         self._largest = 0.0
-        self._stops = [
-            (mechanism.variables_of(mechanism.pair_number[stop.pair])[0], stop)
-            for stop in mechanism.joint_limits
-        ]
         self._steps: list[_Step] = []
         self.switches: list[Ball] = []
         self.kind: EndKind = "time"
@@ -369,8 +335,16 @@ class ExactSimulation:
             self.end = exact(0.0)
             self._linkage = Linkage(mechanism)
             self._forces = Forces(mechanism)
-            self._series = _Legendre(10 + arithmetic.digits)
-            self._grid = np.linspace(-1.0, 1.0, GRID * self._series.count + 1)[1:]
+            self._count = count = 10 + arithmetic.digits
+            arb = library().arb
+            rows = [arb.legendre_p_root(count, k, weight=True) for k in range(count)[::-1]]
+            self._nodes, weights = middles(np.array(rows)).T
+            polynomials = legvander(self._nodes, count - 1)
+            # coefficients from values at the nodes, and integrals from the start to these
+            odd = np.arange(count) + 0.5
+            self._series = middles((polynomials * weights[:, None] * odd).T)
+            self._integrals = middles(_value(_integral(self._series), self._nodes))
+            self._grid = np.linspace(-1.0, 1.0, GRID * count + 1)[1:]
             self._run(driven, q, dq)
 
     def at(self, t: Floats) -> ExactStates:
@@ -394,33 +368,30 @@ class ExactSimulation:
 
     def _states(self, step: _Step, t: Array) -> list[Array]:
         """Return the variables and their two derivatives by time within a step."""
-        along = step.along
-        c, p = self._reached(step, 2 * (t - step.start) / step.length - 1)
-        configuration = self._closed(t, c, along)
-        way = self._linkage.motion(
-            configuration.values, configuration.inverse, configuration.free, along, 2
-        )
-        placed, _ = self._linkage.place(series(*way))
+        c, p = step.reached(2 * (t - step.start) / step.length - 1)
+        closed = self._closed(t, c, step.along)
+        values, first, second = self._linkage.motion(closed, step.along, 2)
+        placed, _ = self._linkage.place(series(values, first, second))
         (w, dw), placed = turning_rates(placed, 2), coefficient(placed, 0)
         B, dB = inertia(self.mechanism, placed, w, dw)
         speed = p / square_root(B)
-        moving = Moving(configuration.values, way[1], w, placed, speed, t)
+        moving = Moving(values, first, w, placed, speed, t)
         force, _ = self._forces.at(moving, step.sides, float(step.start + step.length / 2))
         change = (force - dB * speed * speed / 2) / B
-        rates, square = way[1] * speed[:, None], (speed * speed)[:, None]
-        return [configuration.values, rates, way[1] * change[:, None] + 2 * way[2] * square]
+        rates, square = first * speed[:, None], (speed * speed)[:, None]
+        return [values, rates, first * change[:, None] + 2 * second * square]
 
     def _closed(self, t: Array, c: Array, along: int) -> Closed:
         """Return the closed configurations at times with a variable held."""
         values = exactly(self._guess(floats(t))[0])
         values[:, along] = c
-        configuration = closed(self._linkage, values, [along], self.arithmetic)
-        if np.any(configuration.status != Status.OK):
+        closed = self._linkage.closed(values, [along], self.arithmetic.eps)
+        if np.any(closed.status != Status.OK):
             raise EngineError(
                 f"{self.mechanism.name}: a configuration is singular by variable "
                 f"{self.mechanism.variable_names[along]}; start beside it"
             )
-        return configuration
+        return closed
 
     def _moving(self, values: Array, along: int, t: Array) -> tuple[Moving, Array, Array]:
         """Return rates and inertia by a coordinate, and a step that closes the loops."""
@@ -430,8 +401,7 @@ class ExactSimulation:
         vectors = linkage.vectors(values, placed)
         jacobian = linkage.jacobian(vectors)
         inverse, _ = left_inverse(jacobian[:, :, free])
-        rates = exactly(np.zeros(values.shape))
-        miss = rates.copy()
+        rates, miss = exactly(np.zeros((2, *values.shape)))
         rates[:, along] = exact(1.0)
         rates[:, free] = -(inverse @ jacobian[:, :, along, None])[..., 0]
         miss[:, free] = -(inverse @ gaps[..., None])[..., 0]
@@ -466,7 +436,7 @@ class ExactSimulation:
                 self.kind = "sticking"
                 break
             self._steps.append(step)
-            c, (p,) = self._reached(step, np.array([x]))
+            (c,), (p,) = step.reached(np.array([x]))
             self._largest = max(self._largest, abs(float(p)))
             whole = switch is None and step.length is left
             self.end = (
@@ -483,7 +453,7 @@ class ExactSimulation:
                 self.switches.append(self.end)
             elif whole:
                 targets.pop(0)
-            factor = 0.9 * (ACCEPTED / max(step.error, 1e-3)) ** (1 / self._series.count)
+            factor = 0.9 * (ACCEPTED / max(step.error, 1e-3)) ** (1 / self._count)
             factor = min(factor, 0.8) if step.sweeps > FEW else factor
             length = (step.length * float(np.clip(factor, 0.3, 1.5))).mid()
         if not self._steps:
@@ -504,32 +474,32 @@ class ExactSimulation:
             if step is not None:
                 if step.error <= ACCEPTED:
                     return step
-                factor = 0.9 * (ACCEPTED / step.error) ** (1 / self._series.count)
+                factor = 0.9 * (ACCEPTED / step.error) ** (1 / self._count)
             length = (length * float(np.clip(factor, 0.1, 0.9))).mid()
 
     def _picard(
         self, c: Ball, p: Ball, along: int, length: Ball, sides: Sides
     ) -> _Step | None:
         """Return a step of a length, None where the iteration does not end."""
-        series, half = self._series, length / 2
-        t = self.end + half * (series.nodes + 1)
-        inside = float(self.end + half)
+        half = length / 2
+        t, inside = self.end + half * (self._nodes + 1), float(self.end + half)
         near, pace = self._guess(floats(t))
         values, speed = exactly(near), exactly(pace[:, along])
-        here = values[:, along] = middles(c + half * (series.to_integrals @ speed))
+        here = values[:, along] = middles(c + half * (self._integrals @ speed))
         push: Array | None = None
         last = first = np.inf
         for sweep in range(1, SWEEPS + 1):
             moving, size, miss = self._moving(values, along, t)
             push = size * speed if push is None else push
-            moving.speed = speed = push / size
+            speed = push / size
+            moving = replace(moving, speed=speed)
             if sides is None:
                 _, seen = self._forces.at(moving, None, inside)
                 sides = np.array([np.sign(float(x[0])) or 1.0 for x in seen])
             force, conditions = self._forces.at(moving, sides, inside)
             drive = force / size
-            there = middles(c + half * (series.to_integrals @ speed))
-            pushed = middles(p + half * (series.to_integrals @ drive))
+            there = middles(c + half * (self._integrals @ speed))
+            pushed = middles(p + half * (self._integrals @ drive))
             values = middles(values + miss + moving.rates * (there - here)[:, None])
             values[:, along] = there
             scale = max(self._largest, _size(pushed), abs(float(p))) or 1.0
@@ -540,60 +510,42 @@ class ExactSimulation:
             if not np.isfinite(change) or (sweep > 6 and change > 10 * first):
                 return None
             if change <= CHANGED or (sweep >= SURE and last / 2 <= change <= SETTLED):
-                moves, pushes = (series.from_values @ x for x in (speed, drive))
-                terms = max(_size(moves[-2:]), _size(pushes[-2:]) / scale)
-                error = float(length) / (4 * series.count) / self.arithmetic.eps * terms
-                return _Step(
-                    self.end,
-                    length,
-                    along,
-                    c,
-                    p,
-                    moves,
-                    pushes,
-                    sides,
-                    conditions,
-                    values,
-                    error,
-                    sweep,
-                )
+                rates = self._series @ np.stack([speed, drive], axis=1)
+                way = half * _integral(rates)
+                way[0] += np.array([c, p])
+                terms = max(_size(rates[-2:, 0]), _size(rates[-2:, 1]) / scale)
+                error = float(half) / (2 * self._count) / self.arithmetic.eps * terms
+                signed = self._signed(conditions, sides, values)
+                return _Step(self.end, length, along, way, sides, signed, error, sweep)
             last = change
         return None
 
-    def _reached(self, step: _Step, x: Array) -> tuple[Array, Array]:
-        """Return the coordinate and p at places x (n,) in [-1, 1] of a step."""
-        integrals = self._series.integrals(x) * (step.length / 2)
-        reached = step.c + integrals @ step.moves, step.p + integrals @ step.pushes
-        return middles(reached[0]), middles(reached[1])
+    def _signed(
+        self, conditions: Sequence[Array], sides: Floats, values: Array
+    ) -> list[tuple[int, Array]]:
+        """Return the series of conditions and joint limits, positive where they hold."""
+        signed = [
+            (number, condition * (side * np.ones(self._count)))
+            for number, (condition, side) in enumerate(zip(conditions, sides, strict=True))
+        ]
+        for stop in self.mechanism.joint_limits:
+            value = values[:, self.mechanism.angles[stop.pair]]
+            signed += [(-1, value - exact(stop.low)), (-1, exact(stop.high) - value)]
+        return [(number, self._series @ value) for number, value in signed]
 
     def _roots(self, step: _Step) -> Iterator[tuple[Ball, int, bool]]:
-        """Yield where in a step conditions first turn: place, switch, whether at once.
-
-        Stops have the number -1.
-        """
-        signed = [
-            (number, condition * (side * np.ones(self._series.count)))
-            for number, (condition, side) in enumerate(
-                zip(step.conditions, step.sides, strict=True)
-            )
-        ]
-        for variable, stop in self._stops:
-            value = step.values[:, variable]
-            signed += [(-1, value - exact(stop.low)), (-1, exact(stop.high) - value)]
-        for switch, values in signed:
-            series = self._series.from_values @ values
-            shown = np.polynomial.legendre.legval(self._grid, floats(series))
-            (beyond,) = np.nonzero(shown < 0.0)
+        """Yield where in a step conditions first turn: place, switch, whether at once."""
+        for switch, condition in step.signed:
+            (beyond,) = np.nonzero(_value(floats(condition), self._grid) < 0.0)
             if not len(beyond):
                 continue
             first = int(beyond[0])
-            low, high = (
-                exact(self._grid[first - 1] if first else -1.0),
-                exact(self._grid[first]),
+            low, high = exactly(
+                [self._grid[first - 1] if first else -1.0, self._grid[first]]
             )
             for _ in range(int(3.4 * self.arithmetic.digits) + 8):
                 middle = (low + high).mid() / 2
-                if self._series.value(series, middle).mid() < 0:
+                if _value(condition, np.array([middle]))[0].mid() < 0:
                     high = middle
                 else:
                     low = middle
