@@ -6,7 +6,6 @@ import numpy as np
 from chains import mechanism, random_axes
 
 import spherekit as sk
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry, SizeGeometry
 
 DEGREE = np.pi / 180
@@ -19,7 +18,7 @@ def at(colatitude):
 
 def cam(ground, profile, follower, contact="external"):
     """Return a cam (link 2) and an oscillating follower (link 3) touching it."""
-    return Mechanism(
+    return sk.Mechanism(
         "cam",
         "1",
         ("1", "2", "3"),
@@ -78,7 +77,7 @@ def dixon(random):
             name = f"p{point}_{other}"
             pairs.append(Pair(name, "R", (f"bar{ends[0]}", f"bar{other}")))
             axes[name] = axis
-    return Mechanism(
+    return sk.Mechanism(
         "dixon",
         "bar0",
         tuple(f"bar{k}" for k in range(9)),
@@ -96,7 +95,7 @@ def mechanism_of(links, pairs, inputs, output, zeros=None):
         )
         for link, (axes, arcs, angles) in links.items()
     }
-    return Mechanism(
+    return sk.Mechanism(
         name="made",
         ground=next(iter(links)),
         links=tuple(links),

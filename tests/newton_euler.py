@@ -5,16 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import spherekit as sk
-from spherekit.model.dynamics import (
-    Damper,
-    Friction,
-    Gravity,
-    Mass,
-    Moment,
-    PairTorque,
-    PointForce,
-    Spring,
-)
+from spherekit.model.dynamics import Mass
 from spherekit.model.gears import geometry_of
 from spherekit.motion.closure import Closure
 
@@ -50,14 +41,16 @@ def loaded(name, random):
     moving = mechanism.links[1:]
     joint = next(p for p in reversed(mechanism.pairs) if p.type == "R")
     loads = (
-        Gravity("weight", (1.0, -2.0, -9.0)),
-        PairTorque("motor", joint.name, f"2*cos(theta_{joint.name}) - dtheta_{joint.name}"),
-        PointForce("push", moving[-1], (0.3, -0.2, 0.9), ("1", "2*t", "-1"), "ground"),
-        PointForce("pull", moving[0], (0.1, 0.5, 0.4), ("t", "-1", "0.5"), "link"),
-        Moment("turn", moving[-1], ("0.3", "t", "1"), "link"),
-        Spring("coil", joint.name, 0.7, 0.2),
-        Damper("oil", joint.name, 0.4),
-        Friction("rub", joint.name, 0.6, 0.1, 0.5),
+        sk.Gravity("weight", (1.0, -2.0, -9.0)),
+        sk.PairTorque(
+            "motor", joint.name, f"2*cos(theta_{joint.name}) - dtheta_{joint.name}"
+        ),
+        sk.PointForce("push", moving[-1], (0.3, -0.2, 0.9), ("1", "2*t", "-1"), "ground"),
+        sk.PointForce("pull", moving[0], (0.1, 0.5, 0.4), ("t", "-1", "0.5"), "link"),
+        sk.Moment("turn", moving[-1], ("0.3", "t", "1"), "link"),
+        sk.Spring("coil", joint.name, 0.7, 0.2),
+        sk.Damper("oil", joint.name, 0.4),
+        sk.Friction("rub", joint.name, 0.6, 0.1, 0.5),
     )
     masses = tuple(body(random, link) for link in moving)
     return replace(mechanism, masses=masses, loads=loads), joint.name

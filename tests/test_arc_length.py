@@ -10,7 +10,6 @@ from example_mechanisms import ARM, DEGREE, GROUND, ROLLER, at, cam, four_bar
 from singular_examples import components
 
 import spherekit as sk
-from spherekit.conventions import Status
 from spherekit.errors import SolveError
 from spherekit.model.gears import geometry_of
 from spherekit.model.parts import Profile
@@ -57,7 +56,7 @@ def configurations(made, inputs):
     found = []
     for sign in (1, -1):
         there = solver.evaluate(AssemblyMode(0, (sign,)), inputs[:, None])
-        found.append(there.values[there.status == Status.OK])
+        found.append(there.values[there.status == sk.Status.OK])
     return solver.closure, np.concatenate(found)
 
 
@@ -224,7 +223,7 @@ def test_a_four_bar_that_can_hardly_move():
 def test_shipped_mechanisms_close_after_one_lap(name, winding):
     curve = shipped(name)
     assert curve.closed
-    assert curve.ends == (Status.OK, Status.OK)
+    assert curve.ends == (sk.Status.OK, sk.Status.OK)
     sense = np.sign(curve.winding @ np.array(winding))
     assert np.array_equal(sense * curve.winding, winding)
     points = curve.at(np.linspace(0.0, curve.length, 301))
@@ -240,7 +239,7 @@ def test_samples_at_inputs_are_those_of_the_branches(name):
     tracer = PositionAnalysis(sk.load(name), search=False)
     for q in tracer.range[0] + np.linspace(0.1, 0.9, 5) * np.ptp(tracer.range):
         there = tracer.solver.evaluate(tracer.assembly_modes[0], np.array([[q]]))
-        if there.status[0] != Status.OK:
+        if there.status[0] != sk.Status.OK:
             continue
         places = curve.at_input(tracer.solver.single, q).places
         gaps = np.abs(curve.wrapped(curve.at(places).values - there.values))
@@ -269,7 +268,7 @@ def test_cones_without_a_common_length_never_close():
     there = tracer.solver.evaluate(tracer.assembly_modes[0], np.array([[0.5]])).values[0]
     curve = follow_arc(tracer.solver.closure, there, longest=20.0)
     assert not curve.closed
-    assert curve.ends == (Status.OK, Status.OK)
+    assert curve.ends == (sk.Status.OK, sk.Status.OK)
     assert 40.0 <= curve.length < 41.0
     assert np.isinf(curve.periods[-1])
 
@@ -289,7 +288,7 @@ def open_cam():
 
 def test_a_curve_ends_exactly_where_the_contact_leaves_an_open_profile():
     curve = closed_near(open_cam(), [0.6, 0.77, 0.5, 1.27])
-    assert curve.ends == (Status.OFF_PROFILE, Status.OFF_PROFILE)
+    assert curve.ends == (sk.Status.OFF_PROFILE, sk.Status.OFF_PROFILE)
     profile = curve.segments.closure.joints[2].first
     ends = np.sort(curve.nodes.values[[0, -1], 2])
     assert np.max(np.abs(ends - [0.0, profile.length])) < 1e-12
@@ -301,7 +300,7 @@ def test_a_curve_ends_exactly_where_curvatures_are_equal():
     waisted = Profile("fourier", (0.0, 0.0, 1.0), cosines=(25 * DEGREE, 0.0, 9 * DEGREE))
     made = cam(GROUND, waisted, Profile("circle", at(ARM), 30 * DEGREE))
     curve = closed_near(made, [-0.6, -0.9, 1.5, 1.56])
-    assert curve.ends == (Status.CURVATURE, Status.CURVATURE)
+    assert curve.ends == (sk.Status.CURVATURE, sk.Status.CURVATURE)
     cam_profile, roller = (
         curve.segments.closure.joints[2].first,
         curve.segments.closure.joints[2].second,
@@ -315,7 +314,7 @@ def test_stops_end_a_curve_where_they_are(no_crank):
     given = no_crank.nodes.values[4]
     stops = {1: (given[1] - 0.2, given[1] + 0.3)}
     curve = follow_arc(no_crank.segments.closure, given, stops)
-    assert curve.ends == (Status.OK, Status.OK)
+    assert curve.ends == (sk.Status.OK, sk.Status.OK)
     assert not curve.closed
     ends = np.sort(curve.nodes.values[[0, -1], 1])
     assert np.max(np.abs(ends - stops[1])) < 1e-14
@@ -328,7 +327,7 @@ def test_a_folding_four_bar_ends_at_the_crossing():
         four_bar(np.radians([60.0, 40.0, 60.0, 40.0])), np.array([0.7, 4.0])
     )
     for curve in curves:
-        assert curve.ends == (Status.AT_SINGULARITY, Status.AT_SINGULARITY)
+        assert curve.ends == (sk.Status.AT_SINGULARITY, sk.Status.AT_SINGULARITY)
         for node in (0, -1):
             axes = axes_of(curve, curve.nodes.values[[node]])[0]
             assert np.linalg.svd(axes, compute_uv=False)[-1] < 1e-4
@@ -373,7 +372,7 @@ def test_modes_that_meet_at_dead_points_are_one_curve():
     inside = tracer.solver.evaluate(
         tracer.assembly_modes[1], np.linspace(0.0, 6.28, 40)[:, None]
     )
-    values = inside.values[inside.status == Status.OK]
+    values = inside.values[inside.status == sk.Status.OK]
     again = curve.at(curve.find(values)).values
     assert np.max(np.abs(curve.wrapped(again - values))) < 1e-12
 

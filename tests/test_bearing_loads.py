@@ -13,7 +13,6 @@ from test_reactions import STARTS, moving
 
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
-from spherekit.model.study import Polynomial
 from spherekit.motion.motion import PositionAnalysis, by_laws
 
 PLACES, TEETH = (0.4, 0.9), np.radians(20.0)
@@ -136,7 +135,7 @@ def test_a_vertical_shaft_stands_on_its_fixed_bearing(tmp_path, capsys):
 
 def reactions_at_speed(made, speed, q=0.4):
     (driven,) = made.inputs
-    law = {driven.pair: Polynomial((q, speed))}
+    law = {driven.pair: sk.Polynomial((q, speed))}
     path, timing = by_laws([driven.pair], law, np.zeros(1))
     return reactions(
         replace(PositionAnalysis(made, None, 0, path=path).motion(), timing=timing)

@@ -14,11 +14,9 @@ from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.scene import Axis, Portrait, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.errors import UndeclaredNeed
-from spherekit.model.dynamics import PairTorque
-from spherekit.model.study import ConstantSpeed, Start
 from spherekit.motion.motion import AngleUnwrapping, PositionAnalysis
 
-BACK = {"laws": {"21": ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
+BACK = {"laws": {"21": sk.ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
 """More than three turns of the crank, and of the coupler on it, backwards."""
 
 COURSES = {
@@ -28,7 +26,7 @@ COURSES = {
     "a path": {"path": np.sin(np.linspace(0.0, 9.0, 120))[:, None] * 9.0},
     "loads": {
         "samples": 120,
-        "start": Start(0.3, 20.0),
+        "start": sk.Start(0.3, 20.0),
         "duration": 2.0,
         "engine": "numpy",
     },
@@ -38,7 +36,7 @@ COURSES = {
 def wound():
     """The four-bar with springs that remember how often they were wound."""
     made = sk.load("four_bar")
-    springs = [PairTorque(f"at_{p}", p, f"-0.3*theta_{p}") for p in ("21", "32", "43")]
+    springs = [sk.PairTorque(f"at_{p}", p, f"-0.3*theta_{p}") for p in ("21", "32", "43")]
     return replace(made, loads=(*made.loads, *springs))
 
 

@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.conventions import Status
-from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.model.dynamics import Mass
-from spherekit.model.study import Polynomial
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.proof.balls import Digits, floats
-from spherekit.proof.rows import exact_rows
 from spherekit.proof.simulation import exact_inertia
 
 CHANGE_POINTS = {
@@ -44,16 +40,16 @@ def test_no_wrong_torque_without_a_status(arcs):
     tracer = PositionAnalysis(made)
     seen = set()
     for q in DISTANCES:
-        solved = inverse_dynamics(made, Polynomial((q, 1.0, 0.3)), [0.0])
+        solved = sk.inverse_dynamics(made, sk.Polynomial((q, 1.0, 0.3)), [0.0])
         motion = tracer.at(np.array([q]))
         assert len(motion) == len(solved.status) == 2
-        good = solved.status == Status.OK
-        seen |= {Status(code).name for code in solved.status}
+        good = solved.status == sk.Status.OK
+        seen |= {sk.Status(code).name for code in solved.status}
         assert np.array_equal(np.isfinite(solved.tau), good)
         if not np.any(good):
             continue
-        exact = exact_rows(motion, good, motion.assembly.input, Digits(50))
-        assert np.all(exact.status == Status.OK)
+        exact = sk.exact_rows(motion, good, motion.assembly.input, Digits(50))
+        assert np.all(exact.status == sk.Status.OK)
         inertia, slope = map(floats, exact_inertia(exact))
         torque = 0.6 * inertia + 0.5 * slope
         scale = np.maximum(np.maximum(np.abs(torque), np.abs(slope)), inertia)

@@ -18,7 +18,6 @@ from spherekit.cli.main import main
 from spherekit.cli.run_progress import Bar
 from spherekit.cli.run_report import duration
 from spherekit.errors import ModelError
-from spherekit.guidance.loci import mid_plane_form
 
 ROOT = Path(__file__).parent.parent
 
@@ -306,7 +305,7 @@ def test_an_output_without_legs_says_so(tmp_path):
     path = tmp_path / "tool.toml"
     path.write_text(text)
     with pytest.raises(ModelError, match="no leg of two links joins the base"):
-        mid_plane_form(sk.load(path), "tool")
+        sk.mid_plane_form(sk.load(path), "tool")
 
 
 def test_progress_says_how_long_the_rest_will_take(capsys):

@@ -13,9 +13,7 @@ from refusals import text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.conventions import Status
 from spherekit.errors import ModelError, PlanError
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import (
     Input,
     LinkSizes,
@@ -32,7 +30,7 @@ ROOT = Path(__file__).parent.parent
 
 def four_bar(ground, crank, coupler, rocker):
     """Return the four-bar with the same reference directions as `cam`."""
-    return Mechanism(
+    return sk.Mechanism(
         "four_bar",
         "1",
         ("1", "2", "3", "4"),
@@ -66,11 +64,11 @@ def test_circular_cam_is_a_four_bar(kind):
         equal = four_bar(GROUND, ECCENTRICITY, DISC + np.pi / 2, ARM + np.pi / 2)
     motion, field = field_of(made, samples=73)
     same, other = field_of(equal, samples=73)
-    assert np.all(same.status == Status.OK)
+    assert np.all(same.status == sk.Status.OK)
     found = 0
     for assembly_mode in motion.assembly_modes:
         rows = motion.assembly_mode == assembly_mode.number
-        if not np.all(motion.status[rows] == Status.OK):
+        if not np.all(motion.status[rows] == sk.Status.OK):
             continue
         psi = motion.values[rows, 1]
         for twin in same.assembly_modes:
@@ -335,9 +333,9 @@ def test_roller_larger_than_a_concave_cam_admits_has_a_status():
     for radius in (2.0, 30.0):
         made = cam(GROUND, waisted, Profile("circle", at(ARM), radius * DEGREE))
         motion = sk.trace(made, samples=181, search=False)
-        counts[radius] = int(np.sum(motion.status == Status.CURVATURE))
+        counts[radius] = int(np.sum(motion.status == sk.Status.CURVATURE))
         if radius == 30.0:
-            assert np.all(np.isnan(motion.rotations[motion.status == Status.CURVATURE]))
+            assert np.all(np.isnan(motion.rotations[motion.status == sk.Status.CURVATURE]))
     assert counts[2.0] < counts[30.0]
     assert counts[30.0] > 0
 
@@ -362,9 +360,9 @@ def test_running_off_an_open_profile_has_a_status():
     open_motion = sk.trace(
         cam(GROUND, part, Profile("circle", at(ARM), ROLLER)), samples=361, search=False
     )
-    assert np.any(open_motion.status == Status.OK)
-    assert np.any(open_motion.status == Status.OFF_PROFILE)
-    ok = open_motion.status == Status.OK
+    assert np.any(open_motion.status == sk.Status.OK)
+    assert np.any(open_motion.status == sk.Status.OFF_PROFILE)
+    ok = open_motion.status == sk.Status.OK
     psi = open_motion.values[ok, 1]
     nearest = [
         np.min(
@@ -379,7 +377,7 @@ def test_running_off_an_open_profile_has_a_status():
 
 def test_profiles_that_do_not_touch_in_the_reference_pose():
     circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
-    made = Mechanism(
+    made = sk.Mechanism(
         "apart",
         "1",
         ("1", "2", "3"),
@@ -431,8 +429,8 @@ def test_pole_of_two_sliding_contacts_is_where_their_planes_meet():
     (step,) = [s for s in plan(made).steps if getattr(s, "contacts", ()) and not s.via]
     assert step.case == "c"
     motion, field = field_of(made, samples=41, search=False)
-    assert np.all(motion.status == Status.OK)
-    good = np.flatnonzero(motion.status == Status.OK)
+    assert np.all(motion.status == sk.Status.OK)
+    good = np.flatnonzero(motion.status == sk.Status.OK)
     assert len(good) > 20
     for row in good[::5]:
         w, _ = null_space_with_contact(made, motion, row)

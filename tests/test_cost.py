@@ -18,7 +18,6 @@ from spherekit.cli.main import main
 from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError
 from spherekit.model.dynamics import Mass, Spring
-from spherekit.model.study import Start, Study
 from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.part import needed_groups, part_for
 from spherekit.planning.poles import CoaxialPole, LinePole, PrimaryPole, pole_of
@@ -263,7 +262,7 @@ def test_only_needed_refuses_what_looks_at_the_whole(twelve):
     with pytest.raises(AnalysisError, match="looks at the whole mechanism"):
         sk.run("four_bar", "reactions", only_needed=True)
     with pytest.raises(AnalysisError, match="follows from loads"):
-        start = Start(0.3, 1.0)
+        start = sk.Start(0.3, 1.0)
         sk.run(twelve, NARROW, only_needed=True, start=start, duration=1.0)
 
 
@@ -382,6 +381,6 @@ def test_a_recording_is_predicted_block_by_block(most, monkeypatch):
     analyses = [create("poles:only=31")]
     actual = Counted()
     sk.run(made, analyses, samples=20_000, tables=False, recorder=actual)
-    study = Study("four_bar", made, 20_000)
+    study = sk.Study("four_bar", made, 20_000)
     found = expected.extrapolated_recording(study, analyses, lambda _: Counted())
     assert found == pytest.approx(actual.cost, rel=2e-3)

@@ -7,9 +7,7 @@ import pytest
 from example_mechanisms import four_bar
 
 import spherekit as sk
-from spherekit.conventions import Status
 from spherekit.errors import SolveError
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry
 
 
@@ -82,14 +80,14 @@ def test_impossible_extremes_are_refused_in_words(arcs):
 def test_bars_without_length_that_close_are_singular():
     """Crank and coupler cover each other at every input; the rocker can spin."""
     motion = sk.trace(four_bar(np.radians((0, 20, 20, 0))), samples=7)
-    assert np.all(motion.status == Status.AT_SINGULARITY)
+    assert np.all(motion.status == sk.Status.AT_SINGULARITY)
     assert np.max(motion.residual) < 1e-13
 
 
 def test_two_links_and_one_pair():
     """No loop at all: the only pole is the axis, its coefficient 1."""
     pair = Pair("12", "R", ("1", "2"))
-    made = Mechanism(
+    made = sk.Mechanism(
         "pendulum", "1", ("1", "2"), (pair,), PoseGeometry({"12": (0.0, 0.6, 0.8)})
     )
     frame = run(made, samples=3)

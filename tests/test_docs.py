@@ -22,7 +22,6 @@ from spherekit.analysis.running.sampling import EVENTS
 from spherekit.analysis.tables import INPUTS, MODE_NAME
 from spherekit.cli.grammar import COMMANDS, parser
 from spherekit.cli.main import main
-from spherekit.conventions import Status
 from spherekit.engine.row_quantities import row_quantities
 
 ROOT = Path(__file__).parent.parent
@@ -263,7 +262,7 @@ def test_every_exception_is_told():
 
 
 def test_every_status_and_public_object_is_explained():
-    for status in Status:
+    for status in sk.Status:
         assert f"`{status.name}`" in PAGES["motion.md"]
     for name in ("Mechanism", "Plan", "Motion", "RunResult", "Needs", "Batch"):
         assert f"`{name}`" in PAGES["architecture.md"]

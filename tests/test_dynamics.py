@@ -17,21 +17,11 @@ from scipy.integrate import solve_ivp
 from spherekit_analyses.eksergian import Eksergian
 
 import spherekit as sk
-from spherekit.conventions import Status
 from spherekit.dynamics import forward
-from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.start import PoseStart
-from spherekit.dynamics.tabulate import reduced_model, simulate_reduced
 from spherekit.engine.compiler import available
-from spherekit.errors import (
-    AnalysisError,
-    EngineError,
-    ModelError,
-    SolveError,
-    SpherekitError,
-)
+from spherekit.errors import AnalysisError, EngineError, ModelError, SolveError
 from spherekit.model.dynamics import Friction, Gravity, JointLimit, Mass, PairTorque, Spring
-from spherekit.model.load import TorqueTable
 from spherekit.model.parts import Profile
 from spherekit.model.study import ConstantSpeed, Polynomial, Start
 from spherekit.motion.motion import PositionAnalysis
@@ -129,7 +119,7 @@ def test_tables_1_and_2_of_the_source(tabled, exact, assembly_mode):
 
 
 def test_the_laws_route_agrees_with_the_analysis(four_bar, tabled):
-    solved = inverse_dynamics(four_bar, ConstantSpeed(1.0), TURN)
+    solved = sk.inverse_dynamics(four_bar, ConstantSpeed(1.0), TURN)
     frame = tabled.frame("eksergian")
     for name in ("B", "dB_dq", "Q", "tau"):
         assert np.max(np.abs(frame[name].to_numpy() - getattr(solved, name))) < 1e-13
@@ -148,7 +138,7 @@ def test_the_laws_route_agrees_with_the_analysis(four_bar, tabled):
 def test_newton_and_euler_give_the_same_torque(name, law):
     random = np.random.default_rng(sum(map(ord, name)))
     mechanism, joint = loaded(name, random)
-    found = inverse_dynamics(
+    found = sk.inverse_dynamics(
         mechanism, Polynomial(law), [0.0, 0.3, 0.6, 0.9], assembly_mode=0, search=False
     )
     assert np.all(found.status == 0)
@@ -176,14 +166,14 @@ def test_a_gear_train_has_a_constant_inertia():
         Mass("planet", round_about_z, 1.0),
     )
     mechanism = replace(mechanism, masses=masses)
-    found = inverse_dynamics(mechanism, ConstantSpeed(1.0), np.linspace(0.1, 6.0, 25))
+    found = sk.inverse_dynamics(mechanism, ConstantSpeed(1.0), np.linspace(0.1, 6.0, 25))
     assert np.max(np.abs(found.dB_dq)) < 1e-12
     assert np.ptp(found.B) < 1e-12
     assert np.max(np.abs(found.tau)) < 1e-12
 
 
 def test_torque_at_another_pair_does_the_same_work(four_bar):
-    found = inverse_dynamics(four_bar, ConstantSpeed(2.0), np.linspace(0.1, 3.0, 30))
+    found = sk.inverse_dynamics(four_bar, ConstantSpeed(2.0), np.linspace(0.1, 3.0, 30))
     (number,) = four_bar.variables_of(four_bar.pair_number["41"])
     power = found.torque_at("41") * found.pair_rates[:, number] * found.dq
     np.testing.assert_allclose(power, found.tau * found.dq, rtol=1e-12)
@@ -241,11 +231,11 @@ def test_direct_problem_of_the_four_bar(four_bar, exact, tabled):
 def test_a_stored_model_gives_the_same_motion(four_bar):
     t = np.linspace(0.0, 10.0, 101)
     exactly = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-11)
-    bare = reduced_model(four_bar, poles=())
+    bare = sk.reduced_model(four_bar, poles=())
     model = bare.with_torque(DRIVING)
     assert model.heading.by == ("q",)
     for tolerance in (1e-7, 1e-9):
-        found = simulate_reduced(model, t, 0.3, 1.0, tolerance)
+        found = sk.simulate_reduced(model, t, 0.3, 1.0, tolerance)
         assert np.max(np.abs(found.q - exactly.at(t).q)) < tolerance
         assert np.max(np.abs(found.values - exactly.at(t).values)) < 10 * tolerance
         assert found.energy < 10 * tolerance
@@ -260,7 +250,7 @@ def test_a_stored_model_gives_the_same_motion(four_bar):
 
 def test_a_stored_model_ends_with_its_curve_and_knows_all_loads(four_bar):
     mechanism, joint = loaded("four_bar", np.random.default_rng(8))
-    table = TorqueTable("motor_table", joint, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
+    table = sk.TorqueTable("motor_table", joint, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
     mechanism = replace(
         mechanism,
         loads=(*mechanism.loads, table),
@@ -268,18 +258,18 @@ def test_a_stored_model_ends_with_its_curve_and_knows_all_loads(four_bar):
     )
     exactly = simulate(mechanism, Start(0.3, 4.0), 2.0, tolerance=1e-11)
     assert exactly.end.kind == "joint_limit"
-    model = reduced_model(mechanism, poles=())
+    model = sk.reduced_model(mechanism, poles=())
     assert (model.heading.by, model.heading.periodic) == (("s",), False)
     (s,) = model.places("theta_21", 0.3 + 2.0 * np.pi)
     speed = 4.0 / model.value("d(theta_21)/ds", s)
     t = np.linspace(0.0, 2.0, 81)
-    found = simulate_reduced(model, t, s, speed)
+    found = sk.simulate_reduced(model, t, s, speed)
     before = t < exactly.end.t
     assert np.max(np.abs(found.q[before] - exactly.at(t[before]).q)) < 1e-8
     assert np.all(np.isnan(found.q[t > exactly.end.t + 0.1]))
     assert "the curve ends" in found.message
     with pytest.raises(SolveError, match="increasing times"):
-        simulate_reduced(model, [0.0, 1.0, 0.5], s, speed)
+        sk.simulate_reduced(model, [0.0, 1.0, 0.5], s, speed)
 
 
 def test_the_scheme_of_the_source_is_of_first_order(four_bar):
@@ -375,7 +365,7 @@ def test_a_stop_ends_the_simulation_and_all_is_kept(four_bar):
 
 
 def test_steps_begin_anew_where_a_torque_table_has_kinks(four_bar):
-    table = TorqueTable("motor", "21", (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
+    table = sk.TorqueTable("motor", "21", (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
     switched = replace(four_bar, loads=(*four_bar.loads, table))
     found = simulate(switched, Start(0.3, 1.0), 1.2, tolerance=1e-10, check=True)
     times = [event.t for event in found.events if event.kind == "switch"]
@@ -400,11 +390,11 @@ def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
         pairs=tuple(contact if p.name == "contact" else p for p in mechanism.pairs),
         masses=(Mass("cam", ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.15))),),
     )
-    reached = inverse_dynamics(
+    reached = sk.inverse_dynamics(
         opened, ConstantSpeed(1.0), TURN[::6], assembly_mode=0, search=False
     )
-    first = reached.values[reached.status == Status.OK][0]
-    last = reached.q[reached.status == Status.OK][-1]
+    first = reached.values[reached.status == sk.Status.OK][0]
+    last = reached.q[reached.status == sk.Status.OK][-1]
     start = PoseStart(first, "cam_shaft", 2.0)
     found = forward.simulate(opened, start, 20.0, tolerance=1e-7)
     assert found.end.kind == "off_profile"
@@ -510,7 +500,7 @@ def test_what_moves_needs_the_torque_that_moved_it(four_bar):
 
     found = simulate(four_bar, Start(0.3, 1.0), 5.0, torque=DRIVING, tolerance=1e-11)
     t = np.linspace(0.0, 5.0, 41)
-    solved = inverse_dynamics(four_bar, Moved(), t, assembly_mode=0)
+    solved = sk.inverse_dynamics(four_bar, Moved(), t, assembly_mode=0)
     assert np.max(np.abs(solved.tau - 10.0 * np.sin(2.0 * t))) < 1e-9
 
 
@@ -537,7 +527,7 @@ def test_bad_input_is_refused_before_anything_is_integrated(four_bar):
     for until in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(SolveError, match="cannot end at"):
             simulate(four_bar, start, until)
-    with pytest.raises(SpherekitError, match="finite"):
+    with pytest.raises(sk.SpherekitError, match="finite"):
         simulate(four_bar, Start(0.3, np.nan), 1.0)
     with pytest.raises(SolveError, match="tolerance"):
         simulate(four_bar, start, 1.0, tolerance=0.0)
@@ -555,11 +545,11 @@ def test_bad_input_is_refused_before_anything_is_integrated(four_bar):
         simulate(four_bar, start, 1.0, scheme="paper", step=0.3)
     for times in ([0.0, 1.0, 0.5], [0.0, np.nan]):
         with pytest.raises(SolveError, match="increase"):
-            inverse_dynamics(four_bar, ConstantSpeed(1.0), times)
+            sk.inverse_dynamics(four_bar, ConstantSpeed(1.0), times)
 
 
 def test_samples_at_a_dead_centre_of_the_input_have_a_status_not_a_value(four_bar):
-    found = inverse_dynamics(
+    found = sk.inverse_dynamics(
         four_bar, ConstantSpeed(1.0), np.linspace(0.0, 6.0, 40), input_pair="41"
     )
     failed = found.status != 0
@@ -575,10 +565,10 @@ def test_totals_of_no_parts_are_empty_in_rows_that_failed(four_bar, left_out):
     made = replace(made, **{left_out: ()}).with_inputs("41")
     frame = sk.run(made, "eksergian", samples=40).frame()
     failed = (frame["status"] != "OK").to_numpy()
-    solved = inverse_dynamics(made, ConstantSpeed(1.0), np.linspace(0.0, 6.0, 40))
+    solved = sk.inverse_dynamics(made, ConstantSpeed(1.0), np.linspace(0.0, 6.0, 40))
     assert np.any(failed) and not np.all(failed)
     for name in ("B", "dB_dq", "Q"):
         column = frame[name].to_numpy()
         assert np.all(np.isnan(column[failed])) and np.all(np.isfinite(column[~failed]))
-        column, lost = getattr(solved, name), solved.status != Status.OK
+        column, lost = getattr(solved, name), solved.status != sk.Status.OK
         assert np.all(np.isnan(column[lost])) and np.all(np.isfinite(column[~lost]))

@@ -15,7 +15,6 @@ from spherekit.engine.compiler import available
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.dynamics import JointLimit
 from spherekit.model.gears import geometry_of
-from spherekit.model.study import Polynomial, Start
 from spherekit.motion.closure import Closure
 from spherekit.plugin.rotations import normal_at
 
@@ -31,7 +30,7 @@ STARTS = {
 
 def laws_of(made, name):
     return {
-        item.pair: Polynomial((q, 0.2 * (-1) ** k, 0.15, 0.1 * k))
+        item.pair: sk.Polynomial((q, 0.2 * (-1) ** k, 0.15, 0.1 * k))
         for k, (item, q) in enumerate(zip(made.inputs, STARTS[name], strict=True))
     }
 
@@ -95,7 +94,7 @@ def test_bodies_held_together_move_the_same_way(name, engine, until):
     driven, *passive = [item.pair for item in made.inputs]
     dq = tuple(0.1 * (-1) ** (k + 1) for k in range(len(made.inputs)))
     torque = {driven: f"5*sin(2*t) - 0.5*dtheta_{driven}"}
-    start = Start(STARTS[name], dq)
+    start = sk.Start(STARTS[name], dq)
     found = sk.simulate(made, start, until, torque=torque, tolerance=1e-12, engine=engine)
     assert found.end.kind == "time" and found.engine.name == engine and passive
     kinds = [event.kind for event in found.events]
@@ -136,7 +135,7 @@ def test_a_feedback_law_and_a_spring_hold_a_differential():
         "left_axle": lambda t, q, dq: -3.0 * dq,
         "right_axle": lambda t, q, dq: -3.0 * dq,
     }
-    found = sk.simulate(made, Start((0.5, 0.4), (1.0, -2.0)), 40.0, torque=torque)
+    found = sk.simulate(made, sk.Start((0.5, 0.4), (1.0, -2.0)), 40.0, torque=torque)
     assert np.max(np.abs(found.at([40.0]).input_rates)) < 1e-3
     assert found.checks.energy < 1e-9
 
@@ -146,7 +145,7 @@ def test_a_stop_beyond_a_singularity_of_type_2_ends_both_engines_alike():
     held = replace(heavy("five_bar"), joint_limits=(JointLimit("51", -1.0, 1.35),))
     ends = [
         sk.simulate(
-            held, Start((1.0, 1.2), (0.3, 0.2)), 3.0, engine=engine, tolerance=1e-12
+            held, sk.Start((1.0, 1.2), (0.3, 0.2)), 3.0, engine=engine, tolerance=1e-12
         )
         for engine in ("numpy", "compiled")
     ]
@@ -199,7 +198,7 @@ def test_the_mid_plane_s_rotation_is_driven_by_its_torques():
 )
 def test_where_sets_of_configurations_cross_a_simulation_ends(engine):
     made = heavy("two_dof_spm")
-    found = sk.simulate(made, Start((0.3, 0.25), (0.3, -0.3)), 3.0, engine=engine)
+    found = sk.simulate(made, sk.Start((0.3, 0.25), (0.3, -0.3)), 3.0, engine=engine)
     assert found.end.t == pytest.approx(0.379394747, abs=1e-6)
     assert found.end.kind == "singularity" and 0.1 < found.end.t < 1.0
     assert "cross" in found.end.message
@@ -208,17 +207,17 @@ def test_where_sets_of_configurations_cross_a_simulation_ends(engine):
 def test_what_is_wrong_is_said():
     made = heavy("five_bar")
     with pytest.raises(ModelError, match=r"q has 1 number, needs 2.*21, 51"):
-        sk.simulate(made, Start(0.3), 1.0)
+        sk.simulate(made, sk.Start(0.3), 1.0)
     with pytest.raises(SolveError, match=r'by the name of each, as \{"21": 1.0\}'):
-        sk.simulate(made, Start((1.0, 1.2)), 1.0, torque=2.0)
+        sk.simulate(made, sk.Start((1.0, 1.2)), 1.0, torque=2.0)
     with pytest.raises(SolveError, match='at "32", which is not an input'):
-        sk.simulate(made, Start((1.0, 1.2)), 1.0, torque={"32": 2.0})
+        sk.simulate(made, sk.Start((1.0, 1.2)), 1.0, torque={"32": 2.0})
     with pytest.raises(SolveError, match="input 51 has no law"):
         inverse_dynamics(made, {"21": sk.ConstantSpeed(1.0)}, [0.0])
     with pytest.raises(SolveError, match="give a law for each by its name: 21, 51"):
         inverse_dynamics(made, sk.ConstantSpeed(1.0), [0.0])
     with pytest.raises(SolveError, match="there are 2 inputs; read inputs"):
-        _ = sk.simulate(made, Start((1.0, 1.2)), 0.01).at([0.0]).q
+        _ = sk.simulate(made, sk.Start((1.0, 1.2)), 0.01).at([0.0]).q
 
 
 def test_the_command_recovers_the_torques_that_acted(tmp_path):
@@ -231,7 +230,7 @@ def test_the_command_recovers_the_torques_that_acted(tmp_path):
         0.002 * np.sin(2.0 * table["t"].to_numpy()), abs=1e-7
     )
     assert table["tau_51"].to_numpy() == pytest.approx(np.zeros(len(table)), abs=1e-7)
-    start = Start((1.0, 1.2), (0.5, 0.0))
+    start = sk.Start((1.0, 1.2), (0.5, 0.0))
     torque = {"21": "0.002*sin(2*t)"}
     again = sk.run(
         "five_bar", "dynamics", samples=21, duration=1.0, start=start, torque=torque

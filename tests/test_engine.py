@@ -18,7 +18,7 @@ from exact_four_bar import angle as exact_angle
 from newton_euler import body
 from scipy.integrate import solve_ivp
 
-from spherekit.dynamics.forward import simulate
+import spherekit as sk
 from spherekit.dynamics.path import on_curve, through_runs
 from spherekit.dynamics.start import PoseStart, prepare
 from spherekit.engine.compiler import available, heyoka
@@ -30,17 +30,7 @@ from spherekit.engine.kernels import kernel
 from spherekit.engine.system import BLOCK
 from spherekit.errors import EngineError, EngineMissing, SolveError
 from spherekit.files.read import load
-from spherekit.model.dynamics import (
-    Damper,
-    Friction,
-    Gravity,
-    JointLimit,
-    Moment,
-    PairTorque,
-    PointForce,
-    Spring,
-)
-from spherekit.model.load import TorqueTable
+from spherekit.model.dynamics import JointLimit
 from spherekit.model.mechanism import Mass, Mechanism
 from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
 from spherekit.model.study import Start
@@ -391,12 +381,12 @@ def start_of(mechanism, q, assembly_mode=0):
 
 def with_torque(mechanism, pair, torque):
     """Return a mechanism with this as its only load."""
-    return replace(mechanism, loads=(PairTorque("only", pair, torque),))
+    return replace(mechanism, loads=(sk.PairTorque("only", pair, torque),))
 
 
 def run(mechanism, start, until, **options):
     """Return the compiled simulation."""
-    return simulate(mechanism, start, until, engine="compiled", **options)
+    return sk.simulate(mechanism, start, until, engine="compiled", **options)
 
 
 def paper_mode(mechanism, start):
@@ -465,7 +455,7 @@ def test_the_tolerance_is_the_error_reached(assembly_mode):
     exact, times = reference_path(made, assembly_mode), np.linspace(0.0, 10.0, 101)
     for engine, tolerances in (("compiled", (1e-9, 1e-13)), ("numpy", (1e-9,))):
         for tolerance in tolerances:
-            found = simulate(
+            found = sk.simulate(
                 made,
                 Start(0.3, 1.0),
                 10.0,
@@ -480,16 +470,16 @@ def test_the_tolerance_is_the_error_reached(assembly_mode):
 def all_loads(mechanism, pair, link):
     """Return the mechanism with masses and one load of every kind."""
     loads = (
-        Gravity("weight", (1.0, -2.0, -9.0)),
-        PairTorque("motor", pair, f"2*cos(theta_{pair}) - dtheta_{pair} + sin(3*t)"),
-        PointForce("push", link, (0.3, -0.2, 0.9), ("1", "2*t", "-1"), "ground"),
-        PointForce("pull", link, (0.1, 0.5, 0.4), ("t", "-1", "0.5"), "link"),
-        Moment("turn", link, ("0.3", "t", "1"), "link"),
-        Moment("twist", link, ("0.3*t", "-1", f"theta_{pair}"), "ground"),
-        Spring("coil", pair, 0.7, 0.2),
-        Damper("oil", pair, 0.4),
-        Friction("rub", pair, 0.6, 0.1, 0.5),
-        TorqueTable("table", pair, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True),
+        sk.Gravity("weight", (1.0, -2.0, -9.0)),
+        sk.PairTorque("motor", pair, f"2*cos(theta_{pair}) - dtheta_{pair} + sin(3*t)"),
+        sk.PointForce("push", link, (0.3, -0.2, 0.9), ("1", "2*t", "-1"), "ground"),
+        sk.PointForce("pull", link, (0.1, 0.5, 0.4), ("t", "-1", "0.5"), "link"),
+        sk.Moment("turn", link, ("0.3", "t", "1"), "link"),
+        sk.Moment("twist", link, ("0.3*t", "-1", f"theta_{pair}"), "ground"),
+        sk.Spring("coil", pair, 0.7, 0.2),
+        sk.Damper("oil", pair, 0.4),
+        sk.Friction("rub", pair, 0.6, 0.1, 0.5),
+        sk.TorqueTable("table", pair, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True),
     )
     return replace(with_masses(mechanism), loads=loads)
 
@@ -501,7 +491,7 @@ def paper_case():
 def hanging_case():
     made = with_masses(load("stephenson"))
     pair = made.pairs[-1].name
-    loads = (Gravity("weight", (0.0, 0.0, -9.81)), Spring("coil", pair, 2.0, 0.4))
+    loads = (sk.Gravity("weight", (0.0, 0.0, -9.81)), sk.Spring("coil", pair, 2.0, 0.4))
     return replace(made, loads=loads), Start(0.5, 1.0), {}
 
 
@@ -531,7 +521,7 @@ def loaded_case(name, pair):
 def test_both_engines_find_the_same_motion(case):
     made, start, options = case()
     one, other = (
-        simulate(made, start, 2.0, engine=engine, tolerance=1e-11, **options)
+        sk.simulate(made, start, 2.0, engine=engine, tolerance=1e-11, **options)
         for engine in ("compiled", "numpy")
     )
     assert (one.engine.name, one.engine.reason) == ("compiled", "it was asked for")
@@ -580,7 +570,7 @@ def kite(*arcs):
 def test_a_change_point_ends_both_engines_at_any_tolerance(arcs, assembly_mode):
     made = kite(*arcs)
     ends = [
-        simulate(
+        sk.simulate(
             made,
             Start(1.0, 1.3),
             5.0,
@@ -670,7 +660,7 @@ def test_a_rocker_swings_over_its_dead_centre_1000_times():
 
 @compiled
 def test_whole_turns_count_for_a_torsion_spring():
-    made = replace(load("four_bar"), loads=(Spring("coil", "21", 0.05),))
+    made = replace(load("four_bar"), loads=(sk.Spring("coil", "21", 0.05),))
     found = run(made, Start(0.3, 4.0), 60.0, tolerance=1e-12)
     history = found.at(np.linspace(0.0, 60.0, 301))
     assert np.max(history.q) > 2.0 * np.pi
@@ -700,7 +690,7 @@ def test_a_start_on_a_stop_leaves_it_or_ends_there():
     made = replace(load("four_bar"), loads=(), joint_limits=(JointLimit("21", 0.3, 2.0),))
     for engine in ("compiled", "numpy"):
         left, stayed = (
-            simulate(made, Start(0.3, rate), 5.0, engine=engine) for rate in (1.0, -1.0)
+            sk.simulate(made, Start(0.3, rate), 5.0, engine=engine) for rate in (1.0, -1.0)
         )
         assert left.end.message.endswith("2 rad")
         assert (stayed.end.kind, stayed.end.t) == ("joint_limit", 0.0)
@@ -775,21 +765,21 @@ def test_chosen_equations_that_come_to_depend_on_each_other_are_no_crossing(monk
     made = geared_five_bar()
     driving = {"torque": "0.1*sin(2*t)"}
     start, until = Start(1.117, 0.4), 1.5
-    reference = simulate(made, start, until, engine="numpy", **driving)
+    reference = sk.simulate(made, start, until, engine="numpy", **driving)
     assert reference.end.kind == "time"
     t = np.linspace(0.0, until, 61)
     motion = PositionAnalysis(made, samples=3, search=False).given(reference.at(t).values)
     assert np.min(np.abs(np.linalg.det(motion.axes[:, 2:5]))) > 0.1
     with pytest.raises(EngineError, match=r"redundant equations.*use NumPy's"):
-        simulate(made, start, until, engine="compiled", **driving)
-    found = simulate(made, start, until, tolerance=1e-9, **driving)
+        sk.simulate(made, start, until, engine="compiled", **driving)
+    found = sk.simulate(made, start, until, tolerance=1e-9, **driving)
     assert found.end.kind == "time"
     assert "use NumPy" not in found.engine.reason
     assert np.max(np.abs(found.at(t).values - reference.at(t).values)) < 1e-8
     monkeypatch.undo()
     lighter = replace(made, masses=made.masses[:3])
     engines = ("numpy", "compiled")
-    runs = [simulate(lighter, start, until, engine=name, **driving) for name in engines]
+    runs = [sk.simulate(lighter, start, until, engine=name, **driving) for name in engines]
     assert runs[1].end.kind == "time"
     assert np.max(np.abs(runs[0].at(t).values - runs[1].at(t).values)) < 1e-8
 
@@ -801,7 +791,7 @@ def test_another_torque_table_needs_no_compiling():
     for k, rows in enumerate(
         [((0.0, 1.0, 3.0), (0.0, 2.0, -2.0)), ((0.0, 3.0), (1.0, 4.0))]
     ):
-        table = TorqueTable("table", "21", *rows)
+        table = sk.TorqueTable("table", "21", *rows)
         found = run(replace(made, masses=masses, loads=(table,)), Start(0.1, 0.0), 3.0)
         # A link of constant inertia about its fixed axis: the table integrated twice.
         t = np.linspace(0.0, 3.0, 60001)
@@ -838,7 +828,7 @@ def test_what_was_compiled_is_kept():
     assert kernel(made, "21").function.seconds > 0.0
     engines = ("compiled", "auto")
     given = made, Start(0.3, 1.0), 0.1
-    again = [simulate(*given, torque="-1*t", engine=each).engine for each in engines]
+    again = [sk.simulate(*given, torque="-1*t", engine=each).engine for each in engines]
     assert [each.name for each in again] == ["compiled", "compiled"]
     assert again[0].compile_seconds > 0.0 == again[1].compile_seconds
     assert again[1].reason == "it was compiled before"
@@ -848,16 +838,16 @@ def test_what_was_compiled_is_kept():
 def test_a_short_run_is_not_compiled_and_a_long_one_is():
     heavy = with_masses(load("double_butterfly"))
     pose = PoseStart(start_of(heavy, 0.5), heavy.inputs[0].pair, 1.0)
-    found = simulate(heavy, pose, 1e-3)
+    found = sk.simulate(heavy, pose, 1e-3)
     assert found.engine.name == "numpy"
     assert found.engine.forecast.numpy < found.engine.forecast.compiled
-    found = simulate(load("four_bar"), Start(0.3, 1.0), 500.0, torque="0.2*sin(t)")
+    found = sk.simulate(load("four_bar"), Start(0.3, 1.0), 500.0, torque="0.2*sin(t)")
     assert found.engine.name == "compiled"
     forecast = found.engine.forecast
     assert forecast.compiled < forecast.numpy
     assert found.engine.reason == str(forecast)
     assert str(forecast).startswith("expected NumPy ")
-    kinked = simulate(load("four_bar"), Start(0.3, 1.0), 1e-3, torque="abs(t) - 1")
+    kinked = sk.simulate(load("four_bar"), Start(0.3, 1.0), 1e-3, torque="abs(t) - 1")
     assert (kinked.engine.name, kinked.engine.forecast) == ("compiled", None)
     assert "kinks" in kinked.engine.reason
 
@@ -891,7 +881,7 @@ def test_two_threads_compile_an_equation_once():
 def test_without_heyoka_numpy_runs_and_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "heyoka", None)
     made = load("four_bar")
-    found = simulate(made, Start(0.3, 1.0), 0.2, torque="0.5 - t")
+    found = sk.simulate(made, Start(0.3, 1.0), 0.2, torque="0.5 - t")
     assert found.engine.name == "numpy"
     assert "pip install" in found.engine.reason
     assert "NumPy engine" not in found.engine.reason  # it is what ran
@@ -918,7 +908,7 @@ def test_bad_input_is_refused_before_any_integration():
     with pytest.raises(EngineError, match="no closed form"):
         kernel(load("double_butterfly"), "A", source="input")
     with pytest.raises(SolveError, match='engine "fast" is not known'):
-        simulate(made, Start(0.3, 1.0), 1.0, engine="fast")
+        sk.simulate(made, Start(0.3, 1.0), 1.0, engine="fast")
     with pytest.raises(SolveError, match="allowed is 1e-15"):
         run(made, Start(0.3, 1.0), 1.0, tolerance=1e-16)
     with pytest.raises(EngineError, match="not compiled"):

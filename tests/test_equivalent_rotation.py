@@ -19,14 +19,10 @@ from oracles import closure_gap, revolute_frames
 from refusals import TABLES, check_call
 
 import spherekit as sk
-from spherekit.conventions import Status
 from spherekit.engine.fields import evaluate
 from spherekit.errors import ModelError, SolveError
-from spherekit.guidance.follow import follow_rotation, follow_to
-from spherekit.guidance.loci import mid_plane_form
 from spherekit.guidance.rotation import SHAPES, RotationSamples, time_optimal
 from spherekit.model.gears import geometry_of
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry, SizeGeometry
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, PositionAnalysis
@@ -57,7 +53,7 @@ def paper():
 
 @pytest.fixture(scope="module")
 def form(paper):
-    return mid_plane_form(paper)
+    return sk.mid_plane_form(paper)
 
 
 def left_of_legs(plane, normals):
@@ -363,7 +359,7 @@ def test_graph_and_mid_plane_form_are_one(paper, form):
         for k, name in enumerate(form.inputs):
             w = rates_of_links(form, normals, moved[:, k], modes)
             field = evaluate(motion, request(paper, name, poles, poles))
-            rows = held & (field.status == Status.OK)
+            rows = held & (field.status == sk.Status.OK)
             assert np.sum(rows) > 30
             for i, j in poles:
                 vector = (w[:, j] - w[:, i])[rows]
@@ -390,7 +386,7 @@ def test_any_symmetric_arcs_have_the_form():
     for _ in range(6):
         a, b, c, d = np.radians(random.uniform([40, 30, 30, 40], [110, 85, 85, 100]))
         made = mid_plane_mechanism([a, b, b, a, c, c, d, d])
-        form = mid_plane_form(made)
+        form = sk.mid_plane_form(made)
         assert form.proof()[1] == 2
         assert form.proof()[0] < 1e-14
         assert form.plane.arcs == pytest.approx([b, c, d], abs=1e-15)
@@ -407,7 +403,7 @@ def test_guides_in_another_order_have_the_form(paper):
     made = replace(
         paper, pairs=tuple(pairs), geometry=SizeGeometry(sizes, paper.geometry.zeros)
     )
-    form = mid_plane_form(made)
+    form = sk.mid_plane_form(made)
     assert form.proof()[1] == 2
     assert form.proof()[0] < 1e-14
 
@@ -454,7 +450,7 @@ REFUSED = {
 def test_mechanisms_without_the_form(case):
     make, words = REFUSED[case]
     with pytest.raises(ModelError) as caught:
-        mid_plane_form(make())
+        sk.mid_plane_form(make())
     for word in words:
         assert word in str(caught.value), str(caught.value)
 
@@ -471,10 +467,10 @@ def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
     for start, stop in zip(starts, stops, strict=True):
         turn = form.rotation_between(start, stop, OUTWARD)
         found = turn.at(np.linspace(0.0, turn.angle, 7))
-        ok = found.status == Status.OK
+        ok = found.status == sk.Status.OK
         reached += int(np.all(ok))
         assert ok[0]
-        assert ok[-1] == (turn.end == Status.OK)
+        assert ok[-1] == (turn.end == sk.Status.OK)
         if not ok[-1]:
             continue
         drift = max(drift, float(np.max(found.drift[ok])))
@@ -500,12 +496,12 @@ def test_graph_follows_the_fixed_axis(form, paper, pairs):
         turn = form.rotation_between(start, stop, OUTWARD)
         theta = np.linspace(0.0, turn.angle, 15)
         known = turn.at(theta)
-        if not np.all(known.status == Status.OK):
+        if not np.all(known.status == sk.Status.OK):
             continue
-        followed = follow_to(paper, known.values[0], known.orientation[-1])
-        assert followed.end == Status.OK
+        followed = sk.follow_to(paper, known.values[0], known.orientation[-1])
+        assert followed.end == sk.Status.OK
         found = followed.at(theta)
-        assert np.all(found.status == Status.OK)
+        assert np.all(found.status == sk.Status.OK)
         assert np.max(found.orientation_error) < 1e-12
         assert np.max(found.drift) < 1e-11
         assert np.max(np.abs(np.exp(1j * found.values) - np.exp(1j * known.values))) < 1e-10
@@ -515,8 +511,8 @@ def test_graph_follows_the_fixed_axis(form, paper, pairs):
 
 
 def found_status(count, singular):
-    status = [Status.OK] * count
-    status[singular] = Status.AT_SINGULARITY
+    status = [sk.Status.OK] * count
+    status[singular] = sk.Status.AT_SINGULARITY
     return status
 
 
@@ -536,8 +532,8 @@ def test_through_the_home_pose(form, paper):
     assert closed.status.tolist() == found_status(21, 10)
     assert closed.type_2[10] < 1e-13
     assert np.all(np.isfinite(closed.second_rates))
-    followed = follow_rotation(paper, closed.values[0], turn.axis, turn.angle)
-    assert followed.end == Status.OK
+    followed = sk.follow_rotation(paper, closed.values[0], turn.axis, turn.angle)
+    assert followed.end == sk.Status.OK
     assert followed.leaps == pytest.approx([0.5 * turn.angle], abs=1e-9)
     found = followed.at(theta)
     assert found.status.tolist() == found_status(21, 10)
@@ -585,7 +581,7 @@ def configuration(name, row=0.5):
     """Return a mechanism and a configuration in the middle of its grid."""
     made = sk.load(name)
     motion = sk.trace(made, samples=[3] * len(made.inputs))
-    ok = np.flatnonzero((motion.status == Status.OK) & (motion.assembly_mode == 0))
+    ok = np.flatnonzero((motion.status == sk.Status.OK) & (motion.assembly_mode == 0))
     return made, motion, motion.values[ok[int(row * len(ok))]]
 
 
@@ -600,10 +596,10 @@ def test_three_freedoms_follow_any_axis(name):
     output = made.link_number[made.outputs[0].link]
     start = closure.at(values[None]).placed[0, output]
     for axis in ([0.4, -1.0, 0.3], [1.0, 0.2, -0.5]):
-        turn = follow_rotation(made, values, axis, 0.3)
+        turn = sk.follow_rotation(made, values, axis, 0.3)
         theta = np.linspace(0.0, min(0.3, turn.reached), 9)
         found = turn.at(theta)
-        assert np.all(found.status == Status.OK)
+        assert np.all(found.status == sk.Status.OK)
         at = closure.at(found.values)
         placed = at.placed
         assert np.max(at.gap) < 1e-13
@@ -625,15 +621,15 @@ def test_where_the_reach_ends():
     axis = np.array([0.4461, -0.0865, 0.0])
     turn = None
     for axis in np.random.default_rng(1).normal(size=(2, 3)):
-        turn = follow_rotation(made, values, axis, 0.9)
-        if turn.end != Status.OK:
+        turn = sk.follow_rotation(made, values, axis, 0.9)
+        if turn.end != sk.Status.OK:
             break
-    assert turn.end == Status.OUT_OF_REACH
+    assert turn.end == sk.Status.OUT_OF_REACH
     found = turn.at(np.linspace(0.0, 0.9, 10))
     beyond = found.theta > turn.reached
-    assert np.all(found.status[beyond] == Status.OUT_OF_REACH)
+    assert np.all(found.status[beyond] == sk.Status.OUT_OF_REACH)
     assert np.all(np.isnan(found.inputs[beyond]))
-    assert np.all(found.status[~beyond] == Status.OK)
+    assert np.all(found.status[~beyond] == sk.Status.OK)
     last = turn.at([turn.reached]).values
     closure = Closure.of(made, geometry_of(made).joints)
     axes = closure.at(last).vectors[0]
@@ -648,10 +644,10 @@ def test_two_freedoms_depart_as_little_as_they_can():
     """Five-bar: least angle against a search over both inputs, and exact rates."""
     made, _, values = configuration("five_bar")
     output = made.link_number["3"]
-    turn = follow_rotation(made, values, [0.35, 0.82, 0.33], 0.6)
+    turn = sk.follow_rotation(made, values, [0.35, 0.82, 0.33], 0.6)
     theta = np.array([0.0, 0.3, 0.6])
     found = turn.at(theta)
-    assert np.all(found.status == Status.OK)
+    assert np.all(found.status == sk.Status.OK)
     assert found.orientation_error[0] < 1e-14
     assert found.orientation_error[2] > 0.1
     closure = Closure.of(made, geometry_of(made).joints)
@@ -688,7 +684,7 @@ def test_one_freedom_about_its_own_pivot():
     motion = sk.trace(made, samples=5)
     row = 1
     axis = motion.axes[row, made.pair_number["41"]]
-    turn = follow_rotation(made, motion.values[row], axis, 0.2)
+    turn = sk.follow_rotation(made, motion.values[row], axis, 0.2)
     found = turn.at([0.0, 0.1, 0.2])
     assert np.max(found.orientation_error) < 1e-13
     there = sk.trace(made, path=found.inputs[:, 0])
@@ -700,7 +696,7 @@ def test_one_freedom_about_its_own_pivot():
 def wrist():
     """Return an open chain of three R pairs, Euler angles z, y, z of its last link."""
     axes = {"a": (0.0, 0.0, 1.0), "b": (0.0, 1.0, 0.0), "c": (0.0, 0.0, 1.0)}
-    return Mechanism(
+    return sk.Mechanism(
         "wrist",
         "link0",
         ("link0", "link1", "link2", "link3"),
@@ -713,9 +709,9 @@ def wrist():
 
 def test_open_chain_against_euler_angles():
     start = np.array([0.3, 0.7, 0.2])
-    turn = follow_rotation(wrist(), start, [1.0, 0.3, 0.2], 1.5)
+    turn = sk.follow_rotation(wrist(), start, [1.0, 0.3, 0.2], 1.5)
     found = turn.at(np.linspace(0.0, 1.5, 31))
-    assert np.all(found.status == Status.OK)
+    assert np.all(found.status == sk.Status.OK)
     z, y = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
     first = (
         rotation(z, start[:1])[0] @ rotation(y, start[1:2])[0] @ rotation(z, start[2:])[0]
@@ -735,8 +731,8 @@ def test_open_chain_against_euler_angles():
 def test_through_the_gimbal_pose_of_a_wrist():
     """b turns through 0, where a and c turn about one axis; both stand still."""
     across = [np.sin(0.3), -np.cos(0.3), 0.0]
-    turn = follow_rotation(wrist(), [0.3, 0.5, 0.2], across, 0.9)
-    assert turn.end == Status.OK
+    turn = sk.follow_rotation(wrist(), [0.3, 0.5, 0.2], across, 0.9)
+    assert turn.end == sk.Status.OK
     assert turn.leaps == pytest.approx([0.5], abs=1e-9)
     found = turn.at([0.0, 0.2, 0.5, 0.7, 0.9])
     assert found.inputs[:, 1] == pytest.approx(0.5 - found.theta, abs=1e-12)
@@ -749,15 +745,15 @@ def test_contact_pairs_follow_too():
     """A cam's roller lever: exact about its pivot; beside it no second rates are given."""
     made = sk.load("roller_cam")
     motion = sk.trace(made, samples=9)
-    row = int(np.flatnonzero(motion.status == Status.OK)[3])
+    row = int(np.flatnonzero(motion.status == sk.Status.OK)[3])
     axis = motion.axes[row, made.pair_number["follower_pivot"]]
-    turn = follow_rotation(made, motion.values[row], axis, 0.02)
+    turn = sk.follow_rotation(made, motion.values[row], axis, 0.02)
     h = 1e-3
     around = turn.at(0.01 + h * np.arange(-2, 3))
     assert np.max(around.orientation_error) < 1e-13
     assert slopes_of(around.inputs, h) == pytest.approx(around.rates[2], rel=1e-7)
     assert slopes_of(around.rates, h) == pytest.approx(around.second_rates[2], rel=1e-5)
-    beside = follow_rotation(made, motion.values[row], axis + [0.0, 0.2, 0.1], 0.02)
+    beside = sk.follow_rotation(made, motion.values[row], axis + [0.0, 0.2, 0.1], 0.02)
     around = beside.at(0.01 + h * np.arange(-2, 3))
     assert np.all(around.orientation_error > 1e-5)
     assert slopes_of(around.inputs, h) == pytest.approx(around.rates[2], rel=1e-7)
@@ -774,8 +770,8 @@ def test_an_output_relative_to_a_moving_link():
     placed = closure.at(values[None]).placed
     start = placed[0, made.link_number["platform"]]
     axis = np.array([0.4, -1.0, 0.3]) / np.linalg.norm([0.4, -1.0, 0.3])
-    one = follow_rotation(made, values, axis, 0.2).at([0.1, 0.2])
-    seen = follow_rotation(other, values, -(start.T @ axis), 0.2).at([0.1, 0.2])
+    one = sk.follow_rotation(made, values, axis, 0.2).at([0.1, 0.2])
+    seen = sk.follow_rotation(other, values, -(start.T @ axis), 0.2).at([0.1, 0.2])
     assert np.max(np.abs(one.inputs - seen.inputs)) < 1e-12
     assert np.max(np.abs(one.second_rates - seen.second_rates)) < 1e-9
 
@@ -867,12 +863,12 @@ def test_schedule_through_the_home_pose(form, paper):
     turn = form.rotation_between(
         normal_at(*np.radians([30.0, 0.0])), normal_at(*np.radians([-30.0, 0.0])), OUTWARD
     )
-    followed = follow_rotation(paper, turn.at([0.0]).values[0], turn.axis, turn.angle)
+    followed = sk.follow_rotation(paper, turn.at([0.0]).values[0], turn.axis, turn.angle)
     one, other = time_optimal(turn, 1.0, 5.0), time_optimal(followed, 1.0, 5.0)
     assert other.duration == pytest.approx(one.duration, rel=1e-9)
     table = other.table(11)
     assert np.all(np.isfinite(table.accelerations))
-    assert table.status[5] == Status.AT_SINGULARITY
+    assert table.status[5] == sk.Status.AT_SINGULARITY
 
 
 def test_largest_values_of_chebyshev_series():
@@ -895,7 +891,7 @@ def test_largest_values_of_chebyshev_series():
 
 
 def rotate(phi, gamma, to_phi, to_gamma):
-    form = mid_plane_form(sk.load("two_dof_spm"))
+    form = sk.mid_plane_form(sk.load("two_dof_spm"))
     ends = (normal_at(*np.radians(each)) for each in ((phi, gamma), (to_phi, to_gamma)))
     return form.rotation_between(*ends, OUTWARD)
 
@@ -903,7 +899,7 @@ def rotate(phi, gamma, to_phi, to_gamma):
 def four_bar_rotation(axis=(0, 0, 1), angle=0.1, spoil=0.0, output=None):
     made = sk.load("four_bar")
     values = sk.trace(made, samples=3).values[1] + spoil * np.arange(4)
-    return follow_rotation(made, values, axis, angle, output)
+    return sk.follow_rotation(made, values, axis, angle, output)
 
 
 def straight(**given):
@@ -919,6 +915,6 @@ def test_bad_input(call):
 def test_a_way_that_leaves_the_reach_has_no_schedule():
     made, _, values = configuration("three_rrr")
     for axis in np.random.default_rng(1).normal(size=(2, 3)):
-        turn = follow_rotation(made, values, axis, 0.9)
+        turn = sk.follow_rotation(made, values, axis, 0.9)
     with pytest.raises(SolveError, match="does not follow all the way.*OUT_OF_REACH"):
         time_optimal(turn, speed=1.0)

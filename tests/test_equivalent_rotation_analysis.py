@@ -14,7 +14,6 @@ from spherekit.analysis.contract import Findings
 from spherekit.analysis.frames import to_frame
 from spherekit.analysis.registry import create
 from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
-from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, SolveError, SpherekitError
 from spherekit.guidance.follow import FollowedRotation
 from spherekit.guidance.loci import mid_plane_form
@@ -27,7 +26,6 @@ from spherekit.guidance.poses import (
 )
 from spherekit.model.parts import Output
 from spherekit.motion.motion import PositionAnalysis
-from spherekit.output.inverse import InverseKinematics
 from spherekit.sphere.rotation import (
     arc,
     from_quaternion,
@@ -210,7 +208,7 @@ def test_a_failed_row_is_not_feasible(monkeypatch):
     def partly(turn, theta):
         found = whole(turn, theta)
         status = found.status.copy()
-        status[2:3] = Status.NOT_CONVERGED
+        status[2:3] = sk.Status.NOT_CONVERGED
         return replace(found, status=status)
 
     monkeypatch.setattr(FollowedRotation, "at", partly)
@@ -364,7 +362,7 @@ def test_a_direction_of_a_mid_plane_form():
     assert len(found) == 8
     points = found.orientations @ np.array(made.outputs[0].direction)
     assert np.max(np.abs(points - wanted)) < 1e-13
-    graph = InverseKinematics(made).solutions(wanted)
+    graph = sk.InverseKinematics(made).solutions(wanted)
     for k in range(len(found)):
         gap = np.abs(graph.rotations - found.orientations[k]).max(axis=(1, 2))
         gap += np.abs(np.angle(np.exp(1j * (graph.values - found.values[k])))).max(axis=1)

@@ -14,7 +14,6 @@ import spherekit as sk
 from spherekit.conventions import EPS, Status
 from spherekit.engine.fields import evaluate
 from spherekit.errors import EngineError, SolveError, SpherekitError
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, Pair, PoseGeometry
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.proof.balls import Digits, exactly, floats
@@ -23,7 +22,6 @@ from spherekit.proof.rows import (
     exact_direction,
     exact_field,
     exact_motion,
-    exact_rows,
     exact_rows_by_input,
 )
 from spherekit.proof.simulation import exact_inertia
@@ -59,7 +57,7 @@ def test_four_bars_against_the_closed_form(name):
     made = motion.mechanism
     chosen = motion.sample > 0
     chosen[motion.sample == 5] = False
-    found = exact_rows(motion, chosen, made.pair_number["21"], FIFTY, order=3)
+    found = sk.exact_rows(motion, chosen, made.pair_number["21"], FIFTY, order=3)
     (out,) = made.variables_of(made.pair_number["41"])
     (moved,) = made.variables_of(made.pair_number["21"])
     axis = made.pair_number["41"]
@@ -129,7 +127,7 @@ def test_the_equations_of_every_pair(name):
     step = 2.0**-50
     held = len(motion.assembly.inputs)
     for column, driven in enumerate(motion.assembly.inputs[:2]):
-        found = exact_rows(motion, chosen, driven, FIFTY)
+        found = sk.exact_rows(motion, chosen, driven, FIFTY)
         assert np.all(found.status == Status.OK)
         check_arcs(made, found)
         for k, (pair, (a, b)) in enumerate(zip(made.pairs, made.ends, strict=True)):
@@ -147,7 +145,7 @@ def test_the_equations_of_every_pair(name):
             inputs[:, column] += (
                 sense * step * 2.0 ** np.ceil(np.log2(np.abs(inputs).max()))
             )
-            moved = exact_rows(replace(motion, inputs=inputs), chosen, driven, FIFTY)
+            moved = sk.exact_rows(replace(motion, inputs=inputs), chosen, driven, FIFTY)
             shifted.append((inputs[chosen][:, column], moved))
         (high, ahead), (low, behind) = shifted
         width = exactly(high) - exactly(low)
@@ -172,7 +170,7 @@ def test_a_shaped_cam_touches_its_roller():
     motion = traced("shaped_cam", 5)
     chosen = some(motion, 1)
     made = motion.mechanism
-    found = exact_rows(motion, chosen, made.pair_number["cam_shaft"], FIFTY)
+    found = sk.exact_rows(motion, chosen, made.pair_number["cam_shaft"], FIFTY)
     cam, roller = made.pair("contact").profiles
     number = made.link_number
     variable = made.variable_names.index("s_contact_cam")
@@ -249,7 +247,7 @@ def test_a_profile_through_points():
     motion = sk.trace(profile_through_points(), samples=4)
     chosen = some(motion, 1)
     made = motion.mechanism
-    found = exact_rows(motion, chosen, 0, FIFTY)
+    found = sk.exact_rows(motion, chosen, 0, FIFTY)
     assert np.all(found.status == Status.OK)
     assert np.all(found.distance < 1e-14)
     rotations = floats(found.rotations)
@@ -261,7 +259,7 @@ def test_a_profile_through_points():
         centre = rotations[row, cam].T @ rotations[row, follower] @ np.array(roller.centre)
         apart = np.arccos(np.max(places @ centre))
         assert abs(apart - roller.radius) < 1e-7
-    wide_ones = exact_rows(motion, chosen, 0)
+    wide_ones = sk.exact_rows(motion, chosen, 0)
     assert np.max(np.abs(floats(found.dw) - floats(wide_ones.dw))) < 1e-15
 
 
@@ -275,7 +273,7 @@ def test_what_has_failed_or_is_not_near_has_no_reference():
     values[0] = np.nan
     values[1, 1:] += 1e-4
     values[2, 1] += 1e-9
-    found = exact_rows(replace(motion, values=values, status=status), chosen, driven)
+    found = sk.exact_rows(replace(motion, values=values, status=status), chosen, driven)
     assert found.status[0] == Status.OUT_OF_REACH
     assert found.status[1] == Status.MODE_LOST
     assert found.distance[1] == pytest.approx(1e-4, rel=1e-3)
@@ -283,7 +281,7 @@ def test_what_has_failed_or_is_not_near_has_no_reference():
     assert found.distance[2] == pytest.approx(1e-9, rel=1e-3)
     assert np.all(np.isnan(found.w[:2].astype(float)))
     swapped = replace(motion, values=np.roll(motion.values, motion.samples, axis=0))
-    assert np.all(exact_rows(swapped, chosen, driven).status == Status.OK)
+    assert np.all(sk.exact_rows(swapped, chosen, driven).status == Status.OK)
 
 
 def no_crank():
@@ -307,7 +305,7 @@ def test_near_a_dead_centre_the_reference_is_right_or_missing():
     distances = 10.0 ** -np.array([2.0, 5.0, 8.0, 10.0, 14.0])
     motion = tracer.at(limit - distances)
     chosen = motion.status == Status.OK
-    found = exact_rows(motion, chosen, motion.assembly.inputs[0], FIFTY)
+    found = sk.exact_rows(motion, chosen, motion.assembly.inputs[0], FIFTY)
     good = found.status == Status.OK
     assert np.sum(good) >= 8
     assert np.all(
@@ -319,7 +317,7 @@ def test_near_a_dead_centre_the_reference_is_right_or_missing():
     assert np.all(found.distance[good] < 100 * EPS * found.condition[good])
     outside = replace(motion, inputs=motion.inputs + 2.0 * np.tile(distances, 2)[:, None])
     near = chosen & (np.tile(distances, 2) > 1e-12)
-    lost = exact_rows(outside, near, motion.assembly.inputs[0], FIFTY)
+    lost = sk.exact_rows(outside, near, motion.assembly.inputs[0], FIFTY)
     assert not np.any(lost.status == Status.OK)
 
 
@@ -327,7 +325,7 @@ def test_inputs_of_several_turns_are_taken_exactly():
     made = sk.load("four_bar")
     motion = sk.trace(made, path=np.array([[1.0], [1.0 + 2.0 * np.pi]]))
     motion.values[:, 0] = 1.0
-    found = exact_rows(motion, np.ones(len(motion), dtype=bool), 0, FIFTY)
+    found = sk.exact_rows(motion, np.ones(len(motion), dtype=bool), 0, FIFTY)
     with mp.workdps(50):
         shift = mp.mpf(1.0 + 2.0 * np.pi) - 2 * mp.pi
         assert found.values[0, 0] == 1
@@ -336,9 +334,9 @@ def test_inputs_of_several_turns_are_taken_exactly():
 
 def test_no_rows_and_no_loops():
     motion = traced("four_bar")
-    none = exact_rows(motion, np.zeros(len(motion), dtype=bool), 0, order=3)
+    none = sk.exact_rows(motion, np.zeros(len(motion), dtype=bool), 0, order=3)
     assert none.ddw.shape == (0, 4, 3)
-    hinge = Mechanism(
+    hinge = sk.Mechanism(
         "hinge",
         "a",
         ("a", "b"),
@@ -347,7 +345,7 @@ def test_no_rows_and_no_loops():
         inputs=(Input("p", 0.0, 1.0),),
     )
     motion = sk.trace(hinge, samples=3, search=False)
-    found = exact_rows(motion, np.ones(3, dtype=bool), 0, FIFTY)
+    found = sk.exact_rows(motion, np.ones(3, dtype=bool), 0, FIFTY)
     assert np.all(found.condition == 1.0) and np.all(motion.conditioning == 1.0)
     with mp.workdps(50):
         size = mp.sqrt(mp.mpf(0.6) ** 2 + mp.mpf(0.8) ** 2)
@@ -360,12 +358,12 @@ def test_what_is_asked_for_wrongly():
     motion = traced("four_bar", 5)
     chosen = np.ones(len(motion), dtype=bool)
     with pytest.raises(SolveError, match="is not an input; inputs: 21"):
-        exact_rows(motion, chosen, 1)
+        sk.exact_rows(motion, chosen, 1)
     with pytest.raises(SolveError, match="give 1, 2 or 3"):
-        exact_rows(motion, chosen, 0, order=4)
+        sk.exact_rows(motion, chosen, 0, order=4)
     with pytest.raises(EngineError, match="between 20 and 300"):
         Digits(5)
-    found = exact_rows(motion, chosen, 0, order=1)
+    found = sk.exact_rows(motion, chosen, 0, order=1)
     assert found.dw is None
     with pytest.raises(ValueError, match="order 2 or 3"):
         exact_direction(found, (0, 1), np.zeros((len(motion), 3)))
@@ -431,14 +429,14 @@ def test_inertia_and_its_derivative():
     """Against float64, and the derivative against a difference of inputs 2^-50 apart."""
     motion = traced("four_bar")
     chosen = some(motion, 2)
-    B, dB = exact_inertia(exact_rows(motion, chosen, 0, FIFTY))
+    B, dB = exact_inertia(sk.exact_rows(motion, chosen, 0, FIFTY))
     frame = sk.run(sk.load("four_bar"), "eksergian", samples=5).frame()
     for numbers, name in ((B, "B"), (dB, "dB_dq")):
         given = frame[name].to_numpy()[chosen]
         assert np.max(np.abs(floats(numbers) - given)) < 1e-14
     ahead, behind = (
         exact_inertia(
-            exact_rows(replace(motion, inputs=motion.inputs + step), chosen, 0, FIFTY)
+            sk.exact_rows(replace(motion, inputs=motion.inputs + step), chosen, 0, FIFTY)
         )
         for step in (2.0**-48, -(2.0**-48))
     )

@@ -7,7 +7,6 @@ import pytest
 from refusals import changed, text_of
 
 import spherekit as sk
-from spherekit.conventions import Status
 from spherekit.errors import ModelError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
@@ -44,7 +43,7 @@ def radii(text):
 def rolled(text):
     """Return the second gear's steps (rad, -pi to pi) for steps of 60 deg of the first."""
     motion = sk.trace(loads(text), samples=7)
-    assert np.all(motion.status == Status.OK)
+    assert np.all(motion.status == sk.Status.OK)
     return np.angle(np.exp(1j * np.diff(motion.values[:, 1])))
 
 
@@ -112,8 +111,8 @@ radius = 12.0
 
 def test_a_roller_that_turns_on_a_pin_moves_its_arm_like_one_welded_to_it():
     welded, pinned = (sk.trace(loads(text), samples=37) for text in (CAM, ROLLER_ON_A_PIN))
-    assert np.all(welded.status == Status.OK)
-    assert np.all(pinned.status == Status.OK)
+    assert np.all(welded.status == sk.Status.OK)
+    assert np.all(pinned.status == sk.Status.OK)
     arm = [
         made.values[:, loads(text).variable_names.index("theta_b")]
         for made, text in ((welded, CAM), (pinned, ROLLER_ON_A_PIN))
@@ -125,7 +124,7 @@ def test_the_pin_of_a_slider_stays_on_its_arc():
     """The pin at 90 deg from the pole, and one rod length from the crank's tip."""
     assert loads(SLIDER).pair("guide").type == "R"
     motion = sk.trace(loads(SLIDER), samples=37)
-    assert np.all(motion.status == Status.OK)
+    assert np.all(motion.status == sk.Status.OK)
     _, tip, pin, pole = np.moveaxis(motion.axes, 1, 0)
     assert np.max(np.abs(np.sum(pin * pole, axis=1))) < 1e-14
     assert np.allclose(np.sum(tip * pin, axis=1), 0.5, rtol=0, atol=1e-14)

@@ -10,6 +10,7 @@ import tomllib
 import numpy as np
 import pytest
 
+import spherekit as sk
 from spherekit.errors import OutputError, SpherekitError
 from spherekit.files.atomic import check_file, make_folder, write_text
 from spherekit.files.document import LiteralNumber
@@ -17,19 +18,7 @@ from spherekit.files.read import load, loads
 from spherekit.files.schema import schema
 from spherekit.files.units import to_radians, to_text, unit_vector
 from spherekit.files.write import canonical_text, dump, dumps
-from spherekit.model.dynamics import (
-    Bearings,
-    Damper,
-    Friction,
-    JointLimit,
-    Mass,
-    Moment,
-    PairTorque,
-    PointForce,
-    Spring,
-)
-from spherekit.model.load import TorqueTable
-from spherekit.model.mechanism import Mechanism
+from spherekit.model.dynamics import JointLimit, Mass
 from spherekit.model.parts import (
     Input,
     LinkSizes,
@@ -100,14 +89,14 @@ def random_loads(random, links, pair, angle):
     one, other = map(float, random.uniform(0, 1, 2))
     forces = ("1", f"theta_{pair}", "0.5*t")
     return (
-        PairTorque("torque", pair, f"-2*theta_{pair}"),
-        PointForce("force", links[0], random_axis(random), forces, "link"),
-        Moment("moment", links[1], forces),
-        Spring("spring", pair, one, angle()),
-        Damper("damper", pair, other),
-        Friction("friction", pair, one, other, abs(angle()) + 1e-9),
-        Bearings("held", pair, (one + 0.1,), other, one, abs(angle()) + 1e-9),
-        TorqueTable("table", pair, (0.0, one, one + 1), (one, other, one), True),
+        sk.PairTorque("torque", pair, f"-2*theta_{pair}"),
+        sk.PointForce("force", links[0], random_axis(random), forces, "link"),
+        sk.Moment("moment", links[1], forces),
+        sk.Spring("spring", pair, one, angle()),
+        sk.Damper("damper", pair, other),
+        sk.Friction("friction", pair, one, other, abs(angle()) + 1e-9),
+        sk.Bearings("held", pair, (one + 0.1,), other, one, abs(angle()) + 1e-9),
+        sk.TorqueTable("table", pair, (0.0, one, one + 1), (one, other, one), True),
     )
 
 
@@ -139,7 +128,7 @@ def random_mechanism(seed):
             sizes[link] = LinkSizes(on_link, arcs, angles, signed=signed)
         geometry = SizeGeometry(sizes, {pairs[0].name: angle()})
     first = pairs[0].name
-    return Mechanism(
+    return sk.Mechanism(
         name=f"random_{seed}",
         ground=links[0],
         links=links,
@@ -234,7 +223,7 @@ def square(**changes):
         "pairs": (Pair("a", "R", ("1", "2")),),
         "geometry": PoseGeometry({"a": (0.0, 0.0, 1.0)}),
     }
-    return Mechanism(**{**fields, **changes})
+    return sk.Mechanism(**{**fields, **changes})
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,9 @@ from spherekit.argument_validation import _fits, _resolved, checked
 from spherekit.engine import kernel
 from spherekit.errors import SpherekitError
 from spherekit.model.load import Load
-from spherekit.model.study import ConstantSpeed, Cycloidal, Start, Tabulated
 
 FOUR_BAR, FIVE_BAR = sk.load("four_bar"), sk.load("five_bar")
-START, LAW = Start(0.3, 1.0), ConstantSpeed(1.0)
+START, LAW = sk.Start(0.3, 1.0), sk.ConstantSpeed(1.0)
 
 
 @pytest.mark.parametrize(
@@ -59,14 +58,14 @@ INSIDE = {
 MADE = {
     "Bearings": sk.Bearings("b", "21", (1.0,)),
     "ConstantSpeed": LAW,
-    "Cycloidal": Cycloidal(0.0, 1.0, 1.0),
+    "Cycloidal": sk.Cycloidal(0.0, 1.0, 1.0),
     "Digits": sk.Digits(30),
     "ForwardKinematics": sk.ForwardKinematics(FIVE_BAR),
     "InverseKinematics": sk.InverseKinematics(FIVE_BAR),
     "Mechanism": FOUR_BAR,
     "Polynomial": sk.Polynomial((1.0, 2.0)),
     "Start": START,
-    "Tabulated": Tabulated((0.0, 1.0), (0.0, 1.0), True),
+    "Tabulated": sk.Tabulated((0.0, 1.0), (0.0, 1.0), True),
     "TorqueTable": sk.TorqueTable("t", "21", (0.0, 1.0), (0.0, 1.0)),
 }
 

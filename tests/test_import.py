@@ -10,25 +10,15 @@ from spherekit.cli.main import main
 from spherekit.errors import FileError
 from spherekit.exchange.mjcf import mjcf
 from spherekit.exchange.posed import posed
-from spherekit.files.library import mechanisms
 from spherekit.files.read import load, loads
-from spherekit.model.dynamics import (
-    Damper,
-    Friction,
-    Gravity,
-    JointLimit,
-    Moment,
-    PairTorque,
-    PointForce,
-    Spring,
-)
+from spherekit.model.dynamics import JointLimit
 from spherekit.model.gears import geometry_of
 from spherekit.motion.closure import Closure
 from spherekit.planning.inputs import driven_pairs
 
 mujoco = pytest.importorskip("mujoco")
 
-PLAIN = [each for each in map(load, mechanisms()) if not each.has_contacts]
+PLAIN = [each for each in map(load, sk.mechanisms()) if not each.has_contacts]
 """The shipped mechanisms of R pairs alone."""
 
 GEARED = ("bevel_differential", "bevel_pair", "planetary_bevel", "rolling_cones")
@@ -152,13 +142,13 @@ def test_out_and_in_again_is_the_same_mechanism(mechanism, tmp_path):
 
 def test_loads_and_masses_come_back(tmp_path):
     loads_there = (
-        Gravity("gravity", (1.0, 2.0, -9.0)),
-        Spring("spring_32", "32", 3.0, 0.2),
-        Damper("damper_51", "51", 0.1),
-        Friction("friction_43", "43", 0.2, 0.3, 0.01),
-        PairTorque("brake", "21", "0.5 - 0.25*theta_21 - 3*dtheta_21"),
-        PointForce("push", "3", (0.1, 0.2, 0.9), ("1", "-2", "6"), "ground"),
-        Moment("spin", "4", ("0.4", "-0.2", "0.1"), "link"),
+        sk.Gravity("gravity", (1.0, 2.0, -9.0)),
+        sk.Spring("spring_32", "32", 3.0, 0.2),
+        sk.Damper("damper_51", "51", 0.1),
+        sk.Friction("friction_43", "43", 0.2, 0.3, 0.01),
+        sk.PairTorque("brake", "21", "0.5 - 0.25*theta_21 - 3*dtheta_21"),
+        sk.PointForce("push", "3", (0.1, 0.2, 0.9), ("1", "-2", "6"), "ground"),
+        sk.Moment("spin", "4", ("0.4", "-0.2", "0.1"), "link"),
     )
     mechanism = replace(
         load("five_bar"), loads=loads_there, joint_limits=(JointLimit("54", -2.0, 0.5),)

@@ -13,12 +13,10 @@ from spherekit.errors import FileError, ModelError, PlanError, SolveError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
 from spherekit.model.gears import geometry_of
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry
 from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.motion.elimination import assemblies
 from spherekit.output.forward import ForwardKinematics, output_rates
-from spherekit.output.inverse import InverseKinematics
 from spherekit.output.virtual_output import with_wrist
 from spherekit.sphere.rotation import (
     azimuth_tilt,
@@ -48,7 +46,7 @@ def posed():
         "platform",
         *(f"{w}{k}" for w in ("crank", "coupler") for k in (1, 2, 3)),
     ]
-    return Mechanism(
+    return sk.Mechanism(
         name="posed",
         ground="base",
         links=tuple(links),
@@ -117,7 +115,7 @@ def test_tilt_and_torsion():
 
 def test_the_wrist_keeps_the_variables_of_the_mechanism(made):
     """Its configurations are the mechanism's own, with the pose asked for."""
-    kinematics = InverseKinematics(made)
+    kinematics = sk.InverseKinematics(made)
     poses = poses_for(kinematics, 3, 2)
     coordinates = azimuth_tilt(poses) if kinematics.wrist.points else euler_zyz(poses)
     found = 0
@@ -134,7 +132,7 @@ def test_the_wrist_keeps_the_variables_of_the_mechanism(made):
 
 def test_vectors_agree_with_the_positions_of_all_links(made):
     """Closed form of axes against rotation matrices and pair variables, every mode."""
-    kinematics = InverseKinematics(made)
+    kinematics = sk.InverseKinematics(made)
     poses = poses_for(kinematics, 60, 3)
     coordinates = azimuth_tilt(poses) if kinematics.wrist.points else euler_zyz(poses)
     inverse = kinematics.at(poses)
@@ -158,7 +156,7 @@ def input_frames(made):
 def test_forward_of_inverse_and_inverse_of_forward_for_unlike_legs():
     """All assembly modes by elimination hold the pose, all working modes the inputs."""
     made = unlike_legs()
-    kinematics, forward = InverseKinematics(made), ForwardKinematics(made)
+    kinematics, forward = sk.InverseKinematics(made), ForwardKinematics(made)
     poses = random_rotations(400, 8)
     inverse = kinematics.at(poses)
     assert len(inverse.modes) == 16
@@ -200,7 +198,7 @@ def test_the_margin_of_the_five_bar_is_that_of_its_two_annuli():
         ),
     )
     poses = random_rotations(3000, 9)[:, :, 2]
-    inverse = InverseKinematics(made).at(poses)
+    inverse = sk.InverseKinematics(made).at(poses)
     frames = input_frames(made)
     arcs = {"21": (50.0, 75.0), "51": (125.0, 75.0)}
     least = []
@@ -223,7 +221,7 @@ def test_the_margin_and_measures_of_a_three_legged_wrist():
     """Reach by the arcs of each leg; measures by the planes of its cranks and couplers."""
     made = sk.load("three_rrr")
     poses = random_rotations(500, 10)
-    inverse = InverseKinematics(made).at(poses, normals=True)
+    inverse = sk.InverseKinematics(made).at(poses, normals=True)
     frames, sizes = input_frames(made), made.geometry.links
     least = []
     for leg in "123":
@@ -254,7 +252,7 @@ def test_the_margin_and_measures_of_a_three_legged_wrist():
 
 def test_the_jacobian_undoes_differences_of_the_inputs(made):
     """Exact rates against central differences of the inverse kinematics itself."""
-    kinematics = InverseKinematics(made)
+    kinematics = sk.InverseKinematics(made)
     poses = poses_for(kinematics, 300, 11)
     inverse = kinematics.at(poses, normals=True)
     clear = (inverse.status == Status.OK) & (np.min(inverse.type_1, axis=2) > 0.2)
@@ -277,7 +275,7 @@ def test_the_jacobian_undoes_differences_of_the_inputs(made):
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
 def test_the_jacobian_is_that_of_the_velocity_equations(name):
     made = sk.load(name)
-    kinematics = InverseKinematics(made)
+    kinematics = sk.InverseKinematics(made)
     motion = sk.trace(made, samples=3)
     motion = motion.rows(motion.status == Status.OK)
     output = kinematics.wrist.output
@@ -296,7 +294,7 @@ def test_the_jacobian_is_that_of_the_velocity_equations(name):
 
 def test_rows_that_are_out_of_reach_do_not_disturb_others():
     made = sk.load("three_rrr")
-    kinematics = InverseKinematics(made)
+    kinematics = sk.InverseKinematics(made)
     poses = random_rotations(20, 12)
     poses[3] = np.nan
     inverse = kinematics.at(poses, modes=[(1, -1, 1)])
@@ -318,7 +316,7 @@ def test_coinciding_axes_are_a_singularity_and_no_failure_of_the_run():
     """A crank and a coupler of one arc: with its ends together the leg turns freely."""
     made = sk.load("five_bar")
     first = input_frames(made)["21"][0][:, 2]
-    inverse = InverseKinematics(made).at(np.stack([first, [0.36, 0.48, 0.8]]))
+    inverse = sk.InverseKinematics(made).at(np.stack([first, [0.36, 0.48, 0.8]]))
     assert np.all(inverse.status[:, 0] == Status.AT_SINGULARITY)
     assert np.all(inverse.status[:, 1] == Status.OK)
     assert np.all(np.abs(inverse.margin[:, 0]) < 1e-7)
@@ -326,7 +324,7 @@ def test_coinciding_axes_are_a_singularity_and_no_failure_of_the_run():
 
 def test_solutions_are_those_of_the_closed_form():
     made = unlike_legs()
-    kinematics = InverseKinematics(made)
+    kinematics = sk.InverseKinematics(made)
     poses = random_rotations(12, 13)
     inverse, found = kinematics.at(poses), kinematics.solutions(poses)
     assert np.all(found.complete)
@@ -344,7 +342,7 @@ def test_an_output_seen_from_a_moving_link():
     """A coupler seen from another leg's crank: the ground is placed like any link."""
     made = sk.load("three_rrr")
     made = replace(made, outputs=(Output("o", "coupler2", "crank1"),))
-    kinematics = InverseKinematics(made)
+    kinematics = sk.InverseKinematics(made)
     poses = random_rotations(5, 18)
     poses[1] = np.nan
     found = kinematics.solutions(poses)
@@ -360,24 +358,24 @@ def test_an_output_seen_from_a_moving_link():
 def test_what_cannot_be_asked():
     three, five = sk.load("three_rrr"), sk.load("five_bar")
     with pytest.raises(ModelError, match="no output is declared"):
-        InverseKinematics(replace(three, outputs=()))
+        sk.InverseKinematics(replace(three, outputs=()))
     with pytest.raises(ModelError, match='no output is named "x"; Outputs: platform'):
-        InverseKinematics(three, "x")
+        sk.InverseKinematics(three, "x")
     with pytest.raises(PlanError, match="say which one of link 3: axis ="):
-        InverseKinematics(replace(five, outputs=(Output("o", "3", "1"),)))
+        sk.InverseKinematics(replace(five, outputs=(Output("o", "3", "1"),)))
     with pytest.raises(PlanError, match="has 1 input;"):
-        InverseKinematics(replace(sk.load("four_bar"), outputs=(Output("o", "3", "1"),)))
+        sk.InverseKinematics(replace(sk.load("four_bar"), outputs=(Output("o", "3", "1"),)))
     with pytest.raises(PlanError, match="relative to itself"):
-        InverseKinematics(replace(three, outputs=(Output("o", "base", "base"),)))
+        sk.InverseKinematics(replace(three, outputs=(Output("o", "base", "base"),)))
     with pytest.raises(PlanError, match="platform seen from crank1 cannot take every"):
-        InverseKinematics(replace(three, outputs=(Output("o", "platform", "crank1"),)))
-    kinematics = InverseKinematics(three)
+        sk.InverseKinematics(replace(three, outputs=(Output("o", "platform", "crank1"),)))
+    kinematics = sk.InverseKinematics(three)
     with pytest.raises(SolveError, match=r"poses are rotations \(n, 3, 3\), not \(4, 3\)"):
         kinematics.at(np.ones((4, 3)))
     with pytest.raises(SolveError, match="row 1 is not a rotation matrix"):
         kinematics.at(np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])]))
     with pytest.raises(SolveError, match="row 0 is not a unit vector"):
-        InverseKinematics(five).at([[0.0, 0.0, 1.1]])
+        sk.InverseKinematics(five).at([[0.0, 0.0, 1.1]])
     with pytest.raises(SolveError, match="is not a working mode; a mode is a sign"):
         kinematics.at(np.eye(3), modes=[(1, 1)])
     with pytest.raises(SolveError, match="ask with normals=True"):
@@ -408,7 +406,7 @@ def test_names_of_the_wrist_give_way():
     renamed = loads(dumps(made).replace('"43"', '"tilt"').replace("pairs.43", "pairs.tilt"))
     wrist = with_wrist(renamed).mechanism
     assert [pair.name for pair in wrist.pairs[-3:]] == ["azimuth", "tilt_", "turn"]
-    assert InverseKinematics(renamed).legs == (
+    assert sk.InverseKinematics(renamed).legs == (
         "dyad of 21, 32, turn",
         "dyad of tilt, 54, 51",
     )
@@ -430,7 +428,7 @@ def mid_plane_pose(directions):
 def test_every_turn_of_the_mid_plane_mechanism_is_found():
     """The closed form has two places for each of the three legs, where they reach."""
     made = sk.load("two_dof_spm")
-    kinematics = InverseKinematics(made)
+    kinematics = sk.InverseKinematics(made)
     directions = np.array([[0.3, 0.8, 0.52], [0.5, 0.5, 0.7], [-0.4, 0.7, 0.1], [0, -1, 1]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     normal, known = mid_plane_pose(directions)
@@ -452,7 +450,7 @@ def test_every_turn_of_the_mid_plane_mechanism_is_found():
 
 def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equations():
     made = sk.load("two_dof_spm")
-    kinematics = InverseKinematics(made)
+    kinematics = sk.InverseKinematics(made)
     motion = sk.trace(made, path=np.radians([[14.0, 23.0]]))
     output = kinematics.wrist.output
     rotations = motion.rotations[:, made.link_number["4"]]
@@ -470,7 +468,7 @@ def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equatio
 
 
 def test_a_mechanism_with_a_bar_wants_a_start():
-    kinematics = InverseKinematics(sk.load("two_dof_spm"))
+    kinematics = sk.InverseKinematics(sk.load("two_dof_spm"))
     with pytest.raises(SolveError, match="give orientations `near` it, from"):
         kinematics.at([[0.0, 0.0, 1.0]])
     with pytest.raises(SolveError, match="`near` is a rotation for each of the 2 poses"):

@@ -10,9 +10,7 @@ from spherekit_analyses.pose_lists import Given
 
 import spherekit as sk
 from spherekit.analysis.scene import SphereMap
-from spherekit.conventions import Status
 from spherekit.errors import AnalysisError, FileError, PlanError
-from spherekit.guidance.loci import mid_plane_form
 from spherekit.motion.motion import motion_of
 from spherekit.output.dyads import InputRates
 from spherekit.output.forward import ForwardKinematics, output_rates
@@ -61,7 +59,7 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     pairs = range(len(solver.mechanism.pairs))
     poses = poses_for(solver, 60)
     rows = solver.inverse(poses, solver.labels, pairs)
-    good = np.asarray(rows.status == Status.OK) & (rows.type_1.min(axis=1) > AWAY)
+    good = np.asarray(rows.status == sk.Status.OK) & (rows.type_1.min(axis=1) > AWAY)
     good &= rows.type_2 > AWAY
     assert np.sum(good) > 40
     assert np.max(solver.residual(rows.values[good])) < 1e-13
@@ -91,7 +89,7 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
 def test_forward_of_inverse_names_the_working_mode(name):
     solver = output_kinematics(sk.load(name))
     rows = solver.inverse(spread(40), solver.labels)
-    good = np.flatnonzero((rows.status == Status.OK) & (rows.type_2 > AWAY))[:40]
+    good = np.flatnonzero((rows.status == sk.Status.OK) & (rows.type_2 > AWAY))[:40]
     names = [item.pair for item in solver.mechanism.inputs]
     text = "+".join(
         f"{name}={float(value)!r}"
@@ -123,7 +121,7 @@ def test_graph_and_mid_plane_give_the_same_rows():
     one = closed.inverse(poses, closed.labels, range(14))
     other = graph.inverse(poses, graph.labels, range(14))
     assert np.max(graph.residual(other.values)) < 1e-12
-    for k in np.flatnonzero(one.status == Status.OK):
+    for k in np.flatnonzero(one.status == sk.Status.OK):
         same = other.pose == one.pose[k]
         gap = wrapped(other.values[same] - one.values[k]).max(axis=1)
         best = np.argmin(gap)
@@ -313,7 +311,7 @@ def test_open_chains():
         solver = output_kinematics(serial(count))
         poses = poses_for(solver, 30)
         rows = solver.inverse(poses, solver.labels, range(count))
-        good = rows.status == Status.OK
+        good = rows.status == sk.Status.OK
         found = solver.forward(rows.inputs[good])
         assert np.array_equal(found.row, np.arange(np.sum(good)))
         got = found.directions if solver.points else found.rotations
@@ -383,7 +381,7 @@ def test_pairs_asked_for():
     )
     pairs = result.frame("inverse_kinematics", "pairs").set_index("pair")["value"]
     assert abs(pairs["51"] - result.frame()["q_51"][0]) < 1e-15
-    form = mid_plane_form(sk.load("two_dof_spm"))
+    form = sk.mid_plane_form(sk.load("two_dof_spm"))
     assert form.proof()[0] < 1e-14
     assert "32" in pairs
 
@@ -392,7 +390,7 @@ def test_at_the_image_of_the_output_nothing_is_determined():
     """Where every mid-plane serves, a row is one of them and says that it is singular."""
     solver = output_kinematics(sk.load("two_dof_spm"))
     rows = solver.inverse(solver.form.home[None] @ solver.form.frame.T, ["+++"])
-    assert rows.status[0] == Status.AT_SINGULARITY
+    assert rows.status[0] == sk.Status.AT_SINGULARITY
     assert np.all(rows.type_1 < 1e-14)
 
 

@@ -6,9 +6,7 @@ from newton_euler import body, heavy
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.errors import ModelError
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, Output, Pair, PoseGeometry
 from spherekit.model.study import ConstantSpeed
 from spherekit.motion.motion import PositionAnalysis
@@ -46,14 +44,14 @@ def test_poses_and_torques_are_those_with_the_input_held(name, tmp_path):
     }
     t = [0.0, 0.1]
     sk.dump(locked, tmp_path / "locked.toml")
-    one = inverse_dynamics(
+    one = sk.inverse_dynamics(
         made, laws | {p: ConstantSpeed(0.0, q) for p, q in held.items()}, t, assembly_mode=0
     )
     for other in (
         locked,
         sk.load(sk.dump(locked, tmp_path / "locked.toml") or tmp_path / "locked.toml"),
     ):
-        found = inverse_dynamics(other, laws if len(laws) > 1 else laws[free[0]], t)
+        found = sk.inverse_dynamics(other, laws if len(laws) > 1 else laws[free[0]], t)
         turns = found.motion.rotations
         links = [made.link_number[link] for link in other.links]
         apart = turns[:: len(t)] - one.motion.rotations[0, links]
@@ -104,7 +102,7 @@ def posed_wrist():
     values = random.uniform(-1.0, 1.0, 9)
     names = [name for name, _ in legs]
     links = tuple(dict.fromkeys(link for _, both in legs for link in both))
-    return Mechanism(
+    return sk.Mechanism(
         "posed",
         "base",
         links,
@@ -137,10 +135,10 @@ def test_a_mechanism_of_a_reference_pose_is_locked_elsewhere(tmp_path):
     locked = sk.load(tmp_path / "locked.toml")
     t = [0.0, 0.1]
     laws = {"a1": ConstantSpeed(0.2, at["a1"]), "a3": ConstantSpeed(-0.1, at["a3"])}
-    whole = inverse_dynamics(
+    whole = sk.inverse_dynamics(
         made, laws | {"a2": ConstantSpeed(0.0, at["a2"] + 0.02)}, t, assembly_mode=0
     )
-    found = inverse_dynamics(locked, laws, t)
+    found = sk.inverse_dynamics(locked, laws, t)
     shared = [made.angles[name] for name in locked.angles]
     apart = found.motion.values.reshape(-1, 2, len(shared)) - whole.motion.values[:, shared]
     gaps = np.max(np.abs(np.sin(0.5 * apart)), axis=(1, 2))

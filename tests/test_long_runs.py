@@ -33,8 +33,6 @@ from spherekit.cli.main import main
 from spherekit.engine.compiler import available
 from spherekit.errors import AnalysisError, FileError, OutputError
 from spherekit.files.plain import locked
-from spherekit.model.dynamics import PairTorque
-from spherekit.model.study import ConstantSpeed, Start
 
 try:
     import resource
@@ -59,7 +57,7 @@ def swinging(folder=None, engine=ENGINE, **options):
     """A rocker that drives, over dead centres of its input."""
     made = replace(sk.load("four_bar"), loads=()).with_inputs("41")
     options = {"samples": 60, "block": 10} | options
-    start = {"start": Start(2.0, 3.0), "duration": 1.5, "tolerance": 1e-8}
+    start = {"start": sk.Start(2.0, 3.0), "duration": 1.5, "tolerance": 1e-8}
     which = {"engine": engine, "folder": folder}
     return sk.run(made, "poles:only=31", **which, **start, **options)
 
@@ -79,19 +77,19 @@ def irreducible(folder=None, **options):
 def wound(folder=None, **options):
     """Springs that remember how often they were wound, over several turns."""
     made = sk.load("four_bar")
-    springs = [PairTorque(f"at_{p}", p, f"-0.3*theta_{p}") for p in ("32", "43")]
+    springs = [sk.PairTorque(f"at_{p}", p, f"-0.3*theta_{p}") for p in ("32", "43")]
     made = replace(made, loads=(*made.loads, *springs))
     options = {"samples": 60, "block": 10, "folder": folder} | options
     return sk.run(made, "eksergian", **options)
 
 
 def wound_by_law(folder=None, **options):
-    law = {"laws": {"21": ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
+    law = {"laws": {"21": sk.ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
     return wound(folder, **law, **options)
 
 
 def wound_by_loads(folder=None, **options):
-    start = {"start": Start(0.3, 20.0), "duration": 2.0, "engine": ENGINE}
+    start = {"start": sk.Start(0.3, 20.0), "duration": 2.0, "engine": ENGINE}
     return wound(folder, **start, **options)
 
 

@@ -11,20 +11,8 @@ import spherekit as sk
 from spherekit.errors import ModelError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
-from spherekit.model.dynamics import (
-    Damper,
-    Friction,
-    Gravity,
-    JointLimit,
-    Mass,
-    Moment,
-    PairTorque,
-    PointForce,
-    Spring,
-    uniform_arc,
-)
+from spherekit.model.dynamics import JointLimit, Mass, uniform_arc
 from spherekit.model.gears import link_axes
-from spherekit.model.load import TorqueTable
 
 LOADED = text_of("loaded")
 BASE = LOADED.partition("[mass")[0]
@@ -33,16 +21,16 @@ BASE = LOADED.partition("[mass")[0]
 def test_every_load_is_read_in_si():
     mechanism = loads(LOADED)
     assert mechanism.loads == (
-        PairTorque("push", "drive", "sin(t) - 2*dtheta_drive"),
-        Gravity("weight", (0.0, 0.0, -9.81)),
-        PointForce(
+        sk.PairTorque("push", "drive", "sin(t) - 2*dtheta_drive"),
+        sk.Gravity("weight", (0.0, 0.0, -9.81)),
+        sk.PointForce(
             "hand", "coupler", (0.0, 0.5, 0.1), ("1", "cos(theta_hinge)", "0"), "link"
         ),
-        Moment("twist", "rocker", ("0", "t", "0"), "ground"),
-        Spring("coil", "hinge", 3.0, math.pi / 4),
-        Damper("oil", "tip", 0.25),
-        Friction("rub", "joint", 0.5, 0.0, math.radians(0.9)),
-        TorqueTable("motor", "drive", (0.0, 1.0, 3.0), (1.0, 5.0, 1.0), True),
+        sk.Moment("twist", "rocker", ("0", "t", "0"), "ground"),
+        sk.Spring("coil", "hinge", 3.0, math.pi / 4),
+        sk.Damper("oil", "tip", 0.25),
+        sk.Friction("rub", "joint", 0.5, 0.0, math.radians(0.9)),
+        sk.TorqueTable("motor", "drive", (0.0, 1.0, 3.0), (1.0, 5.0, 1.0), True),
     )
     assert mechanism.joint_limits == (JointLimit("hinge", -math.pi / 2, math.radians(135)),)
 
@@ -146,7 +134,7 @@ def test_a_frame_that_is_the_link_s_own_changes_nothing():
 
 def test_gravity_needs_mass_and_centre_of_every_link_with_inertia():
     bare = replace(loads(BASE), loads=())
-    weight = Gravity("weight", (0.0, 0.0, -9.81))
+    weight = sk.Gravity("weight", (0.0, 0.0, -9.81))
     with pytest.raises(
         ModelError, match="gravity needs a moving link with a mass: give mass"
     ):
@@ -166,9 +154,9 @@ def test_loads_act_at_revolute_pairs_only():
     cam = replace(sk.load("roller_cam"), loads=())
     contact = next(pair.name for pair in cam.pairs if pair.type != "R")
     for load in (
-        PairTorque("x", contact, "t"),
-        Spring("x", contact, 1.0),
-        TorqueTable("x", contact, (0.0, 1.0), (0.0, 1.0)),
+        sk.PairTorque("x", contact, "t"),
+        sk.Spring("x", contact, 1.0),
+        sk.TorqueTable("x", contact, (0.0, 1.0), (0.0, 1.0)),
     ):
         with pytest.raises(ModelError, match=r"is a contact pair .* only R pairs have"):
             replace(cam, loads=(load,))
@@ -176,7 +164,7 @@ def test_loads_act_at_revolute_pairs_only():
         replace(cam, joint_limits=(JointLimit(contact, 0.0, 1.0),))
     with pytest.raises(ModelError, match="is not known"):
         revolute = next(pair.name for pair in cam.pairs if pair.type == "R")
-        replace(cam, loads=(PairTorque("x", revolute, f"theta_{contact}"),))
+        replace(cam, loads=(sk.PairTorque("x", revolute, f"theta_{contact}"),))
 
 
 @pytest.mark.parametrize(
@@ -186,10 +174,10 @@ def test_loads_act_at_revolute_pairs_only():
         ({"masses": (Mass("crank", np.eye(3) * np.nan),)}, "found nan"),
         ({"masses": (Mass("crank", np.eye(3), None, (0, 0, 1.0)),)}, "needs a mass"),
         ({"masses": (Mass("crank", np.eye(3), math.inf),)}, "found inf"),
-        ({"loads": (Gravity("g", (0, 0, math.nan)),)}, "acceleration: found nan"),
-        ({"loads": (Spring("s", "tip", math.nan),)}, "stiffness: found nan"),
-        ({"loads": (TorqueTable("s", "tip", (0.0,), (0.0,)),)}, "needs at least 2"),
-        ({"loads": (TorqueTable("s", "tip", (0, math.nan), (0, 0)),)}, "found nan"),
+        ({"loads": (sk.Gravity("g", (0, 0, math.nan)),)}, "acceleration: found nan"),
+        ({"loads": (sk.Spring("s", "tip", math.nan),)}, "stiffness: found nan"),
+        ({"loads": (sk.TorqueTable("s", "tip", (0.0,), (0.0,)),)}, "needs at least 2"),
+        ({"loads": (sk.TorqueTable("s", "tip", (0, math.nan), (0, 0)),)}, "found nan"),
         ({"joint_limits": (JointLimit("tip", 0.0, math.inf),)}, "found inf"),
         ({"joint_limits": (JointLimit("tip", 0.0, 1.0),) * 2}, "given twice"),
     ],
@@ -201,7 +189,7 @@ def test_mechanisms_made_in_python_are_checked_too(change, words):
 
 def test_axes_are_of_the_ground_or_of_the_link():
     with pytest.raises(ModelError, match='"body" is not known; allowed: "ground", "link"'):
-        Moment("m", "crank", ("0",) * 3, "body")
+        sk.Moment("m", "crank", ("0",) * 3, "body")
 
 
 def test_tensors_of_few_digits_pass():
@@ -210,7 +198,7 @@ def test_tensors_of_few_digits_pass():
 
 
 def test_a_torque_table_is_linear_and_ends_or_repeats():
-    once = TorqueTable("m", "drive", (1.0, 2.0, 4.0), (1.0, 5.0, 1.0))
+    once = sk.TorqueTable("m", "drive", (1.0, 2.0, 4.0), (1.0, 5.0, 1.0))
     np.testing.assert_array_equal(once.at([[1.0, 1.5], [3.0, 4.0]]), [[1, 3], [3, 1]])
     with pytest.raises(ModelError, match=r"loads\.m: asked for t from 0 to 2 s, but"):
         once.at([0.0, 2.0])

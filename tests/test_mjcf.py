@@ -13,9 +13,7 @@ from spherekit.cli.main import main
 from spherekit.errors import ModelError, SolveError
 from spherekit.exchange.mjcf import mjcf
 from spherekit.exchange.posed import posed
-from spherekit.files.read import load
 from spherekit.files.write import dumps
-from spherekit.model.dynamics import Damper, Moment, PairTorque, PointForce, Spring
 from spherekit.model.gears import geometry_of
 from spherekit.motion.closure import Closure
 
@@ -57,7 +55,7 @@ def apart(mechanism, data, placed):
     ],
 )
 def test_the_pose_is_the_mechanisms_and_motors_sit_at_inputs_alone(name, at):
-    mechanism, values = posed(replace(load(name), loads=()), at=at)
+    mechanism, values = posed(replace(sk.load(name), loads=()), at=at)
     model, data = started(mjcf(mechanism, values).text)
     closure = Closure.of(mechanism, geometry_of(mechanism).joints)
     assert apart(mechanism, data, closure.at(values[None]).placed[0]) < 1e-14
@@ -81,7 +79,7 @@ def prescribed(text, inputs):
     "name", ["four_bar", "stephenson", "five_bar", "bevel_differential"]
 )
 def test_a_motion_of_the_inputs_moves_all_links_as_in_spherekit(name):
-    mechanism, values = posed(replace(load(name), loads=()))
+    mechanism, values = posed(replace(sk.load(name), loads=()))
     inputs = [item.pair for item in mechanism.inputs]
     text = mjcf(mechanism, values).text
     model, data = started(prescribed(text, inputs))
@@ -102,20 +100,20 @@ def test_a_motion_of_the_inputs_moves_all_links_as_in_spherekit(name):
 
 
 SPRUNG = (
-    Spring("coil", "32", 3.0, 0.2),
-    Spring("second_coil", "32", 4.0, -0.1),
-    Damper("damper", "43", 0.1),
-    PairTorque("brake", "41", "0.5 - 2*(theta_41 - 1)/4 - dtheta_41*3"),
-    PointForce("push", "3", (0.1, 0.2, 0.9), ("1", "-2", "3*2"), "ground"),
-    PointForce("jet", "4", (0.3, 0.2, 0.1), ("1", "2", "-1"), "link"),
-    Moment("twist", "2", ("0.1", "0.2", "0.3"), "ground"),
-    Moment("spin", "3", ("0.4", "-0.2", "0.1"), "link"),
+    sk.Spring("coil", "32", 3.0, 0.2),
+    sk.Spring("second_coil", "32", 4.0, -0.1),
+    sk.Damper("damper", "43", 0.1),
+    sk.PairTorque("brake", "41", "0.5 - 2*(theta_41 - 1)/4 - dtheta_41*3"),
+    sk.PointForce("push", "3", (0.1, 0.2, 0.9), ("1", "-2", "3*2"), "ground"),
+    sk.PointForce("jet", "4", (0.3, 0.2, 0.1), ("1", "2", "-1"), "link"),
+    sk.Moment("twist", "2", ("0.1", "0.2", "0.3"), "ground"),
+    sk.Moment("spin", "3", ("0.4", "-0.2", "0.1"), "link"),
 )
 
 
 def test_loads_have_the_power_that_they_say():
     """At every pair a load acts, so that one of them is a hinge of a second body."""
-    made = replace(load("four_bar"), loads=SPRUNG)
+    made = replace(sk.load("four_bar"), loads=SPRUNG)
     mechanism, values = posed(made, at=0.7)
     written = mjcf(mechanism, values)
     assert not [note for note in written.notes if note.startswith("load")]
@@ -147,8 +145,8 @@ def test_loads_have_the_power_that_they_say():
 
 
 def test_second_bodies_share_the_inertia_of_their_link():
-    at_all = tuple(Damper(f"d{pair}", pair, 0.1) for pair in ("21", "32", "43", "41"))
-    plain, values = posed(replace(load("four_bar"), loads=()), at=0.7)
+    at_all = tuple(sk.Damper(f"d{pair}", pair, 0.1) for pair in ("21", "32", "43", "41"))
+    plain, values = posed(replace(sk.load("four_bar"), loads=()), at=0.7)
     model, _ = started(mjcf(plain, values).text)
     twinned, _ = started(mjcf(replace(plain, loads=at_all), values).text)
     assert twinned.nv == model.nv + 1 and np.all(twinned.dof_damping == 0.1)
@@ -160,7 +158,7 @@ HELD = text_of("mjcf_held")
 
 def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
     path = tmp_path / "held.toml"
-    path.write_text(dumps(replace(load("four_bar"), loads=())) + HELD)
+    path.write_text(dumps(replace(sk.load("four_bar"), loads=())) + HELD)
     target = tmp_path / "m.xml"
     assert main(["export", str(path), "--to", "mjcf", "-o", str(target)]) == 0
     told, written = capsys.readouterr().err, target.read_text(encoding="utf-8")
@@ -199,7 +197,7 @@ def test_a_mechanism_without_masses_is_held_by_servos():
     ],
 )
 def test_contacts_without_a_ratio_are_refused(name, why):
-    mechanism = load(name)
+    mechanism = sk.load(name)
     with pytest.raises(ModelError, match=why):
         mjcf(mechanism, np.zeros(len(mechanism.variable_names)))
 

@@ -10,9 +10,7 @@ from example_mechanisms import four_bar
 from oracles import closure_gap, null_space, revolute_frames
 
 import spherekit as sk
-from spherekit.conventions import Status
 from spherekit.errors import SolveError
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, SizeGeometry
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.guides import follow
@@ -43,7 +41,7 @@ def random_crank(random):
 def test_every_shipped_mechanism_closes_over_its_whole_turn(name):
     motion = sk.trace(sk.load(name))
     own = motion.assembly_mode == 0
-    assert np.all(motion.status[own] == Status.OK)
+    assert np.all(motion.status[own] == sk.Status.OK)
     frames = revolute_frames(motion.mechanism)
     assert closure_gap(motion.mechanism, motion.rotations, frames) < 2e-15
     assert np.nanmax(motion.residual) < 5e-15
@@ -73,7 +71,7 @@ def test_four_hundred_random_cranks_never_flip():
         arcs = random_crank(random)
         motion = sk.trace(four_bar(arcs), samples=13)
         assert len(motion.assembly_modes) == 2
-        assert np.all(motion.status == Status.OK)
+        assert np.all(motion.status == sk.Status.OK)
         theta41 = motion.values[:, 3].reshape(2, 13)
         q = motion.q[:13]
         found = []
@@ -100,7 +98,7 @@ def test_following_random_cranks_stays_on_the_closed_form():
         for assembly_mode in tracer.assembly_modes:
             start = solver.evaluate(assembly_mode, np.zeros((1, 1))).values[0]
             curve = follow(solver.closure, solver.driven[0], start, 0.0, 2 * np.pi)
-            assert curve.ends == (Status.OK, Status.OK)
+            assert curve.ends == (sk.Status.OK, sk.Status.OK)
             assert curve.inputs[-1] == 2 * np.pi
             there = solver.evaluate(assembly_mode, curve.inputs[:, None]).values
             assert np.max(np.abs(np.exp(1j * there) - np.exp(1j * curve.values))) < 1e-9
@@ -116,8 +114,8 @@ def test_rocker_is_reported_out_of_reach_exactly_where_it_is():
     diagonal = np.arccos(cosine)
     reachable = (diagonal > arcs[3] - arcs[2]) & (diagonal < arcs[2] + arcs[3])
     assert 0 < np.sum(reachable) < len(reachable)
-    assert np.array_equal(motion.status == Status.OK, reachable)
-    assert np.all(motion.status[~reachable] == Status.OUT_OF_REACH)
+    assert np.array_equal(motion.status == sk.Status.OK, reachable)
+    assert np.all(motion.status[~reachable] == sk.Status.OUT_OF_REACH)
     assert np.all(np.isnan(motion.values[~reachable][:, 1:]))
     assert np.all(np.isnan(motion.rotations[~reachable]))
     assert len(motion) == 2 * 3601
@@ -133,9 +131,9 @@ def test_followed_branches_end_at_the_dead_centre_of_the_input():
     ends = []
     for assembly_mode in tracer.assembly_modes:
         curve = assembly_mode.guide
-        assert set(curve.ends) <= {Status.OK, Status.OUT_OF_REACH}
+        assert set(curve.ends) <= {sk.Status.OK, sk.Status.OUT_OF_REACH}
         for why, q in zip(curve.ends, curve.inputs[[0, -1]], strict=True):
-            if why != Status.OK:
+            if why != sk.Status.OK:
                 ends.append(q)
                 axes = tracer.at(np.array([q])).axes
                 rows = [r for r in range(len(axes)) if np.all(np.isfinite(axes[r]))]
@@ -179,7 +177,7 @@ def test_arcs_that_cannot_close_are_refused_with_the_group():
         )
         for link in random.links
     }
-    made = Mechanism(
+    made = sk.Mechanism(
         "far", "1", random.links, random.pairs, SizeGeometry(lengths), inputs=random.inputs
     )
     with pytest.raises(SolveError, match="did not close from any start"):

@@ -3,12 +3,9 @@
 import numpy as np
 from sceptic.evidence import Kind, check
 
-from spherekit.conventions import Status
-from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.inverse import inverse_dynamics
+import spherekit as sk
 from spherekit.errors import EngineError
 from spherekit.model.dynamics import DRIVE
-from spherekit.model.study import Polynomial, Start
 
 UNTIL = 1.5
 """Time (s) that is simulated."""
@@ -32,14 +29,14 @@ def _started(evidence):
     if not evidence.single or not evidence.mechanism.masses:
         return None
     motion = evidence.motion
-    good = np.flatnonzero((motion.status == Status.OK) & (motion.conditioning < 30.0))
+    good = np.flatnonzero((motion.status == sk.Status.OK) & (motion.conditioning < 30.0))
     if not len(good):
         return None
     row = int(good[evidence.numbers("start").integers(len(good))])
     size = 1e-3 * float(
         sum(np.trace(np.array(m.tensor)) for m in evidence.mechanism.masses)
     )
-    start = Start(float(motion.q[row]), SPEED)
+    start = sk.Start(float(motion.q[row]), SPEED)
     return start, int(motion.assembly_mode[row]), TORQUE.format(size=f"{1e3 * size:.6g}")
 
 
@@ -48,7 +45,7 @@ def _simulated(evidence, engine):
     if started is None:
         return None
     start, assembly_mode, torque = started
-    return simulate(
+    return sk.simulate(
         evidence.mechanism,
         start,
         UNTIL,
@@ -76,11 +73,11 @@ def simulation_and_inverse(evidence, notes):
         q, dq, ddq = (float(x[k]) for x in (history.q, history.dq, history.ddq))
         if not (conditioning[k] < CLEAR and abs(dq) > 1e-2):
             continue
-        law = Polynomial((q - dq * t + 0.5 * ddq * t**2, dq - ddq * t, 0.5 * ddq))
-        solved = inverse_dynamics(mechanism, law, [t])
+        law = sk.Polynomial((q - dq * t + 0.5 * ddq * t**2, dq - ddq * t, 0.5 * ddq))
+        solved = sk.inverse_dynamics(mechanism, law, [t])
         there = evidence.tracer.given(solved.values).rotations
         gap = np.max(np.abs(there - history.rotations[k]), axis=(1, 2, 3))
-        for row in np.flatnonzero((gap < 1e-7) & (solved.status == Status.OK)):
+        for row in np.flatnonzero((gap < 1e-7) & (solved.status == sk.Status.OK)):
             torque, tau = float(history.power[k, applied] / dq), float(solved.tau[row])
             parts = abs(float(solved.B[row] * ddq)) + abs(float(solved.Q[row]))
             scale = max(abs(torque), abs(tau), parts, 1e-12)

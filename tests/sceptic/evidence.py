@@ -11,11 +11,10 @@ from zlib import crc32
 
 import numpy as np
 
+import spherekit as sk
 from spherekit.analysis.frames import read_parquet
 from spherekit.cli.main import main
 from spherekit.conventions import DEFAULT_SAMPLES
-from spherekit.files.write import dump
-from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import PositionAnalysis
 
 ANALYSES = (
@@ -107,7 +106,7 @@ class Evidence:
 
     def __init__(self, suspect, folder):
         self.suspect, self.folder = suspect, folder
-        self.mechanism: Mechanism = suspect.mechanism
+        self.mechanism: sk.Mechanism = suspect.mechanism
         self._ran: dict[tuple[str, ...], Ran] = {}
         self.begin("")
 
@@ -130,7 +129,7 @@ class Evidence:
         if self.suspect.kind == "shipped":
             return Path(self.suspect.name)
         path = self.folder / f"{self.suspect.name}.toml"
-        dump(self.mechanism, path)
+        sk.dump(self.mechanism, path)
         return path
 
     @property

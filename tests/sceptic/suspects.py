@@ -6,12 +6,9 @@ import numpy as np
 from chains import EIGHT_BARS, grown, mechanism, random_axes, vector, with_contacts
 from random_mechanisms import random_mechanism
 
-from spherekit.errors import SpherekitError
-from spherekit.files.build import build
+import spherekit as sk
 from spherekit.files.library import shipped
-from spherekit.files.read import load
 from spherekit.model.dynamics import Mass
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import (
     Input,
     LinkSizes,
@@ -40,14 +37,14 @@ class Suspect:
 
     name: str
     kind: str
-    mechanism: Mechanism
+    mechanism: sk.Mechanism
     samples: int | None = None
 
 
 def shipped_suspects(names=()):
     """Return the shipped mechanisms of these names, by default all."""
     every = sorted(name for pack in shipped() for name in pack.files)
-    return [Suspect(name, "shipped", driven_at(load(name))) for name in names or every]
+    return [Suspect(name, "shipped", driven_at(sk.load(name))) for name in names or every]
 
 
 def random_suspects(count, seed):
@@ -68,7 +65,7 @@ def random_suspect(seed):
             PositionAnalysis(
                 made, samples=3, search=isinstance(made.geometry, SizeGeometry)
             )
-        except SpherekitError:
+        except sk.SpherekitError:
             continue
         made = replace(with_masses(random, made), name=f"random_{seed}")
         return Suspect(f"random_{seed}", kind, made, 91)
@@ -112,7 +109,7 @@ def _four_bar(random):
         for link, axes, arc in zip(links, on, arcs, strict=True)
     }
     driven = names[0] if random.random() < 0.7 else names[3]
-    return Mechanism(
+    return sk.Mechanism(
         "made",
         "1",
         links,
@@ -178,7 +175,7 @@ def _geared(random):
         zip(("left", "right", "ac", "cd", "bd"), (left, right, *axes), strict=True)
     )
     span = ((0.0, 2 * TURN), (-TURN, TURN), (0.0, 3 * TURN))[random.integers(3)]
-    return Mechanism(
+    return sk.Mechanism(
         "made",
         "ground",
         ("ground", "a", "b", "c", "d"),
@@ -194,7 +191,7 @@ def _wheels_by_a_cam(random):
         float(x)
         for x in random.uniform([50, 60, 40, 15, 40, 40], [80, 100, 80, 35, 80, 80])
     ]
-    made = build(
+    made = sk.build(
         "made",
         angle_unit="deg",
         ground="frame",
@@ -288,7 +285,7 @@ def _any(random):
     """Return what the fuzzing of poles draws from, with a range that is worth it."""
     _, made = random_mechanism(int(random.integers(1 << 30)))
     if len(made.links) > 8:
-        raise SpherekitError("too large to examine many of")
+        raise sk.SpherekitError("too large to examine many of")
     inputs = tuple(Input(item.pair, *_range(random)) for item in made.inputs)
     return replace(made, inputs=inputs)
 
