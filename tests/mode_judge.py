@@ -62,8 +62,7 @@ class Structure:
                 u = np.array(made.geometry.axes[pair.name])
                 joints.append(("point", one, u, other, u))
             else:
-                assert pair.type == "Cs"
-                assert all(p.kind == "circle" for p in pair.profiles)
+                assert pair.type == "Cs" and all(p.kind == "circle" for p in pair.profiles)
                 u, v = (np.array(profile.centre) for profile in pair.profiles)
                 joints.append(("bar", one, u, other, v))
         at = {}

@@ -97,8 +97,7 @@ def no_crank():
 
 def test_one_lap_of_a_four_bar_without_a_crank(no_crank):
     assert components(NO_CRANK) == 1
-    assert no_crank.closed
-    assert not np.any(no_crank.winding)
+    assert no_crank.closed and not np.any(no_crank.winding)
     s = np.linspace(0.0, no_crank.length, 2001)
     points = no_crank.at(s)
     assert np.max(points.residual) < 1e-14
@@ -200,8 +199,7 @@ def test_a_four_bar_that_can_hardly_move():
     arcs = np.radians([40.0, 20.0, 80.0, 20.0])
     arcs[3] += 1e-6
     (curve,) = all_curves(four_bar(arcs), np.pi + np.linspace(-1e-4, 1e-4, 3))
-    assert curve.closed
-    assert curve.length < 0.03
+    assert curve.closed and curve.length < 0.03
     c, s = np.cos(arcs), np.sin(arcs)
     swing = np.arccos((np.cos(arcs[2] - arcs[3]) - c[0] * c[1]) / (s[0] * s[1]))
     limits = np.sort(curve.at(curve.dead_points(0).places).values[:, 0])
@@ -222,8 +220,7 @@ def test_a_four_bar_that_can_hardly_move():
 )
 def test_shipped_mechanisms_close_after_one_lap(name, winding):
     curve = shipped(name)
-    assert curve.closed
-    assert curve.ends == (sk.Status.OK, sk.Status.OK)
+    assert curve.closed and curve.ends == (sk.Status.OK, sk.Status.OK)
     sense = np.sign(curve.winding @ np.array(winding))
     assert np.array_equal(sense * curve.winding, winding)
     points = curve.at(np.linspace(0.0, curve.length, 301))
@@ -255,8 +252,7 @@ def test_a_gear_train_runs_at_constant_rates():
     curve = shipped("planetary_bevel")
     sun = 2 * np.pi * np.sin(np.arctan2(36, 18))
     lap = np.array([2 * np.pi, 4 * np.pi, 4 * np.pi, sun, sun])
-    assert curve.closed
-    assert np.allclose(np.abs(curve.rise), lap, rtol=0, atol=1e-12)
+    assert curve.closed and np.allclose(np.abs(curve.rise), lap, rtol=0, atol=1e-12)
     assert curve.length == pytest.approx(np.linalg.norm(lap), abs=1e-11)
     points = curve.at(np.linspace(0.0, curve.length, 100))
     assert np.allclose(points.tangents, curve.rise / curve.length, rtol=0, atol=1e-12)
@@ -267,10 +263,8 @@ def test_cones_without_a_common_length_never_close():
     tracer = PositionAnalysis(sk.load("rolling_cones"), search=False)
     there = tracer.solver.evaluate(tracer.assembly_modes[0], np.array([[0.5]])).values[0]
     curve = follow_arc(tracer.solver.closure, there, longest=20.0)
-    assert not curve.closed
-    assert curve.ends == (sk.Status.OK, sk.Status.OK)
-    assert 40.0 <= curve.length < 41.0
-    assert np.isinf(curve.periods[-1])
+    assert not curve.closed and curve.ends == (sk.Status.OK, sk.Status.OK)
+    assert 40.0 <= curve.length < 41.0 and np.isinf(curve.periods[-1])
 
 
 def open_cam():
@@ -314,8 +308,7 @@ def test_stops_end_a_curve_where_they_are(no_crank):
     given = no_crank.nodes.values[4]
     stops = {1: (given[1] - 0.2, given[1] + 0.3)}
     curve = follow_arc(no_crank.segments.closure, given, stops)
-    assert curve.ends == (sk.Status.OK, sk.Status.OK)
-    assert not curve.closed
+    assert curve.ends == (sk.Status.OK, sk.Status.OK) and not curve.closed
     ends = np.sort(curve.nodes.values[[0, -1], 1])
     assert np.max(np.abs(ends - stops[1])) < 1e-14
     assert np.max(np.abs(curve.nodes.values[curve.start] - given)) < 1e-14

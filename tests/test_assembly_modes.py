@@ -121,9 +121,7 @@ def test_eliminants_have_the_known_number_of_roots(ways, count):
         equations, involves = random_equations(random, ways)
         assert 2 * eliminated_degree(involves) == count
         found = common_angles(equations, involves)
-        assert not found.problem
-        assert found.excess < 1e-12
-        assert len(found.roots) == count
+        assert not found.problem and found.excess < 1e-12 and len(found.roots) == count
         near = np.abs(np.log(np.abs(found.roots))) < 1.5
         assert np.sum(np.abs(found.angles[:, 0].imag) < 1.5) == np.sum(near)
         c, s = np.cos(found.angles), np.sin(found.angles)
@@ -327,8 +325,7 @@ def test_a_double_root_is_one_mode():
         assert found.methods[0].is_complete
         placed, _ = poses(solver, found)
         off = np.max(np.abs(placed[:, 7] - np.eye(3)), axis=(1, 2))
-        assert np.sum(off < 1e-3) == 1
-        assert np.min(off) < 1e-5
+        assert np.sum(off < 1e-3) == 1 and np.min(off) < 1e-5
         assert len(placed) % 2 == 1
 
 
@@ -338,8 +335,7 @@ def test_a_platform_that_can_move_is_searched_and_said_to_be(monkeypatch):
     axes[4], axes[7] = axes[3], axes[6]
     group, closure = alone(made_of(*PLATFORM, axes))
     found = candidates(group, closure)
-    assert "infinitely many" in found.problem
-    assert not len(found.values)
+    assert "infinitely many" in found.problem and not len(found.values)
     started = []
     monkeypatch.setattr("spherekit.motion.elimination.search", lambda *a: started.append(a))
     _, method = solutions(group, closure)

@@ -286,8 +286,7 @@ def test_what_reads_no_samples_is_asked_once(tmp_path):
     timed = Listener()
     sk.run(made, Apart(), samples=25, block=4, duration=2.0, recorder=timed)
     (own,) = (each for each in timed.logged if isinstance(each[0], str))
-    assert own[2] is None
-    assert own[3].tolist() == [0.0, 0.5, 1.0, 1.5]
+    assert own[2] is None and own[3].tolist() == [0.0, 0.5, 1.0, 1.5]
 
 
 def test_nothing_is_traced_for_what_reads_no_samples(tmp_path, monkeypatch):

@@ -43,8 +43,7 @@ def test_plan_as_json_and_markdown(capsys):
 
 def test_plan_for_some_poles_with_steps(capsys):
     _, out, _ = run(capsys, "plan", "stephenson", "--for", "3/1", "--steps")
-    assert "P31 case (a) = (P21 P32) x (P41 P43)" in out
-    assert "P51" not in out
+    assert "P31 case (a) = (P21 P32) x (P41 P43)" in out and "P51" not in out
     status, _, err = run(capsys, "plan", "stephenson", "--for", "3/9")
     assert status == 1
     assert "LINK/LINK" in err
@@ -62,8 +61,7 @@ def test_validate_good_and_bad(capsys, tmp_path):
     status, out, err = run(capsys, "validate", "four_bar", bad, "watt")
     assert status == 1
     assert re.findall(r"^(\w+): ok", out, re.M) == ["four_bar", "watt"]
-    assert "bad.toml" in err
-    assert "angle_unit" in err
+    assert "bad.toml" in err and "angle_unit" in err
     status, out, _ = run(capsys, "validate", "four_bar", "--json")
     assert json.loads(out)["groups"] == ["dyad"]
 
@@ -132,8 +130,7 @@ def test_statuses_of_run(capsys):
     assert run(capsys, "run", "four_bar", "--samples", 5)[0] == 0
     assert run(capsys, "run", "four_bar", "--samples", 5, "--strict")[0] == 0
     lost = ("run", "four_bar", "--input", "43", "--samples", 9)
-    assert run(capsys, *lost)[0] == 0
-    assert run(capsys, *lost, "--strict")[0] == 3
+    assert run(capsys, *lost)[0] == 0 and run(capsys, *lost, "--strict")[0] == 3
     assert run(capsys, "run", "no_such_mechanism")[0] == 1
     assert run(capsys, "run", "four_bar", "-a", "pols")[0] == 1
     assert run(capsys, "run", "four_bar", "--assembly-mode", 9)[0] == 1
@@ -146,8 +143,7 @@ def test_statuses_of_run(capsys):
 def test_errors_are_one_paragraph(capsys):
     status, out, err = run(capsys, "run", "four_bra")
     assert (status, out) == (1, "")
-    assert err.startswith("spherekit: ")
-    assert 'did you mean "four_bar"' in err
+    assert err.startswith("spherekit: ") and 'did you mean "four_bar"' in err
     assert "Traceback" not in err
     with pytest.raises(Exception, match="four_bra"):
         main(["run", "four_bra", "--traceback"])
@@ -270,8 +266,7 @@ def test_a_run_that_fails_leaves_no_empty_folder(tmp_path, capsys):
 
 def test_a_tolerance_that_is_not_met_counts_with_strict(capsys):
     words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "5", "--tol"]
-    assert main([*words, "1e-9", "--strict"]) == 0
-    assert main([*words, "1e-30"]) == 0
+    assert main([*words, "1e-9", "--strict"]) == 0 and main([*words, "1e-30"]) == 0
     assert main([*words, "1e-30", "--strict"]) == 3
 
 

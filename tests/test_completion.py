@@ -67,8 +67,7 @@ def test_a_new_mechanism_runs_as_it_is(kind, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["new", "mechanism", "mine", "--kind", kind]) == 0
     made = sk.load(tmp_path / "mine.toml")
-    assert made.name == "mine"
-    assert made.outputs
+    assert made.name == "mine" and made.outputs
     assert len(re.findall(r"^# ", (tmp_path / "mine.toml").read_text(), re.M)) >= 6
     command = capsys.readouterr().err.partition("then: spherekit ")[2].split()
     assert main([*command, "--samples", "9", "--json"]) == 0

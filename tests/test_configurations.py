@@ -55,8 +55,7 @@ def check_against_search(chain, axes, driven, inputs, starts, random):
     What the search finds has to lie on the curves; it may miss some.
     """
     tracer, found = with_curves(chain, axes, driven)
-    assert not found.mismatches
-    assert found.guarantee is Guarantee.COMPLETE
+    assert not found.mismatches and found.guarantee is Guarantee.COMPLETE
     edges = joints(chain)
     here = there = 0
     for q in random.uniform(0.0, TURN, inputs):
@@ -190,8 +189,7 @@ def test_a_doubtful_part_is_sampled_and_said_to_be():
     probes = LOOSE.probes(0.11)
     assert np.allclose(probes, [0.2, 0.7, 1.05, 1.15, 1.25, 1.5, 1.850005])
     claim = LOOSE.claim(0.11)
-    assert claim.guarantee is Guarantee.TO_BOX
-    assert claim.box == pytest.approx(0.1)
+    assert claim.guarantee is Guarantee.TO_BOX and claim.box == pytest.approx(0.1)
     assert str(claim).startswith("complete to a box of 5.73 deg: all modes at 7 inputs")
 
 
@@ -298,7 +296,5 @@ def test_a_mechanism_with_a_hard_input_is_searched_at_another_pair():
 def test_curves_of_wheels_on_fixed_axes_are_all_there():
     tracer = PositionAnalysis(sk.load("bevel_pair"))
     found = configuration_curves(tracer.solver, tracer.assembly_modes, *tracer.range)
-    assert found.guarantee is Guarantee.COMPLETE
-    assert not found.mismatches
-    assert len(found.curves) == 1
-    assert set(found.counts) <= {1}
+    assert found.guarantee is Guarantee.COMPLETE and not found.mismatches
+    assert len(found.curves) == 1 and set(found.counts) <= {1}

@@ -101,8 +101,7 @@ def test_newton_and_euler_by_hand(cam, coefficient, rest, mode):
         tau = run.frame(analysis, analysis)["tau"].to_numpy()
         assert tau == pytest.approx(torque, abs=1e-7)
     power = run.frame("eksergian", "loads").query("load == 'rub'")["power"].to_numpy()
-    assert power == pytest.approx(traction * slip, abs=1e-7)
-    assert np.all(power < 0.0)
+    assert power == pytest.approx(traction * slip, abs=1e-7) and np.all(power < 0.0)
 
 
 def test_energy_of_a_motion_goes_into_friction_and_the_torque_comes_back(cam):

@@ -167,8 +167,7 @@ def test_a_gear_train_has_a_constant_inertia():
     )
     mechanism = replace(mechanism, masses=masses)
     found = sk.inverse_dynamics(mechanism, ConstantSpeed(1.0), np.linspace(0.1, 6.0, 25))
-    assert np.max(np.abs(found.dB_dq)) < 1e-12
-    assert np.ptp(found.B) < 1e-12
+    assert np.max(np.abs(found.dB_dq)) < 1e-12 and np.ptp(found.B) < 1e-12
     assert np.max(np.abs(found.tau)) < 1e-12
 
 
@@ -217,11 +216,9 @@ def test_direct_problem_of_the_four_bar(four_bar, exact, tabled):
     found = simulate(
         four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-9, check=True
     )
-    assert found.end.kind == "time"
-    assert np.max(np.abs(found.at(t).q - want)) < 1e-10
+    assert found.end.kind == "time" and np.max(np.abs(found.at(t).q - want)) < 1e-10
     checks = found.checks
-    assert checks.error < 1e-9
-    assert checks.energy < 1e-8 * checks.energy_scale
+    assert checks.error < 1e-9 and checks.energy < 1e-8 * checks.energy_scale
     assert checks.closure < 1e-10
     assert np.max(found.at(t).residual) < 1e-9
     resting = [event for event in found.events if event.kind == "rest"]
@@ -238,8 +235,7 @@ def test_a_stored_model_gives_the_same_motion(four_bar):
         found = sk.simulate_reduced(model, t, 0.3, 1.0, tolerance)
         assert np.max(np.abs(found.q - exactly.at(t).q)) < tolerance
         assert np.max(np.abs(found.values - exactly.at(t).values)) < 10 * tolerance
-        assert found.energy < 10 * tolerance
-        assert found.message == ""
+        assert found.energy < 10 * tolerance and found.message == ""
     with pytest.raises(ModelError, match=r'torque: column 1: "theta_9" is not known'):
         bare.with_torque("theta_9")
     with pytest.raises(ModelError, match="torque: the model has one already"):
@@ -353,8 +349,7 @@ def test_a_stop_ends_the_simulation_and_all_is_kept(four_bar):
     stopped = replace(four_bar, joint_limits=(JointLimit("21", -1.0, 1.5),))
     found = simulate(stopped, Start(0.3, 1.0), 10.0, torque=DRIVING)
     free = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING)
-    assert found.end.kind == "joint_limit"
-    assert "21" in found.end.message
+    assert found.end.kind == "joint_limit" and "21" in found.end.message
     assert found.at([found.end.t]).q[0] == pytest.approx(1.5, abs=1e-10)
     t = np.linspace(0.0, found.end.t, 11)
     assert np.max(np.abs(found.at(t).q - free.at(t).q)) < 1e-9
@@ -370,8 +365,7 @@ def test_steps_begin_anew_where_a_torque_table_has_kinks(four_bar):
     found = simulate(switched, Start(0.3, 1.0), 1.2, tolerance=1e-10, check=True)
     times = [event.t for event in found.events if event.kind == "switch"]
     np.testing.assert_allclose(times, [0.4, 0.5, 0.9, 1.0], atol=1e-12)
-    assert found.checks.error < 1e-9
-    assert found.checks.energy < 1e-10
+    assert found.checks.error < 1e-9 and found.checks.energy < 1e-10
 
 
 def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
@@ -397,12 +391,10 @@ def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
     last = reached.q[reached.status == sk.Status.OK][-1]
     start = PoseStart(first, "cam_shaft", 2.0)
     found = forward.simulate(opened, start, 20.0, tolerance=1e-7)
-    assert found.end.kind == "off_profile"
-    assert found.engine.name == "numpy"
+    assert found.end.kind == "off_profile" and found.engine.name == "numpy"
     assert "points" in found.engine.reason
     history = found.at(np.linspace(0.0, found.end.t, 9))
-    assert history.q[-1] > last - 0.01
-    assert np.ptp(history.kinetic) < 1e-7
+    assert history.q[-1] > last - 0.01 and np.ptp(history.kinetic) < 1e-7
 
 
 def test_a_crossing_of_curves_ends_the_simulation_with_the_reason(four_bar):
@@ -414,8 +406,7 @@ def test_a_crossing_of_curves_ends_the_simulation_with_the_reason(four_bar):
     }
     flat = replace(four_bar, geometry=replace(sizes, links=links), loads=())
     found = simulate(flat, Start(1.0, -1.0), 5.0)
-    assert found.end.kind == "singularity"
-    assert "cross" in found.end.message
+    assert found.end.kind == "singularity" and "cross" in found.end.message
     assert abs(found.at([found.end.t]).q[0]) < 1e-5
     assert np.all(np.diff(found.at(np.linspace(0.0, found.end.t, 20)).q) < 0.0)
     on = forward.simulate(flat, Start(1.0, -1.0), 2.0 * found.end.t, crossings="pass")
@@ -479,8 +470,7 @@ def test_both_engines_tell_curves_that_avoid_each_other_from_crossing_ones(
 def test_a_load_without_bound_ends_the_simulation(four_bar):
     pushed = replace(four_bar, loads=(PairTorque("pole", "21", "1/(1 - t)**2"),))
     found = simulate(pushed, Start(0.3, 1.0), 2.0, tolerance=1e-7)
-    assert found.end.kind == "too_fast"
-    assert 0.9 < found.end.t <= 1.0
+    assert found.end.kind == "too_fast" and 0.9 < found.end.t <= 1.0
     assert "smooth it" in found.end.message
     with pytest.raises(SolveError, match="cannot leave its start"):
         simulate(
@@ -508,8 +498,7 @@ def test_friction_brings_a_mechanism_to_rest(four_bar):
     rubbed = replace(four_bar, loads=(Friction("rub", "21", 4.0, 0.0, 5e-2),))
     found = simulate(rubbed, Start(0.3, 2.0), 3.0, tolerance=1e-8)
     history = found.at(np.linspace(0.0, 3.0, 61))
-    assert abs(history.dq[-1]) < 1e-2
-    assert np.all(np.diff(history.kinetic) < 1e-9)
+    assert abs(history.dq[-1]) < 1e-2 and np.all(np.diff(history.kinetic) < 1e-9)
     assert found.checks.energy < 1e-8 * found.checks.energy_scale
 
 
@@ -553,8 +542,7 @@ def test_samples_at_a_dead_centre_of_the_input_have_a_status_not_a_value(four_ba
         four_bar, ConstantSpeed(1.0), np.linspace(0.0, 6.0, 40), input_pair="41"
     )
     failed = found.status != 0
-    assert np.any(failed) and not np.all(failed)
-    assert np.all(np.isnan(found.tau[failed]))
+    assert np.any(failed) and not np.all(failed) and np.all(np.isnan(found.tau[failed]))
     assert np.all(np.isfinite(found.tau[~failed]))
 
 

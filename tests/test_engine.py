@@ -300,8 +300,7 @@ def test_rates_by_arc_length_are_finite_at_a_dead_centre():
     at = dead_centre(made).values.T
     found = kernel(made, "21", coordinate="arc", with_inertia=True).values(at)
     assert abs(found.velocity_coefficient[0, 1][0]) < 1e-13
-    assert np.isfinite(found.inertia_dq[0])
-    assert found.inertia[0] > 0.0
+    assert np.isfinite(found.inertia_dq[0]) and found.inertia[0] > 0.0
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -310,8 +309,7 @@ def test_positions_beyond_reach_are_nan(engine):
     found = kernel(made, "21", source="input", with_inertia=True, engine=engine)
     rows = found(np.array([[0.0, 2.0], [1.0, 1.0]]))
     numbers = [k for k, name in enumerate(found.columns) if name[0] != "u"]
-    assert np.all(np.isnan(rows[numbers, 0]))
-    assert np.all(np.isfinite(rows[:, 1]))
+    assert np.all(np.isnan(rows[numbers, 0])) and np.all(np.isfinite(rows[:, 1]))
 
 
 class PaperModel:
@@ -413,10 +411,8 @@ def test_forward_dynamics_of_the_paper_against_a_runge_kutta_code(assembly_mode)
     history = found.at(times)
     expected = model.solve(torque, 0.3, 1.0, times)
     assert np.max(np.abs(history.q - expected)) < 5e-12
-    assert found.end.kind == "time"
-    assert found.checks.error < 1e-12
-    assert found.checks.closure < 1e-12
-    assert found.checks.energy < 1e-11
+    assert found.end.kind == "time" and found.checks.error < 1e-12
+    assert found.checks.closure < 1e-12 and found.checks.energy < 1e-11
     assert found.checks.power < 1e-10
     rate = history.dq / history.speed[:, 0]
     inertia = np.sum(history.M[..., 0, 0], axis=1) / rate**2
@@ -525,8 +521,7 @@ def test_both_engines_find_the_same_motion(case):
         for engine in ("compiled", "numpy")
     )
     assert (one.engine.name, one.engine.reason) == ("compiled", "it was asked for")
-    assert other.engine.name == "numpy"
-    assert one.end == other.end
+    assert other.engine.name == "numpy" and one.end == other.end
     seen = [[(e.kind, e.pair) for e in each.events] for each in (one, other)]
     assert seen[0] == seen[1]
     gaps = [a.t - b.t for a, b in zip(one.events, other.events, strict=True)]
@@ -581,8 +576,7 @@ def test_a_change_point_ends_both_engines_at_any_tolerance(arcs, assembly_mode):
         for engine, given in (("compiled", 1e-3), ("compiled", 1e-13), ("numpy", 1e-5))
     ]
     for found in ends:
-        assert found.end.kind == "singularity"
-        assert "cross" in found.end.message
+        assert found.end.kind == "singularity" and "cross" in found.end.message
         assert abs(found.at([found.end.t]).q[0] - np.pi) < 0.01
     assert abs(ends[0].at([ends[0].end.t]).q[0] - np.pi) < 1e-4
     assert abs(ends[0].end.t - ends[1].end.t) < 1e-6
@@ -612,8 +606,7 @@ def test_loads_that_are_not_smooth_restart_the_integration():
 def test_friction_that_sticks_ends_the_motion_where_it_rests():
     made = with_torque(load("four_bar"), "21", "-3*sign(dtheta_21)")
     found = run(made, Start(0.3, 0.5), 50.0)
-    assert found.end.kind == "sticking"
-    assert "turn back at once" in found.end.message
+    assert found.end.kind == "sticking" and "turn back at once" in found.end.message
     first, last = found.at([0.0, found.end.t]).q
     assert abs(3.0 * (last - first) - found.at([0.0]).kinetic[0]) < 1e-12
     kicked = run(made, Start(0.3, 0.0), 1.0, torque="-4")
@@ -650,8 +643,7 @@ def test_a_rocker_swings_over_its_dead_centre_1000_times():
     limits = (np.cos(np.deg2rad([30.0, 110.0])) - c[0] * c[1]) / (s[0] * s[1])
     reached = np.array([each.q for each in dead])
     gaps = np.abs(reached[:, None] - np.arccos(limits))
-    assert np.max(np.min(gaps, axis=1)) < 1e-12
-    assert np.all(np.min(gaps, axis=0) < 1e-12)
+    assert np.max(np.min(gaps, axis=1)) < 1e-12 and np.all(np.min(gaps, axis=0) < 1e-12)
     history = found.at(np.linspace(0.0, 400.0, 201))
     angle = history.values[:, made.variable_names.index("theta_41")]
     energy = history.kinetic - 5.0 * np.cos(angle)
@@ -663,8 +655,7 @@ def test_whole_turns_count_for_a_torsion_spring():
     made = replace(load("four_bar"), loads=(sk.Spring("coil", "21", 0.05),))
     found = run(made, Start(0.3, 4.0), 60.0, tolerance=1e-12)
     history = found.at(np.linspace(0.0, 60.0, 301))
-    assert np.max(history.q) > 2.0 * np.pi
-    assert np.min(history.q) < 0.0
+    assert np.max(history.q) > 2.0 * np.pi and np.min(history.q) < 0.0
     energy = history.kinetic + 0.025 * history.q**2
     assert np.max(np.abs(energy - energy[0])) < 1e-11 * energy[0]
 
@@ -702,8 +693,7 @@ def test_a_start_on_a_stop_leaves_it_or_ends_there():
 def test_a_load_beyond_its_domain_ends_the_motion():
     made = with_torque(load("four_bar"), "21", "sqrt(1 - t)")
     found = run(made, Start(0.3, 1.0), 2.0)
-    assert found.end.kind == "too_fast"
-    assert abs(found.end.t - 1.0) < 1e-6
+    assert found.end.kind == "too_fast" and abs(found.end.t - 1.0) < 1e-6
     assert np.isfinite(found.at([found.end.t]).q[0])
     with pytest.raises(SolveError, match="cannot leave its start"):
         run(with_torque(made, "21", "log(0 - 1 - t)"), Start(0.3, 1.0), 2.0)
@@ -773,8 +763,7 @@ def test_chosen_equations_that_come_to_depend_on_each_other_are_no_crossing(monk
     with pytest.raises(EngineError, match=r"redundant equations.*use NumPy's"):
         sk.simulate(made, start, until, engine="compiled", **driving)
     found = sk.simulate(made, start, until, tolerance=1e-9, **driving)
-    assert found.end.kind == "time"
-    assert "use NumPy" not in found.engine.reason
+    assert found.end.kind == "time" and "use NumPy" not in found.engine.reason
     assert np.max(np.abs(found.at(t).values - reference.at(t).values)) < 1e-8
     monkeypatch.undo()
     lighter = replace(made, masses=made.masses[:3])
@@ -844,8 +833,7 @@ def test_a_short_run_is_not_compiled_and_a_long_one_is():
     found = sk.simulate(load("four_bar"), Start(0.3, 1.0), 500.0, torque="0.2*sin(t)")
     assert found.engine.name == "compiled"
     forecast = found.engine.forecast
-    assert forecast.compiled < forecast.numpy
-    assert found.engine.reason == str(forecast)
+    assert forecast.compiled < forecast.numpy and found.engine.reason == str(forecast)
     assert str(forecast).startswith("expected NumPy ")
     kinked = sk.simulate(load("four_bar"), Start(0.3, 1.0), 1e-3, torque="abs(t) - 1")
     assert (kinked.engine.name, kinked.engine.forecast) == ("compiled", None)
@@ -882,8 +870,7 @@ def test_without_heyoka_numpy_runs_and_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "heyoka", None)
     made = load("four_bar")
     found = sk.simulate(made, Start(0.3, 1.0), 0.2, torque="0.5 - t")
-    assert found.engine.name == "numpy"
-    assert "pip install" in found.engine.reason
+    assert found.engine.name == "numpy" and "pip install" in found.engine.reason
     assert "NumPy engine" not in found.engine.reason  # it is what ran
     with pytest.raises(EngineMissing, match="NumPy"):
         run(made, Start(0.3, 1.0), 0.2, torque="0.5 - t")
@@ -931,6 +918,5 @@ def test_a_cache_with_a_limit_forgets_what_was_wanted_longest_ago():
     for name in ("a", "b", "a", "c", "a", "b"):
         get(name)
     assert made == ["a", "b", "c", "b"]
-    assert kept.known(load("four_bar"), "a")
-    assert not kept.known(load("four_bar"), "c")
+    assert kept.known(load("four_bar"), "a") and not kept.known(load("four_bar"), "c")
     assert not kept.known(load("watt"), "a")

@@ -99,8 +99,7 @@ def test_axis_and_angle_of_a_rotation(angle):
         turn, axis = exact_turn(random.normal(size=3), angle)
         first, _ = exact_turn(random.normal(size=3), random.uniform(0.0, 3.0))
         found = turns_between(first[None], (turn @ first)[None])
-        assert found.status[0] == TurnStatus.OK
-        assert abs(found.angle[0] - angle) < 2e-15
+        assert found.status[0] == TurnStatus.OK and abs(found.angle[0] - angle) < 2e-15
         assert np.linalg.norm(found.axis[0] - axis) < 2e-15 / min(angle, 1.0)
         assert np.max(np.abs(rotation(axis, [angle])[0] - turn)) < 1e-15
 
@@ -114,8 +113,7 @@ def test_axes_that_are_not_determined():
         TurnStatus.NO_AXIS,
         TurnStatus.NO_SENSE,
     ]
-    assert np.all(np.isnan(found.axis[:2]))
-    assert np.max(np.abs(found.axis[2] + axis)) < 1e-15
+    assert np.all(np.isnan(found.axis[:2])) and np.max(np.abs(found.axis[2] + axis)) < 1e-15
     assert found.angle[2] == pytest.approx(np.pi, abs=1e-15)
 
 
@@ -330,8 +328,7 @@ def motion_of(form, tracer, normals, modes):
 def test_graph_and_mid_plane_form_are_one(paper, form):
     """11 links, 14 pairs: orientation, driving angles and all pole axes, 1e-11."""
     assert (len(paper.links), len(paper.pairs)) == (11, 14)
-    assert form.proof()[1] == 2
-    assert form.proof()[0] < 1e-14
+    assert form.proof()[1] == 2 and form.proof()[0] < 1e-14
     normals = inside(form, 60, 1, away=np.radians(1.0))
     tracer = PositionAnalysis(paper, samples=2)
     frames = revolute_frames(paper)
@@ -387,8 +384,7 @@ def test_any_symmetric_arcs_have_the_form():
         a, b, c, d = np.radians(random.uniform([40, 30, 30, 40], [110, 85, 85, 100]))
         made = mid_plane_mechanism([a, b, b, a, c, c, d, d])
         form = sk.mid_plane_form(made)
-        assert form.proof()[1] == 2
-        assert form.proof()[0] < 1e-14
+        assert form.proof()[1] == 2 and form.proof()[0] < 1e-14
         assert form.plane.arcs == pytest.approx([b, c, d], abs=1e-15)
 
 
@@ -404,8 +400,7 @@ def test_guides_in_another_order_have_the_form(paper):
         paper, pairs=tuple(pairs), geometry=SizeGeometry(sizes, paper.geometry.zeros)
     )
     form = sk.mid_plane_form(made)
-    assert form.proof()[1] == 2
-    assert form.proof()[0] < 1e-14
+    assert form.proof()[1] == 2 and form.proof()[0] < 1e-14
 
 
 def test_factory_and_shipped_file_agree(paper):
@@ -469,8 +464,7 @@ def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
         found = turn.at(np.linspace(0.0, turn.angle, 7))
         ok = found.status == sk.Status.OK
         reached += int(np.all(ok))
-        assert ok[0]
-        assert ok[-1] == (turn.end == sk.Status.OK)
+        assert ok[0] and ok[-1] == (turn.end == sk.Status.OK)
         if not ok[-1]:
             continue
         drift = max(drift, float(np.max(found.drift[ok])))
@@ -502,8 +496,7 @@ def test_graph_follows_the_fixed_axis(form, paper, pairs):
         assert followed.end == sk.Status.OK
         found = followed.at(theta)
         assert np.all(found.status == sk.Status.OK)
-        assert np.max(found.orientation_error) < 1e-12
-        assert np.max(found.drift) < 1e-11
+        assert np.max(found.orientation_error) < 1e-12 and np.max(found.drift) < 1e-11
         assert np.max(np.abs(np.exp(1j * found.values) - np.exp(1j * known.values))) < 1e-10
         size = np.max(np.abs(known.second_rates))
         assert np.max(np.abs(found.rates - known.rates)) < 1e-9 * size
@@ -529,8 +522,7 @@ def test_through_the_home_pose(form, paper):
     angles = mirror_angles(normals)
     assert np.max(np.abs(angles.phi - np.linspace(np.pi / 6, -np.pi / 6, 21))) < 1e-14
     assert np.max(np.abs(angles.gamma)) < 1e-14
-    assert closed.status.tolist() == found_status(21, 10)
-    assert closed.type_2[10] < 1e-13
+    assert closed.status.tolist() == found_status(21, 10) and closed.type_2[10] < 1e-13
     assert np.all(np.isfinite(closed.second_rates))
     followed = sk.follow_rotation(paper, closed.values[0], turn.axis, turn.angle)
     assert followed.end == sk.Status.OK
@@ -605,8 +597,7 @@ def test_three_freedoms_follow_any_axis(name):
         assert np.max(at.gap) < 1e-13
         wanted = rotation(turn.axis, theta) @ start
         assert np.max(np.abs(placed[:, output] - wanted)) < 1e-12
-        assert np.max(found.orientation_error) < 1e-13
-        assert np.max(found.drift) < 1e-12
+        assert np.max(found.orientation_error) < 1e-13 and np.max(found.drift) < 1e-12
         h, at = 1e-3, 0.5 * theta[-1]
         around = turn.at(at + h * np.arange(-2, 3))
         assert slopes_of(around.inputs, h) == pytest.approx(around.rates[2], rel=1e-8)
@@ -647,8 +638,7 @@ def test_two_freedoms_depart_as_little_as_they_can():
     turn = sk.follow_rotation(made, values, [0.35, 0.82, 0.33], 0.6)
     theta = np.array([0.0, 0.3, 0.6])
     found = turn.at(theta)
-    assert np.all(found.status == sk.Status.OK)
-    assert found.orientation_error[0] < 1e-14
+    assert np.all(found.status == sk.Status.OK) and found.orientation_error[0] < 1e-14
     assert found.orientation_error[2] > 0.1
     closure = Closure.of(made, geometry_of(made).joints)
     start = closure.at(values[None]).placed[0, output]
@@ -732,8 +722,7 @@ def test_through_the_gimbal_pose_of_a_wrist():
     """b turns through 0, where a and c turn about one axis; both stand still."""
     across = [np.sin(0.3), -np.cos(0.3), 0.0]
     turn = sk.follow_rotation(wrist(), [0.3, 0.5, 0.2], across, 0.9)
-    assert turn.end == sk.Status.OK
-    assert turn.leaps == pytest.approx([0.5], abs=1e-9)
+    assert turn.end == sk.Status.OK and turn.leaps == pytest.approx([0.5], abs=1e-9)
     found = turn.at([0.0, 0.2, 0.5, 0.7, 0.9])
     assert found.inputs[:, 1] == pytest.approx(0.5 - found.theta, abs=1e-12)
     assert np.max(np.abs(found.inputs[:, [0, 2]] - [0.3, 0.2])) < 1e-11
@@ -843,8 +832,7 @@ def test_schedule_of_the_papers_example(form, shape):
     plan = time_optimal(turn, *limits, shape=shape)
     table = plan.table(20001)
     tops = np.max(np.abs(table.rates)), np.max(np.abs(table.accelerations))
-    assert tops[0] <= limits[0] * (1 + 1e-9)
-    assert tops[1] <= limits[1] * (1 + 1e-9)
+    assert tops[0] <= limits[0] * (1 + 1e-9) and tops[1] <= limits[1] * (1 + 1e-9)
     assert max(tops[0] / limits[0], tops[1] / limits[1]) > 1 - 1e-7
     for each in plan.extremes:
         there = plan.at([each.t])

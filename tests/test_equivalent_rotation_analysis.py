@@ -138,8 +138,7 @@ def test_rows_of_table_3(table_3):
 def test_that_the_axis_stays_fixed_is_proven_in_numbers(table_3):
     own = findings(table_3)
     assert own["feasible"] and own["end"] == "OK"
-    assert own["largest_orientation_error_rad"] < 1e-14
-    assert own["largest_drift_rad"] < 1e-14
+    assert own["largest_orientation_error_rad"] < 1e-14 and own["largest_drift_rad"] < 1e-14
 
 
 def test_loss_of_control_on_the_way_is_a_warning(table_3):
@@ -331,8 +330,7 @@ def test_a_mechanism_with_two_inputs_departs():
     found = degrees(result, "q_21", "q_51", "phi", "orientation_error")
     assert found[0, :2] == pytest.approx([60.0, 100.0], abs=1e-9)
     assert found[-1, :2] == pytest.approx([75.0, 75.0], abs=1e-9)
-    assert np.all(np.isnan(found[:, 2]))
-    assert found[0, 3] < 1e-9 and found[-1, 3] < 1e-9
+    assert np.all(np.isnan(found[:, 2])) and found[0, 3] < 1e-9 and found[-1, 3] < 1e-9
     assert np.degrees(own["largest_orientation_error_rad"]) == pytest.approx(
         np.max(found[:, 3])
     )
@@ -585,8 +583,7 @@ def test_pages_where_the_rotation_ends_early():
     """Rows beyond the reach are NaN, and no page fails for it."""
     text = "start=a1=40+a2=50+a3=60,end=ux=0+uy=0+uz=1+angle=170,samples=9,speed=10"
     result = ran("three_rrr", text, scenes=True)
-    assert findings(result)["end"] != "OK"
-    assert np.any(np.isnan(degrees(result, "q_a1")))
+    assert findings(result)["end"] != "OK" and np.any(np.isnan(degrees(result, "q_a1")))
     assert any("the rotation ends at" in text for text in result.warnings)
     assert any("there is no schedule" in text for text in result.warnings)
     assert set(result.pages) == {"Equivalent rotation"}

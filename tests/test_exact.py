@@ -248,8 +248,7 @@ def test_a_profile_through_points():
     chosen = some(motion, 1)
     made = motion.mechanism
     found = sk.exact_rows(motion, chosen, 0, FIFTY)
-    assert np.all(found.status == Status.OK)
-    assert np.all(found.distance < 1e-14)
+    assert np.all(found.status == Status.OK) and np.all(found.distance < 1e-14)
     rotations = floats(found.rotations)
     curve = motion.joints[made.pair_number["contact"]].first
     places = curve.at(np.linspace(0.0, curve.length, 20001)).frame[:, :, 2]
@@ -274,8 +273,7 @@ def test_what_has_failed_or_is_not_near_has_no_reference():
     values[1, 1:] += 1e-4
     values[2, 1] += 1e-9
     found = sk.exact_rows(replace(motion, values=values, status=status), chosen, driven)
-    assert found.status[0] == Status.OUT_OF_REACH
-    assert found.status[1] == Status.MODE_LOST
+    assert found.status[0] == Status.OUT_OF_REACH and found.status[1] == Status.MODE_LOST
     assert found.distance[1] == pytest.approx(1e-4, rel=1e-3)
     assert np.all(found.status[2:] == Status.OK)
     assert found.distance[2] == pytest.approx(1e-9, rel=1e-3)
@@ -328,8 +326,7 @@ def test_inputs_of_several_turns_are_taken_exactly():
     found = sk.exact_rows(motion, np.ones(len(motion), dtype=bool), 0, FIFTY)
     with mp.workdps(50):
         shift = mp.mpf(1.0 + 2.0 * np.pi) - 2 * mp.pi
-        assert found.values[0, 0] == 1
-        assert abs(found.values[1, 0] - shift) < 1e-48
+        assert found.values[0, 0] == 1 and abs(found.values[1, 0] - shift) < 1e-48
 
 
 def test_no_rows_and_no_loops():

@@ -62,8 +62,7 @@ def test_names_used():
 
 def test_a_constant_has_the_shape_of_the_samples():
     result = parse("5", NAMES).evaluate({"t": np.zeros((4, 2))})
-    assert result.shape == (4, 2)
-    assert (result == 5.0).all()
+    assert result.shape == (4, 2) and (result == 5.0).all()
     assert parse("5", NAMES).evaluate({}).shape == ()
 
 
@@ -122,8 +121,7 @@ def test_missing_values_are_named():
 def test_faults_name_column_and_remedy(text, column, words):
     with pytest.raises(ModelError) as caught:
         parse(text, NAMES)
-    assert f"column {column}: " in str(caught.value)
-    assert words in str(caught.value)
+    assert f"column {column}: " in str(caught.value) and words in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -38,8 +38,7 @@ def test_the_files_these_faults_start_from_are_sound():
     mechanism = loads(SIZES)
     assert mechanism.links == ("1", "2", "3", "4")
     assert mechanism.geometry.zeros == {"21": 3.141592653589793}
-    assert mechanism.inputs[0].start == 0.0
-    assert mechanism.outputs[0].relative_to == "1"
+    assert mechanism.inputs[0].start == 0.0 and mechanism.outputs[0].relative_to == "1"
     assert mechanism.user == {"note": "free"}
     cam = loads(POSE)
     assert cam.geometry.axes == {"a": (0.0, 0.0, 1.0), "b": (0.0, 1.0, 0.0)}
@@ -82,8 +81,7 @@ def test_windows_line_ends_and_byte_order_mark():
 def test_user_data_is_kept_and_never_interpreted():
     text = SIZES + "x = nan\nangle_unit = 7\ntype.R = [1979-05-27, {a = 1.5}]\n"
     user = loads(text).user
-    assert user["angle_unit"] == 7
-    assert type(user["type"]["R"][1]["a"]) is float
+    assert user["angle_unit"] == 7 and type(user["type"]["R"][1]["a"]) is float
 
 
 def test_not_utf8(tmp_path):
@@ -152,8 +150,7 @@ z = "\\"[q]"
         ("s", 1, "v", "w"): 15,
         ("s", 1, "v", "z"): 16,
     }
-    assert {path: lines.get(path) for path in expected} == expected
-    assert ("x",) not in lines
+    assert {path: lines.get(path) for path in expected} == expected and ("x",) not in lines
     assert ("y",) not in lines
 
 

@@ -151,8 +151,7 @@ def test_random_mechanisms(seed, unit, tmp_path):
     path = tmp_path / "written.toml"
     dump(mechanism, path, unit)
     again = load(path)
-    assert again == mechanism
-    assert again.links == mechanism.links
+    assert again == mechanism and again.links == mechanism.links
     assert dumps(again, unit) == path.read_text(encoding="utf-8")
     assert tomllib.loads(dumps(mechanism, unit))["angle_unit"] == unit
 
@@ -177,8 +176,7 @@ def test_short_degrees_stay_short_and_mean_what_programs_compute():
     assert to_radians(LiteralNumber("60.10000000000000000000000"), "deg") == math.radians(
         60.1
     )
-    assert to_radians(45, "deg") == math.pi / 4
-    assert to_text(math.pi, "deg") == "180.0"
+    assert to_radians(45, "deg") == math.pi / 4 and to_text(math.pi, "deg") == "180.0"
     assert to_text(math.radians(1e-9), "deg") == "1e-9"
     assert to_text(5e-324, "rad") == "5e-324"
 
@@ -193,8 +191,7 @@ def test_unit_vectors_are_left_alone_once_normalised():
     for xyz in random.normal(size=(2000, 3)):
         nearly = xyz / np.linalg.norm(xyz) * random.uniform(0.9995, 1.0005)
         once = unit_vector(tuple(map(float, nearly)))
-        assert abs(math.hypot(*once) - 1) < 4e-16
-        assert unit_vector(once) == once
+        assert abs(math.hypot(*once) - 1) < 4e-16 and unit_vector(once) == once
 
 
 def test_tables_stand_in_the_order_of_the_schema():
@@ -210,8 +207,7 @@ def test_a_written_file_is_readable_by_people():
     text = dumps(random_mechanism(2))
     assert max(map(len, text.splitlines())) <= 100
     assert text.startswith('format = 1\nname = "random_2"\nangle_unit = "deg"\n')
-    assert "\n\n[source]\n" in text
-    assert "\n\n\n" not in text
+    assert "\n\n[source]\n" in text and "\n\n\n" not in text
 
 
 def square(**changes):
@@ -316,8 +312,7 @@ def test_failed_writing_leaves_the_old_file(tmp_path, monkeypatch, function, cod
     with pytest.raises(OutputError, match=words):
         dump(text, path)
     monkeypatch.undo()
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 
 
 def test_links_to_files_and_permissions_stay(tmp_path):

@@ -184,8 +184,7 @@ def test_changes_are_those_of_the_file():
         .with_mass("4", np.diag([4.0, 4.0, 1.0]), 3.0, (0, 0, 0.1))
         .with_loads(sk.Spring("coil", "21", 2.0, math.pi / 2), without=["on_crank"])
     )
-    assert changed == sk.build(**data)
-    assert len(changed.with_mass("4", None).masses) == 2
+    assert changed == sk.build(**data) and len(changed.with_mass("4", None).masses) == 2
     for one in (25, np.float32(25.0), [25.0], np.array([25.0]), {"32": 25.0}):
         arcs = (
             four_bar.with_sizes(angle_unit="deg", arcs={"2": one}).geometry.links["2"].arcs

@@ -35,8 +35,7 @@ def check_command(folder, words, text):
             status = left.code
             assert status in (0, 2)
     assert status in STATUSES, words
-    assert "Traceback" not in err.getvalue()
-    assert "Warning" not in err.getvalue()
+    assert "Traceback" not in err.getvalue() and "Warning" not in err.getvalue()
     if status == 1:
         assert err.getvalue().startswith("spherekit: ")
 

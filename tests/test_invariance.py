@@ -106,8 +106,7 @@ def test_planar_limit():
     planar = _planar_ratio(*[size.arcs[0] for size in base.geometry.links.values()], 0.9)
     mode = int(np.argmin(np.abs(np.array(planar) - rates[-1])))
     errors = np.abs(np.array(rates) - planar[mode])
-    assert errors[1] < 0.02 * errors[0]
-    assert errors[2] < 0.02 * errors[1] + 1e-11
+    assert errors[1] < 0.02 * errors[0] and errors[2] < 0.02 * errors[1] + 1e-11
 
 
 def _planar_ratio(ground, crank, coupler, rocker, theta):

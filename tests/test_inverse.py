@@ -299,8 +299,7 @@ def test_rows_that_are_out_of_reach_do_not_disturb_others():
     poses[3] = np.nan
     inverse = kinematics.at(poses, modes=[(1, -1, 1)])
     alone = kinematics.at(np.delete(poses, 3, axis=0), modes=[(1, -1, 1)])
-    assert inverse.labels == ("+-+",)
-    assert inverse.status[0, 3] == Status.OUT_OF_REACH
+    assert inverse.labels == ("+-+",) and inverse.status[0, 3] == Status.OUT_OF_REACH
     for one, other in (
         (inverse.inputs, alone.inputs),
         (inverse.margin, alone.margin),
@@ -463,8 +462,7 @@ def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equatio
     size = np.max(np.abs(rates), axis=(1, 2))
     moves = size > 1e-6
     same = (gap < 1e-9) & (inverse.status == Status.OK)
-    assert np.sum(moves) >= 8
-    assert np.all(np.any(same & (wrong < 1e-8), axis=0)[moves])
+    assert np.sum(moves) >= 8 and np.all(np.any(same & (wrong < 1e-8), axis=0)[moves])
 
 
 def test_a_mechanism_with_a_bar_wants_a_start():

@@ -61,8 +61,7 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     rows = solver.inverse(poses, solver.labels, pairs)
     good = np.asarray(rows.status == sk.Status.OK) & (rows.type_1.min(axis=1) > AWAY)
     good &= rows.type_2 > AWAY
-    assert np.sum(good) > 40
-    assert np.max(solver.residual(rows.values[good])) < 1e-13
+    assert np.sum(good) > 40 and np.max(solver.residual(rows.values[good])) < 1e-13
     own = ForwardKinematics(solver.mechanism).solver
     turns = output_rates(motion_of(own, rows.values[good]), solver.output)
     directions = poses[rows.pose[good]] if solver.points else None
@@ -390,8 +389,7 @@ def test_at_the_image_of_the_output_nothing_is_determined():
     """Where every mid-plane serves, a row is one of them and says that it is singular."""
     solver = output_kinematics(sk.load("two_dof_spm"))
     rows = solver.inverse(solver.form.home[None] @ solver.form.frame.T, ["+++"])
-    assert rows.status[0] == sk.Status.AT_SINGULARITY
-    assert np.all(rows.type_1 < 1e-14)
+    assert rows.status[0] == sk.Status.AT_SINGULARITY and np.all(rows.type_1 < 1e-14)
 
 
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])

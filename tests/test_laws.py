@@ -143,8 +143,7 @@ def study(folder, text):
 )
 def test_a_study_has_laws_duration_and_start(tmp_path, text, law):
     read = study(tmp_path, STUDY + text)
-    assert read.laws == {"21": law}
-    assert (read.duration, read.start) == (2.5, None)
+    assert read.laws == {"21": law} and (read.duration, read.start) == (2.5, None)
     bare = STUDY.partition("[inputs.21.law]")[0]
     read = study(tmp_path, f"{bare}[start]\nq = 90\ndq = 180\n")
     assert read.start == Start(math.pi / 2, math.pi)

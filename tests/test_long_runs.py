@@ -207,8 +207,7 @@ def test_a_signal_says_how_to_go_on(number, tmp_path, capsys, monkeypatch):
         # Ignored, as by the shells that start jobs in the background, it would stay so.
         preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     )
-    assert done.returncode == 128 + number
-    assert done.stdout == ""
+    assert done.returncode == 128 + number and done.stdout == ""
     assert "Traceback" not in done.stderr
     (line,) = done.stderr.splitlines()
     done = re.match(r"spherekit: stopped; (\d+) of 80000 samples are done and kept", line)
@@ -217,8 +216,7 @@ def test_a_signal_says_how_to_go_on(number, tmp_path, capsys, monkeypatch):
     assert command == ["spherekit", *words, str(folder), "--resume"]
     assert main([*words, str(folder)]) == 1
     assert "go on with --resume" in capsys.readouterr().err
-    assert main(command[1:]) == 0
-    assert main([*words, str(tmp_path / "whole"), "-q"]) == 0
+    assert main(command[1:]) == 0 and main([*words, str(tmp_path / "whole"), "-q"]) == 0
     assert contents(folder) == contents(tmp_path / "whole")
 
 
@@ -372,8 +370,7 @@ def test_a_damaged_journal_is_told(damage, words, tmp_path, capsys):
         four_bar(tmp_path, unfinished="resume")
     options = ["-a", "poles:only=31", "--samples", "60", "-q", "-o", str(tmp_path)]
     assert main(["run", "four_bar", *options, "--restart"]) == 0
-    assert "summary.json" in names_in(tmp_path)
-    assert WORK not in names_in(tmp_path)
+    assert "summary.json" in names_in(tmp_path) and WORK not in names_in(tmp_path)
 
 
 def turn_a_bit(path, at):
@@ -404,8 +401,7 @@ def test_memory_and_folder_give_the_same_bits(job, tmp_path):
     streamed = job(tmp_path / "streamed")
     kept.write(tmp_path / "written")
     mine, theirs = (contents(tmp_path / name) for name in ("streamed", "written"))
-    assert mine == theirs
-    assert sorted(path.name for path in streamed.files) == sorted(mine)
+    assert mine == theirs and sorted(path.name for path in streamed.files) == sorted(mine)
     for name, found in kept.results.items():
         for table in found.tables:
             for degrees in (False, True):
@@ -583,8 +579,7 @@ def test_whole_batches_are_not_resumed_and_need_memory(tmp_path, monkeypatch, ca
         sk.run(sk.load("four_bar"), whole(), folder=tmp_path, progress=interrupt(1, True))
     assert "361 of 361 samples are done and kept" in note(caught.value)
     result = sk.run(sk.load("four_bar"), whole(), folder=tmp_path, unfinished="resume")
-    assert result.summary["samples_in_a_block"] == 361
-    assert len(result.frame("words")) == 722
+    assert result.summary["samples_in_a_block"] == 361 and len(result.frame("words")) == 722
     monkeypatch.setattr(store, "usable_memory", lambda: 10**8)
     with pytest.raises(AnalysisError, match=r"words looks at all samples at once.* 100 MB"):
         sk.run(sk.load("four_bar"), whole(), samples=50_000)

@@ -128,5 +128,4 @@ def test_reduced_angles_keep_every_digit():
             given, reduced(given), whole_turns(given), strict=True
         ):
             exact = mp.mpf(angle) - 2 * mp.pi * int(count)
-            assert abs(exact - mp.mpf(least)) < 1e-15
-            assert abs(exact) < 3.15
+            assert abs(exact - mp.mpf(least)) < 1e-15 and abs(exact) < 3.15

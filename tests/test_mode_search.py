@@ -96,8 +96,7 @@ def test_the_share_that_is_stated_is_missed_so_rarely():
         likely = {k for k, share in enumerate(shares) if share >= census.share}
         judged += len(likely)
         missed += len(likely - set(numbers))
-    assert judged > 1000
-    assert missed < 0.01 * judged
+    assert judged > 1000 and missed < 0.01 * judged
 
 
 def test_a_search_goes_on_while_it_finds_little():
@@ -120,8 +119,7 @@ def test_a_search_that_finds_nothing_ends_and_says_so():
     census = SearchStatistics(12)
     while census.goes_on:
         census.add(STARTS, np.zeros(0, dtype=np.intp), 0)
-    assert census.starts == 4 * STARTS
-    assert "none closed" in census.words("modes")
+    assert census.starts == 4 * STARTS and "none closed" in census.words("modes")
 
 
 def test_the_claim_of_a_searched_group_says_how_many_starts_it_rests_on():
@@ -160,8 +158,7 @@ def test_runs_and_curves_have_every_mode(made):
     tally = Tally()
     for seed in range(3):
         judge(tally, made(seed), seed)
-    assert tally.modes > 30
-    assert tally.missed_by_run == tally.missed_by_curves == 0
+    assert tally.modes > 30 and tally.missed_by_run == tally.missed_by_curves == 0
 
 
 def test_the_order_of_modes_does_not_hang_on_rounding_at_half_turns():

@@ -70,8 +70,7 @@ def test_four_hundred_random_cranks_never_flip():
     for _ in range(400):
         arcs = random_crank(random)
         motion = sk.trace(four_bar(arcs), samples=13)
-        assert len(motion.assembly_modes) == 2
-        assert np.all(motion.status == sk.Status.OK)
+        assert len(motion.assembly_modes) == 2 and np.all(motion.status == sk.Status.OK)
         theta41 = motion.values[:, 3].reshape(2, 13)
         q = motion.q[:13]
         found = []
@@ -83,8 +82,7 @@ def test_four_hundred_random_cranks_never_flip():
                 )
                 if np.max(gap) < 1e-9:
                     found.append((assembly_mode, p))
-        assert len(found) == 2
-        assert {p for _, p in found} == {0, 1}
+        assert len(found) == 2 and {p for _, p in found} == {0, 1}
 
 
 @pytest.mark.slow
@@ -117,8 +115,7 @@ def test_rocker_is_reported_out_of_reach_exactly_where_it_is():
     assert np.array_equal(motion.status == sk.Status.OK, reachable)
     assert np.all(motion.status[~reachable] == sk.Status.OUT_OF_REACH)
     assert np.all(np.isnan(motion.values[~reachable][:, 1:]))
-    assert np.all(np.isnan(motion.rotations[~reachable]))
-    assert len(motion) == 2 * 3601
+    assert np.all(np.isnan(motion.rotations[~reachable])) and len(motion) == 2 * 3601
     assert np.all(np.isfinite(motion.q))
 
 
@@ -145,8 +142,7 @@ def test_followed_branches_end_at_the_dead_centre_of_the_input():
                 )
                 assert slowest < 1e-4
     ends = np.sort(ends)
-    assert len(ends) % 2 == 0
-    assert len(ends) > 0
+    assert len(ends) % 2 == 0 and len(ends) > 0
     assert np.max(np.abs(ends[0::2] - ends[1::2])) < 1e-9
 
 
@@ -213,8 +209,7 @@ def test_a_range_that_falls_has_the_singular_places_of_one_that_rises():
         sk.run(each, asked, samples=3).frame("singularities")
         for each in (made, replace(made, inputs=(one, falls)))
     ]
-    assert len(found[0]) > 100
-    assert found[0].equals(found[1])
+    assert len(found[0]) > 100 and found[0].equals(found[1])
 
 
 def test_unknown_branch_range_and_samples():

@@ -71,8 +71,7 @@ def test_a_zero_that_touches_at_an_end_is_double_and_a_triple_one_is_found_soon(
         found = zeros(
             lambda s, a=slope: (s * s + a * s, 2.0 * s + a), np.linspace(0.0, 1.0, 8)
         )
-        assert found.places.tolist() == [0.0]
-        assert found.double.tolist() == [True]
+        assert found.places.tolist() == [0.0] and found.double.tolist() == [True]
     asked = []
 
     def triple(s):
@@ -135,8 +134,7 @@ def test_jumps_within_brackets():
 
     ends = np.full(3, 1e9), np.full(3, -1.0)
     zero, outside = bracketed_zeros(function, np.zeros(3), np.full(3, 2.0), *ends)
-    assert np.abs(zero - places).max() < 1e-14
-    assert np.all(outside >= places)
+    assert np.abs(zero - places).max() < 1e-14 and np.all(outside >= places)
     rough, _ = bracketed_zeros(function, np.zeros(3), np.full(3, 2.0), *ends, 1e-3)
     assert 1e-9 < np.abs(rough - places).max() < 1e-3
 

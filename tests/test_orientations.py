@@ -25,12 +25,10 @@ def tilt(axis, reference, angle):
 
 def test_everything_and_nothing():
     whole = find_orientations(lambda q: np.ones((len(q), 1)))
-    assert abs(whole.volume / ALL_ORIENTATIONS - 1.0) < 1e-10
-    assert whole.error == 0.0
+    assert abs(whole.volume / ALL_ORIENTATIONS - 1.0) < 1e-10 and whole.error == 0.0
     assert whole.fraction == pytest.approx(1.0)
     nothing = find_orientations(lambda q: -np.ones((len(q), 2)))
-    assert nothing.volume == nothing.error == 0.0
-    assert nothing.depth < 0.0
+    assert nothing.volume == nothing.error == 0.0 and nothing.depth < 0.0
 
 
 @pytest.mark.parametrize("angle", [0.4, 1.5, 2.8])
@@ -62,8 +60,7 @@ def test_two_margins():
     exact = 2.0 * np.pi**2 * (1.0 - np.cos(0.6))
     found = find_orientations(margins, 1e-2)
     assert abs(found.volume - exact) <= found.error <= 1e-2 * found.volume
-    assert found.depth > 0.0
-    assert margins(found.place[None]).min() == found.depth
+    assert found.depth > 0.0 and margins(found.place[None]).min() == found.depth
 
 
 def test_one_axis_in_common_caps():
@@ -87,7 +84,6 @@ def test_limits_of_the_work_are_told_by_the_error():
     within = tilt([0, 0, 1], [0, 0, 1], 0.6)
     exact = 4.0 * np.pi**2 * (1.0 - np.cos(0.6))
     found = find_orientations(within, 1e-6, most=50_000)
-    assert found.evaluations < 100_000
-    assert abs(found.volume - exact) <= found.error
+    assert found.evaluations < 100_000 and abs(found.volume - exact) <= found.error
     with pytest.raises(RegionError, match="tolerance is -1"):
         find_orientations(within, -1)
