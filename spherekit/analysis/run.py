@@ -106,9 +106,15 @@ def run(
 
 
 def executed(
-    study: Study, analyses: Sequence[AbstractAnalysis], execution: Execution
+    study: Study,
+    analyses: Sequence[AbstractAnalysis],
+    execution: Execution,
+    follow: bool = False,
 ) -> RunResult:
-    """Return what a run of a study finds; see `run`."""
+    """Return what a run of a study finds; see `run`.
+
+    Its motion is traced where anything asks for it, or to `follow` it.
+    """
     for name, value, default in (
         ("engine", execution.engine, "auto"),
         ("crossings", study.crossings, "end"),
@@ -125,7 +131,7 @@ def executed(
     with opened(execution.folder) as place:
         asked = RequestedAnalyses.of(analyses, study.mechanism)
         engine = engine_of(place, execution.unfinished, execution.engine)
-        follow = traced(study, analyses, execution)
+        follow = follow or traced(study, analyses, execution)
         with ledger.stage(solving):
             pending = courses_of(study, engine, follow)
             if asked.at_once or study.verify:  # only the whole course is of use
