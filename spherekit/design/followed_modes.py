@@ -15,16 +15,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices, Integers
-from spherekit.design.all_solutions import (
-    HomotopyPath,
-    StartSolutions,
+from spherekit.design.all_solutions import StartSolutions
+from spherekit.design.homotopy import (
+    LONG,
+    Equations,
     apart,
     corrected,
     distinct,
     settled,
+    straight,
     tracked,
 )
-from spherekit.design.profile_numbers import followed
 from spherekit.engine.design_kernel import PathKernel
 from spherekit.motion.input_grid import InputGrid
 from spherekit.sphere.rotation import max_abs, nans
@@ -147,9 +148,7 @@ class _Following:
     def begun(self, start: StartSolutions, q: Floats) -> _Sample:
         """Return the first sample."""
         n = len(self.lost)
-        way = HomotopyPath(
-            (start.sizes[:, None], self.sizes), (start.q[:, None], q[:, None])
-        )
+        way = straight((start.sizes[:, None], self.sizes), (start.q[:, None], q[:, None]))
         values, arrived = tracked(self.kernel, way, np.tile(start.values, (1, n)))
         values[:, ~arrived] = np.nan
         values, real = self._real(values, np.ones(n * self.m, dtype=bool))
@@ -161,6 +160,10 @@ class _Following:
             at = self.kernel.at(values, self.prepared)
         real = real & ~np.repeat(self.lost, self.m)
         return _Sample(values, real, at.rates, at.determinant)
+
+    def _equations(self, rows: Indices) -> Equations:
+        prepared = self.prepared[:, rows]
+        return lambda values, some: self.kernel.at(values, prepared[:, some])
 
     def _whole(self, values: Array) -> Bools:
         """Return for each design whether its solutions are distinct."""
@@ -176,9 +179,7 @@ class _Following:
         near = np.flatnonzero((off < REAL) & ~real & chosen)
         if len(near):
             start = np.ascontiguousarray(values[:, near].real)
-            refined, closed = settled(
-                self.kernel, start, np.ascontiguousarray(self.prepared[:, near])
-            )
+            refined, closed = settled(self._equations(near), start)
             stays = closed & (max_abs(refined - start, axis=0) < STAYS)
             rows = near[stays]
             values = values.copy()
@@ -195,9 +196,10 @@ class _Following:
         with np.errstate(all="ignore"):
             guess = at.values + at.along(h)
             guess[kernel.driven] = there[:, None]
-            made, first, _ = corrected(kernel, guess, self.prepared)
+            equations = self._equations(np.arange(len(alive)))
+            made, first, _, _ = corrected(equations, guess)
             made[:, ~(first < 1.0)] = np.nan
-            made, closed = settled(kernel, made, self.prepared)
+            made, closed = settled(equations, made)
         values, real = self._real(np.where(closed, made, np.nan), alive)
         again = ~self._whole(values) & ~self.lost
         for bend in BENDS:
@@ -205,7 +207,7 @@ class _Following:
                 break
             rows = np.flatnonzero(np.repeat(again, self.m))
             sizes, ends = self.sizes[:, rows], (before[:, None], there[:, None])
-            way = HomotopyPath((sizes, sizes), ends, 1j * bend * h[:, None])
+            way = straight((sizes, sizes), ends, 1j * bend * h[:, None])
             arrivals, arrived = tracked(kernel, way, at.values[:, rows])
             arrivals[:, ~arrived] = np.nan
             values[:, rows] = arrivals
@@ -291,12 +293,9 @@ class _Following:
         self, at: _Sample, sample: _Sample, rows: Indices, start: Floats, stop: Floats
     ) -> Iterator[tuple[int, int]]:
         """Yield rows whose real ways reach a sample, and where these end, -1 if nowhere."""
-        sizes = self.sizes[:, rows]
-        turned = dict(zip(self.kernel.driven, stop - start, strict=True))
-        begun = np.ascontiguousarray(at.values[:, rows].real)
-        values, reached = followed(
-            self.kernel, begun, sizes, np.zeros_like(sizes), turned=turned
-        )
+        sizes, begun = self.sizes[:, rows], np.ascontiguousarray(at.values[:, rows].real)
+        way = straight((sizes, sizes), (start[:, None], stop[:, None]))
+        values, reached = tracked(self.kernel, way, begun, contracts=LONG)
         for row, end in zip(rows[reached].tolist(), values[:, reached].T, strict=True):
             places = self.own(row)
             gaps = apart(sample.values[:, places].real, end[:, None])

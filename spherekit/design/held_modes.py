@@ -7,9 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.design.all_solutions import SAME, apart
 from spherekit.design.evaluate import Evaluator
-from spherekit.design.profile_numbers import followed
+from spherekit.design.homotopy import LONG, SAME, apart, straight, tracked
 from spherekit.design.sensitivity import DesignAt
 from spherekit.engine.design_kernel import PathKernel, path_kernel
 from spherekit.errors import SpherekitError
@@ -54,14 +53,12 @@ class FollowedMode:
         """Return the variables (w, count) at a design."""
         closes = np.flatnonzero(all_finite(self.configurations, 0))
         made = nans(self.configurations.shape)
-        there = np.repeat(design.sizes[:, None], len(closes), axis=1)
-        away = there - self.design.sizes[:, None]
-        start = self.configurations[:, closes]
-        ways = None
+        way = straight((self.design.sizes[:, None], design.sizes[:, None]))
+        start, profiles = self.configurations[:, closes], None
         if self.design.profiles is not None:
             onward = design.values - self.design.values
-            ways = self.design.profiles.towards(onward[:, None])
-        values, arrived = followed(self.newton, start, there, away, ways)
+            profiles = self.design.profiles.towards(onward[:, None])
+        values, arrived = tracked(self.newton, way, start, profiles, LONG)
         made[:, closes[arrived]] = values[:, arrived]
         return made
 

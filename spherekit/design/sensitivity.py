@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN, choices, listing, nearest
+from spherekit.design.homotopy import SHORT, Profiles, straight, tracked
 from spherekit.design.profile_numbers import (
     APART,
     ProfileNumbers,
-    Profiles,
-    followed,
     has_other_profiles,
 )
 from spherekit.design.variables import (
@@ -478,7 +477,8 @@ class Sensitivity:
         if self._varied.contacts is not None and self._varied.numbers is not None:
             angles = away[: len(self._varied.numbers.of_contacts)]
             angles -= TURN * np.round(angles / TURN)  # those of wheels are of any turn
-        now, closed = followed(self._newton, start, sizes, away, profiles, short=True)
+        way = straight((sizes - away, sizes))
+        now, closed = tracked(self._newton, way, start, profiles, SHORT)
         there = np.repeat(samples.T, draws, axis=1)
         with np.errstate(all="ignore"):
             columns = None

@@ -46,7 +46,8 @@ class ComplexFunction:
 
     def __call__(self, values: Array, numbers: Floats) -> Array:
         """Return the values (outputs, n) at variables (variables, n), numbers (k, n)."""
-        columns = self.function(np.concatenate([values.real, values.imag, numbers]))
+        rows = np.concatenate([values.real, values.imag, numbers])
+        columns = self.function(np.ascontiguousarray(rows))
         half = len(columns) // 2
         made = np.empty((half, values.shape[1]), dtype=complex)
         made.real, made.imag = columns[:half], columns[half:]

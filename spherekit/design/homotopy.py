@@ -1,0 +1,223 @@
+"""Closed configurations followed from design to design and through inputs.
+
+Off the real axis of the inputs solutions of the closure equations neither meet nor vanish,
+so all of one design lead to all of another (coefficient-parameter continuation; Sommese and
+Wampler, The Numerical Solution of Systems of Polynomials, 2005, chapter 7). Real ones are
+followed in steps that do not leap to another assembly mode, as far as there are some.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from spherekit.arrays import Array, Bools, Floats, Indices
+from spherekit.engine.design_kernel import At, PathKernel
+from spherekit.sphere.rotation import all_finite, max_abs
+
+SOON = 2.0**-8
+"""Part of a way at which it is looked at first, for its direction."""
+FIRST, LEAST, MOST = 0.125, 2.0**-20, 600
+"""The first step off the real axis and the least, as parts of a way, and most of them."""
+NEAR = 0.3
+"""Most (rad) by which a prediction may be off, off the real axis."""
+CONTRACTS = 0.2
+"""Newton's second step is at most this part of the first there."""
+SHORT, LONG = 0.125, 0.03125
+"""Newton's steps on the real axis are at most this part of the one before, the first of
+how far a configuration is foreseen (Kantorovich 1948): on ways of small deviations, on
+others."""
+EAGER = 0.1
+"""Where they shrink by this part of that, the next step along the way is twice as long."""
+STILL = 1e-9
+"""Steps (rad) so short do not leap."""
+NEARLY = 1e-6
+"""Configurations on the way may be off by less (rad)."""
+POLISHING = 5
+"""Newton's steps at most at the end of a way."""
+CONVERGED = 1e-10
+"""Newton's last step (rad) is smaller."""
+CLOSED = 1e-11
+"""Loops are open by less (rad)."""
+FARTHEST = 12.0
+"""Solutions whose imaginary parts (rad) are larger are not told from infinite ones."""
+SAME = 1e-6
+"""Solutions that differ by less (rad) are one."""
+
+Way = Callable[[Indices, Floats], tuple[Floats, Array]]
+"""Sizes (k, m) and inputs (inputs, m) of rows (m,), parts (m,) of their ways on."""
+
+Profiles = Callable[[Floats, Indices, Floats], Floats]
+"""Columns (w, k) of profiles at variables (v, k) of rows (k,) at parts (k,) of their ways.
+
+NaN where there is no design."""
+
+Equations = Callable[[Array, Indices], At]
+"""The closure equations at variables (v, m) of rows (m,)."""
+
+HELD = np.zeros((0, 1)), np.zeros((0, 1))
+"""Inputs that kernels hold, at both ends."""
+
+
+def straight(
+    sizes: tuple[Floats, Floats],
+    q: tuple[Array, Array] = HELD,
+    bend: Array | float = 0.0,
+) -> Way:
+    """Return straight ways in sizes and inputs, bent off the real axis between.
+
+    `sizes` (k, n) and `q` (inputs, n) at both ends, or (k, 1) and (inputs, 1) of all;
+    `bend` (inputs, 1) is how far off the inputs are halfway.
+    """
+
+    def way(rows: Indices, t: Floats) -> tuple[Floats, Array]:
+        one, other, a, b = (
+            end[:, rows] if end.shape[1] > 1 else end for end in (*sizes, *q)
+        )
+        return one + (other - one) * t, a + (b - a) * t + 4.0 * bend * t * (1.0 - t)
+
+    return way
+
+
+def tracked(
+    kernel: PathKernel,
+    way: Way,
+    start: Array,
+    profiles: Profiles | None = None,
+    contracts: float = CONTRACTS,
+) -> tuple[Array, Bools]:
+    """Return the solutions (variables, n) at the ends of ways, and which arrived (n,).
+
+    Parameters
+    ----------
+    kernel
+        Newton's step of the topology.
+    way
+        The sizes and inputs on the way.
+    start
+        (variables, n) solutions where ways begin. Real ones keep the sign of the
+        equations' determinant.
+    profiles
+        The columns of profiles, where some are handed in.
+    contracts
+        By what part Newton's steps shrink.
+    """
+    n, real = start.shape[1], not np.iscomplexobj(start)
+
+    def at(rows: Indices, t: Floats) -> tuple[Array, Equations]:
+        sizes, q = way(rows, t)
+        prepared = kernel.prepare(np.ascontiguousarray(sizes))
+
+        def equations(values: Array, some: Indices) -> At:
+            rest = prepared[:, some]
+            if profiles is not None:
+                rest = np.concatenate([profiles(values, rows[some], t[some]), rest])
+            return kernel.at(values, rest)
+
+        return q, equations
+
+    now, step, places = start.copy(), np.full(n, 1.0 if real else FIRST), np.zeros((3, n))
+    places[0], slopes, side = -1.0, np.zeros((2, *start.shape), start.dtype), np.zeros(n)
+    rows = np.flatnonzero(all_finite(start, 0))
+    with np.errstate(all="ignore"):
+        soon = start[:, rows]
+        soon[kernel.driven], equations = at(rows, np.full(len(rows), SOON))
+        begun = equations(soon, np.arange(len(rows)))
+        slopes[:, :, rows] = (soon + begun.step - start[:, rows]) / SOON
+        side[rows] = np.sign(begun.determinant.real)
+        for _ in range(MOST):
+            if not len(rows):
+                break
+            there = np.minimum(places[2, rows] + step[rows], 1.0)
+            guess = _foreseen(places[:, rows], now[:, rows], slopes[:, :, rows], there)
+            guess[kernel.driven], equations = at(rows, there)
+            made, first, second, determinant = corrected(equations, guess)
+            good = (first < NEAR) & (second <= np.maximum(contracts * first, STILL))
+            if real:
+                foreseen = _length(guess - now[:, rows])
+                good &= first <= np.maximum(contracts * foreseen, NEARLY)
+                good &= np.sign(determinant) == side[rows]
+            onward = rows[good]
+            gone = there[good] - places[2, onward]
+            slopes[0][:, onward] = slopes[1][:, onward]
+            slopes[1][:, onward] = (made[:, good] - now[:, onward]) / gone
+            now[:, onward] = made[:, good]
+            places[:, onward] = *places[1:, onward], there[good]
+            step[rows[good & (second < EAGER * contracts * first)]] *= 2.0
+            step[rows[~good]] *= 0.5
+            rows = rows[(places[2, rows] < 1.0) & (step[rows] > LEAST)]
+        arrived = places[2] >= 1.0
+        rows = np.flatnonzero(arrived)
+        _, equations = at(rows, np.ones(len(rows)))
+        now[:, rows], arrived[rows] = settled(equations, now[:, rows])
+    return now, arrived
+
+
+def _foreseen(places: Floats, now: Array, slopes: Array, there: Floats) -> Array:
+    """Return the parabola through the last three places (3, m), further on.
+
+    From the last values (v, m) and the slopes (2, v, m) between.
+    """
+    bend = (slopes[1] - slopes[0]) / (places[2] - places[0])
+    return np.asarray(now + (there - places[2]) * (slopes[1] + (there - places[1]) * bend))
+
+
+def corrected(equations: Equations, values: Array) -> tuple[Array, Floats, Floats, Array]:
+    """Return values after two of Newton's steps, and the lengths (n,) of both.
+
+    And the determinants (n,) after the first.
+    """
+    every = np.arange(values.shape[1])
+    first = equations(values, every).step
+    values = values + first
+    there = equations(values, every)
+    return values + there.step, _length(first), _length(there.step), there.determinant
+
+
+def settled(equations: Equations, values: Array) -> tuple[Array, Bools]:
+    """Return values after Newton's last steps, and whether loops close there."""
+    made = values.copy()
+    closed = np.zeros(values.shape[1], dtype=bool)
+    left = np.arange(values.shape[1])
+    with np.errstate(all="ignore"):
+        for _ in range(POLISHING):
+            at = equations(made[:, left], left)
+            made[:, left] += at.step
+            # Sines of complex angles grow, and with them the rounding of what they give.
+            far = _length(made[:, left].imag)
+            reach = np.exp(2.0 * far)
+            done = (_length(at.step) < CONVERGED * reach) & (far < FARTHEST)
+            closed[left] = done & (np.abs(at.open) < (CLOSED * reach) ** 2)
+            left = left[~closed[left]]
+            if not len(left):
+                break
+    return made, closed
+
+
+def _length(step: Array) -> Floats:
+    return np.asarray(max_abs(step, axis=0, initial=0.0))
+
+
+def apart(one: Array, other: Array) -> Floats:
+    """Return by how much solutions (variables, ...) differ, whole turns left out."""
+    gap = one - other
+    turned = gap.real - 2.0 * np.pi * np.round(gap.real / (2.0 * np.pi))
+    return np.max(np.hypot(turned, gap.imag), axis=0)
+
+
+def distinct(values: Array) -> Bools:
+    """Return for each design whether its solutions (variables, designs, m) all differ."""
+    m = values.shape[2]
+    made: Bools = all_finite(values, (0, 2))
+    if m < 2:
+        return made
+    weights = np.random.default_rng(3).uniform(0.5, 1.5, (3, len(values), 1, 1))
+    with np.errstate(all="ignore"):
+        angle = values.real
+        key = np.sum(weights[0] * np.cos(angle) + weights[1] * np.sin(angle), axis=0)
+        key = np.sort(key + np.sum(weights[2] * np.tanh(values.imag), axis=0), axis=1)
+        near = np.min(np.diff(key, axis=1), axis=1) < 6.0 * len(values) * SAME
+    for k in np.flatnonzero(made & near):
+        solutions = values[:, k]
+        gaps = apart(solutions[:, :, None], solutions[:, None, :])
+        made[k] = np.min(gaps[np.triu_indices(m, 1)]) > SAME
+    return made
