@@ -45,7 +45,6 @@ from spherekit.plugin.singularities import (
     SingularPoints,
     SingularSurface,
     SixPoles,
-    Type,
     group_signs,
 )
 
@@ -330,7 +329,7 @@ class OneInputScenes:
                 shown = (
                     point.curve == number and point.output == sampled.report.outputs[output]
                 )
-                if shown and point.type is not Type.APPARENT:
+                if shown:
                     place, kind = self._place(number, output, point.s), str(point.type)
                     if np.all(np.isfinite(place)):
                         marks.append(Mark(f"type {kind}", place, TONES[kind]))
@@ -351,7 +350,7 @@ class OneInputScenes:
         outputs = [self.names.index(name) for name in points["output"]]
         places = list(zip(points["curve"].tolist(), points["s"].tolist(), strict=True))
         six = [
-            sampled.at(curve, np.array([s]), output).relations[-1].poles
+            sampled.at(curve, np.array([s]), output)[2][-1].poles
             for (curve, s), output in zip(places, outputs, strict=True)
         ]
         turned = np.stack([sampled.configuration(*place) for place in places])

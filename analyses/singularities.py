@@ -15,7 +15,6 @@ from spherekit.plugin import (
     AnalysisError,
     Batch,
     Findings,
-    Floats,
     Mechanism,
     Needs,
     Scene,
@@ -170,25 +169,8 @@ class OneInput:
         """Return rows of points on curves, of where curves cross, and of whole curves."""
         sampled = self._found(batch)
         rows: list[Row] = []
-        for point in sampled.report.points:
-            if point.type is Type.APPARENT:
-                continue
-            agreeing = [at for at in point.relations if at.agrees]
-            words = [item.words for at in agreeing for item in at.conditions]
-            rows += self._rows(
-                batch,
-                point.values,
-                point.output,
-                [(point.curve, point.s)],
-                agreeing,
-                [point.note, *dict.fromkeys(words or [at.note for at in point.relations])],
-                kind=str(point.type),
-                certain="yes" if point.certain else "no",
-                error=point.error,
-                reversal=" and ".join(_turns(point)),
-                double="yes" if point.double else "no",
-            )
-        rows += self._crossed(batch)
+        for point in (*sampled.report.points, *sampled.report.crossings):
+            rows += self._rows(batch, point)
         for whole in sampled.report.whole:
             pieces = sampled.configurations.curves[whole.curve].pieces
             rows.append(
@@ -206,66 +188,40 @@ class OneInput:
         claim = sampled.configurations.guarantee.value
         return [{"double": "no", "guarantee": claim, **row} for row in rows]
 
-    def _crossed(self, batch: Batch) -> list[Row]:
-        """Return rows of where curves cross, for each output."""
-        sampled = self._found(batch)
-        rows: list[Row] = []
-        for crossing in sampled.report.crossings:
-            ends = [
-                (curve, 0.0 if at_start else sampled.curves[curve].length)
-                for curve, at_start in crossing.ends
-            ]
-            met = crossing.crossing
-            count = 0 if met is None else len(met.tangents)
+    def _rows(self, batch: Batch, point: SingularPoint) -> list[Row]:
+        """Return a row for each input of the range at which a singularity is met."""
+        sampled, ends = self._found(batch), point.places
+        part = None if sampled.tracer is batch.tracer else sampled.tracer
+        relations: Sequence[RelationAt] = point.relations
+        if point.type is Type.III:
+            count = 0 if point.crossing is None else len(point.crossing.tangents)
             words = [
                 f"{counted(count, 'curve')} cross" if count else "curves end",
                 "ends of curves " + _joined(sorted({curve for curve, _ in ends}), ", "),
-                crossing.note,
+                point.note,
             ]
-            for output, links in enumerate(sampled.report.outputs):
-                through = crossing.relations[output] if crossing.relations else ()
-                made = [at for relations in through for at in relations]
-                error = np.nan if met is None else met.error
-                rows += self._rows(
-                    batch,
-                    crossing.values,
-                    links,
-                    ends,
-                    made,
-                    words,
-                    kind="III",
-                    certain="yes" if crossing.certain else "no",
-                    error=error,
-                )
-        return rows
-
-    def _rows(
-        self,
-        batch: Batch,
-        values: Floats,
-        links: tuple[int, int],
-        ends: Sequence[tuple[int, float]],
-        relations: Iterable[RelationAt],
-        words: Iterable[str],
-        **columns: Any,
-    ) -> list[Row]:
-        """Return a row for each input of the range at which a configuration is met."""
-        sampled, (curve, s) = self._found(batch), ends[0]
-        part = None if sampled.tracer is batch.tracer else sampled.tracer
+        else:
+            relations = [at for at in point.relations if at.agrees]
+            said = [item.words for at in relations for item in at.conditions]
+            words = [point.note, *(said or [at.note for at in point.relations])]
         held = [item for relation in relations for item in relation.conditions]
         labels = dict.fromkeys(h.label + ("" if h.certain else "?") for h in held)
         whole = {
-            **configuration_columns(batch, values[None], links, part=part),
-            **columns,
+            **configuration_columns(batch, point.values[None], point.output, part=part),
+            "kind": str(point.type),
+            "certain": "yes" if point.certain else "no",
+            "error": point.error,
+            "reversal": " and ".join(_turns(point)),
+            "double": "yes" if point.double else "no",
             "condition": " ".join(labels),
             "residual": min((h.residual for h in held), default=np.nan),
-            "output": _named(sampled.tracer.mechanism, links),
-            "curve": curve,
-            "s": s,
-            "note": "; ".join(filter(None, words)),
+            "output": _named(sampled.tracer.mechanism, point.output),
+            "curve": point.curve,
+            "s": point.s,
+            "note": "; ".join(dict.fromkeys(filter(None, words))),
         }
         rows = []
-        for q in sampled.inputs_of(curve, values):
+        for q in sampled.inputs_of(point.curve, point.values):
             modes = {k for end in ends for k in sampled.assembly_modes_at(*end, q)}
             inside = "yes" if sampled.inside(q, ends) else "no"
             here = {"assembly_mode": _joined(sorted(modes)), "q": q, "inside": inside}

@@ -60,7 +60,6 @@ def _shipped(quick: bool) -> Section:
             "type I",
             "type II",
             "self-motion, type III",
-            "apparent",
         ),
         rows,
         "Singular configurations of the spherical 3-RRR at a million orientations: "
@@ -86,7 +85,6 @@ def _timed(name: str) -> tuple[float, float, float, float, tuple[Cell, ...]]:
         kinds.count(Type.I),
         kinds.count(Type.II),
         kinds.count(Type.SELF_MOTION) + crossed,
-        kinds.count(Type.APPARENT),
     )
     modes, following, points = np.diff(marks)
     return marks[-1] - marks[0], modes, following, points, counts

@@ -44,8 +44,8 @@ def check_exact(tracer, analysis, points):
         key = point.curve, point.s, links
         if key not in solved:
             along = analysis.along[point.curve]
-            rates = along.rates(np.array([point.s]))
-            placed = along.closure.at(point.values[None]).placed
+            rates = along.at(np.array([point.s]))
+            placed = rates.motion.rotations
             slope = rates.dw[0, links[0]] - rates.dw[0, links[1]]
             solved[key] = exact_rest(made, placed[0], rates.w[0], links, slope)
         exact = solved[key]
@@ -57,13 +57,15 @@ def check_exact(tracer, analysis, points):
         )
         rest = {Type.I: (output,), Type.II: (driven,), Type.SELF_MOTION: (driven, output)}
         assert max(rest[point.type]) < RESTING
-        assert abs(driven - abs(point.input_rate)) < 1e-12
-        assert abs(output - abs(point.output_rate)) < 1e-12
+        place, number = np.array([point.s]), analysis.outputs.index(point.output)
+        q, y, _ = analysis.at(point.curve, place, number)
+        assert abs(driven - abs(q[0])) < 1e-12
+        assert abs(output - abs(y[0])) < 1e-12
         if point.type != Type.SELF_MOTION:
             assert max(driven, output) > 1e-6
 
 
-def check_counts(tracer, found, report):
+def check_counts(tracer, found, analysis, points):
     """Compare the modes at inputs over a turn with the dead centres between them.
 
     Where the input has a minimum on its curve, two modes appear as it grows; where it
@@ -71,9 +73,12 @@ def check_counts(tracer, found, report):
     """
     single = tracer.solver.single
     dead = [
-        (p.values[single], p.input_slope)
-        for p in report.points
-        if p.output == report.outputs[0] and p.input_turns
+        (
+            p.values[single],
+            analysis.along[p.curve].curve.at(p.s).bends[0, single],
+        )
+        for p in points
+        if p.output == analysis.outputs[0] and p.input_turns
     ]
     places, slopes = np.array(dead).reshape(-1, 2).T
     random = np.random.default_rng(1)
@@ -96,10 +101,10 @@ def check(number):
     tracer, found, analysis, report = analysed(number)
     assert found.guarantee is Guarantee.COMPLETE and not found.mismatches
     assert not (report.crossings or report.whole or report.notes or report.gaps)
-    points = [p for p in report.points if p.type != Type.APPARENT]
+    points = report.points
     assert all(p.certain and not p.double for p in points)
     check_exact(tracer, analysis, points)
-    dead, counts = check_counts(tracer, found, report)
+    dead, counts = check_counts(tracer, found, analysis, points)
     assert len(points) >= 8
     assert counts > 1 and dead >= 4 and dead % 2 == 0
 

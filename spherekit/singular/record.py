@@ -8,12 +8,12 @@ names there; here they are I.1 to I.3 and II.1 to II.3 in form i, I.a to I.c and
 II.c in form ii, in the order in which the lecture gives them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.motion.crossing import Crossing
 from spherekit.planning.poles import Pole, pole_of
 from spherekit.singular.relation import (
@@ -263,34 +263,42 @@ class RelationAt:
         return not self.note
 
 
+TOLD = {(True, True): Type.III, (True, False): Type.II, (False, True): Type.I}
+"""The type by whether c and d vanish."""
+
+
 def judged(
     relation: Relation,
     names: Sequence[str],
     rates: tuple[Floats, Floats],
     errors: Floats,
     facts: Sequence[Type],
-    resting: Sequence[Sequence[Pole]],
+    resting: Mapping[Pole, Bools],
 ) -> list[RelationAt]:
     """Return a relation at n configurations, compared with what the rates say.
 
     `rates` are those of its output and input, (n,) each, `errors` (n,) bounds of those of
-    its axes, `facts` the types by the rates, and `resting` the poles that rest.
+    its axes, `facts` the types by the rates, and `resting` (n,) says which poles rest.
     """
     allowed = np.maximum(TOLERANCE, 10.0 * errors)
-    vanishing = zip(
-        np.abs(relation.c) <= allowed, np.abs(relation.d) <= allowed, strict=True
-    )
-    told = {(True, True): Type.III, (True, False): Type.II, (False, True): Type.I}
-    types = [told.get((bool(c), bool(d))) for c, d in vanishing]
+    vanishing = np.abs([relation.c, relation.d]) <= allowed
+    types = [TOLD.get((bool(c), bool(d))) for c, d in vanishing.T]
     held = {
         kind: conditions(relation, names, str(kind), errors)
-        for kind in set(types)
+        for kind in types
         if kind is not None
     }
     gaps = relation.residual(*rates)
     out = []
     for k, (kind, given) in enumerate(zip(types, facts, strict=True)):
-        fact = {Type.APPARENT: None, Type.SELF_MOTION: Type.III}.get(given, given)
+        fact = Type.III if given == Type.SELF_MOTION else given
+        still = [
+            f"{names[a]} and {names[b]}"
+            for a, b in relation.links.poles
+            if (a, b) in resting
+            and resting[a, b][k]
+            and (a, b) != pole_of(*relation.output)
+        ]
         out.append(
             RelationAt(
                 relation.form,
@@ -303,43 +311,35 @@ def judged(
                 float(gaps[k]),
                 kind,
                 () if kind is None else held[kind][k],
-                _disagreement(names, kind, fact, relation, resting[k]),
+                "" if kind == fact else _disagreement(kind, fact, relation.kind, still),
             )
         )
     return out
 
 
 def _disagreement(
-    names: Sequence[str],
-    kind: Type | None,
-    fact: Type | None,
-    relation: Relation,
-    resting: Sequence[Pole],
+    kind: Type | None, fact: Type, links: LinkCount, still: Sequence[str]
 ) -> str:
     """Return why the coefficients say something else than the rates."""
-    if kind == fact:
-        return ""
-    if relation.kind == LinkCount.SAME_POLE:
+    if links == LinkCount.SAME_POLE:
         return "the output is the input, and c and d are constant"
     if kind == Type.III:
-        output = pole_of(*relation.output)
-        still = [f"{names[a]} and {names[b]}" for a, b in resting if (a, b) != output]
         cause = "the six axes of the chosen links lie in one plane"
         if still:
             cause = f"links {', '.join(still)} stand still relative to each other"
-        what = "neither rate vanishes" if fact is None else f"the rates say type {fact}"
-        return f"c = d = 0, but {what}: {cause}; a relation of other links decides"
+        return (
+            f"c = d = 0, but the rates say type {fact}: {cause}; a relation of other links "
+            "decides"
+        )
     if fact == Type.III and kind is None:
         return (
             "input and output stand still together while other links move; c and d do not "
             "vanish, and y'/q' = d/c stays finite"
         )
-    told, wanted = (
-        "nothing vanishes" if case is None else f"type {case}" for case in (kind, fact)
-    )
+    told = "nothing vanishes" if kind is None else f"type {kind}"
     return (
-        f"c and d say: {told}; the rates: {wanted}; a coefficient nearly vanishes, or is "
-        "not known well enough"
+        f"c and d say: {told}; the rates: type {fact}; a coefficient nearly vanishes, or "
+        "is not known well enough"
     )
 
 
@@ -350,102 +350,57 @@ class SingularPoint:
     Attributes
     ----------
     type, output
-        Its type, and the output (o, s).
-    curve, s
-        Number of the configuration curve, and the place on it (rad of arc length).
+        Its type, and the output (o, s). III where curves cross, or end before a loss of
+        rank.
+    places
+        The numbers of the configuration curves, each with the place on it (rad of arc
+        length): where curves cross several, the ends of these. NaN where an output or the
+        input stands still on the whole curve.
     error
-        Bound of the error of s (rad).
+        Bound of the error of the place (rad).
     values
-        (variables,) rad.
-    input_rate, output_rate
-        Rates per arc length there; zero to rounding where they vanish.
-    input_slope
-        The derivative by s of that of the input.
+        (variables,) rad; where curves end at no located crossing those of the last node.
     input_turns, output_turns
         Whether the input and the output reverse there: not where they only touch zero.
     double
         Whether what vanishes touches zero only, or vanishes twice too near to part.
     note
-        The numbers behind an undecided type, or an empty string.
+        Why the type, or the loss of rank, is not certain within rounding, or an empty
+        string.
     relations
-        The relation in form i, and in form ii where there is one.
+        The relation in form i, and in form ii where there is one; of a crossing those on
+        each curve through it.
+    crossing
+        The crossing of curves, its freedoms and the directions of its curves; None if it
+        is none or was not located.
     """
 
     type: Type
     output: tuple[int, int]
-    curve: int
-    s: float
+    places: tuple[tuple[int, float], ...]
     error: float
     values: Floats
-    input_rate: float
-    output_rate: float
-    input_slope: float
-    input_turns: bool
-    output_turns: bool
-    double: bool
-    note: str
-    relations: tuple[RelationAt, ...]
+    input_turns: bool = False
+    output_turns: bool = False
+    double: bool = False
+    note: str = ""
+    relations: tuple[RelationAt, ...] = ()
+    crossing: Crossing | None = None
+
+    @property
+    def curve(self) -> int:
+        """The number of its first curve."""
+        return self.places[0][0]
+
+    @property
+    def s(self) -> float:
+        """The place on that (rad)."""
+        return self.places[0][1]
 
     @property
     def certain(self) -> bool:
         """Whether the type is certain within rounding."""
         return not self.note
-
-
-@dataclass(frozen=True)
-class CrossingPoint:
-    """A configuration where curves cross, or one that a curve ends before.
-
-    Attributes
-    ----------
-    crossing
-        The configuration, its freedoms and the directions of its curves; None if it was
-        not located.
-    ends
-        The curves that end there: number of the curve, and whether at its start.
-    values
-        (variables,) rad: the crossing, or the last node before it.
-    note
-        Why the loss of rank is not certain within rounding, or an empty string.
-    relations
-        For each output the relations on each curve through it.
-    """
-
-    crossing: Crossing | None
-    ends: tuple[tuple[int, bool], ...]
-    values: Floats
-    note: str
-    relations: tuple[tuple[tuple[RelationAt, ...], ...], ...]
-
-    @property
-    def certain(self) -> bool:
-        """Whether the loss of rank is certain within rounding."""
-        return not self.note
-
-
-@dataclass(frozen=True)
-class WholeCurve:
-    """A curve on all of which an output or the input stands still: no points on it.
-
-    `type` is I where the output (o, s) rests, II where the input does, SELF_MOTION for
-    both.
-    """
-
-    type: Type
-    output: tuple[int, int]
-    curve: int
-
-
-@dataclass(frozen=True)
-class AlongOutput:
-    """Rates (n,) per arc length, and relations, of an output at n places of a curve.
-
-    The relations are form i, and form ii where there is one.
-    """
-
-    input_rate: Floats
-    output_rate: Floats
-    relations: tuple[Relation, ...]
 
 
 @dataclass(frozen=True)
@@ -462,24 +417,24 @@ class Singularities:
     points
         By output, curve and arc length.
     crossings
-        Where curves cross.
+        Where curves cross, for each output.
     whole
-        Curves that are singular throughout.
+        What stands still on whole curves: no points of that output are on them.
     everywhere
         The freedoms by rank, to a part in a million, of a mechanism that is singular in
         all its configurations, which has no curves; otherwise None.
     notes
         What holds on whole curves, such as c = d = 0 everywhere.
     gaps
-        Where singularities may be missed or invented.
+        Where singularities may be missed.
     """
 
     input: tuple[int, int]
     outputs: tuple[tuple[int, int], ...]
     fourth: tuple[int | None, ...]
     points: tuple[SingularPoint, ...]
-    crossings: tuple[CrossingPoint, ...]
-    whole: tuple[WholeCurve, ...]
+    crossings: tuple[SingularPoint, ...]
+    whole: tuple[SingularPoint, ...]
     everywhere: int | None
     notes: tuple[str, ...]
     gaps: tuple[str, ...]

@@ -23,7 +23,7 @@ ONE_LINE = 1e-12
 
 
 class Type(StrEnum):
-    """What vanishes: the output (I), the input (II), both, or c and d alone.
+    """What vanishes: the output (I), the input (II), or both.
 
     Both in a self-motion, in which other links move; III where curves cross.
     """
@@ -32,7 +32,6 @@ class Type(StrEnum):
     II = "II"
     III = "III"
     SELF_MOTION = "self-motion"
-    APPARENT = "apparent"
 
 
 class Form(StrEnum):

@@ -23,10 +23,11 @@ from spherekit.motion.turns import in_range, into_range, turns_in_range, whole_p
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import Assembly, Group
 from spherekit.planning.part import part_for
+from spherekit.planning.poles import pole_of
 from spherekit.rates.transmission import STILL, Transmission, hold
-from spherekit.singular.record import AlongOutput, Singularities
-from spherekit.singular.relation import Form, Type
-from spherekit.singular.single import SingleFreedom, rate_between
+from spherekit.singular.record import Singularities
+from spherekit.singular.relation import Form, Relation, Type
+from spherekit.singular.single import SingleFreedom
 from spherekit.sphere.rotation import all_finite, cross, max_abs, nans
 
 COMPARED = 9
@@ -183,7 +184,7 @@ class SampledSingularities:
         status = np.where(curve < 0, Status.MODE_LOST, Status.OK)
         crossed = np.zeros(len(curve), dtype=bool)
         for crossing in self.report.crossings:
-            wrapped = self.curves[crossing.ends[0][0]].wrapped(values - crossing.values)
+            wrapped = self.curves[crossing.curve].wrapped(values - crossing.values)
             away = np.where(curve < 0, max_abs(wrapped, axis=1), np.inf)
             status[away < NEAR_CROSSING] = Status.AT_SINGULARITY
             crossed |= (away < AT_CROSSING) & (crossing.crossing is not None)
@@ -216,8 +217,10 @@ class SampledSingularities:
         pieces = (piece for lap in laps for piece in item.pieces if touched(piece, lap))
         return tuple(self.modes_of(pieces))
 
-    def at(self, curve: int, s: Floats, output: int) -> AlongOutput:
-        """Return rates and relations of an output at places s (n,) of a curve."""
+    def at(
+        self, curve: int, s: Floats, output: int
+    ) -> tuple[Floats, Floats, list[Relation]]:
+        """Return what `SingleFreedom.at` returns."""
         return self.analysis.at(curve, s, output)
 
     def input_at(self, curve: int, s: Floats) -> Floats:
@@ -290,14 +293,11 @@ class SampledSingularities:
         """
         along, links = self.analysis.along[curve], self.report.outputs[output]
         if kind is Type.I:
-            rates = along.rates(s)
-            of, to = (
-                np.linalg.norm(rates.relative(*pole)[0], axis=1)
-                for pole in (links, self.report.input)
-            )
+            of, to = (along.at(s).speeds(pole)[0] for pole in (links, self.report.input))
             return np.where(np.hypot(of, to) > STILL, np.arctan2(of, to), np.nan)
-        measure = Transmission(along.closure.tree, (self._driven,), *links)
-        return np.arcsin(measure.at(along.vectors(s)))
+        tree = along.curve.segments.closure.tree
+        measure = Transmission(tree, (self._driven,), *links)
+        return np.arcsin(measure.at(along.at(s).motion.vectors))
 
     def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
         """Return the columns (n,) of each output, by its position, in each form; or NaN.
@@ -314,16 +314,12 @@ class SampledSingularities:
             s = self._s[rows]
             angles = self.transmission_angles(self.curves[number].at(s).values)
             for output, transmission in enumerate(angles):
-                at = self.at(number, s, output)
-                here = {
-                    "input_rate": at.input_rate,
-                    "output_rate": at.output_rate,
-                    "transmission": transmission,
-                }
+                q, y, relations = self.at(number, s, output)
+                here = {"input_rate": q, "output_rate": y, "transmission": transmission}
                 for kind in (Type.I, Type.II):
                     here[f"distance_{kind}"] = self.angle(kind, number, s, output)
                     here[f"input_margin_{kind}"] = self._to_nearest(number, output, kind, s)
-                for relation in at.relations:
+                for relation in relations:
                     columns = measured.setdefault((output, relation.form), {})
                     here |= {"c": relation.c, "d": relation.d}
                     for name, part in here.items():
@@ -372,7 +368,7 @@ class SampledSingularities:
         variable = self.tracer.mechanism.angle_between(*links)
         if variable is not None:
             return wrap(self.curves[curve].at(s).values[:, variable])
-        rate, _ = rate_between(self.analysis.along[curve], links, s)
+        rate, _ = self.analysis.along[curve].signed(s, pole_of(*links))
         steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(s)
         return np.append(0.0, np.cumsum(steps))
 
@@ -389,11 +385,11 @@ class SampledSingularities:
         arc = self.curves[curve]
         ends = []
         for crossing in self.report.crossings:
-            for number, at_start in crossing.ends:
-                if number == curve:
-                    last = arc.nodes.values[0 if at_start else -1]
+            for number, place in crossing.places:
+                if number == curve and crossing.output == self.report.outputs[0]:
+                    last = arc.nodes.values[0 if place == 0.0 else -1]
                     values = last + arc.wrapped(crossing.values - last)
-                    ends.append((0.0 if at_start else arc.length, values))
+                    ends.append((place, values))
         return ends
 
     def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
