@@ -87,17 +87,19 @@ def frame_of(columns: Mapping[str, Array], notes: Mapping[str, Any]) -> "pd.Data
 
 def _texts(values: Any) -> "pa.DictionaryArray":
     """Return texts as places in the words that are there, which are in order."""
-    import pandas as pd
     import pyarrow as pa
 
     if isinstance(values, np.ndarray):
-        places, words = pd.factorize(values, sort=True)
+        encoded = pa.array(values, pa.string()).dictionary_encode()
     else:
-        used = values.unify_dictionaries().to_pandas().cat.remove_unused_categories()
-        ordered = used.cat.reorder_categories(sorted(used.cat.categories)).cat
-        places, words = ordered.codes.to_numpy(), ordered.categories
-    names = pa.array(words.tolist(), pa.string())
-    return pa.DictionaryArray.from_arrays(pa.array(places, pa.int32()), names)
+        encoded = values.unify_dictionaries().combine_chunks()
+    words, codes = encoded.dictionary.to_pylist(), encoded.indices.to_numpy()
+    used = np.flatnonzero(np.bincount(codes, minlength=len(words))).tolist()
+    used.sort(key=words.__getitem__)
+    places = np.zeros(len(words), np.int32)
+    places[used] = np.arange(len(used))
+    names = pa.array([words[place] for place in used], pa.string())
+    return pa.DictionaryArray.from_arrays(places[codes], names)
 
 
 def _arrow(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
