@@ -13,10 +13,8 @@ rectangle, and at least that value less what the slope by u takes. All of it is 
 balls.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
-from itertools import product
 
 import numpy as np
 
@@ -39,22 +37,55 @@ from spherekit.proof.balls import (
 from spherekit.proof.equations import Equations
 from spherekit.proof.tubes import Zone
 
-DIRECTIONS = 100
-"""Parts of each side of the square of directions in which slopes are enclosed."""
-
 Quadrant = tuple[int, int]
 QUADRANTS: tuple[Quadrant, ...] = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
+@dataclass(frozen=True)
 class _Arms:
     """Rates on arms in a rectangle, from how variables move with u and v, and from g''.
 
     With (u, v) the way from the saddle, g is its level and half the form of g'', and the
-    slopes of g are g'' (u, v), each with some g'' of the rectangle.
+    slopes of g are g'' (u, v), each with some g'' of the rectangle. A rate is linear in the
+    direction, so that it has the sign in a cone that it has on both its sides.
     """
 
-    def __init__(self, ways: Array, bend: Array, units: Floats) -> None:
-        self.ways, self.bend, self.units = ways, bend, exactly(units)
+    ways: Array
+    bend: Array
+    units: Floats
+
+    def slopes(self, slack: float) -> dict[int, tuple[float, float]]:
+        """Return bounds of v / u in units, by its sign, where the form of g'' is about 0.
+
+        It is at most `slack` times the square of the larger of u and v in units.
+
+        Raises
+        ------
+        ZeroDivisionError
+            If there are no such bounds.
+        """
+        one, other = self.units
+        a, d = (
+            wide(self.bend[0, 0] * one**2, slack),
+            wide(-self.bend[1, 1] * other**2, slack),
+        )
+        b = self.bend[0, 1] * one * other
+        root = (b * b + a * d).sqrt()
+        made = {sign: (root + sign * b) / d for sign in (1, -1)}
+        if not (a > 0 and d > 0 and made[1] > 0 and made[-1] > 0):
+            raise ZeroDivisionError
+        return {
+            sign: (sign * lower(size), sign * upper(size)) for sign, size in made.items()
+        }
+
+    def along(self, slope: float, off: float) -> tuple[Array, list[int]]:
+        """Return slopes of g (2,) and the signs of the rates in a direction (1, slope).
+
+        The slopes of g are off by at most `off` times the way.
+        """
+        way, most = exactly(self.units * (1.0, slope)), off * max(1.0, abs(slope))
+        by = np.array([wide(entry, most) for entry in self.bend @ way])
+        return by, [_sign(rate) for rate in self.ways @ np.array([-by[1], by[0]])]
 
     def outward(
         self, slack: float, off: float, limits: Floats, spare: float
@@ -65,70 +96,45 @@ class _Arms:
         slopes of g are off by at most `off` times the way. The way is within `limits`, from
         a centre that is `spare` from the saddle at most.
         """
-        most = 1.001 * float(np.max(limits[:2] / floats(self.units)))
-        signs: dict[Quadrant, list[set[int]]]
-        signs = {q: [set() for _ in self.ways] for q in QUADRANTS}
-        reach = {q: np.full(len(self.ways), spare) for q in QUADRANTS}
-        zero = self._directions(lambda form: wide(form, slack).contains(0), off)
-        for (p, s), way, (ahead, _), rates in zero:
-            far = [upper(e) * most + spare for e in self.ways @ way]
-            for q in product(_signs(p), _signs(s)):
-                reach[q] = np.maximum(reach[q], far)
-                outward = ahead * q[0] > 0
-                for row, rate in zip(signs[q], rates, strict=True):
-                    row.add(_sign(rate * (q[0] * q[1])) if outward else 0)
-        one = {q: tuple(s.pop() if len(s) == 1 else 0 for s in signs[q]) for q in QUADRANTS}
-        return one, {q: tuple(row.tolist()) for q, row in reach.items()}
+        most = 1.001 * float(np.max(limits[:2] / self.units))
+        signs, reach = {}, {}
+        slopes = self.slopes(slack)
+        for q in QUADRANTS:
+            ends = slopes[q[0] * q[1]]
+            sides = [self.along(slope, off) for slope in ends]
+            ahead = all(by[0] > 0 for by, _ in sides)
+            signs[q] = tuple(
+                q[1] * one if ahead and one == other else 0
+                for one, other in zip(*(rates for _, rates in sides), strict=True)
+            )
+            corner = np.clip(q[0] * q[1], min(ends), max(ends))
+            far = [
+                self.ways @ exactly(self.units * (1.0, slope) / max(1.0, abs(slope)))
+                for slope in (*ends, corner)
+            ]
+            reach[q] = tuple(
+                max(map(upper, row)) * most + spare for row in zip(*far, strict=True)
+            )
+        return signs, reach
 
     def through(self, level: Ball, steep: float) -> tuple[bool, ...]:
         """Return which rates vanish nowhere on the two arcs of a level that is not 0."""
         (a, b), (_, d) = ([upper(e) for e in row] for row in self.bend)
         # the way is at least what makes the form as large as the level is
         least = float(np.sqrt(lower(level) / (a + 2.0 * b + d)))
-        slack, off = 4.004 * steep / least, 1.001 * steep / least
-        sign = -1 if level > 0 else 1
-        side = 0 if sign > 0 else 1
-        signs: list[dict[int, set[int]]] = [{1: set(), -1: set()} for _ in self.ways]
-        around = self._directions(lambda form: not wide(form, slack) * sign < 0, off)
-        for ends, _, slopes, rates in around:
-            for half in _signs(ends[side]):
-                whole = slopes[side] * (half * sign) > 0
-                for row, rate in zip(signs, rates, strict=True):
-                    row[half].add(_sign(rate) if whole else 0)
-        return tuple(all(len(s) <= 1 and 0 not in s for s in row.values()) for row in signs)
-
-    def _directions(
-        self, kept: Callable[[Ball], bool], off: float
-    ) -> Iterator[tuple[Array, Array, Array, Array]]:
-        """Yield those directions with whose form of g'' something is to be `kept`.
-
-        With them the ways, the slopes of g, off by at most so much, and the rates.
-        """
-        ways = _square() * self.units
-        slopes = ways @ self.bend
-        forms = np.sum(ways * slopes, axis=1)
-        for row in (row for row, form in enumerate(forms) if kept(form)):
-            by = np.array([wide(slope, off) for slope in slopes[row]])
-            rates = self.ways[:, 1] * by[0] - self.ways[:, 0] * by[1]
-            yield _square()[row], ways[row], by, rates
-
-
-@cache
-def _square() -> Array:
-    """Return parts of the sides of a square (n, 2), which together are all of them."""
-    half = 1.0 / DIRECTIONS
-    starts = (2 * np.arange(DIRECTIONS) + 1) * half - 1.0
-    parts = [wide(start, half * (1.0 + 1e-12)) for start in exactly(starts)]
-    ends = [(part, exact(end)) for part in parts for end in (1.0, -1.0)]
-    return np.array([*ends, *(two[::-1] for two in ends)])
+        slopes, off = self.slopes(4.004 * steep / least), 1.001 * steep / least
+        # one arc and its mirror image: from quadrant to quadrant over v or over u
+        side, end = (1, 0) if level > 0 else (0, 1)
+        (one, first), (other, last) = (self.along(slopes[k][end], off) for k in (1, -1))
+        turned = -1 if level > 0 else 1
+        whole = turned * one[side] > 0 and other[side] > 0
+        return tuple(
+            whole and k == turned * m != 0 for k, m in zip(first, last, strict=True)
+        )
 
 
 def _sign(ball: Ball) -> int:
     return int(ball > 0) - int(ball < 0)
-
-
-def _signs(ball: Ball) -> tuple[int, ...]:
-    return (_sign(ball),) if _sign(ball) else (1, -1)
 
 
 PRECISIONS = (80, 160, 320, 640)
