@@ -115,7 +115,7 @@ def test_rates_along_pieces_are_within_their_bounds():
 @pytest.mark.parametrize(("name", "pair"), [("four_bar", None), ("stephenson", "35")])
 def test_singularities_proven_are_those_that_a_run_reports(name, pair):
     mechanism = driven_at(sk.load(name), pair)
-    curves = over(mechanism, wanted=output_pairs(Written.of(mechanism)))
+    curves = over(mechanism, wanted=output_pairs(Written.of(mechanism)).values())
     proven = singularities(curves)
     assert not proven.undecided and not proven.skipped
     frame = sk.run(mechanism, "singularities", samples=3).frame("singularities")
@@ -190,7 +190,7 @@ def test_the_checker_proves_curves_again_and_refuses_tampered_ones():
 
 def with_singularities(name, pair, ends):
     mechanism = driven_at(sk.load(name), pair)
-    curves = over(mechanism, ends=ends, wanted=output_pairs(Written.of(mechanism)))
+    curves = over(mechanism, ends=ends, wanted=output_pairs(Written.of(mechanism)).values())
     table = singular_table(singularities(curves))
     return json.loads(json.dumps({**curves_certificate(curves), "singularities": table}))
 
@@ -219,7 +219,7 @@ def test_the_checker_repeats_dead_centres_and_refuses_those_left_out():
 
 def test_the_input_is_clear_of_singularities_as_far_as_is_said():
     mechanism = driven_at(sk.load("four_bar"), "41")
-    curves = over(mechanism, wanted=output_pairs(Written.of(mechanism)))
+    curves = over(mechanism, wanted=output_pairs(Written.of(mechanism)).values())
     found = singularities(curves)
     frame = sk.run(mechanism, "singularities", samples=3).frame("singularities")
     for q in np.radians([-100.0, 77.7]):

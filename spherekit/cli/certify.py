@@ -233,7 +233,7 @@ def _over(written: Any, given: list[str] | None, clear_of: str | None) -> Made:
     ends = ends or list(written.input_range(mechanism.inputs[0].pair))
     if not float(ends[0]) < float(ends[1]):
         raise AnalysisError(f"the range {ends[0]} to {ends[1]} is empty; give FROM < TO")
-    made = construct(written.structure, output_pairs(written))
+    made = construct(written.structure, output_pairs(written).values())
     curves = certified_curves(written, (ends[0], ends[1]), made)
     located = singularities(curves)
     lines = [f"{mechanism.name}: {curves.claim}", *_curve_lines(curves, located)]

@@ -240,9 +240,10 @@ class UndecidedInterval:
     after: int = 0
 
 
-def stops(
-    equations: Equations, chain: Chain, variable: int
-) -> tuple[list[StationaryPlace], list[UndecidedInterval]]:
+Stops = tuple[list[StationaryPlace], list[UndecidedInterval]]
+
+
+def stops(equations: Equations, chain: Chain, variable: int) -> Stops:
     """Return where a variable stops along a chain, and the parts that are undecided.
 
     Raises

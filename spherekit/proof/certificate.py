@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from spherekit.arrays import Array
 from spherekit.guarantee import Guarantee
 from spherekit.numeric.crossings import wrap
-from spherekit.proof.along import StationaryPlace, UndecidedInterval
+from spherekit.proof.along import StationaryPlace, Stops
 from spherekit.proof.balls import (
     Ball,
     bits,
@@ -31,7 +32,7 @@ from spherekit.proof.balls import (
     solved,
     upper,
 )
-from spherekit.proof.construction import Construction, PlacedByJoint
+from spherekit.proof.construction import Construction
 from spherekit.proof.curves import CertifiedCurves
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
@@ -104,70 +105,63 @@ class CertifiedSingularities:
         return max(min([*gaps, *ends, half]) - curves.laps * ROUNDING, 0.0)
 
 
-def pair_of_output(written: Written, name: str) -> int | None:
-    """Return the pair that joins an output to what it is seen from, None without one."""
-    mechanism = written.mechanism
-    output = next(declared for declared in mechanism.outputs if declared.name == name)
-    two = {mechanism.link(output.link), mechanism.link(output.relative_to)}
-    for number, ends in enumerate(written.structure.ends):
-        if set(ends) == two:
-            return number
-    return None
-
-
-def output_pairs(written: Written) -> list[int]:
-    """Return the pairs that join outputs to what they are seen from."""
-    pairs = (pair_of_output(written, output.name) for output in written.mechanism.outputs)
-    return [pair for pair in pairs if pair is not None]
+def output_pairs(written: Written) -> dict[str, int]:
+    """Return the pairs that join outputs to what they are seen from, by output."""
+    mechanism, pairs = written.mechanism, {}
+    for output in mechanism.outputs:
+        two = {mechanism.link(output.link), mechanism.link(output.relative_to)}
+        for number, ends in reversed(list(enumerate(written.structure.ends))):
+            if set(ends) == two:
+                pairs[output.name] = number
+    return pairs
 
 
 def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     """Return the singularities of all declared outputs but the input itself."""
-    mechanism, made = curves.written.mechanism, curves.construction
+    made, pairs = curves.construction, output_pairs(curves.written)
     points: list[CertifiedSingularity] = []
-    undecided = sum(len(doubts) for _, doubts in curves.stopping)
-    undecided += curves.open_arms(curves.driven)
     skipped: list[str] = []
     resting: list[tuple[str, int]] = []
-    for output in mechanism.outputs:
-        pair = pair_of_output(curves.written, output.name)
-        if pair == made.pairs[curves.driven] or pair in curves.equations.offsets:
+    known = {made.pairs[curves.driven], *curves.equations.offsets}
+    undecided = sum(len(doubts) for _, doubts in curves.stopping)
+    undecided += sum(map(bool, curves.open_at(curves.driven)))
+    for output in (item.name for item in curves.written.mechanism.outputs):
+        if pairs.get(output) in known:
             continue
-        variable = next((v for v, p in enumerate(made.pairs) if p == pair), None)
-        stops: Sequence[tuple[list[StationaryPlace], list[UndecidedInterval]]] = [
-            ([], [])
-        ] * len(curves.chains)
-        if variable is None:
-            skipped.append(output.name)
-        else:
-            stops = curves.stops_of(variable)
-            undecided += curves.open_arms(variable)
+        rests: list[Stops] = [([], []) for _ in curves.chains]
+        if pairs.get(output) in made.pairs:
+            variable = made.pairs.index(pairs[output])
+            rests = curves.stops_of(variable)
+            undecided += sum(len(doubts) for _, doubts in rests)
+            undecided += sum(map(bool, curves.open_at(variable)))
             still = enumerate(curves.still_in(variable))
-            resting += [(output.name, curve) for curve, rests in still if rests]
-        for curve, (driven, _) in enumerate(curves.stopping):
-            rests, doubts = stops[curve]
-            undecided += len(doubts)
-            for kind, one, others in (("I", rests, driven), ("II", driven, rests)):
+            resting += [(output, curve) for curve, at_rest in still if at_rest]
+        else:
+            skipped.append(output)
+        for curve, two in enumerate(zip(rests, curves.stopping, strict=True)):
+            (resting_at, _), (driven_at, _) = two
+            for kind, one, others in (
+                ("I", resting_at, driven_at),
+                ("II", driven_at, resting_at),
+            ):
                 for stop in one:
-                    near = any(_meet(stop, other) for other in others)
-                    words = f"{kind} or III" if near else kind
-                    inside = curves.inside(curves.input_at(stop.place))
-                    q = curves.input_at(stop.place) if inside is None else inside
-                    points.append(
-                        CertifiedSingularity(
-                            output.name, words, curve, stop, q, inside is not None
-                        )
-                    )
+                    words = f"{kind} or III" if _meets(stop, others) else kind
+                    q = curves.input_at(stop.place)
+                    inside = curves.inside(q)
+                    at = (q, False) if inside is None else (inside, True)
+                    points.append(CertifiedSingularity(output, words, curve, stop, *at))
     points.sort(key=lambda point: (point.output, point.kind, point.q))
     return CertifiedSingularities(
         curves, tuple(points), undecided, tuple(skipped), tuple(resting)
     )
 
 
-def _meet(one: StationaryPlace, other: StationaryPlace) -> bool:
-    """Return whether two stops may be at the same configuration."""
-    apart = wrap(one.place - other.place)
-    return bool(np.all(np.abs(apart) <= one.off + other.off))
+def _meets(one: StationaryPlace, others: Sequence[StationaryPlace]) -> bool:
+    """Return whether a stop may be at the same configuration as others."""
+    apart = (
+        (np.abs(wrap(one.place - other.place)), one.off + other.off) for other in others
+    )
+    return any(bool(np.all(gap <= off)) for gap, off in apart)
 
 
 @dataclass(frozen=True)
@@ -183,7 +177,7 @@ class CertifiedPole:
     driven: int
     first: int
     second: int
-    direction: tuple[Ball, Ball, Ball] | None
+    direction: tuple[Ball, ...] | None
     coefficient: Ball
 
 
@@ -205,46 +199,49 @@ def enclosed_poles(
 ) -> Iterator[CertifiedPole]:
     """Yield the poles of all pairs of links at narrow balls of all variables."""
     made = equations.construction
-    for column in range(made.unknowns, made.unknowns + made.inputs):
+    for column in range(made.inputs):
         turning = _angular_velocities(equations, places, column)
-        yield from _poles(mode, made.pairs[column], turning)
+        for second, first in combinations(range(len(turning)), 2):
+            spin = turning[first] - turning[second]
+            size = (spin @ spin).sqrt()
+            turns = lower(size) > 0.0
+            yield CertifiedPole(
+                mode,
+                made.driven[column],
+                first,
+                second,
+                tuple(spin / size) if turns else None,
+                size,
+            )
 
 
 def _angular_velocities(
     equations: Equations, places: Sequence[Ball], driven: int
-) -> list[list[Ball]]:
-    """Return the angular velocities of all links relative to the root, in ground axes."""
+) -> list[Array]:
+    """Return the angular velocities of all links in ground axes, but for one vector.
+
+    While the input of a number moves at unit rate.
+    """
     _, slopes = equations.arrays(places)
-    count, bodies = equations.unknowns, equations.written.structure.bodies
-    inputs = [float(v + count == driven) for v in range(equations.construction.inputs)]
-    following = [row[driven - count] for row in equations.written.ratios()]
-    rates = [complex_ball(rate) for rate in (*map(exact, inputs), *following)]
+    made, structure = equations.construction, equations.written.structure
+    count = made.unknowns
+    moved = [*map(float, np.eye(made.inputs)[driven])]
+    following = [row[driven] for row in equations.written.ratios()]
+    rates = [complex_ball(rate) for rate in (*map(exact, moved), *following)]
     if count:
         right = -(slopes[:, count:] @ np.array(rates))
         unknown = solved(matrix(slopes[:, :count]), matrix(right[:, None])).entries()
         rates = [*unknown, *rates]
     placed = equations.orientations(places, 1)
-    velocities = np.full((bodies, 3), complex_ball(0j), dtype=object)
+    velocities = np.full((structure.bodies, 3), complex_ball(0j), dtype=object)
     for link, jet in placed.items():
         parts = [jet[(v,)] * rate for v, rate in enumerate(rates) if (v,) in jet]
-        if parts and link < bodies:
+        if parts and link < structure.bodies:
             spin = sum(parts[1:], parts[0]) * jet[()].transpose()
             velocities[link] = spin[2, 1], spin[0, 2], spin[1, 0]
-    if equations.construction.root != 0:
+    if made.root != 0:
         velocities = velocities @ np.array(placed[0][()].tolist())
-    return [[entry.real for entry in velocity] for velocity in velocities]
-
-
-def _poles(
-    mode: int, driven: int, turning: Sequence[Sequence[Ball]]
-) -> Iterator[CertifiedPole]:
-    for second, first in combinations(range(len(turning)), 2):
-        pairs = zip(turning[first], turning[second], strict=True)
-        x, y, z = (a - b for a, b in pairs)
-        size = (x * x + y * y + z * z).sqrt()
-        turns = lower(size) > 0.0
-        direction = (x / size, y / size, z / size) if turns else None
-        yield CertifiedPole(mode, driven, first, second, direction, size)
+    return [np.array([entry.real for entry in velocity]) for velocity in velocities]
 
 
 FORMAT = 1
@@ -299,17 +296,16 @@ def construction_table(written: Written, construction: Construction) -> Mapping[
     """Return an order of placing links with names."""
     structure = written.structure
     links, names = structure.links, structure.pairs
-    steps: list[dict[str, Any]] = []
-    for step in construction.steps:
-        if isinstance(step, PlacedByJoint):
-            parents, pairs = [links[step.parent]], [names[step.pair]]
-        else:
-            parents = [links[parent] for parent in step.parents]
-            pairs = [names[pair] for pair in step.pairs]
-        steps.append({"link": links[step.link], "on": parents, "by": pairs})
     return {
         "root": links[construction.root],
-        "steps": steps,
+        "steps": [
+            {
+                "link": links[step.link],
+                "on": [links[parent] for parent in step.parents],
+                "by": [names[pair] for pair in step.pairs],
+            }
+            for step in construction.steps
+        ],
         "unknowns": [names[pair] for pair in construction.pairs[: construction.unknowns]],
         "couplers": {
             written.mechanism.pairs[coupler.contact].name: {
@@ -390,14 +386,12 @@ def _near(balls: Sequence[Ball]) -> tuple[list[float], list[float]]:
 def _wheels(written: Written, made: Construction) -> list[dict[str, Any]]:
     """Return by how much wheels turn with the only variable, and their angles at zero."""
     structure = written.structure
-    turns = {
-        step.pair: step.turns for step in made.steps if isinstance(step, PlacedByJoint)
-    }
+    turns = {step.pairs: step.turns for step in made.steps}
     with bits(WHEEL_BITS):
         angles, off = _near(written.given([exact(0.0)])[1:])
     keys = "pair", "turns", "at_zero_rad", "off"
     names = [structure.pairs[pair] for pair in structure.followers]
-    every = [turns[pair] for pair in structure.followers]
+    every = [turns[(pair,)] for pair in structure.followers]
     rows = zip(names, every, angles, off, strict=True)
     return [dict(zip(keys, row, strict=True)) for row in rows]
 

@@ -20,16 +20,16 @@ different unless everything is back.
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import chain, combinations
+from functools import cached_property, lru_cache
+from itertools import combinations, islice
 from math import lcm
 
 import numpy as np
 
-from spherekit.arrays import Bools, Indices
+from spherekit.arrays import Indices
 from spherekit.conventions import listing
 from spherekit.errors import PlanError
-from spherekit.planning.inputs import merged
+from spherekit.model.graph import joined, spanning
 from spherekit.proof.gears import Structure, Written
 
 MOST_ORDERS = 20000
@@ -39,31 +39,23 @@ MOST_KEPT = 256
 
 
 @dataclass(frozen=True)
-class PlacedByJoint:
-    """A link placed across a pair from a link placed before; `variable` is its angle.
+class Step:
+    """A link placed across one pair from a link before it, or on the axes of two such.
 
-    Or the pair turns by `turns` for one turn of the variable.
+    Across one pair it turns by `turns` times the variable of the number `variable`. Two
+    pairs, with links of `parents` each, give an equation: the arc between their axes.
     """
 
     link: int
-    parent: int
-    pair: int
-    variable: int
+    parents: tuple[int, ...]
+    pairs: tuple[int, ...]
+    variable: int = -1
     turns: int = 1
 
-
-@dataclass(frozen=True)
-class PlacedByDyad:
-    """A link put on the axes of two pairs with links placed before; one equation."""
-
-    link: int
-    pairs: tuple[int, int]
-    parents: tuple[int, int]
-
-
-Step = PlacedByJoint | PlacedByDyad
-_Numbers = tuple[int, ...]
-_Key = tuple[tuple[tuple[int, int], ...], int, _Numbers, _Numbers, frozenset[int]]
+    @property
+    def is_dyad(self) -> bool:
+        """Whether it is put on two axes."""
+        return len(self.pairs) == 2
 
 
 @dataclass(frozen=True)
@@ -94,15 +86,38 @@ class Construction:
         return self.pairs[self.unknowns + self.inputs :]
 
     @property
-    def equations(self) -> tuple[PlacedByDyad, ...]:
+    def equations(self) -> tuple[Step, ...]:
         """The links put on two axes, whose arcs are the equations, in order."""
-        return tuple(step for step in self.steps if isinstance(step, PlacedByDyad))
+        return tuple(step for step in self.steps if step.is_dyad)
+
+    @cached_property
+    def placed(self) -> dict[int, tuple[int | None, Indices]]:
+        """The link that each link is placed in, and the degrees in all variables there.
+
+        A link put on two axes is placed in the last link that both ways to its parents
+        share.
+        """
+        placed: dict[int, tuple[int | None, Indices]] = {}
+        placed[self.root] = None, np.zeros(len(self.pairs), dtype=np.intp)
+        for step in self.steps:
+            if step.is_dyad:
+                shared, *ways = _apart(placed, *step.parents)
+                both = [placed[link][1] for way in ways for link in way]
+                placed[step.link] = shared, np.sum([placed[self.root][1], *both], axis=0)
+            else:
+                degrees = np.zeros(len(self.pairs), dtype=np.intp)
+                degrees[step.variable] = abs(step.turns)
+                placed[step.link] = step.parents[0], degrees
+        return placed
+
+    def apart(self, step: Step) -> tuple[int, list[int], list[int]]:
+        """Return the last link that the ways to both parents share, and what is on each."""
+        return _apart(self.placed, *step.parents)
 
     @cached_property
     def degrees(self) -> Indices:
         """(equations, variables): the degree of each equation in e^(i angle), halved."""
-        ranks = Ranks(self)
-        rows = [ranks.between(*step.parents)[1] for step in self.equations]
+        rows = [self.placed[step.link][1] for step in self.equations]
         return np.array(rows, dtype=np.intp).reshape(len(rows), len(self.pairs))
 
     @cached_property
@@ -112,39 +127,44 @@ class Construction:
         An equation has degree 2 m in the half tangent of an angle in which `degrees` is
         m; the bound is the permanent of these degrees.
         """
-        degrees = 2 * self.degrees[:, : self.unknowns]
-        return permanent(degrees)
+        return permanent(2 * self.degrees[:, : self.unknowns])
+
+    @cached_property
+    def systems(self) -> list[tuple[list[int], list[int]]]:
+        """Equations and unknowns of systems to be solved one after the other."""
+        used = self.degrees[:, : self.unknowns] > 0
+        left, determined = set(range(len(used))), set[int]()
+        systems = []
+        while left:
+            parts = (
+                (list(rows), set(np.flatnonzero(np.any(used[list(rows)], axis=0)).tolist()))
+                for size in range(1, len(left) + 1)
+                for rows in combinations(sorted(left), size)
+            )
+            rows, unknowns = next(
+                (rows, unknowns - determined)
+                for rows, unknowns in parts
+                if len(unknowns - determined) == len(rows)
+            )
+            systems.append((rows, sorted(unknowns)))
+            left -= set(rows)
+            determined |= unknowns
+        return systems
 
 
-def systems_of(made: Construction) -> list[tuple[list[int], list[int]]] | None:
-    """Return equations and unknowns of systems to be solved one after the other."""
-    used = made.degrees[:, : made.unknowns] > 0
-    left = set(range(len(used)))
-    determined: set[int] = set()
-    systems = []
-    while left:
-        for size in range(1, len(left) + 1):
-            system = _system(used, sorted(left), determined, size)
-            if system is not None:
-                break
-        else:
-            return None
-        systems.append(system)
-        left -= set(system[0])
-        determined |= set(system[1])
-    return systems
-
-
-def _system(
-    used: Bools, left: list[int], determined: set[int], size: int
-) -> tuple[list[int], list[int]] | None:
-    for rows in combinations(left, size):
-        unknowns = (
-            set(np.flatnonzero(np.any(used[list(rows)], axis=0)).tolist()) - determined
-        )
-        if len(unknowns) == size:
-            return list(rows), sorted(unknowns)
-    return None
+def _apart(
+    placed: Mapping[int, tuple[int | None, Indices]], one: int, other: int
+) -> tuple[int, list[int], list[int]]:
+    """Return the last link that two ways share, and the links of each before it."""
+    ways = []
+    for link in (one, other):
+        way = [link]
+        while (above := placed[way[-1]][0]) is not None:
+            way.append(above)
+        ways.append(way)
+    first, second = ways
+    shared = next(link for link in first if link in second)
+    return shared, first[: first.index(shared)], second[: second.index(shared)]
 
 
 def permanent(matrix: Indices) -> int:
@@ -159,53 +179,6 @@ def permanent(matrix: Indices) -> int:
                     following[key] = following.get(key, 0) + total * int(entry)
         sums = following
     return sum(sums.values())
-
-
-class Ranks:
-    """How links depend on variables: for each link the one it is placed in, and degrees.
-
-    A link put on two axes counts as placed in the last link that both ways to its parents
-    share. `stretch[link]` is None for a link across a pair, else its two parents.
-    """
-
-    def __init__(self, construction: Construction) -> None:
-        count = len(construction.pairs)
-        self.parent: dict[int, int | None] = {construction.root: None}
-        self.local: dict[int, Indices] = {}
-        self.parents: dict[int, tuple[int, int] | None] = {}
-        for step in construction.steps:
-            if isinstance(step, PlacedByJoint):
-                self.parent[step.link] = step.parent
-                self.local[step.link] = np.zeros(count, dtype=np.intp)
-                self.local[step.link][step.variable] = abs(step.turns)
-                self.parents[step.link] = None
-            else:
-                shared, degrees = self.between(*step.parents)
-                self.parent[step.link], self.local[step.link] = shared, degrees
-                self.parents[step.link] = step.parents
-
-    def way(self, link: int) -> list[int]:
-        """Return a link and all that it is placed in, up to the root."""
-        way = [link]
-        while (above := self.parent[way[-1]]) is not None:
-            way.append(above)
-        return way
-
-    def apart(self, one: int, other: int) -> tuple[int, list[int], list[int]]:
-        """Return the last link that two ways share, and the links of each before it."""
-        first, second = self.way(one), self.way(other)
-        shared = next(link for link in first if link in second)
-        return shared, first[: first.index(shared)], second[: second.index(shared)]
-
-    def between(self, one: int, other: int) -> tuple[int, Indices]:
-        """Return the last link shared, and the degrees of the relative orientation."""
-        shared, first, second = self.apart(one, other)
-        total = sum(self.local[link] for link in [*first, *second])
-        count = len(next(iter(self.local.values()), ()))
-        return shared, np.asarray(total + np.zeros(count, dtype=np.intp))
-
-
-_FOUND: dict[_Key, Construction | None] = {}
 
 
 def construct(structure: Structure, wanted: Collection[int] = ()) -> Construction:
@@ -224,12 +197,8 @@ def construct(structure: Structure, wanted: Collection[int] = ()) -> Constructio
         If there is none, since the pairs do not leave one freedom for each input.
     """
     inputs, followers = structure.inputs, structure.followers
-    key = structure.ends, len(structure.links), inputs, followers, frozenset(wanted)
-    if key not in _FOUND:
-        if len(_FOUND) >= MOST_KEPT:
-            _FOUND.clear()
-        _FOUND[key] = _searched(structure, (*inputs, *followers), wanted)
-    best = _FOUND[key]
+    size = len(structure.links), len(inputs)
+    best = _best(structure.ends, *size, (*inputs, *followers), frozenset(wanted))
     if best is None:
         raise PlanError(
             f"{structure.name}: its links cannot be placed one after another on at most "
@@ -243,50 +212,47 @@ def construct(structure: Structure, wanted: Collection[int] = ()) -> Constructio
     return best
 
 
-def _searched(
-    structure: Structure, given: tuple[int, ...], wanted: Collection[int]
+Ends = tuple[tuple[int, int], ...]
+Order = tuple[tuple[int, ...], ...]
+"""Bodies, each with the one or two pairs by which it is placed."""
+
+
+@lru_cache(MOST_KEPT)
+def _best(
+    ends: Ends, links: int, inputs: int, given: tuple[int, ...], wanted: frozenset[int]
 ) -> Construction | None:
-    """Return the order with the lowest bound of all, None if there is none."""
-    best: tuple[tuple[float, ...], Construction] | None = None
-    bodies = merged(structure, given)
-    roots = sorted(
-        set(bodies), key=lambda body: body != bodies[structure.ends[given[0]][0]]
-    )
-    orders = chain.from_iterable(_orders(structure, given, root) for root in roots)
-    for number, made in enumerate(orders):
-        if made.bound:
-            missing = len(set(wanted) - set(made.pairs))
-            weight = float(missing), float(made.bound), float(np.sum(made.degrees))
-            if best is None or weight < best[0]:
-                best = weight, made
-        if number >= MOST_ORDERS:
-            break
-    return None if best is None else best[1]
+    """Return the order with the lowest bound of all, None if there is none.
 
-
-def _orders(
-    structure: Structure, given: tuple[int, ...], first: int
-) -> Iterator[Construction]:
-    """Yield constructions from a body on, no two that differ only in what comes when."""
-    bodies = merged(structure, given)
-    members: dict[int, list[int]] = {}
-    for link, body in enumerate(bodies):
-        members.setdefault(body, []).append(link)
-    free = [pair for pair in range(len(structure.pairs)) if pair not in given]
-    if any(len(set(structure.ends[p])) < 2 for p in free):
-        return
-    joins = {p: (bodies[structure.ends[p][0]], bodies[structure.ends[p][1]]) for p in free}
+    The angles of the pairs in `given` are known, of which the first are the inputs.
+    """
+    bodies = joined(links, (ends[pair] for pair in given))
+    joins = {
+        pair: (bodies[one], bodies[other])
+        for pair, (one, other) in enumerate(ends)
+        if pair not in given
+    }
     if any(one == other for one, other in joins.values()):
-        return
-    for order in removals(joins, frozenset(members), first):
-        made = _constructed(structure, given, members, first, order)
-        if made is not None:
-            yield made
+        return None
+    roots = sorted(set(bodies), key=lambda body: body != bodies[ends[given[0]][0]])
+    orders = (
+        (root, order)
+        for root in roots
+        for order in removals(joins, frozenset(bodies), root)
+    )
+    constructed = (
+        _constructed(ends, bodies, inputs, given, root, order)
+        for root, order in islice(orders, MOST_ORDERS)
+    )
+    return min(
+        (made for made in constructed if made is not None and made.bound),
+        key=lambda made: (len(wanted - {*made.pairs}), made.bound, np.sum(made.degrees)),
+        default=None,
+    )
 
 
 def removals(
     joins: Mapping[int, tuple[int, int]], bodies: frozenset[int], first: int
-) -> Iterator[tuple[tuple[int, ...], ...]]:
+) -> Iterator[Order]:
     """Yield orders of placing bodies from `first` on, each body with one or two pairs.
 
     An order has (body, pairs) for each other body; no two orders have the same ones. The
@@ -294,9 +260,7 @@ def removals(
     """
     seen: set[frozenset[tuple[int, ...]]] = set()
 
-    def removed(
-        left: frozenset[int], last: tuple[tuple[int, ...], ...]
-    ) -> Iterator[tuple[tuple[int, ...], ...]]:
+    def removed(left: frozenset[int], last: Order) -> Iterator[Order]:
         """Take bodies away, the one placed last first; `last` holds their pairs."""
         # what can still come depends on what was taken away, and not on when
         key = frozenset(last)
@@ -317,48 +281,32 @@ def removals(
 
 
 def _constructed(
-    structure: Structure,
+    ends: Ends,
+    bodies: list[int],
+    inputs: int,
     given: tuple[int, ...],
-    members: dict[int, list[int]],
-    first: int,
-    order: tuple[tuple[int, ...], ...],
+    root: int,
+    order: Order,
 ) -> Construction | None:
     """Return the construction in which bodies come in an order, None if it is none."""
-    ends = structure.ends
-    unknown = [joined[0] for _, *joined in order if len(joined) == 1]
+    unknown = [pairs[0] for _, *pairs in order if len(pairs) == 1]
     pairs = (*unknown, *given)
     steps: list[Step] = []
-    placed: set[int] = set()
-
-    def spread(link: int) -> None:
-        """Take a link as placed, and place those that known angles join to it."""
-        placed.add(link)
-        for pair in given:
-            other = sum(ends[pair]) - link
-            if link in ends[pair] and other not in placed:
-                steps.append(PlacedByJoint(other, link, pair, pairs.index(pair)))
-                spread(other)
-
-    root = members[first][0]
-    spread(root)
-    for body, *joining in order:
-        links = [next(link for link in ends[p] if link in members[body]) for p in joining]
-        parents = [sum(ends[p]) - link for p, link in zip(joining, links, strict=True)]
-        if len(set(links)) != 1 or (len(parents) == 2 and parents[0] == parents[1]):
+    for body, *joining in ((root,), *order):
+        links = [next(k for k in ends[pair] if bodies[k] == body) for pair in joining]
+        parents = tuple(sum(ends[p]) - k for p, k in zip(joining, links, strict=True))
+        if len(set(links)) > 1 or len(set(parents)) < len(joining):
             return None
-        if len(joining) == 1:
-            steps.append(
-                PlacedByJoint(links[0], parents[0], joining[0], pairs.index(joining[0]))
-            )
-        else:
-            steps.append(
-                PlacedByDyad(links[0], (joining[0], joining[1]), (parents[0], parents[1]))
-            )
-        spread(links[0])
-    equations = sum(isinstance(step, PlacedByDyad) for step in steps)
-    if equations != len(unknown):
+        if joining:
+            variable = pairs.index(joining[0]) if len(joining) == 1 else -1
+            steps.append(Step(links[0], parents, tuple(joining), variable))
+        steps += [
+            Step(link, (parent,), (pair,), pairs.index(pair))
+            for pair, parent, link in spanning(ends, links[:1] or [root], given)
+        ]
+    if sum(step.is_dyad for step in steps) != len(unknown):
         return None
-    return Construction(root, tuple(steps), pairs, len(unknown), len(structure.inputs))
+    return Construction(root, tuple(steps), pairs, len(unknown), inputs)
 
 
 MOST_LAPS = 64
@@ -395,8 +343,8 @@ def turned_together(written: Written, construction: Construction) -> Constructio
     turns[driven] = laps
     variable = construction.unknowns
     steps = tuple(
-        replace(step, variable=variable, turns=turns[step.pair])
-        if isinstance(step, PlacedByJoint) and step.pair in turns
+        replace(step, variable=variable, turns=turns[step.pairs[0]])
+        if step.pairs[0] in turns and not step.is_dyad
         else step
         for step in construction.steps
     )

@@ -16,8 +16,9 @@ from spherekit.arrays import Floats
 from spherekit.conventions import TURN
 from spherekit.errors import PlanError
 from spherekit.guarantee import Completeness, Guarantee
-from spherekit.proof.along import Chain, Range, StationaryPlace, UndecidedInterval, stops
-from spherekit.proof.balls import bits, exact, middle, pi, upper
+from spherekit.numeric.crossings import wrap
+from spherekit.proof.along import Chain, Range, Stops, stops
+from spherekit.proof.balls import bits, exact, middle, pi
 from spherekit.proof.construction import Construction, construct, turned_together
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Arm, Crossings
@@ -25,7 +26,6 @@ from spherekit.proof.gears import Written
 from spherekit.proof.paving import FIRST, Axis, CoveredBoxes, paved
 from spherekit.proof.saddles import Saddle
 from spherekit.proof.search import OVERLAPPING, Search
-from spherekit.proof.tubes import CertifiedArc
 
 PRECISION = 80
 SMALLEST = 1e-6
@@ -70,61 +70,45 @@ class CertifiedCurves:
         return float(place[self.driven]) * self.laps
 
     @cached_property
-    def stopping(self) -> tuple[tuple[list[StationaryPlace], list[UndecidedInterval]], ...]:
+    def stopping(self) -> list[Stops]:
         """Where the input stops along each chain: type II, dead centres of the input."""
         return self.stops_of(self.driven)
 
-    def stops_of(
-        self, variable: int
-    ) -> tuple[tuple[list[StationaryPlace], list[UndecidedInterval]], ...]:
+    def stops_of(self, variable: int) -> list[Stops]:
         """Return where a variable stops along each chain, and undecided parts."""
         still = self.still_in(variable)
         with bits(PRECISION):
-            return tuple(
+            return [
                 ([], []) if rests else stops(self.equations, chain, variable)
                 for chain, rests in zip(self.chains, still, strict=True)
-            )
+            ]
 
     @cached_property
-    def ends(self) -> tuple[tuple[Arm | None, Arm | None], ...]:
+    def ends(self) -> list[tuple[Arm | None, Arm | None]]:
         """The arms of crossings that each chain begins and ends on, None where on none."""
-        return tuple(self.crossings.ends(c.pieces, c.closed) for c in self.chains)
+        return [self.crossings.ends(c.pieces, c.closed) for c in self.chains]
 
     @cached_property
-    def still(self) -> tuple[bool, ...]:
+    def still(self) -> list[bool]:
         """Whether all of a chain is at one input exactly: a curve of modes there."""
         return self.still_in(self.driven)
 
-    def still_in(self, variable: int) -> tuple[bool, ...]:
+    def still_in(self, variable: int) -> list[bool]:
         """Return of each chain whether a variable is exactly the same all along it."""
         with bits(PRECISION):
-            return tuple(
-                self.crossings.still(chain.pieces, variable) for chain in self.chains
-            )
+            return [self.crossings.still(chain.pieces, variable) for chain in self.chains]
 
-    @property
+    @cached_property
     def undecided(self) -> list[tuple[float, float]]:
         """Parts of the range (rad) at which configurations may be missing."""
-        centres, radii = self.paving.centres, self.paving.radii
-        parts = (
-            [
-                (self.input_at(q - r), self.input_at(q + r))
-                for q, r in zip(centres, radii, strict=True)
-            ]
-            if len(centres)
-            else []
-        )
-        joined: list[tuple[float, float]] = []
-        for low, high in sorted([*parts, *self._near_crossings(), *self._doubts()]):
-            if joined and low <= joined[-1][1] + 1e-12:
-                joined[-1] = joined[-1][0], max(joined[-1][1], high)
-            else:
-                joined.append((low, high))
-        return joined
-
-    def _doubts(self) -> list[tuple[float, float]]:
-        """Return the inputs (rad) of parts of chains along which the input may stop."""
-        parts = []
+        boxes = zip(self.paving.centres, self.paving.radii, strict=True)
+        parts = [(self.input_at(q - r), self.input_at(q + r)) for q, r in boxes]
+        near = zip(self.saddles, self.open_at(self.driven), strict=True)
+        for saddle, off in near:
+            within = self.inside(self.input_at(saddle.centre))
+            if off and within is not None:
+                parts.append((within - off * self.laps, within + off * self.laps))
+        # parts of chains along which the input may stop
         for doubt in (doubt for _, doubts in self.stopping for doubt in doubts):
             first, width = self.laps * doubt.low, self.laps * (doubt.high - doubt.low)
             for part in (0.0, 0.5, 1.0):
@@ -132,33 +116,31 @@ class CertifiedCurves:
                 if within is not None:
                     low = within - part * width
                     parts.append((low, low + width))
-        return parts
+        joined: list[tuple[float, float]] = []
+        for low, high in sorted(parts):
+            if joined and low <= joined[-1][1] + 1e-12:
+                low, last = joined.pop()
+                high = max(last, high)
+            joined.append((low, high))
+        return joined
 
-    def open_arms(self, variable: int) -> int:
-        """Return at how many crossings a variable may stop but at the crossing itself."""
-        return sum(self._open_at(n, variable) > 0.0 for n in range(len(self.saddles)))
+    def open_at(self, variable: int) -> list[float]:
+        """Return how far (rad) from each crossing a variable may stop, 0 if nowhere.
 
-    def _open_at(self, number: int, variable: int) -> float:
-        """Return how far (rad) from a crossing a variable may stop, 0 if it does not."""
-        saddle, off = self.saddles[number], 0.0
-        if saddle.level != 0 and not (saddle.passes and saddle.passes[variable]):
-            off = float(saddle.zone[variable])
-        for two, still in zip(self.ends, self.still_in(variable), strict=True):
-            for arm in two:
-                open_ = arm is not None and arm.saddle == number and not still
-                if arm is not None and open_ and not saddle.rates[arm.quadrant][variable]:
-                    off = max(off, saddle.reach[arm.quadrant][variable])
-        return off
-
-    def _near_crossings(self) -> list[tuple[float, float]]:
-        """Return the inputs (rad) at crossings between which the input may stop."""
-        parts = []
+        That is but at the crossing itself.
+        """
+        still = self.still_in(variable)
+        offs = []
         for number, saddle in enumerate(self.saddles):
-            off = self._open_at(number, self.driven) * self.laps
-            within = self.inside(self.input_at(saddle.centre))
-            if off and within is not None:
-                parts.append((within - off, within + off))
-        return parts
+            passed = saddle.level == 0 or (saddle.passes and saddle.passes[variable])
+            parts = [0.0 if passed else float(saddle.zone[variable])]
+            for two, rests in zip(self.ends, still, strict=True):
+                for arm in two:
+                    met = arm is not None and arm.saddle == number and not rests
+                    if arm is not None and met and not saddle.rates[arm.quadrant][variable]:
+                        parts.append(saddle.reach[arm.quadrant][variable])
+            offs.append(max(parts))
+        return offs
 
     @property
     def saddles(self) -> list[Saddle]:
@@ -181,7 +163,7 @@ class CertifiedCurves:
         both = zip(self.chains, self.still, strict=True)
         kept: list[float] = []
         for q in self._inputs_of(chain.pieces[0].centre for chain, still in both if still):
-            if all(abs(_apart(q, other, self.laps * TURN)) > 1e-9 for other in kept):
+            if all(abs(wrap((q - other) / self.laps)) > 1e-9 / self.laps for other in kept):
                 kept.append(q)
         return kept
 
@@ -204,25 +186,33 @@ class CertifiedCurves:
     def modes_at(self, q: float) -> int:
         """Return the number of modes at an input (rad) that is no turning point."""
         # of the variable, which goes round once in all laps
-        return sum(_crossings(low, high, q / self.laps) for low, high in self.segments)
+        turns = (np.floor((way - q / self.laps) / TURN) for way in self.ways)
+        return int(sum(np.sum(np.abs(np.diff(turn))) for turn in turns))
 
     @cached_property
-    def segments(self) -> list[tuple[float, float]]:
-        """The input's variable (rad, turns counted) along parts of chains without stops."""
-        segments = []
-        for number, chain in enumerate(self.chains):
-            if not self.still[number]:
-                one, other = self.ends[number]
-                ways = self._on(chain.pieces[0], one), self._on(chain.pieces[-1], other)
-                segments += _segments(chain, self.stopping[number], self.driven, ways)
-        return segments
+    def ways(self) -> list[Floats]:
+        """The input's variable (rad, turns counted) along chains, monotonic in between.
 
-    def _on(self, piece: CertifiedArc, arm: Arm | None) -> float:
-        """Return how far the input goes from the end of a chain to a crossing there."""
-        if arm is None:
-            return 0.0
-        goal = self.crossings.saddles[arm.saddle].centre[self.driven]
-        return _apart(float(piece.centre[self.driven]), float(goal))
+        It is given at centres of pieces, at all stops, and at the crossings at the ends.
+        """
+        ways = []
+        parts = zip(self.chains, self.stopping, self.ends, self.still, strict=True)
+        for chain, (stopped, doubts), arms, still in parts:
+            marks = [(s.after, s.place) for s in stopped]
+            marks += [(d.after, end) for d in doubts for end in (d.first, d.last)]
+            places = []
+            for number, (piece, _) in enumerate(chain.links):
+                inner = [place for after, place in marks if after == number]
+                inner.sort(key=lambda place: float(piece.coordinates(place)[0]))
+                places += [piece.centre, *inner]
+            first, last = (
+                [] if arm is None else [self.saddles[arm.saddle].centre] for arm in arms
+            )
+            end = chain.pieces[0 if chain.closed else -1].centre
+            q = np.array([*first, *places, end, *last])[:, self.driven]
+            if not still:
+                ways.append(np.cumsum([q[0], *wrap(np.diff(q))]))
+        return ways
 
     @cached_property
     def intervals(self) -> list[tuple[float, float, int]]:
@@ -233,31 +223,20 @@ class CertifiedCurves:
         if OVERLAPPING in self.problems:
             return []
         ends = [end for part in self.undecided for end in part]
-        inner = [end for end in ends if self.low < end < self.high]
-        special = [*self.turning_points, *self.crossed, *self.still_at, *inner]
-        edges = [self.low, *sorted(q for q in special if self._is_within(q)), self.high]
+        special = [*self.turning_points, *self.crossed, *self.still_at, *ends]
+        within = (q for q in special if self.low + 1e-12 < q < self.high - 1e-12)
         # places that are not told apart have no part of the range between them
-        off = max(
-            (stop.off for stopped, _ in self.stopping for stop in stopped), default=0.0
-        )
-        off *= self.laps
-        return [
-            (low, high, self.modes_at(0.5 * (low + high)))
-            for low, high in pairwise(edges)
-            if high - low > max(2.0 * off, 1e-12)
-            and not self._is_undecided(0.5 * (low + high))
-        ]
-
-    def _is_within(self, q: float) -> bool:
-        return self.low + 1e-12 < q < self.high - 1e-12
-
-    def _is_undecided(self, q: float) -> bool:
-        """Return whether an input of the range (rad) is in an undecided part of it."""
+        offs = [stop.off * self.laps for stopped, _ in self.stopping for stop in stopped]
+        least = max(2.0 * max(offs, default=0.0), 1e-12)
         period = self.laps * TURN
         turns = (-period, 0.0, period) if self.whole else (0.0,)
-        return any(
-            low <= q + turn <= high for low, high in self.undecided for turn in turns
-        )
+        return [
+            (low, high, self.modes_at(middle))
+            for low, high in pairwise([self.low, *sorted(within), self.high])
+            if high - low > least
+            for middle in [0.5 * (low + high)]
+            if not any(a <= middle + t <= b for a, b in self.undecided for t in turns)
+        ]
 
     @cached_property
     def claim(self) -> Completeness:
@@ -265,10 +244,9 @@ class CertifiedCurves:
         pieces = sum(len(chain.pieces) for chain in self.chains)
         rests = (
             f"{len(self.chains)} curves of {pieces} pieces with one arc each, "
-            f"{self.paving.looked_at} boxes"
+            f"{self.paving.looked_at} boxes{_met(self.saddles)}"
         )
         parts = self.undecided
-        rests += _met(self.crossings.saddles)
         if OVERLAPPING in self.problems:
             rests = f"{OVERLAPPING}; {rests}"
         if parts:
@@ -295,48 +273,6 @@ def _met(saddles: Sequence[Saddle]) -> str:
         if count:
             parts.append(f", which {words} at {count} place{'s' * (count != 1)}")
     return "".join(parts)
-
-
-def _crossings(low: float, high: float, q: float) -> int:
-    """Return how often an input, of any turn, lies between two."""
-    first, last = sorted((low, high))
-    return int(np.floor((last - q) / TURN) - np.floor((first - q) / TURN))
-
-
-def _segments(
-    chain: Chain,
-    stopping: tuple[Sequence[StationaryPlace], Sequence[UndecidedInterval]],
-    driven: int,
-    ways: tuple[float, float],
-) -> list[tuple[float, float]]:
-    """Return the spans of the input along a chain but where it stops or may stop.
-
-    `ways` are how far it goes on at both ends.
-    """
-    q = float(chain.pieces[0].centre[driven])
-    start = q
-    breaks: list[tuple[float, float]] = []
-    for number, (piece, further) in enumerate(chain.links):
-        places = [(s.place, s.place) for s in stopping[0] if s.after == number]
-        places += [(d.first, d.last) for d in stopping[1] if d.after == number]
-        places.sort(key=lambda two: float(piece.coordinates(two[0])[0]))
-        for first, last in places:
-            one, other = (
-                q + _apart(piece.centre[driven], p[driven]) for p in (first, last)
-            )
-            breaks.append((one, other))
-        q += _apart(piece.centre[driven], further.centre[driven])
-    if chain.closed and breaks:
-        # the last one goes on into the first, as many turns on
-        breaks.append((breaks[0][0] + q - start, breaks[0][1] + q - start))
-    else:
-        breaks = [(start, start + ways[0]), *breaks, (q + ways[1], q)]
-    return [(one[1], other[0]) for one, other in pairwise(breaks)]
-
-
-def _apart(one: float, other: float, period: float = TURN) -> float:
-    """Return the shorter way from one angle to another."""
-    return float(np.remainder(other - one + 0.5 * period, period) - 0.5 * period)
 
 
 def certified_curves(
@@ -371,9 +307,10 @@ def certified_curves(
         equations = Equations(written, made)
         # of the variable, that goes round once where the input has gone round all laps
         low, high = (written.input_angle(text) / made.laps for text in range_text)
-        turns = middle(high - low) / TURN
-        exact_turn = _all_laps(written, range_text, made.laps)
-        if turns > 1.0 and not exact_turn:
+        first, last = (Decimal(text) for text in range_text)
+        degrees = written.document.data["angle_unit"] == "deg"
+        exact_turn = degrees and last - first == 360 * made.laps
+        if middle(high - low) > TURN and not exact_turn:
             allowed = "a turn" if made.laps == 1 else f"{made.laps} turns"
             raise PlanError(
                 f"{written.mechanism.name}: {range_text[0]} to {range_text[1]} is more "
@@ -385,7 +322,6 @@ def certified_curves(
         search = Search(equations, inputs)
         done = paved(equations, axes, search.covers, search.look, smallest, most)
         done = search.without_saddles(done)
-        assert upper(high - low) > 0.0
     return CertifiedCurves(
         written,
         made,
@@ -399,9 +335,3 @@ def certified_curves(
         done,
         tuple(search.problems()),
     )
-
-
-def _all_laps(written: Written, range_text: tuple[str, str], laps: int) -> bool:
-    """Return whether a range in degrees is exactly so many turns."""
-    low, high = (Decimal(text) for text in range_text)
-    return written.document.data["angle_unit"] == "deg" and high - low == 360 * laps

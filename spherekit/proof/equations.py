@@ -31,7 +31,7 @@ from spherekit.proof.balls import (
     matrix,
     revolute,
 )
-from spherekit.proof.construction import Construction, PlacedByDyad, PlacedByJoint, Ranks
+from spherekit.proof.construction import Construction, Step
 from spherekit.proof.gears import Written
 from spherekit.proof.harmonics import Harmonics
 
@@ -107,7 +107,6 @@ class Equations:
 
     def __init__(self, written: Written, construction: Construction) -> None:
         self.written, self.construction = written, construction
-        self.ranks = Ranks(construction)
         self.unknowns = construction.unknowns
         self.variables = len(construction.pairs)
         self.frames = written.frames()
@@ -115,10 +114,10 @@ class Equations:
         self.turning: dict[int, Rotation] = {}
         self.putting: dict[int, Placement] = {}
         for step in construction.steps:
-            if isinstance(step, PlacedByJoint):
-                self.turning[step.link] = self._turning(step)
-            else:
+            if step.is_dyad:
                 self.putting[step.link] = self._putting(step)
+            else:
+                self.turning[step.link] = self._turning(step)
 
     def frame(self, pair: int, link: int) -> Frame:
         """Return the frame of a pair in one of its links."""
@@ -133,17 +132,18 @@ class Equations:
         _, *angles = self.written.given([exact(0.0)])
         return dict(zip(followers, angles, strict=True))
 
-    def _turning(self, step: PlacedByJoint) -> Rotation:
-        parts = revolute(*self.frames[step.pair])
-        if self.written.structure.ends[step.pair][0] != step.parent:
+    def _turning(self, step: Step) -> Rotation:
+        (pair,) = step.pairs
+        parts = revolute(*self.frames[pair])
+        if self.written.structure.ends[pair][0] not in step.parents:
             parts = parts.swapaxes(1, 2)
         still, even, turned = map(matrix, parts)
-        if step.pair in self.offsets:
-            s, c = complex_ball(self.offsets[step.pair]).sin_cos()
+        if pair in self.offsets:
+            s, c = complex_ball(self.offsets[pair]).sin_cos()
             even, turned = even * c + turned * s, turned * c - even * s
         return still, even, turned
 
-    def _putting(self, step: PlacedByDyad) -> Placement:
+    def _putting(self, step: Step) -> Placement:
         a, b = (self.frame(pair, step.link)[2] for pair in step.pairs)
         normal = np.cross(a, b)
         square = normal @ normal
@@ -186,7 +186,7 @@ class Equations:
         """Return the jets of all links' orientations in the root, at balls of variables."""
         _, placed = self._placed(places, order)
         for step in self.construction.steps:
-            above = self.ranks.parent[step.link]
+            above, _ = self.construction.placed[step.link]
             if above is not None and above != self.construction.root:
                 local = placed[step.link]
                 placed[step.link] = product(placed[above], local, _times, order)
@@ -208,12 +208,12 @@ class Equations:
             return jet
 
         for step in self.construction.steps:
-            if isinstance(step, PlacedByJoint):
+            if not step.is_dyad:
                 turn = turns[step.variable]
                 local[step.link] = _turned(self.turning[step.link], turn, step, order)
                 continue
             part = self.putting[step.link]
-            _, first, second = self.ranks.apart(*step.parents)
+            _, first, second = self.construction.apart(step)
             one, other = along(first, part.u), along(second, part.w)
             value = dict(product(one, other, _dot, order))
             value[()] = value[()] - part.cosine
@@ -235,8 +235,8 @@ class Equations:
         products = []
         for step in self.construction.steps:
             factors[step.link] = 1.0
-            if isinstance(step, PlacedByDyad):
-                _, *ways = self.ranks.apart(*step.parents)
+            if step.is_dyad:
+                _, *ways = self.construction.apart(step)
                 one, other = (prod(factors[link] for link in way) for way in ways)
                 sums = (one + other + one * other) * (1 + 16 * UNIT)
                 factors[step.link] = sums / self.putting[step.link].sine
@@ -257,9 +257,7 @@ class Equations:
         )
 
 
-def _turned(
-    parts: Rotation, turn: tuple[Ball, Ball], step: PlacedByJoint, order: int
-) -> Jet:
+def _turned(parts: Rotation, turn: tuple[Ball, Ball], step: Step, order: int) -> Jet:
     """Return the jet of a rotation at the sine and cosine of a step's variable."""
     sine, cosine = 0 * turn[0], 0 * turn[1] + 1
     for _ in range(abs(step.turns)):

@@ -30,7 +30,7 @@ from spherekit.proof.balls import (
     upper,
     wide,
 )
-from spherekit.proof.construction import PlacedByDyad, PlacedByJoint
+from spherekit.proof.construction import Step
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
 from spherekit.proof.roots import zero_within
@@ -92,19 +92,19 @@ def foldings(equations: Equations) -> list[Folding]:
     return [folding for folding in made if folding is not None]
 
 
-def _folding(equations: Equations, number: int, step: PlacedByDyad) -> Folding | None:
+def _folding(equations: Equations, number: int, step: Step) -> Folding | None:
     """Return the loop of an equation, None if it is none of four pairs in exact arcs."""
-    shared, first, second = equations.ranks.apart(*step.parents)
+    shared, first, second = equations.construction.apart(step)
     steps = {s.link: s for s in equations.construction.steps}
     turned = [steps[link] for link in (*first, *second)]
-    joints = [s for s in turned if isinstance(s, PlacedByJoint)]
+    joints = [s for s in turned if not s.is_dyad]
     if not len(turned) == len(joints) == len({s.variable for s in joints}) == 2:
         return None
-    if any(s.turns != 1 or s.pair in equations.offsets for s in joints):
+    if any(s.turns != 1 or s.pairs[0] in equations.offsets for s in joints):
         return None
     # the loop as links with the pairs between them, from the shared link round to it
     links = [shared, *first[::-1], step.link, *second]
-    pairs = {s.link: s.pair for s in joints}
+    pairs = {s.link: s.pairs[0] for s in joints}
     hinges = [
         *(pairs[link] for link in first[::-1]),
         *step.pairs,
@@ -115,7 +115,7 @@ def _folding(equations: Equations, number: int, step: PlacedByDyad) -> Folding |
     arcs = [arc for link, two in sides if (arc := _arc(written, link, *two)) is not None]
     if len(arcs) < len(links):
         return None
-    places = [hinges.index(joint.pair) for joint in joints]
+    places = [hinges.index(joint.pairs[0]) for joint in joints]
     return Folding(
         number,
         (joints[0].variable, joints[1].variable),

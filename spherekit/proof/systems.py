@@ -42,7 +42,7 @@ from spherekit.proof.charts import (
     turns_of,
     values_at,
 )
-from spherekit.proof.construction import permanent, systems_of
+from spherekit.proof.construction import permanent
 from spherekit.proof.equations import Equations
 
 MOST_STEPS = 600
@@ -235,8 +235,7 @@ class Systems:
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
         made = equations.construction
-        every = list(range(made.unknowns))
-        self.parts = systems_of(made) or [(every, every)]
+        self.parts = made.systems
         self.bounds = [permanent(2 * made.degrees[np.ix_(*part)]) for part in self.parts]
         self.given = [
             [v for v in range(equations.variables) if v not in unknowns]
