@@ -34,7 +34,7 @@ def closed_at(mechanism, values, inputs):
     values[held] = inputs
     closure = Closure.of(mechanism, geometry_of(mechanism).joints)
     found = closure.solve(values[None], held)
-    assert found.residual[0] < 1e-12
+    assert found.gap[0] < 1e-12
     return found.values[0], closure.at(found.values).placed[0]
 
 

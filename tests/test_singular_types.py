@@ -232,7 +232,7 @@ def closed(solver, count):
         return closed_configurations(solver, ranges, 4 * count, random)[:count]
     starts[0] = 0.0
     solution = solver.closure.solve(starts, list(solver.driven), iterations=40)
-    return solution.values[solution.residual < 1e-12][:count]
+    return solution.values[solution.gap < 1e-12][:count]
 
 
 def check_types(made, count):

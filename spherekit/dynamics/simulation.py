@@ -441,7 +441,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
         closed = None
         if all_finite(guess) and frame[0, 0, driven] > STANDSTILL:
             closed = closure.solve(guess[None], [driven])
-        if closed is None or not closed.residual[0] < 1e-12:
+        if closed is None or not closed.gap[0] < 1e-12:
             end = SimulationEnd(
                 "singularity", t, "the input is at a dead centre, where q' is endless"
             )

@@ -254,11 +254,11 @@ def _closed(
     given = np.where(angles, reduced(given), given)
     solution = closure.solve(given[None])
     moved = float(max_abs(solution.values[0] - given))
-    if not (solution.residual[0] < 1e-12 and moved < NEAR):
+    if not (solution.gap[0] < 1e-12 and moved < NEAR):
         raise SolveError(
             f"{name}: the values at the start do not close the loops: the nearest closed "
             f"configuration found is {moved:.2g} rad away (residual "
-            f"{solution.residual[0]:.2g} rad), allowed is {NEAR} rad"
+            f"{solution.gap[0]:.2g} rad), allowed is {NEAR} rad"
         )
     return np.asarray(solution.values[0]), turns
 

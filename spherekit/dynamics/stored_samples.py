@@ -32,7 +32,7 @@ from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
-from spherekit.motion.closure import NewtonResult
+from spherekit.motion.loops import Linearisation
 from spherekit.motion.motion import Motion, PositionAnalysis, going_on, motion_of
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import (
@@ -164,7 +164,7 @@ class Sampler:
         tree = cKDTree(self.nodes.values[:, self.driven])
         return lambda q: np.asarray(tree.query(q)[1])
 
-    def closed(self, q: Floats) -> tuple[NewtonResult, Indices, Floats]:
+    def closed(self, q: Floats) -> tuple[Linearisation, Indices, Floats]:
         """Return closed configurations at inputs (n, m), which known one each is from.
 
         And the step (n, m) from that.
@@ -359,7 +359,7 @@ class OverBox(Sampler):
             moving = by_variables(self.closure, values, self.driven, order=1)
             both = nodes.rates[near] + moving.rates
             led = nodes.values[near] + 0.5 * np.einsum("ni,niv->nv", step, both)
-            good = solution.residual < CLOSURE_TOLERANCE
+            good = solution.gap < CLOSURE_TOLERANCE
             good &= max_abs(led - values, axis=1) < APART
             good &= (determined(moving.rates) >= SURE) & (moving.status == Status.OK)
         functions = nans((len(q), count))

@@ -24,7 +24,7 @@ from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status, listing
 from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import NamedMode
-from spherekit.motion.closure import Closure, NewtonResult
+from spherekit.motion.closure import Closure
 from spherekit.motion.groups import (
     State,
     group_variables,
@@ -34,7 +34,13 @@ from spherekit.motion.groups import (
     train_ways,
 )
 from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow
-from spherekit.motion.loops import DEPENDENT, left_inverse, penetrates, rank_mobility
+from spherekit.motion.loops import (
+    DEPENDENT,
+    Linearisation,
+    left_inverse,
+    penetrates,
+    rank_mobility,
+)
 from spherekit.motion.meshes import GearPhases, meshes_of
 from spherekit.motion.steps import determinant_sign, walk
 from spherekit.motion.turns import into_range, whole_laps
@@ -223,7 +229,7 @@ class Solver:
         angles = self._train.offsets + q @ self._train.ratios.T
         return dict(zip(self._train.followers, angles.T, strict=True))
 
-    def place(self, state: State, number: int, q: Floats) -> NewtonResult:
+    def place(self, state: State, number: int, q: Floats) -> Linearisation:
         """Place a train of wheels, the group of a number, at inputs q (n, inputs)."""
         group, placed = self.assembly.groups[number], state.copy()
         angles = self.train_angles(q)
@@ -279,8 +285,8 @@ class Solver:
         """Place a train of wheels or an irreducible group, and note in `status` how."""
         group = self.assembly.groups[number]
         if number in self.trains:
-            result = self.place(state, number, q)
-            _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
+            at = self.place(state, number, q)
+            _mark(status, ~(at.gap < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
         else:
             assert assembly_mode.guide is not None
             predicted, spread, why = assembly_mode.guide.at(q, rows)
@@ -288,21 +294,20 @@ class Solver:
                 _mark(status, why == reason, reason)
             start = predicted[:, group_variables(state, group)]
             start = np.where(_good(status)[:, None], start, np.nan)
-            result = place_group(state, group, start)
-            _mark(status, ~(result.residual < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
-            distance = max_abs(result.values - start, axis=1)
+            at = place_group(state, group, start)
+            _mark(status, ~(at.gap < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
+            distance = max_abs(at.values - start, axis=1)
             _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.MODE_LOST)
-        states = result.at.states
-        determinant, reciprocal_condition = determinant_signs(result.at.jacobian)
+        determinant, reciprocal_condition = determinant_signs(at.jacobian)
         if assembly_mode.determinants:
             # of a flat group the sign is rounding
             flipped = determinant != assembly_mode.determinants[number]
             flipped &= reciprocal_condition >= FLAT_GROUP
             _mark(status, flipped, Status.MODE_LOST)
         _mark(status, reciprocal_condition < FLAT_GROUP, Status.AT_SINGULARITY)
-        _mark(status, ~np.all(states.inside, axis=1), Status.OFF_PROFILE)
+        _mark(status, ~np.all(at.states.inside, axis=1), Status.OFF_PROFILE)
         joints = [self.joints[pair] for pair in group.pairs]
-        _mark(status, penetrates(joints, states), Status.CURVATURE)
+        _mark(status, penetrates(joints, at.states), Status.CURVATURE)
 
     def _finish(
         self, assembly_mode: AssemblyMode, state: State, status: SmallIntegers
@@ -319,11 +324,10 @@ class Solver:
         residual = at.gap
         open_ = (residual >= CLOSURE_TOLERANCE) & (residual < POLISHED) & _good(status)
         if np.any(open_):
-            result = self.closure.solve(values[open_], self.driven)
-            values[open_], residual[open_] = result.values, result.residual
-            rotations[open_] = result.at.placed
+            at = self.closure.solve(values[open_], self.driven)
+            values[open_], residual[open_] = at.values, at.gap
+            rotations[open_], axes = at.placed, at.axes
             flipped = np.zeros(len(values), dtype=bool)
-            axes = self.closure.at(result.values).axes
             for group, sign in zip(self.assembly.groups, assembly_mode.signs, strict=True):
                 if sign:
                     triple = np.linalg.det(axes[:, list(group.pairs)])

@@ -19,6 +19,11 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import REDUNDANT, Linearisation, LoopTree
 from spherekit.sphere.rotation import max_abs, transpose
 
+ROUNDED = 1e-15
+"""Loops that are open by less (rad) are closed to rounding."""
+SETTLED = 1e-9
+"""A Newton step (rad) below this leaves an error that its square bounds."""
+
 
 class NewtonSteps:
     """The steps of one correction of n samples.
@@ -109,7 +114,7 @@ class Closure:
         held: Sequence[int] = (),
         iterations: int = 12,
         trust: float = 0.5,
-    ) -> "NewtonResult":
+    ) -> Linearisation:
         """Close the loops by Newton's method, each sample on its own.
 
         Parameters
@@ -123,46 +128,29 @@ class Closure:
 
         Returns
         -------
-        NewtonResult
-            Per sample: values, residual, the size of the first step and the ratio of
-            the second to the first (0 where one step was enough); and the closure there.
+        Linearisation
+            The closure where that ended, closed or not.
         """
+        return self.solving(values, held, iterations, trust)[0]
+
+    def solving(
+        self, values: Floats, held: Sequence[int], iterations: int, trust: float = 0.5
+    ) -> tuple[Linearisation, NewtonSteps]:
+        """Return what `solve` does, and its steps."""
         free = [v for v in range(values.shape[1]) if v not in held]
         values = values.copy()
-        n = len(values)
-        residual = np.full(n, np.inf)
-        steps = NewtonSteps(n, trust)
-        active = np.arange(n)
-        best, at_best = values.copy(), None
-        for step in range(iterations + 1):
-            at = self.take(active).at(values[active])
-            size = at.gap
-            better = size < residual[active]
-            improved = active[better]
-            best[improved], residual[improved] = values[improved], size[better]
-            if len(improved):
-                at_best = at if len(improved) == n else None
-            going = np.isfinite(size) & (size > 1e-15) & (better | (size > 1e-9))
-            if step == iterations or not np.any(going):
-                break
-            active = active[going]
-            change = least_change(at.jacobian[going][:, :, free], -at.residual[going])
-            length = max_abs(change, axis=1)
-            values[active[:, None], free] += change * steps.part(length, active)
-        if at_best is None:
-            at_best = self.at(best)
-        return NewtonResult(best, residual, steps.first, steps.ratio, at_best)
 
+        def change(some: Floats, rows: Indices) -> Floats:
+            whole, step = values[rows], np.zeros_like(some)
+            whole[:, free] = some
+            at = self.take(rows).at(whole)
+            open_ = at.gap > ROUNDED
+            right = -at.residual[open_]
+            step[open_] = least_change(at.jacobian[open_][:, :, free], right)
+            return step
 
-@dataclass(frozen=True)
-class NewtonResult:
-    """What Newton's method reached for each sample."""
-
-    values: Floats
-    residual: Floats
-    first_step: Floats
-    ratio: Floats
-    at: Linearisation
+        values[:, free], steps = newton(change, values[:, free], iterations, SETTLED, trust)
+        return self.at(values), steps
 
 
 def least_change(matrices: Floats, right: Floats) -> Floats:

@@ -83,43 +83,29 @@ _TURN[2, 0, 1] = -1.0
 """A rotation about z is this (3, 3, 3) times its point (1, cos, sin)."""
 
 
-@dataclass(frozen=True)
-class ModeCandidates:
-    """Nearly closed configurations of a group of R pairs.
-
-    `values` (k, pairs) rad: the angles. `real` (k,): whether they are real as far as
-    rounding tells, so that a closed configuration must be next to them. `roots`: the
-    number of complex solutions counted with multiplicity. `problem` says why a real
-    solution may be missing; empty if none can be.
-    """
-
-    values: Floats
-    real: Bools
-    roots: int
-    problem: str = ""
-
-
 def has_elimination(group: Group) -> bool:
     """Return whether all solutions of a group may be found by elimination."""
-    return group.revolute and len(group.bodies) in (5, 7)
+    return group.revolute and len(group.bodies) in (5, 7) and bool(orders_of(group))
 
 
-def candidates(group: Group, closure: Closure) -> ModeCandidates | None:
-    """Return all solutions of a group at one sample, None if there is no elimination.
+def eliminated(group: Group, closure: Closure) -> tuple[Floats, Bools, str]:
+    """Return all solutions of a group that has an elimination, at one sample.
 
     `closure` is the group's own, with a single sample.
+
+    Returns
+    -------
+    values, real, problem
+        Angles (k, pairs) rad of nearly closed configurations; (k,) which are real as far as
+        rounding tells, so that a closed one must be next to them; and why a real solution
+        may be missing, empty if none can be.
     """
-    orders = orders_of(group) if has_elimination(group) else ()
-    if not orders:
-        return None
-    roots = orders[0].roots
     states = closure.at(np.zeros((1, len(group.pairs)))).states
     frames = Frames(group, np.moveaxis(np.stack([states.first, states.second]), 1, 2))
     values, real = np.empty((0, len(group.pairs))), np.empty(0, dtype=bool)
     if min(frames.sine(bar) for bar in bars_of(group)) < POINTLIKE:
-        problem = "a link has an arc of about 0 or 180 deg"
-        return ModeCandidates(values, real, roots, problem)
-    for order in orders:
+        return values, real, "a link has an arc of about 0 or 180 deg"
+    for order in orders_of(group):
         solved = common_angles(frames.equations(order)[0], order.involves)
         imaginary = max_abs(solved.angles.imag, axis=1, initial=0.0)
         tried = imaginary < NEARLY_REAL
@@ -132,8 +118,8 @@ def candidates(group: Group, closure: Closure) -> ModeCandidates | None:
         if not problem and not np.all(finite):
             problem = "the neighbours of a link have axes on one line"
         if not problem:
-            return ModeCandidates(angles, real[-len(angles) :], roots)
-    return ModeCandidates(values, real, roots, problem)
+            return angles, real[-len(angles) :], ""
+    return values, real, problem
 
 
 @dataclass(frozen=True)
@@ -363,17 +349,15 @@ def solutions(
     """
     distinct = Distinct(closure)
     method = Method(0)
-    eliminated = candidates(group, closure)
-    if eliminated is not None:
-        problem = eliminated.problem
-        result = closure.solve(eliminated.values, iterations=POLISHING_STEPS)
-        closed = result.residual < CLOSURE_TOLERANCE
-        moved = np.abs(wrap(result.values - eliminated.values))
-        kept = closed & (np.max(moved, axis=1, initial=0.0) < MOVED)
-        if np.any(eliminated.real & ~kept):
+    if has_elimination(group):
+        near, real, problem = eliminated(group, closure)
+        at = closure.solve(near, iterations=POLISHING_STEPS)
+        closed = at.gap < CLOSURE_TOLERANCE
+        moved = max_abs(wrap(at.values - near), axis=1, initial=0.0)
+        if np.any(real & ~(closed & (moved < MOVED))):
             problem = problem or "a real root led to no closed configuration"
-        distinct.add(result.values[closed])
-        method = Method(0 if problem else eliminated.roots, problem)
+        distinct.add(at.values[closed])
+        method = Method(0 if problem else orders_of(group)[0].roots, problem)
     if not method.is_complete:
         census = search(closure, distinct, given)
         method = replace(method, census=census)
@@ -478,8 +462,8 @@ def _grown(
             if sign:
                 place_dyad(further, group, sign)
             else:
-                residual = solver.place(further, number, q).residual
-                further.lost |= ~(residual < CLOSURE_TOLERANCE)
+                gap = solver.place(further, number, q).gap
+                further.lost |= ~(gap < CLOSURE_TOLERANCE)
         closed = [(sign, further) for sign, further in placed if not np.all(further.lost)]
         return closed, CLOSED_FORM if group.is_dyad else ONE_WAY
     reference = solver.geometry.reference
@@ -489,10 +473,10 @@ def _grown(
     configurations, method = solutions(group, closure, given)
     grown = []
     if configurations:
-        result = closure.solve(np.array(configurations))
-        for row, values in enumerate(result.values):
+        at = closure.solve(np.array(configurations))
+        for row, values in enumerate(at.values):
             further = state.copy()
-            further.merge(group, result.at.placed[row : row + 1])
+            further.merge(group, at.placed[row : row + 1])
             further.values[:, variables] = values
             grown.append((0, further))
     return grown, method
@@ -592,12 +576,11 @@ class MultiStart:
             values, rows = values[near], rows[near]
             if not len(values):
                 return values, rows
-            result = closure.solve(values, held, iterations=POLISHING_STEPS)
-            values, at = result.values, result.at
+            at = closure.solve(values, held, iterations=POLISHING_STEPS)
             free = np.flatnonzero(~is_input)
             _, reciprocal_condition = determinant_signs(at.jacobian[:, :, free])
-            good = (result.residual < CLOSURE_TOLERANCE) & (reciprocal_condition > FLAT)
-            good &= np.all(at.states.inside, axis=1)
+            values, good = at.values, at.gap < CLOSURE_TOLERANCE
+            good &= (reciprocal_condition > FLAT) & np.all(at.states.inside, axis=1)
             good &= ~penetrates(closure.joints, at.states)
         turning = [v for v in solver.angles if v not in driven]
         values[:, turning] = wrap(values[:, turning])

@@ -14,8 +14,8 @@ from spherekit.conventions import REACH_SLACK
 from spherekit.model.graph import spanning
 from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.closure import Closure, NewtonResult
-from spherekit.motion.loops import LoopTree, pair_states
+from spherekit.motion.closure import Closure
+from spherekit.motion.loops import Linearisation, LoopTree, pair_states
 from spherekit.planning.inputs import Assembly, Group
 from spherekit.sphere.rotation import about_z, close_dyad, nans, transpose
 
@@ -142,12 +142,12 @@ def group_closure(state: State, group: Group) -> Closure:
     return Closure(tree, tuple(state.joints[p] for p in group.pairs), (first, second))
 
 
-def place_group(state: State, group: Group, start: Floats) -> NewtonResult:
+def place_group(state: State, group: Group, start: Floats) -> Linearisation:
     """Close an irreducible group from starting values (n, its variables), and merge it."""
-    result = group_closure(state, group).solve(start)
-    state.merge(group, result.at.placed)
-    state.values[:, group_variables(state, group)] = result.values
-    return result
+    at = group_closure(state, group).solve(start)
+    state.merge(group, at.placed)
+    state.values[:, group_variables(state, group)] = at.values
+    return at
 
 
 def train_ways(group: Group, fixed: Collection[int]) -> tuple[tuple[int, int, int], ...]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import CLOSURE_TOLERANCE, Status, counted
+from spherekit.conventions import Status, counted
 from spherekit.errors import PlanError, SolveError
 from spherekit.guarantee import Completeness, Guarantee
 from spherekit.model.parts import PoseGeometry
@@ -40,10 +40,9 @@ from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.input_turning_points import input_turning_points
 from spherekit.motion.search import SAME_MODE, STARTS, SearchStatistics
 from spherekit.motion.steps import determinant_sign
-from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import graph_mobility, inputs_to_declare
 from spherekit.progress import ProgressReporter
-from spherekit.sphere.rotation import all_finite, max_abs
+from spherekit.sphere.rotation import max_abs
 
 PROBED_INPUTS = 721
 """Inputs over the range at which the modes of dyads are looked for."""
@@ -65,8 +64,6 @@ MOST_TIME = 10.0
 LONGEST_ROLLED = 200.0
 """Length (rad) after which a curve of wheels is ended whose rolled lengths do not follow
 from the input, and which need not ever close."""
-NEAR_GUIDE = 1e-3
-"""A mode is examined where its guide is nearer (rad) than this and its nodes' spread."""
 AHEAD = 16
 """Configurations on different modes that are followed together."""
 GUESSED = 6
@@ -407,30 +404,18 @@ class ModeSearch:
     def _families_of(self, values: Floats, rows: Indices, first: int) -> Indices:
         """Return the family (n,) of configurations on modes from `first` on, or -1.
 
-        A configuration is on a mode if Newton's method leads there from near the guide.
+        A configuration is on a mode if that has it at the same inputs.
         """
-        families, closure = np.full(len(values), -1, dtype=np.intp), self.solver.closure
-        driven = list(self.solver.driven)
-        turning = [v for v in self.solver.angles if v not in driven]
-        placed = closure.at(values).placed
+        families, driven = np.full(len(values), -1, dtype=np.intp), list(self.solver.driven)
+        placed = self.solver.closure.at(values).placed
         for mode, family in zip(
             self.assembly_modes[first:], self.families[first:], strict=True
         ):
             (left,) = np.nonzero(families < 0)
-            assert mode.guide is not None
-            q = values[left][:, driven]
-            predicted, spread, why = mode.guide.at(q, rows[left])
-            away = np.abs(wrap(predicted - values[left])[:, turning])
-            near = np.max(away, axis=1, initial=0.0) < spread + NEAR_GUIDE
-            near &= (why == Status.OK) & all_finite(predicted, 1)
-            left, start, spread = left[near], predicted[near], spread[near]
-            start[:, driven] = q[near]
-            there = closure.solve(start, driven)
-            moved = max_abs(there.values - start, axis=1, initial=0.0)
-            same = max_abs(there.at.placed - placed[left], axis=(1, 2, 3), initial=0)
-            same_mode = (same < SAME_MODE) & (moved <= 0.25 * spread + 1e-6)
-            same_mode &= there.residual < CLOSURE_TOLERANCE
-            families[left[same_mode]] = family
+            if len(left):
+                there = self.solver.evaluate(mode, values[left][:, driven], rows[left])
+                away = max_abs(there.rotations - placed[left], axis=(1, 2, 3))
+                families[left[away < SAME_MODE]] = family
         return families
 
     def _go_beyond(self) -> None:

@@ -260,8 +260,8 @@ def _closed(closure: Closure, values: Floats) -> Floats:
     """Return the configurations (k, variables) that Newton's method closes."""
     if not len(values):
         return values
-    result = closure.solve(values, iterations=POLISHING_STEPS)
-    return result.values[result.residual < CLOSURE_TOLERANCE]
+    at = closure.solve(values, iterations=POLISHING_STEPS)
+    return at.values[at.gap < CLOSURE_TOLERANCE]
 
 
 def starting_range(closure: Closure) -> tuple[Floats, Floats]:

@@ -366,11 +366,11 @@ def _advanced(
     finite = all_finite(guess, 1)  # a slope may be endless
     guess = np.where(finite[:, None], guess, at.values)
     moved = max_abs(guess - at.values, axis=1)
-    result = closure.solve(guess, driven, iterations=6)
-    holds = finite & (result.residual < CLOSURE_TOLERANCE)
+    there, steps = closure.solving(guess, driven, iterations=6)
+    holds = finite & (there.gap < CLOSURE_TOLERANCE)
     size = np.minimum(LARGEST_MOVE, moved)
-    holds &= VERIFIED.corrected(result.first_step, result.ratio, size)
-    new = nodes_at(result.at, driven, at.direction)
+    holds &= VERIFIED.corrected(steps.first, steps.ratio, size)
+    new = nodes_at(there, driven, at.direction)
     holds &= (new.sign == at.sign) & all_finite(new.slope, 1)
     cosine = np.vecdot(unit_rows(at.slope), unit_rows(new.slope))
     return new, holds & (cosine > VERIFIED.turn), last

@@ -72,7 +72,7 @@ def as_assembled(held: Solver, released: Solver, values: Floats) -> Floats | Non
     with np.errstate(invalid="ignore", divide="ignore"):
         closed = held.closure.solve(tried, [*held.driven, *rolled], iterations=30)
     best, least = None, np.inf
-    for whole in closed.values[closed.residual < CLOSURE_TOLERANCE]:
+    for whole in closed.values[closed.gap < CLOSURE_TOLERANCE]:
         q = _turned(meshes, wrap(whole[driven]), whole[rolled])
         if q is not None and np.sum(np.abs(q)) < least - SAME_LENGTH:
             best, least = whole.copy(), float(np.sum(np.abs(q)))

@@ -158,7 +158,7 @@ def closed_configurations(
         held += list(meshes.variables)
         start[:, list(meshes.variables)] = rolled
     solution = solver.closure.solve(start, held, iterations=CLOSING_STEPS)
-    return solution.values[solution.residual < CLOSURE_TOLERANCE]
+    return solution.values[solution.gap < CLOSURE_TOLERANCE]
 
 
 def everywhere(view: SingularityReport) -> bool:
