@@ -86,7 +86,7 @@ def loop_gap(arcs, values):
 
 def axes_of(curve, values):
     """Return the pair axes (n, pairs, 3) in the axes of the ground."""
-    return curve.segments.closure.at(values).axes
+    return curve.closure.at(values).axes
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_one_lap_of_a_four_bar_without_a_crank(no_crank):
     assert np.max(np.abs(points.values[0] - points.values[-1])) < 1e-13
     # the tangent, integrated over the lap, returns to the start too
     assert np.max(np.abs(np.mean(points.tangents[:-1], axis=0))) < 1e-14
-    other = follow_arc(no_crank.segments.closure, no_crank.at(3.0).values[0])
+    other = follow_arc(no_crank.closure, no_crank.at(3.0).values[0])
     assert other.length == pytest.approx(no_crank.length, abs=1e-13)
 
 
@@ -283,7 +283,7 @@ def open_cam():
 def test_a_curve_ends_exactly_where_the_contact_leaves_an_open_profile():
     curve = closed_near(open_cam(), [0.6, 0.77, 0.5, 1.27])
     assert curve.ends == (sk.Status.OFF_PROFILE, sk.Status.OFF_PROFILE)
-    profile = curve.segments.closure.joints[2].first
+    profile = curve.closure.joints[2].first
     ends = np.sort(curve.nodes.values[[0, -1], 2])
     assert np.max(np.abs(ends - [0.0, profile.length])) < 1e-12
     assert np.max(curve.at(np.linspace(0.0, curve.length, 200)).residual) < 1e-12
@@ -296,8 +296,8 @@ def test_a_curve_ends_exactly_where_curvatures_are_equal():
     curve = closed_near(made, [-0.6, -0.9, 1.5, 1.56])
     assert curve.ends == (sk.Status.CURVATURE, sk.Status.CURVATURE)
     cam_profile, roller = (
-        curve.segments.closure.joints[2].first,
-        curve.segments.closure.joints[2].second,
+        curve.closure.joints[2].first,
+        curve.closure.joints[2].second,
     )
     ends = curve.nodes.values[[0, -1]]
     gap = cam_profile.at(ends[:, 2]).curvature - roller.at(ends[:, 3]).curvature
@@ -307,7 +307,7 @@ def test_a_curve_ends_exactly_where_curvatures_are_equal():
 def test_stops_end_a_curve_where_they_are(no_crank):
     given = no_crank.nodes.values[4]
     stops = {1: (given[1] - 0.2, given[1] + 0.3)}
-    curve = follow_arc(no_crank.segments.closure, given, stops)
+    curve = follow_arc(no_crank.closure, given, stops)
     assert curve.ends == (sk.Status.OK, sk.Status.OK) and not curve.closed
     ends = np.sort(curve.nodes.values[[0, -1], 1])
     assert np.max(np.abs(ends - stops[1])) < 1e-14
@@ -327,11 +327,11 @@ def test_a_folding_four_bar_ends_at_the_crossing():
         s = np.linspace(0.0, curve.length, 50)
         assert np.max(curve.at(s).residual) < 1e-13
     with pytest.raises(SolveError, match="is singular"):
-        follow_arc(curves[0].segments.closure, curves[0].at(0.0).values[0])
+        follow_arc(curves[0].closure, curves[0].at(0.0).values[0])
 
 
 def test_starts_that_cannot_be_followed(no_crank):
-    closure = no_crank.segments.closure
+    closure = no_crank.closure
     with pytest.raises(SolveError, match="does not close"):
         follow_arc(closure, no_crank.nodes.values[0] + [0.0, 0.0, 1.5, 0.7])
     given = no_crank.nodes.values[0]

@@ -27,7 +27,7 @@ from spherekit.motion.closure import Closure, NewtonSteps, newton
 from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.turns import less_periods
 from spherekit.numeric.zeros import ArrayRows, Zeros, hermite, zeros
-from spherekit.sphere.paths import ArcLength, measure
+from spherekit.sphere.paths import ArcLength, integrated
 from spherekit.sphere.rotation import all_finite, max_abs, nans, unit_rows
 
 MOST_CORRECTIONS = 6
@@ -61,6 +61,12 @@ class CurvePoints(ArrayRows):
     def plain(self) -> "CurvePoints":
         """The points without what else is known of them."""
         return CurvePoints(self.values, self.tangents, self.bends, self.residual)
+
+    def only(self, good: Bools) -> "CurvePoints":
+        """Return the points, with NaN for those that are not good (n,)."""
+        for array in (self.values, self.tangents, self.bends, self.residual):
+            array[~good] = np.nan
+        return self
 
     @property
     def reversed(self) -> "CurvePoints":
@@ -175,72 +181,6 @@ class Chords:
         return row, number, way, np.clip(along, 0.0, self.chords[number])
 
 
-@dataclass(frozen=True)
-class Segments(Chords):
-    """The curve through k nodes; u, the sum of the chords' lengths, is its parameter."""
-
-    closure: Closure
-
-    @cached_property
-    def starts(self) -> Floats:
-        """The parameter u (k,) of the nodes."""
-        return np.concatenate([[0.0], np.cumsum(self.chords)])
-
-    @cached_property
-    def rounding(self) -> Floats:
-        """Relative error (k - 1,) of a tangent between two nodes, from their condition."""
-        jacobian = self.closure.at(self.nodes.values).jacobian
-        equations = bordered(jacobian, self.nodes.tangents)
-        condition = bordered_condition(equations, left_inverse(equations))
-        return 8.0 * EPS / np.minimum(condition[:-1], condition[1:])
-
-    def at(self, u: Floats) -> CurvePoints:
-        """Return the curve at u (n,), to closure precision."""
-        return self.on(*self._places(u))
-
-    def _places(self, u: Floats) -> tuple[Indices, Floats]:
-        """Return the chords (n,) of u (n,), and how far from their starts (n,) it is."""
-        which = np.clip(np.searchsorted(self.starts, u) - 1, 0, len(self.chords) - 1)
-        return which, u - self.starts[which]
-
-    def on(self, which: Indices, way: Floats) -> CurvePoints:
-        """Return the curve where its projection on the chord `which` (n,) is `way` (n,)."""
-        chords, e = self.chords[which], self.directions[which]
-        guess = self.predict(which, way / chords)
-        targets = np.sum(e * self.nodes.values[which], axis=1) + way
-        values, _ = correct(self.closure, guess, e, targets)
-        points, _ = curve_points(self.closure, values, e)
-        miss = max_abs(values - guess, axis=1)
-        good = (points.residual < CLOSURE_TOLERANCE) & (miss <= LARGEST_MISS * chords)
-        for array in (points.values, points.tangents, points.bends, points.residual):
-            array[~good] = np.nan
-        return points
-
-    def speed(self, u: Floats) -> Floats:
-        """Return ds/du at u of any shape.
-
-        Raises
-        ------
-        SolveError
-            If the curve cannot be found between its nodes.
-        """
-        flat = u.ravel()
-        which, way = self._places(flat)
-        points = self.on(which, way)
-        cosine = np.sum(points.tangents * self.directions[which], axis=1)
-        if not all_finite(cosine):
-            lost = float(flat[~np.isfinite(cosine)][0])
-            raise SolveError(
-                f"the configuration curve is lost {self.place(lost)}: Newton's method does "
-                "not close the loops between two nodes; follow it with a smaller `step`"
-            )
-        return np.asarray((1.0 / cosine).reshape(u.shape))
-
-    def place(self, u: float) -> str:
-        """Return words for where u is."""
-        return f"at the length {u:.6g} rad of its chords"
-
-
 AT_REST = 1e-7
 """A variable that changes by less (rad) along a whole curve stands still on it."""
 
@@ -249,14 +189,14 @@ Along = Callable[[CurvePoints], tuple[Floats, Floats]]
 
 
 @dataclass(frozen=True)
-class ArcCurve:
+class ArcCurve(Chords):
     """A configuration curve through verified nodes.
 
     Attributes
     ----------
-    segments
-        The nodes and what lies between them; those of a closed curve end with the first
-        one, its variables grown by `winding` periods.
+    nodes
+        In order of arc length; those of a closed curve end with the first one, its
+        variables grown by `winding` periods.
     periods
         (variables,) growth of each variable that changes nothing: a turn, the length of
         a closed profile that a contact slides on, the least common length of two that
@@ -271,22 +211,55 @@ class ArcCurve:
         Number of the node that was given.
     """
 
-    segments: Segments
+    closure: Closure
     periods: Floats
     closed: bool
     winding: Integers
     ends: tuple[Status, Status]
     start: int
 
-    @property
-    def nodes(self) -> CurvePoints:
-        """The nodes in order of arc length."""
-        return self.segments.nodes
+    @cached_property
+    def starts(self) -> Floats:
+        """The lengths u (k,) of the chords up to each node, the curve's parameter."""
+        return np.concatenate([[0.0], np.cumsum(self.chords)])
+
+    def _on(self, u: Floats) -> tuple[CurvePoints, Indices]:
+        """Return the curve at lengths u (n,) of chords, and which chords (n,) these are."""
+        which = np.clip(np.searchsorted(self.starts, u) - 1, 0, len(self.chords) - 1)
+        return self._beside(which, u - self.starts[which]), which
+
+    def _beside(self, which: Indices, way: Floats) -> CurvePoints:
+        """Return the curve where its projection on the chord `which` (n,) is `way` (n,)."""
+        chords, e = self.chords[which], self.directions[which]
+        guess = self.predict(which, way / chords)
+        targets = np.sum(e * self.nodes.values[which], axis=1) + way
+        values, _ = correct(self.closure, guess, e, targets)
+        points, _ = curve_points(self.closure, values, e)
+        miss = max_abs(values - guess, axis=1)
+        good = (points.residual < CLOSURE_TOLERANCE) & (miss <= LARGEST_MISS * chords)
+        return points.only(good)
 
     @cached_property
     def table(self) -> ArcLength:
         """Arc length against the length of the chords."""
-        return measure(self.segments, self.segments.starts, self.segments.rounding)
+        jacobian = self.closure.at(self.nodes.values).jacobian
+        equations = bordered(jacobian, self.nodes.tangents)
+        condition = bordered_condition(equations, left_inverse(equations))
+        rounding = 8.0 * EPS / np.minimum(condition[:-1], condition[1:])
+        return integrated(self._speed, self.starts, rounding)
+
+    def _speed(self, u: Floats) -> Floats:
+        """Return ds/du at u of any shape."""
+        points, which = self._on(u.ravel())
+        cosine = np.sum(points.tangents * self.directions[which], axis=1)
+        if not all_finite(cosine):
+            lost = float(u.ravel()[~np.isfinite(cosine)][0])
+            raise SolveError(
+                f"the configuration curve is lost at the length {lost:.6g} rad of its "
+                "chords: Newton's method does not close the loops between two nodes; "
+                "follow it with a smaller `step`"
+            )
+        return np.asarray((1.0 / cosine).reshape(u.shape))
 
     @property
     def length(self) -> float:
@@ -296,7 +269,7 @@ class ArcCurve:
     @cached_property
     def s(self) -> Floats:
         """Arc lengths (k,) of the nodes (rad)."""
-        return self.table.at_edge(self.segments.starts)
+        return self.table.at_edge(self.starts)
 
     @cached_property
     def rise(self) -> Floats:
@@ -336,11 +309,9 @@ class ArcCurve:
         slack = 1e-12 * self.length
         inside = (rest >= -slack) & (rest <= self.length + slack)
         u = self.table.invert(np.where(inside, rest, 0.0))
-        points = self.segments.at(u)
+        points, _ = self._on(u)
         points.values[:] += np.outer(laps, self.rise)
-        for array in (points.values, points.tangents, points.bends, points.residual):
-            array[~inside] = np.nan
-        return points
+        return points.only(inside)
 
     def locate(self, function: Along) -> Zeros:
         """Return all zeros along the curve of a function, its derivative by s known.
@@ -397,10 +368,8 @@ class ArcCurve:
 
     def _hits(self, values: Floats) -> tuple[Indices, Indices, Floats]:
         """Return which configurations are on which chords, and where along these."""
-        segments = self.segments
-        row, number, way, along = segments.beside(values, self.periods)
-        starts = self.nodes.values
-        miss = segments.on(number, along).values - starts[number] - way
+        row, number, way, along = self.beside(values, self.periods)
+        miss = self._beside(number, along).values - self.nodes.values[number] - way
         hits = max_abs(miss, axis=1) < NEAR
         return row[hits], number[hits], along[hits]
 
@@ -411,7 +380,7 @@ class ArcCurve:
     def _lengths_at(self, which: Indices, along: Floats) -> Floats:
         """Return s (n,) where the projections on chords `which` (n,) are `along` (n,)."""
         table = self.table
-        u = self.segments.starts[which] + along
+        u = self.starts[which] + along
         panel = np.searchsorted(table.edges, u, side="right") - 1
         panel = np.clip(panel, 0, len(table.edges) - 2)
         low, high = table.edges[panel], table.edges[panel + 1]

@@ -6,7 +6,7 @@ curves that pass each other closely have bordered Jacobians of opposite orientat
 so that the test of their change keeps them apart.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -18,7 +18,6 @@ from spherekit.errors import SolveError
 from spherekit.motion.arc_curve import (
     ArcCurve,
     CurvePoints,
-    Segments,
     bordered,
     bordered_condition,
     bordered_step,
@@ -28,7 +27,6 @@ from spherekit.motion.arc_curve import (
 from spherekit.motion.closure import Closure, newton
 from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
 from spherekit.motion.steps import (
-    GOING,
     NEARLY_THERE,
     STEP_PARTS,
     Curves,
@@ -43,6 +41,8 @@ LARGEST_STEP = 0.4
 """Longest step (rad of arc length)."""
 FIRST_STEP = 0.1
 """The first step that is tried (rad)."""
+TOWARDS_LIMIT = 0.9
+"""Part of the way to a limit, as the tangent has it, that is stepped at most."""
 LARGEST_TURN = 0.4
 """Angle (rad) by which the tangent may turn in one step, by the curvature at its start."""
 SINGULAR = 1e-6
@@ -65,101 +65,106 @@ MOST_TEETH = 10_000
 """Lengths of rolling profiles have a ratio of whole numbers up to this, or none."""
 
 
-Margin = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
-"""How far (n,) the limit of a curve is, negative beyond, and the gradient (n, variables).
-
-Of variables (n, variables), with curvatures and their rates (n, pairs, 2) of profiles.
-"""
-
-
 @dataclass(frozen=True)
-class _Limit:
-    """Where a curve has to end: a bound of a variable, or equal curvatures of profiles."""
+class _Limits:
+    """Where curves have to end: bounds of variables, and equal curvatures of profiles.
 
-    status: Status
-    words: str
-    margin: Margin
-
-    def of(self, nodes: "_Nodes") -> tuple[Floats, Floats]:
-        """Return the margins (n,) of nodes and the gradients."""
-        return self.margin(nodes.values, nodes.curvatures, nodes.curvature_rates)
-
-
-def _bound(variable: int, value: float, sense: float, status: Status) -> _Limit:
-    """Return the limit of a variable from above (`sense` 1) or from below (-1)."""
-
-    def margin(values: Floats, _: Floats, __: Floats) -> tuple[Floats, Floats]:
-        gradient = np.zeros_like(values)
-        gradient[:, variable] = sense
-        return sense * (values[:, variable] - value), gradient
-
-    side = "lowest" if sense > 0.0 else "highest"
-    words = f"the {side} value {value:.6g} rad of variable {variable}"
-    return _Limit(status, words, margin)
-
-
-def _equal_curvatures(pair: int, along: Sequence[int]) -> _Limit:
-    """Return the limit of a contact pair, whose arc lengths are the variables `along`."""
-
-    def margin(values: Floats, bends: Floats, rates: Floats) -> tuple[Floats, Floats]:
-        gradient = np.zeros_like(values)
-        for variable, rate in zip(along, (rates[:, pair] * [1.0, -1.0]).T, strict=True):
-            gradient[:, variable] += rate
-        return bends[:, pair, 0] - bends[:, pair, 1] - EQUAL_CURVATURE, gradient
-
-    words = f"equal curvatures of the profiles of pair {pair}"
-    return _Limit(Status.CURVATURE, words, margin)
-
-
-def _limits_of(
-    closure: Closure, stops: Mapping[int, tuple[float, float]]
-) -> tuple[_Limit, ...]:
-    """Return the ends of open profiles, equal curvatures, and stops.
-
-    `stops` has the lowest and the highest value (rad) of variables by their numbers.
+    A bound is a variable, its value, and 1 from above or -1 from below. A contact is a
+    pair with the variables of its arc lengths.
     """
-    limits: list[_Limit] = []
-    bounds = [(variable, *ends, Status.OK) for variable, ends in stops.items()]
-    for pair, tracks in contact_tracks(closure.joints):
-        limits.append(_equal_curvatures(pair, [track.variable for track in tracks]))
-        for track in tracks:
-            if not track.curve.closed:
-                ends = -track.start, track.curve.length - track.start
-                bounds.append((track.variable, *ends, Status.OFF_PROFILE))
-    for variable, low, high, status in bounds:
-        limits.append(_bound(variable, low, 1.0, status))
-        limits.append(_bound(variable, high, -1.0, status))
-    return tuple(limits)
+
+    bounds: tuple[tuple[int, float, float], ...]
+    contacts: tuple[tuple[int, tuple[int, ...]], ...]
+    statuses: tuple[Status, ...]
+
+    @staticmethod
+    def of(closure: Closure, stops: Mapping[int, tuple[float, float]]) -> "_Limits":
+        """Return the ends of open profiles, equal curvatures, and stops.
+
+        `stops` has the lowest and the highest value (rad) of variables by their numbers.
+        """
+        ranges = [(variable, *ends, Status.OK) for variable, ends in stops.items()]
+        contacts = []
+        for pair, tracks in contact_tracks(closure.joints):
+            contacts.append((pair, tuple(track.variable for track in tracks)))
+            for track in tracks:
+                if not track.curve.closed:
+                    ends = -track.start, track.curve.length - track.start
+                    ranges.append((track.variable, *ends, Status.OFF_PROFILE))
+        bounds = []
+        for variable, low, high, _ in ranges:
+            bounds += [(variable, low, 1.0), (variable, high, -1.0)]
+        statuses = [status for *_, status in ranges for _ in range(2)]
+        statuses += [Status.CURVATURE] * len(contacts)
+        return _Limits(tuple(bounds), tuple(contacts), tuple(statuses))
+
+    def margins(
+        self, values: Floats, bends: Floats, rates: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return how far (n, limits) limits are, negative beyond, and the gradients.
+
+        These (n, limits, variables) are by the variables (n, variables); curvatures of
+        profiles and their rates are (n, pairs, 2).
+        """
+        count = len(self.bounds)
+        margins = np.empty((len(values), len(self.statuses)))
+        gradients = np.zeros((*margins.shape, values.shape[1]))
+        for number, (variable, value, sense) in enumerate(self.bounds):
+            margins[:, number] = sense * (values[:, variable] - value)
+            gradients[:, number, variable] = sense
+        for number, (pair, along) in enumerate(self.contacts, count):
+            margins[:, number] = bends[:, pair, 0] - bends[:, pair, 1] - EQUAL_CURVATURE
+            for variable, rate in zip(along, (rates[:, pair] * [1.0, -1.0]).T, strict=True):
+                gradients[:, number, variable] += rate
+        return margins, gradients
+
+    def words(self, number: int) -> str:
+        """Return what a limit is of."""
+        if number >= len(self.bounds):
+            pair, _ = self.contacts[number - len(self.bounds)]
+            return f"equal curvatures of the profiles of pair {pair}"
+        variable, value, sense = self.bounds[number]
+        side = "lowest" if sense > 0.0 else "highest"
+        return f"the {side} value {value:.6g} rad of variable {variable}"
 
 
 @dataclass(frozen=True)
 class _Nodes(CurvePoints):
     """Points with their equations (n, 3 loops + 1, variables), bordered by the tangents.
 
-    `inverse` and `reciprocal_condition` (n,) are those of the equations; `curvatures`,
-    `curvature_rates` (n, pairs, 2) those of profiles.
+    `inverse` and `reciprocal_condition` (n,) are those of the equations; `margins`
+    (n, limits) say how far limits are, `approach` by how much they decrease along the
+    curve.
     """
 
     equations: Floats
     inverse: Floats
     reciprocal_condition: Floats
-    curvatures: Floats
-    curvature_rates: Floats
+    margins: Floats
+    approach: Floats
 
     @staticmethod
-    def of(at: Linearisation, points: CurvePoints) -> "_Nodes":
-        """Return the nodes at points, the closure `at` these."""
-        equations = bordered(at.jacobian, points.tangents)
+    def of(
+        at: Linearisation,
+        points: CurvePoints,
+        limits: _Limits,
+        some: slice = slice(None),
+    ) -> "_Nodes":
+        """Return the nodes at some of points, the closure `at` these."""
+        points = points.rows(some)
+        equations = bordered(at.jacobian[some], points.tangents)
         inverse = left_inverse(equations)
         condition = bordered_condition(equations, inverse)
-        bends = at.states.curvatures, at.states.curvature_rates
+        bends = at.states.curvatures[some], at.states.curvature_rates[some]
+        margins, gradients = limits.margins(points.values, *bends)
+        approach = -np.einsum("nlv,nv->nl", gradients, points.tangents)
         return _Nodes(
             **vars(points),
             equations=equations,
             inverse=inverse,
             reciprocal_condition=condition,
-            curvatures=bends[0],
-            curvature_rates=bends[1],
+            margins=margins,
+            approach=approach,
         )
 
 
@@ -191,7 +196,7 @@ def follow_arc(
         If the configuration does not close, does not move, is beyond a limit, or is a
         singular one.
     """
-    limits = _limits_of(closure, stops or {})
+    limits = _Limits.of(closure, stops or {})
     start = _started(closure, np.asarray(values, dtype=float), limits)
     return _followed([closure], [start], limits, longest, step)[0]
 
@@ -204,7 +209,7 @@ def follow_arcs(
     Closures are alike but for their leads. None where `follow_arc` raises an error.
     """
     curves: list[ArcCurve | None] = [None] * len(starts)
-    limits, begun = _limits_of(closures[0], {}), dict[int, _Nodes]()
+    limits, begun = _Limits.of(closures[0], {}), dict[int, _Nodes]()
     for number, (closure, values) in enumerate(zip(closures, starts, strict=True)):
         with suppress(SolveError):
             begun[number] = _started(closure, values, limits)
@@ -218,7 +223,7 @@ def follow_arcs(
 def _followed(
     closures: Sequence[Closure],
     starts: Sequence[_Nodes],
-    limits: tuple[_Limit, ...],
+    limits: _Limits,
     longest: float,
     step: float,
 ) -> list[ArcCurve]:
@@ -228,7 +233,7 @@ def _followed(
     closure, start = Closure.stacked(closures), _Nodes.joined(starts)
     periods = periods_of(closure)
     back = replace(start.plain, tangents=-start.tangents)
-    turned = _Nodes.of(closure.at(start.values), back)
+    turned = _Nodes.of(closure.at(start.values), back, limits)
     ahead = _Arcs(start, periods, longest, step, closure, limits)
     ahead.follow(FIRST_STEP)
     left = np.flatnonzero(~ahead.closed)
@@ -252,7 +257,7 @@ def _curve(
         laps = (nodes.values[-1] - nodes.values[0]) / periods
         winding = np.round(laps).astype(np.int64)
         ends = Status.OK, Status.OK
-        return ArcCurve(Segments(nodes, closure), periods, True, winding, ends, 0)
+        return ArcCurve(nodes, closure, periods, True, winding, ends, 0)
     back = behind.nodes_of(other).plain.reversed.rows(slice(-1))
     count = len(back.values)
     if count == 0 and len(nodes.values) == 1:
@@ -263,7 +268,7 @@ def _curve(
     points = CurvePoints.joined([back, nodes])
     winding = np.zeros(len(periods), dtype=np.int64)
     ends = Status(behind.end[other]), Status(ahead.end[row])
-    return ArcCurve(Segments(points, closure), periods, False, winding, ends, count)
+    return ArcCurve(points, closure, periods, False, winding, ends, count)
 
 
 def periods_of(closure: Closure) -> Floats:
@@ -271,7 +276,7 @@ def periods_of(closure: Closure) -> Floats:
     return np.array([period for joint in closure.joints for period in joint.periods])
 
 
-def _started(closure: Closure, values: Floats, limits: tuple[_Limit, ...]) -> _Nodes:
+def _started(closure: Closure, values: Floats, limits: _Limits) -> _Nodes:
     """Return the node of a configuration, after closing it exactly."""
     if not all_finite(values):
         raise SolveError("the configuration to follow has to be finite, but is not")
@@ -285,15 +290,14 @@ def _started(closure: Closure, values: Floats, limits: tuple[_Limit, ...]) -> _N
     target = np.array([border @ values])
     values, _ = correct(closure, values[None], border[None], target)
     points, at = curve_points(closure, values, border[None])
-    node = _Nodes.of(at, points)
+    node = _Nodes.of(at, points, limits)
     if not node.reciprocal_condition[0] > SINGULAR:
         raise SolveError(SINGULAR_START)
-    for limit in limits:
-        (margin,), _ = limit.of(node)
+    for number, margin in enumerate(node.margins[0]):
         if margin < -CLOSURE_TOLERANCE:
             raise SolveError(
-                f"the configuration to follow is {-margin:.3g} beyond {limit.words}; start "
-                "from one within its limits"
+                f"the configuration to follow is {-margin:.3g} beyond "
+                f"{limits.words(number)}; start from one within its limits"
             )
     return node
 
@@ -302,8 +306,6 @@ def _motion(closure: Closure, values: Floats) -> Floats:
     """Return the unit vector (variables,) of the only motion, its largest part positive."""
     _, sizes, right = np.linalg.svd(closure.at(values[None]).jacobian[0])
     sizes = np.append(sizes, np.zeros(max(0, len(right) - len(sizes))))
-    if len(sizes) > 1 and sizes[-2] < SINGULAR * sizes[0]:
-        raise SolveError(SINGULAR_START)
     if sizes[-1] > MOVING * sizes[0]:
         raise SolveError(
             "the configuration to follow cannot move: the loops leave it no freedom"
@@ -322,18 +324,25 @@ class _Arcs(Curves[_Nodes]):
     most_nodes = 100_000
 
     closure: Closure
-    limits: tuple[_Limit, ...]
+    limits: _Limits
 
     def exhaust(self, rows: Indices) -> None:
-        """End curves at crossings."""
+        """End curves at crossings, and at limits that they come to."""
         flat = self.at.reciprocal_condition[rows] < SINGULAR
         self.end[rows[flat]] = Status.AT_SINGULARITY
+        comes = (self.at.margins[rows] < NEARLY_THERE) & (self.at.approach[rows] > 0.0)
+        for k in np.flatnonzero(np.any(comes, axis=1) & ~flat):
+            margins = np.where(comes[k], self.at.margins[rows[k]], np.inf)
+            self._land(rows[k : k + 1], int(np.argmin(margins)))
 
     def allowed(self, rows: Indices, step: Floats) -> Floats:
-        """Return the steps (k,) that the curvature allows."""
+        """Return the steps (k,) that the curvature and the nearest limits allow."""
         bend = np.linalg.norm(self.at.bends[rows], axis=1)
         largest = np.minimum(self.largest, LARGEST_TURN / (bend + 1e-300))
-        return np.minimum(step, largest)
+        margins, approach = self.at.margins[rows], self.at.approach[rows]
+        ways = np.where(approach > 0.0, margins / (np.abs(approach) + 1e-300), np.inf)
+        ways = np.maximum(TOWARDS_LIMIT * ways, NEARLY_THERE)
+        return np.minimum(step, np.minimum(largest, np.min(ways, axis=1, initial=np.inf)))
 
     def steps_to(
         self, rows: Indices, at: _Nodes, ways: Floats
@@ -354,78 +363,37 @@ class _Arcs(Curves[_Nodes]):
         inverse = np.repeat(at.inverse, 2, axis=0)
         moved = np.linalg.norm(inverse @ change, axis=(1, 2))
         good &= self.tests.regular(moved, np.sum(points.tangents * borders, axis=1))
-        ends = slice(1, None, 2)
-        last = _Nodes.of(there.take(ends), points.rows(ends))
+        last = _Nodes.of(there, points, self.limits, slice(1, None, 2))
         rounding = 8.0 * EPS / at.reciprocal_condition
         holds = self.judged(at, last, values[::2], ways, good, rounding)
         return last, holds, np.max(moved.reshape(-1, 2), axis=1)
 
     def within(self, rows: Indices, step: Floats, new: _Nodes, holds: Bools) -> Bools:
-        """Take steps that pass no limit, and land on one that another passes."""
-        taken = holds.copy()
-        for limit in self.limits:
-            taken &= ~(limit.of(new)[0] < 0.0)
-        landing = ~taken & (self.end[rows] == GOING)
-        for k in np.flatnonzero(landing) if self.limits else ():
-            row = rows[k : k + 1]
-            landed = self._landing(row, self.at.rows(row), float(step[k]))
-            if landed is not None:
-                self.reach(row, landed[0])
-                self.end[row] = landed[1].status
-        return taken
+        """Take steps that pass no limit."""
+        return holds & np.all(new.margins >= 0.0, axis=1)
 
-    def _landing(
-        self, row: Indices, at: _Nodes, step: float
-    ) -> tuple[_Nodes, _Limit] | None:
-        """Return the first limit within a step, and the node exactly on it."""
-        best: tuple[_Nodes, _Limit] | None = None
-        for limit in self.limits:
-            (margin,), (gradient,) = limit.of(at)
-            rate, bend = float(gradient @ at.tangents[0]), float(gradient @ at.bends[0])
-            way = _first_root(float(margin), rate, 0.5 * bend)
-            if way <= self.smallest_step:
-                return None
-            if not way <= 1.5 * step:
-                continue
-            guess = taylor(at.values, at.tangents, at.bends, np.array([[way]]))
-            on = self._onto(self.closure.take(row), limit, guess)
-            way = float(at.tangents[0] @ (on - at.values)[0])
-            if not 0.0 < way <= step:
-                continue
-            made, (holds,), _ = self.steps_to(row, at, np.array([way]))
-            if holds and max_abs(made.values - on) < SAME:
-                best, step = (made, limit), way
-        return best
+    def _land(self, row: Indices, number: int) -> None:
+        """End a curve (1,) on a limit beside its last node, if it comes to it."""
+        at, closure = self.at.rows(row), self.closure.take(row)
+        if at.margins[0, number] > CLOSURE_TOLERANCE:
 
-    def _onto(self, closure: Closure, limit: _Limit, start: Floats) -> Floats:
-        """Return the closed configuration (1, variables) on a limit, by Newton's method."""
+            def change(values: Floats, _: Indices) -> Floats:
+                there = closure.at(values)
+                bends = there.states.curvatures, there.states.curvature_rates
+                margins, gradients = self.limits.margins(values, *bends)
+                return bordered_step(there, gradients[:, number], -margins[:, number])
 
-        def change(values: Floats, _: Indices) -> Floats:
-            at = closure.at(values)
-            bends = at.states.curvatures, at.states.curvature_rates
-            margin, gradient = limit.margin(values, *bends)
-            return bordered_step(at, gradient, -margin)
-
-        values, _ = newton(change, start, 12, 1e-14)
-        return values
+            on, _ = newton(change, at.values, 12, 1e-14)
+            way = np.sum(at.tangents * (on - at.values), axis=1)
+            made, (holds,), _ = self.steps_to(row, at, way)
+            if not (way[0] > 0.0 and holds and max_abs(made.values - on) < SAME):
+                return
+            self.reach(row, made)
+        self.end[row] = self.limits.statuses[number]
 
     def stop(self, row: int) -> None:
         """End a curve at its last node, by what lies beyond."""
-        at = self.at.rows(slice(row, row + 1))
-        flat = at.reciprocal_condition[0] < NEARLY_FLAT
+        flat = self.at.reciprocal_condition[row] < NEARLY_FLAT
         self.end[row] = Status.AT_SINGULARITY if flat else Status.MODE_LOST
-        for limit in reversed(self.limits):
-            if limit.of(at)[0] < NEARLY_THERE:
-                self.end[row] = limit.status
-
-
-def _first_root(a: float, b: float, c: float) -> float:
-    """Return the smallest positive x with a + b x + c x^2 = 0 for a >= 0, or infinity."""
-    if abs(c) * a < 1e-12 * b * b:
-        return -a / b if b < 0.0 else np.inf
-    square = b * b - 4.0 * a * c
-    if square < 0.0:
-        return np.inf
-    q = -0.5 * (b + np.copysign(np.sqrt(square), b))
-    roots = [x for x in (q / c if c else np.inf, a / q if q else np.inf) if x > 0.0]
-    return min(roots, default=np.inf)
+        for number in np.flatnonzero(self.at.margins[row] < NEARLY_THERE)[:1]:
+            self.end[row] = self.limits.statuses[number]

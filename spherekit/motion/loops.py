@@ -12,7 +12,7 @@ are evaluated together.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -351,7 +351,6 @@ def penetrates(joints: Sequence[Joint], states: PairStates) -> Bools:
 
 
 _UNTURNED = np.eye(3)
-KEPT = ("placed", "frames", "vectors", "jacobian", "residual")
 
 
 @dataclass(frozen=True)
@@ -457,19 +456,3 @@ class Linearisation:
         """Return J' rates (n, 3 loops), J' the change of J at rates (n, variables)."""
         turned = self.turned(self.body_rates(rates)).vectors
         return np.einsum("nij,nj->ni", self.tree.jacobian(turned), rates)
-
-    def take(self, rows: Indices | slice) -> "Linearisation":
-        """Return some rows, with what is known of them."""
-        leads = self.leads
-        if leads is not None and len(leads[0]) > 1:
-            leads = leads[0][rows], leads[1][rows]
-        rotations = None if self.rotations is None else self.rotations[rows]
-        part = Linearisation(self.tree, self.joints, self.values[rows], leads, rotations)
-        kept = vars(self)
-        for name in KEPT:
-            if name in kept:
-                vars(part)[name] = kept[name][rows]
-        if "states" in kept:
-            states = (getattr(self.states, item.name)[rows] for item in fields(PairStates))
-            vars(part)["states"] = PairStates(*states)
-        return part

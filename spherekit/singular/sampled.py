@@ -295,7 +295,7 @@ class SampledSingularities:
         if kind is Type.I:
             of, to = (along.at(s).speeds(pole)[0] for pole in (links, self.report.input))
             return np.where(np.hypot(of, to) > STILL, np.arctan2(of, to), np.nan)
-        tree = along.curve.segments.closure.tree
+        tree = along.curve.closure.tree
         measure = Transmission(tree, (self._driven,), *links)
         return np.arcsin(measure.at(along.at(s).motion.vectors))
 
@@ -375,7 +375,7 @@ class SampledSingularities:
     def configuration(self, curve: int, s: float) -> Floats:
         """Return the orientations (links, 3, 3) of all links at a place of a curve."""
         arc = self.curves[curve]
-        return arc.segments.closure.at(arc.at([s]).values).placed[0]
+        return arc.closure.at(arc.at([s]).values).placed[0]
 
     def crossing_ends(self, curve: int) -> list[tuple[float, Floats]]:
         """Return where a curve ends at crossings: s, and the crossing (variables,).

@@ -283,7 +283,7 @@ class SingleFreedom:
                 if why != Status.AT_SINGULARITY:
                     continue
                 last = curve.nodes.values[node]
-                crossing = crossing_near(curve.segments.closure, last)
+                crossing = crossing_near(curve.closure, last)
                 values = last if crossing is None else crossing.values
                 for _, there, ends in crossings:
                     if max_abs(curve.wrapped(values - there)) < SAME_CROSSING:

@@ -131,11 +131,8 @@ class TangentSpace:
 
         That of contacts along the closing step is of those which close a loop only nearly.
         """
-        n, count, many = self.directions.shape
-        ways = np.swapaxes(self.directions, 1, 2).reshape(-1, count)
-        repeated = self.at.take(np.repeat(np.arange(n), many))
-        w = repeated.body_rates(ways)
-        return repeated.turned(w).vectors.reshape(n, many, count, 3)
+        every = (self.at.body_rates(ways) for ways in np.moveaxis(self.directions, 2, 0))
+        return np.stack([self.at.turned(w).vectors for w in every], axis=1)
 
     @cached_property
     def bends(self) -> Floats:
