@@ -1,6 +1,6 @@
 """What profiles are where contacts touch them, by any number of the file."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
 
@@ -18,7 +18,6 @@ from spherekit.model.parts import PoseGeometry, Profile
 from spherekit.motion.loops import contact_tracks
 from spherekit.sphere.rotation import all_finite, nans
 from spherekit.sphere.varied_curve import (
-    DrawnCurves,
     VariedCurve,
     varied_round,
     varied_through,
@@ -75,16 +74,14 @@ class ProfileNumbers:
         Draw by draw at each row. On the way they are between those at its ends.
         """
         drawn = [self._tracks(self.values + deviation) for deviation in deviations.T]
-        possible = np.array([tracks is not None for tracks in drawn])
-        every = [
-            _drawn(track, [tracks[k] if tracks else track for tracks in drawn])
-            for k, track in enumerate(self.tracks)
-        ]
 
         def profiles(now: Floats, rows: Indices, ahead: Floats) -> Floats:
-            draws = rows % len(drawn)
-            there = np.concatenate([columns(now, draws) for columns in every])
-            there[:, ~possible[draws]] = np.nan
+            there, draws = nans((9 * len(self.tracks), len(rows))), rows % len(drawn)
+            order = np.argsort(draws, kind="stable")
+            for some in np.split(order, np.flatnonzero(np.diff(draws[order])) + 1):
+                tracks = drawn[draws[some[0]]] if len(some) else None
+                if tracks is not None:
+                    there[:, some] = columns_of(tracks, now[:, some].T, last=False)
             some = np.flatnonzero(ahead < 1.0)
             if len(some):
                 nominal = columns_of(self.tracks, now[:, some].T, last=False)
@@ -170,27 +167,6 @@ class ProfileNumbers:
         except SpherekitError:
             return None
         return np.concatenate([numbers_of(profile) for profile, _ in profiles_of(made)])
-
-
-def _drawn(nominal: Track, tracks: Sequence[Track]) -> Callable[[Floats, Indices], Floats]:
-    """Return the columns (9, n) of a profile of designs near a nominal one.
-
-    At variables (v, n) of designs (n,); of all curves at once where they can be.
-    """
-    curves = DrawnCurves.of(nominal.curve, [track.curve for track in tracks])
-    starts = np.array([track.start for track in tracks])
-
-    def columns(now: Floats, draws: Indices) -> Floats:
-        there = nans((9, len(draws)))
-        if curves is not None:
-            there[:8] = curves.at(now[nominal.variable] + starts[draws], draws)
-            return there
-        for draw in np.unique(draws):
-            some = np.flatnonzero(draws == draw)
-            there[:, some] = columns_of([tracks[draw]], now[:, some].T, last=False)
-        return there
-
-    return columns
 
 
 def tracks_of(mechanism: Mechanism, apart: float = TOUCHING) -> list[Track]:

@@ -152,23 +152,6 @@ def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Cur
     return _Measured(path, table, table.length, closed=True)
 
 
-def fourier_path(curve: Curve) -> tuple[FourierPath, bool] | None:
-    """Return the colatitude of a circle or Fourier curve, and whether it runs backwards.
-
-    None for other curves.
-    """
-    match curve:
-        case _Reversed(forward=forward):
-            path = fourier_path(forward)
-            return path and (path[0], True)
-        case _Circle():
-            radius = np.array([np.arctan2(curve.sine, curve.cosine)])
-            return FourierPath(curve.axes, radius, np.zeros(1)), False
-        case _Measured(path=FourierPath() as path):
-            return path, False
-    return None
-
-
 def azimuth_panels(size: int) -> Floats:
     """Return the azimuths between which a series of so many terms is smooth enough."""
     return np.linspace(0.0, 2.0 * np.pi, 4 * size + 1)
