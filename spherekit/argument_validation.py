@@ -81,7 +81,7 @@ def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[
                     signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL
                 )
                 for item in value if several else (value,):
-                    complaint = _fault(name, item, hints()[name])
+                    complaint = fault_of(name, item, hints()[name])
                     if complaint:
                         raise error(f"{_called(function)}: {complaint}")
             return function(*args, **kwargs)
@@ -135,7 +135,7 @@ def check_fields(made: object, error: type[SpherekitError], where: str) -> None:
     """Raise an error unless every field of a dataclass has a value of its type."""
     kind: Any = type(made)
     for name, hint in _hints_of(kind).items():
-        fault = _fault(name, getattr(made, name), hint)
+        fault = fault_of(name, getattr(made, name), hint)
         if fault:
             raise error(f"{where}: {fault}")
 
@@ -156,7 +156,7 @@ def _resolved(function: Callable[..., Any], hint: Any) -> Any:
     return Any
 
 
-def _fault(name: str, value: Any, hint: Any) -> str:
+def fault_of(name: str, value: Any, hint: Any) -> str:
     """Return what is wrong with a value for a type, or nothing."""
     if _fits(value, hint):
         return ""

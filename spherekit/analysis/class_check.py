@@ -1,32 +1,24 @@
-"""What a class has to be to be used as an analysis, said before anything is computed."""
+"""What a class has to be to be used as an analysis, said before anything is computed.
 
-from collections.abc import Iterator
+Tables and columns have judged what they were made of.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import is_dataclass
 from itertools import groupby
-from typing import Any, get_args
+from typing import Any, get_args, get_type_hints
 
 from spherekit.analysis.arguments import parameters
-from spherekit.analysis.contract import CONTRACT, AbstractAnalysis, Sweep
+from spherekit.analysis.contract import CONTRACT, AbstractAnalysis
 from spherekit.analysis.faults import described
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.scene import SYMBOLS, is_unit
-from spherekit.analysis.tables import COLUMNS, Column, Kind, Scale, Table, Turns
+from spherekit.analysis.tables import COLUMNS, Table
+from spherekit.argument_validation import fault_of
 from spherekit.conventions import NAME_PATTERN, listing
 
 TAKEN = (MOTION, COLUMNS.partition(".")[0])
 """What no analysis is called: the stems of files that every run writes."""
-
-_STATED: dict[str, Any] = {
-    "name": str,
-    "version": str,
-    "summary": str,
-    "contract": int,
-    "cites": tuple,
-    "tables": tuple,
-    "rowwise": bool,
-    "reads_samples": bool,
-    "trades": tuple,
-}
 
 
 def fault_of_class(cls: Any) -> str:
@@ -38,13 +30,13 @@ def _faults(cls: Any) -> Iterator[str]:
     if not (isinstance(cls, type) and issubclass(cls, AbstractAnalysis)):
         yield f"{cls!r} is not a subclass of AbstractAnalysis"
         return
-    for key, kind in _STATED.items():
+    for key, hint in get_type_hints(AbstractAnalysis).items():
         if not hasattr(cls, key):
             yield f"the class attribute `{key}` is missing"
-        elif not isinstance(getattr(cls, key), kind):
-            actual = type(getattr(cls, key)).__name__
-            wanted = kind.__name__
-            yield f"the class attribute `{key}` is a {actual}, it has to be a {wanted}"
+            return
+        fault = fault_of(key, getattr(cls, key), *get_args(hint))
+        if fault:
+            yield f"the class attribute {fault}"
     if not NAME_PATTERN.fullmatch(cls.name):
         yield f"its name {cls.name!r} may hold letters, digits and underscores only"
     if cls.name in TAKEN:
@@ -62,27 +54,24 @@ def _faults(cls: Any) -> Iterator[str]:
     except Exception as problem:
         yield f"the types of its parameters cannot be read: {described(problem)}"
     yield from _tables(cls.tables)
-    if not all(isinstance(text, str) for text in cls.cites):
-        yield "`cites` has to hold texts"
-    if not all(isinstance(sweep, Sweep) for sweep in cls.trades):
-        yield "`trades` has to hold Sweep(...)"
 
 
-def _tables(tables: tuple[Any, ...]) -> Iterator[str]:
+def _tables(tables: Sequence[Table]) -> Iterator[str]:
     for table in tables:
-        if not isinstance(table, Table):
-            yield f"`tables` holds {table!r}, which is not a Table(...)"
-            return
         if not NAME_PATTERN.fullmatch(table.name):
             yield f"the name {table.name!r} of a table is not letters, digits, underscores"
         if not isinstance(table.columns, tuple) or not table.columns:
             yield f"table {table.name}: columns have to be a tuple with at least one Column"
-            return
         for column in table.columns:
-            if not isinstance(column, Column):
-                yield f"table {table.name}: {column!r} is not a Column(...)"
-                return
-            yield from _column(f"table {table.name}: column {column.name}", column)
+            where = f"table {table.name}: column {column.name}"
+            if not NAME_PATTERN.fullmatch(column.name):
+                yield f"{where}: its name is not letters, digits and underscores"
+            if not is_unit(column.unit):
+                yield (
+                    f"{where}: {column.unit!r} is not a unit; tables are in SI units and "
+                    "rad, such as rad, rad/s or kg m2/rad, of "
+                    f"{listing(sorted(SYMBOLS), len(SYMBOLS))} (--deg converts angles)"
+                )
         ways = [column.turns for column in table.columns]
         if any(len(list(group)) % 3 for way, group in groupby(ways) if way == "vector"):
             yield f"table {table.name}: the columns of a vector come in threes: x, y, z"
@@ -91,20 +80,3 @@ def _tables(tables: tuple[Any, ...]) -> Iterator[str]:
             yield f"table {table.name}: two columns have one name: {listing(names)}"
     if len({table.name for table in tables}) < len(tables):
         yield f"two tables have one name: {listing(table.name for table in tables)}"
-
-
-def _column(where: str, column: Column) -> Iterator[str]:
-    if not (isinstance(column.name, str) and NAME_PATTERN.fullmatch(column.name)):
-        yield f"{where}: its name is not letters, digits and underscores"
-    for key, choices in (("kind", Kind), ("scale", Scale), ("turns", Turns)):
-        allowed = get_args(choices)
-        if getattr(column, key) not in allowed:
-            yield (
-                f"{where}: {key} is {getattr(column, key)!r}, allowed: {listing(allowed)}"
-            )
-    if not (isinstance(column.unit, str) and is_unit(column.unit)):
-        yield (
-            f"{where}: {column.unit!r} is not a unit; tables are in SI units and rad, such "
-            f"as rad, rad/s or kg m2/rad, of {listing(sorted(SYMBOLS), len(SYMBOLS))} "
-            "(--deg converts angles)"
-        )

@@ -128,13 +128,6 @@ def findings_of(
         )
     with faults_of(analysis.name, "findings: making JSON of its figures"):
         json.dumps(dict(findings.figures))
-    for key in ("warnings", "remarks"):
-        texts = getattr(findings, key)
-        if not isinstance(texts, tuple) or not all(isinstance(t, str) for t in texts):
-            raise PluginError(
-                f"{analysis.name}: findings: {key} are {texts!r}, they have to be a tuple "
-                "of texts"
-            )
     return findings
 
 

@@ -1,6 +1,8 @@
-"""What an analysis declares to read of a mechanism, checked before it is planned."""
+"""What an analysis declares to read of a mechanism, checked before it is planned.
 
-from dataclasses import fields
+`Needs` have judged the types of what they hold.
+"""
+
 from typing import Any
 
 import numpy as np
@@ -43,37 +45,23 @@ def declared(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
 
 def _fault(needs: Any, mechanism: Mechanism) -> str:
     if not isinstance(needs, Needs):
-        return f"needs returns {_a(needs)}, it has to return Needs(...)"
-    for item in fields(Needs):
-        value = getattr(needs, item.name)
-        where = f"Needs({item.name}=...)"
-        if isinstance(item.default, bool):
-            if not isinstance(value, bool):
-                return f"{where} is {_a(value)}, it has to be True or False"
-            continue
-        if not isinstance(value, frozenset):
-            return f"{where} is {_a(value)}, it has to be a frozenset"
-        for entry in value:
-            fault = _fault_of_item(item.name, entry, mechanism)
+        return f"needs returns a {type(needs).__name__}, it has to return Needs(...)"
+    for what, held in vars(needs).items():
+        for item in held if isinstance(held, frozenset) else ():
+            fault = _fault_of_item(what, item, mechanism)
             if fault:
-                return f"{where} holds {entry!r}{fault}"
+                return f"Needs({what}=...) holds {item!r}{fault}"
     return ""
 
 
 def _fault_of_item(what: str, item: Any, mechanism: Mechanism) -> str:
     """Return what is wrong with a pole, pair or link that is declared, or nothing."""
-    if what in _POLES:
-        count = len(mechanism.links)
-        whole = isinstance(item, tuple) and len(item) == 2
-        if not (whole and all(isinstance(k, int | np.integer) for k in item)):
-            return ", which is not a pole; pole_of(link, other) makes one of link numbers"
-        if not all(0 <= k < count for k in item):
+    if what in (*_POLES, "links"):
+        ends, count = np.ravel(item), len(mechanism.links)
+        if np.any((ends < 0) | (ends >= count)):
             return f", but the links of {mechanism.name} have the numbers 0 to {count - 1}"
-        return "" if item[0] < item[1] else "; pole_of(link, other) puts the smaller first"
-    if what == "links":
-        count = len(mechanism.links)
-        number = isinstance(item, int | np.integer) and 0 <= item < count
-        return "" if number else f"; the links of {mechanism.name} are 0 to {count - 1}"
+        rises = np.all(ends[:-1] < ends[1:])
+        return "" if rises else "; pole_of(link, other) puts the smaller first"
     names = mechanism.link_number if what in _LINKS else mechanism.pair_number
     kind = "link" if what in _LINKS else "pair"
     if item not in names:
@@ -82,7 +70,3 @@ def _fault_of_item(what: str, item: Any, mechanism: Mechanism) -> str:
     if what in _PAIRS and mechanism.pair(item).kind.freedoms > 1:
         return ", a pair with two variables, which has no single one"
     return ""
-
-
-def _a(value: Any) -> str:
-    return f"a {type(value).__name__}"

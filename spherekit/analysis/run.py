@@ -269,15 +269,14 @@ def evaluate_block(
             if store is not None:
                 named = stored.named(tables[table.name], job.names)
                 store.add(analysis.name, stored, named)
-            standing.count(analysis.name, table.name, tables[table.name])
-            standing.tally.add_rows(analysis.name, table, tables[table.name], batch)
+            standing.add_rows(analysis.name, table, tables[table.name], batch)
     if job.motion_tables:
         stored = job.motion_tables[0]
         rows = stored.named(motion_rows(course, motion, fields), job.names)
         if store is not None:
             store.add(MOTION, stored, rows)
-        standing.count(MOTION, MOTION, {"sample": motion.sample})
-    standing.tally.add(course.tracer, motion, fields)
+        standing.add_rows(MOTION, stored, rows)
+    standing.add(course.tracer, motion, fields)
     standing.done += motion.samples
     return fields, angles
 
@@ -304,7 +303,7 @@ def add_events(
         events = job.course.events()
         if store is not None:
             store.add(MOTION, EVENTS.of(job.mechanism), events)
-        standing.count(MOTION, EVENTS.name, events)
+        standing.add_rows(MOTION, EVENTS, events)
 
 
 @contextmanager

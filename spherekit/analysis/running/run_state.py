@@ -36,28 +36,65 @@ BOUNDS = {
 }
 """What the summary calls the largest of bounds of poles."""
 
+MODE, POLES, FAILED, ROWS, FIELDS = "mode", "poles", "failed", "rows", "fields"
+JUDGED, BY_EQUATIONS, BY_KERNEL = "judged", "by_equations", "by_kernel"
+"""What is counted: rows by `MODE` and status, `POLES` by status, rows of tables by
+analysis, table and status where they `FAILED`, `ROWS` of tables, and of `FIELDS` those that
+were judged, solved by the velocity equations, and given by a kernel."""
+
 
 @dataclass
-class RunStatistics:
-    """Counts and largest errors of the blocks so far, ready for JSON; they do not grow.
+class RunState:
+    """What continues: samples done, memories, counts, largest errors, results.
 
-    `status` counts rows by assembly mode, `poles` pole axes, `failed` rows of tables by
-    analysis and table; `judged` rows of fields, of which `by_equations` were solved by the
-    velocity equations and `by_kernel` given by a kernel. `rank` is the mobility by rank at
-    the first sample with a configuration, `redundant` the redundant constraints there.
+    `signs` has a memory for each input, `angles` that of the variables that go on.
+    `seconds` is what each stage took. `counts` do not grow with the samples; `rank` is the
+    mobility by rank at the first sample with a configuration, `redundant` the redundant
+    constraints there. All of it goes to a journal and comes back bit for bit.
     """
 
-    status: dict[str, Counts] = field(default_factory=dict)
-    poles: Counts = field(default_factory=dict)
-    failed: dict[str, dict[str, Counts]] = field(default_factory=dict)
-    largest: dict[str, float | None] = field(
-        default_factory=lambda: dict.fromkeys((RESIDUAL, OFF, *BOUNDS.values()))
-    )
-    judged: int = 0
-    by_equations: int = 0
-    by_kernel: int = 0
+    signs: list[SignContinuation]
+    angles: AngleUnwrapping = field(default_factory=AngleUnwrapping)
+    done: int = 0
+    failures: dict[str, str] = field(default_factory=dict)
+    findings: dict[str, Findings] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    counts: Counter[tuple[str, ...]] = field(default_factory=Counter)
+    largest: dict[str, float] = field(default_factory=dict)
     rank: int | None = None
     redundant: dict[str, Any] | None = None
+
+    def begin_again(self, refused: Mapping[str, str]) -> None:
+        """Forget what was done, but for the time it took and what is `refused`."""
+        fresh = RunState([SignContinuation() for _ in self.signs], failures=dict(refused))
+        vars(self).update(vars(fresh), seconds=self.seconds)
+
+    def state(self) -> dict[str, Any]:
+        """Return it ready for JSON."""
+        return vars(self) | {
+            "signs": [memory.state() for memory in self.signs],
+            "angles": self.angles.state(),
+            "failures": dict(self.failures),
+            "findings": {name: asdict(item) for name, item in self.findings.items()},
+            "counts": [[*key, number] for key, number in self.counts.items()],
+        }
+
+    @classmethod
+    def restored(cls, state: Mapping[str, Any]) -> Self:
+        """Return the standing that `state` gave."""
+        findings = {
+            name: Findings(item["figures"], tuple(item["warnings"]), tuple(item["remarks"]))
+            for name, item in state["findings"].items()
+        }
+        return cls(
+            **{
+                **state,
+                "signs": [SignContinuation.restored(memory) for memory in state["signs"]],
+                "angles": AngleUnwrapping.restored(state["angles"]),
+                "findings": findings,
+                "counts": Counter({tuple(key): n for *key, n in state["counts"]}),
+            }
+        )
 
     def add(
         self,
@@ -69,7 +106,7 @@ class RunStatistics:
         status = run_status(motion, fields)
         for number, mode in enumerate(motion.assembly_modes):
             of_mode = status[number * motion.samples : (number + 1) * motion.samples]
-            _add(self.status.setdefault(str(mode.number), {}), _counts(of_mode))
+            self._count((MODE, str(mode.number)), _counts(of_mode))
         self._note(RESIDUAL, motion.residual)
         good = _good(motion.status)
         self._note(OFF, motion.configuration_error[good])
@@ -80,16 +117,19 @@ class RunStatistics:
                 counts = _counts(codes[good])
                 if len(fields) == 1 or set(counts) != {Status.NO_POLE.name}:
                     # Links that other inputs hold together have none.
-                    _add(self.poles, counts, often)
+                    self._count((POLES,), counts, often)
             for name, largest in BOUNDS.items():
                 if isinstance(poles, LazyField):
                     self._note(largest, np.array([poles.largest[name]]))
                     continue
                 for bound, _ in _counted_once(getattr(poles, name).values()):
                     self._note(largest, bound[good])
-            self.by_equations += int(np.count_nonzero(poles.by_equations))
-            self.judged += len(poles.by_equations)
-            self.by_kernel += int(np.count_nonzero(poles.by_kernel))
+            solved = {
+                JUDGED: len(poles.by_equations),
+                BY_EQUATIONS: int(np.count_nonzero(poles.by_equations)),
+                BY_KERNEL: int(np.count_nonzero(poles.by_kernel)),
+            }
+            self._count((FIELDS,), solved)
         if self.rank is None and np.any(motion.status == Status.OK):
             row = int(np.argmax(motion.status == Status.OK))
             closure = tracer.solver.closure
@@ -99,20 +139,26 @@ class RunStatistics:
             names = motion.mechanism.names_of(pairs)
             self.redundant = {"count": count, "pairs": names}
 
+    def _count(self, key: tuple[str, ...], counts: Counts, often: int = 1) -> None:
+        self.counts.update({(*key, name): often * n for name, n in counts.items()})
+
     def _note(self, name: str, values: Floats) -> None:
         """Keep the largest finite number; what is infinite counts as none."""
-        largest = float(np.max(values, initial=-np.inf))
-        if not np.isfinite(largest):
-            largest = float(np.max(values[np.isfinite(values)], initial=-np.inf))
-        before = self.largest[name]
+        largest = float(np.max(values, initial=-np.inf, where=np.isfinite(values)))
         if np.isfinite(largest):
-            self.largest[name] = largest if before is None else max(before, largest)
+            self.largest[name] = max(self.largest.get(name, largest), largest)
 
-    def add_rows(self, name: str, table: Table, data: TableData, batch: Batch) -> None:
-        """Count rows of an analysis' table that failed where the configuration did not.
+    def add_rows(
+        self, name: str, table: Table, data: TableData, batch: Batch | None = None
+    ) -> None:
+        """Count the rows of a block of a table.
 
-        What fails of pole axes is counted with these.
+        Of a `batch` also those that failed where the configuration did not. What fails of
+        pole axes is counted with these.
         """
+        self.counts[ROWS, name, table.name] += len(next(iter(data.values())))
+        if batch is None:
+            return
         needs, passed_over = batch.needs, {Status.OK.name}
         if needs.directions | needs.rates | needs.planes:
             passed_over |= {Status.NO_POLE.name, Status.ILL_CONDITIONED.name}
@@ -124,34 +170,32 @@ class RunStatistics:
                     of_rows = codes.reshape(len(batch), -1)
                     codes = of_rows[of_rows != batch.status[:, None]]
                 counts = {k: n for k, n in _counts(codes).items() if k not in passed_over}
-                if counts:
-                    tables = self.failed.setdefault(name, {})
-                    _add(tables.setdefault(table.name, {}), counts, often)
+                self._count((FAILED, name, table.name), counts, often)
 
     @property
     def configurations(self) -> int:
         """Rows counted so far."""
-        return sum(sum(counts.values()) for counts in self.status.values())
+        return sum(n for key, n in self.counts.items() if key[0] == MODE)
 
-    def of_assembly_mode(self, number: int) -> Counts:
-        """Return how many samples of an assembly mode have each status."""
-        return _in_order(self.status.get(str(number), {}))
+    def counted(self, *key: str) -> Counts:
+        """Return how often each status is there of what a key begins with."""
+        found: Counts = Counter()
+        for names, number in self.counts.items():
+            if names[: len(key)] == key:
+                found[names[-1]] += number
+        return {code.name: found[code.name] for code in Status if code.name in found}
 
     def failed_rows(self, name: str) -> dict[str, Counts]:
         """Return of each table of an analysis how many rows failed by which status."""
-        tables = self.failed.get(name, {}).items()
-        return {table: _in_order(counts) for table, counts in tables}
+        tables = dict.fromkeys(k[2] for k in self.counts if k[:2] == (FAILED, name))
+        return {table: self.counted(FAILED, name, table) for table in tables}
 
     def statuses(self) -> dict[str, Any]:
         """Return the counts of samples and pole axes, and what their statuses mean."""
-        status: Counts = {}
-        for counts in self.status.values():
-            _add(status, counts)
-        failed = [counts for tables in self.failed.values() for counts in tables.values()]
-        met = {name for counts in (status, self.poles, *failed) for name in counts}
+        met = {key[-1] for key in self.counts if key[0] in (MODE, POLES, FAILED)}
         return {
-            "status": _in_order(status),
-            "pole_status": _in_order(self.poles),
+            "status": self.counted(MODE),
+            "pole_status": self.counted(POLES),
             "status_meaning": {
                 code.name: STATUS_MEANING[code] for code in Status if code.name in met
             },
@@ -159,12 +203,16 @@ class RunStatistics:
 
     def errors(self) -> dict[str, float | None]:
         """Return the largest errors reached."""
-        every = self.judged
-        return {
-            **self.largest,
-            "fraction_by_velocity_equations": self.by_equations / every if every else None,
-            "fraction_by_kernel": self.by_kernel / every if every else None,
+        every = self.counts[FIELDS, JUDGED]
+        solved = {
+            f"fraction_{how}": self.counts[FIELDS, key] / every if every else None
+            for how, key in (
+                ("by_velocity_equations", BY_EQUATIONS),
+                ("by_kernel", BY_KERNEL),
+            )
         }
+        reached = (RESIDUAL, OFF, *BOUNDS.values())
+        return {name: self.largest.get(name) for name in reached} | solved
 
 
 def _good(status: SmallIntegers) -> slice | Bools:
@@ -175,89 +223,17 @@ def _good(status: SmallIntegers) -> slice | Bools:
 
 def _counts(status: SmallIntegers) -> Counts:
     """Return how often each code is there."""
-    if not np.any(status != Status.OK):
-        return {Status.OK.name: len(status)} if len(status) else {}
-    counts = np.bincount(status, minlength=len(Status)).tolist()
+    counts = np.bincount(status.ravel(), minlength=len(Status)).tolist()
     return {code.name: counts[code] for code in Status if counts[code]}
 
 
-def _add(counts: Counts, more: Mapping[str, int], often: int = 1) -> None:
-    for name, count in more.items():
-        counts[name] = counts.get(name, 0) + often * count
-
-
-def _in_order(counts: Mapping[str, int]) -> Counts:
-    return {code.name: counts[code.name] for code in Status if code.name in counts}
-
-
-def _counted_once(
-    arrays: Iterable[Array],
-) -> Iterable[tuple[Array, int]]:
+def _counted_once(arrays: Iterable[Array]) -> Iterable[tuple[Array, int]]:
     """Return arrays without those that are there again, and how often each is."""
     counted: dict[tuple[int, tuple[int, ...]], tuple[Array, int]] = {}
     for array in arrays:
         key = array.__array_interface__["data"][0], array.strides
         counted[key] = array, counted.get(key, (array, 0))[1] + 1
     return counted.values()
-
-
-@dataclass
-class RunState:
-    """What continues: samples done, memories, counts, results.
-
-    `signs` has a memory for each input, `angles` that of the variables that go on.
-    `seconds` is what each stage took, `rows` how many each table has, by the names of the
-    analysis and the table. All of it goes to a journal and comes back bit for bit.
-    """
-
-    signs: list[SignContinuation]
-    angles: AngleUnwrapping = field(default_factory=AngleUnwrapping)
-    tally: RunStatistics = field(default_factory=RunStatistics)
-    done: int = 0
-    failures: dict[str, str] = field(default_factory=dict)
-    findings: dict[str, Findings] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
-    rows: Counter[tuple[str, str]] = field(default_factory=Counter)
-
-    def begin_again(self, refused: Mapping[str, str]) -> None:
-        """Forget what was done, but for the time it took and what is `refused`."""
-        fresh = RunState([SignContinuation() for _ in self.signs], failures=dict(refused))
-        vars(self).update(vars(fresh), seconds=self.seconds)
-
-    def count(self, analysis: str, table: str, data: TableData) -> None:
-        """Count the rows of a block of a table."""
-        self.rows[analysis, table] += len(next(iter(data.values())))
-
-    def state(self) -> dict[str, Any]:
-        """Return it ready for JSON."""
-        return {
-            "signs": [memory.state() for memory in self.signs],
-            "angles": self.angles.state(),
-            "tally": asdict(self.tally),
-            "done": self.done,
-            "failures": dict(self.failures),
-            "findings": {name: asdict(item) for name, item in self.findings.items()},
-            "seconds": self.seconds,
-            "rows": [[*names, rows] for names, rows in self.rows.items()],
-        }
-
-    @classmethod
-    def restored(cls, state: Mapping[str, Any]) -> Self:
-        """Return the standing that `state` gave."""
-        findings = {
-            name: Findings(item["figures"], tuple(item["warnings"]), tuple(item["remarks"]))
-            for name, item in state["findings"].items()
-        }
-        return cls(
-            [SignContinuation.restored(memory) for memory in state["signs"]],
-            AngleUnwrapping.restored(state["angles"]),
-            RunStatistics(**state["tally"]),
-            int(state["done"]),
-            dict(state["failures"]),
-            findings,
-            {name: float(took) for name, took in state["seconds"].items()},
-            Counter({(name, table): rows for name, table, rows in state["rows"]}),
-        )
 
 
 def identity_of(

@@ -23,7 +23,14 @@ from spherekit.analysis.running.cost import RECORDING, Timer, cost_of
 from spherekit.analysis.running.evaluation import Evaluation, Setting
 from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.recording import CountingRecorder, Recorder
-from spherekit.analysis.running.run_state import RunState, identity_of
+from spherekit.analysis.running.run_state import (
+    BY_EQUATIONS,
+    FIELDS,
+    MODE,
+    ROWS,
+    RunState,
+    identity_of,
+)
 from spherekit.analysis.running.sampling import EVENTS, Sampling
 from spherekit.analysis.study import requests_for
 from spherekit.analysis.tables import (
@@ -329,7 +336,7 @@ def left_out(whole: Mechanism, part: Mechanism) -> dict[str, Any]:
 
 def summary_of(job: RunPlan, standing: RunState) -> dict[str, Any]:
     """Return what is to be said of a run that is done, ready for JSON."""
-    course, mechanism, tally = job.course, job.mechanism, standing.tally
+    course, mechanism = job.course, job.mechanism
     tracer, findings = course.tracer, standing.findings
     return {
         "spherekit": __version__,
@@ -345,8 +352,8 @@ def summary_of(job: RunPlan, standing: RunState) -> dict[str, Any]:
         **course.summary(),
         "samples": standing.done,
         "samples_in_a_block": job.block,
-        "mobility": {"graph": graph_mobility(mechanism), "rank": tally.rank},
-        "redundant_constraints": tally.redundant,
+        "mobility": {"graph": graph_mobility(mechanism), "rank": standing.rank},
+        "redundant_constraints": standing.redundant,
         "groups": [group.kind for group in tracer.assembly.groups],
         "plans": {mechanism.pairs[p.input].name: plan_notes(p) for p in job.plans},
         "assembly_modes": [
@@ -354,21 +361,21 @@ def summary_of(job: RunPlan, standing: RunState) -> dict[str, Any]:
                 "number": item.number,
                 "mode": item.label,
                 **({"name": item.name} if item.name else {}),
-                "status": tally.of_assembly_mode(item.number),
+                "status": standing.counted(MODE, str(item.number)),
             }
             for item in tracer.assembly_modes
         ],
         "search": tracer.search,
-        **tally.statuses(),
+        **standing.statuses(),
         "closure_tolerance_rad": CLOSURE_TOLERANCE,
-        "errors_reached": tally.errors(),
+        "errors_reached": standing.errors(),
         "analyses": [
             {
                 "name": analysis.name,
                 "version": analysis.version,
                 "parameters": asdict(analysis),  # type: ignore[call-overload]
                 "failed": analysis.name in standing.failures,
-                "failed_rows": tally.failed_rows(analysis.name),
+                "failed_rows": standing.failed_rows(analysis.name),
                 "cites": list(analysis.cites),
                 "findings": dict(findings.get(analysis.name, Findings()).figures),
             }
@@ -390,7 +397,7 @@ def actual_cost(
     """Return what was evaluated, made and logged; a recorder that counts is finished."""
     declared = stems(job.tables(standing.failures))
     tables = {
-        stem: (standing.rows[name, table.name], len(table.columns))
+        stem: (standing.counts[ROWS, name, table.name], len(table.columns))
         for stem, (name, table) in declared.items()
     }
     logged = None
@@ -398,8 +405,7 @@ def actual_cost(
         with ledger.stage(RECORDING):
             recorder.finish()
         logged = recorder.cost
-    tally = standing.tally
-    counts = tally.configurations, tally.by_equations
+    counts = standing.configurations, standing.counts[FIELDS, BY_EQUATIONS]
     cost = cost_of(ledger, job.requests, *counts, tables, logged)
     return cost | job.course.cost()
 
