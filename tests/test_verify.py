@@ -16,7 +16,7 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.running import evaluation, verify
 from spherekit.analysis.running.evaluation import ORDINARY, Evaluation
 from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.running.summary import RequestedAnalyses, RunPlan, faults, told
+from spherekit.analysis.running.summary import RunPlan, faults, told
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
@@ -150,7 +150,7 @@ def verifier_of(tracer, count):
     course = Sampling(tracer, tracer.input_grid.q, tracer.input_grid.shape, None, False, {})
     evaluation = Evaluation(ORDINARY, course, [wanted], Needs())
     return wanted, Verifier(
-        RunPlan(course, RequestedAnalyses((), (), {}), (wanted,), len(course), evaluation),
+        RunPlan(course, (), (), {}, (wanted,), len(course), evaluation),
         count,
     )
 

@@ -30,14 +30,15 @@ from spherekit.analysis.running.recording import RecordingSession, thinning_of
 from spherekit.analysis.running.run_state import RunState
 from spherekit.analysis.running.sampling import EVENTS, courses_of
 from spherekit.analysis.running.summary import (
-    RequestedAnalyses,
     RunPlan,
     actual_cost,
+    at_once,
     faults,
     job_of,
     left_out,
     motion_rows,
     needed_part,
+    needs_of_each,
     summary_of,
 )
 from spherekit.analysis.running.verify import Verifier
@@ -129,18 +130,20 @@ def executed(
         study = replace(study, mechanism=needed_part(study, analyses))
     recorder = execution.recorder
     with opened(execution.folder) as place:
-        asked = RequestedAnalyses.of(analyses, study.mechanism)
+        _, refused = asked = needs_of_each(analyses, study.mechanism)
         engine = engine_of(place, execution.unfinished, execution.engine)
         follow = follow or traced(study, analyses, execution)
         with ledger.stage(solving):
             pending = courses_of(study, engine, follow)
-            if asked.at_once or study.verify:  # only the whole course is of use
+            if (
+                at_once(analyses, refused) or study.verify
+            ):  # only the whole course is of use
                 pending = iter(deque(pending, maxlen=1))
             course = next(pending)
         setting, shown = execution.setting, recorder is not None or study.verify is not None
         if execution.accuracy is not None:
             setting = setting_of(place, execution.unfinished, setting)
-        job = job_of(course, asked, execution.block, setting, shown)
+        job = job_of(course, analyses, asked, execution.block, setting, shown)
         if place is not None:
             place.claim(file_names(job.tables(), execution.formats))
         standing, store = taken_up(job, place, execution.unfinished, execution.tables)
@@ -183,7 +186,7 @@ def executed(
                     break
                 superseded = following.run is not job.course.run
                 if superseded:
-                    standing.begin_again(asked.refused)
+                    standing.begin_again(job.refused)
                     if store is not None:
                         store.clear()
                 if stage is not None:
@@ -248,8 +251,7 @@ def evaluate_block(
         is_asked = analysis.reads_samples or standing.done == 0
         if analysis.name in standing.failures or not is_asked:
             continue
-        read = motion, fields, angles, course.timed, course.tracer, lambda: course.extent
-        batch = Batch(job.mechanism, job.plans, what, *read)
+        batch = job.batch(what, motion, fields, angles)
         declared = job.tables_of(analysis)
         try:
             with ledger.stage(f"analysis {analysis.name}"):

@@ -14,9 +14,8 @@ from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.computed import computed, findings_of
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.rows import InMemory
-from spherekit.analysis.running.evaluation import ORDINARY
 from spherekit.analysis.running.sampling import Sampling, course_of
-from spherekit.analysis.running.summary import RequestedAnalyses, RunPlan, job_of
+from spherekit.analysis.running.summary import RunPlan, job_of, needs_of_each
 from spherekit.analysis.tables import TableArrays
 from spherekit.conventions import Status
 from spherekit.errors import PluginError
@@ -93,8 +92,8 @@ class ConformanceCase:
         PluginError
             If the analysis breaks the contract.
         """
-        asked = RequestedAnalyses.of([self.analysis], self.course.tracer.mechanism)
-        job = job_of(self.course, asked, None, ORDINARY, False)
+        asked = needs_of_each([self.analysis], self.course.tracer.mechanism)
+        job = job_of(self.course, [self.analysis], asked)
         for fault in job.refused.values():
             raise PluginError(fault)
         return job
@@ -117,15 +116,14 @@ class ConformanceCase:
         `change` changes the motion that poles and angles follow from, `shown` what the
         analysis then sees of it.
         """
-        job, course = self.job, self.course
+        job = self.job
         signs, memory = [SignContinuation() for _ in job.requests], AngleUnwrapping()
         made = []
         for block in job.evaluation.blocks(size):
             motion = change(block)
             fields = job.evaluation.fields(motion, signs)
             angles = job.evaluation.angles(motion, memory)
-            what = job.mechanism, job.plans, self.needs, shown(motion), fields, angles
-            made.append(Batch(*what, course.timed, course.tracer, lambda: course.extent))
+            made.append(job.batch(self.needs, shown(motion), fields, angles))
         return made if self.analysis.reads_samples else made[:1]
 
     def given(

@@ -3,8 +3,8 @@
 How a run's numbers are computed: the choices that trade speed for accuracy.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 from spherekit.analysis.batch import Needs
@@ -12,7 +12,7 @@ from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.rows_at_once import BatchRunner
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.argument_validation import checked_class
-from spherekit.arrays import Floats, Indices
+from spherekit.arrays import Floats
 from spherekit.engine.compiler import heyoka
 from spherekit.engine.fields import RowEngine, evaluate
 from spherekit.errors import AnalysisError
@@ -91,6 +91,15 @@ class Evaluation:
     all_links
         Whether scenes show all links.
 
+    Attributes
+    ----------
+    block
+        Samples in a block, as many as are quick together.
+    blocks
+        Gives the motion in blocks of so many successive samples, from a first one on.
+    motion_at
+        Gives the motion at some samples, by their numbers in rising order.
+
     Raises
     ------
     AnalysisError, EngineError, PlanError
@@ -116,32 +125,12 @@ class Evaluation:
             timed = needs.time or all_links or course.timed
             self.at_once = BatchRunner.of(course, self.requests, all_links, ahead, timed)
 
-    @property
-    def block(self) -> int:
-        """Samples in a block, as many as are quick together."""
-        if self.at_once is not None:
-            return self.at_once.block
-        return self.course.tracer.block
-
-    def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
-        """Yield the motion from sample `first` on in blocks of successive samples."""
-        if self.at_once is not None:
-            yield from self.at_once.blocks(size, first)
-            return
-        yield from self.course.blocks(size, first)
-
-    def motion_at(self, rows: Indices) -> Motion:
-        """Return the motion at some samples, by their numbers in rising order."""
-        course = self.course
-        if self.at_once is not None:
-            return self.at_once.motion_at(rows)
-        if course.simulation is not None:
-            return course.simulated(rows)
-        motion = course.tracer.samples(rows)
-        timing = course.timing
-        if timing is not None:
-            timing = timing.rows(rows).repeated(len(motion.assembly_modes))
-        return replace(motion, timing=timing)
+        source: BatchRunner | Sampling = self.at_once or course
+        self.block, self.blocks, self.motion_at = (
+            source.block,
+            source.blocks,
+            source.motion_at,
+        )
 
     def fields(
         self, motion: Motion, memories: Sequence[SignContinuation]

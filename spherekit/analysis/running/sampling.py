@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.tables import INPUTS, Column, Table, TableArrays, input_columns
-from spherekit.arrays import Floats, Integers
+from spherekit.arrays import Floats, Indices, Integers
 from spherekit.conventions import TURN, Status
 from spherekit.dynamics.forward import Solving, need_allowed, solving
 from spherekit.dynamics.simulation import Simulation
@@ -102,6 +102,11 @@ class Sampling:
         """Least and greatest inputs and rates of all samples."""
         return Extent.of(self.inputs, self.timing)
 
+    @property
+    def block(self) -> int:
+        """Samples in a block, as many as are quick together."""
+        return self.tracer.block
+
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
         """Yield the motion from sample `first` on in blocks of successive samples."""
         if self.simulation is not None:
@@ -109,11 +114,20 @@ class Sampling:
                 yield self.simulated(np.arange(start, min(start + size, len(self))))
             return
         for motion in self.tracer.blocks(size, first):
-            rows, first = slice(first, first + motion.samples), first + motion.samples
-            timing = self.timing
-            if timing is not None:
-                timing = timing.rows(rows).repeated(len(motion.assembly_modes))
-            yield replace(motion, timing=timing)
+            yield self._timed(motion)
+
+    def motion_at(self, rows: Indices) -> Motion:
+        """Return the motion at some samples, by their numbers in rising order."""
+        if self.simulation is not None:
+            return self.simulated(rows)
+        return self._timed(self.tracer.samples(rows))
+
+    def _timed(self, motion: Motion) -> Motion:
+        timing = self.timing
+        if timing is not None:
+            modes = len(motion.assembly_modes)
+            timing = timing.rows(motion.sample[: motion.samples]).repeated(modes)
+        return replace(motion, timing=timing)
 
     def simulated(self, sample: Integers) -> Motion:
         """Return the motion of the simulation at some samples (n,)."""

@@ -9,18 +9,18 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, reduce
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.batch import Needs, run_status
+from spherekit.analysis.batch import Batch, Needs, run_status
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.declared import declared
 from spherekit.analysis.folder import need_memory
 from spherekit.analysis.link_scenes import plan_notes
 from spherekit.analysis.result import MOTION, stems
 from spherekit.analysis.running.cost import RECORDING, Timer, cost_of
-from spherekit.analysis.running.evaluation import Evaluation, Setting
+from spherekit.analysis.running.evaluation import ORDINARY, Evaluation, Setting
 from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.recording import CountingRecorder, Recorder
 from spherekit.analysis.running.run_state import (
@@ -45,6 +45,7 @@ from spherekit.analysis.tables import (
     TableArrays,
     input_columns,
 )
+from spherekit.arrays import Floats
 from spherekit.conventions import CLOSURE_TOLERANCE, listing
 from spherekit.errors import AnalysisError, PluginError
 from spherekit.files.write import mechanism_hash
@@ -60,31 +61,18 @@ from spherekit.version import __version__
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What a run evaluates: what is `asked`, a request for each input.
+    """What a run evaluates: analyses with their needs, a request for each input.
 
-    Of `block` samples at once.
+    Of `block` samples at once. Those that break the contract are `refused`, and not asked.
     """
 
     course: Sampling
-    asked: "RequestedAnalyses"
+    analyses: tuple[AbstractAnalysis, ...]
+    needs: tuple[Needs, ...]
+    refused: Mapping[str, str]
     requests: tuple[Request, ...]
     block: int
     evaluation: Evaluation
-
-    @property
-    def analyses(self) -> tuple[AbstractAnalysis, ...]:
-        """All analyses that are asked for."""
-        return self.asked.analyses
-
-    @property
-    def needs(self) -> tuple[Needs, ...]:
-        """What each of them needs."""
-        return self.asked.needs
-
-    @property
-    def refused(self) -> Mapping[str, str]:
-        """Why those that break the contract are not asked, by name."""
-        return self.asked.refused
 
     @property
     def mechanism(self) -> Mechanism:
@@ -102,9 +90,21 @@ class RunPlan:
         return self.block >= self.course.total and not self.course.going_on
 
     @property
-    def at_once(self) -> tuple[str, ...]:
+    def at_once(self) -> list[str]:
         """Names of the analyses that look at all samples at once."""
-        return tuple(self.asked.at_once)
+        return at_once(self.analyses, self.refused)
+
+    def batch(
+        self,
+        needs: Needs,
+        motion: Motion,
+        fields: Sequence[PoleField | LazyField],
+        angles: Mapping[str, Floats],
+    ) -> Batch:
+        """Return what an analysis with these needs may read of a block."""
+        course, read = self.course, (motion, tuple(fields), angles)
+        given = self.mechanism, self.plans, needs, *read, course.timed, course.tracer
+        return Batch(*given, lambda: course.extent)
 
     def over(self, course: Sampling) -> "RunPlan":
         """Return it for a course that is known further, or has begun again."""
@@ -157,59 +157,47 @@ class RunPlan:
         }
 
 
-@dataclass(frozen=True)
-class RequestedAnalyses:
-    """What analyses need of a mechanism, and why those that break the contract do not run.
+def needs_of_each(
+    analyses: Sequence[AbstractAnalysis], mechanism: Mechanism
+) -> tuple[tuple[Needs, ...], Mapping[str, str]]:
+    """Return what each analysis needs, and by name why those that break the contract go.
 
-    All that can be said against them and their parameters has been said.
+    All that can be said against them and their parameters has been said then. Errors as
+    `declared`, but for plugins' own; `AnalysisError` too where one is asked for twice: its
+    tables have one place.
     """
+    mechanism = driven_at(mechanism)
+    needs, refused = [], {}
+    for name, count in Counter(analysis.name for analysis in analyses).items():
+        if count > 1:
+            raise AnalysisError(
+                f"{name}: is asked for {count} times in one run, whose tables have one "
+                "place; ask once, with lists joined by + (poles:only=31+42), or run "
+                "twice"
+            )
+    for analysis in analyses:
+        try:
+            needs.append(declared(analysis, mechanism))
+        except PluginError as fault:
+            refused[analysis.name] = str(fault)
+            needs.append(Needs())
+    return tuple(needs), refused
 
-    analyses: tuple[AbstractAnalysis, ...]
-    needs: tuple[Needs, ...]
-    refused: Mapping[str, str]
 
-    @classmethod
-    def of(cls, analyses: Sequence[AbstractAnalysis], mechanism: Mechanism) -> Self:
-        """Ask analyses what they need; errors as `declared`, but for plugins' own.
-
-        Raises `AnalysisError` too where one is asked for twice: its tables have one place.
-        """
-        mechanism = driven_at(mechanism)
-        needs, refused = [], {}
-        counts = Counter(analysis.name for analysis in analyses)
-        for name, count in counts.items():
-            if count > 1:
-                raise AnalysisError(
-                    f"{name}: is asked for {count} times in one run, whose tables have one "
-                    "place; ask once, with lists joined by + (poles:only=31+42), or run "
-                    "twice"
-                )
-        for analysis in analyses:
-            try:
-                needs.append(declared(analysis, mechanism))
-            except PluginError as fault:
-                refused[analysis.name] = str(fault)
-                needs.append(Needs())
-        return cls(tuple(analyses), tuple(needs), refused)
-
-    @property
-    def at_once(self) -> list[str]:
-        """Names of the analyses that look at all samples at once."""
-        return [
-            analysis.name
-            for analysis in self.analyses
-            if analysis.name not in self.refused and analysis.at_once
-        ]
+def at_once(analyses: Sequence[AbstractAnalysis], refused: Collection[str]) -> list[str]:
+    """Return the names of the analyses that look at all samples at once."""
+    return [x.name for x in analyses if x.name not in refused and x.at_once]
 
 
 def job_of(
     course: Sampling,
-    asked: RequestedAnalyses,
-    block: int | None,
-    setting: Setting,
-    all_links: bool,
+    analyses: Sequence[AbstractAnalysis],
+    asked: tuple[tuple[Needs, ...], Mapping[str, str]],
+    block: int | None = None,
+    setting: Setting = ORDINARY,
+    all_links: bool = False,
 ) -> RunPlan:
-    """Return the job of analyses over a course.
+    """Return the job of analyses over a course; `asked` is what `needs_of_each` gives.
 
     `block` is the samples wanted at once, and `all_links` says whether scenes show all
     links; see `spherekit.run` for the others.
@@ -220,25 +208,22 @@ def job_of(
         If the setting does not apply, an analysis needs times and there are none, or all
         samples at once need more memory than there is.
     """
-    mechanism, tracer = course.tracer.mechanism, course.tracer
-    _need_times(course, asked)
-    together = reduce(Needs.union, asked.needs, Needs())
-    wanted = requests_for(mechanism, together, tracer.by_rank)
-    evaluation = Evaluation(setting, course, wanted, together, all_links)
-    if asked.at_once:
-        block = course.total
-        need_memory(mechanism, block * len(tracer.assembly_modes), asked.at_once)
-    block = min(block or evaluation.block, course.total)
-    return RunPlan(course, asked, wanted, block, evaluation)
-
-
-def _need_times(course: Sampling, asked: RequestedAnalyses) -> None:
-    for analysis, what in zip(asked.analyses, asked.needs, strict=True):
+    mechanism, tracer, (needs, refused) = course.tracer.mechanism, course.tracer, asked
+    for analysis, what in zip(analyses, needs, strict=True):
         if what.time and course.clock is None:
             raise AnalysisError(
                 f"{analysis.name}: needs time, but with several inputs nothing says how "
                 "they move; give a law for every input, and a duration"
             )
+    together = reduce(Needs.union, needs, Needs())
+    wanted = requests_for(mechanism, together, tracer.by_rank)
+    evaluation = Evaluation(setting, course, wanted, together, all_links)
+    whole = at_once(analyses, refused)
+    if whole:
+        block = course.total
+        need_memory(mechanism, block * len(tracer.assembly_modes), whole)
+    block = min(block or evaluation.block, course.total)
+    return RunPlan(course, tuple(analyses), *asked, wanted, block, evaluation)
 
 
 def motion_table(course: Sampling) -> Table:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.batch import Batch, Needs
+from spherekit.analysis.batch import Needs
 from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.result import MOTION
@@ -97,7 +97,7 @@ class Verifier:
     """
 
     def __init__(self, job: RunPlan, count: int) -> None:
-        self._plans, self._course = job.plans, job.course
+        self._job, self._course = job, job.course
         self._wanted = [item for item in job.requests if item.poles]
         self._analyses = list(zip(job.analyses, job.needs, strict=True))
         self._count = count
@@ -194,13 +194,8 @@ class Verifier:
         """Return the tables of an analysis by what was read, and by what is right."""
         if analysis.at_once and self._whole is not None:
             both = self._whole, _replaced(self._whole, rows, both[1])
-        mechanism = self._course.tracer.mechanism
-        declared = [table.of(mechanism) for table in analysis.tables]
-        parts = ((read.motion, read.fields, read.angles) for read in both)
-        batches = (
-            Batch(mechanism, self._plans, needs, *read, self._course.timed)
-            for read in parts
-        )
+        declared = self._job.tables_of(analysis)
+        batches = (self._job.batch(needs, x.motion, x.fields, x.angles) for x in both)
         first, second = (computed(analysis, declared, batch) for batch in batches)
         return [
             (analysis.name, table, first[table.name], second[table.name])
