@@ -14,12 +14,21 @@ from itertools import pairwise
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Floats, Indices
 from spherekit.errors import SolveError
-from spherekit.numeric.crossings import wrap
+from spherekit.numeric.crossings import bracketed_zeros, wrap
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Arm, Crossings
-from spherekit.proof.tubes import LONGEST, UP, CertifiedArc, corrected, piece_at
+from spherekit.proof.tubes import (
+    LONGEST,
+    ROUNDING,
+    UP,
+    CertifiedArc,
+    corrected,
+    frame_at,
+    piece_at,
+    turns_of,
+)
 
 FORWARD = 0.9
 """Where the next centre is looked for, over the half length of a piece."""
@@ -153,9 +162,8 @@ SHORTEST_STILL = 0.02
 MOST_PARTS = 4000
 PARTS_EACH = 40
 """Parts of a chain, and more for each piece, beyond which no short ones are made."""
-NEAREST = 6e-10
-"""Length (rad) of the part of a curve in which a zero is shown, about."""
-STEPS = 60
+NEAREST, WIDER = 3.6e-10, 4.0
+"""Length (rad) of a part of a curve in which a zero is shown, and the next over it."""
 
 
 @dataclass(frozen=True)
@@ -299,7 +307,9 @@ def _part(
         return None
     least = SHORTEST_STILL
     if here.bend(variable):
-        end = _sign_at(equations, piece, goal, variable)
+        there = piece_at(equations, goal, piece.tangent, 1e-3)
+        same = there is not None and there.tangent @ piece.tangent > 1e-3
+        end = rates(there, 0.0).sign(variable) if there is not None and same else 0
         before = start.sign(variable)
         if before and end:
             different = before != end
@@ -308,44 +318,28 @@ def _part(
     elif short and (start.sign(variable) or start.bend(variable)):
         least = SHORTEST_PART
     if reach >= least and depth < DEEPEST:
-        guess = piece.centre + (0.5 if depth % 2 else 0.47) * wrap(goal - piece.centre)
-        middle = _middle(equations, piece, goal, guess)
+        middle = _middle(equations, piece, goal, 0.5 if depth % 2 else 0.47)
         if middle is not None and middle.holds(goal, off):
             return middle
-    return _doubt(equations, piece, goal, reach, variable)
-
-
-def _doubt(
-    equations: Equations, piece: CertifiedArc, goal: Floats, reach: float, variable: int
-) -> UndecidedInterval:
-    """Return the part of an arc from a piece's centre to a goal in it as undecided."""
-    start = float(piece.centre[variable])
-    end = start + float(wrap(goal - piece.centre)[variable])
+    # the angles along what is left, by the piece or a shorter one
+    first = float(piece.centre[variable])
+    last = first + float(wrap(goal - piece.centre)[variable])
     near = piece_at(equations, piece.centre, piece.tangent, 1.5 * reach, 1.1 * reach)
     near = piece if near is None or near.half < reach else near
     here = rates(near, min(reach, near.half))
     rate = max(abs(float(here.low[variable])), abs(float(here.high[variable])))
-    across = float(np.sum(np.abs(near.frame[variable, 1:]))) * near.tight
-    ahead = abs(float(near.frame[variable, 0])) * reach
-    off = min(ahead + across, 1.001 * rate * reach + near.miss) + 1e-12
+    spread = np.abs(near.frame[variable]) @ [reach, *[near.tight] * (len(goal) - 1)]
+    gap = min(float(spread), 1.001 * rate * reach + near.miss) + 1e-12
     return UndecidedInterval(
-        piece.centre, goal, min(start - off, end), max(start + off, end)
+        piece.centre, goal, min(first - gap, last), max(first + gap, last)
     )
 
 
-def _sign_at(equations: Equations, piece: CertifiedArc, goal: Floats, variable: int) -> int:
-    """Return the sign of a rate at a configuration in a piece, in the piece's sense."""
-    there = piece_at(equations, goal, piece.tangent, 1e-3)
-    if there is None or not there.tangent @ piece.tangent > 1e-3:
-        return 0
-    return rates(there, 0.0).sign(variable)
-
-
 def _middle(
-    equations: Equations, piece: CertifiedArc, goal: Floats, guess: Floats
+    equations: Equations, piece: CertifiedArc, goal: Floats, part: float
 ) -> CertifiedArc | None:
-    """Return a piece around a configuration between a piece's centre and a goal in it."""
-    place = corrected(equations, guess)
+    """Return a piece between a piece's centre and a goal in it, about so far on the way."""
+    place = corrected(equations, piece.centre + part * wrap(goal - piece.centre))
     if place is None:
         return None
     reach = float(piece.coordinates(goal)[0])
@@ -361,34 +355,35 @@ def _place(
     equations: Equations, piece: CertifiedArc, goal: Floats, variable: int, before: int
 ) -> StationaryPlace:
     """Return the only zero of a rate from a piece's centre to a goal, near its place."""
-    beyond = 0.0
-    for step in range(STEPS):
-        length = float(np.max(np.abs(wrap(goal - piece.centre))))
-        if length < NEAREST:
+    way = wrap(goal - piece.centre)
+    length = float(np.max(np.abs(way)))
+
+    def rate(parts: Floats, _: Indices) -> Floats:
+        """Return the rate, positive at the centre, part of the way; nothing rests on it."""
+        place = corrected(equations, piece.centre + parts[0] * way)
+        slopes = equations.real.second(turns_of(piece.centre if place is None else place))
+        frame = frame_at(slopes[1], piece.tangent)
+        return before * (np.zeros(1) if frame is None else frame[variable, :1])
+
+    here, there, up = np.zeros(1), np.ones(1), np.ones(1)
+    (part,), _ = bracketed_zeros(rate, here, there, up, -up, ROUNDING)
+    start, width = piece, NEAREST
+    while width < length:
+        sides = part - 0.5 * width / length, part + 0.5 * width / length
+        one, other = (_middle(equations, piece, goal, side) for side in sides)
+        if one is not None and rates(one, 0.0).sign(variable) == before:
+            start = one
+        if other is not None and rates(other, 0.0).sign(variable) == -before:
+            goal = other.centre
+        if start is not piece and other is not None and goal is other.centre:
             break
-        rate, part = float(piece.tangent[variable]), 0.5
-        if step % 3 < 2 and rate * beyond < 0.0:
-            # a little to the farther side, so that both ends move
-            aside = 0.4 * NEAREST / length
-            part = rate / (rate - beyond) + aside * (1 - 2 * (step % 2))
-            part = float(np.clip(part, aside, 1.0 - aside))
-        guess = piece.centre + part * wrap(goal - piece.centre)
-        middle = _middle(equations, piece, goal, guess)
-        sign = 0 if middle is None else rates(middle, 0.0).sign(variable)
-        if middle is not None and sign == -before:
-            goal, beyond = middle.centre, float(middle.tangent[variable])
-        elif middle is not None and sign and middle.holds(goal, 1e-10):
-            piece = middle
-        elif part == 0.5:
-            break
-        else:
-            beyond = 0.0
-    apart = wrap(goal - piece.centre)
+        width *= WIDER
+    apart = wrap(goal - start.centre)
     longest = max(4.0 * float(np.max(np.abs(apart))), 1e-8)
-    around = piece_at(equations, piece.centre, piece.tangent, longest, 1e-12)
+    around = piece_at(equations, start.centre, start.tangent, longest, 1e-12)
     if around is None or not around.holds(goal, 1e-10):
-        around = piece
+        around = start
     reach = float(np.max(np.abs(around.coordinates(goal))))
     return StationaryPlace(
-        piece.centre + 0.5 * apart, reach + 2.0 * around.tight + 1e-10, before
+        start.centre + 0.5 * apart, reach + 2.0 * around.tight + 1e-10, before
     )

@@ -389,8 +389,3 @@ def stepped(made: Polynomials, roots: ChartRoots, ways: Array) -> ChartRoots:
         inverse, _ = inverses(first)
         change = np.einsum("njg,ng->nj", -inverse @ by_input, ways[roots.row])
         return roots.moved(roots.z + change)
-
-
-def turns_of(q: Array) -> Array:
-    """Return cosines and sines (..., 2) of angles, for approximations."""
-    return np.stack([np.cos(q), np.sin(q)], axis=-1)

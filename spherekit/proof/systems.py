@@ -39,11 +39,11 @@ from spherekit.proof.charts import (
     roots_of_one,
     stepped,
     tubes,
-    turns_of,
     values_at,
 )
 from spherekit.proof.construction import permanent
 from spherekit.proof.equations import Equations
+from spherekit.proof.tubes import turns_of
 
 MOST_STEPS = 600
 FIRST_STEP, LEAST_STEP, LARGEST_STEP = 0.02, 1e-7, 0.1

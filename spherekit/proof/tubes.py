@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Array, Bools, Floats
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.equations import Equations
@@ -238,8 +238,7 @@ def corrected(
     """
     place = place.copy()
     for _ in range(steps):
-        turns = np.stack([np.cos(place), np.sin(place)], axis=-1)
-        values, slopes, _ = equations.real.second(turns)
+        values, slopes, _ = equations.real.second(turns_of(place))
         change, *_ = np.linalg.lstsq(slopes[:, :moved], -values, rcond=1e-13)
         place[:moved] += change
         size = float(np.max(np.abs(change)))
@@ -248,3 +247,8 @@ def corrected(
         if size < 1e-14:
             break
     return place if float(np.max(np.abs(values))) < 1e-10 else None
+
+
+def turns_of(q: Array) -> Array:
+    """Return cosines and sines (..., 2) of angles, for approximations."""
+    return np.stack([np.cos(q), np.sin(q)], axis=-1)
