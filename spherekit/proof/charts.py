@@ -9,6 +9,7 @@ angles are inputs too.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations_with_replacement
 from typing import Any
 
@@ -100,6 +101,51 @@ class ChartRoots:
         """Return some of them."""
         return ChartRoots(self.z[kept], self.inverse[kept], self.row[kept])
 
+    def derivatives(self, arrays: Sequence[Complexes], order: int = 0) -> Complexes:
+        """Return all derivatives by z of an order, of polynomials (m, ..., sizes) each.
+
+        They are (n, polynomials, unknowns, ...), with as many axes of unknowns as the
+        order.
+        """
+        n, count = self.z.shape
+        every = list(combinations_with_replacement(range(count), order))
+        places = [every.index(tuple(sorted(key))) for key in np.ndindex(*[count] * order)]
+        rows = []
+        for series in arrays:
+            here = series[self.row]
+            made = [self._derivative(here, key) for key in every]
+            rows.append(np.stack([made[place] for place in places], axis=1))
+        out = np.stack(rows, axis=1)
+        return out.reshape(n, len(rows), *[count] * order, *out.shape[3:])
+
+    def _derivative(self, series: Complexes, columns: tuple[int, ...]) -> Complexes:
+        """Return (n, ...) that of series (n, ..., sizes) by the unknowns of `columns`."""
+        sizes = series.shape[-self.z.shape[1] :]
+        if any(sizes[column] == 1 for column in columns):
+            return np.zeros(series.shape[: -len(sizes)], dtype=complex)
+        out = series
+        for column, size in reversed(list(enumerate(sizes))):
+            powers = self._powers_of(column, size, columns.count(column))
+            out = np.einsum("n...p,np->n...", out, powers)
+        return out
+
+    def _powers_of(self, column: int, size: int, order: int) -> Complexes:
+        """Return (n, size) the powers of z that belong to coefficients, or derivatives."""
+        key = column, size, order
+        if key not in self._powers:
+            up = np.arange(size)
+            exponents = np.where(self.inverse[:, column, None], size - 1 - up, up)
+            factor = np.ones(exponents.shape)
+            for step in range(order):
+                factor = factor * (exponents - step)
+            z = self.z[:, column, None]
+            self._powers[key] = factor * z ** np.maximum(exponents - order, 0)
+        return self._powers[key]
+
+    @cached_property
+    def _powers(self) -> dict[tuple[int, int, int], Complexes]:
+        return {}
+
     def moved(self, z: Complexes) -> "ChartRoots":
         """Return the same with other points, each in the better chart."""
         with np.errstate(all="ignore"):
@@ -108,68 +154,27 @@ class ChartRoots:
         return ChartRoots(inverted, self.inverse ^ over, self.row)
 
 
-class _Derivatives:
-    """Derivatives by z of polynomials at points, each power of z computed once."""
-
-    def __init__(self, roots: ChartRoots) -> None:
-        self.roots = roots
-        self._powers: dict[tuple[int, int, int], Complexes] = {}
-
-    def of(self, series: Complexes, *columns: int) -> Complexes:
-        """Return (n, ...) that of series (n, ..., sizes) by the unknowns of `columns`."""
-        k = self.roots.z.shape[1]
-        out = series
-        for column, size in reversed(list(enumerate(series.shape[-k:]))):
-            key = column, size, columns.count(column)
-            if key not in self._powers:
-                self._powers[key] = self._power(*key)
-            out = np.einsum("n...p,np->n...", out, self._powers[key])
-        return out
-
-    def _power(self, column: int, size: int, order: int) -> Complexes:
-        """Return (n, size) the powers of z that belong to coefficients, or derivatives."""
-        up = np.arange(size)
-        exponents = np.where(self.roots.inverse[:, column, None], size - 1 - up, up)
-        factor = np.ones(exponents.shape)
-        for step in range(order):
-            factor = factor * (exponents - step)
-        z = self.roots.z[:, column, None]
-        return factor * z ** np.maximum(exponents - order, 0)
-
-
 def values_at(
     made: Polynomials, roots: ChartRoots
 ) -> tuple[Complexes, Complexes, Complexes]:
     """Return P (n, k), its derivatives by z (n, k, k) and by the inputs (n, k, inputs)."""
-    n, count = roots.z.shape
-    values = np.empty((n, count), dtype=complex)
-    first = np.zeros((n, count, count), dtype=complex)
-    by_input = np.empty((n, count, made.slopes[0].shape[1]), dtype=complex)
-    derivatives = _Derivatives(roots)
-    for row, (series, slopes) in enumerate(zip(made.values, made.slopes, strict=True)):
-        here = series[roots.row]
-        values[:, row] = derivatives.of(here)
-        for column in (j for j in range(count) if here.shape[1 + j] > 1):
-            first[:, row, column] = derivatives.of(here, column)
-        by_input[:, row] = derivatives.of(slopes[roots.row])
-    return values, first, by_input
+    here, first = (roots.derivatives(made.values, order) for order in (0, 1))
+    return here, first, roots.derivatives(made.slopes)
 
 
-def polished(
-    made: Polynomials, roots: ChartRoots, most: int = NEWTON_STEPS
-) -> tuple[ChartRoots, Bools]:
+@np.errstate(all="ignore")
+def polished(made: Polynomials, roots: ChartRoots) -> tuple[ChartRoots, Bools]:
     """Return what Newton's method makes of points, and where it ends well."""
     good = np.ones(len(roots.z), dtype=bool)
-    with np.errstate(all="ignore"):
-        for _ in range(most):
-            values, first, _ = values_at(made, roots)
-            inverse, regular = inverses(first)
-            change = np.einsum("nij,nj->ni", inverse, values)
-            size = np.max(np.abs(change), axis=1, initial=0.0)
-            good &= regular & (size < 1.0)
-            roots = roots.moved(np.where(good[:, None], roots.z - change, roots.z))
-            if np.max(size[good], initial=0.0) < STILL:
-                break
+    for _ in range(NEWTON_STEPS):
+        values, first, _ = values_at(made, roots)
+        inverse, regular = inverses(first)
+        change = np.einsum("nij,nj->ni", inverse, values)
+        size = np.max(np.abs(change), axis=1, initial=0.0)
+        good &= regular & (size < 1.0)
+        roots = roots.moved(np.where(good[:, None], roots.z - change, roots.z))
+        if np.max(size[good], initial=0.0) < STILL:
+            break
     return roots, good & (size < 1e-9)
 
 
@@ -180,23 +185,6 @@ def inverses(first: Complexes) -> tuple[Complexes, Bools]:
     out = np.zeros_like(first)
     out[regular] = np.linalg.inv(first[regular])
     return out, regular & np.all(np.isfinite(out), axis=(1, 2))
-
-
-@dataclass(frozen=True)
-class Given:
-    """Boxes of the inputs, and how what is given to a system moves with them.
-
-    `half` (m, inputs) are the half widths (rad). A given angle moves by `rates` (m, given,
-    inputs) times the inputs, and by at most `off` (m, given) rad more.
-    """
-
-    half: Floats
-    rates: Floats
-    off: Floats
-
-    def take(self, rows: Indices) -> "Given":
-        """Return those of some boxes."""
-        return Given(self.half[rows], self.rates[rows], self.off[rows])
 
 
 @dataclass(frozen=True)
@@ -216,68 +204,32 @@ class RootEnclosures:
     rates: Complexes
 
 
-def tubes(made: Polynomials, roots: ChartRoots, given: Given) -> RootEnclosures:
-    """Return where points have one root for every input of boxes."""
-    with np.errstate(all="ignore"):
-        return _tubes(made, roots, given.take(roots.row))
+@np.errstate(all="ignore")
+def tubes(
+    made: Polynomials, roots: ChartRoots, half: Floats, moving: Floats, off: Floats
+) -> RootEnclosures:
+    """Return where points have one root for every input of boxes.
 
+    That is to second order along the axes of tubes, bounded beyond: all derivatives by z in
+    `reach`, or by 1, are at most `constant`, on the axis `axis`, times powers of `steps`,
+    those by what is given of `turned` (S. Bernstein).
 
-def _second(coefficients: Sequence[Complexes], roots: ChartRoots) -> Complexes:
-    """Return the second derivatives (n, k, k, k) by z of polynomials at points."""
-    n, count = roots.z.shape
-    out = np.zeros((n, len(coefficients), count, count), dtype=complex)
-    derivatives = _Derivatives(roots)
-    for row, series in enumerate(coefficients):
-        here = series[roots.row]
-        held = [j for j in range(count) if here.shape[1 + j] > 1]
-        for j, other in combinations_with_replacement(held, 2):
-            bent = derivatives.of(here, j, other)
-            out[:, row, j, other] = out[:, row, other, j] = bent
-    return out
-
-
-def _mixed(made: Polynomials, roots: ChartRoots) -> Complexes:
-    """Return the derivatives (n, k, k, given) by z and by what is given."""
-    n, count = roots.z.shape
-    out = np.zeros((n, count, count, made.slopes[0].shape[1]), dtype=complex)
-    derivatives = _Derivatives(roots)
-    for row, series in enumerate(made.slopes):
-        here = series[roots.row]
-        for j in (j for j in range(count) if here.shape[2 + j] > 1):
-            out[:, row, j] = derivatives.of(here, j)
-    return out
-
-
-def _along(
-    made: Polynomials, roots: ChartRoots, given: Given, inverse: Complexes, rates: Complexes
-) -> tuple[Complexes, Complexes, Floats]:
-    """Return how the derivative changes along the axis by each input (n, k, k, inputs).
-
-    Then its derivatives by what is given, and by how much the axis is curved (n, k).
+    Parameters
+    ----------
+    made, roots
+        The system at m centres, and points.
+    half
+        Half widths (m, inputs) of the boxes.
+    moving, off
+        What is given to the system moves by `moving` (m, given, inputs) times the inputs,
+        and by at most `off` (m, given) rad more.
     """
-    half, mixed = given.half, _mixed(made, roots)
-    along = np.einsum("nijl,nld->nijd", _second(made.values, roots), rates)
-    along += np.einsum("nijg,ngd->nijd", mixed, given.rates)
-    twice = np.einsum("nijd,nje->nide", along, rates)
-    twice += np.einsum("nijg,nje,ngd->nide", mixed, rates, given.rates)
-    bent = np.abs(np.einsum("nij,njde->nide", inverse, twice))
-    bent = 0.5 * bent + ROUNDING * np.einsum(
-        "nij,njde->nide", np.abs(inverse), np.abs(twice)
-    )
-    return along, mixed, np.einsum("nide,nd,ne->ni", bent, half, half)
-
-
-def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> RootEnclosures:
-    """Return what is proven: to second order along the axes of tubes, bounded beyond.
-
-    All derivatives by z in `reach`, or by 1, are at most `constant`, on the axis `axis`,
-    times powers of `steps`, those by what is given of `turned` (S. Bernstein).
-    """
-    count, half = roots.z.shape[1], given.half
+    count, half, stray = roots.z.shape[1], half[roots.row], off[roots.row]
+    moving = moving[roots.row]
     values, first, by_given = values_at(made, roots)
     inverse, regular = inverses(first)
     size = np.abs(inverse)
-    by_input = by_given @ given.rates
+    by_input = by_given @ moving
     rates = -inverse @ by_input
     moved = np.einsum("njg,ng->nj", np.abs(rates), half) * UP
     reach = np.abs(roots.z) + moved + WIDEST
@@ -289,21 +241,29 @@ def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> RootEnclosures
     axis = made.constant * np.exp(np.log(near) @ steps.T) * UP
     # by how much the angles, in all, change at most in each equation
     across = moved @ steps.T
-    spread = np.einsum("ngd,nd->ng", np.abs(given.rates), half) @ turned.T
-    stray = given.off @ turned.T
-    way = (across + spread + stray) * UP
+    spread = np.einsum("ngd,nd->ng", np.abs(moving), half) @ turned.T
+    strays = stray @ turned.T
+    way = (across + spread + strays) * UP
     around = ChartRoots(reach.astype(complex), roots.inverse, roots.row)
-    bent = np.abs(_second([np.abs(array) for array in made.values], around))
-    along, mixed, curved = _along(made, roots, given, inverse, rates)
+    bent = np.abs(around.derivatives([np.abs(array) for array in made.values], 2))
+    mixed = roots.derivatives(made.slopes, 1)
+    # how the derivative changes along the axis, and how much this is curved
+    along = np.einsum("nijl,nld->nijd", roots.derivatives(made.values, 2), rates)
+    along += np.einsum("nijg,ngd->nijd", mixed, moving)
+    twice = np.einsum("nijd,nje->nide", along, rates)
+    twice += np.einsum("nijg,nje,ngd->nide", mixed, rates, moving)
+    curves = 0.5 * np.abs(np.einsum("nij,njde->nide", inverse, twice))
+    curves += ROUNDING * np.einsum("nij,njde->nide", size, np.abs(twice))
+    curved = np.einsum("nide,nd,ne->ni", curves, half, half)
     count_of = np.array([array[0].size for array in made.values], dtype=float)
     off = made.error * count_of
-    spare = (constant * (spread + stray) + off * growth) * UP
+    spare = (constant * (spread + strays) + off * growth) * UP
     bent = bent + spare[:, :, None, None] * steps[:, :, None] * steps[:, None, :]
     # rounding: of the coefficients, and of the sums over them
     sums = np.stack([np.sum(np.abs(v.reshape(len(v), -1)), axis=1) for v in made.values], 1)
     blur = (off + 4 * ROUNDING * count_of * sums[roots.row]) * growth
-    far = axis * (0.5 * (spread + stray) ** 2 + across * stray + way**3 / 6.0)
-    far += np.einsum("nig,ng->ni", np.abs(by_given), given.off)
+    far = axis * (0.5 * (spread + strays) ** 2 + across * strays + way**3 / 6.0)
+    far += np.einsum("nig,ng->ni", np.abs(by_given), stray)
     rest = np.einsum("nig,ng->ni", np.abs(first @ rates + by_input), half)
     far += rest + blur * (1.0 + way + 0.5 * way**2) + ROUNDING * np.abs(values)
     start = np.abs(np.einsum("nij,nj->ni", inverse, values))
@@ -313,7 +273,7 @@ def _tubes(made: Polynomials, roots: ChartRoots, given: Given) -> RootEnclosures
     turning = np.einsum("nij,njld->nild", inverse, along)
     part = np.abs(np.eye(count) - inverse @ first)
     part += np.einsum("nild,nd->nil", np.abs(turning), half)
-    change = np.einsum("nijg,ng->nij", np.abs(mixed), given.off)
+    change = np.einsum("nijg,ng->nij", np.abs(mixed), stray)
     change += (0.5 * axis * way**2)[:, :, None] * steps
     change += (blur * (1.0 + way))[:, :, None] * np.maximum(steps, 1.0)
     change += ROUNDING * np.einsum("nijd,nd->nij", np.abs(along), half)
@@ -382,10 +342,10 @@ def are_real(roots: ChartRoots, proven: RootEnclosures) -> tuple[Bools, Bools]:
     return np.asarray(real), np.asarray(off)
 
 
+@np.errstate(all="ignore")
 def stepped(made: Polynomials, roots: ChartRoots, ways: Array) -> ChartRoots:
     """Return roots moved by their rates where what is given moves by `ways` (m, given)."""
-    with np.errstate(all="ignore"):
-        _, first, by_input = values_at(made, roots)
-        inverse, _ = inverses(first)
-        change = np.einsum("njg,ng->nj", -inverse @ by_input, ways[roots.row])
-        return roots.moved(roots.z + change)
+    _, first, by_input = values_at(made, roots)
+    inverse, _ = inverses(first)
+    change = np.einsum("njg,ng->nj", -inverse @ by_input, ways[roots.row])
+    return roots.moved(roots.z + change)

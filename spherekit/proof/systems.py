@@ -16,7 +16,6 @@ chapter 8), and the way from them to the equations of the mechanism avoids singu
 systems but for unlucky random numbers.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
 from itertools import permutations, product
@@ -29,7 +28,6 @@ from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.charts import (
     ChartRoots,
-    Given,
     Polynomials,
     RootEnclosures,
     are_apart,
@@ -39,7 +37,6 @@ from spherekit.proof.charts import (
     roots_of_one,
     stepped,
     tubes,
-    values_at,
 )
 from spherekit.proof.construction import permanent
 from spherekit.proof.equations import Equations
@@ -55,6 +52,7 @@ SEEDS = 4
 """Ways tried: of four one nearly always misses nothing."""
 
 
+@np.errstate(all="ignore")
 def modes_near(equations: Equations, driven: Floats, seed: int) -> Complexes:
     """Return approximations (n, unknowns) rad of the complex modes at an input.
 
@@ -63,111 +61,108 @@ def modes_near(equations: Equations, driven: Floats, seed: int) -> Complexes:
     """
     every = list(range(equations.unknowns))
     made = Polynomials.at(equations, every, every, driven[None])
-    with np.errstate(all="ignore"):
-        angles = -1j * np.log(solutions(made, seed).points)
+    angles = -1j * np.log(solutions(made, seed).points)
     return angles[np.all(np.isfinite(angles), axis=1)]
 
 
+@np.errstate(all="ignore")
 def solutions(made: Polynomials, seed: int) -> ChartRoots:
-    """Return approximations of a system's solutions at one input, infinite ones too."""
-    with np.errstate(all="ignore"):
-        return _Way(made, seed).tracked()
+    """Return approximations of a system's solutions at one input, infinite ones too.
+
+    The ways from all solutions of products of lines, at t = 0, are followed; those are left
+    out that do not come near.
+    """
+    generator = np.random.default_rng(seed)
+    ends, z = _product_of_lines(made, generator)
+    points, n = ChartRoots.of(z, np.zeros(len(z), dtype=np.intp)), len(z)
+    t, step = np.zeros(n), np.full(n, FIRST_STEP)
+    streak, lost = np.zeros(n, dtype=int), np.zeros(n, dtype=bool)
+    for _ in range(MOST_STEPS):
+        going = np.flatnonzero((t < 1.0) & ~lost)
+        if not len(going):
+            break
+        length = np.minimum(step[going], 1.0 - t[going])
+        there = t[going] + length
+        ahead = _ahead(ends, points.take(going), t[going], length)
+        ahead, first, last = _corrected(ends, ahead, there)
+        size = 1.0 + np.max(np.abs(ahead.z), axis=1)
+        good = (first < TRUSTED * size) & (last < 1e-8 * size)
+        kept, failed = going[good], going[~good]
+        moved = ahead.take(good).moved(ahead.z[good])
+        points.z[kept], points.inverse[kept] = moved.z, moved.inverse
+        t[kept] = there[good]
+        streak[kept] += 1
+        longer = kept[streak[kept] >= 3]
+        step[longer] = np.minimum(2.0 * step[longer], LARGEST_STEP)
+        streak[longer] = streak[failed] = 0
+        step[failed] = 0.5 * length[~good]
+        lost[failed] = step[failed] < LEAST_STEP
+    # a way that ends short of its goal leads to a double solution, or nearly
+    return points.take((t > NEARLY) & np.all(np.isfinite(points.z), axis=1))
 
 
-class _Way:
-    """A system from products of lines at t = 0 to the one wanted at t = 1."""
+Ends = list[tuple[Complexes, Complexes]]
+"""Coefficients of each equation at t = 0 and at t = 1."""
 
-    def __init__(self, made: Polynomials, seed: int) -> None:
-        generator = np.random.default_rng(seed)
 
-        def random(count: int) -> Complexes:
-            return np.asarray(generator.normal(size=(2, count)).T @ (1.0, 1j))
+def _product_of_lines(
+    made: Polynomials, generator: np.random.Generator
+) -> tuple[Ends, Complexes]:
+    """Return equations that lead from products of lines to a system, and where from."""
 
-        self.made = made
-        self.roots = [[random(size - 1) for size in v.shape[1:]] for v in made.values]
-        self.ends = []
-        for row, (goal,) in zip(self.roots, made.values, strict=True):
-            lines = [np.atleast_1d(np.poly(roots))[::-1] for roots in row]
-            start = reduce(np.multiply.outer, lines) * np.exp(
-                2j * np.pi * generator.random()
-            )
-            scale = np.linalg.norm(start) / np.linalg.norm(goal)
-            self.ends.append((start, scale * goal))
+    def random(count: int) -> Complexes:
+        return np.asarray(generator.normal(size=(2, count)).T @ (1.0, 1j))
 
-    def _starts(self) -> Iterator[Complexes]:
-        """Yield the solutions at t = 0: each equation gives another unknown its value."""
-        for order in permutations(range(len(self.roots))):
-            factors = (row[column] for row, column in zip(self.roots, order, strict=True))
-            for values in product(*factors):
-                yield np.array(values)[np.argsort(order)]
+    roots = [[random(size - 1) for size in v.shape[1:]] for v in made.values]
+    ends = []
+    for row, (goal,) in zip(roots, made.values, strict=True):
+        lines = [np.atleast_1d(np.poly(values))[::-1] for values in row]
+        start = reduce(np.multiply.outer, lines) * np.exp(2j * np.pi * generator.random())
+        ends.append((start, np.linalg.norm(start) / np.linalg.norm(goal) * goal))
+    # each equation gives another unknown its value
+    starts = [
+        np.array(values)[np.argsort(order)]
+        for order in permutations(range(len(roots)))
+        for values in product(*(row[k] for row, k in zip(roots, order, strict=True)))
+    ]
+    return ends, np.array(starts, dtype=complex).reshape(-1, len(roots))
 
-    def _at(self, points: ChartRoots, t: Floats) -> tuple[Complexes, Complexes, Complexes]:
-        """Return values (n, k), derivatives by z (n, k, k), and by t (n, k)."""
-        values, slopes = [], []
-        for start, goal in self.ends:
-            part = t.reshape(-1, *[1] * start.ndim)
-            values.append((1.0 - part) * start + part * goal)
-            slopes.append(np.broadcast_to(goal - start, (len(t), 1, *start.shape)))
-        rows = ChartRoots(points.z, points.inverse, np.arange(len(t)))
-        made = self.made
-        at_t = Polynomials(
-            tuple(values), tuple(slopes), made.error, made.constant, made.degrees
-        )
-        here, first, by_t = values_at(at_t, rows)
-        return here, first, by_t[..., 0]
 
-    def tracked(self) -> ChartRoots:
-        """Return where the ways from all solutions at t = 0 end, those that come near."""
-        z = np.array([*self._starts()], dtype=complex).reshape(-1, len(self.roots))
-        points = ChartRoots.of(z, np.zeros(len(z), dtype=np.intp))
-        n = len(z)
-        t, step = np.zeros(n), np.full(n, FIRST_STEP)
-        streak, lost = np.zeros(n, dtype=int), np.zeros(n, dtype=bool)
-        for _ in range(MOST_STEPS):
-            going = np.flatnonzero((t < 1.0) & ~lost)
-            if not len(going):
-                break
-            length = np.minimum(step[going], 1.0 - t[going])
-            there = t[going] + length
-            ahead = self._predicted(points.take(going), t[going], length)
-            ahead, first, last = self._corrected(ahead, there)
-            size = 1.0 + np.max(np.abs(ahead.z), axis=1)
-            good = (first < TRUSTED * size) & (last < 1e-8 * size)
-            kept, failed = going[good], going[~good]
-            moved = ahead.take(good).moved(ahead.z[good])
-            points.z[kept], points.inverse[kept] = moved.z, moved.inverse
-            t[kept] = there[good]
-            streak[kept] += 1
-            longer = kept[streak[kept] >= 3]
-            step[longer] = np.minimum(2.0 * step[longer], LARGEST_STEP)
-            streak[longer] = streak[failed] = 0
-            step[failed] = 0.5 * length[~good]
-            lost[failed] = step[failed] < LEAST_STEP
-        # a way that ends short of its goal leads to a double solution, or nearly
-        return points.take((t > NEARLY) & np.all(np.isfinite(points.z), axis=1))
+def _at(
+    ends: Ends, points: ChartRoots, t: Floats
+) -> tuple[Complexes, Complexes, Complexes]:
+    """Return values (n, k), derivatives by z (n, k, k), and by t (n, k)."""
+    parts = [(t.reshape(-1, *[1] * start.ndim), start, goal) for start, goal in ends]
+    values = [(1.0 - part) * start + part * goal for part, start, goal in parts]
+    rows = ChartRoots(points.z, points.inverse, np.arange(len(t)))
+    one = ChartRoots(points.z, points.inverse, np.zeros(len(t), dtype=np.intp))
+    by_t = one.derivatives([(goal - start)[None] for start, goal in ends])
+    return rows.derivatives(values), rows.derivatives(values, 1), by_t
 
-    def _predicted(self, points: ChartRoots, t: Floats, length: Floats) -> ChartRoots:
-        """Return points ahead by the Runge-Kutta method of order 4."""
-        h, total = length[:, None], 0.0 * points.z
-        slope = total
-        for part, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
-            at = ChartRoots(points.z + part * h * slope, points.inverse, points.row)
-            _, first, by_t = self._at(at, t + part * length)
-            slope = -_solved(first, by_t)
-            total = total + weight * slope
-        return ChartRoots(points.z + h / 6.0 * total, points.inverse, points.row)
 
-    def _corrected(
-        self, points: ChartRoots, t: Floats
-    ) -> tuple[ChartRoots, Floats, Floats]:
-        """Return points after three Newton steps, with sizes of the first and the last."""
-        sizes = []
-        for _ in range(3):
-            values, first, _ = self._at(points, t)
-            change = _solved(first, values)
-            points = ChartRoots(points.z - change, points.inverse, points.row)
-            sizes.append(np.nan_to_num(np.max(np.abs(change), axis=1), nan=np.inf))
-        return points, sizes[0], sizes[-1]
+def _ahead(ends: Ends, points: ChartRoots, t: Floats, length: Floats) -> ChartRoots:
+    """Return points ahead by the Runge-Kutta method of order 4."""
+    h, total = length[:, None], 0.0 * points.z
+    slope = total
+    for part, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
+        at = ChartRoots(points.z + part * h * slope, points.inverse, points.row)
+        _, first, by_t = _at(ends, at, t + part * length)
+        slope = -_solved(first, by_t)
+        total = total + weight * slope
+    return ChartRoots(points.z + h / 6.0 * total, points.inverse, points.row)
+
+
+def _corrected(
+    ends: Ends, points: ChartRoots, t: Floats
+) -> tuple[ChartRoots, Floats, Floats]:
+    """Return points after three Newton steps, with sizes of the first and the last."""
+    sizes = []
+    for _ in range(3):
+        values, first, _ = _at(ends, points, t)
+        change = _solved(first, values)
+        points = ChartRoots(points.z - change, points.inverse, points.row)
+        sizes.append(np.nan_to_num(np.max(np.abs(change), axis=1), nan=np.inf))
+    return points, sizes[0], sizes[-1]
 
 
 def _solved(matrices: Complexes, right: Complexes) -> Complexes:
@@ -337,21 +332,20 @@ class Systems:
             )
         )
         made = Polynomials.at(self.equations, *system, turns)
-        moving = Given(half, rates, off)
         one, earlier = len(system[1]) == 1, self._known[number]
         rough = roots_of_one(made) if one else self._near(number, given)
         parts = [slice(k * bound, (k + 1) * bound) for k in range(len(given))]
         for anew in (not one, False):
             roots, ended = polished(made, rough)
-            proven = tubes(made, roots, moving)
+            proven = tubes(made, roots, half, rates, off)
             whole = are_apart(roots, proven.radius, ended, bound)
             lost = np.flatnonzero(~whole & hard[modes.row])
             if not (anew and len(lost)):
                 break
+            rough = roots.take(slice(None))
             for mode in lost:
                 again = self._found(number, given[mode]).points
-                roots.z[parts[mode]], roots.inverse[parts[mode]] = again.z, again.inverse
-            rough = roots
+                rough.z[parts[mode]], rough.inverse[parts[mode]] = again.z, again.inverse
         earlier += [
             KnownRoots(given[k], roots.take(parts[k])) for k in np.flatnonzero(whole)
         ]
