@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Literal
 from unittest.mock import patch
 
@@ -18,7 +18,6 @@ from spherekit.engine.compiler import available, heyoka
 from spherekit.engine.kernels import kernel
 from spherekit.engine.row_kernel import row_kernel
 from spherekit.errors import EngineError
-from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
@@ -30,22 +29,20 @@ NEVER = 1 << 60
 
 def run(quick: bool) -> list[Section]:
     """Return the sections; compiled code runs on one thread."""
-    compiles = available()
-    threads = heyoka().get_nthreads() if compiles else 0
-    if compiles:
-        heyoka().set_nthreads(1)
-    try:
+    module = heyoka() if available() else None
+    threads = module.get_nthreads() if module else 0
+    with ExitStack() as after:
+        if module:
+            after.callback(module.set_nthreads, threads)
+            module.set_nthreads(1)
         rows = [_row(name, engine, quick) for name in MECHANISMS for engine in _engines()]
-    finally:
-        if compiles:
-            heyoka().set_nthreads(threads)
     return [
         Section(
             "Runs of many samples",
             "`sk.run(mechanism, 'poles')` in memory, all assembly modes, by the kernel of "
             "rows (so many of them) and with care throughout, and the batch kernel of the "
-            "same poles and derivatives alone, from pair variables to an array that is "
-            "there already. The time of the search for assembly modes is left out.",
+            "same poles alone, from pair variables to an array that is there already. The "
+            "time of the search for assembly modes is left out.",
             (
                 "mechanism",
                 "engine",
@@ -57,12 +54,15 @@ def run(quick: bool) -> list[Section]:
                 "run, ns a row",
                 "kernel, ns a row",
                 "of which careful, ns",
+                "evaluate, us",
+                "two inputs / one",
             ),
             rows,
             "All of it is processor time of one thread. The batch kernel takes neither "
             "profiles other than circles nor several inputs; the kernel is then that of "
             "rows itself, bounds and columns of profiles included. "
-            "What two cores gain is wall time, of other programs as well.",
+            "What two cores gain is wall time, of other programs as well. One mode at one "
+            "input is evaluated by terms of floats, at two inputs with care.",
         )
     ]
 
@@ -91,6 +91,7 @@ def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
     samples = wanted // modes
     few = max(100, samples // 20)
     shares: list[float] = []
+    q = tracer.input_grid.q[[5, 6]].squeeze()  # neither at an end nor where modes meet
 
     def quickly(cores: int = 1) -> None:
         with _by(engine), patch.object(in_turn, "usable_cores", lambda: cores):
@@ -105,11 +106,11 @@ def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
         "run": quickly,
         "careful": carefully,
         "search": lambda: PositionAnalysis(made, samples=samples),
+        "one": lambda: sk.evaluate(made, q[:1], assembly_mode=0),
+        "two": lambda: sk.evaluate(made, q, assembly_mode=0),
     }
     alone, width, inputs = _alone(tracer, engine)
-    inputs = np.ascontiguousarray(
-        np.repeat(inputs, -(-wanted // inputs.shape[1]), axis=1)[:, :wanted]
-    )
+    inputs = np.repeat(inputs, -(-wanted // inputs.shape[1]), axis=1)[:, :wanted].copy()
     out = np.empty((width, wanted))
     jobs["kernel"] = lambda: alone(inputs, out)
     times = rounds(jobs, 3 if quick else 5, now=time.process_time)
@@ -130,6 +131,8 @@ def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
         1e9 * each,
         1e9 * unit,
         1e9 * careful,
+        1e6 * median(times, "one"),
+        ratio(times, "two", "one"),
     )
 
 
@@ -140,8 +143,7 @@ def _alone(
 
     Where there is no batch kernel, that of rows alone, with bounds.
     """
-    made: Mechanism = tracer.mechanism
-    motion = tracer.motion()
+    made, motion = tracer.mechanism, tracer.motion()
     values = motion.values[~motion.failed].T
     try:
         if len(made.inputs) > 1:
@@ -150,10 +152,8 @@ def _alone(
         return batch, len(batch.columns), values
     except EngineError:
         every = all_poles(len(made.links))
-        requests = [
-            request(made, pair, every, every, by_rank=tracer.by_rank)
-            for pair in tracer.inputs
-        ]
+        by = tracer.by_rank
+        requests = [request(made, x, every, every, by_rank=by) for x in tracer.inputs]
         rows = row_kernel(tracer.sparse(REFERENCES), requests, engine)
         assert rows is not None
         terms = rows.whole

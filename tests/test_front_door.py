@@ -3,6 +3,7 @@
 import doctest
 import inspect
 import math
+import pickle
 import tomllib
 
 import numpy as np
@@ -18,6 +19,7 @@ from example_mechanisms import LINKS, PAIRS, built
 
 import spherekit as sk
 from spherekit.files.library import find
+from spherekit.motion.motion import PositionAnalysis
 
 RECORDING = b"RRF2"
 
@@ -80,20 +82,42 @@ def test_load_change_an_arc_and_sweep(assembly_mode):
     assert turn.frame(degrees=True)["q"].max() == pytest.approx(360.0)
 
 
-def test_one_input_is_a_row_of_many_and_a_row_of_a_run():
-    q = np.linspace(0.0, 2.0 * np.pi, 7)
-    many = sk.evaluate("four_bar", q, poles=["3/1"])
-    table = sk.run("four_bar", "poles:only=31", samples=7).frame()
-    for row, (assembly_mode, value) in enumerate(
-        zip(many.assembly_mode, many.q, strict=True)
-    ):
-        one = sk.evaluate("four_bar", float(value), assembly_mode=int(assembly_mode))
-        velocity, along = one.velocity_coefficient("31"), many.velocity_coefficient("3/1")
-        w = velocity[0] * one.direction("31")[0]  # the sense of a pole goes on along rows
-        assert w == pytest.approx(along[row] * many.direction("3/1")[row], abs=1e-13)
-        assert w == pytest.approx(one.angular_velocity("3")[0], abs=1e-13)
-    same = table["velocity_coefficient"].to_numpy()
-    assert many.velocity_coefficient("3/1") == pytest.approx(same, abs=1e-13)
+@pytest.mark.parametrize("name", ["four_bar", "single_flier", "roller_cam"])
+def test_one_input_is_a_row_of_many_and_a_row_of_a_run(name):
+    mechanism = sk.load(name)
+    q = np.linspace(*PositionAnalysis(mechanism).range, 7)
+    many = sk.evaluate(mechanism, q)
+    by = ["assembly_mode", "sample", "link", "relative_to"]
+    run = sk.run(mechanism, "poles", samples=7).frame().sort_values(by)
+    here = many.frame().sort_values(by)
+    for column in ("ux", "velocity_coefficient", "acceleration_coefficient"):
+        assert here[column].to_numpy() == pytest.approx(run[column], abs=1e-11, nan_ok=True)
+    for row, mode in enumerate(many.assembly_mode.tolist()):
+        one = sk.evaluate(mechanism, many.q[row], assembly_mode=mode)
+        assert one.status[0] == many.status[row]
+        assert one.inputs[0] == many.inputs[row] and one.assembly_mode[0] == mode
+        for link in mechanism.links:
+            for read in ("rotation", "angular_velocity", "angular_velocity_dq"):
+                values, wanted = (getattr(x, read)(link) for x in (one, many))
+                assert values[0] == pytest.approx(wanted[row], abs=1e-12, nan_ok=True)
+        for pole in many.poles:
+            sense = many.direction(pole)[row] @ one.direction(pole)[0]
+            assert abs(sense) == pytest.approx(1.0, abs=1e-12, nan_ok=True)
+            sense = -1.0 if sense < 0.0 else 1.0  # it goes on along the rows of a mode
+            assert sense > 0.0 or many.sample[row] > 0
+            for read in ("velocity_coefficient", "acceleration_coefficient"):
+                value, wanted = getattr(one, read)(pole)[0], getattr(many, read)(pole)[row]
+                assert value * sense == pytest.approx(wanted, abs=1e-11, nan_ok=True)
+
+
+@pytest.mark.parametrize("name", ["four_bar", "stephenson", "double_butterfly"])
+def test_one_row_of_a_mode_is_found_by_terms_of_floats(name, monkeypatch):
+    mechanism, asked = sk.load(name), {"poles": ["31"], "assembly_mode": 0}
+    q = sum(PositionAnalysis(mechanism).range) / 2.0 + 0.1
+    with_care = sk.evaluate(mechanism, [q, q + 0.1], **asked)
+    monkeypatch.delattr("spherekit.front.evaluate.evaluate_poles")
+    one = pickle.loads(pickle.dumps(sk.evaluate(mechanism, q, **asked)))
+    assert one.direction("31")[0] == pytest.approx(with_care.direction("31")[0], abs=1e-12)
 
 
 def test_several_inputs_move_one_at_a_time():

@@ -556,8 +556,8 @@ class _Moving:
         return {link: w for link, w in enumerate(self._w) if not _moves(w)}
 
     @property
-    def rests(self) -> bool:
-        """Whether links that no pair joins do not move relative to each other."""
+    def in_doubt(self) -> bool:
+        """Whether links that no pair joins rest, or axes are one but for rounding."""
         plan = self._wanted.plan
         pairs = axis_pairs(plan)
         relative = (
@@ -565,7 +565,7 @@ class _Moving:
             for i, j in self._wanted.poles
             if plan.pole(i, j) is not None and plan.pole(i, j) not in pairs
         )
-        return any(not _moves(v) for v in relative)
+        return bool(plan.rounded_axes) or any(not _moves(v) for v in relative)
 
     def _of_pair(self, pole: Pole, pair: int) -> dict[str, Sequence[Expr]]:
         """Return what there is of a pole that is the axis of a pair, by part."""

@@ -27,6 +27,7 @@ from spherekit.engine.columns import (
     LARGEST_PART,
     SIGNED,
     Place,
+    RatePlaces,
 )
 from spherekit.engine.row_kernel import NEARLY_FLAT, RowKernel, WideFunctions, row_kernel
 from spherekit.errors import SolveError
@@ -365,6 +366,31 @@ def _by_sequence(
             field.dw[link][unknown] = np.nan
         else:
             del field.w[link], field.dw[link]
+    return field
+
+
+def vouched_field(
+    places: RatePlaces, columns: Floats, motion: Motion, wanted: Request
+) -> PoleField:
+    """Return the poles of rows by all columns (columns, n), for which a kernel vouches."""
+    parts = {
+        name: {
+            key: made.T if len(made) > 1 else made[0]
+            for key, made in ((key, place.of(columns)) for key, place in of.items())
+        }
+        for name, of in places.of.items()
+    }
+    known, n = places.of["direction"], len(motion)
+    field = PoleField(
+        **parts,
+        status=motion.status,
+        pole_status=dict.fromkeys(known, motion.status),
+        by_equations=np.zeros(n, dtype=bool),
+        by_kernel=np.ones(n, dtype=bool),
+        loss=np.zeros(n),
+    )
+    for pole in set(wanted.poles) - known.keys():
+        add_locked(field, motion, pole)
     return field
 
 

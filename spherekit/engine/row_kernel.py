@@ -16,7 +16,7 @@ import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.conventions import EQUAL_CURVATURE
-from spherekit.engine.algebra import sum_of
+from spherekit.engine.algebra import sum_of, vector_sum
 from spherekit.engine.columns import (
     ERRORS,
     LARGEST_ERROR,
@@ -36,7 +36,13 @@ from spherekit.engine.dyads import (
 )
 from spherekit.engine.expression_graph import Expr, substituted
 from spherekit.engine.pose import largest
-from spherekit.engine.system import ArrayFunction, array_function, term_function
+from spherekit.engine.system import (
+    ArrayFunction,
+    FloatFunction,
+    array_function,
+    float_function,
+    term_function,
+)
 from spherekit.engine.turns import PARTS, ProfileColumns, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
@@ -54,6 +60,8 @@ _Function = CompiledFunction | ArrayFunction
 
 STEPS = 8
 """Of Newton's method at most."""
+SURE = 0.5
+"""Loops that bend less than this have one solution near."""
 NEAR = 1e-4
 """A solution farther away (rad) is not the one meant."""
 CLOSED = 1e-25
@@ -286,14 +294,15 @@ class RowKernel:
     """What gives the rows of a run, see `row_kernel`; functions are made when asked for.
 
     `rates` say where the columns of each input are, `free` are the variables that are no
-    inputs; `rests` says that links which have a pole never move relative to each other.
+    inputs; `vouches` says that rows need not be looked at by others.
     """
 
     def __init__(self, terms: Terms, motion: Motion, engine: Engine) -> None:
         self.engine, self.free, self._terms = engine, motion.free, terms
         self._columns = terms.outputs.columns
         self.rates = tuple(moving.placed(terms.outputs) for moving in terms.moving)
-        self.rests = any(moving.rests for moving in terms.moving)
+        in_doubt = any(moving.in_doubt for moving in terms.moving)
+        self.vouches = bool(motion.free) and not in_doubt
         profiled = terms.rows.pairs.columns
         self._form = None if profiled else closed_form(motion.mechanism, motion.assembly)
 
@@ -311,6 +320,49 @@ class RowKernel:
     def has_closed_form(self) -> bool:
         """Whether all variables follow from inputs."""
         return self._form is not None
+
+    @cached_property
+    def of_floats(self) -> FloatFunction:
+        """All variables and columns, of inputs and signs of dyads, or of all variables.
+
+        Without a closed form variables are those after a step of Newton's method. Then
+        follow how much loops bend, a measure of doubt, by how much loops are open, and the
+        side (3,) where the sum of all axes lies, before all columns.
+        """
+        terms, rows, form = self._terms, self._terms.rows, self._form
+        decide = [rows.bend, _doubt(terms), rows.residual, *vector_sum(rows.vectors)]
+        columns = [*decide, *self._columns]
+        if form is not None:
+            stand_in = dict(zip(terms.variables, form.variables, strict=True))
+            outputs = [*form.variables, *substituted(columns, stand_in)]
+            return float_function(outputs, form.given)
+        closer = dict(zip(self.free, rows.closer(terms.variables), strict=True))
+        after = [closer.get(v, x) for v, x in enumerate(terms.variables)]
+        return float_function([*after, *columns], terms.variables)
+
+    def row(self, given: Sequence[float]) -> tuple[Sequence[float], list[float]] | None:
+        """Return the variables of a row, and the side with all columns; None in doubt.
+
+        `given` are inputs and signs of dyads, or variables near by: steps of Newton's
+        method close loops as long as these say that there is one solution near
+        (Kantorovich's theorem).
+        """
+        count, closed = len(self._terms.variables), self.has_closed_form
+        for _ in range(STEPS):
+            try:
+                made = self.of_floats(*given)
+            except (ArithmeticError, ValueError):
+                return None
+            bend, doubt, residual = made[count : count + 3]
+            if not bend <= SURE:
+                return None
+            if residual <= self._terms.rows.open_by_rounding:
+                values = made[:count] if closed else given
+                return (values, made[count + 2 :]) if doubt <= 1.0 else None
+            if closed:
+                return None
+            given = made[:count]
+        return None
 
     def _made(self, outputs: Sequence[Expr], interpreted: bool = False) -> ColumnFunction:
         compiled = self.engine == "compiled" and not interpreted
@@ -411,12 +463,7 @@ def _deciding(
     """Return the columns that decide about rows, after so many variables, and places."""
     rows, results, outputs = terms.rows, terms.outputs, Outputs()
     outputs.columns += [0.0] * variables
-    doubts = [
-        rows.flatness * NEARLY_FLAT,
-        *(moving.worst / LARGEST_ERROR for moving in terms.moving),
-        *curved(rows),
-    ]
-    outputs.columns += [sum_of(doubts), rows.residual, rows.moved_by]
+    outputs.columns += [_doubt(terms), rows.residual, rows.moved_by]
     inputs = []
     for moving, places in zip(terms.moving, rates, strict=True):
         first, turning, still = len(outputs.columns), moving.turning, moving.still
@@ -437,6 +484,13 @@ def _deciding(
     flatness = outputs.place(rows.flatness)
     bent = tuple(outputs.place(item) for item in rows.curved)
     return outputs.columns[variables:], (flatness, bent, tuple(inputs))
+
+
+def _doubt(terms: Terms) -> Expr:
+    """Return what is at most 1 where nothing is in doubt, if loops are closed."""
+    rows = terms.rows
+    worst = [moving.worst / LARGEST_ERROR for moving in terms.moving]
+    return sum_of([rows.flatness * NEARLY_FLAT, *worst, *curved(rows)])
 
 
 def _ends(poles: Sequence[Pole]) -> tuple[Indices, Indices]:

@@ -40,6 +40,7 @@ Each operation is one call for a whole block and writes into a row that is free 
 so nothing is allocated on the way and intermediate values do not leave the cache.
 """
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -62,6 +63,7 @@ from spherekit.engine.expression_graph import (
     ExpressionNode,
     in_order,
     power,
+    rewrite,
     symbols,
     varies,
 )
@@ -362,6 +364,36 @@ def array_function(
     seconds = time.perf_counter() - started
     sizes = len(inputs), len(outputs)
     return ArrayFunction(*sizes, numbers, rows, tuple(steps), number, seconds)
+
+
+FloatFunction = Callable[..., list[float]]
+
+
+def float_function(
+    outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]
+) -> FloatFunction:
+    """Return expressions as a function of floats, printed as Python.
+
+    For one row it takes a tenth of the time of an `ArrayFunction`. Where a result is not
+    finite it may raise `ArithmeticError` or `ValueError`.
+    """
+    lines: list[str] = []
+
+    def apply(term: ExpressionNode, parts: list[str]) -> str:
+        name, operation = f"x{term.number}", term.operation
+        if operation in _OPERATORS:
+            lines.append(f"{name} = {f' {operation} '.join(parts)}")
+        elif operation != "variable":
+            lines.append(f"{name} = {operation}({', '.join(parts)})")
+        return name
+
+    given = ", ".join(f"x{term.number}" for term in inputs)
+    made = rewrite(outputs, lambda number: f"({number!r})", apply)
+    text = "\n    ".join([f"def made({given}):", *lines, f"return [{', '.join(made)}]"])
+    names: dict[str, Any] = {**vars(math), "maximum": max, "sign": np.sign}
+    exec(text, names)
+    function: FloatFunction = names["made"]
+    return function
 
 
 def term_function(

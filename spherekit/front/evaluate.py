@@ -1,7 +1,9 @@
 """A mechanism at given inputs: configurations, pole axes and coefficients by name."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache, partial
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -22,15 +24,19 @@ from spherekit.analysis.tables import (
 )
 from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Floats, Integers, SmallIntegers
-from spherekit.conventions import counted, listing, nearest
+from spherekit.conventions import Status, counted, listing, nearest
 from spherekit.dynamics.start import into_range, reaching, traced
 from spherekit.engine.fields import evaluate as evaluate_poles
+from spherekit.engine.fields import vouched_field
+from spherekit.engine.row_kernel import REFERENCES, row_kernel
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, PositionAnalysis
+from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, all_poles, parse_pole
+from spherekit.rates.request import ByIdentity, ReversedRows
 from spherekit.sphere.rotation import all_finite
 
 TABLE = Table(
@@ -68,8 +74,18 @@ class Kinematics:
 
     mechanism: Mechanism
     poles: tuple[str, ...]
-    _batch: Batch = field(repr=False)
-    _motion: Motion = field(repr=False)
+    _read: Callable[[], Batch] = field(repr=False)
+
+    @cached_property
+    def _batch(self) -> Batch:
+        return self._read()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_batch": self._batch, "_read": None}
+
+    @property
+    def _motion(self) -> Motion:
+        return self._batch.motion
 
     def __len__(self) -> int:
         return len(self._batch)
@@ -293,44 +309,116 @@ def evaluate(
 
     With a plotting library: ``plt.plot(turn.q, turn.velocity_coefficient("4/1"))``.
     """
-    mechanism = driven_at(mechanism_of(mechanism), input_pair)
+    at = _ready(
+        ByIdentity(mechanism_of(mechanism)),
+        None if poles is None else tuple(poles),
+        input_pair if input_pair is None or isinstance(input_pair, str) else (*input_pair,),
+        assembly_mode,
+    )
+    return at(np.asarray(inputs, dtype=float))
+
+
+@lru_cache(maxsize=32)
+def _ready(
+    of: ByIdentity,
+    poles: Sequence[str] | None,
+    input_pair: str | Sequence[str] | None,
+    assembly_mode: int | str | None,
+) -> Callable[[Floats], Kinematics]:
+    """Return what gives a mechanism at inputs."""
+    mechanism = driven_at(of.mechanism, input_pair)
     wanted = (
         all_poles(len(mechanism.links))
         if poles is None
         else tuple(dict.fromkeys(parse_pole(mechanism, text) for text in poles))
     )
-    q = np.asarray(inputs, dtype=float)
-    if len(mechanism.inputs) > 1 and q.ndim == 1:
-        q = q[None]
-    if len(mechanism.inputs) == 1:
-        q = np.atleast_1d(q)
-        tracer = traced(mechanism)
-        if all_finite(q):
-            tracer = reaching(tracer, q)
-        motion = tracer.at(into_range(tracer, q))
-    else:
-        tracer = PositionAnalysis(mechanism, path=q)
-        motion = tracer.motion()
-    if assembly_mode is not None:
-        number = tracer.assembly_modes[tracer.place_of(assembly_mode)].number
-        motion = motion.rows(motion.assembly_mode == number)
+    names = tuple(_name(mechanism, pole) for pole in wanted)
+    pairs = frozenset(pair.name for pair in mechanism.pairs)
     needs = Needs(
         directions=frozenset(wanted),
         rates=frozenset(wanted),
         derivatives=True,
-        pair_values=frozenset(pair.name for pair in mechanism.pairs),
-        pair_rates=frozenset(pair.name for pair in mechanism.pairs),
+        pair_values=pairs,
+        pair_rates=pairs,
         rotations=frozenset(mechanism.links),
         link_rates=frozenset(mechanism.links),
+        tracer=True,
     )
-    requests = requests_for(tracer.mechanism, needs, tracer.by_rank)
-    fields = tuple(evaluate_poles(motion, request) for request in requests)
-    batch = Batch(
-        mechanism, tuple(request.plan for request in requests), needs, motion, fields
+    first = traced(mechanism) if len(mechanism.inputs) == 1 else None
+    row = None
+    if first is not None and assembly_mode is not None:
+        row = _one_row(mechanism, first, first.place_of(assembly_mode), needs)
+
+    def at(q: Floats) -> Kinematics:
+        if row is not None and q.size == 1 and q.ndim < 2:
+            read = row(q.item())
+            if read is not None:
+                return Kinematics(mechanism, names, read)
+        if first is not None:
+            q = np.atleast_1d(q)
+            tracer = reaching(first, q) if all_finite(q) else first
+            motion = tracer.at(into_range(tracer, q))
+        else:
+            tracer = PositionAnalysis(mechanism, path=q[None] if q.ndim == 1 else q)
+            motion = tracer.motion()
+        if assembly_mode is not None:
+            number = tracer.assembly_modes[tracer.place_of(assembly_mode)].number
+            motion = motion.rows(motion.assembly_mode == number)
+        requests = requests_for(tracer.mechanism, needs, tracer.by_rank)
+        fields = tuple(evaluate_poles(motion, request) for request in requests)
+        plans = tuple(request.plan for request in requests)
+        batch = partial(Batch, mechanism, plans, needs, motion, fields)
+        return Kinematics(mechanism, names, batch)
+
+    return at
+
+
+def _one_row(
+    mechanism: Mechanism, tracer: PositionAnalysis, place: int, needs: Needs
+) -> Callable[[float], Callable[[], Batch] | None] | None:
+    """Return what gives a mode at one input by terms of floats, None where in doubt.
+
+    It reads the batch later. Contacts are left to the motion.
+    """
+    (wanted,) = requests_for(tracer.mechanism, needs, tracer.by_rank)
+    motion, mode = tracer.sparse(REFERENCES), tracer.assembly_modes[place]
+    kernel = row_kernel(motion, [wanted], "numpy")
+    if kernel is None or not kernel.vouches or mechanism.has_contacts:
+        return None
+    low, high = tracer.range
+    there = replace(
+        motion.rows(slice(0, 1)),
+        sample=np.zeros(1, dtype=int),
+        assembly_mode=np.array([mode.number]),
+        status=np.zeros(1, dtype=np.int8),
+        placed=None,
     )
-    return Kinematics(
-        mechanism, tuple(_name(mechanism, pole) for pole in wanted), batch, motion
-    )
+
+    def batch(q: float, values: Sequence[float], numbers: Sequence[float]) -> Batch:
+        (residual, *side), columns = numbers[:4], np.array(numbers[4:])[:, None]
+        every, free = np.array([values]), list(kernel.free)
+        every[:, free] = wrap(every[:, free])
+        inputs, gap = np.array([[q]]), np.array([residual])
+        row = replace(there, inputs=inputs, values=every, residual=gap)
+        places = kernel.rates[0]
+        ReversedRows.of([], np.array([side])).turn(places.with_sign(columns), 0, 0)
+        poles = vouched_field(places, columns, row, wanted)
+        return Batch(mechanism, (wanted.plan,), needs, row, (poles,))
+
+    def at(q: float) -> Callable[[], Batch] | None:
+        if not low <= q <= high and isfinite(q):
+            q = into_range(tracer, np.array([q])).item()
+        given = [q, *map(float, mode.signs)]
+        if not kernel.has_closed_form:
+            assert mode.guide is not None
+            predicted, _, why = mode.guide.at(np.array([[q]]), None)
+            if why[0] != Status.OK:
+                return None
+            given = predicted[0].tolist()
+        row = kernel.row(given)
+        return None if row is None else partial(batch, q, *row)
+
+    return at
 
 
 def _name(mechanism: Mechanism, pole: Pole) -> str:

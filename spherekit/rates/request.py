@@ -86,11 +86,11 @@ class Request:
 
 
 @lru_cache(maxsize=64)
-def _whole_plan(mechanism_key: "_ByIdentity", driven: str, by_rank: bool) -> Plan:
+def _whole_plan(mechanism_key: "ByIdentity", driven: str, by_rank: bool) -> Plan:
     return plan(mechanism_key.mechanism, None, driven, by_rank)
 
 
-class _ByIdentity:
+class ByIdentity:
     """A mechanism as a cache key: the same object, not an equal one."""
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -100,7 +100,7 @@ class _ByIdentity:
         return id(self.mechanism)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ByIdentity) and other.mechanism is self.mechanism
+        return isinstance(other, ByIdentity) and other.mechanism is self.mechanism
 
 
 def request(
@@ -122,7 +122,7 @@ def request(
     `links` are those whose angular velocity is wanted. `by_rank` is that of
     `spherekit.planning.poles.plan`.
     """
-    whole = _whole_plan(_ByIdentity(mechanism), driven, by_rank)
+    whole = _whole_plan(ByIdentity(mechanism), driven, by_rank)
     a, b = whole.ends[whole.input]
     circles = frozenset(pole_of(*pole) for pole in planes)
     wanted = tuple(dict.fromkeys([*(pole_of(*pole) for pole in poles), *sorted(circles)]))

@@ -362,8 +362,7 @@ class BatchRunner:
         engine: Literal["numpy", "compiled"]
         engine = "compiled" if rows >= MANY and available() else "numpy"
         made = row_kernel(tracer.sparse(REFERENCES), requests, engine)
-        rounded = any(item.plan.rounded_axes for item in requests)
-        if made is None or made.rests or rounded or not made.free:
+        if made is None or not made.vouches:
             return None
         predictor = None if made.has_closed_form else Predictor.of(tracer)
         way = recorded, looks_ahead, with_times
