@@ -17,7 +17,7 @@ the axes chosen come to depend on each other.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, islice
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import EPS, EQUAL_CURVATURE
 from spherekit.engine.algebra import Exprs, cross, dot, sum_of, vector, vector_sum
-from spherekit.engine.expression_graph import Expr, ExpressionNode, symbols
+from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.engine.pose import (
     Angles,
     LinkOrientation,
@@ -40,7 +40,6 @@ from spherekit.engine.pose import (
 from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
-from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Pole
 from spherekit.rates.request import (
     TURN_KNOWN,
@@ -203,103 +202,9 @@ PARTS = (*SIGNED, "angle", *ERRORS, "w", "dw")
 """Parts of a field that are columns, called as in `PoleField`."""
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where a vector or a number is among the columns, or what it is throughout."""
-
-    first: int
-    count: int
-    numbers: tuple[float, ...] = ()
-    step: int = 1
-
-    def of(self, rows: Floats) -> Floats:
-        """Return it (count, n), from all columns: a view."""
-        if self.numbers:
-            wide = self.count, rows.shape[1]
-            return np.broadcast_to(np.array(self.numbers)[:, None], wide)
-        return rows[self.first : self.first + self.count * self.step : self.step]
-
-
-class Outputs:
-    """Expressions as columns; what is wanted twice is one column, a number is none."""
-
-    def __init__(self) -> None:
-        self.columns: list[Expr] = []
-        self._known: dict[tuple[Expr, ...], Place] = {}
-
-    def place(self, *items: Expr) -> Place:
-        """Return where successive items are."""
-        if items not in self._known:
-            if any(isinstance(item, ExpressionNode) for item in items):
-                self._known[items] = Place(len(self.columns), len(items))
-                self.columns += items
-            else:
-                numbers = tuple(float(item) for item in items)
-                self._known[items] = Place(0, len(items), numbers)
-        return self._known[items]
-
-    def item(self, place: Place) -> Expr:
-        """Return the single expression at a place."""
-        return place.numbers[0] if place.numbers else self.columns[place.first]
-
-
-@dataclass(frozen=True)
-class RatePlaces:
-    """Where the columns of an input that moves are: `of` each of the `PARTS`, by key.
-
-    Keys are poles or links. `signed` are the
-    poles whose direction is theirs but for its sign, `block` where their columns with a
-    sign start: as in `SIGNED`, each of all poles.
-    """
-
-    signed: tuple[Pole, ...]
-    block: int
-    of: Mapping[str, Mapping[Any, Place]]
-
-    @property
-    def signs(self) -> slice:
-        """The columns with a sign."""
-        return slice(self.block, self.block + 8 * len(self.signed))
-
-    def with_sign(self, columns: Floats) -> Floats:
-        """Return (8, poles, n) what has a sign of its own, from all columns: a view."""
-        return columns[self.signs].reshape(8, len(self.signed), columns.shape[1])
-
-
-@dataclass(frozen=True)
-class Terms:
-    """The terms of rows, by `variables`, and by what else is `given`."""
-
-    variables: list[ExpressionNode]
-    rows: "_Rows"
-    moving: list["_Moving"]
-    outputs: Outputs
-
-    @staticmethod
-    def of(motion: Motion, requests: Sequence[Request], pivots: Sequence[Pivot]) -> "Terms":
-        """Return them, with variables eliminated in this order."""
-        variables = symbols(motion.mechanism.variable_names)
-        rows = _Rows(motion.mechanism, variables, pivots, motion.assembly.inputs)
-        moving = [_Moving(rows, item) for item in requests]
-        return Terms(variables, rows, moving, Outputs())
-
-    @property
-    def aside(self) -> list[Expr]:
-        """What else decides about a row, see `Aside`."""
-        rows, chords = self.rows, range(len(self.rows.tree.chords))
-        zero = vector([0.0, 0.0, 0.0])
-        made: list[Expr] = [rows.flatness, rows.bend, sum_of(curved(rows)), *rows.turns]
-        for row in (rows.inverse.rows.get(v, {}) for v in rows.free):
-            made += [x for loop in chords for x in row.get(loop, zero)]
-        for item in self.moving:
-            made += [item.part, item.over, item.over_bent, item.fast, item.swings]
-        return made
-
-    @property
-    def given(self) -> list[ExpressionNode]:
-        """What functions of the terms are given, in this order."""
-        columns = (term for profile in self.rows.pairs.columns for term in profile.terms)
-        return [*self.variables, *columns]
+def placed(columns: dict[Any, int], items: Iterable[Expr]) -> list[int]:
+    """Return where expressions are among columns; what is wanted twice is one column."""
+    return [columns.setdefault(item, len(columns)) for item in items]
 
 
 def _moves(item: Exprs) -> bool:
@@ -312,7 +217,7 @@ def _norm(item: Exprs) -> Expr:
     return root(dot(item, item))
 
 
-class _Rows:
+class RowTerms:
     """The terms of a row that do not depend on the input that moves."""
 
     def __init__(
@@ -425,10 +330,15 @@ class _Rows:
         return [variables[v] - step[v] for v in self.free]
 
 
-class _Moving:
-    """Rates while one input moves, and the poles wanted."""
+class MovingTerms:
+    """Rates while one input moves, and where they are among the columns of all inputs.
 
-    def __init__(self, rows: _Rows, wanted: Request) -> None:
+    `of` says it of each of the `PARTS`, by pole or link. `signed` are the poles whose
+    direction is theirs but for its sign, `signs` their columns: as in `SIGNED`, each of all
+    poles. `worst` is the largest of what decides about errors.
+    """
+
+    def __init__(self, rows: RowTerms, wanted: Request, columns: dict[Any, int]) -> None:
         self._rows, self._wanted = rows, wanted
         tree, mechanism, plan = rows.tree, rows.mechanism, wanted.plan
         (moved,) = mechanism.variables_of(plan.input)
@@ -449,6 +359,7 @@ class _Moving:
         bent = {v: self._change[v] * rows.vectors[v] + bias[v] for v in self._rates}
         self._dw = self._links(bent)
         self._follow_errors(self._left(w, parts), self._left(self._dw, bent))
+        self._place(columns)
 
     def _solved(self, right: Sequence[Exprs]) -> dict[int, Expr]:
         return self._rows.inverse.solved(right)
@@ -516,44 +427,51 @@ class _Moving:
         links = [turn * whole + path for turn, path in zip(rows.turns, along, strict=True)]
         return links, {v: moved * whole for v, moved in rows.moved.items()}
 
-    def placed(self, outputs: Outputs) -> RatePlaces:
-        """Add the columns; return where they are. `worst` then is of all of them."""
-        plan = self._wanted.plan
-        pairs = axis_pairs(plan)
-        places: dict[str, dict[Any, Place]] = {name: {} for name in PARTS}
-        signed: dict[Pole, list[Expr]] = {}
-        rest: dict[Pole, dict[str, Sequence[Expr]]] = {}
+    def _place(self, columns: dict[Any, int]) -> None:
+        """Add the columns, of which those with a sign are of their own."""
+        plan, parts = self._wanted.plan, dict[tuple[str, Any], Sequence[Expr]]()
+        pairs, signed = axis_pairs(plan), dict[Pole, list[Expr]]()
         for pole in self._wanted.poles:
             body_pole = plan.pole(*pole)
             if body_pole in pairs:
-                rest[pole] = self._of_pair(pole, pairs[body_pole])
+                made = self._of_pair(pole, pairs[body_pole])
             elif body_pole is not None:
-                signed[pole], rest[pole] = self._across(*pole)
-        block, count = len(outputs.columns), len(signed)
-        for column in zip(*signed.values(), strict=True):
-            outputs.columns += column
-        for pole, items in rest.items():
-            for name, parts in items.items():
-                places[name][pole] = outputs.place(*parts)
-        for number, pole in enumerate(signed):
-            first = block + number
-            for name, size in SIGNED.items():
-                places[name][pole] = Place(first, size, step=count)
-                first += size * count
+                signed[pole], made = self._across(*pole)
+            else:
+                continue
+            parts |= {(name, pole): items for name, items in made.items()}
         for link in sorted(self._wanted.links):
-            places["w"][link] = outputs.place(*self._w[link])
-            places["dw"][link] = outputs.place(*self._dw[link])
-        return RatePlaces(tuple(signed), block, places)
+            parts |= {("w", link): [*self._w[link]], ("dw", link): [*self._dw[link]]}
+        first, count = len(columns), len(signed)
+        for row in zip(*signed.values(), strict=True):
+            for item in row:
+                columns[len(columns), item] = len(columns)
+        self.signed, self.signs = tuple(signed), slice(first, len(columns))
+        self._ends = np.array(self.signed, dtype=np.intp).reshape(-1, 2).T
+        spins: dict[Expr, int] = {}
+        self._at = np.array([placed(spins, w) for w in self._w])
+        self.spins = list(spins)
+        self.of: dict[str, dict[Any, list[int]]] = {name: {} for name in PARTS}
+        for k, pole in enumerate(signed):
+            at = iter(range(first + k, len(columns), count))
+            for name, size in SIGNED.items():
+                self.of[name][pole] = list(islice(at, size))
+        for (name, key), items in parts.items():
+            self.of[name][key] = placed(columns, items)
 
-    @property
-    def turning(self) -> dict[int, Exprs]:
-        """The angular velocities (3,) of links, where they change."""
-        return {link: w for link, w in enumerate(self._w) if _moves(w)}
+    def relative(self, spins: Floats, less: Floats | None = None) -> Floats:
+        """Return (poles, 3, ...) relative angular velocities of poles without a sense.
 
-    @property
-    def still(self) -> dict[int, Exprs]:
-        """The angular velocities (3,) of the other links."""
-        return {link: w for link, w in enumerate(self._w) if not _moves(w)}
+        From `spins` (k, ...), what angular velocities of links have as components, `less`
+        those, where they differ, that are subtracted.
+        """
+        first, second = self._ends
+        other = spins if less is None else less
+        return spins[self._at[second]] - other[self._at[first]]
+
+    def with_sign(self, columns: Floats) -> Floats:
+        """Return (8, poles, n) what has a sign of its own, from all columns: a view."""
+        return columns[self.signs].reshape(8, len(self.signed), columns.shape[1])
 
     @property
     def in_doubt(self) -> bool:
@@ -615,7 +533,7 @@ class _Moving:
         return [*unit, *turn, length, change], {"angle": [angle], **errors}
 
 
-def curved(rows: _Rows) -> list[Expr]:
+def curved(rows: RowTerms) -> list[Expr]:
     """Return what is above 1 where the first profile of a contact curves too little."""
     # Roots are no numbers where the other profile curves more.
     return [2.0 * EQUAL_CURVATURE / (root(x) * root(x)) for x in rows.curved]

@@ -26,10 +26,9 @@ from spherekit.engine.columns import (
     LARGEST_ERROR,
     LARGEST_PART,
     SIGNED,
-    Place,
-    RatePlaces,
+    MovingTerms,
 )
-from spherekit.engine.row_kernel import NEARLY_FLAT, RowKernel, WideFunctions, row_kernel
+from spherekit.engine.row_kernel import NEARLY_FLAT, RowKernel, row_kernel
 from spherekit.errors import SolveError
 from spherekit.model.gears import SAME_AXIS
 from spherekit.motion.motion import Motion
@@ -149,19 +148,20 @@ class _Rows:
         self.sure, self.wide = np.zeros((2, n), dtype=bool)
         self.errors: dict[Pole, Floats] = {}
         self.apart: dict[Pole, Floats] = {}
-        self._of: Mapping[str, Mapping[Any, Place]] = {}
+        self._of: Mapping[str, Mapping[Any, list[int]]] = {}
         if kernel is None:
             self.status[self.status == Status.OK] = Status.AT_SINGULARITY
             return
         values = motion.values.T
         self._columns, self._aside = kernel.whole(values), kernel.aside(values)
-        self._of, signed_poles = kernel.rates[0].of, kernel.rates[0].signed
+        self._places = kernel.aside.places
+        self._of, signed_poles = kernel.moving[0].of, kernel.moving[0].signed
         for pole in self._of["error"]:
             self.errors[pole] = np.concatenate([self.part(name, pole) for name in ERRORS])
         self.sure = self._vouched(signed_poles) & ~motion.failed & (not all_wide)
         self.wide = ~self.sure & ~motion.failed
         if np.any(self.wide):
-            self._widen(kernel.wide, signed_poles, np.flatnonzero(self.wide))
+            self._widen(kernel, np.flatnonzero(self.wide))
         for step in wanted.plan.steps:
             if isinstance(step, CoaxialPole) and step.pair in wanted.plan.rounded_axes:
                 self._round(step.pole)
@@ -175,7 +175,7 @@ class _Rows:
         """
         if not self._of:
             return nans((SIZES.get(name, 1), len(self.status)))
-        made = self._of[name][key].of(self._columns)
+        made = self._columns[self._of[name][key]]
         if name == "direction":
             return np.where(self.motion.failed, np.nan, made)
         return np.where(self.status == Status.OK, made, np.nan)
@@ -189,9 +189,9 @@ class _Rows:
 
     def _vouched(self, poles: Sequence[Pole]) -> Bools:
         """Return which rows (n,) norms vouch for: each pole is known or surely none."""
-        flatness, _, curved = self._aside[:3]
+        flatness, _, curved = self._aside[self._places["shape"]]
         good = (flatness <= 1.0 / NEARLY_FLAT) & (curved <= 1.0)
-        good &= self._aside[-5] <= LARGEST_PART
+        good &= self._aside[self._places["left"]][0] <= LARGEST_PART
         for pole in poles:
             direction, rate, change = self.errors[pole]
             v, dv = map(norm, self.relative(pole))
@@ -200,29 +200,23 @@ class _Rows:
             good &= (doubt <= LARGEST_ERROR) | none
         return np.asarray(good)
 
-    def _widen(
-        self,
-        functions: WideFunctions,
-        signed_poles: Sequence[Pole],
-        rows: Indices,
-    ) -> None:
+    def _widen(self, kernel: RowKernel, rows: Indices) -> None:
         """Compute rows again, and what they may be off by."""
-        tree = self.motion.linearisation.tree
-        columns, aside, spreads, closed = functions.at(self.motion.values[rows].T)
+        tree, signed_poles = self.motion.linearisation.tree, kernel.moving[0].signed
+        columns, aside, spreads, closed = kernel.wide(self.motion.values[rows].T)
         self._columns[:, rows], self._aside[:, rows] = columns, aside
-        flatness, bend = aside[:2]
-        _, over, over_bent, fast, swings = aside[-5:]
+        flatness, bend, _ = aside[self._places["shape"]]
+        _, over, over_bent, fast, swings = aside[self._places["left"]]
         gap = np.where(closed, EPS * (2.0 + tree.longest_loop), self.motion.gap[rows])
         numbers = EPS * (2.0 + tree.longest_path)
-        turns = np.sqrt(3.0 * len(tree.chords)) * aside[3 : 3 + tree.count]
+        turns = np.sqrt(3.0 * len(tree.chords)) * aside[self._places["turns"]]
 
         def spread(name: str, key: Any) -> Floats:
-            place = self._of[name][key]
-            return np.sum(place.of(spreads) * (not place.numbers), axis=0)
+            return np.sum(spreads[self._of[name][key]], axis=0)
 
         def of_links(name: str) -> tuple[Floats, Floats]:
             places = [self._of[name][link] for link in range(tree.count)]
-            sizes = np.array([norm(place.of(columns)) for place in places])
+            sizes = np.array([norm(columns[place]) for place in places])
             return sizes, np.array([spread(name, link) for link in range(tree.count)])
 
         (size, ways), (swing, bent) = of_links("w"), of_links("dw")
@@ -263,9 +257,10 @@ class _Rows:
 
     def _doubt_turn(self, pole: Pole, rows: Indices, off: Floats) -> None:
         """Leave out how a direction turns where that may be off by too much (k,)."""
-        turn = self._of["direction_dq"][pole].of(self._columns)
-        unknown = ~(off < TURN_KNOWN * np.maximum(1.0, norm(turn[:, rows])))
-        turn[:, rows[unknown]] = np.nan
+        at = np.array(self._of["direction_dq"][pole])
+        size = norm(self._columns[np.ix_(at, rows)])
+        unknown = ~(off < TURN_KNOWN * np.maximum(1.0, size))
+        self._columns[np.ix_(at, rows[unknown])] = np.nan
 
     def _round(self, pole: Pole) -> None:
         """Add what the axes of pairs differ by that are one but for rounding."""
@@ -370,25 +365,22 @@ def _by_sequence(
 
 
 def vouched_field(
-    places: RatePlaces, columns: Floats, motion: Motion, wanted: Request
+    moving: MovingTerms, columns: Floats, motion: Motion, wanted: Request
 ) -> PoleField:
     """Return the poles of rows by all columns (columns, n), for which a kernel vouches."""
-    parts = {
-        name: {
-            key: made.T if len(made) > 1 else made[0]
-            for key, made in ((key, place.of(columns)) for key, place in of.items())
-        }
-        for name, of in places.of.items()
-    }
-    known, n = places.of["direction"], len(motion)
+    known, n = moving.of["direction"], len(motion)
     field = PoleField(
-        **parts,
         status=motion.status,
         pole_status=dict.fromkeys(known, motion.status),
         by_equations=np.zeros(n, dtype=bool),
         by_kernel=np.ones(n, dtype=bool),
         loss=np.zeros(n),
     )
+    for name, places in moving.of.items():
+        made = ((key, columns[at]) for key, at in places.items())
+        getattr(field, name).update(
+            {key: part.T if len(part) > 1 else part[0] for key, part in made}
+        )
     for pole in set(wanted.poles) - known.keys():
         add_locked(field, motion, pole)
     return field

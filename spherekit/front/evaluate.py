@@ -400,9 +400,9 @@ def _one_row(
         every[:, free] = wrap(every[:, free])
         inputs, gap = np.array([[q]]), np.array([residual])
         row = replace(there, inputs=inputs, values=every, residual=gap)
-        places = kernel.rates[0]
-        ReversedRows.of([], np.array([side])).turn(places.with_sign(columns), 0, 0)
-        poles = vouched_field(places, columns, row, wanted)
+        (moving,) = kernel.moving
+        ReversedRows.of([], np.array([side])).turn(moving.with_sign(columns), 0, 0)
+        poles = vouched_field(moving, columns, row, wanted)
         return Batch(mechanism, (wanted.plan,), needs, row, (poles,))
 
     def at(q: float) -> Callable[[], Batch] | None:

@@ -60,7 +60,7 @@ class ComputedColumns:
         self._turned: Sequence[ReversedRows] = ()
         if len(doubtful):
             rows = motion.rows(doubtful)
-            pairs = zip(requests, kernel.rates, strict=False)
+            pairs = zip(requests, kernel.moving, strict=False)
             self.careful = [_careful(rows, item, at.signed) for item, at in pairs]
 
     def relative_at(self, number: int, rows: Indices) -> tuple[Floats, Floats, Floats]:
@@ -68,14 +68,14 @@ class ComputedColumns:
 
         With relative angular velocities and their derivatives, each (3, poles, k).
         """
-        parts = self.kernel.signed_at(self._values[:, rows])[number]
+        parts = self.kernel.signed_at(self._values[:, rows], number)
         unit, turn, rate, change = parts[:3], parts[3:6], parts[6], parts[7]
         with np.errstate(invalid="ignore", over="ignore"):  # of rows found with care
             v, dv = rate * unit, change * unit + rate * turn
         here = np.flatnonzero(np.isin(rows, self.doubtful))
         at = np.searchsorted(self.doubtful, rows[here])
         for field in self.careful[number : number + 1]:
-            for k, (i, j) in enumerate(self.kernel.rates[number].signed):
+            for k, (i, j) in enumerate(self.kernel.moving[number].signed):
                 unit[:, k, here] = field.direction[i, j][at].T
                 v[:, k, here] = (field.w[j] - field.w[i])[at].T
                 dv[:, k, here] = (field.dw[j] - field.dw[i])[at].T
@@ -85,7 +85,7 @@ class ComputedColumns:
         """Turn directions round, of modes with so many samples each."""
         self._turned, rows = turned, self.doubtful
         for number, field in enumerate(self.careful):
-            for k, pole in enumerate(self.kernel.rates[number].signed):
+            for k, pole in enumerate(self.kernel.moving[number].signed):
                 unit = field.direction[pole]
                 turn_round(
                     field, pole, turned[number].signs(k, unit, rows, rows // samples)
@@ -93,17 +93,17 @@ class ComputedColumns:
 
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
         """Have columns read, rows after rows."""
-        places = [self.kernel.rates[k].of[name][of] for k, name, of, _ in keys]
+        places = [self.kernel.moving[k].of[name][of] for k, name, of, _ in keys]
 
         def fill(part: Part) -> None:
             mode, rows = part
             given = np.ascontiguousarray(self._values[:, rows])
             with SCRATCH.room(self.kernel.whole.width, given.shape[1]) as whole:
                 self.kernel.whole(given, whole)
-                for turned, at in zip(self._turned, self.kernel.rates, strict=False):
+                for turned, at in zip(self._turned, self.kernel.moving, strict=False):
                     turned.turn(at.with_sign(whole), mode, rows.start)
                 pairs = list(zip(keys, places, strict=True))
-                made = [place.of(whole)[key[-1]] for key, place in pairs]
+                made = [whole[place[key[-1]]] for key, place in pairs]
                 if np.any(self._odd[rows]):
                     some = zip(keys, made, strict=True)
                     made = [self._mended(key, column, rows) for key, column in some]
@@ -157,7 +157,7 @@ class LazyField:
         errors: Sequence[float],
     ) -> None:
         self._source, self._number = source, number
-        self._places = source.kernel.rates[number].of
+        self._places = source.kernel.moving[number].of
         self._is_made = False
         self.largest = dict(zip(ERRORS, errors, strict=True))
         wanted, rows = source.requests[number], source.doubtful
@@ -200,8 +200,8 @@ class LazyField:
             columns: list[tuple[LazyColumn, Floats]] = []
             for name, places in self._places.items():
                 for of, place in places.items():
-                    made = np.empty((place.count, n))
-                    keys = ((self._number, name, of, k) for k in range(place.count))
+                    made = np.empty((len(place), n))
+                    keys = ((self._number, name, of, k) for k in range(len(place)))
                     columns += [
                         (LazyColumn(self._source, key, n), out)
                         for key, out in zip(keys, made, strict=True)

@@ -27,9 +27,10 @@ from spherekit.analysis.running.kernel_columns import (
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import Status
+from spherekit.engine.columns import MovingTerms
 from spherekit.engine.compiler import available
-from spherekit.engine.dyads import given_by
-from spherekit.engine.row_kernel import RowFunction, RowKernel, row_kernel
+from spherekit.engine.dyads import given_by, lost_by
+from spherekit.engine.row_kernel import ColumnFunction, RowKernel, row_kernel
 from spherekit.motion.guides import ModeCurve
 from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.motion.predicted import Predictor
@@ -117,28 +118,35 @@ class Rows:
         mode, rows = part
         deciding, first = self._deciding, mode * self._q.shape[1]
         q, numbers = self._q[:, rows.start - first : rows.stop - first], np.r_[rows]
-        with SCRATCH.room(deciding.given + deciding.width, len(numbers)) as room:
-            given, columns = room[: deciding.given], room[deciding.given :]
-            if deciding.variables:
-                given_by(q, self._tracer.assembly_modes[mode].signs, given)
+        by_form, signs = (
+            self.kernel.has_closed_form,
+            self._tracer.assembly_modes[mode].signs,
+        )
+        count = len(q) + len(signs) if by_form else len(self.values)
+        with SCRATCH.room(count + deciding.width, len(numbers)) as room:
+            given, columns = room[:count], room[count:]
+            if by_form:
+                given_by(q, signs, given)
             else:
                 given[:] = self.values[:, rows]
             deciding(given, columns)
-            if deciding.variables:
-                self.values[:, rows] = columns[: deciding.variables]
-            self.closure[:, rows] = deciding.closure(columns)
-            if deciding.is_well(columns):
-                return Seen.of(deciding, columns, numbers), NONE
-            good, closed = deciding.vouched(columns), deciding.closed(columns)
+            places = deciding.places
+            if by_form:
+                self.values[:, rows] = columns[places["variables"]]
+            doubt, closure = columns[places["doubt"]][0], columns[places["closure"]]
+            self.closure[:, rows], rounding = closure, self.kernel.open_by_rounding
+            if np.max(doubt) <= 1.0 and np.max(closure[0]) <= rounding:
+                return Seen.of(self.kernel, deciding, columns, numbers), NONE
+            good, closed = doubt <= 1.0, closure[0] <= rounding
             self.vouched[rows] = good & closed
-            by_form = deciding.variables > 0
-            lost = deciding.lost(columns) if by_form else self._lost(mode, q, given)
+            squares = columns[places["squares"]] if by_form else None
+            lost = self._lost(mode, q, given) if squares is None else lost_by(squares)
             self.status[rows][lost] = Status.OUT_OF_REACH
-            open_ = numbers[~closed & np.isfinite(self.closure[0, rows])]
+            open_ = numbers[~closed & np.isfinite(closure[0])]
             if not np.any(good) or not np.all(good | lost):
                 return None, open_
-            seen = Seen.of(deciding, columns[:, good], numbers[good], closed[good])
-            return seen, open_
+            some = columns[:, good], numbers[good], closed[good]
+            return Seen.of(self.kernel, deciding, *some), open_
 
     def _lost(self, number: int, q: Floats, values: Floats) -> Bools:
         """Return (n,) which samples a mode surely does not reach, at inputs (inputs, n).
@@ -183,20 +191,23 @@ class Rows:
         """Judge rows by their numbers, whose values are known, and the residual may be."""
         judging = self.kernel.judging
         columns = judging(self.values[:, rows])
-        good = judging.vouched(columns)
+        good = columns[judging.places["doubt"]][0] <= 1.0
+        closure = columns[judging.places["closure"]]
         if residual is None:
-            good &= judging.closed(columns)
+            good &= closure[0] <= self.kernel.open_by_rounding
         else:
-            judging.closure(columns)[0] = residual
-        self.closure[:, rows], self.vouched[rows] = judging.closure(columns), good
+            closure[0] = residual
+        self.closure[:, rows], self.vouched[rows] = closure, good
         if np.any(good):
-            self.errors.append(largest(judging, columns, good))
+            self.errors.append(largest(judging, columns[:, good]))
 
     def _looked_at(self, part: slice) -> "Seen | None":
         """Return what is seen of the rows of a slice that are vouched for, found again."""
         rows = np.flatnonzero(self.vouched[part]) + part.start
         judging = self.kernel.judging
-        return Seen.of(judging, judging(self.values[:, rows]), rows) if len(rows) else None
+        if not len(rows):
+            return None
+        return Seen.of(self.kernel, judging, judging(self.values[:, rows]), rows)
 
 
 @dataclass(frozen=True)
@@ -218,30 +229,28 @@ class Seen:
     @classmethod
     def of(
         cls,
-        deciding: RowFunction,
+        kernel: RowKernel,
+        deciding: ColumnFunction,
         columns: Floats,
         rows: Indices,
         counted: Bools | None = None,
     ) -> "Seen":
         """Return what is seen of successive rows; errors are those of the `counted`."""
-        ends, gaps, errors = [], [], []
-        for number in range(len(deciding.inputs)):
-            turning = deciding.turning(columns, number)
-            low, high, error = deciding.ends(columns, number)
-            at = _gaps(deciding, number, turning, low, high)
-            ends.append(deciding.relative(number, turning[..., [0, -1]]))
+        ends, gaps = [], []
+        for number, moving in enumerate(kernel.moving):
+            spins = columns[deciding.places["spins", number]]
+            at = _gaps(moving, spins)
+            ends.append(moving.relative(spins[:, [0, -1]]))
             gaps.append(np.array([rows[at], rows[at + 1]]))
-            errors.append(error)
-        whole = tuple(errors) if counted is None else largest(deciding, columns, counted)
+        some = columns if counted is None else columns[:, counted]
+        whole = largest(deciding, some)
         return cls(int(rows[0]), int(rows[-1]), tuple(ends), tuple(gaps), whole)
 
 
-def largest(
-    deciding: RowFunction, columns: Floats, chosen: Bools
-) -> tuple[tuple[float, ...], ...]:
-    """Return the largest errors of chosen rows by input: directions, rates, changes."""
-    every = (deciding.errors(columns, k)[:, chosen] for k in range(len(deciding.inputs)))
-    return tuple(tuple(np.max(some, axis=1, initial=0.0).tolist()) for some in every)
+def largest(deciding: ColumnFunction, columns: Floats) -> tuple[tuple[float, ...], ...]:
+    """Return the largest errors of rows by input: directions, rates, changes."""
+    parts = (columns[place] for key, place in deciding.places.items() if "errors" in key)
+    return tuple(tuple(np.max(some, axis=1, initial=0.0).tolist()) for some in parts)
 
 
 def _along(one: Floats, two: Floats) -> Bools:
@@ -250,24 +259,23 @@ def _along(one: Floats, two: Floats) -> Bools:
     return np.sum(one * two, axis=-1) >= ASIDE * np.sqrt(sizes)
 
 
-def _gaps(
-    deciding: RowFunction, number: int, turning: Floats, low: Floats, high: Floats
-) -> Indices:
+def _gaps(moving: MovingTerms, spins: Floats) -> Indices:
     """Return after which rows a direction of an input may reverse to the next one.
 
-    By the angular velocities (links, 3, n) of what turns, of which least and largest say
-    most often that none does: no product of two in a box falls below the one of its
-    corners, and no size exceeds the other.
+    By how links turn (k, n), of which least and largest say most often that none does: no
+    product of two in a box falls below the one of its corners, and no size exceeds the
+    other.
     """
-    if not turning.size or turning.shape[2] < 2:
+    if spins.shape[1] < 2:
         return NONE
-    least, most = deciding.relative(number, low, high), deciding.relative(number, high, low)
+    low, high = np.min(spins, axis=1), np.max(spins, axis=1)
+    least, most = moving.relative(low, high), moving.relative(high, low)
     across, one, other = least * most, least * least, most * most
     inner = np.where(across > 0.0, np.minimum(one, other), across)
     product, size = np.sum(inner, axis=1), np.sum(np.maximum(one, other), axis=1)
     if np.all(product >= ASIDE * size):
         return NONE
-    v = np.moveaxis(deciding.relative(number, turning), 1, 2)
+    v = np.moveaxis(moving.relative(spins), 1, 2)
     return np.flatnonzero(~np.all(_along(v[:, :-1], v[:, 1:]), axis=0))
 
 
@@ -402,7 +410,7 @@ class BatchRunner:
         for k, (memory, _) in enumerate(zip(memories, asked, strict=False)):
             if motion.is_path:
                 at = partial(columns.relative_at, k)
-                signed = self.kernel.rates[k].signed
+                signed = self.kernel.moving[k].signed
                 turned.append(signs_at_stops(motion, signed, block.stops[k], at, memory))
             else:
                 turned.append(sides_of(motion, block.held, memory))
