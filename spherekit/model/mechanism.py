@@ -234,7 +234,6 @@ class Mechanism:
         as_named = before in (set(), after)
         return replace(self, inputs=made, modes=self.modes if as_named else ())
 
-    @checked(ModelError)
     def _need_none(self, form: str, **given: object) -> None:
         """Refuse sizes of the form in which the geometry is not given."""
         for key in (key for key, value in given.items() if value is not None):
@@ -243,6 +242,7 @@ class Mechanism:
                 f"this mechanism is given by {form}"
             )
 
+    @checked(ModelError)
     def with_sizes(
         self,
         *,

@@ -4,7 +4,7 @@ Time laws of an input: its variable, rate and acceleration at any time.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +30,12 @@ SPLINE_DEGREE = 5
 """A quintic spline has a continuous fourth derivative, so a torque without kinks."""
 
 
+def _need_finite_fields(made: Any) -> None:
+    """Refuse a law or a start of which a number is not finite."""
+    for key, given in vars(made).items():
+        need_finite(key, given if isinstance(given, tuple) else [given])
+
+
 @checked_class(ModelError, "at")
 @dataclass(frozen=True)
 class ConstantSpeed:
@@ -39,17 +45,11 @@ class ConstantSpeed:
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        need_finite("speed", [self.speed])
-        need_finite("start", [self.start])
+        _need_finite_fields(self)
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape."""
-        t = np.asarray(t, dtype=np.float64)
-        return (
-            self.start + self.speed * t,
-            np.full(t.shape, float(self.speed)),
-            np.zeros(t.shape),
-        )
+        return Polynomial((self.start, self.speed)).at(t)
 
 
 @checked_class(ModelError, "at")
@@ -62,7 +62,7 @@ class Polynomial:
     def __post_init__(self) -> None:
         if not self.coefficients:
             raise ModelError("coefficients: is empty; give at least [c0]")
-        need_finite("coefficients", self.coefficients)
+        _need_finite_fields(self)
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape."""
@@ -90,9 +90,7 @@ class Cycloidal:
     duration: float
 
     def __post_init__(self) -> None:
-        need_finite("start", [self.start])
-        need_finite("stop", [self.stop])
-        need_finite("duration", [self.duration])
+        _need_finite_fields(self)
         if not self.duration > 0:
             raise ModelError(f"duration: found {self.duration:g} s, needs more than 0")
 
@@ -136,8 +134,7 @@ class Tabulated:
                 f"times: has {counted(len(self.times), 'value')}, needs at least "
                 f"{least}{more}"
             )
-        need_finite("times", self.times)
-        need_finite("angles", self.angles)
+        _need_finite_fields(self)
         need_increasing("times", self.times)
 
     def at(self, t: ArrayLike) -> States:
@@ -194,8 +191,7 @@ class Start:
     dq: float | tuple[float, ...] = 0.0
 
     def __post_init__(self) -> None:
-        for key, given in (("q", self.q), ("dq", self.dq)):
-            need_finite(key, given if isinstance(given, tuple) else [given])
+        _need_finite_fields(self)
 
     @staticmethod
     def of(given: "StartGiven") -> "Start":
@@ -276,51 +272,6 @@ KINDS: Mapping[str, type[Law]] = {
     "table": Tabulated,
 }
 """The time laws by the names that they have in files."""
-
-
-def time_fault(
-    inputs: Collection[str],
-    laws: Mapping[str, Law],
-    duration: float | None,
-    start: Start | None,
-    torque: str | Mapping[str, str] | None = None,
-) -> tuple[tuple[str, ...], str] | None:
-    """Return what is wrong with how time is given to these inputs, if anything.
-
-    As the keys of the study file that say it, and the fault in words.
-    """
-    names = ", ".join(inputs)
-    for pair in laws:
-        law = ("inputs", pair, "law")
-        if pair not in inputs:
-            return law, f"pair {pair} is not an input; inputs: {names}"
-        if start is not None:
-            return law, (
-                "excluded by the start: there the motion follows from the loads; give a "
-                "law or a start"
-            )
-        if duration is None:
-            return law, "a time law needs a duration in s: --duration T, or duration = T"
-    if start is not None:
-        if duration is None:
-            return (
-                "start",
-            ), "a start needs a duration in s: --duration T, or duration = T"
-        try:
-            start.each(list(inputs))
-        except ModelError as fault:
-            return ("start",), str(fault).removeprefix("start: ")
-    elif torque is not None:
-        return ("start",), "a driving torque needs a start"
-    if duration is not None and not (math.isfinite(duration) and duration > 0.0):
-        return ("duration",), f"found {duration:g} s, needs a finite time above 0"
-    lacking = [name for name in inputs if name not in laws]
-    if duration is not None and start is None and lacking and len(inputs) > 1:
-        return ("inputs",), (
-            f"input {lacking[0]} has no law; give one for every input, such as "
-            f"--law {lacking[0]}=constant_speed:speed=1"
-        )
-    return None
 
 
 DEFAULT_TOLERANCE = 1e-9

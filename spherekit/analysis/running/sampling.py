@@ -1,6 +1,6 @@
 """What a run goes through: the samples of its inputs, or the times of a simulation."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -16,7 +16,7 @@ from spherekit.dynamics.start import drives
 from spherekit.engine.kernels import Engine
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.study import ConstantSpeed, Law, Study, time_fault
+from spherekit.model.study import ConstantSpeed, Law, Study
 from spherekit.motion.motion import (
     BLOCK,
     AngleUnwrapping,
@@ -338,31 +338,67 @@ def check_time(study: Study) -> None:
     AnalysisError, FileError
         With what does not fit, and with file and line if the study is from a file.
     """
-    inputs = _inputs(study)
-    fault = time_fault(
-        inputs, study.laws, study.duration, study.start, study.driving_torque
-    )
-    if fault is not None:
+    for fault in _time_faults(study, _inputs(study)):
         raise study.fault(*fault)
-    if study.driving_torque is not None:
-        given = study.torque if isinstance(study.torque, Mapping) else {"": study.torque}
-        for torque in given.values():
-            if isinstance(torque, int | float) and not np.isfinite(torque):
-                raise study.fault(("start", "torque"), f"{torque} is not finite")
+
+
+def _time_faults(
+    study: Study, inputs: Sequence[str]
+) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Yield what is wrong with how time is given, by the keys of a study that say it."""
+    start, duration, torque = study.start, study.duration, study.driving_torque
+    for pair in study.laws:
+        law = ("inputs", pair, "law")
+        if pair not in inputs:
+            yield law, f"pair {pair} is not an input; inputs: {', '.join(inputs)}"
+        if start is not None:
+            yield (
+                law,
+                "excluded by the start: there the motion follows from the loads; give a "
+                "law or a start",
+            )
+        if duration is None:
+            yield law, "a time law needs a duration in s: --duration T, or duration = T"
+    if start is not None:
+        if duration is None:
+            yield (
+                ("start",),
+                "a start needs a duration in s: --duration T, or duration = T",
+            )
+        try:
+            start.each(inputs)
+        except ModelError as problem:
+            yield ("start",), str(problem).removeprefix("start: ")
+    elif torque is not None:
+        yield ("start",), "a driving torque needs a start"
+    if duration is not None and not (np.isfinite(duration) and duration > 0.0):
+        yield ("duration",), f"found {duration:g} s, needs a finite time above 0"
+    lacking = [name for name in inputs if name not in study.laws]
+    if duration is not None and start is None and lacking and len(inputs) > 1:
+        yield (
+            ("inputs",),
+            f"input {lacking[0]} has no law; give one for every input, such as "
+            f"--law {lacking[0]}=constant_speed:speed=1",
+        )
+    if torque is not None:
+        given = (
+            study.torque.values() if isinstance(study.torque, Mapping) else [study.torque]
+        )
+        for each in given:
+            if isinstance(each, int | float) and not np.isfinite(each):
+                yield ("start", "torque"), f"{each} is not finite"
         mechanism = study.mechanism.with_inputs(*inputs)
         try:
-            mechanism.with_loads(*drives(mechanism, study.driving_torque))
+            mechanism.with_loads(*drives(mechanism, torque))
         except (ModelError, SolveError) as problem:
-            raise study.fault(("start", "torque"), str(problem)) from None
-    if study.duration is None:
-        return
-    if study.path is not None:
-        raise study.fault(
+            yield ("start", "torque"), str(problem)
+    if duration is not None and study.path is not None:
+        yield (
             ("inputs", inputs[0], "values"),
             "excluded by the duration: over time the samples are times",
         )
-    if study.grid or not isinstance(study.samples, int):
-        raise study.fault(
+    if duration is not None and (study.grid or not isinstance(study.samples, int)):
+        yield (
             ("samples",),
             "over time the samples are times; give a single number of them",
         )

@@ -20,6 +20,7 @@ from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.kernel_columns import LazyField
+from spherekit.analysis.running.run_state import BOUNDS
 from spherekit.analysis.running.summary import BOUNDED, RunPlan, motion_rows, motion_table
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
@@ -356,22 +357,16 @@ def _within_bounds(
         for pole in wanted.poles:
             low, high = (links[k] for k in pole)
             subjects.append({"link": high, "relative_to": low, "moving": moving})
-            given, rate, change = (
-                part[pole]
-                for part in (
-                    field.direction,
-                    field.velocity_coefficient,
-                    field.acceleration_coefficient,
-                )
-            )
             with exact.arithmetic.within():
+                given = field.direction[pole]
                 apart = floats(exact_direction(exact, pole, given) - given)
-            judged["directions"].append((np.linalg.norm(apart, axis=1), field.error[pole]))
-            off = np.abs(rate - nearest.velocity_coefficient[pole])
-            judged["rates"].append((off, field.velocity_coefficient_error[pole]))
-            off = np.abs(change - nearest.acceleration_coefficient[pole])
-            bound = field.acceleration_coefficient_error[pole]
-            judged["rate_derivatives"].append((off, bound))
+            rate, change = (
+                np.abs(getattr(field, name)[pole] - getattr(nearest, name)[pole])
+                for name in ("velocity_coefficient", "acceleration_coefficient")
+            )
+            errors = np.linalg.norm(apart, axis=1), rate, change
+            for of_name, off, name in zip(judged.values(), errors, BOUNDS, strict=True):
+                of_name.append((off, getattr(field, name)[pole]))
     return {name: _within(rows, subjects, some) for name, some in judged.items()}
 
 
