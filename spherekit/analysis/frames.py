@@ -350,14 +350,10 @@ class PartTables:
     """The tables of the designs of one part, taken design by design.
 
     Each is a file `name` in a folder that is called as a run's file, below `folder`; rows
-    go there in groups of about `CHUNK`. Without a folder they stay, in `made`. `rows`
-    counts those of each table.
+    go there in groups of about `CHUNK`. `rows` counts those of each table.
     """
 
-    def __init__(
-        self, folder: Path | None, name: str, degrees: bool, files: ExitStack
-    ) -> None:
-        self.made: dict[str, pa.Table] = {}
+    def __init__(self, folder: Path, name: str, degrees: bool, files: ExitStack) -> None:
         self.rows: Counter[str] = Counter()
         self._folder, self._name = folder, name
         self._degrees, self._files = degrees, files
@@ -375,14 +371,11 @@ class PartTables:
         waiting = self._waiting[stem]
         waiting.append(whole.cast(_noted(whole.schema, notes)))
         self.rows[stem] += len(whole)
-        if self._folder is not None and sum(map(len, waiting)) >= CHUNK:
+        if sum(map(len, waiting)) >= CHUNK:
             self._write(stem)
 
     def _write(self, stem: str) -> None:
         whole = _joined(self._waiting.pop(stem))
-        if self._folder is None:
-            self.made[stem] = whole
-            return
         if stem not in self._writers:
             path = make_folder(self._folder / stem) / self._name
             opened = _parquet(path, whole.schema)
@@ -396,7 +389,7 @@ class PartTables:
 
 
 @contextmanager
-def part_tables(folder: Path | None, name: str, degrees: bool) -> Iterator[PartTables]:
+def part_tables(folder: Path, name: str, degrees: bool) -> Iterator[PartTables]:
     """Give what takes the tables of a part: files are there when the block is left.
 
     Raises
@@ -417,9 +410,9 @@ def _joined(pieces: "Sequence[pa.Table]") -> "pa.Table":
     return pa.concat_tables(pieces).unify_dictionaries().combine_chunks()
 
 
-def frame_of_parts(parts: "Sequence[Path | pa.Table]") -> "pd.DataFrame":
-    """Return the rows of `PartTables`, in files or not, with units in `attrs`."""
-    whole = _joined([_read(part) if isinstance(part, Path) else part for part in parts])
+def frame_of_parts(parts: Sequence[Path]) -> "pd.DataFrame":
+    """Return the rows of files of `PartTables`, with units in `attrs`."""
+    whole = _joined([_read(part) for part in parts])
     frame: pd.DataFrame = whole.to_pandas()
     frame.attrs.update(_notes(whole.schema))
     return frame

@@ -447,7 +447,7 @@ class Sweep:
         for evaluated, of_run in evaluator.runs_of(designs, self._worth_running):
             made = self._meeting(self._shown(designs, rows, evaluated, classes))
             pieces.append(made)
-            if tables is not None and len(made["design"]):
+            if self.tables and tables is not None and len(made["design"]):
                 for stem, table, data in of_run:
                     tables.take(int(made["design"][0]), stem, table, data)
         return {name: np.concatenate([p[name] for p in pieces]) for name in pieces[0]}
@@ -508,7 +508,9 @@ class Sweep:
 
     def path_of(self, folder: AnyPath, number: int) -> Path:
         """Return the path of a part of the table of designs."""
-        return Path(folder) / (DESIGNS if self.tables else "") / part_name(number)
+        return (
+            Path(folder) / (DESIGNS if self.tables else "") / f"part-{number:06d}.parquet"
+        )
 
     def files_of(self, folder: AnyPath, number: int) -> list[Path]:
         """Return the files of a part; none unless all of them are there.
@@ -518,10 +520,8 @@ class Sweep:
         path = self.path_of(folder, number)
         if not path.exists():
             return []
-        paths = [path]
-        if self.tables:
-            stems = notes_of(path)[TABLES]
-            paths += [Path(folder) / TABLES / stem / path.name for stem in stems]
+        tables = Path(folder) / TABLES
+        paths = [path, *(tables / stem / path.name for stem in notes_of(path)[TABLES])]
         return paths if all(made.exists() for made in paths) else []
 
     def _worth_running(self, design: Floats, rows: Evaluated) -> bool:
@@ -537,15 +537,12 @@ class Sweep:
 
     def write(self, folder: str, number: int) -> int:
         """Write a part, and return its number."""
-        path, notes = self.path_of(folder, number), {"units": self.units()}
+        path = self.path_of(folder, number)
         make_folder(path.parent)
-        if not self.tables:
-            write_columns(path, self.part(number), notes)
-            return number
-        place = Path(folder) / TABLES
-        with part_tables(place, part_name(number), self.degrees) as tables:
+        with part_tables(Path(folder) / TABLES, path.name, self.degrees) as tables:
             columns = self.part(number, tables)
-        write_columns(path, columns, notes | {TABLES: dict(tables.rows)})
+        notes = {"units": self.units(), TABLES: dict(tables.rows)}
+        write_columns(path, columns, notes)
         return number
 
     def settle(self, made: str, folder: Path, number: int) -> int:
@@ -566,19 +563,8 @@ class Sweep:
                 raise refused(target, "written", error) from None
         return sum(path.stat().st_size for path in self.files_of(folder, number))
 
-    def in_memory(self, number: int) -> tuple[Columns, Mapping[str, Any]]:
-        """Return the rows of a part, and its tables by name."""
-        with part_tables(None, "", self.degrees) as tables:
-            columns = self.part(number, tables if self.tables else None)
-        return columns, tables.made
-
 
 def _hold(conditions: Sequence[Condition], columns: Columns, n: int) -> Bools:
     """Return for which rows (n,) all of some conditions hold."""
     every = [np.broadcast_to(item.holds(columns), n) for item in conditions]
     return np.all([np.ones(n, dtype=bool), *every], axis=0)
-
-
-def part_name(number: int) -> str:
-    """Return what the files of a part are called."""
-    return f"part-{number:06d}.parquet"

@@ -1,90 +1,34 @@
-"""The parts of a sweep: computed by processes or elsewhere, and read again.
-
-Processes that compute parts of a sweep and end with the one that asked them to.
-"""
+"""The parts of a sweep: computed by processes or elsewhere, and read again."""
 
 import os
+import shutil
 import signal
 import threading
-from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager, suppress
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import partial
-from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from pathlib import Path
-from traceback import format_exc
-from typing import TYPE_CHECKING, Any
+from tempfile import mkdtemp
+from typing import TYPE_CHECKING
+from weakref import finalize
 
-import numpy as np
-
-from spherekit.analysis.folder import need_disk, size_text
+from spherekit.analysis.folder import need_disk
 from spherekit.analysis.frames import columns_of_files, frame_of, frame_of_parts
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath, counted, listing, nearest
-from spherekit.design.sweep import DESIGNS, TABLES, Columns, Sweep
+from spherekit.design.sweep import DESIGNS, TABLES, Sweep
 from spherekit.design.sweep_identity import working_folder
-from spherekit.errors import DesignError, OutputError, SpherekitError
+from spherekit.errors import DesignError, OutputError
 from spherekit.files.atomic import make_folder
 from spherekit.files.plain import as_json, locked
 from spherekit.progress import ProgressReporter
-from spherekit.resources import usable_memory
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-Part = Callable[[int], int]
-"""Makes a part by its number, and returns that."""
-
-
-def made_by(make: Part, numbers: Sequence[int], workers: int) -> Generator[int, None, None]:
-    """Yield numbers as processes have made their parts, but those of processes that ended.
-
-    No process outlives the generator, nor this process, whatever ends it.
-
-    Raises
-    ------
-    Exception
-        What `make` raises in a process.
-    """
-    context, left = get_context("spawn"), deque(numbers)
-    with ExitStack() as ended:
-        lines: list[Connection] = []
-        for _ in range(min(workers, len(left))):
-            here, there = context.Pipe()
-            process = context.Process(target=_serve, args=(there,), daemon=True)
-            with _no_stop():
-                process.start()
-                ended.callback(_end, process)
-            there.close()
-            with suppress(OSError):  # it has ended: told below
-                here.send(make)
-                here.send(left.popleft())
-            lines.append(here)
-        while lines:
-            for line in wait(lines):
-                assert isinstance(line, Connection)
-                try:
-                    answer = line.recv()
-                except (EOFError, OSError):
-                    lines.remove(line)
-                    continue
-                if isinstance(answer, Exception):
-                    raise answer
-                if left:
-                    with suppress(OSError):
-                        line.send(left.popleft())
-                else:
-                    lines.remove(line)
-                yield answer
-
-
-def _end(process: BaseProcess) -> None:
-    process.kill()
-    process.join()
 
 
 @contextmanager
@@ -116,35 +60,63 @@ def _no_stop() -> Iterator[None]:
             signal.raise_signal(put_off)
 
 
-def _serve(line: Connection) -> None:
-    """Make the parts whose numbers come, in a process of its own.
+_at_work: list[tuple[Sweep, str]] = []
+"""Of what a process makes parts, and where."""
 
-    What makes them comes first: libraries are loaded for it, and the parent may end then.
-    """
+
+def _begin(line: Connection, sweep: Sweep, folder: str) -> None:
+    """Make a process ready, which ends with the other end of a line, whatever ends that."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_SETMASK, [])
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(EOFError, OSError):  # of a line whose other end has gone
-        make = line.recv()
-        while True:
-            line.send(_answer(make, line.recv()))
+    _at_work.append((sweep, folder))
+
+    def end() -> None:
+        wait([line])
+        os._exit(1)
+
+    threading.Thread(target=end, daemon=True).start()
 
 
-def _answer(make: Part, number: int) -> int | Exception:
-    try:
-        return make(number)
-    except Exception as problem:
-        if not isinstance(problem, SpherekitError):
-            problem.add_note(format_exc())
-        return problem
+def _part(number: int) -> int:
+    sweep, folder = _at_work[-1]
+    return sweep.write(folder, number)
 
 
-def _end_with_parent() -> None:
-    parent = parent_process()
-    assert parent is not None
-    wait([parent.sentinel])
-    os._exit(1)
+def _in_processes(
+    sweep: Sweep, folder: str, numbers: Sequence[int], workers: int
+) -> Generator[int, None, None]:
+    """Yield parts as processes finish them; those of processes that end are made again.
+
+    No process outlives the generator, nor this process, whatever ends it.
+
+    Raises
+    ------
+    DesignError
+        If all processes end before any part is made.
+    """
+    context, left = get_context("spawn"), set(numbers)
+    while left:
+        there, here = context.Pipe(duplex=False)
+        given, made = (there, sweep, folder), set[int]()
+        pool = ProcessPoolExecutor(min(workers, len(left)), context, _begin, given)
+        try:
+            with _no_stop():
+                parts = [pool.submit(_part, number) for number in sorted(left)]
+            for part in as_completed(parts):
+                with suppress(BrokenProcessPool):
+                    made.add(part.result())
+                    yield part.result()
+        finally:
+            here.close()
+            pool.shutdown(cancel_futures=True)
+        if not made:
+            raise DesignError(
+                f"{sweep.mechanism.name}: the system ended a process of the sweep, "
+                "perhaps for want of memory; parts that are written stay, and the same "
+                "command goes on, with --workers 1 in less memory"
+            )
+        left -= made
 
 
 LOCK = ".sweep.lock"
@@ -160,7 +132,7 @@ class SweepResult:
     sweep
         What was asked.
     folder
-        Where its parts are, None where they are in memory.
+        Where its parts are, None where they last as long as this.
     computed
         How many parts were computed now; the others were there.
     """
@@ -168,11 +140,12 @@ class SweepResult:
     sweep: Sweep
     folder: Path | None
     computed: int
-    _parts: tuple[tuple[Columns, Mapping[str, Any]], ...] = field(default=(), repr=False)
+    _store: Path = field(repr=False)
 
     def frame(self) -> "pd.DataFrame":
         """Return all rows as a pandas frame, with the units of its columns in `attrs`."""
-        return frame_of(self._columns(), {"units": self.sweep.units()})
+        paths = [self.sweep.path_of(self._store, k) for k in range(self.sweep.parts)]
+        return frame_of(columns_of_files(paths), {"units": self.sweep.units()})
 
     @property
     def table_names(self) -> tuple[str, ...]:
@@ -213,25 +186,13 @@ class SweepResult:
             )
         return frame_of_parts(tables[name])
 
-    def _tables(self) -> dict[str, list[Any]]:
-        """Return the parts of each table, as files or in memory."""
-        made: dict[str, list[Any]] = {}
-        if self.folder is None:
-            for _, tables in self._parts:
-                for name, rows in tables.items():
-                    made.setdefault(name, []).append(rows)
-            return made
+    def _tables(self) -> dict[str, list[Path]]:
+        """Return the parts of each table."""
+        made: dict[str, list[Path]] = {}
         for number in range(self.sweep.parts):
-            for path in self.sweep.files_of(self.folder, number)[1:]:
+            for path in self.sweep.files_of(self._store, number)[1:]:
                 made.setdefault(path.parent.name, []).append(path)
         return made
-
-    def _columns(self) -> Columns:
-        if self.folder is None:
-            parts: Sequence[Columns] = [columns for columns, _ in self._parts]
-            return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
-        paths = [self.sweep.path_of(self.folder, k) for k in range(self.sweep.parts)]
-        return columns_of_files(paths)
 
     def __repr__(self) -> str:
         space = self.sweep.space
@@ -261,7 +222,7 @@ def run_sweep(
         The sweep.
     folder
         Where parts are written; those that are there already are kept. Without it they
-        stay in memory.
+        last as long as the result.
     workers
         Processes at work.
     resume
@@ -274,16 +235,24 @@ def run_sweep(
     OutputError
         If the folder holds another sweep, is in use, or cannot be written.
     """
+    if folder is not None:
+        place = make_folder(folder)
+        made = _computed(sweep, place, workers, resume, elsewhere)
+        return SweepResult(sweep, place, made, place)
+    own = Path(mkdtemp(prefix="spherekit-sweep-"))
+    with ExitStack() as failed:
+        failed.callback(shutil.rmtree, own, ignore_errors=True)
+        made = _computed(sweep, own, workers, resume, elsewhere)
+        result = SweepResult(sweep, None, made, own)
+        finalize(result, failed.pop_all().close)
+    return result
+
+
+def _computed(
+    sweep: Sweep, place: Path, workers: int, resume: bool, elsewhere: Workers | None
+) -> int:
+    """Compute the parts that are missing in a folder; return how many were."""
     working = ProgressReporter(f"{sweep.mechanism.name}: sweep")
-    if folder is None:
-        parts = []
-        for number in range(sweep.parts):
-            parts.append(sweep.in_memory(number))
-            bytes_now = sum(rows.nbytes for _, made in parts for rows in made.values())
-            _need_memory(sweep, bytes_now, len(parts))
-            working.tell(_how_far(sweep, len(parts)))
-        return SweepResult(sweep, None, len(parts), tuple(parts))
-    place = make_folder(folder)
     lock = locked(place / LOCK)
     if isinstance(lock, str):
         raise OutputError(f"{place}: another sweep is at work in it ({lock})")
@@ -304,7 +273,8 @@ def run_sweep(
                 if sweep.tables:
                     what = f"the tables of {counted(sweep.space.count, 'design')}"
                     need_disk(place, size, size * sweep.parts / done, what, FEWER)
-                working.tell(_how_far(sweep, done))
+                designs = min(done * sweep.part_size, sweep.space.count)
+                working.tell(f"{designs} of {counted(sweep.space.count, 'design')}".__str__)
         except KeyboardInterrupt as stop:
             stop.add_note(
                 f"{done} of {counted(sweep.parts, 'part')} are in {place}, and the same "
@@ -313,50 +283,4 @@ def run_sweep(
             raise
         finally:
             made.close()
-    return SweepResult(sweep, place, len(missing))
-
-
-def _need_memory(sweep: Sweep, size: int, done: int) -> None:
-    """Raise `DesignError` if memory has no room for the tables of all parts."""
-    wanted, there = size * sweep.parts / done, usable_memory()
-    if there is not None and wanted > there:
-        raise DesignError(
-            f"{sweep.mechanism.name}: the tables of "
-            f"{counted(sweep.space.count, 'design')} take about {size_text(wanted)} of "
-            f"memory, and this process may use {size_text(there)}; give a folder, to which "
-            "they go part by part"
-        )
-
-
-def _how_far(sweep: Sweep, parts: int) -> Callable[[], str]:
-    done = min(parts * sweep.part_size, sweep.space.count)
-    return lambda: f"{done} of {counted(sweep.space.count, 'design')}"
-
-
-def _part(sweep: Sweep, folder: str, number: int) -> int:
-    return sweep.write(folder, number)
-
-
-def _in_processes(
-    sweep: Sweep, folder: str, numbers: Sequence[int], workers: int
-) -> Generator[int, None, None]:
-    """Yield parts as processes finish them; those of processes that end are made again.
-
-    Raises
-    ------
-    DesignError
-        If all processes end before any part is made.
-    """
-    left = set(numbers)
-    while left:
-        before = len(left)
-        with closing(made_by(partial(_part, sweep, folder), sorted(left), workers)) as made:
-            for number in made:
-                left.discard(number)
-                yield number
-        if len(left) == before:
-            raise DesignError(
-                f"{sweep.mechanism.name}: the system ended a process of the sweep, "
-                "perhaps for want of memory; parts that are written stay, and the same "
-                "command goes on, with --workers 1 in less memory"
-            )
+    return len(missing)

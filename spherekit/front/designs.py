@@ -93,7 +93,7 @@ def sweep(
     folder
         Where parts are written, Parquet; a sweep that was stopped there goes on.
     workers
-        Processes at work, by default one for each core; in memory there is one.
+        Processes at work, by default one for each core; without a folder there is one.
     dask
         Address of a Dask scheduler whose workers compute the parts; they see the folder.
 
@@ -193,7 +193,8 @@ def perform(
     if workers is not None and workers < 1:
         raise DesignError(f"workers: {workers} processes; give at least 1")
     if dask is None:
-        return run_sweep(sweep, folder, workers or os.cpu_count() or 1)
+        most = 1 if folder is None else workers or os.cpu_count() or 1
+        return run_sweep(sweep, folder, most)
     if folder is None:
         raise DesignError("dask: give a folder that its workers see, for their parts")
     from spherekit.design.requirements import Cluster
