@@ -56,6 +56,13 @@ def loaded(name, random):
     return replace(mechanism, masses=masses, loads=loads), joint.name
 
 
+def row_of(found, row, joint):
+    """Return what the functions below take, of a row of torques that were found."""
+    made, values = found.mechanism, found.values[row]
+    moved = found.input_rates[row], found.input_accelerations[row]
+    return made, values, values[made.angles[joint]], found.t[row], *moved, joint
+
+
 def newton_euler(mechanism, values, angle, t, dq, ddq, joint, full=False):
     """Return the torques (m,) at the inputs from the equations of all links with reactions.
 

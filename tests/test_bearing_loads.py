@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from chains import mechanism
 from common import bare
-from newton_euler import loaded, spatial
+from newton_euler import loaded, row_of, spatial
 from refusals import text_of
 from test_reactions import STARTS, moving
 
@@ -53,16 +53,8 @@ def test_links_that_bearings_alone_hold_give_the_same_loads(name):
     found = reactions(moving(made, STARTS[name], [0.0, 0.2]))
     assert not np.any(found.open_forces) and not found.lacking
     torques = found.torques
-    for row, t in enumerate(torques.t):
-        given = (
-            made,
-            torques.values[row],
-            torques.values[row, made.angles[joint]],
-            t,
-            torques.input_rates[row],
-            torques.input_accelerations[row],
-            joint,
-        )
+    for row in range(len(torques.t)):
+        given = row_of(torques, row, joint)
         meshes = [pair.name for pair in made.pairs if pair.pressure_angle is not None]
         solved = [
             spatial(*given, dict(zip(meshes, sides, strict=True)))

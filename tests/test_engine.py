@@ -15,7 +15,9 @@ from closed_forms import (
     four_bar_poles,
 )
 from exact_four_bar import angle as exact_angle
-from newton_euler import body
+from example_mechanisms import four_bar
+from newton_euler import body, loaded
+from refusals import TABLES, check_call
 from scipy.integrate import solve_ivp
 
 import spherekit as sk
@@ -45,13 +47,8 @@ compiled = pytest.mark.skipif(
 ENGINES = (pytest.param("compiled", marks=compiled), "numpy")
 
 MECHANISMS = (
-    "four_bar",
-    "stephenson",
-    "double_butterfly",
-    "roller_cam",
-    "flat_cam",
-    "bevel_pair",
-    "planetary_bevel",
+    *("four_bar", "stephenson", "double_butterfly", "roller_cam", "flat_cam"),
+    *("bevel_pair", "planetary_bevel"),
 )
 
 
@@ -85,21 +82,19 @@ def reference(mechanism, motion):
 
 def agree(values, field, inertia, change, tolerance):
     for pole, unit in field.direction.items():
-        rate, acceleration_coefficient = (
+        rate, second = (
             field.velocity_coefficient[pole],
             field.acceleration_coefficient[pole],
         )
+        own = values.velocity_coefficient[pole]
         known = np.abs(rate) > 1e-6
-        vector = values.direction[pole] * values.velocity_coefficient[pole][:, None]
-        gap = np.max(np.abs(vector - unit * rate[:, None]), axis=1)
+        gap = values.direction[pole] * own[:, None] - unit * rate[:, None]
         # The plan's own bound: long chains of intersections multiply rounding.
         allowed = tolerance + 40.0 * np.nan_to_num(field.error[pole])
+        gap = np.max(np.abs(gap), axis=1)
         assert np.all((gap < allowed * (1.0 + np.abs(rate)))[known]), pole
-        side = np.sign(values.velocity_coefficient[pole] * rate)
-        gap = np.abs(
-            values.acceleration_coefficient[pole] * side - acceleration_coefficient
-        )
-        scale = 1.0 + np.abs(rate) + np.abs(acceleration_coefficient)
+        gap = np.abs(values.acceleration_coefficient[pole] * np.sign(own * rate) - second)
+        scale = 1.0 + np.abs(rate) + np.abs(second)
         assert np.all((gap < allowed * scale)[known]), pole
     assert np.max(np.abs(values.inertia - inertia) / inertia) < tolerance
     assert np.max(np.abs(values.inertia_dq - change) / inertia) < 40 * tolerance
@@ -136,15 +131,9 @@ def test_closed_form_positions_equal_the_plan(name, engine):
 def test_the_two_engines_of_a_kernel_differ_by_rounding(name):
     made = with_masses(load(name))
     rows = PositionAnalysis(made, search=False).at(np.linspace(0.1, 6.0, 24)).values.T
+    all_of_it = {"derivatives": 2, "with_inertia": True, "with_tangent": True}
     one, other = (
-        kernel(
-            made,
-            made.inputs[0].pair,
-            derivatives=2,
-            with_inertia=True,
-            with_tangent=True,
-            engine=engine,
-        )(rows)
+        kernel(made, made.inputs[0].pair, engine=engine, **all_of_it)(rows)
         for engine in ("compiled", "numpy")
     )
     assert np.max(np.abs(one - other) / (1.0 + np.abs(one))) < 1e-13
@@ -153,9 +142,8 @@ def test_the_two_engines_of_a_kernel_differ_by_rounding(name):
 def test_a_kernel_of_arrays_gives_each_column_alone():
     made = with_masses(load("stephenson"))
     found = kernel(made, made.inputs[0].pair, with_inertia=True, engine="numpy")
-    some = (
-        PositionAnalysis(made, search=False).at(np.linspace(0.1, 6.0, 50)).values.T[:, :50]
-    )
+    tracer = PositionAnalysis(made, search=False)
+    some = tracer.at(np.linspace(0.1, 6.0, 50)).values.T[:, :50]
     some[:, 7] = np.nan
     rows = np.tile(some, (1, BLOCK // 40))
     out = np.empty((len(found.columns), rows.shape[1]))
@@ -184,41 +172,20 @@ def test_without_heyoka_kernels_run_on_arrays(monkeypatch):
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("mode", [0, 1])
 def test_third_order_of_the_paper_in_50_digits(engine, mode):
-    made = load("four_bar")
-    q = np.array([0.3, 1.1, 2.9, 4.4])
-    angle = four_bar_angles(q, FOUR_BAR_ARCS, mode)
+    made, q = load("four_bar"), np.array([0.3, 1.1, 2.9, 4.4])
     found = kernel(made, "21", [(0, 3)], source="input", derivatives=2, engine=engine)
     with mpmath.workdps(50):
         arcs = list(map(mpmath.mpf, FOUR_BAR_ARCS))
-        expected = np.array(
-            [
-                [
-                    float(mpmath.diff(lambda x: exact_angle(arcs, x, mode), x, k))
-                    for k in (1, 2, 3)
-                ]
-                for x in q
-            ]
-        )
-    signs = {sign: found.values(np.vstack([q, np.full(4, sign)])) for sign in (1.0, -1.0)}
-    gaps = [
-        np.max(
-            np.abs(
-                np.stack(
-                    [
-                        x.velocity_coefficient[0, 3],
-                        x.acceleration_coefficient[0, 3],
-                        x.acceleration_coefficient_dq[0, 3],
-                    ],
-                    axis=1,
-                )
-                - expected
-            )
-            / (1.0 + np.abs(expected))
-        )
-        for x in signs.values()
-    ]
+        series = [mpmath.taylor(lambda x: exact_angle(arcs, x, mode), x, 3) for x in q]
+        expected = np.array([[a[1], 2 * a[2], 6 * a[3]] for a in series], dtype=float)
+    gaps = []
+    for sign in (1.0, -1.0):
+        x = found.values(np.vstack([q, np.full(4, sign)]))
+        columns = x.velocity_coefficient, x.acceleration_coefficient
+        columns = *columns, x.acceleration_coefficient_dq
+        gap = np.stack([each[0, 3] for each in columns], axis=1) - expected
+        gaps.append(np.max(np.abs(gap) / (1.0 + np.abs(expected))))
     assert min(gaps) < 1e-14 < 1e-3 < max(gaps)
-    assert np.all(np.isfinite(angle))
 
 
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "roller_cam"])
@@ -228,14 +195,10 @@ def test_second_derivatives_are_slopes_of_the_first(name):
     pair = made.inputs[0].pair
     found = kernel(made, pair, derivatives=2, with_inertia=True, engine="numpy")
     # Central differences of eighth order.
-    weights = np.array(
-        [1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280]
-    )
-    h = 5e-3
-    low, high = tracer.range
+    weights = np.array([3, -32, 168, -672, 0, 672, -168, 32, -3]) / 840.0
+    h, (low, high) = 5e-3, tracer.range
     for q in np.linspace(low + 0.3, high - 0.4, 3):
-        motion = tracer.at(q + h * np.arange(-4, 5))
-        values = found.values(motion.values.T)
+        values = found.values(tracer.at(q + h * np.arange(-4, 5)).values.T)
         pairs = [
             (values.inertia_dq, values.inertia_dq2),
             (values.inertia, values.inertia_dq),
@@ -243,18 +206,15 @@ def test_second_derivatives_are_slopes_of_the_first(name):
         for pole in found.poles:
             # A direction that turns over would turn the sign of the rate.
             side = np.sign(values.direction[pole] @ values.direction[pole][4])
-            pairs.append(
-                (
-                    side * values.velocity_coefficient[pole],
-                    side * values.acceleration_coefficient[pole],
+            first, second, third = (
+                side * getattr(values, f"{name}_coefficient{by}")[pole]
+                for name, by in (
+                    ("velocity", ""),
+                    ("acceleration", ""),
+                    ("acceleration", "_dq"),
                 )
             )
-            pairs.append(
-                (
-                    side * values.acceleration_coefficient[pole],
-                    side * values.acceleration_coefficient_dq[pole],
-                )
-            )
+            pairs += [(first, second), (second, third)]
         for one, slope in pairs:
             gap = abs(weights @ one / h - slope[4])
             assert gap < 1e-9 * (1.0 + np.max(np.abs(one)) + abs(slope[4]))
@@ -266,10 +226,10 @@ def test_rates_by_arc_length_are_those_by_the_input_times_its_rate():
     pair = made.inputs[0].pair
     tracer = PositionAnalysis(made, search=False)
     rows = tracer.at(np.linspace(0.1, 6.0, 24)).values.T
-    by_input = kernel(made, pair, with_inertia=True, with_tangent=True).values(rows)
-    found = kernel(
-        made, pair, coordinate="arc", with_inertia=True, with_tangent=True
-    ).values(rows)
+    by_input, found = (
+        kernel(made, pair, with_inertia=True, with_tangent=True, **way).values(rows)
+        for way in ({}, {"coordinate": "arc"})
+    )
     length = np.linalg.norm(by_input.tangent, axis=1)
     assert np.max(np.abs(np.linalg.norm(found.tangent, axis=1) - 1.0)) < 1e-15
     sense = np.sign(found.tangent[:, made.variable_names.index(f"theta_{pair}")])
@@ -277,21 +237,11 @@ def test_rates_by_arc_length_are_those_by_the_input_times_its_rate():
     assert np.max(np.abs(gap)) < 1e-14
     assert np.max(np.abs(found.inertia * length**2 / by_input.inertia - 1.0)) < 1e-14
     # d(B / |dv/dq|^2)/ds, with d|dv/dq|^2/dq from the derivatives of the pairs' rates.
-    own = [
-        (pole, rate)
-        for pole, rate in by_input.velocity_coefficient.items()
-        if pole in ends_of(made)
-    ]
-    slope = (
-        sum(rate * by_input.acceleration_coefficient[pole] for pole, rate in own)
-        / length**2
-    )
-    expected = by_input.inertia_dq - 2.0 * by_input.inertia * slope
+    ends = {tuple(sorted(ends)) for ends in made.ends}
+    rates, slopes = by_input.velocity_coefficient, by_input.acceleration_coefficient
+    slope = sum(rates[pole] * slopes[pole] for pole in rates if pole in ends)
+    expected = by_input.inertia_dq - 2.0 * by_input.inertia * slope / length**2
     assert np.max(np.abs(found.inertia_dq * sense * length**3 - expected)) < 1e-11
-
-
-def ends_of(mechanism):
-    return {tuple(sorted(ends)) for ends in mechanism.ends}
 
 
 @compiled
@@ -357,16 +307,8 @@ class PaperModel:
             force = torque(t, q, dq, angle, w * dq, w)
             return [dq, (force - 0.5 * slope * dq * dq) / inertia]
 
-        found = solve_ivp(
-            change,
-            (times[0], times[-1]),
-            [q, rate],
-            "DOP853",
-            times,
-            rtol=1e-13,
-            atol=1e-13,
-        )
-        return found.y[0]
+        how = {"method": "DOP853", "t_eval": times, "rtol": 1e-13, "atol": 1e-13}
+        return solve_ivp(change, (times[0], times[-1]), [q, rate], **how).y[0]
 
 
 DRIVING = "10*sin(2*t)"
@@ -394,14 +336,13 @@ def paper_mode(mechanism, start):
     return int(np.argmin(np.abs(np.sin(0.5 * (np.array(both) - angle)))))
 
 
-@compiled
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("assembly_mode", [0, 1])
-def test_forward_dynamics_of_the_paper_against_a_runge_kutta_code(assembly_mode):
-    made = load("four_bar")
-    times = np.linspace(0.0, 10.0, 41)
-    found = run(
-        made, Start(0.3, 1.0), 10.0, torque=DRIVING, assembly_mode=assembly_mode, check=True
-    )
+def test_forward_dynamics_of_the_paper_against_a_runge_kutta_code(engine, assembly_mode):
+    made, times = load("four_bar"), np.linspace(0.0, 10.0, 41)
+    tolerance, near = {"numpy": (1e-9, 1e-10), "compiled": (1e-12, 5e-12)}[engine]
+    how = {"torque": DRIVING, "assembly_mode": assembly_mode, "engine": engine}
+    found = sk.simulate(made, Start(0.3, 1.0), 10.0, tolerance=tolerance, check=True, **how)
 
     def torque(t, q, dq, angle, turning, w):
         on_rocker = -5.0 * np.sin(angle) - 2.0 * turning
@@ -410,13 +351,16 @@ def test_forward_dynamics_of_the_paper_against_a_runge_kutta_code(assembly_mode)
     model = PaperModel(paper_mode(made, start_of(made, 0.3, assembly_mode)))
     history = found.at(times)
     expected = model.solve(torque, 0.3, 1.0, times)
-    assert np.max(np.abs(history.q - expected)) < 5e-12
-    assert found.end.kind == "time" and found.checks.error < 1e-12
-    assert found.checks.closure < 1e-12 and found.checks.energy < 1e-11
-    assert found.checks.power < 1e-10
+    assert np.max(np.abs(history.q - expected)) < near
+    checks = found.checks
+    assert found.end.kind == "time" and checks.error < tolerance
+    assert checks.closure < max(1e-12, 0.1 * tolerance) and checks.energy < 10 * tolerance
+    assert engine == "numpy" or checks.power < 1e-10
+    resting = [event.t for event in found.events if event.kind == "rest"]
+    assert np.max(np.abs(found.at(resting).dq)) < 1e-9
     rate = history.dq / history.speed[:, 0]
     inertia = np.sum(history.M[..., 0, 0], axis=1) / rate**2
-    assert np.max(np.abs(inertia - [model.at(q)[0] for q in history.q])) < 1e-12
+    assert np.max(np.abs(inertia - [model.at(q)[0] for q in history.q])) < tolerance
 
 
 def reference_path(made, assembly_mode):
@@ -430,15 +374,8 @@ def reference_path(made, assembly_mode):
     momentum = problem.equation.state(problem.values, problem.speed, problem.frame)
     momentum = momentum[len(problem.values)]
     sense = np.sign(exact.rates(problem.values[None])[0, 0] @ problem.frame[0])
-    found = Integration(
-        exact,
-        mechanism,
-        problem.values,
-        problem.turns,
-        np.array([sense * momentum]),
-        1.0,
-        problem.equation.closed,
-    ).run([10.0])
+    start = problem.values, problem.turns, np.array([sense * momentum])
+    found = Integration(exact, mechanism, *start, 1.0, problem.equation.closed).run([10.0])
     path = through_runs([found], [on_curve(found.equation)])
     traced = path.at(np.linspace(0.0, 10.0, 101))
     return (traced.states[:, :4] + 2.0 * np.pi * traced.turns)[:, problem.driven[0]]
@@ -451,71 +388,41 @@ def test_the_tolerance_is_the_error_reached(assembly_mode):
     exact, times = reference_path(made, assembly_mode), np.linspace(0.0, 10.0, 101)
     for engine, tolerances in (("compiled", (1e-9, 1e-13)), ("numpy", (1e-9,))):
         for tolerance in tolerances:
-            found = sk.simulate(
-                made,
-                Start(0.3, 1.0),
-                10.0,
-                torque=DRIVING,
-                assembly_mode=assembly_mode,
-                engine=engine,
-                tolerance=tolerance,
-            )
+            how = {"torque": DRIVING, "assembly_mode": assembly_mode, "engine": engine}
+            found = sk.simulate(made, Start(0.3, 1.0), 10.0, tolerance=tolerance, **how)
             assert np.max(np.abs(found.at(times).q - exact)) < tolerance, engine
 
 
-def all_loads(mechanism, pair, link):
-    """Return the mechanism with masses and one load of every kind."""
-    loads = (
-        sk.Gravity("weight", (1.0, -2.0, -9.0)),
-        sk.PairTorque("motor", pair, f"2*cos(theta_{pair}) - dtheta_{pair} + sin(3*t)"),
-        sk.PointForce("push", link, (0.3, -0.2, 0.9), ("1", "2*t", "-1"), "ground"),
-        sk.PointForce("pull", link, (0.1, 0.5, 0.4), ("t", "-1", "0.5"), "link"),
-        sk.Moment("turn", link, ("0.3", "t", "1"), "link"),
-        sk.Moment("twist", link, ("0.3*t", "-1", f"theta_{pair}"), "ground"),
-        sk.Spring("coil", pair, 0.7, 0.2),
-        sk.Damper("oil", pair, 0.4),
-        sk.Friction("rub", pair, 0.6, 0.1, 0.5),
-        sk.TorqueTable("table", pair, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True),
-    )
-    return replace(with_masses(mechanism), loads=loads)
+def with_all_loads(name):
+    """Return a shipped mechanism with masses and loads of every kind."""
+    made, pair = loaded(name, np.random.default_rng(3))
+    twist = sk.Moment("twist", made.links[-1], ("0.3*t", "-1", f"theta_{pair}"), "ground")
+    table = sk.TorqueTable("table", pair, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
+    return replace(made, loads=(*made.loads, twist, table))
 
 
-def paper_case():
-    return load("four_bar"), Start(0.3, 1.0), {"torque": DRIVING}
+def case_of(name):
+    """Return a mechanism, its start, and what else a simulation is given."""
+    if name == "paper":
+        return load("four_bar"), Start(0.3, 1.0), {"torque": DRIVING}
+    if name == "rocker":
+        made = with_torque(rocker(), "41", "-5*sin(theta_41)")
+        return made, PoseStart(start_of(made, 2.0), "41", 3.0), {}
+    if name != "stephenson":
+        return with_all_loads(name), Start(0.5, 1.0), {}
+    made = with_masses(load(name))
+    coil = sk.Spring("coil", made.pairs[-1].name, 2.0, 0.4)
+    hung = replace(made, loads=(sk.Gravity("weight", (0.0, 0.0, -9.81)), coil))
+    return hung, Start(0.5, 1.0), {}
 
 
-def hanging_case():
-    made = with_masses(load("stephenson"))
-    pair = made.pairs[-1].name
-    loads = (sk.Gravity("weight", (0.0, 0.0, -9.81)), sk.Spring("coil", pair, 2.0, 0.4))
-    return replace(made, loads=loads), Start(0.5, 1.0), {}
-
-
-def rocker_case():
-    made = with_torque(rocker(), "41", "-5*sin(theta_41)")
-    return made, PoseStart(start_of(made, 2.0), "41", 3.0), {}
-
-
-def loaded_case(name, pair):
-    made = load(name)
-    return all_loads(made, pair, made.links[-1]), Start(0.5, 1.0), {}
+CASES = "paper", "stephenson", "rocker", "four_bar", "roller_cam", "planetary_bevel"
 
 
 @compiled
-@pytest.mark.parametrize(
-    "case",
-    [
-        paper_case,
-        hanging_case,
-        rocker_case,
-        lambda: loaded_case("four_bar", "41"),
-        lambda: loaded_case("roller_cam", "cam_shaft"),
-        lambda: loaded_case("planetary_bevel", "output_pivot"),
-    ],
-    ids=["paper", "stephenson", "rocker", "four_bar", "roller_cam", "planetary_bevel"],
-)
+@pytest.mark.parametrize("case", CASES)
 def test_both_engines_find_the_same_motion(case):
-    made, start, options = case()
+    made, start, options = case_of(case)
     one, other = (
         sk.simulate(made, start, 2.0, engine=engine, tolerance=1e-11, **options)
         for engine in ("compiled", "numpy")
@@ -528,17 +435,8 @@ def test_both_engines_find_the_same_motion(case):
     assert np.max(np.abs(gaps), initial=0.0) < 1e-8
     times = np.linspace(0.0, 2.0, 31)
     a, b = one.at(times), other.at(times)
-    for name in (
-        "q",
-        "values",
-        "dq",
-        "value_rates",
-        "ddq",
-        "speed",
-        "Q",
-        "kinetic",
-        "work",
-    ):
+    names = "q", "values", "dq", "value_rates", "ddq", "speed", "Q", "kinetic", "work"
+    for name in names:
         size = 1.0 + np.max(np.abs(getattr(b, name)), initial=0.0)
         gap = np.max(np.abs(getattr(a, name) - getattr(b, name)), initial=0.0)
         assert gap < 2e-10 * size, name
@@ -549,14 +447,7 @@ def test_both_engines_find_the_same_motion(case):
 
 def kite(*arcs):
     """Return a change-point four-bar: at q = 0 or pi it can be flat."""
-    made = load("four_bar")
-    sizes = {
-        link: replace(given, arcs=(float(np.deg2rad(arc)),))
-        for (link, given), arc in zip(
-            sorted(made.geometry.links.items()), arcs, strict=True
-        )
-    }
-    return replace(made, geometry=replace(made.geometry, links=sizes), loads=())
+    return replace(four_bar(np.radians(arcs)), loads=())
 
 
 @compiled
@@ -564,16 +455,10 @@ def kite(*arcs):
 @pytest.mark.parametrize("assembly_mode", [0, 1])
 def test_a_change_point_ends_both_engines_at_any_tolerance(arcs, assembly_mode):
     made = kite(*arcs)
+    given = made, Start(1.0, 1.3), 5.0
     ends = [
-        sk.simulate(
-            made,
-            Start(1.0, 1.3),
-            5.0,
-            assembly_mode=assembly_mode,
-            engine=engine,
-            tolerance=given,
-        )
-        for engine, given in (("compiled", 1e-3), ("compiled", 1e-13), ("numpy", 1e-5))
+        sk.simulate(*given, assembly_mode=assembly_mode, engine=engine, tolerance=reached)
+        for engine, reached in (("compiled", 1e-3), ("compiled", 1e-13), ("numpy", 1e-5))
     ]
     for found in ends:
         assert found.end.kind == "singularity" and "cross" in found.end.message
@@ -584,10 +469,8 @@ def test_a_change_point_ends_both_engines_at_any_tolerance(arcs, assembly_mode):
 
 @compiled
 def test_loads_that_are_not_smooth_restart_the_integration():
-    text = (
-        "4*max(0, sin(3*t), 0.2) - 2*abs(theta_41) - sign(sin(theta_21))"
-        " - min(dtheta_21, 1)"
-    )
+    text = "4*max(0, sin(3*t), 0.2) - 2*abs(theta_41) - sign(sin(theta_21))"
+    text += " - min(dtheta_21, 1)"
     made = with_torque(load("four_bar"), "21", text)
     times = np.linspace(0.0, 6.0, 13)
     found = run(made, Start(0.3, 1.0), 6.0)
@@ -660,20 +543,25 @@ def test_whole_turns_count_for_a_torsion_spring():
     assert np.max(np.abs(energy - energy[0])) < 1e-11 * energy[0]
 
 
-@compiled
-def test_a_stop_beyond_a_turn_ends_the_motion_where_it_is():
-    made = replace(load("four_bar"), loads=(), joint_limits=(JointLimit("21", -1.0, 9.0),))
-    found = run(made, Start(0.3, 1.0), 60.0)
-    assert found.end.kind == "joint_limit"
-    assert abs(found.at([found.end.t]).q[0] - 9.0) < 1e-13
-    assert found.end.message == "pair 21 reached its joint limit at 9 rad"
-    back = run(made, Start(0.3, -1.0), 60.0)
-    assert abs(back.at([back.end.t]).q[0] + 1.0) < 1e-13
-    beyond = run(
-        replace(made, joint_limits=(JointLimit("21", -3.0, 9.5),)), Start(0.3, 1.0), 60.0
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_stop_beyond_a_turn_ends_the_motion_where_it_is(engine):
+    free = replace(load("four_bar"), loads=())
+    made, further = (
+        replace(free, joint_limits=(JointLimit("21", -1.0, stop),)) for stop in (9.0, 9.5)
     )
-    assert beyond.engine.compile_seconds == 0.0
-    assert abs(beyond.at([beyond.end.t]).q[0] - 9.5) < 1e-13
+    for rate, stop in ((1.0, 9.0), (-1.0, -1.0)):
+        found = sk.simulate(made, Start(0.3, rate), 60.0, engine=engine)
+        assert found.end.message == f"pair 21 reached its joint limit at {stop:g} rad"
+        assert found.end.kind == "joint_limit"
+        assert abs(found.at([found.end.t]).q[0] - stop) < 1e-10
+        with pytest.raises(SolveError, match="reached its joint limit"):
+            found.at([59.0])
+        on = sk.simulate(further, Start(0.3, rate), 60.0, engine=engine)
+        t = np.linspace(0.0, found.end.t, 11)
+        assert np.max(np.abs(found.at(t).q - on.at(t).q)) < 1e-9
+        assert on.engine.compile_seconds == 0.0
+    with pytest.raises(SolveError, match="outside its joint limits"):
+        sk.simulate(made, Start(9.2, 1.0), 10.0, engine=engine)
 
 
 @compiled
@@ -689,14 +577,15 @@ def test_a_start_on_a_stop_leaves_it_or_ends_there():
         assert stayed.at([0.0]).q[0] == 0.3
 
 
-@compiled
-def test_a_load_beyond_its_domain_ends_the_motion():
-    made = with_torque(load("four_bar"), "21", "sqrt(1 - t)")
-    found = run(made, Start(0.3, 1.0), 2.0)
-    assert found.end.kind == "too_fast" and abs(found.end.t - 1.0) < 1e-6
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("text", ["sqrt(1 - t)", "1/(1 - t)**2"])
+def test_a_load_beyond_its_domain_or_bounds_ends_the_motion(text, engine):
+    made = with_torque(load("four_bar"), "21", text)
+    found = sk.simulate(made, Start(0.3, 1.0), 2.0, tolerance=1e-7, engine=engine)
+    assert found.end.kind == "too_fast"
+    assert "/" not in text or "smooth it" in found.end.message
+    assert (0.9 if "/" in text else 1.0 - 1e-6) < found.end.t <= 1.0 + 1e-6
     assert np.isfinite(found.at([found.end.t]).q[0])
-    with pytest.raises(SolveError, match="cannot leave its start"):
-        run(with_torque(made, "21", "log(0 - 1 - t)"), Start(0.3, 1.0), 2.0)
 
 
 @compiled
@@ -713,33 +602,21 @@ def test_a_gear_pair_under_a_constant_torque():
 
 def geared_five_bar():
     """Return a five-bar whose cranks carry equal wheels in mesh: an equation too many."""
-    names = "left", "right", "ac", "cd", "bd"
-    ends = ("ground", "a"), ("ground", "b"), ("a", "c"), ("c", "d"), ("b", "d")
+    ends = {"left": "ga", "right": "gb", "ac": "ac", "cd": "cd", "bd": "bd"}
     axes = np.array(
-        [
-            (0.0, 0.0, 1.0),
-            (0.846889512904878, 0.0, 0.531768890526456),
-            (-0.42, -0.78, 0.46),
-            (-0.75, 0.62, -0.24),
-            (0.55, 0.36, -0.75),
-        ]
+        [[0.0, 0.0, 1.0], [0.846889512904878, 0.0, 0.531768890526456], [-0.42, -0.78, 0.46]]
+        + [[-0.75, 0.62, -0.24], [0.55, 0.36, -0.75]]
     )
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     half = 0.5 * np.arctan2(axes[1, 0], axes[1, 2])
     wheels = tuple(Profile("circle", tuple(axis), half) for axis in axes[:2])
-    pairs = [Pair(n, "R", e) for n, e in zip(names, ends, strict=True)]
-    return Mechanism(
-        "geared",
-        "ground",
-        ("ground", "a", "b", "c", "d"),
-        (*pairs, Pair("mesh", "Cr", ("a", "b"), wheels)),
-        PoseGeometry({n: tuple(axis) for n, axis in zip(names, axes, strict=True)}),
-        (Input("left", -2.0 * np.pi, 2.0 * np.pi),),
-        masses=tuple(
-            Mass(link, ((2e-2, 0.0, 0.0), (0.0, 1e-2, 0.0), (0.0, 0.0, 2e-2)))
-            for link in "abcd"
-        ),
-    )
+    pairs = [Pair(name, "R", tuple(links)) for name, links in ends.items()]
+    posed = PoseGeometry(dict(zip(ends, map(tuple, axes), strict=True)))
+    inputs = (Input("left", -2.0 * np.pi, 2.0 * np.pi),)
+    pairs = (*pairs, Pair("mesh", "Cr", ("a", "b"), wheels))
+    tensor = ((2e-2, 0.0, 0.0), (0.0, 1e-2, 0.0), (0.0, 0.0, 2e-2))
+    masses = tuple(Mass(link, tensor) for link in "abcd")
+    return Mechanism("geared", "g", tuple("gabcd"), pairs, posed, inputs, masses=masses)
 
 
 @compiled
@@ -777,23 +654,16 @@ def test_chosen_equations_that_come_to_depend_on_each_other_are_no_crossing(monk
 def test_another_torque_table_needs_no_compiling():
     made = replace(load("four_bar"), masses=load("four_bar").masses[:1])
     masses = (Mass("2", ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.5))),)
-    for k, rows in enumerate(
-        [((0.0, 1.0, 3.0), (0.0, 2.0, -2.0)), ((0.0, 3.0), (1.0, 4.0))]
-    ):
+    tables = ((0.0, 1.0, 3.0), (0.0, 2.0, -2.0)), ((0.0, 3.0), (1.0, 4.0))
+    for k, rows in enumerate(tables):
         table = sk.TorqueTable("table", "21", *rows)
         found = run(replace(made, masses=masses, loads=(table,)), Start(0.1, 0.0), 3.0)
         # A link of constant inertia about its fixed axis: the table integrated twice.
-        t = np.linspace(0.0, 3.0, 60001)
-        rate = (
-            np.concatenate(
-                [[0.0], np.cumsum(0.5 * np.diff(t) * (table.at(t)[1:] + table.at(t)[:-1]))]
-            )
-            / 0.5
-        )
-        h = np.diff(t)
-        slope = np.diff(table.at(t)) / h / 0.5
-        parts = rate[:-1] * h + table.at(t)[:-1] / 0.5 * h**2 / 2 + slope * h**3 / 6
-        assert found.at([3.0]).q[0] == pytest.approx(0.1 + np.sum(parts), abs=1e-10)
+        nodes, at, (q, rate) = rows[0], table.at(np.array(rows[0])), (0.1, 0.0)
+        for h, one, other in zip(np.diff(nodes), at, at[1:], strict=False):
+            q += rate * h + (2.0 * one + other) * h**2 / 6.0 / 0.5
+            rate += 0.5 * (one + other) * h / 0.5
+        assert found.at([3.0]).q[0] == pytest.approx(q, abs=1e-10)
         assert (found.engine.compile_seconds == 0.0) == (k == 1)
 
 
@@ -876,37 +746,20 @@ def test_without_heyoka_numpy_runs_and_says_so(monkeypatch):
         run(made, Start(0.3, 1.0), 0.2, torque="0.5 - t")
 
 
-@compiled
-def test_bad_input_is_refused_before_any_integration():
-    made = load("four_bar")
-    with pytest.raises(EngineError, match=r"pairs.contact.*fourier.*NumPy"):
-        shaped = load("shaped_cam")
-        kernel(shaped, shaped.inputs[0].pair)
-    with pytest.raises(EngineError, match=r"shape \(3, 2\).*theta_41"):
-        kernel(made, "21")(np.zeros((3, 2)))
-    with pytest.raises(EngineError, match=r"shape \(4,\)"):
-        kernel(made, "21")(np.zeros(4))
-    with pytest.raises(EngineError, match=r"shape \(2, 2\).*velocity_coefficient_1_2"):
-        kernel(made, "21")(np.zeros((4, 2)), np.zeros((2, 2)))
-    with pytest.raises(EngineError, match='engine "fast" is not known'):
-        kernel(made, "21", engine="fast")
-    with pytest.raises(EngineError, match="3 derivatives.*allowed is 0 to 2"):
-        kernel(made, "21", derivatives=3)
-    with pytest.raises(EngineError, match="no closed form"):
-        kernel(load("double_butterfly"), "A", source="input")
-    with pytest.raises(SolveError, match='engine "fast" is not known'):
-        sk.simulate(made, Start(0.3, 1.0), 1.0, engine="fast")
-    with pytest.raises(SolveError, match="allowed is 1e-15"):
-        run(made, Start(0.3, 1.0), 1.0, tolerance=1e-16)
-    with pytest.raises(EngineError, match="not compiled"):
-        run(made, Start(0.3, 1.0), 1.0, scheme="paper")
-
-
 def dead_centre(mechanism):
     """Return the motion where the input's rate is zero."""
     start = PoseStart(start_of(mechanism, 2.0), "41", 1.0)
     found = run(mechanism, start, 20.0)
     return found.at([next(e.t for e in found.events if e.kind == "dead_centre")])
+
+
+MADE = load("four_bar")
+
+
+@compiled
+@pytest.mark.parametrize("call", TABLES["engines"])
+def test_bad_input_is_refused_before_any_integration(call):
+    check_call(call, globals(), TABLES["engines"][call])
 
 
 def test_a_cache_with_a_limit_forgets_what_was_wanted_longest_ago():
