@@ -45,7 +45,7 @@ ONE_INPUT = {
 def test_newton_and_euler_give_the_same_torques(name):
     mechanism, joint = loaded(name, np.random.default_rng(sum(map(ord, name))))
     if name in ONE_INPUT:
-        laws = Polynomial((ONE_INPUT[name], 0.7, 0.35))
+        laws = sk.Polynomial((ONE_INPUT[name], 0.7, 0.35))
     else:
         laws = laws_of(mechanism, name)
     times = [0.0, 0.2, 0.4]
