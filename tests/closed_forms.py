@@ -14,6 +14,7 @@
 from itertools import pairwise
 
 import numpy as np
+from exact_four_bar import FourBar, four_bar
 from numpy.typing import NDArray
 from scipy.integrate import dblquad, quad
 
@@ -29,26 +30,23 @@ def four_bar_angles(theta21: Floats, arcs: Arcs, mode: int) -> Floats:
 
     NaN where the four-bar does not close.
     """
-    s1, s2, _, s4 = np.sin(arcs)
-    c1, c2, c3, c4 = np.cos(arcs)
-    a0 = c4 * (np.cos(theta21) * s2 * s1 + c1 * c2) - c3
-    a1 = np.sin(theta21) * s2 * s4
-    a2 = s4 * (np.cos(theta21) * s2 * c1 - s1 * c2)
-    square = a1**2 + a2**2 - a0**2
-    root = np.sqrt(np.where(square >= 0.0, square, np.nan))
-    theta41: Floats = 2.0 * np.arctan2(-a1 + (-1) ** mode * root, a0 - a2)
-    return theta41
+    return _four_bar(theta21, arcs, mode).theta
+
+
+def _four_bar(theta21: Floats, arcs: Arcs, mode: int) -> FourBar:
+    with np.errstate(invalid="ignore"):
+        return four_bar(arcs, theta21, mode, np)
+
+
+def _rows(vector: tuple[Floats, ...], like: Floats) -> Floats:
+    """Return vectors (n, 3) of three components, of which some are the same in all rows."""
+    return np.stack(np.broadcast_arrays(*vector, like)[:3], axis=-1)
 
 
 def four_bar_axes(theta21: Floats, arcs: Arcs, mode: int) -> dict[str, Floats]:
     """Return the axes u (n, 3) of the pairs 41, 21, 32 and 43, eqs. (22a), (22b)."""
-    frames = four_bar_frames(theta21, arcs, mode)
-    return {
-        "41": frames[1][:, :, 2],
-        "21": frames[2][:, :, 2],
-        "32": frames[3][:, :, 2],
-        "43": frames[4][:, :, 2],
-    }
+    u = _four_bar(theta21, arcs, mode).u
+    return {name: _rows(axis, theta21) for name, axis in u.items()}
 
 
 def four_bar_frames(theta21: Floats, arcs: Arcs, mode: int) -> dict[int, Floats]:
@@ -56,57 +54,27 @@ def four_bar_frames(theta21: Floats, arcs: Arcs, mode: int) -> dict[int, Floats]
 
     Link j lies along its arc from k_j towards j_j, link 1 from k_1 towards j_1.
     """
-    theta41 = four_bar_angles(theta21, arcs, mode)
-    s1, s2, s3, s4 = np.sin(arcs)
-    c1, c2, _, c4 = np.cos(arcs)
-    i1, j1, k1 = (np.broadcast_to(e, (len(theta21), 3)) for e in np.eye(3))
-    k2 = j1 * s1 + k1 * c1
-    j2 = i1 * np.sin(theta21)[:, None]
-    j2 = j2 + np.cos(theta21)[:, None] * (k1 * s1 - j1 * c1)
-    k3 = k2 * c2 + j2 * s2
-    swing = i1 * np.sin(theta41)[:, None] - j1 * np.cos(theta41)[:, None]
-    k4 = k1 * c4 + s4 * swing
-    i3 = np.cross(k4, k3) / s3
-    i4 = np.cross(k1, k4) / s4
+    frames = _four_bar(theta21, arcs, mode).frames
     return {
-        1: np.stack([i1, j1, k1], axis=-1),
-        2: np.stack([np.cross(j2, k2), j2, k2], axis=-1),
-        3: np.stack([i3, np.cross(k3, i3), k3], axis=-1),
-        4: np.stack([i4, np.cross(k4, i4), k4], axis=-1),
+        link: np.stack([_rows(v, theta21) for v in frame], axis=-1)
+        for link, frame in frames.items()
     }
 
 
 def four_bar_poles(theta21: Floats, arcs: Arcs, mode: int) -> dict[str, Floats]:
     """Return the secondary pole axes u (n, 3) 31 and 42, by eq. (22e)."""
-    u = four_bar_axes(theta21, arcs, mode)
-
-    def meet(a: str, b: str, c: str, d: str) -> Floats:
-        line = np.cross(np.cross(u[a], u[b]), np.cross(u[c], u[d]))
-        unit: Floats = line / np.linalg.norm(line, axis=1, keepdims=True)
-        return unit
-
-    return {"31": meet("41", "43", "21", "32"), "42": meet("21", "41", "32", "43")}
+    lines = _four_bar(theta21, arcs, mode).poles()
+    return {name: _rows(u, theta21) for name, u in zip(("31", "42"), lines, strict=True)}
 
 
 def four_bar_coefficients(theta21: Floats, arcs: Arcs, mode: int) -> tuple[Floats, Floats]:
     """Return the velocity coefficients w31/w21 and w41/w21 (n,), eqs. (26a), (26b).
 
-    The first belongs to the pole 31 in the sense of `four_bar_poles`. Eq. (26a) is 0/0
-    where link 3 does not turn relative to link 2, at theta41 = 0 or pi: NaN or noise
-    there, although the limit is finite. (Eq. (5) as printed in [1] differs in sign
-    from (26a), (26b), which hold.)
+    The first belongs to the pole 31 in the sense of `four_bar_poles`; NaN or noise where
+    link 3 does not turn relative to link 2.
     """
-    u = four_bar_axes(theta21, arcs, mode) | four_bar_poles(theta21, arcs, mode)
-
-    def ratio(j1: str, j2: str) -> Floats:
-        side = np.cross(u[j1], u["21"])
-        above = np.einsum("ij,ij->i", side, np.cross(u[j2], u["21"]))
-        below = np.einsum("ij,ij->i", side, np.cross(u[j2], u[j1]))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            out: Floats = above / below
-        return out
-
-    return ratio("31", "32"), ratio("41", "42")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _four_bar(theta21, arcs, mode).coefficients()[1:]
 
 
 MID_PLANE_BASE = np.pi / 3

@@ -6,7 +6,7 @@ import numpy as np
 
 import spherekit as sk
 from spherekit.model.gears import link_axes
-from spherekit.sphere.rotation import cross, mirror_angles, normals_of, reflections
+from spherekit.sphere.rotation import cross, mirror_angles, normals_of
 
 
 def mid_plane_mechanism(alphas):
@@ -82,24 +82,3 @@ def inverse_jacobian(plane, phi, gamma, modes):
         first = rates_at_base(plane, normals, slope, modes)
         columns.append(first[:, list(plane.driven)])
     return np.stack(columns, axis=2)
-
-
-def rates_of_links(form, normals, slopes, modes):
-    """Return angular velocities (n, links, 3) relative to the base, in its axes."""
-    plane = form.plane
-    elbows, _ = plane.elbows(normals, modes)
-    first = rates_at_base(plane, normals, slopes, modes)
-    turned = plane.senses * first
-    moved = turned[..., None] * cross(np.broadcast_to(plane.axes, elbows.shape), elbows)
-    swing = cross(normals, slopes)
-    w = np.zeros((len(normals), len(form.mechanism.links), 3))
-    w[:, form.effector] = 2.0 * swing
-    for k, leg in enumerate(form.legs):
-        w[:, leg.near] = turned[:, k, None] * plane.axes[k]
-        image = np.einsum("nij,nj->ni", reflections(normals), w[:, leg.near])
-        w[:, leg.far] = 2.0 * swing - image
-    for carrier in form.carriers:
-        aside = cross(normals, elbows[:, carrier.leg])
-        about = np.sum(moved[:, carrier.leg] * aside, axis=1, keepdims=True)
-        w[:, carrier.link] = swing + about * normals
-    return w @ form.frame.T

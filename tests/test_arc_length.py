@@ -6,6 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 from closed_forms import four_bar_angles
+from exact_four_bar import four_bar as exact_four_bar
 from example_mechanisms import ARM, DEGREE, GROUND, ROLLER, at, cam, four_bar
 from singular_examples import components
 
@@ -396,17 +397,8 @@ def test_inputs_between_and_at_dead_points(no_crank):
 
 def angles_of_the_loop(theta):
     """Return the four interior angles of the four-bar NO_CRANK at its input, in mpmath."""
-    s1, s2, _, s4 = (mpmath.sin(a) for a in NO_CRANK)
-    c1, c2, c3, c4 = (mpmath.cos(a) for a in NO_CRANK)
-    sine, cosine = mpmath.sin(theta), mpmath.cos(theta)
-    a0 = c4 * (cosine * s2 * s1 + c1 * c2) - c3
-    a1, a2 = sine * s2 * s4, s4 * (cosine * s2 * c1 - s1 * c2)
-    out = 2 * mpmath.atan2(-a1 + mpmath.sqrt(a1**2 + a2**2 - a0**2), a0 - a2)
-    k1 = mpmath.matrix([0, 0, 1])
-    k2 = mpmath.matrix([0, s1, c1])
-    k3 = mpmath.matrix([sine * s2, s1 * c2 - c1 * s2 * cosine, c1 * c2 + s1 * s2 * cosine])
-    k4 = mpmath.matrix([mpmath.sin(out) * s4, -mpmath.cos(out) * s4, c4])
-    loop = [k1, k2, k3, k4]
+    u = exact_four_bar(list(map(mpmath.mpf, NO_CRANK)), theta, 0).u
+    loop = [mpmath.matrix(u[name]) for name in ("41", "21", "32", "43")]
 
     def angle(k):
         before, here, after = loop[k - 1], loop[k], loop[(k + 1) % 4]

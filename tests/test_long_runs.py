@@ -31,7 +31,7 @@ from spherekit.analysis.scene import Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.engine.compiler import available
-from spherekit.errors import AnalysisError, FileError, OutputError
+from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.plain import locked
 
 try:
@@ -379,17 +379,6 @@ def turn_a_bit(path, at):
     path.write_bytes(data)
 
 
-@pytest.mark.parametrize("at", [0.02, 0.1, 0.2, 0.3, 0.4])
-def test_a_damaged_table_is_told(at, tmp_path):
-    four_bar(tmp_path)
-    path = tmp_path / "poles.parquet"
-    whole = read_parquet(path)
-    turn_a_bit(path, at)
-    with pytest.raises(FileError, match="damaged"):
-        read_parquet(path)
-    assert len(whole)
-
-
 def flip(path):
     text = path.read_text()
     path.write_text(text.replace('"done": 20', '"done": 30'))
@@ -538,18 +527,6 @@ def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch
     inputs = 5 * 8 * 3 * count
     assert large - small < inputs + 0.1 * rows
     assert held < 1e6
-
-
-@pytest.mark.parametrize("engine", ["numpy", "compiled"])
-def test_one_command_gives_one_set_of_bytes(engine, tmp_path):
-    if engine == "compiled" and not available():
-        pytest.skip("needs heyoka")
-    found = []
-    for name in ("a", "b"):
-        swinging(tmp_path / name, engine=engine)
-        found.append(contents(tmp_path / name))
-    assert found[0] == found[1]
-    assert found[0]["summary.json"]["simulation"]["engine"]["name"] == engine
 
 
 def test_the_engine_that_began_goes_on(tmp_path):
