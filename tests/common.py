@@ -19,6 +19,7 @@ class Listener:
 
     def start(self, head):
         self.inputs, self.focus, self.row = head.inputs, head.focus, head.row
+        self.properties = head.properties
         self.assembly_modes, self.times = head.assembly_modes, head.times
         self.still = [p.path for scene in head.scenes for p in scene.primitives]
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from chains import EIGHT_BARS, STEPHENSON, joints, mechanism, random_axes
 from independent import multi_start
-from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.motion.assembly_modes import Solver
@@ -16,7 +15,6 @@ from spherekit.motion.elimination import assemblies, eliminated, orders_of, solu
 from spherekit.motion.groups import group_closure
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import plan_assembly
-from spherekit.sphere.trigonometric import all_angles, common_angles, eliminated_degree
 
 THREE_RRR = "1-2 1-3 1-4 2-5 3-6 4-7 5-8 6-8 7-8"
 TRIAD = (STEPHENSON, ("p5_6",))
@@ -63,73 +61,6 @@ def check_complete(chain, driven, axes, random, starts):
     for turn in searched:
         assert np.min(np.max(np.abs(placed[:, links] - turn), axis=(1, 2, 3))) < 1e-5
     return len(placed), len(searched)
-
-
-def random_equations(random, ways):
-    """Return equations (3, 3, 3, 3) of bars across trees with random axes.
-
-    `ways[k]` are the angles that bar k spans, in order.
-    """
-    turn = np.zeros((3, 3, 3))
-    turn[0, 2, 2] = turn[1, 0, 0] = turn[1, 1, 1] = turn[2, 1, 0] = 1.0
-    turn[2, 0, 1] = -1.0
-    links = Rotation.random(6, rng=random).as_matrix().reshape(3, 2, 3, 3)
-    equations = np.zeros((3, 3, 3, 3))
-    for k, way in enumerate(ways):
-        fixed, moving = random_axes(random, 2)
-        form = fixed
-        for angle, sense in way:
-            one, other = links[angle][::sense]
-            step = turn if sense > 0 else np.swapaxes(turn, 1, 2)
-            form = np.einsum("...i,jik->...jk", form, one @ step @ other.T)
-        order = np.argsort([angle for angle, _ in way])
-        form = np.transpose(form @ moving, order)
-        held = [angle for angle, _ in way]
-        equations[k][tuple(slice(None) if a in held else 0 for a in range(3))] = form
-        equations[k, 0, 0, 0] -= random.uniform(-0.9, 0.9)
-    involves = np.array(
-        [[a in [angle for angle, _ in way] for a in range(3)] for way in ways]
-    )
-    return equations, involves
-
-
-HUB = (((0, -1), (1, 1)), ((0, -1), (2, 1)), ((1, -1), (2, 1)))
-ROW = (((0, 1), (1, 1)), ((0, -1), (2, 1)), ((1, -1), (0, -1), (2, 1)))
-CHAIN = (((0, 1), (1, 1)), ((0, 1), (1, 1), (2, 1)), ((0, 1), (1, 1), (2, 1)))
-
-
-def test_two_equations_have_eight_solutions():
-    """Complex ones of many systems at once: two bars across a chain of two joints."""
-    random = np.random.default_rng(2)
-    equations = random.normal(size=(100, 2, 3, 3)) + 1j * random.normal(size=(100, 2, 3, 3))
-    angles = all_angles(equations, np.ones((2, 2), dtype=bool))
-    assert angles.shape == (100, 8, 2)
-    points = np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles)], axis=3)
-    x, y = np.moveaxis(points, 2, 0)
-    values = np.einsum("nkxy,nmx,nmy->nmk", equations, x, y)
-    size = np.linalg.norm(x, axis=2) * np.linalg.norm(y, axis=2)
-    assert np.max(np.abs(values) / size[..., None]) < 1e-10
-    turns = np.exp(1j * angles)
-    apart = np.max(np.abs(turns[:, :, None] / turns[:, None] - 1.0), axis=3)
-    assert np.min(apart + np.eye(8)) > 1e-6
-
-
-@pytest.mark.parametrize(("ways", "count"), [(HUB, 16), (ROW, 24), (CHAIN, 32)])
-def test_eliminants_have_the_known_number_of_roots(ways, count):
-    random = np.random.default_rng(count)
-    for _ in range(20):
-        equations, involves = random_equations(random, ways)
-        assert 2 * eliminated_degree(involves) == count
-        found = common_angles(equations, involves)
-        assert not found.problem and found.excess < 1e-12 and len(found.roots) == count
-        near = np.abs(np.log(np.abs(found.roots))) < 1.5
-        assert np.sum(np.abs(found.angles[:, 0].imag) < 1.5) == np.sum(near)
-        c, s = np.cos(found.angles), np.sin(found.angles)
-        x, y, z = np.moveaxis(np.stack([np.ones_like(c), c, s], axis=2), 1, 0)
-        values = np.einsum("kxyz,nx,ny,nz->nk", equations, x, y, z)
-        size = np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)
-        size *= np.linalg.norm(z, axis=1)
-        assert np.max(np.abs(values) / size[:, None]) < 1e-10
 
 
 def test_all_seven_body_groups_of_eight_bars_are_eliminated():

@@ -199,18 +199,9 @@ def test_serve_streams_and_stops_on_interrupt():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
+    words = ["run", "four_bar", "--samples", "20", "--serve", str(port)]
     process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "spherekit",
-            "run",
-            "four_bar",
-            "--samples",
-            "20",
-            "--serve",
-            str(port),
-        ],
+        [sys.executable, "-m", "spherekit", *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -232,30 +223,6 @@ def test_serve_streams_and_stops_on_interrupt():
     assert "Traceback" not in err
 
 
-@pytest.mark.slow
-def test_one_input_of_two_freedoms_is_refused_by_rank(capsys):
-    status, _, told = run(capsys, "run", "bevel_differential", "--input", "left_axle")
-    assert status == 1
-    assert "mobility 2 by rank with 0 by the graph" in told and "declare 2 R pairs" in told
-
-
-@pytest.mark.parametrize(
-    "flags, missing",
-    [
-        (["--resume"], "-o"),
-        (["--restart"], "-o"),
-        (["--format", "csv"], "-o DIR"),
-        (["--engine", "compiled"], "--start"),
-        (["--log-every", "2"], "--save"),
-    ],
-)
-def test_flags_that_would_do_nothing_are_refused(flags, missing, capsys):
-    assert main(["run", "four_bar", "--samples", "5", *flags]) == 1
-    told = capsys.readouterr().err
-    assert told.startswith(f"spherekit: {flags[0]} does nothing without")
-    assert missing in told
-
-
 def test_a_run_that_fails_leaves_no_empty_folder(tmp_path, capsys):
     new, old = tmp_path / "new", tmp_path / "old"
     old.mkdir()
@@ -268,14 +235,6 @@ def test_a_tolerance_that_is_not_met_counts_with_strict(capsys):
     words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "5", "--tol"]
     assert main([*words, "1e-9", "--strict"]) == 0 and main([*words, "1e-30"]) == 0
     assert main([*words, "1e-30", "--strict"]) == 3
-
-
-def test_an_export_has_the_ending_of_its_kind(tmp_path, capsys):
-    for kind, name, ending in [("mjcf", "m.npz", "*.xml"), ("model", "m.xml", "*.npz")]:
-        path = tmp_path / name
-        assert main(["export", "four_bar", "--to", kind, "-o", str(path)]) == 1
-        assert ending in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_long_times_are_whole_seconds():

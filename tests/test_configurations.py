@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
 from independent import multi_start
-from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.guarantee import Guarantee
@@ -24,7 +23,6 @@ from spherekit.motion.input_turning_points import (
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.numeric.crossings import crossings
 from spherekit.planning.inputs import plan_assembly
-from spherekit.sphere.trigonometric import taking
 
 TURN = 2.0 * np.pi
 
@@ -121,14 +119,6 @@ def test_what_is_no_smooth_function_is_doubtful():
     assert nothing.doubtful.tolist() == [[0.0, 4.0]]
     kinked = crossings(lambda x: np.abs(x - 1.0) - 0.5, 0.0, 4.0)
     assert np.allclose(kinked.places, [0.5, 1.5], rtol=0, atol=1e-12)
-
-
-def test_a_complex_rotation_takes_two_axes_to_two_others():
-    random = np.random.default_rng(1)
-    first, second = random_axes(random, 200).reshape(2, 100, 3).astype(complex)
-    real = Rotation.random(100, rng=random).as_matrix()
-    to_first, to_second = ((real @ v[..., None])[..., 0] for v in (first, second))
-    assert np.max(np.abs(taking(first, second, to_first, to_second) - real)) < 1e-9
 
 
 def test_dead_inputs_of_a_four_bar_are_where_its_links_are_stretched():

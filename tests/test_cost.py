@@ -18,15 +18,10 @@ from spherekit.cli.main import main
 from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError
 from spherekit.model.dynamics import Mass, Spring
-from spherekit.planning.inputs import plan_assembly
-from spherekit.planning.part import needed_groups, part_for
 from spherekit.planning.poles import CoaxialPole, LinePole, PrimaryPole, pole_of
-from spherekit.rates.sequence import PlannedPoles
 from spherekit.view.rerun_view import RerunRecorder
 
 NARROW, WIDE = "poles:only=6/1", "poles"
-PLACES = ((3, 1), (4, 1), (6, 8), (5, 1))
-"""The dyads of twelve_bar: 5-6, 7-8, 9-10, 11-12."""
 
 
 @pytest.fixture(scope="module")
@@ -97,32 +92,6 @@ def test_an_irreducible_part_gives_the_poles_that_are_needed():
         assert np.allclose(field.frame()[name], part[name], rtol=0.0, atol=1e-12)
 
 
-def test_calls_are_those_that_the_plan_counts(twelve, monkeypatch):
-    """Counted where the work is done: every intersection."""
-    calls = Counter()
-    own = PlannedPoles._two_circles
-
-    def counted(planned, step):
-        made = own(planned, step)
-        calls[step.pole] += 1
-        return made
-
-    monkeypatch.setattr(PlannedPoles, "_two_circles", counted)
-    seen = {}
-    for text in (NARROW, WIDE):
-        calls.clear()
-        cost = sk.run(twelve, text, samples=5, assembly_mode=0).summary["cost"]
-        secondary = cost["each_configuration"]["1_2"]["secondary"]
-        calls.clear()
-        PlannedPoles(request_of(twelve, text).plan, sk.trace(twelve, samples=2))
-        assert set(calls.values()) == {1} and len(calls) == secondary
-        assert cost["poles"] == 5 * (
-            secondary + cost["each_configuration"]["1_2"]["primary"]
-        )
-        seen[text] = secondary
-    assert seen[WIDE] == 50 and seen[NARROW] < 15
-
-
 def test_no_derivatives_where_none_were_asked(twelve):
     needs = needs_of(twelve, [create(NARROW)])
     (wanted,) = requests_for(twelve, replace(needs, derivatives=False))
@@ -184,34 +153,6 @@ def test_tables_fall_with_the_request(twelve, tmp_path):
         assert kept["tables"] == tables
     assert size["wide"][1] == 66 * size["narrow"][1]
     assert 50 < size["wide"][0] / size["narrow"][0] < 90
-
-
-@pytest.mark.parametrize(
-    ("link", "left"), [("4", 4), ("6", 6), ("8", 6), ("10", 10), ("12", 8)]
-)
-def test_needed_groups_are_the_ancestors_in_the_order_of_assembly(twelve, link, left):
-    """Independent: a dyad needs those that hold its two ends, by the list of dyads."""
-    holds = nx.DiGraph()
-    for k, ends in enumerate(PLACES):
-        for end in ends:
-            if end > 4:
-                holds.add_edge((end - 5) // 2, k)
-        holds.add_node(k)
-    assembly = plan_assembly(twelve)
-    groups = needed_groups(twelve, assembly, [twelve.link_number[link]])
-    inner = {
-        link for g in groups for pair in assembly.groups[g].pairs
-        for link in twelve.ends[pair]
-    }  # fmt: skip
-    number = int(link)
-    wanted = set()
-    if number > 4:
-        own = (number - 5) // 2
-        wanted = {own} | nx.ancestors(holds, own)
-    links = {0, 1, 2, 3} | {2 * k + d for k in wanted for d in (4, 5)}
-    assert inner == links and len(links) == left
-    part = part_for(twelve, [twelve.link_number[link]])
-    assert {int(name) - 1 for name in part.links} == links
 
 
 def test_the_part_moves_as_the_whole(twelve):

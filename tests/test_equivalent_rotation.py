@@ -358,7 +358,7 @@ def test_mechanisms_without_the_form(case):
 # --- equivalent rotation ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("pairs", [150, pytest.param(1000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("pairs", [40, pytest.param(1000, marks=pytest.mark.long)])
 def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
     """All mid-planes on the way hold the axis; so does the end effector: 1e-12."""
     starts, stops = inside(form, pairs, 21), inside(form, pairs, 22)
@@ -727,6 +727,7 @@ def test_durations_against_closed_forms(shape):
     assert table.t[-1] == by_acceleration.duration
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("shape", ["cycloidal", "quintic"])
 def test_schedule_of_the_papers_example(form, shape):
     """No limit is exceeded in 20001 samples, and one is reached."""

@@ -30,32 +30,12 @@ def test_equal_terms_are_the_same_object():
     assert function("sin", X * 2.0) is function("sin", 2.0 * X) and symbols(["x"])[0] is X
 
 
-@pytest.mark.parametrize(
-    ("made", "expected"),
-    [
-        (X * 0.0, 0.0),
-        (0.0 + X, X),
-        (X - 0.0, X),
-        (1.0 * X, X),
-        (X / 1.0, X),
-        (X - X, 0.0),
-        (0.0 / X, 0.0),
-        (-(-1.0 * X), X),
-        (-(X - Y), Y - X),
-        (X + -Y, X - Y),
-        (-X + Y, Y - X),
-        (X - -Y, X + Y),
-        (-X - Y, -(X + Y)),
-        (-X * Y, -(X * Y)),
-        (-X * -Y, X * Y),
-        (2.0 * -X, -2.0 * X),
-        (-X / Y, -(X / Y)),
-        (X / -Y, -(X / Y)),
-        (0.0 - X, -X),
-    ],
-)
-def test_signs_move_outwards_and_zeros_and_ones_go(made, expected):
-    assert made is expected or made == expected
+def test_signs_move_outwards_and_zeros_and_ones_go():
+    assert {0.0 + X, X - 0.0, 1.0 * X, X / 1.0, -(-1.0 * X)} == {X}
+    assert {X * 0.0, X - X, 0.0 / X} == {0.0} and {0.0 - X} == {-X} and {X + -Y} == {X - Y}
+    assert {-(X - Y), -X + Y} == {Y - X} and {X - -Y} == {X + Y} and {-X - Y} == {-(X + Y)}
+    assert {-X * Y} == {-(X * Y)} and {-X * -Y} == {X * Y} and {2.0 * -X} == {-2.0 * X}
+    assert {-X / Y, X / -Y} == {-(X / Y)}
 
 
 @pytest.mark.slow
@@ -107,17 +87,6 @@ def test_values_on_arrays_are_those_of_numbers():
         expected = np.array([value(points[:, column]) for _, value in pool])
         gap = np.abs(values[:, column] - expected)
         assert np.max(gap / (1.0 + np.abs(expected))) < 1e-14
-
-
-def test_rows_are_used_again():
-    total = X
-    for k in range(2, 200):
-        total = function("sin", total * float(k)) + Y
-    found = array_function([total, X, 3.0, total], [X, Y])
-    assert found.rows == 1
-    values = found(np.array([[0.2, 0.4], [0.1, 0.3]]))
-    assert np.array_equal(values[1:3], [[0.2, 0.4], [3.0, 3.0]])
-    assert np.array_equal(values[0], values[3])
 
 
 def test_terms_of_complex_variables():

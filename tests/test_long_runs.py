@@ -18,6 +18,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from common import Listener
 
 import spherekit as sk
 from spherekit.analysis import folder as store
@@ -593,22 +594,9 @@ def at_once():
     return Whole
 
 
-class Listener:
-    """Keeps which samples a recorder is given."""
-
-    def __init__(self):
-        self.samples, self.inputs, self.properties = {}, None, {}
-
-    def start(self, head):
-        self.inputs, self.properties, self.row = head.inputs, head.properties, head.row
-
-    def log(self, scene, samples, inputs=None, times=None):
-        for primitive in scene.primitives if scene.page is not None else ():
-            key = scene.page, primitive.path
-            self.samples.setdefault(key, []).extend(samples.tolist())
-            if isinstance(primitive, Series):
-                assert len(primitive.values) == len(samples)
-                assert inputs is None or len(inputs) == len(samples)
+def shown(listener):
+    """The samples of all primitives that a recorder was given on pages."""
+    return [own for (page, _), own in listener.rows.items() if page is not None]
 
 
 def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path):
@@ -618,17 +606,17 @@ def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path)
     listener = Listener()
     result = four_bar(samples=45, recorder=listener)
     wanted = [0, 5, 10, 15, 20, 25, 30, 35, 40, 44]
-    assert all(samples == wanted for samples in listener.samples.values())
+    assert all(samples == wanted for samples in shown(listener))
     assert len(listener.inputs) == 10
     assert listener.properties["logged"] == "one of 5 successive samples"
     assert result.summary["recording"] == {"one_of": 5, "from_sample": 0}
     assert len(result.frame("motion")) == 90
     all_of_them = Listener()
     four_bar(samples=45, recorder=all_of_them, log_every=1)
-    assert all(len(own) == 45 for own in all_of_them.samples.values())
+    assert all(len(own) == 45 for own in shown(all_of_them))
     grid = Listener()
     sk.run(sk.load("five_bar"), samples=(3, 4), assembly_mode=0, recorder=grid, log_every=2)
-    assert all(own == [0, 2, 4, 6, 8, 10] for own in grid.samples.values())
+    assert all(own == [0, 2, 4, 6, 8, 10] for own in shown(grid))
     assert grid.row == 2
     with pytest.raises(AnalysisError, match="log_every must be at least 1"):
         four_bar(recorder=Listener(), log_every=0)
@@ -642,7 +630,7 @@ def test_a_resumed_recording_says_where_it_begins(tmp_path):
         four_bar(tmp_path, progress=interrupt(2))
     listener = Listener()
     result = four_bar(tmp_path, unfinished="resume", recorder=listener)
-    assert all(own == list(range(20, 60)) for own in listener.samples.values())
+    assert all(own == list(range(20, 60)) for own in shown(listener))
     assert result.summary["recording"]["from_sample"] == 20
     assert "before 20" in listener.properties["resumed"]
 
