@@ -4,9 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 from chains import mechanism, random_axes
+from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry, SizeGeometry
+from spherekit.model.parts import (
+    Input,
+    LinkSizes,
+    Output,
+    Pair,
+    PoseGeometry,
+    Profile,
+    SizeGeometry,
+)
 
 DEGREE = np.pi / 180
 
@@ -18,24 +27,24 @@ def at(colatitude):
 
 def cam(ground, profile, follower, contact="external"):
     """Return a cam (link 2) and an oscillating follower (link 3) touching it."""
-    return sk.Mechanism(
-        "cam",
-        "1",
-        ("1", "2", "3"),
-        (
-            Pair("12", "R", ("1", "2")),
-            Pair("13", "R", ("1", "3")),
-            Pair("23", "Cs", ("2", "3"), (profile, follower), contact),
-        ),
-        SizeGeometry(
-            {
-                "1": LinkSizes(("12", "13"), (ground,)),
-                "2": LinkSizes(("12",)),
-                "3": LinkSizes(("13",)),
-            }
-        ),
-        inputs=(Input("12", 0.0, 2 * np.pi),),
-    )
+    axes = {"1": ("12", "13"), "2": ("12",), "3": ("13",)}
+    sizes = {link: LinkSizes(own, (ground,) * (len(own) - 1)) for link, own in axes.items()}
+    pairs = [Pair(name, "R", tuple(name)) for name in ("12", "13")]
+    touch = Pair("23", "Cs", ("2", "3"), (profile, follower), contact)
+    inputs = (Input("12", 0.0, 2 * np.pi),)
+    links = ("1", "2", "3")
+    pairs = (*pairs, touch)
+    return sk.Mechanism("cam", "1", links, pairs, SizeGeometry(sizes), inputs=inputs)
+
+
+def open_cam():
+    """Return a cam whose profile of waves is an arc alone, and a roller on it."""
+    angles = np.linspace(-1.0, 1.0, 60)
+    waves = 25 + 4 * np.cos(angles) + 3 * np.cos(2 * angles) + np.sin(2 * angles)
+    across, up = np.sin(DEGREE * waves), np.cos(DEGREE * waves)
+    points = np.stack([across * np.cos(angles), across * np.sin(angles), up], axis=1)
+    part = Profile("points", points=tuple(map(tuple, points)), closed=False)
+    return cam(GROUND, part, Profile("circle", at(ARM), ROLLER))
 
 
 GROUND, ECCENTRICITY, DISC, ROLLER, ARM = (
@@ -89,20 +98,35 @@ def dixon(random):
 
 def mechanism_of(links, pairs, inputs, output, zeros=None):
     """A mechanism from link sizes in degrees and pairs as name -> two links."""
-    sizes = {
-        link: LinkSizes(
-            tuple(axes.split()), tuple(np.radians(arcs)), tuple(np.radians(angles))
-        )
-        for link, (axes, arcs, angles) in links.items()
-    }
-    return sk.Mechanism(
-        name="made",
+    names = "axes", "arcs", "angles"
+    made = sk.build(
+        "made",
+        angle_unit="deg",
         ground=next(iter(links)),
-        links=tuple(links),
-        pairs=tuple(Pair(name, "R", tuple(ends.split())) for name, ends in pairs.items()),
-        geometry=SizeGeometry(sizes, zeros or {}),
-        inputs=tuple(Input(name, 0.0, 6.0) for name in inputs),
-        outputs=(output,),
+        links={
+            link: dict(zip(names, (axes.split(), *sizes), strict=True))
+            for link, (axes, *sizes) in links.items()
+        },
+        pairs={name: ends.split() for name, ends in pairs.items()},
+        inputs=list(inputs),
+    )
+    geometry = replace(made.geometry, zeros=zeros or {})
+    inputs = tuple(Input(name, 0.0, 6.0) for name in inputs)
+    return replace(made, geometry=geometry, inputs=inputs, outputs=(output,))
+
+
+def posed():
+    """Return the 3-RRR given by a reference pose of random axes, some angles not 0."""
+    made = sk.load("three_rrr")
+    axes = Rotation.random(9, random_state=5).as_matrix()[:, :, 2].tolist()
+    names = [f"{leg}{k}" for k in (1, 2, 3) for leg in "abc"]
+    return replace(
+        made,
+        geometry=PoseGeometry(
+            {name: tuple(axis) for name, axis in zip(names, axes, strict=True)},
+            {"a1": 0.3, "a2": -0.4, "c2": -0.8},
+        ),
+        inputs=tuple(Input(f"a{k}", -0.1, 0.1) for k in (1, 2, 3)),
     )
 
 
@@ -121,20 +145,12 @@ def unlike_legs():
             "coupler3": ("c3 b3", [66.0], []),
             "platform": ("c2 c1 c3", [60.0, 75.0], [110.0]),
         },
-        {
-            "a1": "base crank1",
-            "b1": "coupler1 crank1",
-            "c1": "coupler1 platform",
-            "d2": "drive base",
-            "e2": "drive rod",
-            "f2": "rod crank2",
-            "a2": "base crank2",
-            "b2": "crank2 coupler2",
-            "c2": "platform coupler2",
-            "a3": "base crank3",
-            "b3": "crank3 coupler3",
-            "c3": "coupler3 platform",
-        },
+        dict(
+            **{"a1": "base crank1", "b1": "coupler1 crank1", "c1": "coupler1 platform"},
+            **{"d2": "drive base", "e2": "drive rod", "f2": "rod crank2"},
+            **{"a2": "base crank2", "b2": "crank2 coupler2", "c2": "platform coupler2"},
+            **{"a3": "base crank3", "b3": "crank3 coupler3", "c3": "coupler3 platform"},
+        ),
         ["b3", "a1", "d2"],
         Output("pose", "platform", "base"),
         {"a1": 0.4, "b3": -0.7, "c2": 0.3},

@@ -28,9 +28,9 @@ def body(random, link):
 
 
 def heavy(name):
-    """Return a shipped mechanism without its loads, five points of mass in each link."""
-    made = sk.load(name)
-    random = np.random.default_rng(sum(map(ord, name)))
+    """Return a (shipped) mechanism without its loads, five points of mass in each link."""
+    made = sk.load(name) if isinstance(name, str) else name
+    random = np.random.default_rng(sum(map(ord, made.name)))
     masses = tuple(body(random, link) for link in made.links if link != made.ground)
     return replace(made, masses=masses, loads=())
 

@@ -15,21 +15,22 @@ def revolute_frames(mechanism):
     return np.array(first), np.array(second)
 
 
-def null_space(count, ends, axes):
+def null_space(count, ends, axes, types=None):
     """Return link rates (count, 3) with |w| = 1 in all, and the relative gap.
 
-    The velocity equations themselves: w_b - w_a has no component across the pair's axis.
-    One link fixed, singular value decomposition; the gap is the second smallest singular
-    value over the largest.
+    The velocity equations themselves: w_b - w_a has no component across the pair's axis,
+    of a Cs pair along its normal. One link fixed, singular value decomposition; the gap is
+    the second smallest singular value over the largest.
     """
-    rows = np.zeros((3 * len(ends), 3 * count))
-    for k, ((a, b), u) in enumerate(zip(ends, axes, strict=True)):
-        across = np.eye(3) - np.outer(u, u)
-        rows[3 * k : 3 * k + 3, 3 * b : 3 * b + 3] = across
-        rows[3 * k : 3 * k + 3, 3 * a : 3 * a + 3] = -across
-    _, values, right = np.linalg.svd(rows[:, 3:])
-    w = np.vstack([np.zeros(3), right[-1].reshape(-1, 3)])
-    return w, values[-2] / values[0]
+    rows = []
+    for kind, (a, b), u in zip(types or ["R"] * len(ends), ends, axes, strict=True):
+        across = u[None] if kind == "Cs" else np.eye(3) - np.outer(u, u)
+        rows.append(np.zeros((len(across), 3 * count)))
+        rows[-1][:, 3 * b : 3 * b + 3], rows[-1][:, 3 * a : 3 * a + 3] = across, -across
+    _, values, right = np.linalg.svd(np.vstack(rows)[:, 3:])
+    size = 3 * count - 3
+    w = np.vstack([np.zeros(3), right[size - 1].reshape(-1, 3)])
+    return w, values[size - 2] / values[0]
 
 
 def closure_gap(mechanism, rotations, frames):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from closed_forms import four_bar_angles
 from exact_four_bar import four_bar as exact_four_bar
-from example_mechanisms import ARM, DEGREE, GROUND, ROLLER, at, cam, four_bar
+from example_mechanisms import ARM, DEGREE, GROUND, at, cam, four_bar, open_cam
 from singular_examples import components
 
 import spherekit as sk
@@ -157,7 +157,15 @@ def random_arcs(random, near_folding):
             return arcs
 
 
-def check_random_four_bars(random, count):
+@pytest.mark.parametrize(
+    ("seed", "count"),
+    [
+        pytest.param(12, 25, marks=pytest.mark.slow),
+        pytest.param(400, 100, marks=pytest.mark.long),
+    ],
+)
+def test_random_four_bars_never_leave_their_curve(seed, count):
+    random = np.random.default_rng(seed)
     for number in range(count):
         arcs = random_arcs(random, near_folding=number % 2 == 1)
         # the diagonal's own range, so that short intervals of the input are met too
@@ -179,16 +187,6 @@ def check_random_four_bars(random, count):
             modes.append({m for m in (0, 1) if np.any(gaps[m] < 1e-8)})
         if len(curves) == 2 and all(len(c.dead_points(0).places) == 0 for c in curves):
             assert {frozenset(m) for m in modes} == {frozenset({0}), frozenset({1})}
-
-
-@pytest.mark.slow
-def test_random_four_bars_never_leave_their_curve():
-    check_random_four_bars(np.random.default_rng(12), 25)
-
-
-@pytest.mark.long
-def test_many_random_four_bars_never_leave_their_curve():
-    check_random_four_bars(np.random.default_rng(400), 100)
 
 
 def test_a_four_bar_that_can_hardly_move():
@@ -266,19 +264,6 @@ def test_cones_without_a_common_length_never_close():
     curve = follow_arc(tracer.solver.closure, there, longest=20.0)
     assert not curve.closed and curve.ends == (sk.Status.OK, sk.Status.OK)
     assert 40.0 <= curve.length < 41.0 and np.isinf(curve.periods[-1])
-
-
-def open_cam():
-    angles = np.linspace(-1.0, 1.0, 60)
-    colatitude = DEGREE * (
-        25 + 4 * np.cos(angles) + 3 * np.cos(2 * angles) + np.sin(2 * angles)
-    )
-    across = np.sin(colatitude)
-    points = np.stack(
-        [across * np.cos(angles), across * np.sin(angles), np.cos(colatitude)], axis=1
-    )
-    part = Profile("points", points=tuple(map(tuple, points)), closed=False)
-    return cam(GROUND, part, Profile("circle", at(ARM), ROLLER))
 
 
 def test_a_curve_ends_exactly_where_the_contact_leaves_an_open_profile():

@@ -3,52 +3,42 @@
 from dataclasses import replace
 from pathlib import Path
 
-import mpmath
 import numpy as np
 import pytest
 from common import field_of
-from example_mechanisms import ARM, DEGREE, DISC, ECCENTRICITY, GROUND, ROLLER, at, cam
-from oracles import off_axis
+from example_mechanisms import (
+    ARM,
+    DEGREE,
+    DISC,
+    ECCENTRICITY,
+    GROUND,
+    ROLLER,
+    at,
+    cam,
+    open_cam,
+)
+from oracles import null_space, off_axis
 from refusals import text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import ModelError, PlanError
-from spherekit.model.parts import (
-    Input,
-    LinkSizes,
-    Pair,
-    PoseGeometry,
-    Profile,
-    SizeGeometry,
-)
+from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, Profile, SizeGeometry
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import all_poles
 
 ROOT = Path(__file__).parent.parent
 
 
-def four_bar(ground, crank, coupler, rocker):
+def four_bar(*arcs):
     """Return the four-bar with the same reference directions as `cam`."""
-    return sk.Mechanism(
-        "four_bar",
-        "1",
-        ("1", "2", "3", "4"),
-        (
-            Pair("12", "R", ("1", "2")),
-            Pair("13", "R", ("1", "3")),
-            Pair("24", "R", ("2", "4")),
-            Pair("34", "R", ("3", "4")),
-        ),
-        SizeGeometry(
-            {
-                "1": LinkSizes(("12", "13"), (ground,)),
-                "2": LinkSizes(("12", "24"), (crank,)),
-                "3": LinkSizes(("13", "34"), (rocker,)),
-                "4": LinkSizes(("24", "34"), (coupler,)),
-            }
-        ),
-        inputs=(Input("12", 0.0, 2 * np.pi),),
+    on = {"1": ("12", "13"), "2": ("12", "24"), "3": ("13", "34"), "4": ("24", "34")}
+    given = dict(zip("1243", arcs, strict=True))
+    links = {link: {"axes": axes, "arcs": [given[link]]} for link, axes in on.items()}
+    pairs = {name: list(name) for name in ("12", "13", "24", "34")}
+    whole = {"12": (0.0, 2 * np.pi)}
+    return sk.build(
+        "four_bar", angle_unit="rad", ground="1", links=links, pairs=pairs, inputs=whole
     )
 
 
@@ -80,20 +70,16 @@ def test_circular_cam_is_a_four_bar(kind):
                 for name in ("velocity_coefficient", "acceleration_coefficient"):
                     ours, theirs = getattr(field, name), getattr(other, name)
                     assert np.max(np.abs(ours[0, 2][rows] - theirs[0, 2][twins])) < 1e-11
-                w = (
-                    field.velocity_coefficient[1, 2][rows, None]
-                    * field.direction[1, 2][rows]
-                )
-                v = (
-                    other.velocity_coefficient[1, 2][twins, None]
-                    * other.direction[1, 2][twins]
+                w, v = (
+                    each.velocity_coefficient[1, 2][own, None] * each.direction[1, 2][own]
+                    for each, own in ((field, rows), (other, twins))
                 )
                 assert np.max(np.abs(w - v)) < 1e-11
-                dw = field.acceleration_coefficient[1, 2][rows] ** 2
-                assert (
-                    np.max(np.abs(dw - other.acceleration_coefficient[1, 2][twins] ** 2))
-                    < 1e-10
+                dw, dv = (
+                    each.acceleration_coefficient[1, 2][own] ** 2
+                    for each, own in ((field, rows), (other, twins))
                 )
+                assert np.max(np.abs(dw - dv)) < 1e-10
     assert found >= 1
 
 
@@ -103,90 +89,6 @@ SHAPE = Profile(
     cosines=(25 * DEGREE, 4 * DEGREE, 3 * DEGREE),
     sines=(0.0, 0.0, 1.0 * DEGREE),
 )
-
-
-def test_non_circular_cam_against_fifty_digits():
-    """Derivatives of the follower's angle, the contact, and the plane of the pole."""
-    made = cam(GROUND, SHAPE, Profile("circle", at(ARM), ROLLER))
-    motion, field = field_of(made, samples=13)
-    whole = [
-        b
-        for b in motion.assembly_modes
-        if np.all(motion.status[motion.assembly_mode == b.number] == 0)
-    ]
-    assert whole
-    rows = np.flatnonzero(motion.assembly_mode == whole[0].number)
-    assert np.max(motion.residual[rows]) < 1e-13
-    normal = motion.axes[rows, 2]
-    assert np.max(np.abs(np.sum(normal * field.direction[1, 2][rows], axis=1))) < 1e-13
-    mpmath.mp.dps = 40
-    cos, sin, pi = mpmath.cos, mpmath.sin, mpmath.pi
-    degree = pi / 180
-
-    def point(a):
-        c = degree * (25 + 4 * cos(a) + 3 * cos(2 * a) + sin(2 * a))
-        return sin(c) * cos(a), sin(c) * sin(a), cos(c)
-
-    def centre_in_cam(theta, psi):
-        arm, ground = 45 * degree, 60 * degree
-        # link frames: z the axis, angles from the arcs between the ground axes
-        x, y, z = -sin(arm) * sin(psi), sin(arm) * cos(psi), cos(arm)
-        # reference at 13 points to 12, at 12 to 13; ground frame: z = 12, y towards 13
-        east, north = -x, -y
-        gx = east
-        gy = sin(ground) * z + cos(ground) * north
-        gz = cos(ground) * z - sin(ground) * north
-        # turn back by theta about 12; the cam's y lies at theta from the arc to 13
-        return cos(theta) * gx + sin(theta) * gy, cos(theta) * gy - sin(theta) * gx, gz
-
-    def follower(theta, start):
-        def gap(psi, a):
-            c = centre_in_cam(theta, psi)
-            p = point(a)
-            h = mpmath.mpf(10) ** -18
-            dp = [
-                (u - v) / (2 * h) for u, v in zip(point(a + h), point(a - h), strict=True)
-            ]
-            return (
-                sum(u * v for u, v in zip(p, c, strict=True)) - cos(12 * degree),
-                sum(u * v for u, v in zip(dp, c, strict=True)),
-            )
-
-        return mpmath.findroot(gap, start, tol=1e-30)
-
-    checked = 0
-    for row in rows[1::3]:
-        frame = motion.linearisation.states.first[row, 2, :, 2]
-        start = (float(motion.values[row, 1]), float(np.arctan2(frame[1], frame[0])))
-        theta = mpmath.mpf(float(motion.q[row]))
-        found = follower(theta, start)
-        if abs(float(found[0]) - start[0]) > 1e-6:
-            continue
-        assert abs(float(found[0]) - start[0]) < 1e-12
-        h = mpmath.mpf(10) ** -8
-        psi = [follower(theta + k * h, (found[0], found[1]))[0] for k in (-2, -1, 0, 1, 2)]
-        first = (psi[0] - 8 * psi[1] + 8 * psi[3] - psi[4]) / (12 * h)
-        second = (-psi[0] + 16 * psi[1] - 30 * psi[2] + 16 * psi[3] - psi[4]) / (12 * h * h)
-        assert abs(float(first) - field.velocity_coefficient[0, 2][row]) < 1e-10
-        assert abs(float(second) - field.acceleration_coefficient[0, 2][row]) < 1e-10
-        checked += 1
-    assert checked >= 3
-
-
-def null_space_with_contact(made, motion, row):
-    """Return link rates and the relative gap from the velocity equations, one row."""
-    blocks = []
-    count = len(made.links)
-    for k, (pair, (a, b)) in enumerate(zip(made.pairs, made.ends, strict=True)):
-        u = motion.axes[row, k]
-        across = u[None] if pair.type == "Cs" else np.eye(3) - np.outer(u, u)
-        block = np.zeros((len(across), 3 * count))
-        block[:, 3 * b : 3 * b + 3] = across
-        block[:, 3 * a : 3 * a + 3] = -across
-        blocks.append(block)
-    _, values, right = np.linalg.svd(np.vstack(blocks)[:, 3:])
-    w = np.vstack([np.zeros(3), right[3 * count - 4].reshape(-1, 3)])
-    return w, values[3 * count - 5] / values[0]
 
 
 SHIPPED_GEARS = ("bevel_pair", "rolling_cones", "planetary_bevel")
@@ -343,31 +245,14 @@ def test_running_off_an_open_profile_has_a_status():
     """An arc of the shaped cam alone: the follower loses it where it ends."""
     whole = cam(GROUND, SHAPE, Profile("circle", at(ARM), ROLLER))
     motion = sk.trace(whole, samples=361, search=False)
-    angles = np.linspace(-1.0, 1.0, 60)
-    colatitude = DEGREE * (
-        25 + 4 * np.cos(angles) + 3 * np.cos(2 * angles) + np.sin(2 * angles)
-    )
-    points = np.stack(
-        [
-            np.sin(colatitude) * np.cos(angles),
-            np.sin(colatitude) * np.sin(angles),
-            np.cos(colatitude),
-        ],
-        axis=1,
-    )
-    part = Profile("points", points=tuple(map(tuple, points)), closed=False)
-    open_motion = sk.trace(
-        cam(GROUND, part, Profile("circle", at(ARM), ROLLER)), samples=361, search=False
-    )
+    open_motion = sk.trace(open_cam(), samples=361, search=False)
     assert np.any(open_motion.status == sk.Status.OK)
     assert np.any(open_motion.status == sk.Status.OFF_PROFILE)
     ok = open_motion.status == sk.Status.OK
     psi = open_motion.values[ok, 1]
     nearest = [
         np.min(
-            np.abs(
-                np.exp(1j * motion.values[np.abs(motion.q - q) < 1e-9, 1]) - np.exp(1j * p)
-            )
+            np.abs(np.exp(1j * motion.values[np.abs(motion.q - q) < 1e-9, 1] - 1j * p) - 1)
         )
         for q, p in zip(open_motion.q[ok], psi, strict=True)
     ]
@@ -431,7 +316,8 @@ def test_pole_of_two_sliding_contacts_is_where_their_planes_meet():
     assert np.all(motion.status == sk.Status.OK)
     good = np.flatnonzero(motion.status == sk.Status.OK)
     assert len(good) > 20
+    types = [pair.type for pair in made.pairs]
     for row in good[::5]:
-        w, _ = null_space_with_contact(made, motion, row)
+        w, _ = null_space(3, made.ends, motion.axes[row], types)
         for i, j in all_poles(3):
             assert off_axis(field.direction[i, j][row], w[j] - w[i]) < 1e-11

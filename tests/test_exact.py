@@ -85,7 +85,10 @@ def test_four_bars_against_the_closed_form(name):
                 assert abs(apart - mp.nint(apart)) < 1e-46
 
 
-CHAINS = ("stephenson", "double_butterfly", "two_dof_spm", "five_bar", "planetary_bevel")
+CHAINS = (
+    *("stephenson", "double_butterfly", "two_dof_spm", "five_bar", "planetary_bevel"),
+    "shaped_cam",
+)
 
 
 def check_arcs(made, found):
@@ -367,7 +370,7 @@ def test_what_is_asked_for_wrongly():
         exact_direction(found, (0, 1), np.zeros((len(motion), 3)))
 
 
-@pytest.mark.parametrize("name", ["stephenson", "two_dof_spm", "roller_cam"])
+@pytest.mark.parametrize("name", ["stephenson", "two_dof_spm", "roller_cam", "shaped_cam"])
 def test_fields_and_motions_of_reference_values(name):
     """The nearest float64 numbers with the signs of the field, or NaN where it is."""
     motion = traced(name, 5)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from newton_euler import body, heavy
+from example_mechanisms import posed
+from newton_euler import heavy
 from refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.model.parts import Input, Output, Pair, PoseGeometry
 from spherekit.model.study import ConstantSpeed
 from spherekit.motion.motion import PositionAnalysis
 
@@ -16,11 +16,12 @@ CASES = {
     "five_bar": ("51", 1.2, (1.0,)),
     "two_dof_spm": ("61", 0.35, (0.3,)),
     "three_rrr": ("a2", 1.0, (0.9, 1.2)),
+    "posed": ("a2", -0.38, (0.3, 0.0)),
 }
 
 
 def pulled(name):
-    made = heavy(name)
+    made = heavy(posed()) if name == "posed" else heavy(name)
     return made.with_loads(
         sk.Gravity("weight", (1.0, -2.0, -9.0)),
         sk.PairTorque("pull", made.pairs[1].name, f"0.3 - theta_{CASES[name][0]}"),
@@ -28,7 +29,8 @@ def pulled(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["five_bar", "three_rrr", pytest.param("two_dof_spm", marks=pytest.mark.long)]
+    "name",
+    ["five_bar", "three_rrr", "posed", pytest.param("two_dof_spm", marks=pytest.mark.long)],
 )
 def test_poses_and_torques_are_those_with_the_input_held(name, tmp_path):
     pair, value, others = CASES[name]
@@ -83,74 +85,6 @@ def test_a_pair_between_moving_links_and_one_beside_a_contact():
     motion = sk.trace(single, samples=5)
     carrier = motion.values[:, single.angles["carrier_axle"]]
     assert carrier == pytest.approx(0.5 * motion.q, abs=1e-12)
-
-
-def posed_wrist():
-    """Return a wrist of three legs given in a reference pose, with masses and loads."""
-    random = np.random.default_rng(20261123)
-    legs = [
-        (f"{kind}{k}", link)
-        for k in (1, 2, 3)
-        for kind, link in (
-            ("a", ("base", f"crank{k}")),
-            ("b", (f"crank{k}", f"rod{k}")),
-            ("c", (f"rod{k}", "hand")),
-        )
-    ]
-    axes = random.normal(size=(9, 3))
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    values = random.uniform(-1.0, 1.0, 9)
-    names = [name for name, _ in legs]
-    links = tuple(dict.fromkeys(link for _, both in legs for link in both))
-    return sk.Mechanism(
-        "posed",
-        "base",
-        links,
-        tuple(Pair(name, "R", both) for name, both in legs),
-        PoseGeometry(
-            dict(zip(names, map(tuple, axes.tolist()), strict=True)),
-            dict(zip(names, values.tolist(), strict=True)),
-        ),
-        inputs=tuple(
-            Input(name, at - 0.02, at + 0.02)
-            for name, at in zip(names, values.tolist(), strict=True)
-            if name[0] == "a"
-        ),
-        outputs=(Output("tool", "hand", "base", (0.6, 0.0, 0.8)),),
-        masses=tuple(body(random, link) for link in links[1:]),
-        loads=(
-            sk.PointForce("push", "rod2", (0.1, 0.2, 0.3), ("1", "theta_a1", "-2"), "link"),
-            sk.Moment("twist", "crank3", ("0", "1", "sin(theta_a3)"), "link"),
-            sk.Gravity("weight", (0.3, -1.0, -9.0)),
-        ),
-    )
-
-
-def test_a_mechanism_of_a_reference_pose_is_locked_elsewhere(tmp_path):
-    """Variables, poses and torques are those with the input held."""
-    made = posed_wrist()
-    at = made.geometry.values
-    locked = sk.lock(made, {"a2": at["a2"] + 0.02}, angle_unit="rad")
-    sk.dump(locked, tmp_path / "locked.toml")
-    locked = sk.load(tmp_path / "locked.toml")
-    t = [0.0, 0.1]
-    laws = {"a1": ConstantSpeed(0.2, at["a1"]), "a3": ConstantSpeed(-0.1, at["a3"])}
-    whole = sk.inverse_dynamics(
-        made, laws | {"a2": ConstantSpeed(0.0, at["a2"] + 0.02)}, t, assembly_mode=0
-    )
-    found = sk.inverse_dynamics(locked, laws, t)
-    shared = [made.angles[name] for name in locked.angles]
-    apart = found.motion.values.reshape(-1, 2, len(shared)) - whole.motion.values[:, shared]
-    gaps = np.max(np.abs(np.sin(0.5 * apart)), axis=(1, 2))
-    mode = int(np.argmin(gaps))
-    assert gaps[mode] < 1e-12
-    rows = slice(2 * mode, 2 * mode + 2)
-    assert found.torques[rows] == pytest.approx(whole.torques[:, [0, 2]], rel=1e-10)
-    for link in locked.links:
-        one = whole.motion.rotations[:, made.link_number[link]]
-        other = found.motion.rotations[rows, locked.link_number[link]]
-        assert np.max(np.abs(one - other)) < 1e-12
-    assert locked.outputs == made.outputs
 
 
 def test_commands_lock(tmp_path, capsys):
