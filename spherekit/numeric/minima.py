@@ -14,9 +14,10 @@ RESOLVED = 0.02
 HALVED = 2
 """Times that every cell of the grid is halved, whatever the polynomial says."""
 DEEPEST = 9
-NARROWER = 0.02
-"""Half the width of the next bracket, in parts of the last, where a parabola is right."""
-ROUNDS = 12
+PARTS = np.linspace(0.0, 1.0, 17)[:, None]
+"""Places in a bracket that are looked at for the next one, about the least of them."""
+KNOWN = 1e-9
+"""Brackets as narrow, in parts of the range, hold the place well enough."""
 FLAT = 1e-9
 """Minima that are lower than what is beside them by less of their size are none."""
 
@@ -40,8 +41,14 @@ def minima(
     low = (y[1:-1] < y[:-2]) & (y[1:-1] <= y[2:]) & (y[1:-1] <= limit)
     low &= np.minimum(y[:-2], y[2:]) - y[1:-1] > FLAT * y[1:-1]
     (at,) = np.nonzero(low)
-    rows = np.stack([at, at + 1, at + 2])
-    return _narrowed(function, x[rows], y[rows], 1e-9 * (grid[-1] - grid[0]))
+    low, high, least = x[at], x[at + 2], y[at + 1]
+    while np.any(high - low > KNOWN * (grid[-1] - grid[0])):
+        places = low + (high - low) * PARTS
+        values = function(places.ravel()).reshape(places.shape)
+        best = 1 + np.nanargmin(values[1:-1], axis=0), np.arange(len(at))
+        low, high = (places[best[0] + beside, best[1]] for beside in (-1, 1))
+        least = values[best]
+    return 0.5 * (low + high), least
 
 
 def _resolved(function: Function, grid: Floats) -> tuple[Floats, Floats]:
@@ -75,35 +82,3 @@ def _cubic(x: Floats, y: Floats, cells: Indices, at: Floats) -> Floats:
         part = (at[:, None] - x[others]) / (x[nodes[:, [k]]] - x[others])
         value += y[nodes[:, k]] * np.prod(part, axis=1)
     return value
-
-
-def _narrowed(
-    function: Function, x: Floats, y: Floats, width: float
-) -> tuple[Floats, Floats]:
-    """Return the least value in each of k brackets (3, k), and where it is.
-
-    About the vertex of the parabola through three places three more are looked at, and
-    the least of all with its neighbours is the next bracket.
-    """
-    for _ in range(ROUNDS):
-        wide = x[2] - x[0] > width
-        if not np.any(wide):
-            break
-        a, b, c = x[:, wide]
-        rise, fall = (y[2, wide] - y[1, wide]), (y[1, wide] - y[0, wide])
-        with np.errstate(invalid="ignore", divide="ignore"):
-            slopes = rise / (c - b), fall / (b - a)
-            vertex = 0.5 * (a + b) - 0.5 * slopes[1] * (c - a) / (slopes[0] - slopes[1])
-        beside = NARROWER * (c - a)
-        vertex = np.where(np.isfinite(vertex), vertex, b)
-        vertex = np.clip(vertex, a + 2.0 * beside, c - 2.0 * beside)
-        new = np.stack([vertex - beside, vertex, vertex + beside])
-        places = np.concatenate([x[:, wide], new])
-        values = np.concatenate([y[:, wide], function(new.ravel()).reshape(new.shape)])
-        order = np.argsort(places, axis=0)
-        places, values = (np.take_along_axis(v, order, axis=0) for v in (places, values))
-        least = 1 + np.nanargmin(values[1:-1], axis=0)
-        rows = np.stack([least - 1, least, least + 1])
-        x[:, wide] = np.take_along_axis(places, rows, axis=0)
-        y[:, wide] = np.take_along_axis(values, rows, axis=0)
-    return x[1], y[1]
