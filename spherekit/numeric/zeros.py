@@ -136,15 +136,11 @@ def _extrema(function: Function, cells: Floats) -> tuple[Floats, Floats, Floats]
 
 
 def _polish(function: Function, cells: Floats) -> Floats:
-    """Return the zero in each cell by Newton's method, by halving where it leaves.
-
-    Steps that shrink by a factor of (m - 1) / m say that the zero has the order m; m
-    times the step then goes there at once (Schroeder 1870).
-    """
-    a, b, fa = cells[0], cells[1], cells[2]
-    x = _guess(cells)
+    """Return the zero in each cell by Newton's method, by halving where it leaves."""
+    (a, b, fa), fb = cells[:3].copy(), cells[4]
+    rise = np.where(fb != fa, fb - fa, 1.0)
+    x = a + np.clip(-fa / rise, 0.0, 1.0) * (b - a)
     moved = np.full(len(x), np.inf)
-    order = np.ones(len(x))
     going = np.arange(len(x))
     for _ in range(MOST_STEPS):
         if not len(going):
@@ -154,37 +150,17 @@ def _polish(function: Function, cells: Floats) -> Floats:
         a[going] = np.where(before, x[going], a[going])
         b[going] = np.where(before, b[going], x[going])
         with np.errstate(divide="ignore", invalid="ignore"):
-            new = x[going] - order[going] * value / slope
+            new = x[going] - value / slope
         inside = (new >= a[going]) & (new <= b[going])
         new = np.where(inside, new, 0.5 * (a[going] + b[going]))
         step = np.abs(new - x[going])
         ratio = step / moved[going]
-        plain = inside & (order[going] == 1.0)
         rounding = EPS * np.maximum(1.0, np.abs(new))
-        settled = step <= 2.0 * rounding
-        settled |= (step < 1e-9) & (ratio > 0.25)
-        settled |= plain & np.isfinite(moved[going]) & (step * ratio**2 < 0.1 * rounding)
-        slow = plain & (ratio > 0.4) & (ratio < 0.9)
-        order[going] = np.where(slow, np.round(1.0 / (1.0 - np.where(slow, ratio, 0.0))), 1)
+        settled = (step <= 2.0 * rounding) | ((step < 1e-9) & (ratio > 0.25))
+        settled |= inside & (ratio > 0.0) & (step * ratio**2 < 0.1 * rounding)
         x[going], moved[going] = new, np.where(inside, step, np.inf)
         going = going[~settled]
     return np.asarray(x)
-
-
-def _guess(cells: Floats) -> Floats:
-    """Return about where the cubic Hermite polynomial of each cell is zero."""
-    a, b, fa, da, fb, db = cells
-    width, rise = b - a, fb - fa
-    slope, bend = width * da, 3.0 * rise - width * (2.0 * da + db)
-    last = width * (da + db) - 2.0 * rise
-    secant = np.clip(-fa / np.where(rise != 0.0, rise, 1.0), 0.0, 1.0)
-    x = secant
-    for _ in range(4):
-        value = fa + x * (slope + x * (bend + x * last))
-        rate = slope + x * (2.0 * bend + 3.0 * x * last)
-        x = x - value / np.where(rate != 0.0, rate, np.inf)
-    inside = (x >= 0.0) & (x <= 1.0)
-    return a + width * np.where(inside, x, secant)
 
 
 def _changes(one: Floats, other: Floats) -> Bools:
