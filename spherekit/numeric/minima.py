@@ -38,9 +38,9 @@ def minima(
         Minima above are left out.
     """
     x, y = _resolved(function, grid)
-    low = (y[1:-1] < y[:-2]) & (y[1:-1] <= y[2:]) & (y[1:-1] <= limit)
-    low &= np.minimum(y[:-2], y[2:]) - y[1:-1] > FLAT * y[1:-1]
-    (at,) = np.nonzero(low)
+    deep = (y[1:-1] < y[:-2]) & (y[1:-1] <= y[2:]) & (y[1:-1] <= limit)
+    deep &= np.minimum(y[:-2], y[2:]) - y[1:-1] > FLAT * y[1:-1]
+    (at,) = np.nonzero(deep)
     low, high, least = x[at], x[at + 2], y[at + 1]
     while np.any(high - low > KNOWN * (grid[-1] - grid[0])):
         places = low + (high - low) * PARTS

@@ -182,14 +182,6 @@ def cubic(start: Slope, stop: Slope, h: Floats | float, x: Floats) -> Floats:
     return blend + x * y * h * (y * slope - x * last_slope)
 
 
-def cubic_slope(start: Slope, stop: Slope, h: Floats | float, x: Floats) -> Floats:
-    """Return the derivatives of what `cubic` returns."""
-    (value, slope), (last, last_slope) = start, stop
-    y = 1.0 - x
-    blend = 6.0 * x * y * ((last - value) / h)
-    return blend + y * (1.0 - 3.0 * x) * slope + x * (3.0 * x - 2.0) * last_slope
-
-
 def hermite(
     start: tuple[Floats, Floats, Floats],
     stop: tuple[Floats, Floats, Floats],

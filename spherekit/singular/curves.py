@@ -35,7 +35,7 @@ from spherekit.motion.steps import (
     taylor,
 )
 from spherekit.numeric.crossings import bracketed_zeros
-from spherekit.numeric.zeros import cubic, cubic_slope
+from spherekit.numeric.zeros import cubic
 from spherekit.singular.locus import (
     LockedInputSection,
     LocusPoints,
@@ -94,12 +94,12 @@ class SingularCurve:
     @cached_property
     def s(self) -> Floats:
         """Arc lengths (n,) of the nodes (rad), of the Hermite polynomials through them."""
+        tangents = self.nodes.tangents[:, :, 0]
+        start, stop = tangents[:-1, None], tangents[1:, None]
         places, weights = GAUSS
         x = 0.5 * (places + 1.0)[:, None]
-        tangents = self.nodes.tangents[:, :, 0]
-        chords, values = self.chord.chords[:, None, None], self.nodes.values[:, None]
-        start, stop = (values[:-1], tangents[:-1, None]), (values[1:], tangents[1:, None])
-        speed = cubic_slope(start, stop, chords, x)
+        speed = 6.0 * x * (1.0 - x) * self.chord.directions[:, None]
+        speed = speed + (1.0 - x) * (1.0 - 3.0 * x) * start + x * (3.0 * x - 2.0) * stop
         lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chord.chords
         return np.concatenate([[0.0], np.cumsum(lengths)])
 

@@ -27,7 +27,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve, CurvePoints
 from spherekit.motion.arc_length import follow_arcs
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
-from spherekit.motion.closure import Closure, Locked, NewtonSteps, lock
+from spherekit.motion.closure import Closure, Locked, lock, newton
 from spherekit.motion.elimination import assemblies
 from spherekit.motion.loops import REDUNDANT
 from spherekit.numeric.zeros import ArrayRows
@@ -209,21 +209,14 @@ class SingularityLocus:
             (n, V, g + k) bases that the equations' bases are turned to, and the steps that
             Newton's method may take.
         """
-        steps = NewtonSteps(len(values), TRUST)
-        values, motions = values.copy(), motions.copy()
-        active = np.arange(len(values))
-        for _ in range(most):
-            near = None if like is None else like[active]
-            unit, moved, turned = self._step(
-                values[active], motions[active], borders[active], targets[active], near
-            )
-            size = np.max(np.abs(np.concatenate([moved, turned], axis=1)), axis=1)
-            part = steps.part(size, active)
-            values[active] += part * moved
-            motions[active] = unit + part * turned
-            active = active[size > CORRECTED]
-            if not len(active):
-                break
+
+        def change(here: Floats, rows: Indices) -> Floats:
+            near = None if like is None else like[rows]
+            return self._step(here, borders[rows], targets[rows], near)
+
+        both = np.concatenate([values, motions], axis=1)
+        both, steps = newton(change, both, most, CORRECTED, TRUST)
+        values, motions = np.split(both, 2, axis=1)
         space, moving, motions, off, _, equations = self._linearised(
             values, motions, borders, like
         )
@@ -249,14 +242,10 @@ class SingularityLocus:
         )
 
     def _step(
-        self,
-        values: Floats,
-        motions: Floats,
-        borders: Floats,
-        targets: Floats,
-        like: Floats | None,
-    ) -> tuple[Floats, Floats, Floats]:
-        """Return unit motions, and Newton's steps of variables and motions (n, V)."""
+        self, both: Floats, borders: Floats, targets: Floats, like: Floats | None
+    ) -> Floats:
+        """Return Newton's steps of variables and motions, in one row each (n, 2 V)."""
+        values, motions = np.split(both, 2, axis=1)
         space, moving, unit, off, shift, equations = self._linearised(
             values, motions, borders, like
         )
@@ -267,9 +256,10 @@ class SingularityLocus:
         inverse = np.linalg.pinv(equations[finite], rcond=REDUNDANT)
         change[finite] = np.einsum("nij,nj->ni", inverse, right[finite])
         ways, turning = np.split(change, [self.freedoms], axis=1)
-        turned = np.einsum("ng,ngvw,nw->nv", ways, moving.bends[:, :-1], unit)
-        turned += np.einsum("nvw,nw->nv", moving.bends[:, -1], unit) + moving.along(turning)
-        return unit, space.closing + space.along(ways), turned
+        turned = unit - motions + moving.along(turning)
+        turned += np.einsum("ng,ngvw,nw->nv", ways, moving.bends[:, :-1], unit)
+        turned += np.einsum("nvw,nw->nv", moving.bends[:, -1], unit)
+        return np.concatenate([space.closing + space.along(ways), turned], axis=1)
 
     def _linearised(
         self, values: Floats, motions: Floats, borders: Floats, like: Floats | None
