@@ -22,6 +22,20 @@ def four_bar(arcs, made=SOURCE):
 ROCKER = np.radians([100.0, 50.0, 70.0, 40.0])
 
 
+def in_line(first, other, third, fourth):
+    """Return the angles between arcs `first` and `other` where the two others are in line.
+
+    The cosine theorem: the diagonal is then their sum or their difference.
+    """
+    found = []
+    for way in (third + fourth, third - fourth):
+        cosine = np.cos(way) - np.cos(first) * np.cos(other)
+        cosine /= np.sin(first) * np.sin(other)
+        if abs(cosine) < 1.0:
+            found += [np.arccos(cosine), -np.arccos(cosine)]
+    return np.array(found)
+
+
 def findings_of(result):
     """Return the findings and the warnings of the only analysis."""
     (entry,) = result.summary["analyses"]

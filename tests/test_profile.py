@@ -224,19 +224,6 @@ def test_not_a_number_stays_one_without_a_warning(curve):
     assert np.isfinite(got.frame[1]).all()
 
 
-@pytest.mark.slow
-def test_arc_lengths_are_exact():
-    # a second quadrature: the trapezium rule has spectral accuracy on a closed curve
-    a = np.arange(512) * (2 * np.pi / 512)
-    made = cam()
-    assert made.length == pytest.approx(2 * np.pi * np.mean(made.path.speed(a)), rel=2e-15)
-    with mp.workdps(30):
-        for size in (0.9, 3.0, 6.1):
-            s, *_ = exact_cam(size)
-            u = made.table.invert(s[None])
-            assert abs(float(u[0]) - size) < 2e-14
-
-
 @pytest.mark.parametrize(
     ("cosines", "sines"),
     [(COSINES, SINES), ([1.4, 0.9], []), ([1.57] + 11 * [0.0] + [0.05], [])],

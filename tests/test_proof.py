@@ -23,7 +23,7 @@ from spherekit.motion.elimination import assemblies
 from spherekit.planning.inputs import driven_at, plan_assembly
 from spherekit.proof.balls import middle, upper
 from spherekit.proof.certificate import certified_poles, modes_certificate
-from spherekit.proof.construction import construct, permanent, removals
+from spherekit.proof.construction import construct
 from spherekit.proof.gears import Written, structure_of
 from spherekit.proof.modes import certified_modes
 
@@ -79,54 +79,6 @@ def test_every_pair_of_every_chain_can_drive_it_by_the_construction():
         for pair in mechanism.pairs:
             made = construct(structure_of(driven_at(mechanism, pair.name)))
             assert 8 <= made.bound <= 32 and len(made.equations) == made.unknowns == 3
-
-
-def plainly_removed(joins, left, first, last=()):
-    """All ways to take bodies away one after another, many of them alike."""
-    if left == {first}:
-        yield last
-    for body in sorted(left - {first}):
-        joining = [p for p, two in joins.items() if body in two and set(two) <= left]
-        if 1 <= len(joining) <= 2:
-            taken = (body, *joining), *last
-            yield from plainly_removed(joins, left - {body}, first, taken)
-
-
-def ten_bar():
-    """A ring of four bodies with three dyads put on bodies, some of dyads before."""
-    ends = [(0, 1), (1, 2), (2, 3), (3, 0)]
-    for number, (one, other) in ((4, (1, 3)), (6, (4, 2)), (8, (7, 0))):
-        ends += [(one, number), (number, number + 1), (number + 1, other)]
-    return ends
-
-
-def test_orders_of_placing_are_those_of_all_walks_each_where_it_comes_first():
-    names = (f"eight_bar_{number:02d}" for number in range(1, 17) if number not in (6, 9))
-    ends = [*(sk.load(name).ends for name in names), ten_bar()]
-    for two in ends:
-        bodies = frozenset(range(1 + max(map(max, two))))
-        # one pair is driven: its two links are one body, and the pair is none
-        joins = dict(enumerate(two))
-        one, other = joins.pop(0)
-        bodies -= {other}
-        joins = {
-            p: tuple(one if b == other else b for b in pair) for p, pair in joins.items()
-        }
-        for first in sorted(bodies)[:2]:
-            plain = {}
-            for order in plainly_removed(joins, bodies, first):
-                plain.setdefault(frozenset(order), order)
-            assert list(removals(joins, bodies, first)) == list(plain.values())
-            assert plain
-
-
-def test_permanent_is_the_sum_over_permutations():
-    matrix = np.random.default_rng(3).integers(0, 4, (5, 5))
-    terms = (
-        np.prod([matrix[row, column] for row, column in enumerate(order)])
-        for order in itertools.permutations(range(5))
-    )
-    assert permanent(matrix) == sum(terms)
 
 
 def test_sizes_within_a_tolerance_have_the_modes_that_are_proven_for_all_of_them():

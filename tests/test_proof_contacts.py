@@ -19,7 +19,6 @@ from spherekit.files.document import parse
 from spherekit.files.read import read
 from spherekit.proof.balls import middle
 from spherekit.proof.certificate import modes_certificate
-from spherekit.proof.construction import construct
 from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
 
@@ -233,11 +232,3 @@ def test_other_contacts_are_refused_before_anything_is_computed(capsys, monkeypa
         assert message in capsys.readouterr().err
     with pytest.raises(AnalysisError, match="-a poles"):
         check_provable(sk.load("four_bar"), ["statics"], whole=True)
-
-
-def test_wheels_in_a_loop_are_placed_as_by_two_inputs():
-    document = parse(geared("teeth = [40, 20]"), "geared")
-    written = Written.of(read(document), document)
-    # the same links with both cranks driven are placed alike, and are another construction
-    both = construct(Written.of(sk.load("five_bar")).structure)
-    assert (both.inputs, construct(written.structure).inputs) == (2, 1)

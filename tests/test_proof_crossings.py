@@ -19,7 +19,6 @@ from spherekit.proof.certificate import singularities
 from spherekit.proof.curves import certified_curves
 from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
-from spherekit.proof.tubes import corrected
 
 TURN = ("0", "360")
 FOLDS = ("80", "30", "50", "60")
@@ -68,33 +67,6 @@ def test_a_crossing_and_narrow_gaps_are_told_apart(step, link, sense):
             if one[kept] == other[kept]:
                 sides = saddle.rates[one][-1], saddle.rates[other][-1]
                 assert 0 not in sides and (sides[0] != sides[1]) == closes
-
-
-@pytest.mark.slow
-def test_modes_are_counted_where_parts_of_a_curve_are_undecided():
-    # they were once counted as none: the dead centres were missing in the count
-    for arcs in (("80.0000000001", "30", "50", "60"), ("40", "40", "70", "70.0001")):
-        curves = certified_curves(four_bar(arcs), TURN)
-        wide = {count for low, high, count in curves.intervals if high - low > 0.1}
-        assert wide == {2}
-
-
-def test_arms_of_a_crossing_are_where_curves_are():
-    curves = certified_curves(four_bar(FOLDS), TURN)
-    (saddle,) = curves.saddles
-    moves = np.random.default_rng(3)
-    quadrants = set()
-    for _ in range(200):
-        inner = moves.uniform(-1.0, 1.0, 2) * saddle.limits
-        place = corrected(curves.equations, saddle.centre + saddle.frame @ inner)
-        if place is None:
-            continue
-        u, v = saddle.coordinates(place)
-        if np.all(np.abs([u, v]) <= saddle.limits):
-            quadrant = saddle.quadrant(place, 1e-12)
-            assert quadrant in (None, (np.sign(u), np.sign(v)))
-            quadrants.add(quadrant)
-    assert len(quadrants - {None}) == 4
 
 
 @pytest.mark.parametrize(

@@ -17,11 +17,8 @@ from spherekit.errors import PlanError
 from spherekit.files.document import parse
 from spherekit.files.read import read
 from spherekit.guarantee import Guarantee
-from spherekit.proof.balls import bits, exact, middle
 from spherekit.proof.certificate import curves_certificate, singularities
-from spherekit.proof.construction import construct, turned_together
 from spherekit.proof.curves import certified_curves
-from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
 
@@ -96,52 +93,6 @@ def test_modes_over_several_turns_are_those_proven_at_inputs():
         counts.append(len(modes.real))
         assert curves.modes_at(np.radians(float(q))) == counts[-1]
     assert set(counts) == {0, 2}
-
-
-@pytest.mark.parametrize("teeth", [(20, 40), (30, 20), (14, 10)])
-def test_equations_with_one_variable_for_all_wheels_are_the_same(teeth):
-    written = geared(teeth)
-    apart = construct(written.structure)
-    with bits(120):
-        together = turned_together(written, apart)
-        one, other = Equations(written, together), Equations(written, apart)
-        rates = np.array([together.laps, -together.laps * teeth[0] / teeth[1]])
-        moves = np.random.default_rng(4)
-        for x, part in moves.uniform(-3, 3, (4, 2)):
-            given = written.given([exact(float(part)) * together.laps])
-            (jet,) = one.at([exact(float(x)), exact(float(part))], 2)
-            (plain,) = other.at([exact(float(x)), *given], 2)
-            numbers = {key: middle(ball[0, 0].real) for key, ball in plain.items()}
-            first = sum(rates[k] * numbers.get((k + 1,), 0.0) for k in (0, 1))
-            second = sum(
-                rates[j] * rates[k] * numbers.get((min(j, k) + 1, max(j, k) + 1), 0.0)
-                for j in (0, 1)
-                for k in (0, 1)
-            )
-            mixed = sum(rates[k] * numbers.get((0, k + 1), 0.0) for k in (0, 1))
-            wanted = {
-                (): numbers[()],
-                (0,): numbers[(0,)],
-                (1,): first,
-                (0, 0): numbers[(0, 0)],
-                (0, 1): mixed,
-                (1, 1): second,
-            }
-            made = {key: middle(ball[0, 0].real) for key, ball in jet.items()}
-            assert made.keys() == wanted.keys()
-            assert max(abs(made[key] - wanted[key]) for key in wanted) < 1e-12
-            turns = np.array([[np.cos(x), np.sin(x)], [np.cos(part), np.sin(part)]])
-            (degrees,) = together.degrees
-            value, slope, bend = one.real.second(turns)
-            error = one.real.error[0] * np.array(
-                [1, *degrees, *np.outer(degrees, degrees).flat]
-            )
-            keys = (), (0,), (1,), (0, 0), (0, 1), (0, 1), (1, 1)
-            exactly = np.array([wanted[key] for key in keys])
-            near = np.array([value[0], *slope[0], *bend[0].flat])
-            assert np.all(np.abs(near - exactly) <= error + 1e-13)
-            size = one.bound[0]
-            assert abs(made[(1, 1)]) <= size * degrees[1] ** 2
 
 
 def test_wheels_are_told_to_come_back_or_refused():

@@ -66,17 +66,6 @@ def test_inputs_are_clear_of_type_ii_as_far_as_is_said(five_bar):
         assert len(set(modes_of_five_bar(around).tolist())) == 1
 
 
-@pytest.mark.long
-def test_no_singularity_of_a_run_is_in_a_regular_box(five_bar):
-    frame = sk.run(sk.load("five_bar"), "singularities", samples=3).frame("singularities")
-    frame = frame[(frame["kind"] == "II") & (frame["inside"] == "yes")]
-    places = frame[["q_21", "q_51"]].to_numpy()
-    inside = np.abs(five_bar.centres - places[:, None]) <= five_bar.radii * (1 + 1e-9)
-    inside = np.all(inside, axis=2)
-    kinds = np.array([np.max(five_bar.kind[row], initial=-1) for row in inside])
-    assert len(kinds) > 30 and np.all(kinds > REGULAR)
-
-
 @pytest.mark.parametrize(
     "ends", [[("20", "20.4"), ("17", "17.4")], pytest.param(None, marks=pytest.mark.long)]
 )

@@ -1,7 +1,6 @@
 """Certified curves and singularities over a range, against modes, floats and a checker."""
 
 import copy
-import itertools
 import json
 import random
 from dataclasses import replace
@@ -229,19 +228,6 @@ def test_the_input_is_clear_of_singularities_as_far_as_is_said():
     assert part.clearance(np.radians(71.0)) <= np.radians(1.0)
 
 
-def test_dead_centres_of_two_modes_at_one_input_are_two_and_counted_as_such():
-    # a follower driven: both dead centres of the crank are mirror images of each other
-    curves = over("four_bar", "41")
-    stops = [stop for found, _ in curves.stopping for stop in found]
-    assert len(stops) == len(curves.turning_points) == 4
-    twins = [
-        (one, two)
-        for one, two in itertools.combinations(stops, 2)
-        if abs(np.sin(0.5 * (one.place[-1] + two.place[-1]))) < 1e-6
-    ]
-    assert len(twins) == 2
-
-
 def test_the_command_proves_the_range_of_the_file(tmp_path, capsys):
     path = tmp_path / "curves.json"
     assert main(["certify", "four_bar", "-o", str(path)]) == 0
@@ -294,11 +280,3 @@ def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
         alone = certified_modes(Written.of(locked), (q,), construct(structure_of(locked)))
         assert held.complete and alone.complete
         assert len(held.real) == len(alone.real)
-
-
-@pytest.mark.long
-def test_a_wrist_with_two_inputs_locked_is_checked(tmp_path):
-    path = tmp_path / "certificate.json"
-    locks = ["--lock", "a2=60", "--lock", "a3=70"]
-    assert main(["certify", "three_rrr", *locks, "-o", str(path)]) == 0
-    check(json.loads(path.read_text()))

@@ -12,7 +12,6 @@ from refusals import text_of
 pytest.importorskip("rerun", reason="the viewer extra is not installed")
 
 from rerun.chunk import RrdReader
-from spherekit_analyses.poles import Chart
 
 import spherekit as sk
 from spherekit.analysis.plotted import broken, cut, plotted_range
@@ -21,7 +20,6 @@ from spherekit.cli.main import main
 from spherekit.cli.view import find_recording
 from spherekit.errors import OutputError, SolveError
 from spherekit.view.charts import FRAME_HEIGHT, gridded, ticks, written
-from spherekit.view.diagrams import clipped
 from spherekit.view.pictures import check_picture, check_version
 from spherekit.view.rerun_view import RerunRecorder
 from spherekit.view.viewer import preview
@@ -196,41 +194,6 @@ def test_the_moving_axode_rolls_on_the_fixed_one():
     sine = np.linalg.norm(np.cross(there, here), axis=1)
     size = np.linalg.norm(there, axis=1) * np.linalg.norm(here, axis=1)
     assert np.max((sine / size)[2:-2]) < 5e-3  # tangent
-
-
-def test_the_derivative_of_a_pole_is_that_of_its_columns():
-    other = sk.run("four_bar", "poles:only=32", samples=2881).frame()
-    for frame in (four_bar_axodes()[1], other.query("assembly_mode == 1")):
-        u, q = frame[["ux", "uy", "uz"]].to_numpy(), frame["q"].to_numpy()
-        slope = (u[2:] - u[:-2]) / (q[2:] - q[:-2])[:, None]
-        given = frame[["dux_dq", "duy_dq", "duz_dq"]].to_numpy()[1:-1]
-        assert np.max(np.abs(given - slope)) < 2e-5
-
-
-def test_great_circles_are_straight_lines_in_the_chart():
-    random = np.random.default_rng(4)
-    chart = Chart(sk.load("four_bar"), np.array([[0.2, 0.9, 0.1], [0.1, 0.8, -0.3]]))
-    assert chart.names == ["y", "z", "x"]
-    normal, any_one = random.normal(size=(2, 40, 3))
-    along = np.cross(normal, any_one)
-    places = chart.points(along)
-    lines = chart.lines(normal)
-    off = np.sum(lines[:, :2] * places, axis=1) + lines[:, 2]
-    assert np.max(np.abs(off) / np.linalg.norm(lines, axis=1)) < 1e-9
-    assert chart.points(np.array([0.6, 0.5, 0.3])) == pytest.approx([0.6, 1.2])
-    diagram = Diagram(
-        "d", "d", "x", "y", (-2.0, 2.0), (-1.0, 1.0), [], np.zeros((40, 0, 2)), [],
-        lines[:, None],
-    )  # fmt: skip
-    ends, known = clipped(diagram)
-    assert 5 < np.sum(known) < 40
-    seen, own = ends[known], lines[known[:, 0]]
-    gap = np.einsum("nek,nk->ne", seen, own[:, :2]) + own[:, 2:]
-    assert np.max(np.abs(gap)) < 1e-9 * np.max(np.abs(own))
-    on_border = np.isclose(np.abs(seen[..., 0]), 2.0) | np.isclose(
-        np.abs(seen[..., 1]), 1.0
-    )
-    assert np.all(on_border)
 
 
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "four_bar"])

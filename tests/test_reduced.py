@@ -15,7 +15,7 @@ from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.tabulate import reduced_model
 from spherekit.dynamics.tabulated import load_reduced
 from spherekit.engine.fields import evaluate
-from spherekit.errors import FileError, ModelError, PlanError, SolveError
+from spherekit.errors import FileError, PlanError, SolveError
 from spherekit.exchange.bodies import rigid_bodies
 from spherekit.files.read import load
 from spherekit.files.write import dumps
@@ -117,36 +117,6 @@ def test_inertia_and_torque_are_those_of_the_inverse_problem(
         one = model.torque(*(float(x[row]) for x in args))
         assert isinstance(one, float)
         assert abs(one - found.tau[row]) < 1e-12 * np.max(np.abs(found.tau))
-
-
-def test_single_inputs_give_what_arrays_give(models):
-    rng = np.random.default_rng(9)
-    x, dx, ddx, t = rng.uniform(-20.0, 20.0, (4, 300))
-    for model in models:
-        every = model.torque(x, dx, ddx, t)
-        single = [model.torque(*map(float, row)) for row in zip(x, dx, ddx, t, strict=True)]
-        assert np.max(np.abs(every - single)) < 1e-13 * np.max(np.abs(every))
-        names = ("theta_41", "d(theta_41)/dq", "B", "d(B)/dq", "rate 3/1")
-        for each in model.heading.functions:
-            if each.name in names:
-                single = [model.value(each.name, float(place)) for place in x]
-                gap = np.max(np.abs(model.value(each.name, x) - single))
-                assert gap < 2e-14 * max(each.largest, 20.0 * (each.name in names[:1]))
-        single = [model.pole("3/1", float(place)) for place in x]
-        assert np.max(np.abs(model.pole("3/1", x) - single)) < 2e-14
-
-
-def test_a_table_at_one_time_is_that_of_arrays():
-    for table in (
-        TorqueTable("motor", "21", (0.2, 0.7, 1.5), (3.0, -1.0, 3.5), True),
-        TorqueTable("motor", "21", (-9.0, 0.7, 9.0), (3.0, -1.0, 3.5)),
-    ):
-        t = np.random.default_rng(2).uniform(-9.0, 9.0, 200)
-        t[:3] = 0.7, 9.0, -9.0
-        single = [table.one(float(each)) for each in t]
-        assert np.allclose(single, table.at(t), rtol=0.0, atol=1e-14)
-    with pytest.raises(ModelError, match="asked for t from 10 to 10 s"):
-        table.one(10.0)
 
 
 def test_laps_only_add_whole_turns(models):

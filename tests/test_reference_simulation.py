@@ -11,7 +11,7 @@ from exact_four_bar import four_bar as four_bar_at
 import spherekit as sk
 from spherekit.analysis.registry import create
 from spherekit.analysis.running.evaluation import Setting
-from spherekit.conventions import EPS, Status
+from spherekit.conventions import EPS
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.reference import reference_simulation
 from spherekit.engine.compiler import available
@@ -22,9 +22,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry
 from spherekit.model.study import Start
 from spherekit.motion.motion import PositionAnalysis
-from spherekit.proof.balls import Digits, exactly, floats, library
-from spherekit.proof.rows import exact_direction, exact_rows
-from spherekit.proof.simulation import exact_inertia
+from spherekit.proof.balls import Digits
 from spherekit.tradeoff.trade import trade
 
 compiled = pytest.mark.skipif(not available(), reason="heyoka is not installed")
@@ -270,86 +268,6 @@ def test_reported_errors_of_a_four_bar_are_within_a_factor_two(four_bar):
     for each in found.settings:
         tables = tables_of(FOUR_BAR, "eksergian", each.setting, t, START)
         error = scaled(tables, true)
-        assert 0.5 * error <= each.error <= 2.0 * error, (each.name, each.error, error)
-
-
-def with_masses(name, *links):
-    """Return a shipped mechanism with two different masses and no loads."""
-    tensors = (
-        ((1.5, 0.1, 0.0), (0.1, 0.9, -0.2), (0.0, -0.2, 0.8)),
-        ((0.4, 0.0, 0.1), (0.0, 0.7, 0.0), (0.1, 0.0, 0.6)),
-    )
-    masses = tuple(Mass(link, own) for link, own in zip(links, tensors, strict=True))
-    return replace(sk.load(name), masses=masses, loads=())
-
-
-def rows_in_digits(made, q):
-    """Return the exact rows at inputs of mpmath, assembly mode 0."""
-    tracer = PositionAnalysis(made, None, 0, path=np.array([[float(x)] for x in q]))
-    motion = tracer.at(np.array([float(x) for x in q]))
-    inputs = np.array([[library().arb(x)] for x in q])
-    every = np.ones(len(motion), dtype=bool)
-    driven = motion.assembly.inputs[0]
-    found = exact_rows(motion, every, driven, FIFTY, inputs=inputs)
-    assert np.all(found.status == Status.OK)
-    return found
-
-
-def free_motion(made, start, t, nodes):
-    """Return inputs and rates in 50 digits of a mechanism without loads."""
-    near = simulate(made, start, float(t[-1]), tolerance=1e-13).at(t).q
-
-    def inertia(q):
-        return list(exact_inertia(rows_in_digits(made, q))[0])
-
-    return inputs_at(t, start, inertia, lambda q: mp.mpf(0), near, nodes)
-
-
-def error_of_poles(tables, exact, poles):
-    """Return the largest scaled error of the table `poles`, see `tradeoff.deviation`."""
-    data = tables["poles"]
-    worst = 0.0
-    size = {"velocity_coefficient": 0.0, "acceleration_coefficient": 0.0}
-    error = dict.fromkeys(size, 0.0)
-    for k, (i, j) in enumerate(poles):
-        own = {name: np.asarray(x)[k :: len(poles)] for name, x in data.items()}
-        u = np.stack([own[f"u{c}"] for c in "xyz"], axis=1)
-        right = exact_direction(exact, (i, j), u)
-        worst = max(worst, np.max(np.abs(floats(right - exactly(u)))))
-        for name, w in (
-            ("velocity_coefficient", exact.w),
-            ("acceleration_coefficient", exact.dw),
-        ):
-            along = np.sum((w[:, j] - w[:, i]) * right, axis=1)
-            off_by = np.abs(floats(along - exactly(own[name])))
-            error[name] = max(error[name], np.max(off_by))
-            size[name] = max(size[name], np.max(np.abs(floats(along))))
-    return max(worst, *(error[name] / size[name] for name in size), EPS)
-
-
-@pytest.mark.slow
-def test_reported_errors_of_a_stephenson_mechanism_are_within_a_factor_two():
-    made = with_masses("stephenson", "3", "6")
-    start, t = Start(0.4, 2.0), np.linspace(0.0, 0.3, 2)
-    q, rates = free_motion(made, start, t, 13)
-    at = reference_simulation(made, start, float(t[-1])).at(t)
-    assert off(at.values[:, 0], q) < 1e-18
-    assert off(at.rates[:, 0], rates) < 4e-18
-    found = trade(
-        made,
-        "poles",
-        samples=len(t),
-        start=start,
-        duration=float(t[-1]),
-        settings=SETTINGS[1:4],
-        rounds=1,
-    )
-    exact = rows_in_digits(made, q)
-    for each in found.settings:
-        tables = tables_of(made, "poles", each.setting, t, start)
-        wanted = create("poles").poles(made)
-        angles = np.asarray(tables["poles"]["q"])[:: len(wanted)]
-        error = max(error_of_poles(tables, exact, wanted), off(angles, q))
         assert 0.5 * error <= each.error <= 2.0 * error, (each.name, each.error, error)
 
 

@@ -4,6 +4,7 @@ Nothing is traced, searched or integrated before a mistake in a file or command 
 """
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from refusals import TABLES, changed, check, check_call, text_of
 import spherekit as sk
 from spherekit.analysis.registry import registered
 from spherekit.cli.main import main
+from spherekit.design.sweep import between
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.tabulate import reduced_model
@@ -24,6 +26,11 @@ from spherekit.files.read import loads
 from spherekit.model.study import ConstantSpeed, Start, Tabulated
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import PositionAnalysis
+from spherekit.singular.aspects import aspects
+from spherekit.singular.curves import singular_curves
+from spherekit.singular.single import SingleFreedom
+from spherekit.singular.stationarity import output_of
+from spherekit.singular.surface import singular_surface
 from spherekit.tradeoff.trade import trade
 
 TEMPLATE = Path(sk.__file__).parent / "cli" / "templates" / "four_bar.toml"
@@ -32,24 +39,23 @@ MECHANISMS = (
     "loaded",
 )
 STUDIES = "study.study", "constant.study", "table.study", "timed.study"
-NAMES = {
-    "sk": sk,
-    "np": np,
-    "FOUR_BAR": sk.load("four_bar"),
-    "FIVE_BAR": sk.load("five_bar"),
-    "START": Start(0.3, 1.0),
-    "LAW": ConstantSpeed(1.0),
-    "NAN": float("nan"),
-    "built": built,
-    "LINKS": LINKS,
-    "two_four_bars": two_four_bars,
-    "simulate": simulate,
-    "inverse_dynamics": inverse_dynamics,
-    "reduced_model": reduced_model,
-    "mjcf": mjcf,
-    "trade": trade,
-    "Tabulated": Tabulated,
-    "PositionAnalysis": PositionAnalysis,
+CALLED = (
+    *(
+        PositionAnalysis,
+        SingleFreedom,
+        Tabulated,
+        aspects,
+        between,
+        built,
+        inverse_dynamics,
+    ),
+    *(mjcf, output_of, reduced_model, replace, simulate, singular_curves, singular_surface),
+    *(trade, two_four_bars),
+)
+NAMES = {each.__name__: each for each in CALLED} | {
+    **{"sk": sk, "np": np, "LINKS": LINKS, "NAN": float("nan")},
+    **{"FOUR_BAR": sk.load("four_bar"), "FIVE_BAR": sk.load("five_bar")},
+    **{"START": Start(0.3, 1.0), "LAW": ConstantSpeed(1.0)},
 }
 SHOWS_A_POSE = "run five_bar -a inverse_kinematics"
 """Its message has a pose that the mechanism reaches, which takes a configuration."""

@@ -4,10 +4,6 @@ import numpy as np
 import pytest
 from closed_forms import (
     five_bar_area,
-    five_bar_margins,
-    mid_plane_angles,
-    mid_plane_area,
-    mid_plane_margins,
 )
 from sphere_areas import common_area
 
@@ -332,36 +328,3 @@ def test_wrong_use_is_told():
         find_region(caps([[1, 2, 3]], [0.7], [True]), 0)
     with pytest.raises(RegionError, match="is not a direction"):
         find_region(caps([[1, 2, 3]], [0.7], [True])).nearest([0, 0, 0])
-
-
-@pytest.mark.parametrize(
-    "base, legs", [(90, (75, 75, 75, 75)), (60, (50, 70, 40, 65)), (100, (60, 35, 50, 30))]
-)
-def test_workspace_of_the_five_bar(base, legs):
-    base, legs = np.deg2rad(base), tuple(np.deg2rad(legs))
-    exact = five_bar_area(base, legs)
-    axes = [[1, 0, 0], [np.cos(base), np.sin(base), 0]]
-    near = [abs(legs[0] - legs[1]), abs(legs[2] - legs[3])]
-    far = [legs[0] + legs[1], legs[2] + legs[3]]
-    of_caps = common_area(axes + axes, near + far, [False] * 2 + [True] * 2)
-    assert abs(exact - of_caps) < 1e-9
-    for tolerance in 10.0 ** -np.arange(2.0, 9.0, 2.0):
-        region = find_region(lambda p: five_bar_margins(p, base, legs), tolerance)
-        assert abs(region.area - exact) <= region.error <= tolerance
-    assert abs(region.area - exact) < 1e-9 * exact
-
-
-def test_workspace_of_the_mid_plane_mechanism():
-    """Table 2 and the 10 degree rule of Chen et al., on both sides of z = 0."""
-    exact = mid_plane_area()
-    region = find_region(mid_plane_margins, 1e-8)
-    assert len(region.components) == 2
-    for component in region.components:
-        assert abs(component.area - exact) < 1e-8 * exact
-        (number,) = component.boundaries
-        boundary = region.boundaries[number]
-        assert sorted(arc.margin for arc in boundary.arcs) == [0, 1, 2, 3]
-        phi, gamma = np.rad2deg(mid_plane_angles(boundary.corners))
-        order = np.argsort(phi)
-        assert phi[order] == pytest.approx([11.5519, 49.8502, 49.8502, 95.8430], abs=5e-5)
-        assert gamma[order] == pytest.approx([0.0, 67.5085, 67.5085, 0.0], abs=5e-5)

@@ -20,7 +20,7 @@ from spherekit.errors import SpherekitError
 from spherekit.model.study import Study
 from spherekit.numeric.unread import LazyColumn
 from spherekit.planning.poles import all_poles
-from spherekit.rates.request import _flips, request, signs_at_stops
+from spherekit.rates.request import request, signs_at_stops
 
 LONG_SEARCHES = {7, 15}
 """Seeds of chains that cannot move, which takes seconds to find out."""
@@ -182,15 +182,6 @@ def test_tables_are_made_when_they_are_read(name, samples, monkeypatch):
 
 def _joined_of(result):
     return [table for item in result.results.values() for table in item.data.values()]
-
-
-@pytest.mark.parametrize("least", [7e-33, -7e-33, 8e-17, -8e-17])
-def test_rates_that_are_nearly_zero_at_a_sample_reverse_once(least):
-    """Which way rounding points there does not matter."""
-    q, along = np.array([-1.0, 0.0, 1.0]), np.array([[0.0], [0.6], [0.8]])
-    w = along * [7e-4, least, -7e-4]
-    path = np.concatenate([[q], np.ones((1, 3)), w, along * np.full(3, -7e-4)])
-    assert np.prod(_flips(path)) == -1.0
 
 
 def test_results_are_copied_as_arrays():

@@ -14,7 +14,6 @@ from spherekit.analysis.frames import read_parquet
 from spherekit.analysis.link_scenes import link_shapes
 from spherekit.cli.main import main
 from spherekit.errors import OutputError
-from spherekit.model.mechanism import Mechanism
 from spherekit.motion import assembly_modes as assembly_modes
 
 POLES = [
@@ -227,22 +226,3 @@ def test_pruned_run_gives_the_numbers_of_the_whole():
 def test_axes_that_coincide_are_drawn_once():
     for shape in link_shapes(sk.load("bevel_differential")):
         assert all(np.isfinite(curve).all() for curve in shape.curves)
-
-
-def test_geometry_and_inputs_of_a_run_are_made_once(monkeypatch):
-    made = []
-    geometry, changed = assembly_modes.geometry_of, Mechanism.with_inputs
-    monkeypatch.setattr(
-        assembly_modes,
-        "geometry_of",
-        lambda *given: made.append("geometry") or geometry(*given),
-    )
-
-    def with_inputs(self, *pairs):
-        found = changed(self, *pairs)
-        made.extend(["inputs"] * (found is not self))
-        return found
-
-    monkeypatch.setattr(Mechanism, "with_inputs", with_inputs)
-    sk.run("four_bar", samples=3, input_pair="41")
-    assert made == ["inputs", "geometry"]

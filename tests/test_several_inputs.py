@@ -1,7 +1,5 @@
 """Mechanisms with several inputs: freedoms, motion over paths and grids, poles."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from example_mechanisms import dixon
@@ -11,8 +9,6 @@ from scipy.optimize import brentq
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.engine.fields import evaluate
-from spherekit.model.parts import Input
-from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import graph_mobility
@@ -199,27 +195,6 @@ def test_differential_law():
 
 
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm", "three_rrr"])
-def test_superposition(name):
-    """omega u = sum of omega_i u_i: the motion along any direction of the inputs."""
-    tracer = PositionAnalysis(sk.load(name), samples=3)
-    motion = tracer.motion()
-    fields = fields_of(tracer, motion)
-    speeds = np.random.default_rng(5).normal(size=len(fields))
-    for row in np.flatnonzero(fields[0].status == Status.OK)[:6]:
-        w, _ = locked_rates(
-            motion, row, dict(zip(motion.assembly.inputs, speeds, strict=True))
-        )
-        for i, j in all_poles(len(motion.mechanism.links)):
-            total = sum(
-                speed
-                * field.velocity_coefficient[i, j][row]
-                * np.nan_to_num(field.direction[i, j][row])
-                for speed, field in zip(speeds, fields, strict=True)
-            )
-            assert np.linalg.norm(total - (w[j] - w[i])) < 1e-9
-
-
-@pytest.mark.parametrize("name", ["five_bar", "two_dof_spm", "three_rrr"])
 def test_derivative_by_the_moved_input(name):
     """acceleration_coefficient by the remainder of a Taylor step, the other inputs held."""
     made = sk.load(name)
@@ -291,45 +266,6 @@ def test_a_grid_holds_every_path_and_blocks_do_not_matter(name):
         }
         here = along.values[(along.sample == k) & ~along.failed]
         assert {tuple(np.round(np.exp(1j * v), 8)) for v in here} <= there
-
-
-def test_a_mode_spreads_around_what_it_cannot_reach():
-    """A sheet covers every sample that the closed form of the same mode covers."""
-    made = replace(
-        sk.load("five_bar"), inputs=(Input("21", 0.2, 2.9), Input("51", 0.2, 2.9))
-    )
-    tracer = PositionAnalysis(made, samples=[15, 15])
-    motion = tracer.motion()
-    from spherekit.motion.guides import spread_each
-
-    for assembly_mode in tracer.assembly_modes:
-        rows = motion.assembly_mode == assembly_mode.number
-        ok = np.flatnonzero(motion.status[rows] == Status.OK)
-        start = ok[len(ok) // 2]
-        starts = np.array([start, ok[0]])
-        sheets = spread_each(
-            tracer.solver.closure,
-            tracer.solver.driven,
-            tracer.input_grid,
-            starts,
-            motion.values[rows][starts],
-        )
-        for sheet in sheets:
-            assert np.array_equal(np.flatnonzero(sheet.status == Status.OK), ok)
-            ours = sheet.values[ok] - motion.values[rows][ok]
-            assert np.max(np.abs(np.exp(1j * ours) - 1.0)) < 1e-11
-
-
-def test_neighbours_on_a_lattice():
-    input_grid = InputGrid(np.zeros((6, 2)), (2, 3))
-    assert input_grid.neighbours().T.tolist() == [
-        [3, -1, 1, -1],
-        [4, -1, 2, 0],
-        [5, -1, -1, 1],
-        [-1, 0, 4, -1],
-        [-1, 1, 5, 3],
-        [-1, 2, -1, 4],
-    ]
 
 
 def test_an_over_constrained_mechanism_moves():

@@ -97,7 +97,14 @@ def check_counts(tracer, found, analysis, points):
     return len(places), len(set(counts))
 
 
-def check(number):
+def marked(number):
+    """Some chains are asked by default, some are slow, all others take long."""
+    marks = {0: (), 3: (), **dict.fromkeys((1, 4, 7, 10, 13), pytest.mark.slow)}
+    return pytest.param(number, marks=marks.get(number, pytest.mark.long))
+
+
+@pytest.mark.parametrize("number", [marked(k) for k in range(len(CHAINS))])
+def test_singularities_of_random_chains_are_exact_and_all(number):
     tracer, found, analysis, report = analysed(number)
     assert found.guarantee is Guarantee.COMPLETE and not found.mismatches
     assert not (report.crossings or report.whole or report.notes or report.gaps)
@@ -107,24 +114,3 @@ def check(number):
     dead, counts = check_counts(tracer, found, analysis, points)
     assert len(points) >= 8
     assert counts > 1 and dead >= 4 and dead % 2 == 0
-
-
-@pytest.mark.parametrize("number", [0, 3])
-def test_singularities_of_random_chains_are_exact_and_all(number):
-    check(number)
-
-
-FEW = (1, 4, 7, 10, 13)
-"""Chains that are asked in every run of the tests; all are with -m long as well."""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "number",
-    [
-        number if number in FEW else pytest.param(number, marks=pytest.mark.long)
-        for number in range(len(CHAINS))
-    ],
-)
-def test_singularities_of_all_chains_are_exact_and_all(number):
-    check(number)

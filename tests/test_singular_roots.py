@@ -7,14 +7,13 @@ import pytest
 from refusals import text_of
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from singular_examples import ROCKER, axes_at, findings_of, four_bar
+from singular_examples import ROCKER, axes_at, findings_of, four_bar, in_line
 
 import spherekit as sk
 from spherekit import progress
 from spherekit.guarantee import Guarantee, TimeLimit
 from spherekit.guidance.loci import SIDE, mid_plane_loci
 from spherekit.motion.motion import PositionAnalysis
-from spherekit.motion.turns import into_range, turns_in_range
 from spherekit.singular.curves import singular_curves
 from spherekit.singular.surface import singular_surface
 from spherekit.sphere.rotation import normal_at
@@ -105,11 +104,7 @@ def test_what_rolls_with_a_cam_comes_back_with_the_input(tmp_path):
 
 def test_what_lies_outside_the_range_is_marked_at_the_nearest_turn():
     """Dead centres of a rocker: coupler and follower in line, an angle of their arcs."""
-    base, crank, coupler, follower = ROCKER
-    across = coupler + follower
-    turn = np.arccos(
-        (np.cos(across) - np.cos(base) * np.cos(crank)) / (np.sin(base) * np.sin(crank))
-    )
+    turn = np.max(in_line(*ROCKER))
     whole = sk.run(four_bar(ROCKER), NAME, samples=9).frame()
     dead = np.sort(whole[whole["kind"] == "II"]["q"])
     assert np.min(np.abs(np.mod(dead - turn + np.pi, 2 * np.pi) - np.pi)) < 1e-9
@@ -122,10 +117,8 @@ def test_what_lies_outside_the_range_is_marked_at_the_nearest_turn():
     away = frame[frame["kind"] == "II"]
     assert set(away["inside"]) == {"no"}
     gap = np.maximum(low - away["q"], away["q"] - high)
-    again = [
-        np.maximum(low - q, q - high)
-        for q in (away["q"] + 2 * np.pi, away["q"] - 2 * np.pi)
-    ]
+    turned = (away["q"] + 2 * np.pi, away["q"] - 2 * np.pi)
+    again = [np.maximum(low - q, q - high) for q in turned]
     assert np.all(gap > 0.0) and all(np.all(gap <= other) for other in again)
     figures, _ = findings_of(result)
     assert "II" not in figures["singularities"]
@@ -135,10 +128,7 @@ def test_what_lies_outside_the_range_is_marked_at_the_nearest_turn():
 @pytest.mark.parametrize(("low", "high"), [(0.0, 720.0), (-500.0, 400.0), (10.0, 370.0)])
 def test_places_are_listed_for_every_turn_of_a_range(low, high):
     """Dead centres of a rocker by the spherical law of cosines, at plus and minus."""
-    base, crank, coupler, follower = ROCKER
-    stretched = np.cos(coupler + follower) - np.cos(base) * np.cos(crank)
-    dead = np.degrees(np.arccos(stretched / (np.sin(base) * np.sin(crank))))
-    turns = np.arange(-3, 4)[:, None] * 360.0 + [dead, -dead]
+    turns = np.arange(-3, 4)[:, None] * 360.0 + np.degrees(in_line(*ROCKER))
     truth = np.sort(turns[(turns > low) & (turns < high)])
     made = four_bar(ROCKER).with_inputs("21")
     path = np.radians(np.linspace(low, high, 31))[:, None]
@@ -152,12 +142,8 @@ def test_places_are_listed_for_every_turn_of_a_range(low, high):
     relation = result.frame(NAME, "relation")
     relation = relation[relation["input_margin_II"].notna()]
     assert len(relation)
-    leads = np.stack(
-        [
-            relation["q"] + relation["input_margin_II"],
-            relation["q"] - relation["input_margin_II"],
-        ]
-    )
+    margin = relation["input_margin_II"]
+    leads = np.stack([relation["q"] + margin, relation["q"] - margin])
     every = np.radians(turns.ravel())
     assert np.all(np.min(np.abs(leads[..., None] - every), axis=(0, 2)) < 1e-7)
 
@@ -176,23 +162,6 @@ def test_a_place_at_both_ends_of_a_turn_is_listed_once():
     assert np.sum(np.isfinite(to)) > 9
     away = np.pi - np.abs(relation["q"].to_numpy())
     assert np.nanmax(np.abs(to - away)) < 1e-11
-
-
-def test_turns_of_an_input():
-    q = np.array([-0.1, 0.5, 7.0, 3.9])
-    found = into_range(q, 0.0, 1.0, 2 * np.pi)
-    assert found == pytest.approx([-0.1, 0.5, 7.0 - 2 * np.pi, 3.9 - 2 * np.pi])
-    assert np.array_equal(into_range(q, 0.0, 1.0, np.inf), q)
-    assert into_range(np.array([2 * np.pi]), 0.0, 2 * np.pi, 2 * np.pi)[0] == pytest.approx(
-        0.0
-    )
-    turned, which = turns_in_range(q, -1.0, 12.0, 2 * np.pi)
-    assert which.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
-    laps = (turned - q[which]) / (2 * np.pi)
-    assert laps == pytest.approx(np.round(laps)) and np.all(np.abs(turned - 5.5) <= 6.5)
-    once, _ = turns_in_range(np.array([0.0, 1.0]), 0.0, 4 * np.pi, 2 * np.pi)
-    assert once == pytest.approx([0.0, 2 * np.pi, 1.0, 1.0 + 2 * np.pi])
-    assert turns_in_range(q, 0.0, 100.0, np.inf)[0].tolist() == q.tolist()
 
 
 def check_points(tracer, points, kind):
@@ -234,9 +203,8 @@ def test_surfaces_from_random_starts_are_at_the_inputs_given(kind):
     ends = np.array([(item.start, item.stop) for item in made.inputs])
     off = np.abs(mesh.points.inputs[mesh.border][..., None] - ends)
     assert np.max(np.min(np.max(off, axis=1), axis=(1, 2))) < 1e-9
-    away = (
-        mesh.points.values[mesh.triangles[:, 0]] - mesh.points.values[mesh.triangles[:, 1]]
-    )
+    one, other = mesh.triangles[:, 0], mesh.triangles[:, 1]
+    away = mesh.points.values[one] - mesh.points.values[other]
     away -= 2.0 * np.pi * np.round(away / (2.0 * np.pi))
     assert np.max(np.linalg.norm(away, axis=1)) < 0.75 * 0.25
 
@@ -398,16 +366,11 @@ def test_the_output_reverses_where_it_is_said_to(name):
     reversing = places[places["reversal"].str.contains("output", na=False)]
     changes = 0
     for assembly_mode, rows in rates.groupby("assembly_mode"):
-        w = (
-            rows[["ux", "uy", "uz"]].to_numpy()
-            * rows["velocity_coefficient"].to_numpy()[:, None]
-        )
+        u, size = rows[["ux", "uy", "uz"]].to_numpy(), rows["velocity_coefficient"]
+        w = u * size.to_numpy()[:, None]
         q = rows["q"].to_numpy()
-        own = reversing[
-            reversing["assembly_mode"].map(
-                lambda text, b=assembly_mode: str(b) in text.split()
-            )
-        ]
+        modes = reversing["assembly_mode"].str.split()
+        own = reversing[[str(assembly_mode) in each for each in modes]]
         for k in range(len(q) - 1):
             if not np.all(np.isfinite(w[k : k + 2])):
                 continue

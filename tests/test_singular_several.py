@@ -15,7 +15,6 @@ from singular_examples import axes_at, components
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.engine.fields import evaluate
-from spherekit.errors import AnalysisError, ModelError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Output, Pair, SizeGeometry
 from spherekit.motion.closure import lock
@@ -289,38 +288,6 @@ def test_agile_eye_in_closed_form():
         assert at_reference(made)[0].type[0] == RowType.REGULAR
 
 
-def test_agile_eye_with_a_leg_that_turns_on_its_own():
-    random = np.random.default_rng(13)
-    for angle, free in zip([0.4, 1.9, -1.1], random.uniform(0.0, 6.0, 3), strict=True):
-        turn = Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix()
-        assert abs(right_angle_locus(np.diag(turn))) < 1e-15
-        axes = [np.eye(3)[0], np.array([0.0, np.cos(free), np.sin(free)]), turn[:, 0]]
-        for k in (1, 2):
-            elbow = unit(np.cross(np.eye(3)[k], turn[:, k]))
-            axes += [np.eye(3)[k], elbow, turn[:, k]]
-        found, _ = at_reference(three_legs(np.array(axes)))
-        assert found.type[0] == RowType.III and found.group[0] == 1
-
-
-def test_newton_reaches_the_locus_of_right_angles():
-    """From any orientation onto type II, to one that fulfils the closed form."""
-    random = np.random.default_rng(11)
-    reached = 0
-    for _ in range(6):
-        turn = Rotation.random(random_state=random).as_matrix()
-        made = all_right_angles(turn, (1, 1, -1))
-        solver = solver_of(made)
-        locus = SingularityLocus(solver.closure, 3, InputsLocked(solver.driven))
-        point = locus.onto(solver.geometry.reference[None])
-        if not point.good[0]:
-            continue
-        reached += 1
-        space = locus.space(point.values)
-        there = output_of(made).orientation(space.at)[0] @ turn
-        assert abs(right_angle_locus(np.diag(there))) < 1e-12
-    assert reached >= 3
-
-
 def test_derivatives_of_measures_are_exact():
     """The remainder of the first-order Taylor polynomial falls with the square."""
     random = np.random.default_rng(12)
@@ -559,17 +526,6 @@ def test_surface_of_type_two_in_a_three_rrr():
     assert np.max(lengths) < 0.75 and np.median(lengths) == pytest.approx(0.3, abs=0.06)
 
 
-def test_a_surface_does_not_depend_on_how_many_vertices_are_made_at_once(monkeypatch):
-    made = sk.load("three_rrr")
-    options = {"slices_of_each": 0, "side": 0.3, "halved": 1, "most": 120}
-    many = singular_surface(made, "I", **options)
-    monkeypatch.setattr("spherekit.singular.surface.AHEAD", 1)
-    one = singular_surface(made, "I", **options)
-    assert np.array_equal(one.triangles, many.triangles)
-    np.testing.assert_allclose(one.points.values, many.points.values, atol=1e-9)
-    np.testing.assert_allclose(one.points.inputs, many.points.inputs, atol=1e-9)
-
-
 @pytest.mark.parametrize("name", ["three_rrr", "five_bar"])
 def test_relations_without_rates_are_those_with_them(name):
     """u to its sign; c and d with it, at ordinary and at singular configurations."""
@@ -588,20 +544,3 @@ def test_relations_without_rates_are_those_with_them(name):
             np.testing.assert_allclose(np.abs(one[good]), np.abs(other[good]), atol=1e-10)
         across = np.linalg.norm(np.cross(u[good], whole.u[good]), axis=2)
         assert np.nanmax(across) < 1e-10
-
-
-def test_errors_say_what_is_possible():
-    with pytest.raises(ModelError, match="did you mean"):
-        output_of(sk.load("five_bar"), "pointr")
-    with pytest.raises(AnalysisError, match="R pairs: "):
-        output_of(sk.load("five_bar"), pointing="99")
-    with pytest.raises(AnalysisError, match="three numbers"):
-        output_of(sk.load("five_bar"), pointing=(0.0, 0.0, 0.0))
-    with pytest.raises(AnalysisError, match="3 inputs"):
-        singular_curves(sk.load("three_rrr"))
-    with pytest.raises(AnalysisError, match="2 inputs"):
-        singular_surface(sk.load("five_bar"))
-    with pytest.raises(AnalysisError, match="without `pointing`"):
-        singular_surface(sk.load("three_rrr"), "I", pointing="c1")
-    with pytest.raises(AnalysisError, match='not of "IV"'):
-        aspects(sk.load("five_bar"), 5, ("IV",))

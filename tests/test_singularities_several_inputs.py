@@ -7,7 +7,6 @@ from rerun.chunk import RrdReader
 
 import spherekit as sk
 from spherekit.analysis.scene import Portrait, SphereCurves, Surface
-from spherekit.errors import ModelError, SpherekitError
 from spherekit.view.rerun_view import RerunRecorder
 
 FEW = "singularities:slices=3,input_grid=5,near=10"
@@ -25,14 +24,8 @@ def five_bar(tmp_path_factory):
 def test_points_of_singular_curves_say_why_they_are_singular(five_bar):
     result, _ = five_bar
     frame = result.frame("singularities")
-    assert list(frame)[:6] == [
-        "kind",
-        "condition",
-        "assembly_mode",
-        "q_21",
-        "q_51",
-        "inside",
-    ]
+    columns = "kind condition assembly_mode q_21 q_51 inside"
+    assert list(frame)[:6] == columns.split()
     assert set(frame.guarantee) == {"complete to a box size"}
     assert frame.residual.max() < 1e-12
     conditions = frame.groupby("kind").condition.unique()
@@ -85,29 +78,3 @@ def test_three_inputs_have_coefficients_and_no_surface_if_it_is_left_out():
     assert set(frame.moving) == {"a1", "a2", "a3"}
     parts = [part for own in pages.pages.values() for part in own]
     assert not any(isinstance(p, Surface | Portrait | SphereCurves) for p in parts)
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "words"),
-    [
-        (
-            "five_bar",
-            "singularities:output=3/1",
-            "the outputs are those that the mechanism",
-        ),
-        ("five_bar", "singularities:slices=-1", "slices: -1 is negative"),
-        ("five_bar", "singularities:near=-2", "near: -2 is not an angle"),
-        ("four_bar", "singularities:output=4/7", "7"),
-    ],
-)
-def test_wrong_requests(name, text, words):
-    with pytest.raises(SpherekitError, match=words):
-        sk.run(sk.load(name), text, samples=3)
-
-
-def test_outputs_have_to_be_declared():
-    from dataclasses import replace
-
-    made = replace(sk.load("five_bar"), outputs=())
-    with pytest.raises(ModelError, match=r"declare one in the file as \[outputs.NAME\]"):
-        sk.run(made, "singularities", samples=3)

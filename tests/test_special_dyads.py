@@ -2,12 +2,11 @@
 
 import re
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from chains import FOUR_BAR, STEPHENSON, mechanism, random_axes
-from scipy.optimize import brentq, least_squares
+from scipy.optimize import brentq
 
 import spherekit as sk
 from spherekit.conventions import Status
@@ -134,57 +133,6 @@ def test_a_pose_at_a_dead_centre_is_there_and_has_a_way_on(chain, driven):
         assert sorted(motion.status[1:]) == [Status.OK, Status.OUT_OF_REACH]
 
 
-SPECIAL = (30.0, 45.0, 60.0, 90.0, 120.0)
-
-
-def closings(made, q, random, starts=6):
-    """Return the least loop opening (rad) found at an input by a search of its own.
-
-    The four axes as unknown points: arcs to neighbours as given, two of them fixed.
-    """
-    ground, crank, coupler, rocker = (
-        made.geometry.links[link].arcs[0] for link in made.links
-    )
-    hinge = np.array([np.sin(ground), 0.0, np.cos(ground)])
-    tip = np.array([np.sin(crank) * np.cos(q), np.sin(crank) * np.sin(q), np.cos(crank)])
-
-    def miss(point):
-        return [
-            point @ point - 1.0,
-            point @ tip - np.cos(coupler),
-            point @ hinge - np.cos(rocker),
-        ]
-
-    best = np.inf
-    for _ in range(starts):
-        found = least_squares(
-            miss, random.normal(size=3), xtol=1e-15, ftol=1e-15, gtol=1e-15
-        )
-        best = min(best, float(np.max(np.abs(found.fun))))
-    return best
-
-
-@pytest.mark.slow
-def test_special_four_bars_lose_no_row_that_closes():
-    """Equal, right and nearly equal arcs; multi-start least squares as the judge."""
-    random = np.random.default_rng(5)
-    lost = 0
-    for number in range(8):
-        off = (0.0, 1e-12, 1e-9, 1e-6, 1e-3)[number % 5]
-        arcs = random.choice(SPECIAL, 4) + np.degrees(off) * random.normal(size=4)
-        made = four_bar(arcs)
-        try:
-            motion = sk.trace(made, samples=13)
-        except sk.SpherekitError:
-            continue
-        status = motion.status.reshape(len(motion.assembly_modes), -1)
-        assert np.all(motion.residual[~motion.failed] < 1e-12)
-        for sample in np.flatnonzero(np.all(status == Status.OUT_OF_REACH, axis=0)):
-            lost += 1
-            assert closings(made, motion.q[sample], random) > 1e-13, (arcs, sample)
-    assert lost > 5
-
-
 def test_a_function_of_rounding_only_is_given_up_early():
     """It was halved up to 400 cells of 36 samples, here and at every group of a chain."""
     asked = []
@@ -227,29 +175,3 @@ def test_steps_in_vain_end_the_search_of_modes(monkeypatch):
     count = len(few.assembly_modes)
     said = re.search(rf"stopped after (\d+) steps along {count} modes", few.search)
     assert said is not None and 10 * count < int(said[1]) <= sum(tried) + count
-
-
-@pytest.mark.long
-def test_right_angled_eight_bars_say_what_is_doubtful(monkeypatch):
-    """All arcs 90 deg but for 1e-9: the search for dead inputs and groups took minutes.
-
-    Of 57 000 steps tried along assembly modes 600 led on.
-    """
-    tried = steps_counted(monkeypatch)
-    made = sk.load("eight_bar_07")
-    links = {
-        link: LinkSizes(
-            names := tuple(pair.name for pair in made.pairs if link in pair.links),
-            tuple(0.5 * np.pi + 1e-9 * (k + len(link)) for k in range(len(names) - 1)),
-            (0.5 * np.pi,) * (len(names) - 2),
-        )
-        for link in made.links
-    }
-    plain = replace(made, geometry=SizeGeometry(links), masses=(), loads=(), outputs=())
-    try:
-        tracer = PositionAnalysis(plain, samples=3)
-    except sk.SpherekitError as problem:
-        assert "close" in str(problem)
-    else:
-        assert "complete:" not in tracer.search
-    assert sum(tried) < 25_000

@@ -10,7 +10,6 @@ from spherekit.errors import DesignError
 from spherekit.files.read import read
 from spherekit.files.write import document_of, number_path, with_numbers
 from spherekit.model.study import Study
-from spherekit.plugin.designs import Sensitivity
 
 MASSES = text_of("sweeps_several_masses")
 
@@ -134,30 +133,6 @@ def test_what_is_said_of_several_inputs():
     with pytest.raises(DesignError, match="a grid"):
         grid = Study("", sk.load("five_bar"), samples=(3, 3))
         sk.sweep(grid, vary, "swing(theta_32)")
-
-
-def test_derivatives_by_sizes_with_several_inputs_are_differences():
-    mechanism = sk.load("five_bar")
-    sensitivity = Sensitivity(mechanism, ["links.2.arc"], ["theta_43", "rate_43_by_51"])
-    motion = sk.trace(mechanism, samples=5)
-    kept = np.flatnonzero(motion.status == 0)
-    inputs = motion.inputs[kept]
-    _, gradients = sensitivity.at(sensitivity.at_rest(inputs), motion.values[kept])
-    h = 1e-5
-    ends = []
-    for step in (-h, h):
-        arc = mechanism.geometry.links["2"].arcs[0] + step
-        other = mechanism.with_sizes(angle_unit="rad", arcs={"2": arc})
-        here = sk.evaluate(other, inputs)
-        mode = motion.assembly_mode[kept]
-        chosen = [
-            np.flatnonzero((here.sample == k) & (here.assembly_mode == m))[0]
-            for k, m in enumerate(mode)
-        ]
-        both = here.variable("43"), here.variable_coefficient("43", "51")
-        ends.append(np.stack([each[chosen] for each in both]))
-    slope = (ends[1] - ends[0]) / (2.0 * h)
-    assert np.allclose(gradients[0], slope, rtol=1e-6, atol=1e-8)
 
 
 def test_a_function_of_two_inputs_is_found_again(tmp_path):

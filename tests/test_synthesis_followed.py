@@ -68,18 +68,6 @@ def test_a_double_butterfly_gets_the_function_of_another(tmp_path):
     assert found.values[0] == pytest.approx(OTHER, abs=1e-8)
 
 
-@pytest.mark.long
-def test_no_ten_thousand_random_double_butterflies_are_better(tmp_path):
-    path = function_of_another(tmp_path / "function.toml")
-    found = sk.synthesize(path, designs=64, starts=3)
-    synthesis = specification_of(path, designs=10240, seed=7)
-    best = np.inf
-    for number in range(synthesis.sweep.parts):
-        _, wanted = synthesis.rows_of(synthesis.sweep.part(number))
-        best = np.min(wanted[:, 0], initial=best)
-    assert found.objectives[0, 0] < 1e-9 < best
-
-
 @pytest.mark.slow
 def test_modes_of_a_double_butterfly_are_kept_apart(tmp_path):
     figures = {"steep": "max(abs(rate_F))", "begun": "at(theta_F, 0)"}
@@ -262,17 +250,6 @@ def test_a_cam_gets_the_law_of_another(tmp_path):
     found = sk.synthesize(law_of_another(tmp_path / "law.toml"), designs=8, starts=2)
     assert found.before[0] > 0.1 and found.objectives[0, 0] < 1e-9
     assert found.values[0] == pytest.approx(OTHER_CAM, abs=1e-8)
-
-
-@pytest.mark.long
-def test_no_random_cams_are_better(tmp_path):
-    synthesis = specification_of(
-        law_of_another(tmp_path / "law.toml"), designs=1024, seed=7
-    )
-    parts = [
-        synthesis.rows_of(synthesis.sweep.part(k))[1] for k in range(synthesis.sweep.parts)
-    ]
-    assert np.min(np.concatenate(parts)) > 1e-3
 
 
 def test_rollers_on_other_profiles_are_swept(tmp_path):

@@ -221,19 +221,6 @@ def test_of_settings_alike_in_time_the_most_accurate():
     assert given.cheapest(4e-16) is slow
 
 
-def test_engines_take_several_inputs():
-    found = trade(
-        sk.load("two_dof_spm"),
-        "poles:only=10/1",
-        samples=3,
-        assembly_mode=0,
-        rounds=1,
-        settings=[Setting(engine="extended")],
-    )
-    (extended,) = found.settings
-    assert not extended.reason and extended.error < 1e-13
-
-
 def test_missing_numbers_are_not_chosen():
     """The first great circles of the Stephenson fail where two of its poles meet."""
     made = sk.load("stephenson")
@@ -250,24 +237,6 @@ def test_a_compiled_run_gives_the_tables_of_an_ordinary_one():
     for name in ("ux", "uy", "uz", "velocity_coefficient", "acceleration_coefficient"):
         np.testing.assert_allclose(fast[name], plain[name], atol=1e-13)
     assert list(fast["status"]) == list(plain["status"])
-
-
-def test_a_simulation_trades_tolerances():
-    from spherekit.model.study import Start
-
-    own = [Setting(integrator="numpy", tolerance=t) for t in (1e-4, 1e-8)]
-    found = trade(
-        sk.load("four_bar"),
-        "eksergian",
-        samples=21,
-        start=Start(0.5, 3.0),
-        duration=0.5,
-        settings=own,
-        rounds=1,
-    )
-    coarse, fine = found.settings
-    assert fine.error < 1e-3 * coarse.error
-    assert found.floor < 1e-11
 
 
 def test_an_analysis_trades_its_own_parameters():

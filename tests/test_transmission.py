@@ -6,7 +6,6 @@ import mpmath as mp
 import numpy as np
 import pytest
 from oracles import least_misfit, misfits
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
@@ -209,47 +208,3 @@ def test_neither_frame_nor_ground_nor_order_matters(name):
     moved = Transmission.of(other, output)
     swapped = moved.at(vectors, None if pointed is None else pointed)
     assert np.max(np.abs(plain - swapped)) < 1e-13
-
-
-@pytest.mark.slow
-def test_working_modes_of_the_whole_graph_are_all_found():
-    """Forward at (14, 23) deg, counted by an independent damped multi-start search.
-
-    The closed form has those that mirror base and output, says so, and labels each by its
-    own mode.
-    """
-    made = sk.load("two_dof_spm")
-    request = "inverse_kinematics:poses=21=14+61=23"
-    result = sk.run(made, request)
-    table = result.frame("inverse_kinematics", "forward")
-    assert list(table["working_mode"]) == list(table["assembly_mode"])
-    assert set(table["solved_by"]) == {"mid-plane"}
-    assert any("graph=true" in text for text in result.summary["remarks"])
-    whole = sk.run(made, request + ",graph=true").frame("inverse_kinematics", "forward")
-    assert set(whole["solved_by"]) == {"graph"}
-    solver = Solver(made, plan_assembly(made))
-    driven = list(solver.driven)
-    free = [k for k in range(14) if k not in driven]
-    random, met = np.random.default_rng(5), []
-    fixed = np.radians([14.0, 23.0])
-
-    def filled(x):
-        values = np.empty((1, 14))
-        values[0, driven], values[0, free] = fixed, x
-        return values
-
-    def gap(x):
-        return solver.closure.at(filled(x)).residual[0]
-
-    def slope(x):
-        return solver.closure.at(filled(x)).jacobian[0][:, free]
-
-    for _ in range(400):
-        found = least_squares(gap, random.uniform(-np.pi, np.pi, 12), slope, method="lm")
-        if np.max(np.abs(found.fun)) < 1e-11:
-            far = [np.abs(np.exp(1j * found.x) - np.exp(1j * x)).max() for x in met]
-            if all(each > 1e-6 for each in far):
-                met.append(found.x)
-    assert len(whole) == len(met) == 16
-    phi = sk.run(made, "inverse_kinematics:poses=phi=75+gamma=-20,graph=true")
-    assert len(phi.frame("inverse_kinematics")) > 8

@@ -367,7 +367,3 @@ def test_faults_of_a_plugin_or_a_profile_do_not_lose_the_run(monkeypatch):
     summary = sk.run(sk.load("four_bar"), samples=3, verify=2).summary
     assert "does not converge" in told(summary["verified"])[0]
     assert "no row was verified" in summary["warnings"][0]
-
-
-def test_a_run_without_it_says_nothing():
-    assert "verified" not in sk.run(sk.load("four_bar"), samples=3).summary

@@ -181,26 +181,6 @@ def partial(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(path, 4, NO_CRANK)
 
 
-@pytest.mark.parametrize("mode", [0, 1])
-def test_closed_forms_agree_with_each_other(mode: int) -> None:
-    theta21 = np.radians(np.arange(0.3, 360.0, 1.0))
-    step = 1e-5
-
-    def theta41(q: Floats) -> Floats:
-        return four_bar_angles(q, FOUR_BAR_ARCS, mode)
-
-    slope = (theta41(theta21 + step) - theta41(theta21 - step)) / (2.0 * step)
-    third, fourth = four_bar_coefficients(theta21, FOUR_BAR_ARCS, mode)
-    np.testing.assert_allclose(fourth, slope, atol=1e-8)
-    u = four_bar_axes(theta21, FOUR_BAR_ARCS, mode)
-    poles = four_bar_poles(theta21, FOUR_BAR_ARCS, mode)
-    omega = third[:, None] * poles["31"]
-    coupler = np.cross(omega, u["32"]) - np.cross(u["21"], u["32"])
-    np.testing.assert_allclose(coupler, 0.0, atol=1e-12)
-    along = np.einsum("ij,ij->i", u["43"], u["32"])
-    np.testing.assert_allclose(along, np.cos(FOUR_BAR_ARCS[2]), atol=1e-14)
-
-
 def test_series_keep_every_digit_and_both_timelines(recording: Path) -> None:
     found = columns(recording)
     for mode in (0, 1):
@@ -527,16 +507,6 @@ COLOURS = ((86, 180, 233), (238, 108, 52), (32, 190, 142), (255, 196, 0))
 
 @pytest.mark.slow
 @pytest.mark.viewer
-def test_picture_of_a_failed_sample(partial: Path, tmp_path: Path) -> None:
-    seen = picture(partial, tmp_path / "a.png", sample=60, view="3D")
-    gone = picture(partial, tmp_path / "b.png", sample=180, view="3D")
-    coupler = np.array(COLOURS[1])
-    assert (np.abs(seen.astype(int) - coupler).max(axis=-1) < 25).sum() > 150
-    assert (np.abs(gone.astype(int) - coupler).max(axis=-1) < 25).sum() < 20
-
-
-@pytest.mark.slow
-@pytest.mark.viewer
 def test_picture_starts_where_the_mechanism_closes(tmp_path: Path) -> None:
     path, turned = tmp_path / "a.rrd", np.roll(SAMPLES, -180)
     whole = block(0, SAMPLES, NO_CRANK)
@@ -583,14 +553,3 @@ def test_names_of_links_do_not_cover_each_other() -> None:
     for k, (middle, half) in enumerate(boxes):
         for other, size in boxes[:k]:
             assert np.any(np.abs(middle - other) >= half + size)
-
-
-def test_what_is_nearer_the_eye_looks_larger() -> None:
-    sight = Sight.facing(np.array([1.0, 0.0, 0.0]))
-    way = (sight.target - sight.eye) / np.linalg.norm(sight.target - sight.eye)
-    across = np.cross(way, sight.up)
-    near, far = (
-        np.linalg.norm(sight.seen(sight.target + x * way + across)) for x in (-0.5, 0.5)
-    )
-    assert near > np.linalg.norm(across) > far
-    assert np.allclose(sight.seen(sight.target), 0.0)

@@ -38,51 +38,6 @@ def five_bar(folder, teeth, span):
     return sk.load(path)
 
 
-def test_what_follows_wheels_is_grouped_as_ever(tmp_path):
-    """Without its mesh the five-bar has both cranks as inputs, and dyads in closed form."""
-    geared = five_bar(tmp_path, (20, 40), (0.0, 720.0))
-    tracer = PositionAnalysis(geared, samples=25)
-    kinds = [group.kind for group in tracer.solver.assembly.groups]
-    assert kinds == ["over-constrained group of 2 bodies", "dyad"]
-    motion = tracer.motion()
-    assert np.sum(motion.status == Status.OK) > 24
-    angles = geared.angles
-    cranks = [angles["left"], angles["right"]]
-    free = replace(
-        geared,
-        pairs=geared.pairs[:5],
-        inputs=tuple(Input(name, 0.0, 1.0) for name in ("left", "right")),
-    )
-    for mode in tracer.assembly_modes:
-        rows = (motion.assembly_mode == mode.number) & (motion.status == Status.OK)
-        path = motion.values[rows][:, cranks]
-        other = PositionAnalysis(free, path=path).motion()
-        modes = PositionAnalysis(free, path=path).assembly_modes
-        (alike,) = (each.number for each in modes if each.signs[0] == mode.signs[1])
-        same = other.assembly_mode == alike
-        assert np.max(np.abs(other.rotations[same] - motion.rotations[rows])) < 1e-13
-
-
-@pytest.mark.parametrize(
-    "name", ["bevel_pair", "rolling_cones", "planetary_bevel", "bevel_differential"]
-)
-def test_wheels_that_follow_the_inputs_are_placed_without_a_search(name):
-    """Random starts on the loops, with the lengths rolled held, find the same."""
-    tracer = PositionAnalysis(sk.load(name), samples=9)
-    solver = tracer.solver
-    assert solver.has_closed_form and not solver.assembly.has_closed_form
-    assert tracer.claim.guarantee is Guarantee.COMPLETE
-    assert len(tracer.assembly_modes) == 1
-    motion = tracer.motion()
-    assert np.all(motion.status == Status.OK)
-    for row in (0, 4, 8):
-        q = motion.inputs[row]
-        (searched,) = solver.meshes.modes(solver.closure, solver.driven, q)
-        assert np.max(turned(searched - motion.values[row])) < 1e-9
-        placed = solver.closure.at(searched[None]).placed[0]
-        assert np.max(np.abs(placed - motion.rotations[row])) < 1e-9
-
-
 def test_a_linkage_on_wheels_has_all_modes(tmp_path):
     geared = five_bar(tmp_path, (20, 30), (0.0, 360.0))
     tracer = PositionAnalysis(geared, samples=25)
@@ -262,26 +217,6 @@ def test_two_inputs_of_a_differential_in_any_range():
         assert np.max(turned(carrier - 0.5 * np.sum(motion.inputs[held], axis=1))) < 1e-9
 
 
-@pytest.mark.slow
-def test_curves_of_wheels_return_after_all_their_turns(tmp_path):
-    made = five_bar(tmp_path, (20, 40), (0, 720))
-    tracer = PositionAnalysis(made, samples=73)
-    found = tracer.configurations
-    assert not found.mismatches
-    motion = tracer.motion()
-    counted = (
-        (motion.status == Status.OK).reshape(len(motion.assembly_modes), -1).sum(axis=0)
-    )
-    numbers = {piece.assembly_mode for each in found.curves for piece in each.pieces}
-    assert numbers == {mode.number for mode in tracer.assembly_modes}
-    for each in found.curves:
-        q = each.curve.at(np.linspace(0.0, each.curve.length, 200)).values
-        names = made.variable_names
-        left, right = (q[:, names.index(f"theta_{pair}")] for pair in ("left", "right"))
-        assert np.max(turned(right - right_crank(left / DEGREE, (20, 40)) * DEGREE)) < 1e-9
-    assert set(counted) <= {0, 2}
-
-
 @pytest.mark.parametrize("shift", [0.0, -360.0, 360.0])
 def test_wheels_on_moving_links_keep_to_the_curve_of_the_reference_pose(shift):
     """Along a closed curve that swings to and fro an input is met as often each way.
@@ -300,23 +235,6 @@ def test_wheels_on_moving_links_keep_to_the_curve_of_the_reference_pose(shift):
     apart = motion.values[motion.sample == 40] - tracer.solver.geometry.reference
     assert np.min(np.max(np.abs(np.sin(0.5 * apart)), axis=1)) < 1e-9
     assert "mode of the reference pose" in tracer.claim.reason
-
-
-@pytest.mark.parametrize(
-    "name", ["bevel_pair", "rolling_cones", "planetary_bevel", "bevel_differential"]
-)
-def test_lengths_of_a_train_roll_at_the_rates_of_closed_configurations(name):
-    """A train is read from the carriers, rates are those of the closure equations."""
-    tracer = PositionAnalysis(sk.load(name), samples=5)
-    solver, motion = tracer.solver, tracer.motion()
-    driven, meshes = list(solver.driven), solver.meshes
-    at = solver.closure.at(motion.values)
-    free = [v for v in range(motion.values.shape[1]) if v not in driven]
-    jacobian = at.jacobian
-    rates = -np.linalg.pinv(jacobian[:, :, free]) @ jacobian[:, :, driven]
-    rolled = [free.index(v) for v in meshes.variables]
-    assert meshes.all_known and np.max(at.gap) < 1e-12
-    assert np.max(np.abs(rates[:, rolled] - meshes.ratios)) < 1e-9
 
 
 def test_a_second_planet_is_put_together_as_the_first_one_says(tmp_path):

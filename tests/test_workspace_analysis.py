@@ -222,31 +222,6 @@ def test_width_of_links_is_an_angle_between_axes(mid_plane):
     assert np.allclose(*margins, atol=1e-15, equal_nan=True)
 
 
-def test_measures_of_the_mid_plane_mechanism(mid_plane):
-    """Inputs and measures against those of the dyads and the bar of the whole graph."""
-    form = mid_plane.form
-    random = np.random.default_rng(1)
-    s = np.sin(np.radians(random.uniform(6.0, 39.0, (30, 2))))
-    x, y = -s.sum(axis=1) / np.sqrt(3.0), s[:, 1] - s[:, 0]
-    normals = np.stack([x, y, np.sqrt(1.0 - x * x - y * y)], axis=1)
-    turned = form.orientations(normals)
-    places = turned @ np.array(mid_plane.output.direction)
-    inverse = InverseKinematics(mid_plane.mechanism)
-    other = inverse.at(places, near=turned)
-    for signs in ((1, -1, 1), (-1, 1, 1)):
-        rows = mid_plane.at(places, signs)
-        gap = np.abs(np.exp(1j * other.inputs) - np.exp(1j * rows.inputs)).max(axis=2)
-        gap[other.status != Status.OK] = np.inf
-        assert np.min(gap, axis=0).max() < 1e-9
-        mode, row = np.nonzero(gap < 1e-9)
-        assert np.abs(other.type_1[mode, row] - rows.type_1[row]).max() < 1e-8
-        off = np.full(gap.shape, np.inf)  # the third leg has two modes with these inputs
-        off[mode, row] = np.abs(other.type_2[mode, row] - rows.type_2[row])
-        assert np.min(off, axis=0).max() < 1e-8
-    axes = [mid_plane.at(places, (1, -1, 1)).cosine(pair, 0) for pair in range(14)]
-    assert np.all(np.abs(axes) <= 1.0 + 1e-12)
-
-
 def test_axes_of_the_mid_plane_mechanism(mid_plane):
     """Angles between axes and variables of pairs against all links placed on the sphere."""
     form = mid_plane.form
