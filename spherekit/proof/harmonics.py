@@ -8,6 +8,7 @@ inequality for the derivatives.
 """
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from itertools import product
 from math import prod
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Array, Complexes, Floats, Indices
-from spherekit.proof.balls import UNIT, Ball, exact, middle, pi, upper
+from spherekit.proof.balls import UNIT, Ball, exact, exactly, floats, middles, pi, upper
 
 CHUNK = 2000
 """Configurations at once, so that the sums stay in the processor's cache."""
@@ -32,9 +33,9 @@ class Harmonics:
     def __init__(self, degrees: Indices, values: Values) -> None:
         self.count, self.variables = degrees.shape
         self.waves = int(np.max(degrees, initial=1))
-        self.terms = [_Term(row) for row in degrees]
-        nodes = _Nodes(values)
-        self.error = np.array([term.fill(nodes, k) for k, term in enumerate(self.terms)])
+        at = cache(lambda place: values([2 * pi() * part / of for part, of in place]))
+        self.terms = [_Term(row, k, at) for k, row in enumerate(degrees)]
+        self.error = np.array([term.error for term in self.terms])
 
     def first(self, turns: Floats) -> tuple[Floats, Floats]:
         """Return values (n, k) and slopes (n, k, v) at cosines and sines (n, v, 2)."""
@@ -116,52 +117,36 @@ def _waves(turns: Floats, most: int, order: int) -> Floats:
     return out
 
 
-class _Nodes:
-    """Values of the equations in balls at evenly spaced angles."""
-
-    def __init__(self, values: Values) -> None:
-        self.values = values
-        self._kept: dict[tuple[tuple[int, int], ...], list[Ball]] = {}
-
-    def at(self, place: tuple[tuple[int, int], ...], k: int) -> Ball:
-        """Return equation k where each angle is so many parts of so many of a turn."""
-        if place not in self._kept:
-            angles = [2 * pi() * part / parts for part, parts in place]
-            self._kept[place] = self.values(angles)
-        return self._kept[place][k]
-
-
 class _Term:
-    """One equation: its variables and the coefficients, an axis of each variable."""
+    """One equation: its variables and the coefficients, an axis of each variable.
 
-    def __init__(self, degrees: Any) -> None:
-        self.degrees = [int(degree) for degree in degrees]
+    `at` has the values of all equations in balls where each angle is so many parts of so
+    many of a turn. Float64 values of this one, number k, are off by at most `error`.
+    """
+
+    def __init__(self, degrees: Indices, k: int, at: Callable[..., list[Ball]]) -> None:
+        self.degrees = degrees.tolist()
         self.variables = [j for j, degree in enumerate(self.degrees) if degree]
-        self.shape = [2 * self.degrees[j] + 1 for j in self.variables]
-        count = len(self.variables)
-        places = 3 ** np.arange(count - 1, -1, -1, dtype=np.intp)
+        sides = [2 * degree + 1 for degree in self.degrees]
+        self.shape = [sides[j] for j in self.variables]
+        places = 3 ** np.arange(len(self.shape) - 1, -1, -1, dtype=np.intp)
         self.single, self.double = places, places[:, None] + places
         self.block = np.ix_(self.variables, self.variables)
-        self.coefficients = np.zeros(self.shape)
-
-    def fill(self, nodes: _Nodes, k: int) -> float:
-        """Compute the coefficients of equation k; return what float64 values are off by."""
-        sides = [2 * degree + 1 for degree in self.degrees]
-        balls = np.empty(prod(sides), dtype=object)
-        for number, place in enumerate(product(*(range(side) for side in sides))):
-            balls[number] = nodes.at(tuple(zip(place, sides, strict=True)), k)
-        open_ = max(upper(ball - _centre(ball)) for ball in balls)
-        norm = prod(_norm(side) for side in sides)
-        sums = np.array([_centre(ball) for ball in balls], dtype=object)
+        balls = [
+            at(tuple(zip(place, sides, strict=True)))[k]
+            for place in product(*map(range, sides))
+        ]
+        sums = middles(np.array(balls, dtype=object))
+        open_ = max(map(upper, balls - sums))
         sums = sums.reshape(self.shape)
         for axis, side in enumerate(self.shape):
             sums = np.moveaxis(np.tensordot(_transform(side), sums, (1, axis)), 0, axis)
-        self.coefficients = np.array([middle(e) for e in sums.ravel()]).reshape(self.shape)
-        pairs = zip(sums.ravel(), self.coefficients.ravel(), strict=True)
-        missed = float(sum(upper(ball - exact(near)) for ball, near in pairs))
+        self.coefficients = floats(sums)
+        missed = sum(map(upper, (sums - exactly(self.coefficients)).ravel()))
         size = float(np.sum(np.abs(self.coefficients)))
         steps = sum(side + 2 + 8 * (side // 2) for side in self.shape)
-        return float(1.001 * (open_ * norm + missed) + 2.0 * steps * UNIT * size)
+        norm = prod(_norm(side) for side in sides)
+        self.error = 1.001 * (open_ * norm + missed) + 2.0 * steps * UNIT * size
 
     def first(self, waves: Floats) -> tuple[Floats, dict[int, Floats]]:
         """Return values (n,) and slopes (n,) by variable, of waves (v, 2, w, n)."""
@@ -196,10 +181,6 @@ def _summed(parts: Floats, waves: Floats, derived: bool = False) -> Floats:
     for wave in range(2, len(waves)):
         total += split[:, wave] * waves[wave]
     return np.asarray(total)
-
-
-def _centre(ball: Ball) -> Ball:
-    return type(ball)(ball.mid())
 
 
 def _norm(nodes: int) -> float:

@@ -213,20 +213,17 @@ def given_at(written: Written, inputs: Sequence[str]) -> list[Ball]:
 
 def clusters(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     """Return the hulls, centres and half widths, of boxes (n, k) that touch each other."""
-    lows, highs = centres - radii, centres + radii
-    boxes = zip(lows, highs, strict=True)
-    if len(centres) > MOST_APART:
-        boxes = zip([np.min(lows, axis=0)], [np.max(highs, axis=0)], strict=True)
-    lows = highs = np.empty((0, centres.shape[1]))
-    for low, high in boxes:
-        while True:
-            apart = np.any((lows > high + 1e-12) | (low > highs + 1e-12), axis=1)
-            low = np.min([low, *lows[~apart]], axis=0)
-            high = np.max([high, *highs[~apart]], axis=0)
-            lows, highs = np.vstack([lows[apart], low]), np.vstack([highs[apart], high])
-            if np.all(apart):
-                break
-            lows, highs = lows[:-1], highs[:-1]
+    from scipy.sparse.csgraph import connected_components
+
+    lows, highs, count = centres - radii, centres + radii, int(len(centres) > MOST_APART)
+    label = np.zeros(len(centres), dtype=int)
+    while count < len(lows):
+        if count:
+            groups = [label == k for k in range(count)]
+            lows = np.array([np.min(lows[group], axis=0) for group in groups])
+            highs = np.array([np.max(highs[group], axis=0) for group in groups])
+        below = np.all(lows[:, None] <= highs + 1e-12, axis=2)
+        count, label = connected_components(below & below.T)
     return list(zip(0.5 * (lows + highs), 0.5 * (highs - lows), strict=True))
 
 
