@@ -353,7 +353,7 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
             {
                 "closed": chain.closed,
                 "ends_at_crossings": [
-                    None if arm is None else [arm.saddle, *arm.quadrant] for arm in ends
+                    None if arm is None else [arm[0], *arm[1]] for arm in ends
                 ],
                 "at_one_input": still,
                 "input_stops": [

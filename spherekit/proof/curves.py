@@ -134,11 +134,13 @@ class CertifiedCurves:
         for number, saddle in enumerate(self.saddles):
             passed = saddle.level == 0 or (saddle.passes and saddle.passes[variable])
             parts = [0.0 if passed else float(saddle.zone[variable])]
-            for two, rests in zip(self.ends, still, strict=True):
-                for arm in two:
-                    met = arm is not None and arm.saddle == number and not rests
-                    if arm is not None and met and not saddle.rates[arm.quadrant][variable]:
-                        parts.append(saddle.reach[arm.quadrant][variable])
+            moving = (two for two, rests in zip(self.ends, still, strict=True) if not rests)
+            parts += [
+                saddle.reach[arm[1]][variable]
+                for two in moving
+                for arm in two
+                if arm and arm[0] == number and not saddle.rates[arm[1]][variable]
+            ]
             offs.append(max(parts))
         return offs
 
@@ -206,7 +208,7 @@ class CertifiedCurves:
                 inner.sort(key=lambda place: float(piece.coordinates(place)[0]))
                 places += [piece.centre, *inner]
             first, last = (
-                [] if arm is None else [self.saddles[arm.saddle].centre] for arm in arms
+                [] if arm is None else [self.saddles[arm[0]].centre] for arm in arms
             )
             end = chain.pieces[0 if chain.closed else -1].centre
             q = np.array([*first, *places, end, *last])[:, self.driven]
@@ -330,7 +332,7 @@ def certified_curves(
         inputs.low * made.laps,
         inputs.high * made.laps,
         inputs.whole,
-        tuple(search.cover.chains),
+        tuple(search.chains),
         search.crossings,
         done,
         tuple(search.problems()),

@@ -211,12 +211,8 @@ FARTHEST = 0.02
 MOST_SADDLES = 64
 
 
-@dataclass(frozen=True)
-class Arm:
-    """One of the four arms of a saddle, by the saddle's number and its quadrant."""
-
-    saddle: int
-    quadrant: Quadrant
+Arm = tuple[int, Quadrant]
+"""One of the four arms of a saddle, by the saddle's number and its quadrant."""
 
 
 class Crossings:
@@ -241,7 +237,7 @@ class Crossings:
         for number, saddle in enumerate(self.saddles):
             quadrant = saddle.quadrant(piece.centre, piece.miss)
             if quadrant is not None:
-                return Arm(number, quadrant)
+                return number, quadrant
         return None
 
     def ends(
