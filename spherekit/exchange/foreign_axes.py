@@ -34,18 +34,16 @@ class Turning:
     joint: int = -1
 
 
-@dataclass(frozen=True)
-class Gears:
-    """Two circles that touch: links, centres (3,), radii (rad), and how they lie."""
-
-    links: tuple[int, int]
-    centres: tuple[Floats, Floats]
-    radii: tuple[float, float]
-    contact: str
+Circle = tuple[float, int, Floats]
+"""A radius (rad), the link that a circle is fixed in, and its centre (3,)."""
 
 
-def gears_of(hinges: Sequence[Turning], factors: Mapping[int, float]) -> Gears | str:
-    """Return the circles that say the same as a sum of rates that is zero.
+def gears_of(
+    hinges: Sequence[Turning], factors: Mapping[int, float]
+) -> tuple[list[Circle], bool] | str:
+    """Return the two circles that say the same as a sum of rates that is zero.
+
+    And whether they touch from outside; else the smaller one comes first.
 
     Parameters
     ----------
@@ -56,7 +54,7 @@ def gears_of(hinges: Sequence[Turning], factors: Mapping[int, float]) -> Gears |
 
     Returns
     -------
-    Gears or str
+    circles, external
         Or why no two circles do.
 
     Notes
@@ -86,24 +84,16 @@ def gears_of(hinges: Sequence[Turning], factors: Mapping[int, float]) -> Gears |
     touching = touching / np.linalg.norm(touching)
     (first, onwards), (last, sense) = way[0], way[-1]
     ends = first.links[0 if onwards > 0 else 1], last.links[1 if sense > 0 else 0]
-    return _circles(ends, lines, touching)
-
-
-def _circles(ends: Sequence[int], lines: Sequence[Floats], touching: Floats) -> Gears | str:
-    """Return circles fixed in two links about lines that touch in a direction."""
-    circles = []
+    circles: list[Circle] = []
     for link, line in zip(ends, lines, strict=True):
         centre = line * (1.0 if line @ touching >= 0.0 else -1.0)
         across = float(np.linalg.norm(np.cross(centre, touching)))
         circles.append((float(np.arctan2(across, centre @ touching)), link, centre))
     if min(radius for radius, _, _ in circles) < ONE_LINE:
         return "one of its gears would have no size"
-    side = [centre - (centre @ touching) * touching for _, _, centre in circles]
-    external = float(side[0] @ side[1]) < 0.0
-    if not external:
-        circles.sort(key=lambda circle: circle[0])
-    radii, links, centres = zip(*circles, strict=True)
-    return Gears(links, centres, radii, "external" if external else "internal")
+    one, other = (np.cross(centre, touching) for _, _, centre in circles)
+    external = float(one @ other) < 0.0
+    return circles if external else sorted(circles, key=lambda x: x[0]), external
 
 
 def _aligned(one: Floats, other: Floats) -> bool:
@@ -124,56 +114,41 @@ PARALLEL = 1e-9
 """Sine below which two axes are parallel."""
 
 
-@dataclass(frozen=True)
-class Line:
-    """A named line through a point (3,) along a unit vector (3,)."""
-
-    name: str
-    point: Floats
-    axis: Floats
-
-    def distance(self, place: Floats) -> float:
-        """Return how far (m) it passes a place (3,)."""
-        return float(np.linalg.norm(np.cross(place - self.point, self.axis)))
+def distances(place: Floats, points: Floats, axes: Floats) -> Floats:
+    """Return how far (n,) m lines through points along unit axes (n, 3) pass a place."""
+    return np.asarray(np.linalg.norm(np.cross(place - points, axes), axis=1))
 
 
-def common_point(lines: Sequence[Line], within: float) -> Floats | None:
+def common_point(points: Floats, axes: Floats, within: float) -> Floats | None:
     """Return the point (3,) that most lines pass within a distance (m), None if parallel.
 
-    Among points that equally many lines pass, the one nearest to all. Where all lines are
-    one, any point of it will do, and the one nearest to the origin is taken.
+    Lines go through points along unit axes (n, 3). Among points that equally many lines
+    pass, the one nearest to all. Where all lines are one, any point of it will do, and the
+    one nearest to the origin is taken.
     """
-    candidates = [
-        place
-        for one, other in combinations(lines, 2)
-        if (place := _nearest([one, other])) is not None
-    ]
+    pairs = map(list, combinations(range(len(points)), 2))
+    near = (_nearest(points[pair], axes[pair]) for pair in pairs)
+    candidates = [place for place in near if place is not None]
     if not candidates:
-        first = lines[0]
-        foot = first.point - (first.point @ first.axis) * first.axis
-        apart = max(line.distance(foot) for line in lines)
+        foot = points[0] - (points[0] @ axes[0]) * axes[0]
+        apart = float(np.max(distances(foot, points, axes)))
         return np.asarray(foot) if apart <= within else None
-
-    def quality(place: Floats) -> tuple[int, float]:
-        gaps = [line.distance(place) for line in lines]
-        return sum(gap <= within for gap in gaps), -sum(gaps)
-
-    best = max(candidates, key=quality)
-    near = [line for line in lines if line.distance(best) <= within]
-    finer = _nearest(near)
-    return best if finer is None else finer
+    gaps = [distances(place, points, axes) for place in candidates]
+    best = max(
+        range(len(gaps)), key=lambda k: (np.sum(gaps[k] <= within), -np.sum(gaps[k]))
+    )
+    passing = gaps[best] <= within
+    finer = _nearest(points[passing], axes[passing])
+    return candidates[best] if finer is None else finer
 
 
-def _nearest(lines: Sequence[Line]) -> Floats | None:
+def _nearest(points: Floats, axes: Floats) -> Floats | None:
     """Return the point (3,) of least squared distances, None where lines are parallel."""
-    if len(lines) < 2:
-        return None
-    across = [np.eye(3) - np.outer(line.axis, line.axis) for line in lines]
+    across = np.eye(3) - axes[:, :, None] * axes[:, None]
     summed = np.sum(across, axis=0)
-    if np.linalg.eigvalsh(summed)[0] < PARALLEL**2 * len(lines):
+    if np.linalg.eigvalsh(summed)[0] < PARALLEL**2 * len(points):
         return None
-    right = np.sum([a @ line.point for a, line in zip(across, lines, strict=True)], axis=0)
-    return np.linalg.solve(summed, right)
+    return np.linalg.solve(summed, np.sum(across @ points[:, :, None], axis=0)[:, 0])
 
 
 ROUNDING = 4e-15
@@ -198,22 +173,17 @@ SHORT = 24
 """Characters of the components of an axis that are plain to read."""
 
 
-@dataclass(frozen=True)
-class Units:
-    """Angles in the unit of a file."""
+def plain_angle(angle: float, unit: AngleUnit) -> float:
+    """Return an angle (rad) as it stands in a file."""
+    return plain(math.degrees(angle) if unit == "deg" else angle, 1.0, DEGREES)
 
-    unit: AngleUnit
 
-    def angle(self, angle: float) -> float:
-        """Return an angle (rad) as it stands in a file."""
-        return plain(math.degrees(angle) if self.unit == "deg" else angle, 1.0, DEGREES)
-
-    def axis(self, axis: Floats) -> dict[str, Any]:
-        """Return the key of an axis (3,) in files: xyz, or lonlat if that is plainer."""
-        x, y, z = (float(part) for part in axis)
-        xyz = [plain(part, 1.0) for part in (x, y, z)]
-        around = 0.0 if np.hypot(x, y) < ROUNDING else math.atan2(y, x)
-        lonlat = [self.angle(around), self.angle(math.atan2(z, math.hypot(x, y)))]
-        if len(repr(xyz)) > SHORT and len(repr(lonlat)) < len(repr(xyz)):
-            return {"lonlat": lonlat}
-        return {"xyz": xyz}
+def plain_axis(axis: Floats, unit: AngleUnit) -> dict[str, Any]:
+    """Return the key of an axis (3,) in files: xyz, or lonlat if that is plainer."""
+    x, y, z = (float(part) for part in axis)
+    xyz = [plain(part, 1.0) for part in (x, y, z)]
+    around = 0.0 if np.hypot(x, y) < ROUNDING else math.atan2(y, x)
+    lonlat = [plain_angle(k, unit) for k in (around, math.atan2(z, math.hypot(x, y)))]
+    if len(repr(xyz)) > SHORT and len(repr(lonlat)) < len(repr(xyz)):
+        return {"lonlat": lonlat}
+    return {"xyz": xyz}

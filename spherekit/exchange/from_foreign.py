@@ -1,9 +1,7 @@
 """Another program's model as a spherical mechanism: what turns about one point."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,15 +10,17 @@ from spherekit.arrays import Floats
 from spherekit.conventions import MAX_NAME_LENGTH, listing, numbered
 from spherekit.errors import FileError
 from spherekit.exchange.foreign_axes import (
-    Line,
     Turning,
-    Units,
     common_point,
+    distances,
     gears_of,
     plain,
+    plain_angle,
+    plain_axis,
 )
 from spherekit.exchange.mujoco_file import MASSLESS, ForeignModel, named
 from spherekit.model.dynamics import moved_to_sphere_centre
+from spherekit.model.graph import joined
 from spherekit.model.parts import AngleUnit
 from spherekit.motion.loops import LoopTree
 from spherekit.sphere.rotation import max_abs
@@ -37,83 +37,73 @@ SLOW = 0.01
 Table = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Tables:
-    """The tables of a mechanism file, with comments above the file and above tables."""
+class ForeignTables:
+    """The tables of a mechanism file that a model is, with angles in a unit.
 
-    content: Mapping[str, Table]
-    heading: tuple[str, ...]
-    comments: Mapping[tuple[str, str], str]
-    notes: tuple[str, ...]
-
-
-def tables_of(
-    where: str, model: ForeignModel, unit: AngleUnit, within: float | None = None
-) -> Tables:
-    """Return the tables of a mechanism file that a model is.
-
-    Parameters
-    ----------
-    where
-        The file, for messages.
-    unit
-        Of its angles.
-    within
-        Distance (m) by which axes may miss their common point; by default `WITHIN` of the
-        distance of the farthest centre of mass or point that holds bodies.
+    `content` are the tables, `heading` and `comments` are above the file and above tables,
+    `notes` say what was left out or changed. Axes may miss their common point by a
+    distance `within` (m), by default `WITHIN` of that of the farthest centre of mass or
+    point that holds bodies.
 
     Raises
     ------
     FileError
         If axes miss the point or are parallel, or nothing moves.
     """
-    return _Import(where, model, Units(unit), within).tables()
 
-
-class _Import:
     def __init__(
-        self, where: str, model: ForeignModel, units: Units, within: float | None
+        self, where: str, model: ForeignModel, unit: AngleUnit, within: float | None
     ) -> None:
-        self.where, self.model, self.units = where, model, units
-        self.m, self.d = model.m, model.d
-        self.notes: list[str] = []
+        self.where, self.model, self.unit = where, model, unit
+        self.m, self.d, self.notes = model.m, model.d, list[str]()
         self.comments: dict[tuple[str, str], str] = {}
-        self.node = list(range(self.m.nbody))
         self.names: dict[int, str] = {}
         self.turning = [k for k in range(self.m.njnt) if k not in model.locked]
-        self.holds = list(model.holds(self.notes))
-        self._join()
+        self.link = self._links_of_bodies()
+        self.closing = self._closing_points()
         self.centre, self.miss = self._meet(within)
         self.pairs = self._pairs()
-        self.contacts = dict(self._contacts())
-
-    def tables(self) -> Tables:
-        content: dict[str, Table] = {
-            "source": {"citation": f"imported from the {self.model.source}"},
-            "links": {link: {} for link in self._links()},
-            "pairs": {pair.name: self._pair(pair) for pair in self.pairs} | self.contacts,
-            "inputs": self._inputs(),
-            "mass": self._masses(),
-        }
-        content["loads"] = self._loads(content["mass"])
-        content["joint_limits"] = {
-            pair.name: self._ends(*limits)
-            for pair in self.pairs
-            if (limits := self._limits(pair)) is not None
-        }
+        content = self._tables()
+        self.content = {name: table for name, table in content.items() if table}
+        self.notes += model.notes
         x, y, z = (plain(coordinate, 1.0) for coordinate in self.centre)
-        self.notes += self.model.notes
-        heading = (
-            f"Imported from the {self.model.source}.",
+        self.heading = (
+            f"Imported from the {model.source}.",
             f"The centre of the sphere is at {x}, {y}, {z} m in its world axes, which are "
             f"the ground's here; axes pass it within {self.miss:.2g} m.",
             *(f"Note: {note}." for note in self.notes),
         )
-        filled = {name: table for name, table in content.items() if table}
-        return Tables(filled, heading, self.comments, tuple(self.notes))
+
+    def _tables(self) -> dict[str, Table]:
+        contacts, masses = dict(self._contacts()), {}
+        used = [0, *(link for pair in self.pairs for link in pair.links)]
+        links: Table = {self._name(link): {} for link in dict.fromkeys(used)}
+        inputs = self._inputs()
+        if self.model.made_up:
+            self.notes.append(
+                "the masses, which the file says are made up, and its servos were left out"
+            )
+        else:
+            masses = dict(self._masses())
+        return {
+            "source": {"citation": f"imported from the {self.model.source}"},
+            "links": links,
+            "pairs": {pair.name: self._pair(pair) for pair in self.pairs} | contacts,
+            "inputs": inputs,
+            "mass": masses,
+            "loads": self._loads(masses),
+            "joint_limits": {
+                pair.name: self._ends(*limits)
+                for pair in self.pairs
+                if (limits := self._limits(pair)) is not None
+            },
+        }
 
     def _ends(self, low: float, high: float) -> Table:
-        return {"from": self.units.angle(low), "to": self.units.angle(high)}
+        return {"from": self._angle(low), "to": self._angle(high)}
+
+    def _angle(self, angle: float) -> float:
+        return plain_angle(angle, self.unit)
 
     def _limits(self, pair: Turning) -> tuple[float, float] | None:
         if pair.joint < 0 or not self.m.jnt_limited[pair.joint]:
@@ -129,43 +119,36 @@ class _Import:
 
     # Bodies that are one link
 
-    def find(self, body: int) -> int:
-        while self.node[body] != body:
-            body = self.node[body]
-        return body
-
-    def _merge(self, kept: int, other: int) -> None:
-        kept, other = self.find(kept), self.find(other)
-        if other == self.find(0):
-            kept, other = other, kept
-        self.node[other] = kept
-
-    def _join(self) -> None:
-        """Make one link of bodies that are welded, or hinged by locked joints alone."""
+    def _links_of_bodies(self) -> list[int]:
+        """Return the links of bodies: one of those welded, or hinged by locked joints."""
         moved = {int(self.m.jnt_bodyid[k]) for k in self.turning}
-        for k in range(1, self.m.nbody):
-            if k not in moved:
-                self._merge(int(self.m.body_parentid[k]), k)
-        for hold in self.holds:
-            if hold.point is None:
-                self._merge(hold.first, hold.second)
-        for k in sorted(self.model.locked):
-            self.notes.append(f"joint {self._joint(k)} is locked, so it is no pair")
+        welds = [(x.first, x.second) for x in self.model.holds if x.point is None]
+        parents = enumerate(self.m.body_parentid.tolist())
+        link = list(range(self.m.nbody))
+        for ends in [*((up, k) for k, up in parents if k and k not in moved), *welds]:
+            kept, other = (link[end] for end in ends)
+            kept, other = (other, kept) if other == 0 else (kept, other)
+            link = [kept if x == other else x for x in link]
+        self.notes += [
+            f"joint {self._joint(k)} is locked, so it is no pair"
+            for k in sorted(self.model.locked)
+        ]
+        return link
 
-    def members(self, link: int) -> list[int]:
-        return [k for k in range(len(self.node)) if self.find(k) == link]
+    def _members(self, link: int) -> list[int]:
+        """Return the bodies of a link."""
+        return [k for k, of in enumerate(self.link[: self.m.nbody]) if of == link]
 
-    def _name(self, node: int) -> str:
+    def _name(self, link: int) -> str:
         """Return the name of a link: its body's, or of the ground its only body's."""
-        if node not in self.names:
-            text = self._body(node)
-            if node == self.find(0):
-                children = [
-                    k for k in self.members(node) if k and not self.m.body_parentid[k]
-                ]
+        if link not in self.names:
+            text = self._body(link)
+            if link == 0:
+                parents = self.m.body_parentid
+                children = [k for k in self._members(0) if k and not parents[k]]
                 text = self._body(children[0]) if len(children) == 1 else "ground"
-            self.names[node] = self._unique(text, self.names.values())
-        return self.names[node]
+            self.names[link] = self._unique(text, self.names.values())
+        return self.names[link]
 
     def _unique(self, text: str, used: Iterable[str]) -> str:
         clean = re.sub(r"[^A-Za-z0-9_]", "_", text)[:MAX_NAME_LENGTH] or "unnamed"
@@ -177,59 +160,52 @@ class _Import:
             self.notes.append(f'"{text}" is called {name}')
         return name
 
-    def _links(self) -> list[str]:
-        used = [self.find(0), *(link for pair in self.pairs for link in pair.links)]
-        return [self._name(link) for link in dict.fromkeys(used)]
-
     # The centre
 
-    def _lines(self) -> list[Line]:
-        lines = [
-            Line(f"joint {self._joint(k)}", self.d.xanchor[k], self.d.xaxis[k])
-            for k in self.turning
-        ]
-        for (first, place), *others in self._held().values():
-            for other, point in others:
-                along = point - place
-                length = float(np.linalg.norm(along))
-                if length > 0.0:
-                    words = f"loop {first}" + f" through {other}" * (other != first)
-                    lines.append(Line(words, place, along / length))
-        return lines
-
-    def _held(self) -> dict[tuple[int, int], list[tuple[str, Floats]]]:
+    def _closing_points(self) -> dict[tuple[int, int], list[tuple[str, Floats]]]:
         """Return the named points that hold bodies, by the two links."""
         held: dict[tuple[int, int], list[tuple[str, Floats]]] = {}
-        for hold in self.holds:
-            ends = self.find(hold.first), self.find(hold.second)
+        for hold in self.model.holds:
+            ends = self.link[hold.first], self.link[hold.second]
             if hold.point is not None and ends[0] != ends[1]:
                 order = ends if ends in held or ends[::-1] not in held else ends[::-1]
                 held.setdefault(order, []).append((hold.name, hold.point))
         return held
 
+    def _lines(self) -> Iterator[tuple[str, Floats, Floats]]:
+        """Yield the axes that have to meet: names, points and directions (3,)."""
+        for k in self.turning:
+            yield f"joint {self._joint(k)}", self.d.xanchor[k], self.d.xaxis[k]
+        for (first, place), *others in self.closing.values():
+            for other, point in others:
+                length = float(np.linalg.norm(point - place))
+                if length > 0.0:
+                    words = f"loop {first}" + f" through {other}" * (other != first)
+                    yield words, place, (point - place) / length
+
     def _meet(self, within: float | None) -> tuple[Floats, float]:
-        lines, heavy = self._lines(), self.m.body_mass > MASSLESS
-        places = [*self.d.xipos[heavy], *self.d.xanchor]
-        places += [hold.point for hold in self.holds if hold.point is not None]
-        middle = np.mean(places, axis=0)
-        size = max(float(np.linalg.norm(place - middle)) for place in places) or 1.0
+        names, points, axes = map(np.array, zip(*self._lines(), strict=True))
+        places = [*self.d.xipos[self.m.body_mass > MASSLESS], *self.d.xanchor]
+        places += [hold.point for hold in self.model.holds if hold.point is not None]
+        away = np.array(places) - np.mean(places, axis=0)
+        size = float(np.max(np.linalg.norm(away, axis=1))) or 1.0
         allowed = WITHIN * size if within is None else within
-        centre = common_point(lines, allowed)
+        centre = common_point(points, axes, allowed)
         if centre is None:
             raise FileError(
-                f"{self.where}: all {len(lines)} axes are parallel: a planar mechanism, "
+                f"{self.where}: all {len(points)} axes are parallel: a planar mechanism, "
                 "whose links turn about no common point; axes of a spherical mechanism "
                 "meet in one"
             )
-        gaps = {line.name: line.distance(centre) for line in lines}
-        worst = max(gaps.values())
+        gaps = distances(centre, points, axes)
+        worst = float(np.max(gaps))
         if worst > allowed:
             x, y, z = (plain(coordinate, size) for coordinate in centre)
             told = "".join(
                 f"\n  {name}: {gap if gap > 1e-3 * allowed else 0.0:.4g} m"
-                for name, gap in sorted(gaps.items(), key=lambda g: -g[1])
+                for gap, name in sorted(zip(gaps, names, strict=True), key=lambda x: -x[0])
             )
-            passing = sum(gap <= allowed for gap in gaps.values())
+            passing = np.sum(gaps <= allowed)
             raise FileError(
                 f"{self.where}: the axes do not meet in a point, so it is no spherical "
                 f"mechanism. {passing} of {len(gaps)} pass the point {x}, {y}, {z} m; the "
@@ -243,17 +219,17 @@ class _Import:
 
     def _pairs(self) -> list[Turning]:
         pairs: list[Turning] = []
-        names: list[str] = []
 
-        def told(text: str) -> str:
-            names.append(self._unique(text, names))
-            return names[-1]
+        def put(text: str, links: tuple[int, int], axis: Floats, *more: Any) -> str:
+            name = self._unique(text, (pair.name for pair in pairs))
+            pairs.append(Turning(name, links, axis, *more))
+            return name
 
         by_body: dict[int, list[int]] = {}
         for k in self.turning:
             by_body.setdefault(int(self.m.jnt_bodyid[k]), []).append(k)
         for body, joints in by_body.items():
-            below, last = self.find(int(self.m.body_parentid[body])), self.find(body)
+            below, last = self.link[self.m.body_parentid[body]], self.link[body]
             if below == last:
                 them = listing(map(self._joint, joints))
                 self.notes.append(f"joint {them} cannot turn: its bodies are welded")
@@ -261,48 +237,48 @@ class _Import:
             for k in joints:
                 above = last
                 if k != joints[-1]:
-                    above = len(self.node)
-                    self.node.append(above)
+                    above = len(self.link)
+                    self.link.append(above)
                     text = f"{self._body(body)}_{self._joint(k)}"
                     self.names[above] = self._unique(text, self.names.values())
                 value = float(self.d.qpos[self.m.jnt_qposadr[k]])
-                ends, axis = (below, above), self.d.xaxis[k].copy()
-                pairs.append(Turning(told(self._joint(k)), ends, axis, value, k))
+                put(self._joint(k), (below, above), self.d.xaxis[k].copy(), value, k)
                 below = above
-        for ends, points in self._held().items():
-            pairs += self._closing(ends, points, told)
-        if not pairs:
-            raise FileError(f"{self.where}: nothing moves: all bodies are welded together")
+        for ends, points in self.closing.items():
+            arms = np.array([point for _, point in points]) - self.centre
+            lengths = np.linalg.norm(arms, axis=1)
+            far = int(np.argmax(lengths))
+            if lengths[far] <= self.miss or lengths[far] == 0.0:
+                self.notes.append(
+                    f"loop {points[far][0]} left out: it holds the centre, which does not "
+                    "move"
+                )
+                continue
+            first, axis = points[0][0], arms[far] / lengths[far]
+            name = put(first, ends, axis, self.model.values.get(first, 0.0))
+            one, other = map(self._name, ends)
+            words = f"Closes a loop: holds {one} and {other} at a point."
+            self.comments["pairs", name] = words
         self._need_pieces(pairs)
         return pairs
 
-    def _closing(
-        self,
-        ends: tuple[int, int],
-        points: Sequence[tuple[str, Floats]],
-        told: Callable[[str], str],
-    ) -> list[Turning]:
-        """Return the pair that points which hold two links make."""
-        arms = [point - self.centre for _, point in points]
-        lengths = [float(np.linalg.norm(arm)) for arm in arms]
-        far = int(np.argmax(lengths))
-        if lengths[far] <= self.miss or lengths[far] == 0.0:
-            self.notes.append(
-                f"loop {points[far][0]} left out: it holds the centre, which does not move"
+    def _need_pieces(self, pairs: Sequence[Turning]) -> None:
+        """Raise `FileError` where nothing moves, or a link is not joined to the ground."""
+        if not pairs:
+            raise FileError(f"{self.where}: nothing moves: all bodies are welded together")
+        piece = joined(len(self.link), (pair.links for pair in pairs))
+        lost = {k for pair in pairs for k in pair.links if piece[k]}
+        if lost:
+            raise FileError(
+                f"{self.where}: link {listing(self._name(k) for k in lost)} is not joined "
+                "to the ground"
             )
-            return []
-        first = points[0][0]
-        name = told(first)
-        one, other = (self._name(end) for end in ends)
-        self.comments["pairs", name] = f"Closes a loop: holds {one} and {other} at a point."
-        value = self.model.values.get(first, 0.0)
-        return [Turning(name, ends, arms[far] / lengths[far], value)]
 
     def _contacts(self) -> Iterator[tuple[str, Table]]:
         """Yield a rolling contact for each coupling of hinges."""
         turning = [pair for pair in self.pairs if pair.joint >= 0]
         names = [pair.name for pair in self.pairs]
-        for coupling, factors in self.model.couplings():
+        for coupling, factors in self.model.couplings:
             gears = gears_of(turning, factors)
             if isinstance(gears, str):
                 raise FileError(
@@ -310,50 +286,37 @@ class _Import:
                     f"{listing(map(self._joint, factors))}, but no two gears do: {gears}. "
                     "Take it out of a copy of the file"
                 )
+            circles, external = gears
             names.append(self._unique(coupling, names))
-            links = [self._name(link) for link in gears.links]
-            table: Table = {"type": "Cr", "links": links}
-            if gears.contact != "external":
-                table["contact"] = gears.contact
-            table["profiles"] = {
-                link: {
-                    "kind": "circle",
-                    **{f"centre_{k}": x for k, x in self.units.axis(centre).items()},
-                    "radius": self.units.angle(radius),
-                }
-                for link, centre, radius in zip(
-                    links, gears.centres, gears.radii, strict=True
-                )
-            }
+            profiles = {}
+            for radius, link, centre in circles:
+                axis = plain_axis(centre, self.unit)
+                place = {f"centre_{kind}": numbers for kind, numbers in axis.items()}
+                circle = {"kind": "circle", **place, "radius": self._angle(radius)}
+                profiles[self._name(link)] = circle
+            contact = {} if external else {"contact": "internal"}
             self.comments["pairs", names[-1]] = "Joints at a constant ratio: gears."
-            yield names[-1], table
-
-    def _need_pieces(self, pairs: Sequence[Turning]) -> None:
-        joined = {self.find(0)}
-        for _ in pairs:
-            joined |= {k for pair in pairs for k in pair.links if joined & set(pair.links)}
-        lost = {k for pair in pairs for k in pair.links} - joined
-        if lost:
-            raise FileError(
-                f"{self.where}: link {listing(self._name(k) for k in lost)} is not joined "
-                "to the ground"
-            )
+            table: Table = {"type": "Cr", "links": [*profiles], **contact}
+            yield names[-1], {**table, "profiles": profiles}
 
     def _pair(self, pair: Turning) -> Table:
         one, other = (self._name(link) for link in pair.links)
-        table: Table = {"type": "R", "links": [one, other], **self.units.axis(pair.axis)}
+        table: Table = {
+            "type": "R",
+            "links": [one, other],
+            **plain_axis(pair.axis, self.unit),
+        }
         if pair.value:
-            table["value"] = self.units.angle(pair.value)
+            table["value"] = self._angle(pair.value)
         return table
 
     def _inputs(self) -> Table:
         """Return the actuated pairs, with as many others as there are freedoms left."""
         numbers = {pair.joint: k for k, pair in enumerate(self.pairs) if pair.joint >= 0}
         driven = [numbers[joint] for joint in self.model.drives if joint in numbers]
-        ground = self.find(0)
         rest = sorted(
             (k for k in range(len(self.pairs)) if k not in driven),
-            key=lambda k: (self.pairs[k].joint < 0, ground not in self.pairs[k].links),
+            key=lambda k: (self.pairs[k].joint < 0, 0 not in self.pairs[k].links),
         )
         rows = self._velocity_equations(numbers)
         rank = _rank(rows)
@@ -386,12 +349,12 @@ class _Import:
 
         `numbers` are the pairs of joints.
         """
-        links = [self.find(0), *(link for pair in self.pairs for link in pair.links)]
+        links = [0, *(link for pair in self.pairs for link in pair.links)]
         place = {link: k for k, link in enumerate(dict.fromkeys(links))}
         ends = tuple((place[a], place[b]) for a, b in (pair.links for pair in self.pairs))
         tree = LoopTree(len(place), ends, tuple(range(len(ends))))
         rows = [tree.jacobian(np.array([[pair.axis for pair in self.pairs]]))[0]]
-        for _, factors in self.model.couplings():
+        for _, factors in self.model.couplings:
             ratio = np.zeros((1, len(ends)))
             ratio[0, [numbers[joint] for joint in factors]] = list(factors.values())
             rows.append(ratio)
@@ -399,18 +362,12 @@ class _Import:
 
     # Inertia and loads
 
-    def _masses(self) -> Table:
-        m, masses = self.m, {}
-        if self.model.made_up:
-            self.notes.append(
-                "the masses, which the file says are made up, and its servos were left out"
-            )
-            return {}
+    def _masses(self) -> Iterator[tuple[str, Table]]:
+        """Yield the links that are heavy, about the centre of the sphere."""
+        m = self.m
         for link in dict.fromkeys(link for pair in self.pairs for link in pair.links):
-            heavy = [
-                k for k in self.members(link) if k < m.nbody and m.body_mass[k] > MASSLESS
-            ]
-            if link == self.find(0) or not heavy:
+            heavy = [k for k in self._members(link) if m.body_mass[k] > MASSLESS]
+            if link == 0 or not heavy:
                 continue
             mass, moment, tensor = 0.0, np.zeros(3), np.zeros((3, 3))
             for k in heavy:
@@ -423,7 +380,7 @@ class _Import:
             most = float(max_abs(tensor))
             table: Table = {"tensor": [[plain(x, most, THIN) for x in r] for r in tensor]}
             weightless = m.body_gravcomp[heavy] == 1.0
-            if not np.all(weightless) or self.gravity is not None:
+            if not np.all(weightless) or self.model.gravity is not None:
                 radius = float(np.sqrt(np.trace(tensor) / mass))
                 table["mass"] = plain(mass, mass)
                 table["centre"] = [plain(x, radius) for x in moment / mass]
@@ -431,12 +388,7 @@ class _Import:
                     self.comments["mass", self._name(link)] = (
                         "Its weight is compensated: its centre counts as the sphere's."
                     )
-            masses[self._name(link)] = table
-        return masses
-
-    @cached_property
-    def gravity(self) -> Floats | None:
-        return self.model.gravity(self.notes)
+            yield self._name(link), table
 
     def _loads(self, masses: Table) -> Table:
         m, loads = self.m, {}
@@ -446,8 +398,8 @@ class _Import:
             names.append(self._unique(name, names))
             loads[names[-1]] = table
 
-        if self.gravity is not None and masses:
-            acceleration = [plain(x, 1.0) for x in self.gravity]
+        if self.model.gravity is not None and masses:
+            acceleration = [plain(x, 1.0) for x in self.model.gravity]
             put("gravity", {"kind": "gravity", "acceleration": acceleration})
         for pair in self.pairs:
             k, on = pair.joint, {"pair": pair.name}
@@ -457,12 +409,12 @@ class _Import:
             stiffness, damping = float(m.jnt_stiffness[k]), float(m.dof_damping[dof])
             dry = float(m.dof_frictionloss[dof])
             if stiffness:
-                rest = self.units.angle(float(m.qpos_spring[place]))
+                rest = self._angle(float(m.qpos_spring[place]))
                 spring = {"stiffness": plain(stiffness, stiffness), "rest": rest}
                 put(f"spring_{pair.name}", {"kind": "spring", **on, **spring})
             viscous = plain(damping, damping)
             if dry:
-                rubs = {"torque": plain(dry, dry), "speed": self.units.angle(SLOW)}
+                rubs = {"torque": plain(dry, dry), "speed": self._angle(SLOW)}
                 if damping:
                     rubs["viscous"] = viscous
                 put(f"friction_{pair.name}", {"kind": "friction", **on, **rubs})
@@ -524,7 +476,7 @@ class _Import:
             self.notes.append(f"actuator {name} left out: its axes move with another body")
             return
         turn = d.site_xmat[site if seen < 0 else seen].reshape(3, 3)
-        link = self._name(self.find(int(m.site_bodyid[site])))
+        link = self._name(self.link[m.site_bodyid[site]])
         arm = d.site_xpos[site] - self.centre
         for kind, part in (("force", wrench[:3]), ("moment", wrench[3:])):
             vector = turn @ part

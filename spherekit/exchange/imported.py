@@ -7,7 +7,7 @@ from pathlib import Path
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath
 from spherekit.errors import FileError
-from spherekit.exchange.from_foreign import Tables, tables_of
+from spherekit.exchange.from_foreign import ForeignTables
 from spherekit.exchange.mujoco_file import ForeignModel
 from spherekit.files.atomic import write_text
 from spherekit.files.read import loads
@@ -76,10 +76,9 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
     model = ForeignModel(where)
     name = _name(model.name, where)
     units: tuple[AngleUnit, ...] = ("deg", "rad")
-    both = [(unit, tables_of(str(where), model, unit, within)) for unit in units]
-    texts = ["\n".join([*_lines(name, unit, built), ""]) for unit, built in both]
-    text = min(texts, key=len)
-    return Imported(loads(text, f"{where}: imported"), text, both[0][1].notes)
+    both = [ForeignTables(str(where), model, unit, within) for unit in units]
+    text = min(("\n".join([*_lines(name, built), ""]) for built in both), key=len)
+    return Imported(loads(text, f"{where}: imported"), text, tuple(both[0].notes))
 
 
 def _name(text: str, where: Path) -> str:
@@ -87,12 +86,12 @@ def _name(text: str, where: Path) -> str:
     return clean or where.stem
 
 
-def _lines(name: str, unit: AngleUnit, built: Tables) -> Iterator[str]:
+def _lines(name: str, built: ForeignTables) -> Iterator[str]:
     for line in built.heading:
         yield f"# {line}"
     yield assignment("format", FORMAT)
     yield assignment("name", name)
-    yield assignment("angle_unit", unit)
+    yield assignment("angle_unit", built.unit)
     yield assignment("ground", next(iter(built.content["links"])))
     for key, content in built.content.items():
         if key == "source":

@@ -9,6 +9,7 @@ them (Drake, Isaac Sim, and exporters that write parent and child with origins),
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -122,15 +123,14 @@ class ForeignModel:
         m.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         self.d: Any = mujoco.MjData(m)
         self._need_hinges()
-        self.equalities = [k for k in range(m.neq) if m.eq_active0[k]]
-        self.locked = {
-            int(m.eq_obj1id[k])
-            for k in self.equalities
-            if m.eq_type[k] == self.kinds.mjEQ_JOINT and m.eq_obj2id[k] < 0
-        }
         numbers = {numeric.name: list(numeric.data) for numeric in spec.numerics}
         self.drives = self._drives(numbers)
         self._close({int(m.jnt_dofadr[k]) for k in self.drives})
+        self.holds: list[Hold] = []
+        self.couplings: list[tuple[str, dict[int, float]]] = []
+        self.locked: set[int] = set()
+        for k in np.flatnonzero(m.eq_active0).tolist():
+            self._take_equality(k)
         self.made_up = {text.name: text.data for text in spec.texts}.get("masses") == (
             "made up"
         )
@@ -302,49 +302,53 @@ class ForeignModel:
                 drives[k] = (float(ends[0]), float(ends[1]))
         return drives
 
-    def holds(self, notes: list[str]) -> Iterator[Hold]:
-        """Yield what holds bodies to each other; note equalities that are left out."""
-        m, d, kinds = self.m, self.d, self.kinds
-        for k in self.equalities:
-            kind, name = m.eq_type[k], named(m.eq(k), "loop", k)
-            if kind not in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
-                if kind not in (kinds.mjEQ_JOINT, kinds.mjEQ_TENDON):
-                    notes.append(f"{named(m.eq(k), 'equality', k)} left out")
-                continue
-            one, other = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
-            if m.eq_objtype[k] == kinds.mjOBJ_SITE:
-                point = d.site_xpos[one].copy()
-                one, other = int(m.site_bodyid[one]), int(m.site_bodyid[other])
-            else:
-                point = d.xpos[one] + d.xmat[one].reshape(3, 3) @ m.eq_data[k][:3]
-            if kind == kinds.mjEQ_WELD:
-                yield Hold(name, one, other)
-                continue
-            yield Hold(name, one, other, point)
-            if name in self.hinged:
-                axis = d.xmat[one].reshape(3, 3) @ self.hinged[name]
-                yield Hold(name, one, other, point + axis)
+    def _take_equality(self, k: int) -> None:
+        """Take what an equality holds, locks or couples; note one that is left out."""
+        m, kinds, kind = self.m, self.kinds, int(self.m.eq_type[k])
+        one, other = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
+        name = named(m.eq(k), "equality", k)
+        if kind == kinds.mjEQ_JOINT and other < 0:
+            self.locked.add(one)
+        elif kind in (kinds.mjEQ_JOINT, kinds.mjEQ_TENDON):
+            self.couplings.append((name, self._factors(k, name)))
+        elif kind in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
+            self.holds += self._held(k, one, other)
+        else:
+            self.notes.append(f"{name} left out")
 
-    def couplings(self) -> Iterator[tuple[str, dict[int, float]]]:
-        """Yield the equalities that couple joints, with factors of their rates by joint."""
-        m, kinds = self.m, self.kinds
-        for k in self.equalities:
-            kind, name = int(m.eq_type[k]), named(m.eq(k), "equality", k)
-            first, second = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
-            joints = kind == kinds.mjEQ_JOINT
-            if kind not in (kinds.mjEQ_JOINT, kinds.mjEQ_TENDON) or (joints and second < 0):
-                continue
-            if np.any(m.eq_data[k][2:5]):
-                raise FileError(
-                    f"{self.path}: {name} couples joints at a ratio that changes; a "
-                    "mechanism file has profiles in contact for that. Take it out of a copy"
-                )
-            factors: dict[int, float] = {}
-            for item, ratio in ((first, 1.0), (second, -float(m.eq_data[k][1]))):
-                parts = [(item, 1.0)] if joints else self._tendon(name, item)
-                for joint, factor in parts if item >= 0 else ():
-                    factors[joint] = factors.get(joint, 0.0) + ratio * factor
-            yield name, factors
+    def _held(self, k: int, one: int, other: int) -> Iterator[Hold]:
+        """Yield what a connection, or a weld, holds bodies or sites by."""
+        m, d, name = self.m, self.d, named(self.m.eq(k), "loop", k)
+        if m.eq_objtype[k] == self.kinds.mjOBJ_SITE:
+            point = d.site_xpos[one].copy()
+            one, other = int(m.site_bodyid[one]), int(m.site_bodyid[other])
+        else:
+            point = d.xpos[one] + d.xmat[one].reshape(3, 3) @ m.eq_data[k][:3]
+        if m.eq_type[k] == self.kinds.mjEQ_WELD:
+            yield Hold(name, one, other)
+            return
+        yield Hold(name, one, other, point)
+        if name in self.hinged:
+            axis = d.xmat[one].reshape(3, 3) @ self.hinged[name]
+            yield Hold(name, one, other, point + axis)
+
+    def _factors(self, k: int, name: str) -> dict[int, float]:
+        """Return the factors of the rates of joints, by joint, that an equality couples."""
+        m = self.m
+        if np.any(m.eq_data[k][2:5]):
+            raise FileError(
+                f"{self.path}: {name} couples joints at a ratio that changes; a "
+                "mechanism file has profiles in contact for that. Take it out of a copy"
+            )
+        factors: dict[int, float] = {}
+        ends = (m.eq_obj1id[k], 1.0), (m.eq_obj2id[k], -float(m.eq_data[k][1]))
+        for item, ratio in ends:
+            parts = [(int(item), 1.0)]
+            if m.eq_type[k] == self.kinds.mjEQ_TENDON and item >= 0:
+                parts = self._tendon(name, int(item))
+            for joint, factor in parts if item >= 0 else ():
+                factors[joint] = factors.get(joint, 0.0) + ratio * factor
+        return factors
 
     def _tendon(self, name: str, number: int) -> list[tuple[int, float]]:
         """Return the joints of a fixed tendon with their factors."""
@@ -358,10 +362,11 @@ class ForeignModel:
             )
         return [(int(m.wrap_objid[k]), float(m.wrap_prm[k])) for k in places]
 
-    def gravity(self, notes: list[str]) -> Floats | None:
-        """Return the acceleration (3,); a URDF has none."""
+    @cached_property
+    def gravity(self) -> Floats | None:
+        """The acceleration (3,); a URDF has none."""
         if self.urdf is not None:
-            notes.append("gravity left out: a URDF does not say where it acts")
+            self.notes.append("gravity left out: a URDF does not say where it acts")
             return None
         gravity: Floats = self.m.opt.gravity.copy()
         off = self.m.opt.disableflags & int(self.mj.mjtDisableBit.mjDSBL_GRAVITY)
