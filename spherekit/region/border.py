@@ -267,8 +267,8 @@ def _heights(
 MOST_STEPS = 30
 DIFFERENCE = 1e-6
 """Steps by which slopes of margins are found, as part of the chord."""
-SETTLED = 1e-14
-"""A corner is found when it moves by less than this (rad)."""
+SETTLED = 1e-11
+"""A corner is found when it moves by less than this (rad): the next step is 1e-6 of it."""
 BEYOND = 1e-7
 """Where the smallest margin is exactly 0, the one that ends the region is looked for this
 much farther on, as part of the edge."""
@@ -325,34 +325,29 @@ def corners(
     first, length = unit(start + end), arc(start, end)
     toward = unit(cross(cross(start, end - start), first))
     frame = np.stack([toward, cross(first, toward)], axis=1)
-    exact, steps = 0.01 * evaluate.floor[pair], DIFFERENCE * np.eye(3, 2, -1)
+    steps = DIFFERENCE * np.eye(3, 2, -1)
 
     def places(x: Floats, which: Indices) -> Floats:
         """Return the points (k, ..., 3) at places (k, ..., 2) of the tangent planes."""
         return unit(np.einsum("n...d,ndx->n...x", x, frame[which]) + first[which, None])
 
-    x, sound = np.zeros((len(start), 1, 2)), np.zeros(len(start), dtype=bool)
-    going = np.arange(len(start))
+    x, going = np.zeros((len(start), 1, 2)), np.arange(len(start))
     for _ in range(MOST_STEPS):
+        if not len(going):
+            break
         beside = x[going] + steps * length[going, None, None]
         rows = evaluate(places(beside, going).reshape(-1, 3))
         numbers = np.repeat(pair[going], 3, axis=0).T
         value = np.stack([chosen(rows, number) for number in numbers], axis=1)
         value = value.reshape(-1, 3, 2)
         slope = (value[:, 1:] - value[:, :1]) / (DIFFERENCE * length[going, None, None])
-        usable = np.abs(np.linalg.det(slope)) > 0.0
-        going, value, slope = going[usable], value[usable], slope[usable]
-        if not len(going):
-            break
-        step = -value[:, :1] @ np.linalg.inv(slope)
+        step = -value[:, :1] @ np.linalg.pinv(slope)
         size, most = np.linalg.norm(step[:, 0], axis=1), FARTHEST * length[going]
         step *= np.minimum(1.0, most / np.where(size > 0.0, size, 1.0))[:, None, None]
-        zero = np.all(np.abs(value[:, 0]) <= exact[going], axis=1)
         x[going] += step
-        settled = (size < SETTLED) | zero & (size < 100.0 * SETTLED)
-        away = np.linalg.norm(x[going, 0], axis=1)
-        sound[going[settled & (away < most)]] = True
-        going = going[~settled & (away < 3.0 * most)]
+        going = going[size >= SETTLED]
+    sound = np.linalg.norm(x[:, 0], axis=1) < FARTHEST * length
+    sound[going] = False
     at = places(x, np.arange(len(start)))[:, 0]
     return np.where(sound[:, None], at, np.nan), sound
 
