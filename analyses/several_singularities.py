@@ -155,6 +155,11 @@ class SeveralInputs:
 
     def relation(self, batch: Batch) -> Row:
         """Return c_i w_i = d_i q_i' and nearness of every row, by output and input."""
+        return batch.once(
+            "relation", lambda: RELATION.stacked(batch.mechanism, self._related(batch))
+        )
+
+    def _related(self, batch: Batch) -> list[Row]:
         parts: list[Row] = []
         for output in batch.mechanism.outputs:
             rows = self._coefficients(batch, output)
@@ -184,7 +189,7 @@ class SeveralInputs:
                 {**whole, "moving": pair, **{name: x[:, k] for name, x in by_input.items()}}
                 for k, pair in enumerate(batch.moving_inputs)
             ]
-        return RELATION.stacked(batch.mechanism, parts)
+        return parts
 
     def aspect_rows(self, batch: Batch) -> Row:
         """Return the configurations over an input grid, with the number of their aspect."""
@@ -261,7 +266,7 @@ class SeveralInputs:
             batch,
             batch.mechanism.outputs,
             lambda output: self._found(batch)[0][output.name],
-            lambda output: self._coefficients(batch, output),
+            self.relation(batch),
         ).pages()
 
     def _found(self, batch: Batch) -> tuple[Loci, Aspects | None]:

@@ -39,7 +39,6 @@ from spherekit.plugin.motion import PositionAnalysis
 from spherekit.plugin.rotations import quaternion, wrap
 from spherekit.plugin.singularities import (
     CurveSeen,
-    OutputCoefficients,
     SampledSingularities,
     SingularCurves,
     SingularPoints,
@@ -236,6 +235,25 @@ def plane(
     )
 
 
+def relation_plots(relation: Row, count: int, rows: slice) -> list[Primitive]:
+    """Return c, d and angles of each output in some of so many rows of a batch."""
+    parts: dict[str, Primitive] = {}
+    several = len(set(relation["moving"])) > 1
+    for start in range(0, len(relation["c"]), count):
+        output, form, moving = (relation[k][start] for k in ("output", "form", "moving"))
+        by, at = f" by {moving}" * several, slice(start + rows.start, start + rows.stop)
+        pair, angles = f"input-output relation, form {form}", f"angles, form {form}"
+        series = {name: (name + by, pair, "") for name in ("c", "d")}
+        series |= {name: (words, angles, "rad") for name, words in _ANGLES.items()}
+        for name, (words, group, unit) in series.items():
+            end = words.replace(" ", "_") if group == pair else name
+            path = f"plots/{form}/{output.replace('/', '_')}/{end}"
+            if np.any(np.isfinite(relation[name][at])):
+                label = f"{words}, output {output}"
+                parts[path] = Series(path, label, group, relation[name][at], unit)
+    return [*parts.values()]
+
+
 def words_of(kind: str) -> str:
     """Return the words for a kind: type II, self-motion."""
     return kind if kind == SELF_MOTION else f"type {kind}"
@@ -259,27 +277,19 @@ class OneInputScenes:
         pages = []
         for number, rows in self.batch.assembly_mode_rows().items():
             drawn = [self._input_output(output, rows) for output in range(len(self.names))]
-            pages.append(Scene(number, (*drawn, *self._plots(rows), *self._marked(rows))))
+            pages.append(
+                Scene(
+                    number,
+                    (
+                        *drawn,
+                        *relation_plots(self.relation, len(self.batch), rows),
+                        *self._marked(rows),
+                    ),
+                )
+            )
         if np.any(np.isfinite(self.points["s"])):
             pages.insert(0, self._gallery())
         return tuple(pages)
-
-    def _plots(self, rows: slice) -> list[Primitive]:
-        relation = self.relation
-        parts: list[Primitive] = []
-        for start in range(0, len(relation["c"]), len(self.batch)):
-            output, form = relation["output"][start], relation["form"][start]
-            shown = slice(start + rows.start, start + rows.stop)
-            pair = f"input-output relation, form {form}"
-            series = {name: (name, pair, "") for name in ("c", "d")}
-            for name, words in _ANGLES.items():
-                if np.any(np.isfinite(relation[name][shown])):
-                    series[name] = words, f"angles, form {form}", "rad"
-            for name, (words, group, unit) in series.items():
-                path = f"plots/{form}/{output.replace('/', '_')}/{name}"
-                label = f"{words}, output {output}"
-                parts.append(Series(path, label, group, relation[name][shown], unit))
-        return parts
 
     def _marked(self, rows: slice) -> list[Primitive]:
         """Return the inputs at which singularities of an assembly mode are."""
@@ -402,13 +412,14 @@ def _planes(six: SixPoles, kind: str) -> Floats:
 class SeveralScenes:
     """Pages about the singularities of a batch with several inputs, by its outputs.
 
-    `loci` are what is found of each output, curves or surfaces.
+    `loci` are what is found of each output, curves or surfaces; `relation` has the rows of
+    that table.
     """
 
     batch: Batch
     outputs: Sequence[Output]
     loci: Callable[[Output], Sequence[SingularCurves | SingularSurface]]
-    coefficients: Callable[[Output], OutputCoefficients]
+    relation: Row
 
     def pages(self) -> tuple[Scene, ...]:
         """Return plots of each mode, curves in the plane of inputs and on the sphere."""
@@ -425,7 +436,7 @@ class SeveralScenes:
                 if any(of_type.curves for of_type in curves):
                     parts.append(self._plane(output, curves, rows))
                     parts += self._on_sphere(output, curves)
-                parts += self._plots(output, rows)
+            parts += relation_plots(self.relation, len(self.batch), rows)
             pages.append(Scene(number, tuple(parts)))
         surfaces = tuple(
             self._surface(output, locus)
@@ -436,22 +447,6 @@ class SeveralScenes:
             step = Axis("surfaces", "", np.zeros(1))
             pages.insert(0, Scene("Singular surfaces", surfaces, (step,)))
         return tuple(pages)
-
-    def _plots(self, output: Output, rows: slice) -> list[Primitive]:
-        at = self.coefficients(output)
-        parts: list[Primitive] = []
-        for moved, pair in enumerate(self.batch.moving_inputs):
-            for name, values in (("c", at.c), ("d", at.d)):
-                if np.any(np.isfinite(values)):
-                    where = f"plots/relation/{output.name}/{pair}/{name}"
-                    group = f"input-output relation of {output.name}"
-                    values = values[rows, moved]
-                    parts.append(Series(where, f"{name} by {pair}", group, values))
-        for kind, sizes in (("I", at.type_one), ("II", at.type_two)):
-            where, group = f"plots/angles/{output.name}/{kind}", f"angles of {output.name}"
-            angles = angle_of(sizes)[rows]
-            parts.append(Series(where, f"to type {kind}", group, angles, "rad"))
-        return parts
 
     def _plane(
         self, output: Output, loci: Sequence[SingularCurves], rows: slice
