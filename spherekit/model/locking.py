@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from types import MappingProxyType
 from typing import Any
 
@@ -327,26 +328,21 @@ def _but(of_pairs: Mapping[str, Any], pair: Pair) -> dict[str, Any]:
 
 def _added(masses: Iterable[Mass]) -> tuple[Mass, ...]:
     """Return masses in which those of one link are one."""
-    whole: dict[str, Mass] = {}
+    of_links: dict[str, list[Mass]] = {}
     for item in masses:
-        other = whole.get(item.link)
-        if other is None:
-            whole[item.link] = item
-            continue
-        mass, centre = None, None
-        placed = [
-            (part.mass, np.array(part.centre, dtype=float))
-            for part in (item, other)
-            if part.mass is not None and part.centre is not None
-        ]
-        if len(placed) == 2:
-            mass = sum(weight for weight, _ in placed)
-            moments = np.sum([weight * place for weight, place in placed], axis=0)
-            centre = vector_of(moments / mass if mass else moments)
-        tensor = np.array(item.tensor, dtype=float) + np.array(other.tensor, dtype=float)
-        first, second, third = map(vector_of, tensor)
-        whole[item.link] = Mass(item.link, (first, second, third), mass, centre)
-    return tuple(whole.values())
+        of_links.setdefault(item.link, []).append(item)
+    return tuple(reduce(_sum, of_link) for of_link in of_links.values())
+
+
+def _sum(one: Mass, other: Mass) -> Mass:
+    """Return the mass of two bodies that are one."""
+    mass, centre = None, None
+    if None not in (one.mass, other.mass, one.centre, other.centre):
+        weights = np.array([one.mass, other.mass])
+        mass = float(np.sum(weights))
+        centre = vector_of(weights @ np.array([one.centre, other.centre]) / (mass or 1.0))
+    first, second, third = map(vector_of, np.add(one.tensor, other.tensor))
+    return Mass(one.link, (first, second, third), mass, centre)
 
 
 def sizes_by_frames(

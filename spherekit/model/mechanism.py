@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 from numpy.typing import ArrayLike
 
@@ -36,9 +36,9 @@ from spherekit.model.parts import (
     SizeGeometry,
     Sizes,
     Source,
-    all_in_radians,
     along,
     in_radians,
+    resized,
     rows_of,
 )
 
@@ -282,9 +282,14 @@ class Mechanism:
         geometry = self.geometry
         if isinstance(geometry, SizeGeometry):
             self._need_none("arcs, angles and zeros", axes=axes, values=values)
-            links = self._changed_links(
-                geometry, {"arcs": arcs, "angles": angles}, angle_unit
-            )
+            links = dict(geometry.links)
+            kinds: Mapping[Literal["arcs", "angles"], Mapping[str, Sizes] | None]
+            kinds = {"arcs": arcs, "angles": angles}
+            for kind, of_links in kinds.items():
+                for link, sizes in (of_links or {}).items():
+                    where = f"{self.name}: links.{link}.{kind}"
+                    old = links.get(self.links[self.link(link)], LinkSizes(()))
+                    links[link] = resized(where, old, kind, sizes, angle_unit)
             geometry = SizeGeometry(
                 links, {**geometry.zeros, **self._by_pair(zeros, angle_unit)}
             )
@@ -300,24 +305,6 @@ class Mechanism:
                 {**geometry.values, **self._by_pair(values, angle_unit)},
             )
         return replace(self, geometry=geometry)
-
-    def _changed_links(
-        self,
-        geometry: SizeGeometry,
-        given: Mapping[str, Mapping[str, Sizes] | None],
-        unit: AngleUnit,
-    ) -> dict[str, LinkSizes]:
-        """Return the sizes of all links with those given, by kind and by link."""
-        links = dict(geometry.links)
-        for key, changes in given.items():
-            for link, sizes in (changes or {}).items():
-                old = links.get(self.links[self.link(link)], LinkSizes(()))
-                change = old.with_arcs if key == "arcs" else old.with_angles
-                try:
-                    links[link] = change(all_in_radians(sizes, unit))
-                except ModelError as error:
-                    raise ModelError(f"{self.name}: links.{link}.{error}") from None
-        return links
 
     def _by_pair(
         self, given: Mapping[str, float] | None, unit: AngleUnit

@@ -28,28 +28,6 @@ def in_radians(angle: float, unit: AngleUnit | None) -> float:
     return math.radians(angle) if unit == "deg" else float(angle)
 
 
-def all_in_radians(sizes: Sizes, unit: AngleUnit) -> Sizes:
-    """Return sizes in rad, given in a unit; a single one as a sequence."""
-    if isinstance(sizes, Mapping):
-        return {name: in_radians(size, unit) for name, size in sizes.items()}
-    return tuple(in_radians(size, unit) for size in np.ravel(np.asarray(sizes)).tolist())
-
-
-def changed(
-    key: str, pairs: Sequence[str], old: tuple[float, ...], given: Sizes
-) -> tuple[float, ...]:
-    """Return sizes of a link with those given in place of old ones."""
-    if not isinstance(given, Mapping):
-        return tuple(given) if isinstance(given, Sequence) else (given,)
-    unknown = [name for name in given if name not in pairs]
-    if unknown:
-        raise ModelError(
-            f'{key}: none leads to "{unknown[0]}"'
-            f"{choices(unknown[0], pairs, 'they lead to')}"
-        )
-    return tuple(given.get(name, size) for name, size in zip(pairs, old, strict=True))
-
-
 def rows_of(key: str, given: ArrayLike, shape: tuple[int, ...]) -> Any:
     """Return numbers of a shape as tuples of floats."""
     numbers = np.asarray(given, dtype=float)
@@ -173,19 +151,34 @@ class LinkSizes:
     unpaired: tuple[str, ...] = ()
     signed: bool = False
 
-    def with_arcs(self, arcs: Sizes) -> "LinkSizes":
-        """Return the same link with other arcs (rad), all or some by the pair they end at.
 
-        Raises
-        ------
-        ModelError
-            If no arc ends at a pair that is named.
-        """
-        return replace(self, arcs=changed("arcs", self.axes[1:], self.arcs, arcs))
+def resized(
+    where: str,
+    link: LinkSizes,
+    kind: Literal["arcs", "angles"],
+    given: Sizes,
+    unit: AngleUnit,
+) -> LinkSizes:
+    """Return a link with other arcs or angles, all or some by the pair they lead to.
 
-    def with_angles(self, angles: Sizes) -> "LinkSizes":
-        """Return the same link with other angles (rad), as `with_arcs` has arcs."""
-        return replace(self, angles=changed("angles", self.axes[2:], self.angles, angles))
+    Raises
+    ------
+    ModelError
+        If none leads to a pair that is named; `where` says which are meant.
+    """
+    made: dict[str, Any]
+    if isinstance(given, Mapping):
+        pairs = link.axes[1 if kind == "arcs" else 2 :]
+        for name in given.keys() - set(pairs):
+            said = choices(name, pairs, "they lead to")
+            raise ModelError(f'{where}: none leads to "{name}"{said}')
+        sizes = dict(zip(pairs, getattr(link, kind), strict=True))
+        sizes |= {name: in_radians(size, unit) for name, size in given.items()}
+        made = {kind: tuple(sizes.values())}
+    else:
+        every = np.ravel(np.asarray(given)).tolist()
+        made = {kind: tuple(in_radians(size, unit) for size in every)}
+    return replace(link, **made)
 
 
 @dataclass(frozen=True)
