@@ -18,10 +18,13 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
-from spherekit.analysis.rows import order_of, parts_in_order, typed
+import numpy as np
+
+from spherekit.analysis.rows import order_of, typed
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     CHUNK,
@@ -327,25 +330,22 @@ class StoredParts:
         from spherekit.analysis.frames import write_columns
 
         columns = typed(table, arrays(data))
-        parts: Any = [(0, slice(0, len(next(iter(columns.values())))))]
-        in_order = self._more and table.in_assembly_modes
-        if in_order:
-            parts = parts_in_order([columns])
-        if parts is None:
+        count = len(next(iter(columns.values())))
+        modes = np.zeros(count, dtype=int)
+        if self._more and table.in_assembly_modes:
             order = order_of(columns)
-            columns = {name: values[order] for name, values in columns.items()}
-            parts = parts_in_order([columns])
+            if np.any(order[1:] < order[:-1]):
+                columns = {name: values[order] for name, values in columns.items()}
+            modes = columns[ASSEMBLY_MODE.name]
+        edges = [*np.flatnonzero(np.diff(modes, prepend=-1)).tolist(), count]
         spans = [
-            slice(start, min(start + CHUNK, rows.stop))
-            for _, rows in parts
-            for start in range(rows.start, rows.stop, CHUNK)
+            slice(start, min(start + CHUNK, stop))
+            for first, stop in pairwise(edges)
+            for start in range(first, stop, CHUNK)
         ]
-        modes = [0] * len(spans)
-        if in_order:
-            modes = columns[ASSEMBLY_MODE.name][[rows.start for rows in spans]].tolist()
+        notes = {MODES: [int(modes[rows.start]) for rows in spans]}
         key = analysis, table.name
-        path = self._path(key, self._parts[key])
-        write_columns(path, columns, {MODES: modes}, spans, "none")
+        write_columns(self._path(key, self._parts[key]), columns, notes, spans, "none")
         self._parts[key] += 1
 
     def pieces(self, analysis: str, table: Table) -> Iterator[Mapping[str, Any]]:

@@ -26,7 +26,7 @@ from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.cost import AXES, RECORDING, SEARCH, SIMULATION, Timer
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.kernel_columns import LazyField
-from spherekit.analysis.running.recording import RecordingSession, thinning_of
+from spherekit.analysis.running.recording import RecordingSession
 from spherekit.analysis.running.run_state import RunState
 from spherekit.analysis.running.sampling import EVENTS, courses_of
 from spherekit.analysis.running.summary import (
@@ -156,7 +156,7 @@ def executed(
                     job.plans,
                     [analysis.name for analysis in analyses],
                     recorder,
-                    thinning_of(course, execution.log_every),
+                    execution.log_every,
                     standing.done,
                 )
         verifier = Verifier(job, study.verify) if study.verify else None

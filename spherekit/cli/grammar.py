@@ -10,6 +10,7 @@ import argparse
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from itertools import groupby
 from operator import itemgetter
@@ -130,18 +131,15 @@ SUGGEST: Mapping[str, suggest.Suggest] = {
 """What a shell may complete where a word of a page stands."""
 
 
-class Formatter(argparse.RawDescriptionHelpFormatter):
-    """Help with the examples as they are, and words before what they mean."""
-
-    def __init__(self, prog: str, **options: Any) -> None:
-        super().__init__(prog, max_help_position=20, **options)
+FORMATTER = partial(argparse.RawDescriptionHelpFormatter, max_help_position=20)
+"""Help with the examples as they are, and words before what they mean."""
 
 
 class Parser(argparse.ArgumentParser):
     """A parser that says what was meant, and shows examples."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(formatter_class=Formatter, **options)
+        super().__init__(formatter_class=FORMATTER, **options)
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
         """Refuse an empty word, which as a path would mean the current folder."""

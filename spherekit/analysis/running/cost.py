@@ -1,7 +1,7 @@
 """What a run evaluates: counts of a request, and seconds by stage while it goes on."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any, TypeVar
@@ -64,14 +64,13 @@ def counts_of(wanted: Request) -> Counts:
 
 
 class Timer:
-    """Seconds that each stage took by itself, by the clock on the wall or another one."""
+    """Seconds that each stage took by itself, by the clock on the wall."""
 
-    def __init__(self, now: Callable[[], float] = time.perf_counter) -> None:
+    def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self.before: dict[str, float] = {}
-        self._now = now
         self._open: list[str] = []
-        self._started = self._since = now()
+        self._started = self._since = time.perf_counter()
 
     def closed(self) -> dict[str, float]:
         """Return the seconds of all stages until now, with those of none as the rest.
@@ -79,7 +78,7 @@ class Timer:
         Those that the same stages took `before`, in a part of the run that was stopped,
         are added.
         """
-        whole = self._now() - self._started
+        whole = time.perf_counter() - self._started
         seconds = self.seconds | {REST: whole - sum(self.seconds.values())}
         return {
             name: self.before.get(name, 0.0) + seconds.get(name, 0.0)
@@ -110,7 +109,7 @@ class Timer:
             yield item
 
     def _turn(self) -> None:
-        now = self._now()
+        now = time.perf_counter()
         if self._open:
             self.seconds[self._open[-1]] += now - self._since
         self._since = now

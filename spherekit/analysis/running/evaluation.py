@@ -93,8 +93,6 @@ class Evaluation:
 
     Attributes
     ----------
-    block
-        Samples in a block, as many as are quick together.
     blocks
         Gives the motion in blocks of so many successive samples, from a first one on.
     motion_at
@@ -125,12 +123,13 @@ class Evaluation:
             timed = needs.time or all_links or course.timed
             self.at_once = BatchRunner.of(course, self.requests, all_links, ahead, timed)
 
-        source: BatchRunner | Sampling = self.at_once or course
-        self.block, self.blocks, self.motion_at = (
-            source.block,
-            source.blocks,
-            source.motion_at,
-        )
+        self._source: BatchRunner | Sampling = self.at_once or course
+        self.blocks, self.motion_at = self._source.blocks, self._source.motion_at
+
+    @property
+    def block(self) -> int:
+        """Samples in a block, as many as are quick together."""
+        return self._source.block
 
     def fields(
         self, motion: Motion, memories: Sequence[SignContinuation]

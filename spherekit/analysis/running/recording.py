@@ -1,7 +1,7 @@
 """What of a run goes to a recorder: the scenes of every sample, or of every k-th."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -16,7 +16,6 @@ from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.scene import Axis, Portrait, Primitive, RecordingHead, Scene
 from spherekit.arrays import Bools, Floats, Integers
-from spherekit.errors import AnalysisError
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Plan
@@ -60,38 +59,11 @@ class CountingRecorder(Recorder, Protocol):
         """Entities and rows logged, and bytes of the file."""
 
 
-@dataclass(frozen=True)
-class Thinning:
-    """Which samples are logged: every k-th along rows of neighbours, and a path's last."""
-
-    every: int
-    row: int
-    total: int
-
-    def chosen(self, sample: Integers) -> Bools:
-        """Return (n,) whether samples (n,) are logged."""
-        last = (sample == self.total - 1) & (self.row == self.total)
-        return (sample % self.row % self.every == 0) | last
-
-
-def thinning_of(course: Sampling, every: int | None) -> Thinning:
-    """Return which samples of a course are logged, if one of `every` so many is wanted.
-
-    Raises
-    ------
-    AnalysisError
-        If that is not at least 1.
-    """
-    total = course.total
-    if every is None:
-        every = -(-total // MOST_LOGGED)
-    if every < 1:
-        raise AnalysisError(f"log_every must be at least 1, not {every}")
-    return Thinning(every, course.shape[-1] if len(course.shape) > 1 else total, total)
-
-
 class RecordingSession:
-    """Tells a recorder of a run: what stands still at once, what moves block by block."""
+    """Tells a recorder of a run: what stands still at once, what moves block by block.
+
+    One of `every` so many samples is logged along rows of neighbours, and a path's last.
+    """
 
     def __init__(
         self,
@@ -99,18 +71,20 @@ class RecordingSession:
         plans: Sequence[Plan],
         analyses: Sequence[str],
         recorder: Recorder,
-        thinning: Thinning,
+        every: int | None,
         first: int,
     ) -> None:
         """Start the recording of samples from `first` on."""
-        mechanism = course.tracer.mechanism
-        self._recorder, self._thinning = recorder, thinning
+        mechanism, is_grid = course.tracer.mechanism, len(course.shape) > 1
+        self._recorder, self._total = recorder, course.total
+        self._every = every or -(-course.total // MOST_LOGGED)
+        self._row = course.shape[-1] if is_grid else None
         self._timed, self._first, self._extent = course.timed, first, course.extent
         self._shapes = link_shapes(mechanism)
         self._seen, self._logged_to = first, 0
         self._held: list[tuple[Scene, Motion]] = []
         self._going_on, self._has_graph = course.going_on, False
-        logged = np.flatnonzero(thinning.chosen(np.arange(course.total)))
+        logged = np.flatnonzero(self._is_logged(np.arange(course.total)))
         inputs, times = course.inputs, course.every_t
         single = inputs.shape[1] == 1 and times is None
         self._inputs = inputs[logged, 0] if single else None
@@ -120,11 +94,11 @@ class RecordingSession:
             "mechanism_hash": mechanism_hash(mechanism),
             "analyses": ", ".join(analyses),
         }
-        if thinning.every > 1:
-            properties["logged"] = f"one of {thinning.every} successive samples"
+        if self._every > 1:
+            properties["logged"] = f"one of {self._every} successive samples"
         if first:
             properties["resumed"] = f"samples before {first} are not in this recording"
-        row = -(-thinning.row // thinning.every) if len(course.shape) > 1 else None
+        row = None if self._row is None else -(-self._row // self._every)
         recorder.start(
             RecordingHead(
                 [static_scene(plans, self._shapes)],
@@ -142,8 +116,7 @@ class RecordingSession:
 
         Otherwise samples that were logged stay, also where another run solves them.
         """
-        if self._thinning.row == self._thinning.total:
-            self._thinning = replace(self._thinning, row=course.total, total=course.total)
+        self._total = course.total
         self._going_on = course.going_on
         self._logged_to = 0 if again else self._seen
         if again:
@@ -169,7 +142,7 @@ class RecordingSession:
 
     def summary(self) -> dict[str, int]:
         """Return what the recording leaves out."""
-        return {"one_of": self._thinning.every, "from_sample": self._first}
+        return {"one_of": self._every, "from_sample": self._first}
 
     def motion(self, motion: Motion) -> None:
         """Log the links of a block."""
@@ -210,7 +183,12 @@ class RecordingSession:
     def _chosen(self, motion: Motion) -> Bools:
         """Return (n,) which rows of a block are logged."""
         fresh = motion.sample >= self._logged_to
-        return self._thinning.chosen(motion.sample) & fresh
+        return self._is_logged(motion.sample) & fresh
+
+    def _is_logged(self, sample: Integers) -> Bools:
+        """Return (n,) whether samples (n,) are logged."""
+        last = (sample == self._total - 1) & (self._row is None)
+        return (sample % (self._row or self._total) % self._every == 0) | last
 
     def _log(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         for scene in scenes:

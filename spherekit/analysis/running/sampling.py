@@ -223,11 +223,8 @@ class Sampling:
         return {"simulation": facts}
 
 
-def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sampling:
-    """Return the course of a study, simulated by an engine if loads say the motion.
-
-    Without `follow` samples over no time have no assembly modes: nothing is to be read
-    there.
+def course_of(study: Study) -> Sampling:
+    """Return the course of a study, simulated if loads say the motion.
 
     Raises
     ------
@@ -236,7 +233,7 @@ def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sam
     PlanError, SolveError, ModelError
         See `PositionAnalysis` and `simulate`.
     """
-    *_, course = courses_of(study, engine, follow)
+    *_, course = courses_of(study)
     return course
 
 
@@ -246,7 +243,8 @@ def courses_of(
     """Yield the course of a study; of a simulation also what is known while it goes on.
 
     See `course_of`. Each is longer than the one before, or of another `run`, which
-    supersedes it. The last is whole.
+    supersedes it. The last is whole. Without `follow` samples over no time have no assembly
+    modes: nothing is to be read there.
     """
     check_time(study)
     mechanism, assembly_mode, samples = study.mechanism, study.assembly_mode, study.samples
