@@ -159,7 +159,7 @@ class RowKernel:
         count, closed = len(self._variables), self.has_closed_form
         for _ in range(STEPS):
             try:
-                made = self.of_floats(*given)
+                made = self.of_floats(given)
             except (ArithmeticError, ValueError):
                 return None
             bend, doubt, residual = made[count : count + 3]

@@ -42,7 +42,7 @@ so nothing is allocated on the way and intermediate values do not leave the cach
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -63,7 +63,6 @@ from spherekit.engine.expression_graph import (
     ExpressionNode,
     in_order,
     power,
-    rewrite,
     symbols,
     varies,
 )
@@ -288,37 +287,28 @@ BLOCK = 8192
 """Columns evaluated together: enough that calls cost little, few enough for the cache."""
 
 _OPERATORS = {
-    "+": np.add,
-    "-": np.subtract,
-    "*": np.multiply,
-    "/": np.divide,
-    "**": np.power,
+    "+": "add",
+    "-": "subtract",
+    "*": "multiply",
+    "/": "divide",
+    "**": "power",
 }
 
-
-@dataclass(frozen=True)
-class _Step:
-    """An operation: rows or numbers it reads, and the row it writes."""
-
-    operation: Callable[..., Any]
-    arguments: tuple[int, ...]
-    result: int
+FloatFunction = Callable[[Sequence[float]], list[float]]
 
 
 @dataclass(frozen=True)
 class ArrayFunction:
     """A function of arrays (inputs, n) with values (outputs, n), made of NumPy's.
 
-    The steps run on places: the inputs, the outputs, the numbers, then `rows` rows of a
-    block for what is needed in between. `number` is the type computed with, `seconds` is
-    what making it took.
+    `function` is called with the rows of a block: inputs, outputs, and so many `rows` for
+    what is needed in between. `number` is the type computed with, `seconds` is what making
+    it took.
     """
 
-    inputs: int
+    function: Callable[[Sequence[Array]], Any]
     outputs: int
-    numbers: tuple[float, ...]
     rows: int
-    steps: tuple[_Step, ...]
     number: type[Any]
     seconds: float
 
@@ -327,16 +317,12 @@ class ArrayFunction:
         count = inputs.shape[1]
         if out is None:
             out = np.empty((self.outputs, count), dtype=self.number)
-        numbers = [np.array(number, dtype=self.number) for number in self.numbers]
         work = np.empty((self.rows, min(count, BLOCK)), dtype=self.number)
         with np.errstate(all="ignore"):
             for start in range(0, count, BLOCK):
                 block = slice(start, min(start + BLOCK, count))
-                places = [*inputs[:, block], *out[:, block], *numbers]
-                places += [*work[:, : block.stop - block.start]]
-                for step in self.steps:
-                    given = [places[place] for place in step.arguments]
-                    step.operation(*given, out=places[step.result])
+                places = [*inputs[:, block], *out[:, block]]
+                self.function([*places, *work[:, : block.stop - start]])
         return out
 
 
@@ -345,55 +331,75 @@ def array_function(
 ) -> ArrayFunction:
     """Return expressions as a function of arrays; `number` is the type computed with."""
     started = time.perf_counter()
-    order = [term for term in in_order(outputs) if term.operation != "variable"]
-    used = [item for term in order for item in term.arguments] + list(outputs)
-    numbers = tuple(
-        dict.fromkeys(float(x) for x in used if not isinstance(x, ExpressionNode))
-    )
-    places: dict[Any, int] = {term: k for k, term in enumerate(inputs)}
-    for k, item in enumerate(outputs):
-        if isinstance(item, ExpressionNode):
-            places.setdefault(item, len(inputs) + k)
-    first = len(inputs) + len(outputs)
-    places |= {x: first + k for k, x in enumerate(numbers)}
-    first += len(numbers)
-    steps, rows = _steps(order, places, first)
-    for k, item in enumerate(outputs):
-        if places[item] != len(inputs) + k:
-            steps.append(_Step(np.positive, (places[item],), len(inputs) + k))
-    seconds = time.perf_counter() - started
-    sizes = len(inputs), len(outputs)
-    return ArrayFunction(*sizes, numbers, rows, tuple(steps), number, seconds)
-
-
-FloatFunction = Callable[..., list[float]]
+    made, rows = _printed(outputs, inputs, lambda x: np.array(x, dtype=number), vars(np))
+    return ArrayFunction(made, len(outputs), rows, number, time.perf_counter() - started)
 
 
 def float_function(
     outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]
 ) -> FloatFunction:
-    """Return expressions as a function of floats, printed as Python.
+    """Return expressions as a function of floats.
 
     For one row it takes a tenth of the time of an `ArrayFunction`. Where a result is not
     finite it may raise `ArithmeticError` or `ValueError`.
     """
-    lines: list[str] = []
+    names = {**vars(math), "maximum": max, "sign": np.sign}
+    made: FloatFunction = _printed(outputs, inputs, float, names)[0]
+    return made
 
-    def apply(term: ExpressionNode, parts: list[str]) -> str:
-        name, operation = f"x{term.number}", term.operation
-        if operation in _OPERATORS:
-            lines.append(f"{name} = {f' {operation} '.join(parts)}")
-        elif operation != "variable":
-            lines.append(f"{name} = {operation}({', '.join(parts)})")
-        return name
 
-    given = ", ".join(f"x{term.number}" for term in inputs)
-    made = rewrite(outputs, lambda number: f"({number!r})", apply)
-    text = "\n    ".join([f"def made({given}):", *lines, f"return [{', '.join(made)}]"])
-    names: dict[str, Any] = {**vars(math), "maximum": max, "sign": np.sign}
-    exec(text, names)
-    function: FloatFunction = names["made"]
-    return function
+def _printed(
+    outputs: Sequence[Expr],
+    inputs: Sequence[ExpressionNode],
+    number: Callable[[float], Any],
+    names: Mapping[str, Any],
+) -> tuple[Callable[..., Any], int]:
+    """Return expressions as a Python function, and how many rows they need in between.
+
+    It is given the inputs and returns the outputs; with the `names` of NumPy it is given
+    these and the rows in between as well. Such a row is free again after the last step that
+    reads it.
+    """
+    in_place, lines = "add" in names, list[str]()
+    order = [term for term in in_order(outputs) if term.operation != "variable"]
+    last = {item: k for k, term in enumerate(order) for item in term.arguments}
+    used = [*(item for term in order for item in term.arguments), *outputs]
+    numbers = dict.fromkeys(float(x) for x in used if not isinstance(x, ExpressionNode))
+    called: dict[Any, str] = {x: f"c{k}" for k, x in enumerate(numbers)}
+    given = [f"x{k}" for k in range(len(inputs))]
+    called |= zip(inputs, given, strict=True)
+    results = [f"y{k}" for k in range(len(outputs))]
+    for item, result in zip(outputs, results, strict=True):
+        called.setdefault(item, result)
+
+    def write(operation: str, parts: list[str], result: str) -> None:
+        if in_place:
+            name = _OPERATORS.get(operation, operation)
+            lines.append(f"{name}({', '.join(parts)}, out={result})")
+        elif operation in _OPERATORS or operation == "positive":
+            lines.append(f"{result} = {f' {operation} '.join(parts)}")
+        else:
+            lines.append(f"{result} = {operation}({', '.join(parts)})")
+
+    free, rows = list[str](), list[str]()
+    for k, term in enumerate(order):
+        parts = [called[item] for item in term.arguments]
+        done = dict.fromkeys(x for x in term.arguments if last[x] == k)
+        free += [called[item] for item in done if called[item] in rows]
+        if term not in called:
+            if not free:
+                free.append(f"z{len(rows)}")
+                rows += free
+            called[term] = free.pop()
+        write(term.operation, parts, called[term])
+    for item, result in zip(outputs, results, strict=True):
+        if called[item] != result:
+            write("positive", [called[item]], result)
+    every = [*given, *results, *rows] if in_place else given
+    body = [f"[{', '.join(every)}] = given", *lines, f"return [{', '.join(results)}]"]
+    scope = {**names, **{called[x]: number(x) for x in numbers}}
+    exec("\n    ".join(["def made(given):", *body]), scope)
+    return scope["made"], len(rows)
 
 
 def term_function(
@@ -402,35 +408,6 @@ def term_function(
     """Return expressions as a function; there is nothing to compile where none is."""
     make = compile_function if compiled and outputs else array_function
     return make(outputs, inputs)
-
-
-def _steps(
-    order: Sequence[ExpressionNode], places: dict[Any, int], first: int
-) -> tuple[list[_Step], int]:
-    """Return the steps that form terms, and how many rows from `first` on they need.
-
-    A row is free again after the last step that reads it.
-    """
-    last = {item: k for k, term in enumerate(order) for item in term.arguments}
-    free: list[int] = []
-    rows = 0
-    steps: list[_Step] = []
-    for k, term in enumerate(order):
-        given = tuple(places[item] for item in term.arguments)
-        done = [x for x in dict.fromkeys(term.arguments) if last[x] == k]
-        free += [places[item] for item in done if places[item] >= first]
-        if term not in places:
-            if not free:
-                free.append(first + rows)
-                rows += 1
-            places[term] = free.pop()
-        steps.append(_Step(_ufunc(term.operation), given, places[term]))
-    return steps, rows
-
-
-def _ufunc(operation: str) -> Callable[..., Any]:
-    ufunc: Callable[..., Any] = _OPERATORS.get(operation) or getattr(np, operation)
-    return ufunc
 
 
 STEEPEST = 400.0
