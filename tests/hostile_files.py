@@ -22,88 +22,82 @@ def texts():
     rows = ", ".join(f"[{k}e-6,0,1]" for k in range(0, MILLION, 6))
     circle = [(2 * math.pi * k / 10000, 1 + 0.1 * math.cos(k / 800)) for k in range(9900)]
     points = ",".join(f"[{a:.9f},{b:.9f}]" for a, b in circle)
+    series = "kind = 'fourier'\ncentre_xyz = [0,0,1]\ncosines = [0.5, "
+    through = "kind = 'points'\npoints_xyz = ["
+    added = {
+        "deep arrays": "[user]\nx = " + "[" * MILLION,
+        "deep closed arrays": "[user]\nx = " + "[" * 90000 + "]" * 90000,
+        "deep inline tables": "[user]\nx = " + "{a=" * 90000 + "1" + "}" * 90000,
+        "deep dotted key": "[user]\n" + "a." * MILLION + "a = 1",
+        "deep header": "[user" + ".a" * MILLION + "]",
+        "deep arrays of tables": "".join(f"[[user{'.a' * k}]]\n" for k in range(1, 1000)),
+        "integer of a million digits": "from = " + "9" * MILLION,
+        "hexadecimal of a million digits": "from = 0x" + "f" * MILLION,
+        "float of a million digits": "from = 0." + "9" * MILLION,
+        "small float of a million zeros": "from = 0." + "0" * MILLION + "1",
+        "huge exponent": "from = 1e" + "9" * MILLION,
+        "many pairs": ring,
+        "many links": "".join(f"[links.q{k}]\n" for k in range(100000)),
+        "many inputs": "".join(f"[inputs.q{k}]\n" for k in many),
+        "many outputs": "".join(f"[outputs.q{k}]\nlink='2'\n" for k in many),
+        "many loads": "".join(f"[loads.q{k}]\npair='a'\ntorque='t'\n" for k in many),
+        "many stops": "".join(f"[joint_limits.q{k}]\nfrom=0\nto=1\n" for k in many),
+        "many unknown keys": "".join(f"q{k} = 1\n" for k in range(300000)),
+        "many unknown tables": "".join(f"[q{k}]\n" for k in range(300000)),
+        "many faults": "".join(f"[links.q{k}]\nx={k}\n" for k in range(100000)),
+        "long key": "a" * MILLION + " = 1",
+        "long quoted key": '"' + "\\u0041" * 500000 + '" = 1',
+        "long string": '[source]\ncitation = "' + "\\n" * MILLION + '"',
+        "open string": '[source]\ncitation = "' + "a" * MILLION,
+        "open long string": '[source]\ncitation = """' + '"a' * MILLION,
+        "comments": "#" * MILLION + "\n" + "#\n" * MILLION,
+        "blank lines": "\n" * 4 * MILLION,
+        "long array": "[user]\nx = [" + "1," * MILLION + "]",
+        "long wrong array": "from = [" + "1," * MILLION + "]",
+        "parentheses": load + "'" + "(" * 900 + "t" + ")" * 900 + "'",
+        "many parentheses": load + "'" + "(" * MILLION + "'",
+        "signs": load + "'" + "-" * 1900 + "t'",
+        "powers": load + "'9**9**9**9**9**9**9'",
+        "a power of integers": load + "'" + "9**" * 600 + "9'",
+        "digits in an expression": load + "'" + "9" * 1990 + "'",
+        "nested functions": load + "'" + "sin(" * 400 + "t" + ")" * 400 + "'",
+        "many arguments": load + "'max(" + "t," * 900 + "t)'",
+        "long table of a load": "[loads.l]\nkind='table'\npair='a'\ntimes=["
+        + f"{','.join(map(str, range(300000)))}]\ntorques=[{'1,' * 300000}]",
+        "an escape sequence as key": '"\\u001b[31m" = 1',
+    }
+    profiles = {
+        "profile of many points": through + rows + "]",
+        "profile of the most points": f"kind='points'\nclosed=false\npoints=[{points}]",
+        "profile of equal points": through + "[0,0,1]," * 400000 + "]",
+        "profile of a long series": series + "1e-9," * 500000 + "]",
+        "profile of a high series": series + "0.0," * 9000 + "1e-6]",
+    }
+    named = {
+        "a name of a device": "../../../dev/null",
+        "a name with a slash": "a/b",
+        "a name with NUL": "a\\u0000b",
+        "a name with a dash": "-rf",
+        "an empty name": "",
+        "a name with a line end": "four_bar\\n",
+        "a right-to-left name": "a\\u202eb",
+        "an escape sequence": "a\\u001b[31mb",
+        "a surrogate": "\\ud800",
+    }
     return {
-        "deep arrays": FOUR_BAR + "[user]\nx = " + "[" * MILLION,
-        "deep closed arrays": FOUR_BAR + "[user]\nx = " + "[" * 90000 + "]" * 90000,
-        "deep inline tables": FOUR_BAR + "[user]\nx = " + "{a=" * 90000 + "1" + "}" * 90000,
-        "deep dotted key": FOUR_BAR + "[user]\n" + "a." * MILLION + "a = 1",
-        "deep header": FOUR_BAR + "[user" + ".a" * MILLION + "]",
-        "deep arrays of tables": FOUR_BAR
-        + "".join(f"[[user{'.a' * k}]]\n" for k in range(1, 1000)),
-        "integer of a million digits": FOUR_BAR + "from = " + "9" * MILLION,
-        "hexadecimal of a million digits": FOUR_BAR + "from = 0x" + "f" * MILLION,
-        "float of a million digits": FOUR_BAR + "from = 0." + "9" * MILLION,
-        "small float of a million zeros": FOUR_BAR + "from = 0." + "0" * MILLION + "1",
-        "huge exponent": FOUR_BAR + "from = 1e" + "9" * MILLION,
+        **{name: FOUR_BAR + text for name, text in added.items()},
+        **{name: CAM + text for name, text in profiles.items()},
+        **{name: FOUR_BAR.replace("four_bar", text) for name, text in named.items()},
         "huge exponent in degrees": FOUR_BAR.replace('"rad"', '"deg"')
         + "from = 1e-99999999",
         "digits in degrees": FOUR_BAR.replace('"rad"', '"deg"')
         + "from = 0."
         + "9" * MILLION,
-        "many pairs": FOUR_BAR + ring,
-        "many links": FOUR_BAR + "".join(f"[links.q{k}]\n" for k in range(100000)),
-        "many inputs": FOUR_BAR + "".join(f"[inputs.q{k}]\n" for k in many),
-        "many outputs": FOUR_BAR + "".join(f"[outputs.q{k}]\nlink='2'\n" for k in many),
-        "many loads": FOUR_BAR
-        + "".join(f"[loads.q{k}]\npair='a'\ntorque='t'\n" for k in many),
-        "many stops": FOUR_BAR
-        + "".join(f"[joint_limits.q{k}]\nfrom=0\nto=1\n" for k in many),
-        "many unknown keys": FOUR_BAR + "".join(f"q{k} = 1\n" for k in range(300000)),
-        "many unknown tables": FOUR_BAR + "".join(f"[q{k}]\n" for k in range(300000)),
-        "many faults": FOUR_BAR + "".join(f"[links.q{k}]\nx={k}\n" for k in range(100000)),
         "long name": FOUR_BAR.replace('"four_bar"', '"' + "a" * MILLION + '"'),
-        "long key": FOUR_BAR + "a" * MILLION + " = 1",
-        "long quoted key": FOUR_BAR + '"' + "\\u0041" * 500000 + '" = 1',
-        "long string": FOUR_BAR + '[source]\ncitation = "' + "\\n" * MILLION + '"',
-        "open string": FOUR_BAR + '[source]\ncitation = "' + "a" * MILLION,
-        "open long string": FOUR_BAR + '[source]\ncitation = """' + '"a' * MILLION,
-        "comments": FOUR_BAR + "#" * MILLION + "\n" + "#\n" * MILLION,
-        "blank lines": FOUR_BAR + "\n" * 4 * MILLION,
-        "long array": FOUR_BAR + "[user]\nx = [" + "1," * MILLION + "]",
-        "long wrong array": FOUR_BAR + "from = [" + "1," * MILLION + "]",
         "long links": FOUR_BAR.replace('["1", "2"]', "[" + '"1",' * MILLION + "]"),
         "long arcs": FOUR_BAR.replace(
             "[links.1]", "[links.1]\narcs=[" + "1," * MILLION + "]"
         ),
-        "parentheses": FOUR_BAR + load + "'" + "(" * 900 + "t" + ")" * 900 + "'",
-        "many parentheses": FOUR_BAR + load + "'" + "(" * MILLION + "'",
-        "signs": FOUR_BAR + load + "'" + "-" * 1900 + "t'",
-        "powers": FOUR_BAR + load + "'9**9**9**9**9**9**9'",
-        "a power of integers": FOUR_BAR + load + "'" + "9**" * 600 + "9'",
-        "digits in an expression": FOUR_BAR + load + "'" + "9" * 1990 + "'",
-        "nested functions": FOUR_BAR + load + "'" + "sin(" * 400 + "t" + ")" * 400 + "'",
-        "many arguments": FOUR_BAR + load + "'max(" + "t," * 900 + "t)'",
-        "profile of many points": CAM + "kind = 'points'\npoints_xyz = [" + rows + "]",
-        "profile of the most points": CAM
-        + f"kind = 'points'\nclosed = false\npoints = [{points}]",
-        "profile of equal points": CAM
-        + "kind = 'points'\npoints_xyz = ["
-        + "[0,0,1]," * 400000
-        + "]",
-        "profile of a long series": CAM
-        + "kind = 'fourier'\ncentre_xyz = [0,0,1]\ncosines = [0.5, "
-        + "1e-9," * 500000
-        + "]",
-        "profile of a high series": CAM
-        + "kind = 'fourier'\ncentre_xyz = [0,0,1]\ncosines = [0.5, "
-        + "0.0," * 9000
-        + "1e-6]",
-        "long table of a load": FOUR_BAR
-        + "[loads.l]\nkind='table'\npair='a'\ntimes=["
-        + ",".join(map(str, range(300000)))
-        + "]\ntorques=["
-        + "1," * 300000
-        + "]",
-        "a name of a device": FOUR_BAR.replace("four_bar", "../../../dev/null"),
-        "a name with a slash": FOUR_BAR.replace("four_bar", "a/b"),
-        "a name with NUL": FOUR_BAR.replace("four_bar", "a\\u0000b"),
-        "a name with a dash": FOUR_BAR.replace("four_bar", "-rf"),
-        "an empty name": FOUR_BAR.replace("four_bar", ""),
-        "a name with a line end": FOUR_BAR.replace("four_bar", "four_bar\\n"),
-        "a right-to-left name": FOUR_BAR.replace("four_bar", "a\\u202eb"),
-        "an escape sequence": FOUR_BAR.replace("four_bar", "a\\u001b[31mb"),
-        "an escape sequence as key": FOUR_BAR + '"\\u001b[31m" = 1',
-        "a surrogate": FOUR_BAR.replace("four_bar", "\\ud800"),
     }
 
 
@@ -139,6 +133,7 @@ angle_unit = "rad"
 def studies():
     """Return the hostile texts of study files, by name."""
     named = STUDY.replace("four_bar", "{}").format
+    parameters = "".join(f"q{k} = {k}\n" for k in range(40000))
     return {
         "mechanism outside": named("../../../../../../etc/passwd"),
         "mechanism a device": named("/dev/zero"),
@@ -154,17 +149,9 @@ def studies():
         "a grid of grids": STUDY + "samples = [" + "1," * MILLION + "]",
         "negative samples": STUDY + "samples = -1",
         "many analyses": STUDY + "".join(f"[analyses.q{k}]\n" for k in range(40000)),
-        "many parameters": STUDY
-        + "[analyses.poles]\n"
-        + "".join(f"q{k} = {k}\n" for k in range(40000)),
-        "long table of a law": STUDY
-        + "[inputs.21.law]\nkind='table'\ntimes=["
-        + ",".join(map(str, range(90000)))
-        + "]\nangles=["
-        + "1," * 90000
-        + "]",
-        "coefficients": STUDY
-        + "duration=1.0\n[inputs.21.law]\nkind='polynomial'\ncoefficients=["
-        + "1," * 200000
-        + "]",
+        "many parameters": STUDY + f"[analyses.poles]\n{parameters}",
+        "long table of a law": f"{STUDY}[inputs.21.law]\nkind='table'\ntimes=["
+        + f"{','.join(map(str, range(90000)))}]\nangles=[{'1,' * 90000}]",
+        "coefficients": f"{STUDY}duration=1.0\n[inputs.21.law]\nkind='polynomial'\n"
+        + f"coefficients=[{'1,' * 200000}]",
     }

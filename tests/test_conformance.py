@@ -94,7 +94,7 @@ def run(name, folder, capsys):
 def test_no_mistake_stops_a_run(broken, tmp_path, capsys):
     with registered(broken):
         status, said = run(broken.name, tmp_path, capsys)
-    if broken in UNNOTICED:
+    if broken.name in UNNOTICED:
         assert (status, said) == (0, [])
         return
     (sentence,) = said
