@@ -31,9 +31,8 @@ def helps():
 @pytest.mark.parametrize("words", helps())
 def test_help_loads_no_library_and_none_but_its_own_command(words):
     code = (
-        "import sys; from spherekit.cli.main import main\n"
-        f"try: main([*{words!r}, '--help'])\n"
-        "except SystemExit: print(*sys.modules)"
+        f"import sys; from spherekit.cli.main import main\ntry: main([*{words!r}, "
+        "'--help'])\nexcept SystemExit: print(*sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     text, _, loaded = done.stdout.rstrip().rpartition("\n")

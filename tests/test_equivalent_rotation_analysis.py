@@ -258,8 +258,7 @@ def test_one_pose_in_all_its_terms():
     ]
     ends = [
         f"qx={q[0]:.17g}+qy={q[1]:.17g}+qz={q[2]:.17g}+qw={q[3]:.17g}",
-        f"ux={u[0]:.17g}+uy={u[1]:.17g}+uz={u[2]:.17g}"
-        f"+angle={np.degrees(turn.angle[0]):.17g}",
+        f"ux={u[0]:.17g}+uy={u[1]:.17g}+uz={u[2]:.17g}+angle={np.degrees(turn.angle[0]):.17g}",
     ]
     want = degrees(ran("two_dof_spm", TABLE_3 + ",samples=3"), "q_21", "q_61")
     for start, end in zip(starts, ends, strict=True):

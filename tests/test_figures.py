@@ -378,10 +378,9 @@ def test_run_draws_figures_into_its_folder(tmp_path, capsys):
 
 def test_without_matplotlib_it_says_what_to_install():
     code = (
-        "import sys; sys.modules['matplotlib'] = None\n"
-        "import spherekit as sk\n"
-        "try:\n    sk.run('four_bar', 'poles', samples=5).plot()\n"
-        "except sk.SpherekitError as error:\n    print(error)\n"
+        "import sys; sys.modules['matplotlib'] = None\nimport spherekit as sk\ntry:\n    "
+        "sk.run('four_bar', 'poles', samples=5).plot()\nexcept sk.SpherekitError as "
+        "error:\n    print(error)\n"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert 'pip install "spherekit-mechanisms[plot]"' in out.stdout

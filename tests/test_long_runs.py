@@ -303,9 +303,8 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path, capsys):
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_the_lock_of_a_killed_run_locks_nothing(tmp_path):
     code = (
-        "import os, sys; from pathlib import Path; "
-        "from spherekit.files.plain import locked; "
-        "lock = locked(Path(sys.argv[1])); print('ready', flush=True); "
+        "import os, sys; from pathlib import Path; from spherekit.files.plain import "
+        "locked; lock = locked(Path(sys.argv[1])); print('ready', flush=True); "
         "sys.stdin.read()"
     )
     path = tmp_path / "lock"

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from closed_forms import FOUR_BAR_ARCS, four_bar_angles
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -29,15 +30,9 @@ def made(modes, **options):
 def test_p_of_the_paper_names_the_modes():
     """Eq. (25) of Di Gregorio (2024) at every input, p = 0 and p = 1."""
     table = sk.run("four_bar", samples=37).frame("motion")
-    a1, a2, a3, a4 = np.radians([60.0, 20.0, 70.0, 40.0])
-    s, c = np.sin(table["q"]), np.cos(table["q"])
-    b0 = np.cos(a4) * (c * np.sin(a2) * np.sin(a1) + np.cos(a1) * np.cos(a2)) - np.cos(a3)
-    b1 = s * np.sin(a2) * np.sin(a4)
-    b2 = np.sin(a4) * (c * np.sin(a2) * np.cos(a1) - np.sin(a1) * np.cos(a2))
     p = table["mode_name"].map({"p0": 0, "p1": 1}).to_numpy()
     assert set(p) == {0, 1}
-    root = (-1.0) ** p * np.sqrt(b1**2 + b2**2 - b0**2)
-    printed = 2.0 * np.arctan2(root - b1, b0 - b2)
+    printed = four_bar_angles(table["q"].to_numpy(), FOUR_BAR_ARCS, p)
     off = np.angle(np.exp(1j * (printed - table["theta_41"])))
     assert np.max(np.abs(off)) < 1e-12
 

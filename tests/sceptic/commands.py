@@ -153,9 +153,8 @@ def judge_counts(ran, notes):
             told = {k: v for k, v in assembly_mode["status"].items() if v}
             notes.contradiction(
                 counted != told,
-                f"assembly mode {assembly_mode['number']}: the summary counts {told}, "
-                f"the table "
-                f"{counted}",
+                f"assembly mode {assembly_mode['number']}: the summary counts {told}, the "
+                f"table {counted}",
             )
     found = ran.tables.get("singularities")
     if found is None:

@@ -98,8 +98,7 @@ def energy(evidence, notes):
     notes.contradiction(
         not checks.energy <= BALANCED * max(checks.energy_scale, 1e-12),
         f"{checks.energy:.2e} J of {checks.energy_scale:.2e} J are missing at the "
-        f"tolerance "
-        f"{TOLERANCE:g}",
+        f"tolerance {TOLERANCE:g}",
     )
 
 

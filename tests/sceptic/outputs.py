@@ -118,9 +118,8 @@ def forward_and_inverse(evidence, notes):
         off = float(np.min(np.max(gap.reshape(len(gap), -1), axis=1), initial=np.inf))
         notes.contradiction(
             not off < SAME,
-            f"the inputs {place_of(rows.inputs[row])} of a pose in mode "
-            f"{rows.mode[row]} lead "
-            f"back to poses of which the nearest is {off:.2e} off",
+            f"the inputs {place_of(rows.inputs[row])} of a pose in mode {rows.mode[row]} "
+            f"lead back to poses of which the nearest is {off:.2e} off",
         )
 
 
@@ -231,9 +230,8 @@ def workspace_and_inverse(evidence, notes):
             notes.found(
                 f"mode {mode}: {some[names].iloc[k].to_list()} is "
                 f"{'inside' if inside[k] else 'outside'} with a margin of "
-                f"{margin[k]:.3g}, the "
-                f"inverse says the opposite; {int(np.sum(wrong))} of {len(some)} such "
-                f"places"
+                f"{margin[k]:.3g}, the inverse says the opposite; {int(np.sum(wrong))} of "
+                f"{len(some)} such places"
             )
         if not made.solver.points:
             continue
@@ -255,8 +253,7 @@ def _area(made, mode, size, error, notes):
     notes.contradiction(
         abs(share - told) > DEVIATIONS * spread + error,
         f"mode {mode}: the area is {size:.5g} sr, {told:.4f} of the sphere, but the "
-        f"inverse "
-        f"reaches {share:.4f} of {DIRECTIONS} random directions",
+        f"inverse reaches {share:.4f} of {DIRECTIONS} random directions",
     )
 
 

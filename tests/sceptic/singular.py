@@ -297,9 +297,8 @@ def _parities(evidence, output, assembly_mode, rows, places, sampled, notes):
             continue
         notes.found(
             f"assembly mode {assembly_mode}, q = {np.degrees(q[k]):.6f} to "
-            f"{np.degrees(q[k + 1]):.6f} "
-            f"deg: "
-            f"the rate of {output} reverses {fine} times, {count} reversals are listed",
+            f"{np.degrees(q[k + 1]):.6f} deg: the rate of {output} reverses {fine} times, "
+            f"{count} reversals are listed",
             Kind.SHORT if sampled else Kind.CONTRADICTION,
         )
 
@@ -376,10 +375,8 @@ def distances_lead_to_places(evidence, notes):
             row = relation.iloc[rows[int(np.argmax(gap))]]
             notes.found(
                 f"sample {row['sample']}, assembly mode {row['assembly_mode']}: "
-                f"input_margin_{kind} = "
-                f"{row[f'input_margin_{kind}']:.9g} of {row['output']} leads from q = "
-                f"{row['q']:.9g} rad "
-                f"to no place of type {kind} or III (the nearest {np.max(gap):.2e} rad "
-                f"off); "
+                f"input_margin_{kind} = {row[f'input_margin_{kind}']:.9g} of "
+                f"{row['output']} leads from q = {row['q']:.9g} rad to no place of type "
+                f"{kind} or III (the nearest {np.max(gap):.2e} rad off); "
                 f"{int(np.sum(gap > LEADS))} such rows"
             )

@@ -99,24 +99,17 @@ def _range(random):
 
 
 def _four_bar(random):
-    arcs = np.radians(_special_arcs(random))
-    links = ("1", "2", "3", "4")
-    names = ("21", "32", "43", "41")
-    on = (("21", "41"), ("21", "32"), ("32", "43"), ("41", "43"))
-    ends = (("1", "2"), ("2", "3"), ("3", "4"), ("1", "4"))
+    arcs = np.radians(_special_arcs(random)).tolist()
+    ends = {"21": "12", "32": "23", "43": "34", "41": "14"}
+    axes = {"1": ("21", "41"), "2": ("21", "32"), "3": ("32", "43"), "4": ("41", "43")}
     sizes = {
-        link: LinkSizes(axes, (float(arc),))
-        for link, axes, arc in zip(links, on, arcs, strict=True)
+        link: LinkSizes(own, (arc,))
+        for (link, own), arc in zip(axes.items(), arcs, strict=True)
     }
-    driven = names[0] if random.random() < 0.7 else names[3]
-    return sk.Mechanism(
-        "made",
-        "1",
-        links,
-        tuple(Pair(n, "R", e) for n, e in zip(names, ends, strict=True)),
-        SizeGeometry(sizes),
-        (Input(driven, *_range(random)),),
-    )
+    driven = "21" if random.random() < 0.7 else "41"
+    pairs = tuple(Pair(name, "R", tuple(links)) for name, links in ends.items())
+    inputs = (Input(driven, *_range(random)),)
+    return sk.Mechanism("made", "1", tuple("1234"), pairs, SizeGeometry(sizes), inputs)
 
 
 def _six_bar(random):
@@ -124,25 +117,19 @@ def _six_bar(random):
     base = _four_bar(random)
     assert isinstance(base.geometry, SizeGeometry)
     sizes = dict(base.geometry.links)
-    stands = random.permutation(["1", "2", "3", "4"])[:2]
-    arcs = np.radians(random.choice(SPECIAL, 4))
-    pairs = list(base.pairs)
-    names = ("p5", "p56", "p6")
-    for link, name, arc in zip(stands, (names[0], names[2]), arcs[:2], strict=True):
+    stands = random.permutation(["1", "2", "3", "4"])[:2].tolist()
+    arcs = np.radians(random.choice(SPECIAL, 4)).tolist()
+    for link, name, arc in zip(stands, ("p5", "p6"), arcs[:2], strict=True):
         own = sizes[link]
         angle = np.radians(float(random.choice([0.0, 90.0, 180.0, 37.0])))
-        sizes[link] = LinkSizes((*own.axes, name), (*own.arcs, float(arc)), (float(angle),))
-    sizes["5"] = LinkSizes(("p5", "p56"), (float(arcs[2]),))
-    sizes["6"] = LinkSizes(("p6", "p56"), (float(arcs[3]),))
-    pairs += [
-        Pair("p5", "R", (str(stands[0]), "5")),
-        Pair("p56", "R", ("5", "6")),
-        Pair("p6", "R", (str(stands[1]), "6")),
-    ]
+        sizes[link] = LinkSizes((*own.axes, name), (*own.arcs, arc), (float(angle),))
+    sizes["5"] = LinkSizes(("p5", "p56"), (arcs[2],))
+    sizes["6"] = LinkSizes(("p6", "p56"), (arcs[3],))
+    more = {"p5": (stands[0], "5"), "p56": ("5", "6"), "p6": (stands[1], "6")}
     return replace(
         base,
         links=(*base.links, "5", "6"),
-        pairs=tuple(pairs),
+        pairs=(*base.pairs, *(Pair(name, "R", ends) for name, ends in more.items())),
         geometry=SizeGeometry(sizes),
     )
 
@@ -154,90 +141,50 @@ def _geared(random):
     first = np.arctan2(np.sin(shafts), other / one + np.cos(shafts))
     left = np.array([0.0, 0.0, 1.0])
     right = np.array([np.sin(shafts), 0.0, np.cos(shafts)])
-    axes = random_axes(random, 3)
-    pairs = (
-        Pair("left", "R", ("ground", "a")),
-        Pair("right", "R", ("ground", "b")),
-        Pair("ac", "R", ("a", "c")),
-        Pair("cd", "R", ("c", "d")),
-        Pair("bd", "R", ("b", "d")),
-        Pair(
-            "mesh",
-            "Cr",
-            ("a", "b"),
-            (
-                Profile("circle", vector(left), float(first)),
-                Profile("circle", vector(right), float(shafts - first)),
-            ),
-        ),
+    axes = [left, right, *random_axes(random, 3)]
+    ends = {"left": "ga", "right": "gb", "ac": "ac", "cd": "cd", "bd": "bd"}
+    wheels = (
+        Profile("circle", vector(left), float(first)),
+        Profile("circle", vector(right), float(shafts - first)),
     )
-    given = dict(
-        zip(("left", "right", "ac", "cd", "bd"), (left, right, *axes), strict=True)
-    )
+    pairs = [Pair(name, "R", tuple(links)) for name, links in ends.items()]
+    pairs = (*pairs, Pair("mesh", "Cr", ("a", "b"), wheels))
+    pose = PoseGeometry(dict(zip(ends, map(vector, axes), strict=True)))
     span = ((0.0, 2 * TURN), (-TURN, TURN), (0.0, 3 * TURN))[random.integers(3)]
-    return sk.Mechanism(
-        "made",
-        "ground",
-        ("ground", "a", "b", "c", "d"),
-        pairs,
-        PoseGeometry({name: vector(axis) for name, axis in given.items()}),
-        (Input("left" if random.random() < 0.7 else "right", *span),),
-    )
+    inputs = (Input("left" if random.random() < 0.7 else "right", *span),)
+    return sk.Mechanism("made", "g", tuple("gabcd"), pairs, pose, inputs)
 
 
 def _wheels_by_a_cam(random):
     """Return a cam whose roller swings a wheel, which turns the crank of a four-bar."""
-    arcs = [
-        float(x)
-        for x in random.uniform([50, 60, 40, 15, 40, 40], [80, 100, 80, 35, 80, 80])
-    ]
+    low, high = [50, 60, 40, 15, 40, 40], [80, 100, 80, 35, 80, 80]
+    arcs = random.uniform(low, high).tolist()
+    angles = random.uniform(-120.0, 120.0, 2).tolist()
+    frame = {"axes": ["cam", "swing", "turn", "out"], "arcs": arcs[:3], "angles": angles}
+    pairs = {
+        **{name: ["frame", link] for name, link in (("cam", "disc"), ("swing", "wheel"))},
+        **{"turn": ["frame", "crank"], "pin": ["crank", "coupler"]},
+        **{"joint": ["coupler", "rocker"], "out": ["frame", "rocker"]},
+    }
+    mesh = {"type": "Cr", "links": ["wheel", "crank"], "axes": ["swing", "turn"]}
+    mesh["teeth"] = list(TEETH[random.integers(len(TEETH))])
+    roller, height = random.uniform(5.0, 15.0), random.uniform(35.0, 55.0)
+    cosines, sines = random.normal(0.0, 2.0, 2), random.normal(0.0, 2.0, 2)
+    waves = {"cosines": [25.0, *cosines.tolist()], "sines": [0.0, *sines.tolist()]}
+    disc = {"kind": "fourier", "centre_xyz": [0.0, 0.0, 1.0], **waves}
+    follower = {"link": "wheel", "roller": roller, "centre_lonlat": [90.0, height]}
+    touch = {"type": "Cs", "links": ["disc", "wheel"], "follower": follower}
     made = sk.build(
         "made",
         angle_unit="deg",
         ground="frame",
         links={
-            "frame": {
-                "axes": ["cam", "swing", "turn", "out"],
-                "arcs": arcs[:3],
-                "angles": [float(x) for x in random.uniform(-120.0, 120.0, 2)],
-            },
-            "disc": {"axes": ["cam"]},
-            "wheel": {"axes": ["swing"]},
+            **{"frame": frame, "disc": {"axes": ["cam"]}, "wheel": {"axes": ["swing"]}},
             "crank": {"axes": ["turn", "pin"], "arcs": arcs[3:4]},
             "coupler": {"axes": ["pin", "joint"], "arcs": arcs[4:5]},
             "rocker": {"axes": ["out", "joint"], "arcs": arcs[5:]},
         },
-        pairs={
-            "cam": ["frame", "disc"],
-            "swing": ["frame", "wheel"],
-            "turn": ["frame", "crank"],
-            "pin": ["crank", "coupler"],
-            "joint": ["coupler", "rocker"],
-            "out": ["frame", "rocker"],
-            "mesh": {
-                "type": "Cr",
-                "links": ["wheel", "crank"],
-                "teeth": list(TEETH[random.integers(len(TEETH))]),
-                "axes": ["swing", "turn"],
-            },
-            "contact": {
-                "type": "Cs",
-                "links": ["disc", "wheel"],
-                "follower": {
-                    "link": "wheel",
-                    "roller": float(random.uniform(5.0, 15.0)),
-                    "centre_lonlat": [90.0, float(random.uniform(35.0, 55.0))],
-                },
-                "profiles": {
-                    "disc": {
-                        "kind": "fourier",
-                        "centre_xyz": [0.0, 0.0, 1.0],
-                        "cosines": [25.0, *(float(x) for x in random.normal(0.0, 2.0, 2))],
-                        "sines": [0.0, *(float(x) for x in random.normal(0.0, 2.0, 2))],
-                    }
-                },
-            },
-        },
+        pairs={**pairs, "mesh": mesh, "contact": {**touch, "profiles": {"disc": disc}}},
         inputs={"cam": (0.0, 360.0)},
         outputs={"rocker": {"link": "rocker"}},
     )
