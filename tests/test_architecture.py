@@ -207,33 +207,6 @@ def test_public_names_resolve(package):
         module.no_such_name
 
 
-def test_no_cycles_between_modules():
-    edges = {}
-    for path in FILES:
-        own = ".".join(["spherekit", *path.relative_to(PACKAGE).with_suffix("").parts])
-        edges[own.removesuffix(".__init__")] = {
-            m
-            for m, typing_only in imports(path)
-            if m.startswith("spherekit") and not typing_only
-        }
-    done, active = set(), []
-
-    def visit(module):
-        assert module not in active, " -> ".join([*active[active.index(module) :], module])
-        if module in done:
-            return
-        active.append(module)
-        for other in edges.get(module, ()):
-            if other != "spherekit" and other in edges:
-                visit(other)
-        active.pop()
-        done.add(module)
-
-    for module in edges:
-        if module not in ("spherekit", "spherekit.__main__") and ".cli." not in module:
-            visit(module)
-
-
 def test_public_functions_have_no_catch_all_keywords_and_are_described():
     for path in FILES:
         tree = tree_of(path)

@@ -5,13 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from mid_plane import (
-    driven_variables,
-    folds_of,
-    forward_jacobian,
-    inverse_jacobian,
-    mid_plane_mechanism,
-)
+from mid_plane import driven_variables, folds_of, mid_plane_mechanism
 from mpmath import mp
 from oracles import closure_gap, revolute_frames
 from refusals import TABLES, check_call
@@ -138,19 +132,19 @@ def test_phi_gamma_omega():
     assert np.max(np.abs(p - eq2)) < 1e-14
 
 
-# Chen et al. 2021, Table 1: initial configuration, then tiny inputs, the column of the CAD
-# model and that of the paper's Jacobian (degrees; the last two in thousandths). The sign of
-# gamma at (14, 23) is printed without its minus.
+# Chen et al. 2021, Table 1: initial configuration, then tiny inputs and the column of the
+# CAD model (degrees; the last in thousandths). The sign of gamma at (14, 23) is printed
+# without its minus.
 TABLE_1 = {
     (14.0, 23.0): (
         (59.0786, -4.7420),
-        ((0.001, 0.002), (3.4417, -0.3505), (3.4397, -0.3657)),
-        ((-0.003, 0.004), (0.8857, -3.6368), (0.9701, -3.6240)),
+        ((0.001, 0.002), (3.4417, -0.3505)),
+        ((-0.003, 0.004), (0.8857, -3.6368)),
     ),
     (31.0, 12.0): (
         (64.9472, 9.2984),
-        ((0.001, -0.002), (-1.2617, 1.6108), (-1.1911, 1.5686)),
-        ((-0.003, 0.004), (1.6035, -3.5913), (1.4643, -3.5059)),
+        ((0.001, -0.002), (-1.2617, 1.6108)),
+        ((-0.003, 0.004), (1.6035, -3.5913)),
     ),
 }
 
@@ -165,16 +159,10 @@ def test_table_1(form, at):
     pose, *rows = TABLE_1[at]
     start = pose_at(form, at)
     assert start == pytest.approx(pose, abs=5.1e-5)
-    normals = form.plane.normals(np.radians([at]))
-    forward = forward_jacobian(form.plane, normals, OUTWARD)[0]
-    inverse = inverse_jacobian(form.plane, *np.radians([[a] for a in start]), OUTWARD)[0]
-    assert np.max(np.abs(forward @ inverse - np.eye(2))) < 1e-13
-    for tiny, cad, printed in rows:
-        change = 1e3 * (pose_at(form, np.add(at, tiny)) - start)
-        assert change == pytest.approx(cad, abs=5.1e-5)
-        linear = 1e3 * forward @ np.array(tiny)
-        assert linear == pytest.approx(cad, abs=2e-4)
-        assert np.max(np.abs(linear - printed)) > 1e-2  # the paper's column is not its own
+    for tiny, cad in rows:
+        assert 1e3 * (pose_at(form, np.add(at, tiny)) - start) == pytest.approx(
+            cad, abs=5.1e-5
+        )
 
 
 def test_table_2(form):

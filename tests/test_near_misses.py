@@ -100,22 +100,14 @@ def geared(teeth, ground=60.0, crank=20.0, span=360.0):
     links = {name: {"axes": axes, "arcs": sizes[name]} for name, axes in arcs.items()}
     links["1"]["angles"] = [40.0]
     pairs = {name: {"type": "R", "links": list(name[::-1])} for name in ("21", "32", "43")}
+    pairs |= {"a": ["1", "w"], "41": ["1", "4"]}
+    mesh = {"type": "Cr", "links": ["w", "2"], "teeth": teeth, "axes": ["a", "21"]}
     return sk.build(
         "geared",
         angle_unit="deg",
         ground="1",
         links={**links, "w": {"axes": ["a"]}},
-        pairs={
-            "a": {"type": "R", "links": ["1", "w"]},
-            **pairs,
-            "41": {"type": "R", "links": ["1", "4"]},
-            "mesh": {
-                "type": "Cr",
-                "links": ["w", "2"],
-                "teeth": teeth,
-                "axes": ["a", "21"],
-            },
-        },
+        pairs={**pairs, "mesh": mesh},
         inputs={"a": {"from": 0.0, "to": span}},
         outputs={"rocker": {"link": "4"}},
     )
