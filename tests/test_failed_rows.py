@@ -10,19 +10,17 @@ import spherekit as sk
 from spherekit.cli.main import main
 
 SHIPPED = Path(__file__).parent.parent / "mechanisms"
+TORQUES = {
+    **dict.fromkeys(("exp(900 + 0*t)", "t/(0*t)", "log(dtheta_{pair} - 1e9)"), 1.0),
+    "exp(709 + 90*sin(9*theta_{pair}))": None,
+    "1/(theta_{pair} - theta_{pair})": 1.0,
+    "asin(1e9 + dtheta_{pair}) - exp(1e3 + t)": 1.0,
+    "1e300*exp(80*sin(9*theta_{pair}))": None,
+}
+FORCE = 'link = "{link}"\npoint = [0.1, 0.0, 0.1]\nforce = ["exp(900 + t)", "0", "0"]'
 LOADS = [
-    ('pair = "{pair}"\ntorque = "exp(900 + 0*t)"', 1.0),
-    ('pair = "{pair}"\ntorque = "t/(0*t)"', 1.0),
-    ('pair = "{pair}"\ntorque = "exp(709 + 90*sin(9*theta_{pair}))"', None),
-    ('pair = "{pair}"\ntorque = "log(dtheta_{pair} - 1e9)"', 1.0),
-    (
-        'kind = "force"\nlink = "{link}"\npoint = [0.1, 0.0, 0.1]\n'
-        'force = ["exp(900 + t)", "0", "0"]',
-        1.0,
-    ),
-    ('pair = "{pair}"\ntorque = "1/(theta_{pair} - theta_{pair})"', 1.0),
-    ('pair = "{pair}"\ntorque = "asin(1e9 + dtheta_{pair}) - exp(1e3 + t)"', 1.0),
-    ('pair = "{pair}"\ntorque = "1e300*exp(80*sin(9*theta_{pair}))"', None),
+    *((f'pair = "{{pair}}"\ntorque = "{text}"', share) for text, share in TORQUES.items()),
+    (f'kind = "force"\n{FORCE}', 1.0),
     ('kind = "moment"\nlink = "{link}"\nmoment = ["0", "0", "sqrt(-1 - t)"]', 1.0),
 ]
 
@@ -88,32 +86,31 @@ CONSTANTS = [
     ("10**400", "10 ** 400 is not a finite number"),
     ("1e308*1e308", "1e+308 * 1e+308 is not a finite number"),
 ]
+LIMIT = '[[joint_limits]]\npair = "32"\nlow = -inf\nhigh = 1\n'
+BEARINGS = """
+[loads.x]
+kind = "bearings"
+pair = "32"
+positions = [-0.1, 0.1]
+radius = 0.005
+coefficient = inf
+speed = 1.0
+"""
+DYNAMICS = ["run", "-a", "dynamics", *BEGUN]
+LAW = ["run", "--law", "polynomial:coefficients=0+1e308+1e308", "--duration", "9"]
 REFUSED = [
     *(
         (f'[loads.x]\npair = "32"\ntorque = "{text}"\n', ["validate"], said)
         for text, said in CONSTANTS
     ),
-    (
-        '[[joint_limits]]\npair = "32"\nlow = -inf\nhigh = 1\n',
-        ["validate"],
-        "joint_limits[0].low",
-    ),
-    (
-        '[loads.x]\nkind = "bearings"\npair = "32"\npositions = [-0.1, 0.1]\n'
-        "radius = 0.005\ncoefficient = inf\nspeed = 1.0\n",
-        ["validate"],
-        "loads.x.coefficient",
-    ),
+    (LIMIT, ["validate"], "joint_limits[0].low"),
+    (BEARINGS, ["validate"], "loads.x.coefficient"),
     (CANCELS, ["sweep", *SIZES, "--reduce", "max(torque)"], CANCELLED),
-    (CANCELS, ["run", "-a", "dynamics", *BEGUN], "cannot leave its start"),
-    (CANCELS, ["run", "-a", "dynamics", *BEGUN, "--engine", "compiled"], CANCELLED),
-    (POLE, ["run", "-a", "dynamics", *BEGUN], "cannot leave its start"),
-    ("", ["run", "-a", "dynamics", *BEGUN, "--torque", "0/0"], "divides by zero"),
-    (
-        "",
-        ["run", "--law", "polynomial:coefficients=0+1e308+1e308", "--duration", "9"],
-        "not finite",
-    ),
+    (CANCELS, DYNAMICS, "cannot leave its start"),
+    (CANCELS, [*DYNAMICS, "--engine", "compiled"], CANCELLED),
+    (POLE, DYNAMICS, "cannot leave its start"),
+    ("", [*DYNAMICS, "--torque", "0/0"], "divides by zero"),
+    ("", LAW, "not finite"),
 ]
 
 

@@ -145,35 +145,25 @@ def test_the_axis_of_an_arc_is_its_pole():
         given = f"through_lonlat = {ends.tolist()}"
         made = loads(changed(POSED_SLIDER, THROUGH, given))
         pole = np.array(made.geometry.axes["guide"])
-        longitude, latitude = ends.T * DEGREE
-        first, second = np.stack(
-            [
-                np.cos(latitude) * np.cos(longitude),
-                np.cos(latitude) * np.sin(longitude),
-                np.sin(latitude),
-            ],
-            axis=1,
+        (east, west), (up, down) = ends.T * DEGREE
+        first, second = (
+            np.array([np.cos(b) * np.cos(a), np.cos(b) * np.sin(a), np.sin(b)])
+            for a, b in ((east, up), (west, down))
         )
         sine = np.linalg.norm(np.cross(first, second))
         assert abs(pole @ first) < 1e-15 / sine and abs(pole @ second) < 1e-15 / sine
         assert np.linalg.det([first, second, pole]) > 0
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        CONES,
-        changed(CONES, "[30.0, 45.0]", "[23.7]"),
-        CAM,
-        ROLLER_ON_A_PIN,
-        changed(
-            CAM, FOLLOWER, 'follower = { link = "3", flat = true, pole_lonlat = [9, 7] }'
-        ),
-        SLIDER,
-        POSED_SLIDER,
-        changed(POSED_SLIDER, "[80.0, 0.0]", "[81.3, 17.9]"),
-    ],
+FLAT = 'follower = { link = "3", flat = true, pole_lonlat = [9, 7] }'
+STATED = (
+    *(CONES, changed(CONES, "[30.0, 45.0]", "[23.7]"), CAM, changed(CAM, FOLLOWER, FLAT)),
+    *(ROLLER_ON_A_PIN, SLIDER, POSED_SLIDER),
+    changed(POSED_SLIDER, "[80.0, 0.0]", "[81.3, 17.9]"),
 )
+
+
+@pytest.mark.parametrize("text", STATED, ids=range(len(STATED)))
 @pytest.mark.parametrize("unit", ["deg", "rad"])
 def test_every_key_is_written_as_what_it_stands_for(text, unit):
     made = loads(text)

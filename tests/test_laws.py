@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from refusals import text_of
+from refusals import TABLES, check_call, text_of
 
 from spherekit.errors import FileError, ModelError
 from spherekit.files.study import load_study
@@ -96,26 +96,9 @@ def test_a_table_ends_where_it_ends():
             law.at(t)
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: ConstantSpeed(math.nan), "speed: found nan"),
-        (lambda: ConstantSpeed(1.0, math.inf), "start: found inf"),
-        (lambda: Polynomial(()), "coefficients: is empty"),
-        (lambda: Polynomial((1.0, math.nan)), "coefficients: found nan"),
-        (lambda: Cycloidal(0.0, 1.0, 0.0), "duration: found 0 s, needs more than 0"),
-        (lambda: Cycloidal(0.0, math.nan, 1.0), "stop: found nan"),
-        (lambda: Tabulated((0.0, 1.0), (0.0,)), "angles: has 1 value, but times has 2"),
-        (lambda: Tabulated((0.0, 1.0), (0.0, 1.0)), "at least 6, or 2 with rest_at_ends"),
-        (lambda: Tabulated((0.0,), (0.0,), True), "has 1 value, needs at least 2"),
-        (lambda: Tabulated((0.0, 0.0), (0.0, 1.0), True), "0 s follows 0 s at positions"),
-        (lambda: Tabulated((0.0, 1.0), (0.0, math.nan), True), "angles: found nan"),
-        (lambda: Start(math.nan), "q: found nan"),
-    ],
-)
-def test_laws_that_are_none(make, words):
-    with pytest.raises(ModelError, match=words):
-        make()
+@pytest.mark.parametrize("call", TABLES["laws"])
+def test_laws_that_are_none(call):
+    check_call(call, globals(), TABLES["laws"][call])
 
 
 STUDY = text_of("laws_study.study")

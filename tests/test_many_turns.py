@@ -34,15 +34,9 @@ def pulled_to(angle):
 def test_a_start_many_turns_away_goes_the_same_way(four_bar, engine, turns):
     """Loads see the whole angle; nothing else changes but the last digits of that angle."""
     away = turns * TURN
+    way = {"engine": engine, "tolerance": 1e-9}
     here, there = (
-        simulate(
-            four_bar,
-            Start(0.3 + shift, 1.0),
-            1.0,
-            torque=pulled_to(shift),
-            engine=engine,
-            tolerance=1e-9,
-        )
+        simulate(four_bar, Start(0.3 + shift, 1.0), 1.0, torque=pulled_to(shift), **way)
         for shift in (0.0, away)
     )
     one, other = here.at(TIMES), there.at(TIMES)

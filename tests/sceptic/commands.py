@@ -7,27 +7,6 @@ OFF_RANGE = 1e-9
 """By how much (rad) a row may lie outside the range of an input: rounding."""
 NOTHING = ("no ", "not ", "none", "empty", "nothing", "never")
 """Words of which one says why a table has no rows."""
-FINITE = {
-    "motion": (),
-    "poles": (
-        "ux",
-        "uy",
-        "uz",
-        "velocity_coefficient",
-        "acceleration_coefficient",
-        "error_bound",
-    ),
-    "eksergian": ("B", "dB_dq", "Q", "tau"),
-    "eksergian_inertia": ("B", "dB_dq"),
-    "eksergian_loads": ("Q", "power"),
-    "singularities_relation": (
-        "output_rate",
-        "input_rate",
-        "sigma",
-        "reciprocal_condition",
-    ),
-}
-"""Columns of tables that hold a number in every row that is OK."""
 EMPTY = {
     "poles": ("acceleration_coefficient",),
     "eksergian": ("B", "dB_dq", "Q", "tau"),
@@ -35,6 +14,10 @@ EMPTY = {
     "eksergian_loads": ("Q", "power"),
 }
 """Columns that are empty in every row that is not OK, but for poles of links at rest."""
+RELATION = ("output_rate", "input_rate", "sigma", "reciprocal_condition")
+POLES = ("ux", "uy", "uz", "velocity_coefficient", "error_bound", *EMPTY["poles"])
+FINITE = {**EMPTY, "motion": (), "poles": POLES, "singularities_relation": RELATION}
+"""Columns of tables that hold a number in every row that is OK."""
 AT_REST = ("NO_POLE", "ILL_CONDITIONED")
 """Statuses of one pole alone: the rate of the links is known there."""
 
