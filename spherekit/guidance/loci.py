@@ -32,13 +32,14 @@ from spherekit.errors import ModelError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guarantee import Completeness, Guarantee, TimeLimit
 from spherekit.guidance.mid_plane_architecture import (
-    Carrier,
     Leg,
     MidPlaneArchitecture,
+    PairAxis,
     axis_in,
 )
 from spherekit.guidance.midplane import MidPlane
 from spherekit.model.gears import geometry_of
+from spherekit.model.graph import spanning
 from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism, chosen_output
 from spherekit.model.parts import Output
@@ -90,10 +91,10 @@ def mid_plane_form(
     joints = geometry_of(made).joints
     effector = made.link_number[end.link]
     legs = _legs(made, joints, effector)
-    carriers = _carriers(made, joints, effector, legs)
-    held = {carrier.leg for carrier in carriers}
     if not legs:
         raise _refusal(made, "no leg of two links joins the base to the output")
+    along, carried = _along(made, joints, effector, legs)
+    held = {at[1] for pair, at in along.items() if carried & {*made.ends[pair]}} - {-1}
     if len(held) < 3 or len(held) < len(legs):
         raise _refusal(
             made,
@@ -101,7 +102,7 @@ def mid_plane_form(
             "one plane, but those of all, and of three at least, have to be",
         )
     in_legs = {0, effector, *(n for leg in legs for n in (leg.near, leg.far))}
-    others = set(range(len(made.links))) - in_legs - {c.link for c in carriers}
+    others = set(range(len(made.links))) - in_legs - carried
     if others:
         names = listing(made.links[n] for n in sorted(others))
         raise _refusal(made, f"links {names} belong to no leg and hold no elbow")
@@ -114,7 +115,8 @@ def mid_plane_form(
             f"{listing(at_base)}, have to be driven",
         )
     driven = at_base[inputs[0]], at_base[inputs[1]]
-    form = _assembled(made, joints, end, legs, carriers, driven)
+    axes = tuple(along[pair] for pair in range(len(made.pairs)))
+    form = _assembled(made, joints, end, legs, axes, driven)
     gap, freedoms = form.proof()
     if not (gap < CLOSED and freedoms == 2):
         raise _refusal(
@@ -135,80 +137,66 @@ def _legs(mechanism: Mechanism, joints: Sequence[Joint], effector: int) -> tuple
     for pair, (a, b) in enumerate(mechanism.ends):
         at[a].append((pair, b))
         at[b].append((pair, a))
-    legs = []
-    for base, near in at[0]:
-        for elbow, far in at[near]:
-            for tip, end in at[far]:
-                if end != effector or {near, far} & {0, effector}:
-                    continue
-                arcs = [
-                    arc(*(axis_in(mechanism, joints, pair, link) for pair in pairs))
-                    for pairs, link in (((base, elbow), near), ((elbow, tip), far))
-                ]
-                if abs(arcs[0] - arcs[1]) > SAME:
-                    raise _refusal(
-                        mechanism,
-                        f"the arcs of links {mechanism.links[near]} and "
-                        f"{mechanism.links[far]} differ, {np.degrees(arcs[0]):.9g} and "
-                        f"{np.degrees(arcs[1]):.9g} deg",
-                    )
-                legs.append(Leg(base, elbow, tip, near, far))
+    legs = [
+        Leg(base, elbow, tip, near, far)
+        for base, near in at[0]
+        for elbow, far in at[near]
+        for tip, end in at[far]
+        if end == effector and not {near, far} & {0, effector}
+    ]
+    for leg in legs:
+        arcs = [
+            arc(*(axis_in(mechanism, joints, pair, link) for pair in (outer, leg.elbow)))
+            for outer, link in ((leg.base, leg.near), (leg.tip, leg.far))
+        ]
+        if abs(arcs[0] - arcs[1]) > SAME:
+            raise _refusal(
+                mechanism,
+                f"the arcs of links {mechanism.links[leg.near]} and "
+                f"{mechanism.links[leg.far]} differ, {np.degrees(arcs[0]):.9g} and "
+                f"{np.degrees(arcs[1]):.9g} deg",
+            )
     return tuple(legs)
 
 
-def _carriers(
+def _along(
     mechanism: Mechanism, joints: Sequence[Joint], effector: int, legs: tuple[Leg, ...]
-) -> tuple[Carrier, ...]:
-    """Return the links hinged to the elbows that all turn about one axis across them."""
-    best: tuple[Carrier, ...] = ()
-    inside = {0, effector, *(n for leg in legs for n in (leg.near, leg.far))}
+) -> tuple[dict[int, PairAxis], set[int]]:
+    """Return along what the axes of pairs are, and the links that hold elbows in a plane.
+
+    Those links are hinged to elbows, and turn about one axis if all pairs close.
+    """
+    axis = partial(axis_in, mechanism, joints)
+    owner = {link: k for k, leg in enumerate(legs) for link in (leg.near, leg.far)}
+    along: dict[int, PairAxis] = {}
+    for k, leg in enumerate(legs):
+        for pair, what in ((leg.base, "base"), (leg.elbow, "elbow"), (leg.tip, "tip")):
+            along[pair] = what, k, 1.0
+    hinges: dict[int, PairAxis] = {}
+    about: list[int] = []
     for pair, (a, b) in enumerate(mechanism.ends):
-        if a in inside or b in inside:
+        holder, link = (a, b) if a in owner else (b, a)
+        if link in {0, effector, *owner}:
             continue
-        normals = _turning_together(mechanism, joints, pair, inside)
-        carriers = []
-        for number, (one, other) in enumerate(mechanism.ends):
-            for link, holder in ((one, other), (other, one)):
-                if link not in normals or holder not in inside:
-                    continue
-                hinge = axis_in(mechanism, joints, number, link)
-                held = axis_in(mechanism, joints, number, holder)
-                for k, leg in enumerate(legs):
-                    if holder not in (leg.near, leg.far):
-                        continue
-                    elbow = axis_in(mechanism, joints, leg.elbow, holder)
-                    sense = float(np.sign(held @ elbow))
-                    if np.linalg.norm(held - sense * elbow) > SAME:
-                        continue
-                    if abs(hinge @ normals[link]) < SAME:
-                        carriers.append(Carrier(link, k, hinge, normals[link], sense))
-        if len({c.leg for c in carriers}) > len({c.leg for c in best}):
-            best = tuple(carriers)
-    return best
-
-
-def _turning_together(
-    mechanism: Mechanism, joints: Sequence[Joint], first: int, outside: set[int]
-) -> dict[int, Floats]:
-    """Return the links that turn about the axis of one pair, and that axis in each."""
-    seed = mechanism.ends[first][0]
-    normals = {seed: axis_in(mechanism, joints, first, seed)}
-    queue = [seed]
-    while queue:
-        link = queue.pop()
-        for pair, ends in enumerate(mechanism.ends):
-            if link not in ends:
-                continue
-            other = ends[1] if ends[0] == link else ends[0]
-            if other in normals or other in outside:
-                continue
-            axis = axis_in(mechanism, joints, pair, link)
-            sense = float(np.sign(axis @ normals[link]))
-            if np.linalg.norm(axis - sense * normals[link]) > SAME:
-                continue
-            normals[other] = sense * axis_in(mechanism, joints, pair, other)
-            queue.append(other)
-    return normals
+        if holder not in owner:
+            about += [pair] * (holder not in (0, effector))
+            continue
+        elbow = axis(legs[owner[holder]].elbow, holder)
+        sense = float(np.sign(axis(pair, holder) @ elbow))
+        hinges[pair] = "elbow", owner[holder], sense
+    normals: dict[int, Floats] = {}
+    if about:
+        first = mechanism.ends[about[0]][0]
+        normals[first] = axis(about[0], first)
+        for pair, link, further in spanning(mechanism.ends, [first], about):
+            ahead = float(np.sign(axis(pair, link) @ normals[link]))
+            normals[further] = ahead * axis(pair, further)
+    for pair, (link, _) in enumerate(mechanism.ends):
+        if pair not in along | hinges:
+            ahead = float(np.sign(axis(pair, link) @ normals.get(link, np.ones(3))))
+            along[pair] = "normal", -1, ahead
+    carried = {link for pair in hinges for link in mechanism.ends[pair]} & {*normals}
+    return along | hinges, carried
 
 
 def _assembled(
@@ -216,7 +204,7 @@ def _assembled(
     joints: tuple[Joint, ...],
     output: Output,
     legs: tuple[Leg, ...],
-    carriers: tuple[Carrier, ...],
+    along: tuple[PairAxis, ...],
     driven: tuple[int, int],
 ) -> MidPlaneArchitecture:
     effector = mechanism.link_number[output.link]
@@ -242,9 +230,9 @@ def _assembled(
         ahead = mechanism.ends[leg.base][0] == 0
         ours, its = (joint.first, joint.second) if ahead else (joint.second, joint.first)
         elbow = axis_in(mechanism, joints, leg.elbow, leg.near)
-        along, aside, _ = its.T @ elbow
+        seen = its.T @ elbow
         dials.append(frame.T @ ours)
-        phases.append(np.arctan2(aside, along))
+        phases.append(np.arctan2(seen[1], seen[0]))
         senses.append(1.0 if ahead else -1.0)
         arcs.append(arc(elbow, its[:, 2]))
     plane = MidPlane(
@@ -256,7 +244,7 @@ def _assembled(
         np.array(senses),
     )
     return MidPlaneArchitecture(
-        mechanism, joints, plane, effector, frame, image, legs, carriers, output
+        mechanism, joints, plane, effector, frame, image, legs, along, output
     )
 
 

@@ -55,19 +55,10 @@ class Leg:
     far: int
 
 
-@dataclass(frozen=True)
-class Carrier:
-    """A link hinged to a leg's elbow that holds the mid-plane's normal.
-
-    `hinge` and `normal` (3,) are its axes in the link; `sense` is -1 where the hinge
-    points against the elbow's axis, else 1.
-    """
-
-    link: int
-    leg: int
-    hinge: Floats
-    normal: Floats
-    sense: float
+KINDS = "base", "tip", "elbow", "normal"
+PairAxis = tuple[str, int, float]
+"""What an axis is along: the base axis, elbow or tip of a leg, or the normal (-1), with
+the sense."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +78,8 @@ class MidPlaneArchitecture:
     image
         (3, 3), determinant -1, from the axes of the end effector to mirror axes; its
         orientation is ``frame @ mirror(n) @ image``.
-    legs, carriers
-        What of the graph is what.
+    legs, along
+        The legs, and of every pair what its axis is along.
     """
 
     mechanism: Mechanism
@@ -98,7 +89,7 @@ class MidPlaneArchitecture:
     frame: Floats
     image: Floats
     legs: tuple[Leg, ...]
-    carriers: tuple[Carrier, ...]
+    along: tuple[PairAxis, ...]
     output: Output
 
     @property
@@ -166,11 +157,7 @@ class MidPlaneArchitecture:
         return mirror_of(transpose(self.frame) @ orientations @ transpose(self.image))
 
     def place(
-        self,
-        normals: Floats,
-        modes: ArrayLike,
-        side: float = 1.0,
-        links: Sequence[int] | None = None,
+        self, normals: Floats, modes: ArrayLike, links: Sequence[int] | None = None
     ) -> Floats:
         """Return orientations (n, links, 3, 3) of all links relative to the base.
 
@@ -180,33 +167,26 @@ class MidPlaneArchitecture:
             (n, 3) in mirror axes.
         modes
             A sign for each leg.
-        side
-            1, or -1 for carriers turned over: their normals are -n.
         links
             Numbers of the links wanted, all by default; the others are left NaN.
         """
-        wanted = range(len(self.mechanism.links)) if links is None else links
         elbows, _ = self.plane.elbows(normals, modes)
-        tips = np.einsum("nij,lj->nli", reflections(normals), self.plane.axes)
-        n = len(normals)
-        placed = nans((n, len(self.mechanism.links), 3, 3))
+        count = len(self.mechanism.links)
+        placed = nans((len(normals), count, 3, 3))
         placed[:, 0] = np.eye(3)
         placed[:, self.effector] = self.orientations(normals)
-        bases = np.broadcast_to(self.plane.axes, elbows.shape)
-        parts = [
-            (link, self._axis(pair, link), self._axis(leg.elbow, link), *both)
-            for k, leg in enumerate(self.legs)
-            for link, pair, axes in ((leg.near, leg.base, bases), (leg.far, leg.tip, tips))
-            for both in [(axes[:, k], elbows[:, k])]
-        ]
-        parts += [
-            (c.link, c.hinge, c.normal, c.sense * elbows[:, c.leg], side * normals)
-            for c in self.carriers
-        ]
-        for link, axis, other, along, toward in parts:
-            if link in wanted:
-                turned = self.frame @ frame_toward(along, toward)
-                placed[:, link] = turned @ frame_toward(axis, other).T
+        for link in range(count) if links is None else links:
+            if link in (0, self.effector):
+                continue
+            ends = enumerate(self.mechanism.ends)
+            pairs = [pair for pair, both in ends if link in both]
+            pairs.sort(key=lambda pair: KINDS.index(self.along[pair][0]))
+            one, other = pairs[0], pairs[-1]
+            axes = (self.axis(pair, normals, elbows) for pair in (one, other))
+            turned = self.frame @ frame_toward(*np.broadcast_arrays(*axes))
+            placed[:, link] = (
+                turned @ frame_toward(self._axis(one, link), self._axis(other, link)).T
+            )
         return placed
 
     def axis(self, pair: int, normals: Floats, elbows: Floats) -> Floats:
@@ -214,21 +194,12 @@ class MidPlaneArchitecture:
 
         At mid-planes (n, 3) with the elbows (n, legs, 3).
         """
-        for k, leg in enumerate(self.legs):
-            if pair == leg.base:
-                return self.plane.axes[k][None]
-            if pair == leg.tip:
-                return reflections(normals) @ self.plane.axes[k]
-            if pair == leg.elbow:
-                return elbows[:, k]
-        ends = set(self.mechanism.ends[pair])
-        for carrier in self.carriers:
-            leg = self.legs[carrier.leg]
-            if carrier.link in ends and ends & {leg.near, leg.far}:
-                return carrier.sense * elbows[:, carrier.leg]
-        carrier = next(candidate for candidate in self.carriers if candidate.link in ends)
-        ahead = self._axis(pair, carrier.link) @ carrier.normal
-        return np.sign(ahead) * normals
+        what, leg, sense = self.along[pair]
+        if what == "base":
+            return self.plane.axes[leg][None]
+        if what == "tip":
+            return reflections(normals) @ self.plane.axes[leg]
+        return sense * (normals if what == "normal" else elbows[:, leg])
 
     def axes(self, normals: Floats, elbows: Floats) -> Floats:
         """Return the axes (n, pairs, 3) of all pairs, see `axis`."""
@@ -264,8 +235,8 @@ class MidPlaneArchitecture:
         """
         normals = _spread_normals(self.plane)
         gap = 0.0
-        for side, *modes in product((1, -1), repeat=1 + len(self.legs)):
-            values, gaps = self.values(self.place(normals, modes, float(side)))
+        for modes in product((1, -1), repeat=len(self.legs)):
+            values, gaps = self.values(self.place(normals, modes))
             gap = max(gap, float(np.max(gaps)))
         closure = Closure.of(self.mechanism, self.joints)
         mobility = rank_mobility(closure.tree, closure.at(values).vectors)
