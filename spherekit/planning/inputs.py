@@ -85,7 +85,8 @@ def merged(mechanism: Linked, locked: Iterable[int]) -> tuple[int, ...]:
     return tuple(joined(len(mechanism.links), (mechanism.ends[pair] for pair in locked)))
 
 
-FREEDOMS = 3
+FREEDOMS, SMALLEST = 3, 3
+"""Those of a body, and the bodies of a dyad, the smallest group."""
 
 
 class Pebbles:
@@ -132,6 +133,10 @@ class Pebbles:
         self.free[a] -= 1
         self.out[a].append(b)
         return True
+
+    def cover(self, a: int, b: int, constraints: int) -> bool:
+        """Add the constraints of a pair of two bodies; False if any is redundant there."""
+        return a != b and all(self.insert(a, b) for _ in range(constraints))
 
     def reach(self, bodies: Iterable[int]) -> set[int]:
         """Return the bodies that constraints lead to from these, themselves included."""
@@ -271,15 +276,14 @@ def _play(mechanism: Mechanism) -> Pebbles:
     names = mechanism.links
     game = Pebbles(len(names))
     for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):
-        for _ in range(pair.constraints):
-            if not game.insert(a, b):
-                stuck = sorted(game.reach([a, b]))
-                raise CountError(
-                    f"{mechanism.name}: over-constrained: links "
-                    f"[{', '.join(names[i] for i in stuck)}] cannot move relative to "
-                    f'each other already without pair "{pair.name}"; remove a pair or '
-                    "add a link"
-                )
+        if not game.cover(a, b, pair.constraints):
+            stuck = sorted(game.reach([a, b]))
+            raise CountError(
+                f"{mechanism.name}: over-constrained: links "
+                f"[{', '.join(names[i] for i in stuck)}] cannot move relative to "
+                f'each other already without pair "{pair.name}"; remove a pair or '
+                "add a link"
+            )
     for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):
         rigid = game.rigid_part(a, b)
         if rigid is not None:
@@ -300,8 +304,7 @@ def _locked(mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]) 
     independent = True
     for number in left:
         a, b = (body[link] for link in mechanism.ends[number])
-        for _ in range(mechanism.pairs[number].constraints):
-            independent = independent and a != b and game.insert(a, b)
+        independent &= game.cover(a, b, mechanism.pairs[number].constraints)
     for number in left:
         a, b = (body[link] for link in mechanism.ends[number])
         part = game.rigid_part(a, b) if a != b else None
@@ -311,10 +314,8 @@ def _locked(mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]) 
             game.merge(part, into)
             body = tuple(into if owner in part else owner for owner in body)
     moved = [pair for pair in driven if pair not in locked]
-    for number in moved:
-        a, b = (body[link] for link in mechanism.ends[number])
-        independent = independent and a != b
-    if not independent:
+    turning = (mechanism.ends[number] for number in moved)
+    if not independent or any(body[a] == body[b] for a, b in turning):
         names = mechanism.names_of(driven)
         others = listing(mechanism.names_of(locked))
         raise CountError(
@@ -466,9 +467,7 @@ def split(
     game = Pebbles(len(mechanism.links))
     covered = True
     for n, ends in open_pairs.items():
-        one, other = body_of[ends[0]], body_of[ends[1]]
-        for _ in range(taken[n]):
-            covered = one != other and game.insert(one, other) and covered
+        covered &= game.cover(body_of[ends[0]], body_of[ends[1]], taken[n])
     joined = {body_of[link] for ends in open_pairs.values() for link in ends}
     equations = sum(taken[n] for n in open_pairs)
     if open_pairs and not (covered and equations == FREEDOMS * (len(joined) - 1)):
@@ -478,7 +477,7 @@ def split(
         )
     groups: list[Group] = []
     while open_pairs:
-        part = _smallest_part(game, open_pairs, body_of, taken)
+        part = _smallest_part(game, open_pairs, body_of)
         base = _base(part, body_of)
         members = {body: _links_of(body, body_of) for body in part}
         order = [base, *sorted(part - {base}, key=lambda body: members[body])]
@@ -533,19 +532,12 @@ def _smallest_part(
     game: Pebbles,
     open_pairs: dict[int, tuple[int, int]],
     body_of: list[int],
-    taken: list[int],
 ) -> set[int]:
     joined: dict[int, set[int]] = {}
     for one, other in open_pairs.values():
         a, b = body_of[one], body_of[other]
         joined.setdefault(a, set()).add(b)
         joined.setdefault(b, set()).add(a)
-    if all(taken[n] == 2 for n in open_pairs):
-        for a in sorted(joined):
-            for b in sorted(joined[a]):
-                common = joined[a] & joined[b]
-                if b > a and common:
-                    return {a, b, min(common)}
     best: set[int] | None = None
     for a in sorted(joined):
         game.gather(a, 3)
@@ -554,5 +546,7 @@ def _smallest_part(
                 part = game.reach([a, b])
                 if best is None or len(part) < len(best):
                     best = part
+                    if len(part) == SMALLEST:
+                        return part
     assert best is not None
     return best

@@ -30,20 +30,12 @@ from spherekit.model.graph import joined
 from spherekit.model.mechanism import Mechanism
 
 
-@dataclass(frozen=True)
-class Coaxial:
-    """Links whose relative motions share one axis, that of R pair `pair`.
+def coaxial_links(mechanism: Mechanism) -> tuple[tuple[frozenset[int], int, bool], ...]:
+    """Return the sets of three or more links that turn about a common axis.
 
-    `exactly` says that the axes are equal numbers; others are equal but for rounding.
+    With each the R pair of that axis, and whether the axes of its pairs are equal numbers;
+    others are equal but for rounding.
     """
-
-    links: frozenset[int]
-    pair: int
-    exactly: bool
-
-
-def coaxial_links(mechanism: Mechanism) -> tuple[Coaxial, ...]:
-    """Return the sets of three or more links that turn about a common axis."""
     number = mechanism.pair_number
     couples: list[tuple[int, int]] = []
     rounded: set[int] = set()
@@ -61,7 +53,7 @@ def coaxial_links(mechanism: Mechanism) -> tuple[Coaxial, ...]:
         ]
         if len(pairs) > 1:
             links = frozenset(link for pair in pairs for link in mechanism.ends[pair])
-            sets.append(Coaxial(links, first, not rounded & set(pairs)))
+            sets.append((links, first, not rounded & set(pairs)))
     return tuple(sets)
 
 
@@ -206,8 +198,7 @@ class Plan:
 
     def _repr_html_(self) -> str:
         """Return the Table: for each pole the pass that finds it, x for a primary one."""
-        names = [self.name(body) for body in self.bodies]
-        rows = [[name, *row] for name, row in zip(names, cells(self), strict=True)]
+        names, rows = _titled(self)
         moving = self.mechanism.pairs[self.input].name
         return html_table(["", *names], rows, f"{self.mechanism.name}, {moving} moves")
 
@@ -225,15 +216,15 @@ class Plan:
     def coaxial(self) -> tuple[tuple[int, int], ...]:
         """For each common axis its bodies, as bits of a number, and an R pair about it."""
         return tuple(
-            (mask_of(self.body[link] for link in axis.links), axis.pair)
-            for axis in coaxial_links(self.mechanism)
+            (mask_of(self.body[link] for link in links), pair)
+            for links, pair, _ in coaxial_links(self.mechanism)
         )
 
     @cached_property
     def rounded_axes(self) -> frozenset[int]:
         """The pairs of `coaxial` whose axes are common but for rounding."""
         shared = coaxial_links(self.mechanism)
-        return frozenset(axis.pair for axis in shared if not axis.exactly)
+        return frozenset(pair for _, pair, exactly in shared if not exactly)
 
     def pole(self, i: int, j: int) -> Pole | None:
         """Return the pole of the bodies of two links, None if they are one body."""
@@ -313,13 +304,17 @@ def bits_of(mask: int) -> tuple[int, ...]:
     return tuple(k for k in range(mask.bit_length()) if mask >> k & 1)
 
 
+def _titled(plan: Plan) -> tuple[list[str], list[list[str]]]:
+    """Return the names of bodies, and the Table's rows, each after its name."""
+    names = [plan.name(body) for body in plan.bodies]
+    return names, [[name, *row] for name, row in zip(names, cells(plan), strict=True)]
+
+
 @checked(PlanError)
 def as_text(plan: Plan) -> str:
     """Return the Table in aligned columns."""
-    names = [plan.name(body) for body in plan.bodies]
-    rows = [["", *names]] + [
-        [name, *row] for name, row in zip(names, cells(plan), strict=True)
-    ]
+    names, titled = _titled(plan)
+    rows = [["", *names], *titled]
     width = max(len(entry) for row in rows for entry in row)
     return "\n".join(
         "  ".join(entry.ljust(width) for entry in row).rstrip() for row in rows
@@ -328,11 +323,10 @@ def as_text(plan: Plan) -> str:
 
 def as_markdown(plan: Plan) -> str:
     """Return the Table as a Markdown table."""
-    names = [plan.name(body) for body in plan.bodies]
+    names, rows = _titled(plan)
     lines = ["| | " + " | ".join(f"**{name}**" for name in names) + " |"]
     lines.append("|" + "---|" * (len(names) + 1))
-    for name, row in zip(names, cells(plan), strict=True):
-        lines.append(f"| **{name}** | " + " | ".join(row) + " |")
+    lines += [f"| **{name}** | " + " | ".join(row) + " |" for name, *row in rows]
     return "\n".join(lines)
 
 
