@@ -477,8 +477,7 @@ class Unwrapping:
             goal = np.tile(anchor + np.eye(len(anchor))[k] * period, (len(rows), 1))
             round_, status = walk(self._closure, self._driven, there[rows], goal)
             grown = (round_ - there[rows])[:, angles] / TURN
-            whole = max_abs(grown % 1.0 - 0.5, axis=1, initial=0.0) > 0.45
-            whole &= status == Status.OK
+            whole = np.all(np.abs(grown % 1.0 - 0.5) > 0.45, axis=1) & (status == Status.OK)
             laps = far[rows[whole], k, None] / period
             turns[rows[whole]] += np.round(grown[whole]) * laps
         return turns

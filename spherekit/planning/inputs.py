@@ -183,25 +183,12 @@ def graph_mobility(mechanism: Mechanism) -> int:
     return FREEDOMS * (len(mechanism.links) - 1) - taken
 
 
-@dataclass(frozen=True)
-class Freedom:
-    """What counting says about a chain in which one input moves and others are locked.
-
-    `body[link]` is the smallest link of the rigid body that a link belongs to. `game` is
-    the played game on those bodies, for questions about parts of the chain; None where
-    the rank at a configuration decides instead.
-    """
-
-    body: tuple[int, ...]
-    game: Pebbles | None
-
-
 def counted_freedom(
     mechanism: Mechanism,
     driven: Sequence[int],
     locked: Sequence[int] = (),
     by_rank: bool = False,
-) -> Freedom:
+) -> tuple[tuple[int, ...], Pebbles | None]:
     """Check by counting that a mechanism is one piece with a freedom for each input.
 
     Parameters
@@ -214,6 +201,13 @@ def counted_freedom(
         Those of them that are locked. Parts that only they move become one body.
     by_rank
         Whether the rank at a configuration is known to say otherwise than the count.
+
+    Returns
+    -------
+    body, game
+        The smallest link of the rigid body that each link belongs to while one input moves
+        and others are locked; and the game played on those bodies, for questions about
+        parts of the chain, None where the rank at a configuration decides instead.
 
     Notes
     -----
@@ -237,11 +231,11 @@ def counted_freedom(
     except CountError:
         rolls = any(pair.rolls for pair in mechanism.pairs)
         if (by_rank or rolls) and graph_mobility(mechanism) <= len(driven):
-            return Freedom(merged(mechanism, locked), None)
+            return merged(mechanism, locked), None
         raise
     if locked:
         return _locked(mechanism, driven, locked)
-    return Freedom(tuple(range(len(mechanism.links))), game)
+    return tuple(range(len(mechanism.links))), game
 
 
 def _check_connected(mechanism: Mechanism) -> None:
@@ -296,7 +290,9 @@ def _play(mechanism: Mechanism) -> Pebbles:
     return game
 
 
-def _locked(mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]) -> Freedom:
+def _locked(
+    mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]
+) -> tuple[tuple[int, ...], Pebbles]:
     """Play the game with inputs locked, and make one body of each part that is rigid."""
     body = merged(mechanism, locked)
     game = Pebbles(len(body))
@@ -323,7 +319,7 @@ def _locked(mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]) 
             f"with {others} locked, {listing(mechanism.names_of(moved))} "
             "cannot move; choose other inputs"
         )
-    return Freedom(body, game)
+    return body, game
 
 
 @dataclass(frozen=True)
@@ -429,10 +425,10 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
         independent freedom, or a part is rigid.
     """
     inputs = driven_pairs(mechanism)
-    counted = counted_freedom(mechanism, inputs, inputs[1:], by_rank)
+    _, game = counted_freedom(mechanism, inputs, inputs[1:], by_rank)
     merged_links = merged(mechanism, inputs)
     open_pairs = [n for n in range(len(mechanism.pairs)) if n not in inputs]
-    if counted.game is not None:
+    if game is not None:
         return Assembly(inputs, merged_links, split(mechanism, merged_links, open_pairs))
     meshes = held_meshes(mechanism)
     try:

@@ -64,10 +64,8 @@ def steps_of(chain: Plan, game: Pebbles | None) -> list[Step]:
             shared = next((n for mask, n in chain.coaxial if _holds(mask, *pole)), None)
             if shared is not None:
                 new_steps.append(CoaxialPole(pole, round_number, shared))
-                continue
-            by_lines = _by_lines(chain, contacts, partners, pole, round_number)
-            if by_lines is not None:
-                new_steps.append(by_lines)
+            elif _has_lines(chain, contacts, partners, pole):
+                new_steps.append(_line(contacts, partners, pole, round_number))
         if not new_steps:
             block = _smallest_block(chain, game, parts, unknown, round_number)
             if game is not None:
@@ -78,20 +76,6 @@ def steps_of(chain: Plan, game: Pebbles | None) -> list[Step]:
         steps += new_steps
         unknown = [p for p in unknown if not partners[p[0]] >> p[1] & 1]
     return steps
-
-
-def _by_lines(
-    chain: Plan,
-    contacts: dict[Pole, list[int]],
-    partners: Sequence[int],
-    pole: Pole,
-    round_number: int,
-) -> LinePole | None:
-    """Return the step that gives a pole by two lines or more, if there are as many."""
-    if not _has_lines(chain, contacts, partners, pole):
-        return None
-    common = partners[pole[0]] & partners[pole[1]]
-    return LinePole(pole, round_number, bits_of(common), tuple(contacts.get(pole, ())))
 
 
 def _has_lines(
@@ -119,37 +103,29 @@ def _opened(
     def lines(pole: Pole) -> int:
         return (partners[pole[0]] & partners[pole[1]]).bit_count()
 
-    best: tuple[int, int, Pole] | None = None
+    def left_and_passes(pole: Pole) -> tuple[int, int]:
+        found = [poles for _, poles in _following(chain, contacts, partners, block, pole)]
+        left = len(block.poles) - 1 - sum(map(len, found))
+        return left, len(found) + (left > 0)
+
     ordered = sorted(block.poles, key=lambda pole: (-lines(pole), pole))
-    for pole in ordered[: max(1, MOST_TRIED // len(block.poles) ** 2)]:
-        left, passes = len(block.poles) - 1, block.round
-        for _, poles in _following(chain, contacts, partners, block, pole):
-            passes += 1
-            left -= len(poles)
-            if best is not None and best[0] == 0 and passes >= best[1]:
-                break
-        if left:
-            passes += 1
-        if best is None or (left, passes) < best[:2]:
-            best = left, passes, pole
-    assert best is not None
-    opening = best[2]
-    return replace(
-        block,
-        opening=opening,
-        passes=tuple(
-            LinePole(
-                pole,
-                number,
-                bits_of(then[pole[0]] & then[pole[1]]),
-                tuple(contacts.get(pole, ())),
-            )
-            for number, (then, poles) in enumerate(
-                _following(chain, contacts, partners, block, opening), block.round + 1
-            )
-            for pole in poles
-        ),
-    )
+    tried = ordered[: max(1, MOST_TRIED // len(block.poles) ** 2)]
+    opening = min(tried, key=left_and_passes)
+    after = _following(chain, contacts, partners, block, opening)
+    passes = [
+        _line(contacts, then, pole, number)
+        for number, (then, poles) in enumerate(after, block.round + 1)
+        for pole in poles
+    ]
+    return replace(block, opening=opening, passes=tuple(passes))
+
+
+def _line(
+    contacts: dict[Pole, list[int]], partners: Sequence[int], pole: Pole, number: int
+) -> LinePole:
+    """Return the step of a pass that gives a pole by all lines through it."""
+    common = partners[pole[0]] & partners[pole[1]]
+    return LinePole(pole, number, bits_of(common), tuple(contacts.get(pole, ())))
 
 
 def _following(
@@ -241,43 +217,37 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
     Each pole keeps the two lines that need the fewest other poles, and every further
     line whose poles are in the plan anyway.
     """
-    maker: dict[Pole, Step] = {}
     cost: dict[Pole, frozenset[Pole]] = {}
-    cheapest: dict[Pole, tuple[int, ...]] = {}
+    sources: dict[Pole, Iterable[Pole]] = {}
     for step in whole.steps:
-        if isinstance(step, PrimaryPole | CoaxialPole):
-            maker[step.pole], cost[step.pole] = step, frozenset()
-        elif isinstance(step, BlockPoles):
-            for pole in step.poles:
-                maker[pole], cost[pole] = step, frozenset([pole])
-        else:
-            maker[step.pole] = step
-            cheapest[step.pole], needed = _cheapest_lines(step, cost, whole.coaxial)
-            cost[step.pole] = needed | {step.pole}
+        poles = step.poles if isinstance(step, BlockPoles) else (step.pole,)
+        for pole in poles:
+            cost[pole], sources[pole] = frozenset(), ()
+            if isinstance(step, BlockPoles):
+                cost[pole] = frozenset([pole])
+                sources[pole] = [pole_of(*whole.ends[pair]) for pair in step.pairs]
+            elif isinstance(step, LinePole):
+                via, needed = _cheapest_lines(step, cost, whole.coaxial)
+                cost[pole] = needed | {pole}
+                sources[pole] = replace(step, via=via).sources
     kept: set[Pole] = set()
     stack = list(wanted)
     while stack:
         pole = stack.pop()
-        if pole in kept:
-            continue
-        kept.add(pole)
-        step = maker[pole]
-        if isinstance(step, LinePole):
-            stack += replace(step, via=cheapest[pole]).sources
-        elif isinstance(step, BlockPoles):
-            stack += [pole_of(*whole.ends[pair]) for pair in step.pairs]
+        if pole not in kept:
+            kept.add(pole)
+            stack += sources[pole]
     steps: list[Step] = []
     for step in whole.steps:
         if isinstance(step, BlockPoles):
             asked = tuple(pole for pole in step.poles if pole in kept)
-            if asked:
-                passes = _ancestors(step.passes, asked)
-                steps.append(replace(step, poles=asked, passes=passes))
+            passes = _ancestors(step.passes, asked)
+            steps += [replace(step, poles=asked, passes=passes)] * bool(asked)
         elif step.pole in kept:
             if isinstance(step, LinePole):
                 i, j = step.pole
-                via = [k for k in step.via if {pole_of(i, k), pole_of(j, k)} <= kept]
-                step = replace(step, via=tuple(via))
+                via = tuple(k for k in step.via if {pole_of(i, k), pole_of(j, k)} <= kept)
+                step = replace(step, via=via)
             steps.append(step)
     return replace(whole, requested=tuple(dict.fromkeys(wanted)), steps=tuple(steps))
 
@@ -351,10 +321,10 @@ def plan(
     driven = driven_pairs(mechanism)
     moved = driven[0] if input_pair is None else mechanism.pair_number[input_pair]
     locked = tuple(pair for pair in driven if pair != moved)
-    freedom = counted_freedom(mechanism, driven, locked, by_rank)
-    empty = Plan(mechanism, moved, locked, freedom.body, (), ())
+    body, game = counted_freedom(mechanism, driven, locked, by_rank)
+    empty = Plan(mechanism, moved, locked, body, (), ())
     every = tuple(combinations(empty.bodies, 2))
-    whole = replace(empty, requested=every, steps=tuple(steps_of(empty, freedom.game)))
+    whole = replace(empty, requested=every, steps=tuple(steps_of(empty, game)))
     if poles is None:
         return whole
     wanted = []

@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -101,6 +101,9 @@ Pole = tuple[int, int]
 class PrimaryPole:
     """A pole that is the axis or contact line of a pair."""
 
+    round: ClassVar[int] = 0
+    case: ClassVar[str] = "primary"
+
     pole: Pole
     pair: int
 
@@ -135,6 +138,8 @@ class LinePole:
 @dataclass(frozen=True)
 class CoaxialPole:
     """A pole that is the axis of R pair `pair`, which its links always share."""
+
+    case: ClassVar[str] = "coaxial"
 
     pole: Pole
     round: int
@@ -241,12 +246,10 @@ class Plan:
         """The pass in which each pole becomes known; 0 for primary poles."""
         passes: dict[Pole, int] = {}
         for step in self.steps:
-            if isinstance(step, PrimaryPole):
-                passes[step.pole] = 0
-            elif isinstance(step, LinePole | CoaxialPole):
-                passes[step.pole] = step.round
+            if isinstance(step, BlockPoles):
+                passes |= step.rounds
             else:
-                passes.update(step.rounds)
+                passes[step.pole] = step.round
         return passes
 
     @property
@@ -379,46 +382,27 @@ def as_dict(plan: Plan) -> dict[str, Any]:
         return [plan.name(pole[1]), plan.name(pole[0])]
 
     def step_dict(step: Step) -> dict[str, Any]:
-        if isinstance(step, PrimaryPole):
-            return {
-                "pass": 0,
-                "case": "primary",
-                "pole": named(step.pole),
-                "pair": pairs[step.pair].name,
-            }
-        if isinstance(step, CoaxialPole):
+        if isinstance(step, BlockPoles):
             return {
                 "pass": step.round,
-                "case": "coaxial",
-                "pole": named(step.pole),
-                "pair": pairs[step.pair].name,
+                "case": "irreducible",
+                "poles": [named(pole) for pole in step.poles],
+                "links": [plan.name(k) for k in step.links],
+                "pairs": [pairs[n].name for n in step.pairs],
+                "method": step.method,
+                "opening": None if step.opening is None else named(step.opening),
+                "passes": [step_dict(inner) for inner in step.passes],
             }
-        if isinstance(step, LinePole):
-            i, j = step.pole
-            lines: list[dict[str, Any]] = [
-                {
-                    "via": plan.name(k),
-                    "poles": [named(pole_of(i, k)), named(pole_of(j, k))],
-                }
-                for k in step.via
-            ]
-            lines += [{"contact": pairs[n].name} for n in step.contacts]
-            return {
-                "pass": step.round,
-                "case": step.case,
-                "pole": named(step.pole),
-                "lines": lines,
-            }
-        assert isinstance(step, BlockPoles)
-        return {
-            "pass": step.round,
-            "case": "irreducible",
-            "poles": [named(pole) for pole in step.poles],
-            "links": [plan.name(k) for k in step.links],
-            "pairs": [pairs[n].name for n in step.pairs],
-            "method": step.method,
-            "opening": None if step.opening is None else named(step.opening),
-            "passes": [step_dict(inner) for inner in step.passes],
+        found = {"pass": step.round, "case": step.case, "pole": named(step.pole)}
+        if not isinstance(step, LinePole):
+            return found | {"pair": pairs[step.pair].name}
+        i, j = step.pole
+        lines: list[dict[str, Any]] = [
+            {"via": plan.name(k), "poles": [named(pole_of(i, k)), named(pole_of(j, k))]}
+            for k in step.via
+        ]
+        return found | {
+            "lines": lines + [{"contact": pairs[n].name} for n in step.contacts]
         }
 
     return {

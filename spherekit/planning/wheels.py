@@ -13,7 +13,7 @@ the inputs, these and the lengths rolled are linear functions of the inputs.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -45,13 +45,6 @@ Axes = Mapping[int, tuple[Floats, Floats]]
 """Axes (3,) of R pairs in their first and second link, by number."""
 
 
-class _Signed(Protocol):
-    def __neg__(self: "Number") -> "Number": ...
-
-
-Number = TypeVar("Number", bound=_Signed)
-
-
 @dataclass(frozen=True)
 class GearMesh:
     """Two wheels on a carrier: by which pairs each is turned in it, and the signs.
@@ -71,7 +64,7 @@ class GearMesh:
         """The pairs whose angles it relates."""
         return {*self.turned[0], *self.turned[1]}
 
-    def relation(self, sizes: tuple[Number, Number]) -> dict[int, Number]:
+    def relation(self, sizes: tuple[Any, Any]) -> dict[int, Any]:
         """Return the factors by pair of the sum of angles that stays the same.
 
         `sizes` are those of the angles of both wheels: sin(r) and -sin(s).
