@@ -16,7 +16,7 @@ from spherekit.analysis.frames import to_frame
 from spherekit.analysis.registry import create
 from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
 from spherekit.errors import AnalysisError, SolveError, SpherekitError
-from spherekit.guidance.follow import FixedAxisRotation
+from spherekit.guidance.follow import FollowedRotation
 from spherekit.guidance.loci import mid_plane_form
 from spherekit.guidance.poses import (
     AtDirection,
@@ -203,7 +203,7 @@ def test_schedule_in_cycles_of_a_controller():
 
 def test_a_failed_row_is_not_feasible(monkeypatch):
     """Whatever fails on the way is said, though the end is reached."""
-    whole = FixedAxisRotation.at
+    whole = FollowedRotation.at
 
     def partly(turn, theta):
         found = whole(turn, theta)
@@ -211,7 +211,7 @@ def test_a_failed_row_is_not_feasible(monkeypatch):
         status[2:3] = sk.Status.NOT_CONVERGED
         return replace(found, status=status)
 
-    monkeypatch.setattr(FixedAxisRotation, "at", partly)
+    monkeypatch.setattr(FollowedRotation, "at", partly)
     result = ran("two_dof_spm", "start=phi=75+gamma=-20,end=phi=74+gamma=-20,samples=5")
     own = findings(result)
     assert own["failed_rows"] == 1 and not own["feasible"]

@@ -94,7 +94,7 @@ class RotationSamples:
 
 
 @dataclass(frozen=True)
-class FixedAxisRotation(Way):
+class FollowedRotation(Way):
     """A rotation about a fixed axis as far as a mechanism follows it.
 
     Attributes
@@ -274,7 +274,7 @@ def follow_rotation(
     angle: float,
     output: str | None = None,
     lead: float = 0.0,
-) -> FixedAxisRotation:
+) -> FollowedRotation:
     """Return the rotation of an output link about a fixed axis.
 
     Parameters
@@ -312,7 +312,7 @@ def follow_rotation(
     way = Way(*given, bool(near.rates(about)[2][0]))
     measure = Transmission.of(replace(mechanism, ground=end.relative_to), end)
     first = way.nodes_of(np.array([0.0 - lead]), near)
-    return FixedAxisRotation(
+    return FollowedRotation(
         *given,
         way.exact,
         measure,
@@ -329,7 +329,7 @@ def follow_to(
     values: ArrayLike,
     orientation: ArrayLike,
     output: str | None = None,
-) -> FixedAxisRotation:
+) -> FollowedRotation:
     """Return the rotation that carries the output link to an orientation (3, 3).
 
     In the axes of the link that the output is relative to. Other parameters and errors are

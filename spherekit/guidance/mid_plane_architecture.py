@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.errors import SolveError
-from spherekit.guidance.follow import FixedAxisRotation, follow_rotation, turn_to, unit
+from spherekit.guidance.follow import FollowedRotation, follow_rotation, turn_to, unit
 from spherekit.guidance.midplane import MidPlane
 from spherekit.model.joints import Joint, revolute, revolutes
 from spherekit.model.mechanism import Mechanism
@@ -251,7 +251,7 @@ class MidPlaneArchitecture:
 
     def rotation_between(
         self, start: Floats, stop: Floats, modes: ArrayLike
-    ) -> FixedAxisRotation:
+    ) -> FollowedRotation:
         """Return the rotation about a fixed axis from one pose to another.
 
         Parameters
@@ -287,13 +287,13 @@ class MidPlaneArchitecture:
 
     def rotation_about(
         self, start: Floats, axis: Floats, angle: float, modes: Floats
-    ) -> FixedAxisRotation:
+    ) -> FollowedRotation:
         """Return the rotation about an axis (3,) in a mid-plane of normal `start` (3,).
 
         Where the loops do not fix the links there, the way begins a little before.
         """
 
-        def followed(lead: float) -> FixedAxisRotation:
+        def followed(lead: float) -> FollowedRotation:
             normals = rotation(self.frame.T @ axis, [-0.5 * lead]) @ start
             (values,), _ = self.values(self.place(normals, modes))
             given = values, axis, angle, self.output.name, lead

@@ -14,7 +14,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import listing
 from spherekit.errors import SolveError
-from spherekit.guidance.follow import FixedAxisRotation, follow_rotation, follow_to, unit
+from spherekit.guidance.follow import FollowedRotation, follow_rotation, follow_to, unit
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.guidance.rotation_path import UNFIXED, OutputTarget
 from spherekit.model.mechanism import Mechanism
@@ -349,7 +349,7 @@ class PoseFinder:
 
     def rotation(
         self, start: PoseCandidates, number: int, end: Pose | AtRotation, mode: str
-    ) -> FixedAxisRotation:
+    ) -> FollowedRotation:
         """Return the rotation from a configuration to a pose.
 
         Parameters

@@ -8,7 +8,7 @@ from their largest values at T = 1, which are found to rounding.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,13 +17,44 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
 from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import SolveError
-from spherekit.guidance.follow import FixedAxisRotation, RotationSamples
+from spherekit.guidance.follow import RotationSamples
 from spherekit.model.study import Cycloidal, Law, Polynomial
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.sphere.rotation import all_finite, max_abs
 
 DEAD = 1e3
 """An input that turns by more for each rad of the output link is at a dead centre."""
+
+
+class FixedAxisRotation(Protocol):
+    """A rotation of an output link by `angle` (rad) about the unit vector `axis` (3,)."""
+
+    @property
+    def axis(self) -> Floats:
+        """Unit vector (3,) in the axes of the base."""
+
+    @property
+    def angle(self) -> float:
+        """The whole angle (rad), 0 or more."""
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the driven pairs."""
+
+    @property
+    def reached(self) -> float:
+        """The angle (rad) up to which the mechanism follows."""
+
+    @property
+    def end(self) -> Status:
+        """Status of what lies beyond."""
+
+    @property
+    def crossings(self) -> tuple[float, ...]:
+        """Angles (rad) on the way at which the inputs do not hold the mechanism."""
+
+    def at(self, theta: ArrayLike) -> RotationSamples:
+        """Return the samples at angles theta (n,) from 0 to the whole angle, any order."""
 
 
 def dead_centre(rotation: FixedAxisRotation) -> str:

@@ -6,7 +6,6 @@ from spherekit.lazy_imports import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
-    from spherekit.guidance.follow import FixedAxisRotation as FixedAxisRotation
     from spherekit.guidance.follow import RotationSamples as RotationSamples
     from spherekit.guidance.follow import follow_rotation as follow_rotation
     from spherekit.guidance.loci import mid_plane_form as mid_plane_form
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from spherekit.guidance.poses import PoseCandidates as PoseCandidates
     from spherekit.guidance.poses import PoseFinder as PoseFinder
     from spherekit.guidance.rotation import SHAPES as SHAPES
+    from spherekit.guidance.rotation import FixedAxisRotation as FixedAxisRotation
     from spherekit.guidance.rotation import TimeScaling as TimeScaling
     from spherekit.guidance.rotation import Trajectory as Trajectory
     from spherekit.guidance.rotation import dead_centre as dead_centre
