@@ -26,40 +26,20 @@ FILES = {
 }
 """The shipped mechanisms and studies, by the names of their files."""
 
+
+def split(text, *more):
+    """Return the words of a text, and more."""
+    return [*text.split(), *more]
+
+
 NUMBERS = (
-    *(
-        "nan",
-        "inf",
-        "-inf",
-        "1e400",
-        "-0.0",
-        "5e-324",
-        "1e308",
-        "-1e308",
-        "0",
-        "-1",
-        "1e-9",
-    ),
-    *("180", "180.0", "360.0", "3.141592653589793", "9" * 400, "0x" + "f" * 60, "1_000"),
-    *("+1", "1e-400", "1.", ".5", "01", "true", '"1"', "[]", "{}", "1979-05-27"),
+    *split("nan inf -inf 1e400 -0.0 5e-324 1e308 -1e308 0 -1 1e-9 180 180.0 360.0"),
+    *split("3.141592653589793 1_000 +1 1e-400 1. .5 01 true [] {} 1979-05-27"),
+    *("9" * 400, "0x" + "f" * 60, '"1"'),
 )
 WORDS = (
-    *(
-        "",
-        "1",
-        "R",
-        "Cr",
-        "Cs",
-        "deg",
-        "21",
-        "base",
-        "../x",
-        "a/b",
-        "a\\u0000b",
-        "CON",
-        "-rf",
-    ),
-    *("\\U0001F600", "\\u202e", "é", " ", "a" * 300, "nan", "__class__", "\\n"),
+    *split("1 R Cr Cs deg 21 base ../x a/b CON -rf é nan __class__"),
+    *("", "a\\u0000b", "\\U0001F600", "\\u202e", " ", "a" * 300, "\\n"),
 )
 
 words = st.sampled_from(WORDS) | st.text(max_size=12)
@@ -78,9 +58,7 @@ def damaged(draw, name):
     for _ in range(draw(st.integers(1, 3))):
         at = draw(st.integers(0, len(lines) - 1))
         key, equals, _ = lines[at].partition("=")
-        way = draw(
-            st.sampled_from(("value", "key", "drop", "double", "swap", "add", "cut"))
-        )
+        way = draw(st.sampled_from(split("value key drop double swap add cut")))
         if way == "value" and equals:
             lines[at] = f"{key}= {draw(values)}"
         elif way == "key" and equals:
@@ -105,42 +83,16 @@ files = st.sampled_from(sorted(FILES)).flatmap(
 )
 
 ATOMS = (
-    *(
-        "t",
-        "theta_a",
-        "dtheta_a",
-        "theta_b",
-        "pi",
-        "1",
-        "0.5",
-        "1e400",
-        "1e308",
-        "2",
-        "9**9",
-    ),
-    *("__import__('os')", "t.real", "lambda: 1", "t < 1", "t if t else 1", "t[0]", "1j"),
-    *(
-        "True",
-        "None",
-        "'t'",
-        "f't'",
-        "t := 1",
-        "x",
-        "theta_é",
-        "0x10",
-        "1_0",
-        "t or 1",
-        "...",
-    ),
+    *split("t theta_a dtheta_a theta_b pi 1 0.5 1e400 1e308 2 9**9 __import__('os')"),
+    *split("t.real t[0] 1j True None 't' f't' x theta_é 0x10 1_0 ..."),
+    *("lambda: 1", "t < 1", "t if t else 1", "t := 1", "t or 1"),
 )
-CALLS = ("sin", "cos", "tan", "asin", "sqrt", "exp", "log", "abs", "sign", "tanh", "eval")
+CALLS = split("sin cos tan asin sqrt exp log abs sign tanh eval")
 atoms = st.sampled_from(ATOMS) | st.text(alphabet="()+-*/t1.,e ^=", max_size=8)
 expressions = st.recursive(
     atoms,
     lambda inner: (
-        st.tuples(
-            inner, st.sampled_from(("+", "-", "*", "/", "**", "//", "%", " ")), inner
-        ).map("".join)
+        st.tuples(inner, st.sampled_from([*"+-*/% ", "**", "//"]), inner).map("".join)
         | st.tuples(st.sampled_from(CALLS), inner).map(lambda pair: f"{pair[0]}({pair[1]})")
         | st.tuples(inner, inner).map(lambda pair: f"atan2({pair[0]}, {pair[1]})")
         | inner.map(lambda part: f"({part})")
@@ -151,31 +103,19 @@ expressions = st.recursive(
 
 SAFE = ("four_bar", "universal_joint", "bevel_pair", "five_bar", "nonsense", "", "/", ".")
 sources = st.sampled_from((*SAFE, "DAMAGED", "DAMAGED.study.toml", "/dev/zero", "x" * 300))
-small = st.sampled_from(
-    ("1", "2", "3", "5", "2x2", "0", "-1", "1x", "1e9", "9" * 30, "x", "")
-)
-floats = st.sampled_from(
-    ("nan", "inf", "-1", "0", "1e-3", "1e-300", "0.01", "x", "1e400", "")
-)
-pairs = st.sampled_from(("21", "32", "51", "41", "pinion_shaft", "nonsense", "", "-", "\0"))
-ANALYSES = ("poles", "eksergian", "nonsense", "poles:only=31", "poles:only=99", "poles:x=1")
-analyses = st.sampled_from(
-    (*ANALYSES, "poles:", ":", "poles:only", "poles:only=31,only=21")
-)
-laws = st.sampled_from(
-    (
-        *("constant_speed:speed=1", "constant_speed:speed=nan", "constant_speed:", "x:y=1"),
-        *("polynomial:coefficients=1+2", "cycloidal:from=0,to=1,duration=1", "=", ":", ""),
-        *(
-            "cycloidal:from=0,to=1,duration=0",
-            "table:times=0+1,angles=0+1",
-            "21=polynomial",
-        ),
-        *("table:times=0+1,angles=0+1,rest_at_ends=true", "polynomial:coefficients=1e300"),
-    )
-)
-starts = st.sampled_from(("q=0", "q=1,dq=0.1", "q=nan", "q=", "dq=1", "q=1e300", "x", ""))
-texts = st.sampled_from(("0", "t", "2*sin(t)", "1e400", "x", "", "9**9**9", "((", "1/0"))
+small = st.sampled_from(split("1 2 3 5 2x2 0 -1 1x 1e9 x", "9" * 30, ""))
+floats = st.sampled_from(split("nan inf -1 0 1e-3 1e-300 0.01 x 1e400", ""))
+pairs = st.sampled_from(split("21 32 51 41 pinion_shaft nonsense - \0", ""))
+ANALYSES = """poles eksergian nonsense poles:only=31 poles:only=99 poles:x=1 poles: :
+    poles:only poles:only=31,only=21"""
+analyses = st.sampled_from(ANALYSES.split())
+LAWS = """constant_speed:speed=1 constant_speed:speed=nan constant_speed: x:y=1 = :
+    polynomial:coefficients=1+2 cycloidal:from=0,to=1,duration=1 21=polynomial
+    cycloidal:from=0,to=1,duration=0 table:times=0+1,angles=0+1
+    table:times=0+1,angles=0+1,rest_at_ends=true polynomial:coefficients=1e300"""
+laws = st.sampled_from(split(LAWS, ""))
+starts = st.sampled_from(split("q=0 q=1,dq=0.1 q=nan q= dq=1 q=1e300 x", ""))
+texts = st.sampled_from(split("0 t 2*sin(t) 1e400 x 9**9**9 (( 1/0", ""))
 flags = st.one_of(
     st.tuples(st.just("--samples"), small),
     st.tuples(st.just("--input"), pairs),
@@ -196,12 +136,8 @@ flags = st.one_of(
 @st.composite
 def commands(draw):
     """Return the words of a command line; DAMAGED and OUT stand for paths."""
-    name = draw(
-        st.sampled_from(
-            ("run", "run", "run", "run", "validate", "plan", "explain", "export", "view")
-            + ("analyses", "analyses", "nonsense", "mechanisms")
-        )
-    )
+    names = "run run run run validate plan explain export view analyses analyses"
+    name = draw(st.sampled_from(split(names, "nonsense", "mechanisms")))
     given = [name]
     if name in ("mechanisms", "nonsense"):
         given += draw(st.lists(words, max_size=2))
@@ -209,7 +145,7 @@ def commands(draw):
         given += draw(st.lists(analyses | words, max_size=2))
     elif name == "view":
         given += [
-            draw(st.sampled_from(("DAMAGED", "nonsense", "/dev/zero", "", "/", "\0")))
+            draw(st.sampled_from(["DAMAGED", "nonsense", "/dev/zero", "", "/", "\0"]))
         ]
     elif name == "export":
         given += [draw(sources), "--to", draw(st.sampled_from(("mjcf", "mjcf", "x")))]

@@ -182,15 +182,6 @@ def test_chains_without_a_single_freedom_are_refused(edges, words):
         assert word in str(caught.value)
 
 
-def test_two_pairs_between_the_same_links_are_refused():
-    pairs = (Pair("a", "R", ("1", "2")), Pair("b", "R", ("1", "2")))
-    made = Mechanism(
-        "twice", "1", ("1", "2"), pairs, PoseGeometry({"a": (1, 0, 0), "b": (0, 1, 0)})
-    )
-    with pytest.raises(PlanError, match="over-constrained"):
-        plan(made)
-
-
 def test_unknown_pole_and_input():
     made = sk.load("four_bar")
     with pytest.raises(PlanError, match=r"is not a pole.*LINK/LINK"):

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from common import bare
 from newton_euler import loaded, newton_euler
 
 import spherekit as sk
@@ -59,20 +58,6 @@ def test_newton_and_euler_give_the_same_reactions(name):
             assert got[:held] == pytest.approx(want[pair.name], abs=1e-11 * size)
             if not pair.kind.has_axis:
                 assert np.all(got[held:] == 0.0)
-
-
-def test_reactions_do_no_work():
-    """All that pairs transmit has the power of the torques about their axes alone."""
-    made, _ = loaded("five_bar", np.random.default_rng(4))
-    found = reactions(moving(made, (1.0, 1.2), [0.0, 0.1, 0.2]))
-    motion, rates = found.torques.motion, found.torques.input_rates
-    w = np.einsum("ni,nila->nla", rates, motion.w)
-    for k, (first, second) in enumerate(made.ends):
-        moment = np.einsum("nab,nb->na", found.frames[:, k], found.moments[:, k])
-        power = np.sum(moment * (w[:, second] - w[:, first]), axis=1)
-        rate = np.einsum("ni,ni->n", rates, motion.rates[:, :, k])
-        own = found.moments[:, k, 2] * rate
-        assert power == pytest.approx(own, abs=1e-12 * np.max(np.abs(moment)))
 
 
 def pressed(torque):
@@ -129,35 +114,6 @@ def test_a_cam_lifts_off_where_its_follower_would_outrun_the_spring():
         sides.append((float(np.mean(lifted)), sense))
     # A weak spring keeps contact on a part of the way only, whichever way it turns.
     assert all(0.0 < part < 1.0 for part, _ in sides) and sides[0][1] == sides[1][1]
-
-
-def test_hookes_joint_holds_and_bends_its_shafts():
-    """By hand: the moment that the cross transmits is normal to both of its axes.
-
-    T_2 / T_1 = (1 - sin^2 b cos^2 f) / cos b at the angle b of the shafts, where f = 0 is
-    that of the driving yoke in their plane, and the couple that bends the driving shaft is
-    T_1 tan b |sin f|.
-    """
-    made = bare("universal_joint").with_inputs("21")
-    made = made.with_loads(sk.PairTorque("brake", "41", "-3"))
-    f = np.linspace(0.1, 3.0, 7)
-    found = reactions(moving_slowly(made, f))
-    beta = np.radians(35.0)
-    ratio = (1.0 - np.sin(beta) ** 2 * np.cos(f) ** 2) / np.cos(beta)
-    held = holding_torques(PositionAnalysis(made, None, 0, path=f[:, None]).motion())
-    assert held.torques[:, 0] == pytest.approx(3.0 / ratio, rel=1e-12)
-    bent = found.across[:, made.pair_number["21"]]
-    couple = held.torques[:, 0] * np.tan(beta) * np.abs(np.sin(f))
-    assert bent == pytest.approx(couple, rel=1e-11, abs=1e-12)
-    output = output_stiffness(held, "4", "1", np.array([50.0]))
-    assert output.advantage[:, 0] == pytest.approx(ratio, rel=1e-12)
-    assert output.stiffness[:, 0] == pytest.approx(50.0 * ratio**2, rel=1e-12)
-    assert np.all(np.isinf(output.stiffness[:, 1:]))
-
-
-def moving_slowly(made, q):
-    timing = by_laws(["21"], {"21": sk.ConstantSpeed(0.0)}, np.arange(len(q)) * 1.0)[1]
-    return replace(PositionAnalysis(made, None, 0, path=q[:, None]).motion(), timing=timing)
 
 
 def test_outputs_yield_by_what_a_moment_does_to_the_inputs():

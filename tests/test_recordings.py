@@ -14,7 +14,7 @@ pytest.importorskip("rerun", reason="the viewer extra is not installed")
 from rerun.chunk import RrdReader
 
 import spherekit as sk
-from spherekit.analysis.plotted import broken, cut, plotted_range
+from spherekit.analysis.plotted import plotted_range
 from spherekit.analysis.scene import Diagram, Trace
 from spherekit.cli.main import main
 from spherekit.cli.view import find_recording
@@ -115,19 +115,6 @@ def test_what_is_to_be_seen_is_kept_after_the_first_time(tmp_path):
     where = "/four_bar/assembly_mode_1/charts/velocity_coefficients/legend"
     rows = [rows_of(tmp_path / f"{n}.rrd", where, "Points2D:labels") for n in "ab"]
     assert rows[0] == rows[1] and len(rows[0]) == 13
-
-
-def test_ends_at_dead_centres_do_not_hide_the_rest():
-    x = np.linspace(0.0, np.pi, 2001)[1:-1]
-    curve = np.stack([x, 1.0 / np.tan(x) ** 3], axis=1)
-    frame = plotted_range(curve[:, 1], 1.0)
-    assert -1e5 < -10.0 * frame[1] < frame[0] < -1.0 and np.max(curve[:, 1]) > 1e8
-    line = cut(broken(curve, frame, None), frame)
-    known = line[np.isfinite(line).all(axis=1)]
-    assert np.max(known[:, 1]) == frame[1] and np.min(known[:, 1]) == frame[0]
-    (inside,) = np.nonzero((curve[:, 1] > frame[0]) & (curve[:, 1] < frame[1]))
-    assert np.array_equal(known[1:-1], curve[inside])
-    assert known[0, 0] == pytest.approx(np.arctan(known[0, 1] ** (-1 / 3)), abs=2e-3)
 
 
 def test_what_was_asked_for_comes_first(tmp_path):

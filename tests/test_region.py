@@ -290,13 +290,6 @@ def test_measure_that_ends_at_the_border():
     assert {arc.margin for each in region.boundaries for arc in each.arcs} == {-1}
 
 
-def test_margins_stated_twice():
-    one = caps([[1, 2, 3]], [0.7], [True])
-    region = find_region(lambda places: np.repeat(one(places), 3, axis=1), 1e-10)
-    assert abs(region.area - cap_area(0.7)) <= region.error < 1e-10
-    assert region.evaluations < 20_000
-
-
 def test_margins_that_are_zero_over_an_area():
     one = caps([[1, 2, 3]], [0.7], [True])
     region = find_region(lambda p: np.minimum(one(p), 0.0), 0.02, feature=0.01)

@@ -106,21 +106,8 @@ def test_unreachable_samples_are_rows_with_a_reason():
     assert len(frame) == 61 * 6 * frame["assembly_mode"].nunique()
     lost = frame[frame["status"] == "OUT_OF_REACH"]
     assert 0 < len(lost) < len(frame)
-    assert (
-        lost[
-            [
-                "ux",
-                "uy",
-                "uz",
-                "velocity_coefficient",
-                "acceleration_coefficient",
-                "conditioning",
-            ]
-        ]
-        .isna()
-        .all()
-        .all()
-    )
+    names = "ux uy uz velocity_coefficient acceleration_coefficient conditioning"
+    assert lost[names.split()].isna().all().all()
     fine = frame[frame["status"] == "OK"]
     assert fine.drop(columns=["status"]).notna().all().all()
 
@@ -176,14 +163,9 @@ def test_full_disk_leaves_no_half_file(result, tmp_path, monkeypatch):
 
 def test_scenes_come_block_by_block_while_the_run_goes_on():
     listener, order = Listener(), []
-    sk.run(
-        sk.load("four_bar"),
-        "poles",
-        samples=25,
-        block=10,
-        recorder=listener,
-        progress=lambda done, total: order.append((done, total, len(listener.when))),
-    )
+    how = {"samples": 25, "block": 10, "recorder": listener}
+    how["progress"] = lambda *counts: order.append((*counts, len(listener.when)))
+    sk.run(sk.load("four_bar"), "poles", **how)
     assert [entry[:2] for entry in order] == [(10, 25), (20, 25), (25, 25)]
     assert order[0][2] < order[1][2] < order[2][2]
     assert listener.assembly_modes == {0: "Mode 0 (+, p1)", 1: "Mode 1 (-, p0)"}
@@ -216,10 +198,8 @@ def test_pruned_run_gives_the_numbers_of_the_whole():
     both = small.merge(whole, on=keys, suffixes=("", "_whole"))
     assert len(both) == len(small) == 19 * 4 * 2
     for axis in ("ux", "uy", "uz"):
-        ours, theirs = (
-            both[axis] * both["velocity_coefficient"],
-            both[f"{axis}_whole"] * both["velocity_coefficient_whole"],
-        )
+        ours = both[axis] * both["velocity_coefficient"]
+        theirs = both[f"{axis}_whole"] * both["velocity_coefficient_whole"]
         assert np.max(np.abs(ours - theirs)) < 1e-11
 
 

@@ -288,26 +288,6 @@ def test_agile_eye_in_closed_form():
         assert at_reference(made)[0].type[0] == RowType.REGULAR
 
 
-def test_derivatives_of_measures_are_exact():
-    """The remainder of the first-order Taylor polynomial falls with the square."""
-    random = np.random.default_rng(12)
-    made = three_legs(random_axes(random, 9))
-    solver = solver_of(made)
-    for rest in (InputsLocked(solver.driven), output_of(made)):
-        locus = SingularityLocus(solver.closure, 3, rest)
-        start = locus.space(solver.geometry.reference[None])
-        measure = locus.measure(start)
-        way = random.normal(size=3)
-        misses = []
-        for step in (1e-2, 1e-3):
-            values = start.at.values + step * start.along(way[None])
-            for _ in range(5):
-                values = values + locus.space(values).closing
-            new = locus.measure(locus.space(values)).value[0]
-            misses.append(abs(new - measure.value[0] - step * measure.gradient[0] @ way))
-        assert 50.0 < misses[0] / misses[1] < 200.0
-
-
 SIZES = (80.0, (70.0, 45.0), (60.0, 55.0))
 """Base arc, and crank and coupler of both legs (deg), of a five-bar."""
 

@@ -154,14 +154,14 @@ def holds(name, speed, until, engine, dry=DRY):
     return found
 
 
+SPEEDS = [("four_bar", 0.5), ("stephenson", 0.05), ("cam", 0.01)]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize(
-    ("name", "speed"), [("four_bar", 0.5), ("stephenson", 0.05), ("cam", 0.01)]
-)
+@pytest.mark.parametrize(("name", "speed"), SPEEDS)
 def test_dry_friction_is_that_of_an_outside_integrator(name, speed, engine):
-    found = holds(name, np.deg2rad(speed), 2.0, engine)
-    assert found.missed is None
+    assert holds(name, np.deg2rad(speed), 2.0, engine).missed is None
 
 
 @pytest.mark.many

@@ -85,7 +85,12 @@ def judged(first, second):
     return miss
 
 
-def check_all_kinds(count, seed):
+def cases(quick, long):
+    return [quick, pytest.param(*long, marks=pytest.mark.long)]
+
+
+@pytest.mark.parametrize(("count", "seed"), cases((50, 1), (3000, 3)))
+def test_profiles_of_all_kinds_that_touch_are_found_to(count, seed):
     random = np.random.default_rng(seed)
     for number in range(count):
         kinds = KINDS[number % 5], KINDS[number // 5 % 5]
@@ -94,7 +99,8 @@ def check_all_kinds(count, seed):
         assert judged(first, turned) < 1e-12, (number, kinds)
 
 
-def check_internal(count, seed):
+@pytest.mark.parametrize(("count", "seed"), cases((40, 2), (450, 4)))
+def test_internal_contacts_are_found(count, seed):
     """A Fourier profile within another one or a circle, more curved at the contact."""
     random = np.random.default_rng(seed)
     for number in range(count):
@@ -108,24 +114,6 @@ def check_internal(count, seed):
             if k[0] > k[1] + 1e-3:
                 break
         assert judged(first, turned) < 1e-12, number
-
-
-def test_profiles_of_all_kinds_that_touch_are_found_to():
-    check_all_kinds(50, 1)
-
-
-def test_internal_contacts_are_found():
-    check_internal(40, 2)
-
-
-@pytest.mark.long
-def test_three_thousand_poses():
-    check_all_kinds(3000, 3)
-
-
-@pytest.mark.long
-def test_many_internal_contacts():
-    check_internal(450, 4)
 
 
 def test_profiles_that_miss_each_other_by_a_little_are_nearest_there():

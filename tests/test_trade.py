@@ -134,22 +134,24 @@ def varied(made, random, size=0.02):
     return replace(made, geometry=replace(geometry, links=links))
 
 
-def holds_in_random_geometries(name, count, samples=181):
+LONG = {"four_bar": 181, "stephenson": 91, "two_dof_spm": 31, "shaped_cam": 61}
+MANY = [
+    *(("four_bar", 16, 91), ("stephenson", 4, 91)),
+    *(pytest.param(name, 200, LONG[name], marks=pytest.mark.long) for name in LONG),
+]
+
+
+@pytest.mark.many
+@pytest.mark.parametrize(("name", "count", "samples"), MANY)
+def test_recommended_settings_meet_the_tolerance(name, count, samples):
     random = np.random.default_rng(FIVE.index(name))
     given = {"assembly_mode": 0, "search": True}
     while count:
         made = varied(sk.load(name), random)
         tolerance = 10.0 ** random.uniform(-12.0, -3.0)
         try:
-            found = trade(
-                made,
-                "poles",
-                samples=samples,
-                settings=FEW,
-                checked=samples // 3,
-                rounds=1,
-                **given,
-            )
+            how = {"settings": FEW, "checked": samples // 3, "rounds": 1, **given}
+            found = trade(made, "poles", samples=samples, **how)
         except SolveError:  # these arcs cannot be assembled
             continue
         count -= 1
@@ -162,27 +164,6 @@ def holds_in_random_geometries(name, count, samples=181):
         tables, _, _ = bench.tables(chosen.setting, reference)
         for each in bench.deviations(tables, reference.tables):
             assert each.error <= tolerance and not each.missing, (chosen.name, each)
-
-
-@pytest.mark.many
-@pytest.mark.parametrize(("name", "count"), [("four_bar", 16), ("stephenson", 4)])
-def test_recommended_settings_meet_the_tolerance(name, count):
-    holds_in_random_geometries(name, count, samples=91)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("name", "samples"),
-    [
-        ("four_bar", 181),
-        ("stephenson", 91),
-        ("two_dof_spm", 31),
-        ("shaped_cam", 61),
-        ("double_butterfly", 31),
-    ],
-)
-def test_recommended_settings_meet_the_tolerance_in_200_geometries(name, samples):
-    holds_in_random_geometries(name, 200, samples)
 
 
 def test_what_is_dominated_is_not_on_the_front():
@@ -303,20 +284,10 @@ def test_a_short_run_makes_no_trade_and_says_what_it_reached(capsys):
 
 
 def test_a_long_run_takes_the_cheapest_setting(capsys):
-    text = [
-        "run",
-        "four_bar",
-        "-a",
-        "poles:only=31",
-        "--samples",
-        str(WORTH),
-        "--assembly-mode",
-        "0",
-    ]
-    assert main([*text, "--tol", "1e-6"]) == 0
-    line = next(
-        x for x in capsys.readouterr().out.splitlines() if x.startswith("tolerance")
-    )
+    text = f"run four_bar -a poles:only=31 --samples {WORTH} --assembly-mode 0 --tol 1e-6"
+    assert main(text.split()) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (line,) = [x for x in lines if x.startswith("tolerance")]
     assert "the cheapest of a short trade of poles" in line and "NOT MET" not in line
 
 

@@ -20,7 +20,7 @@ from spherekit.analysis.running.summary import RunPlan, faults, told
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
-from spherekit.conventions import EPS, Status
+from spherekit.conventions import EPS
 from spherekit.engine.fields import evaluate
 from spherekit.errors import EngineError, FileError
 from spherekit.model.study import Start
@@ -180,19 +180,6 @@ def test_a_wrong_configuration_has_no_reference():
     text = "\n".join(told(verdict))
     assert f"no reference at sample {motion.sample[3]}, assembly mode 0: MODE_LOST" in text
     assert len(faults(verdict)) == 2
-
-
-def test_nothing_to_verify():
-    tracer = PositionAnalysis(sk.load("four_bar"), samples=3)
-    motion = tracer.motion()
-    wanted, verifier = verifier_of(tracer, 4)
-    failed = replace(
-        motion, status=np.full(len(motion), Status.OUT_OF_REACH, dtype=np.int8)
-    )
-    verifier.see(failed, (evaluate(failed, wanted),), {})
-    verdict = verifier.verdict()
-    assert verdict["rows"] == 0 and faults(verdict) == []
-    assert "no row" in told(verdict)[0]
 
 
 def test_several_inputs_times_and_analyses_of_whole_motions():
