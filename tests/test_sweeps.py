@@ -21,7 +21,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.design.descent import FigureGradients
 from spherekit.design.figures import DesignSamples
-from spherekit.design.held_modes import SignedMode
+from spherekit.design.held_modes import HeldMode
 from spherekit.design.sweep import DesignSpace, listed, variation
 from spherekit.design.sweep_parts import run_sweep
 from spherekit.errors import (
@@ -642,7 +642,7 @@ def test_coils_are_wound_on_beyond_half_a_turn(pair, zero, range_, crank, sample
     rows = rows[rows["design"] == 0]
     assert np.allclose(np.sort(rows[["high", "low"]], axis=0), wanted, rtol=1e-9)
     gradients = FigureGradients(found.sweep.evaluator)
-    modes = [SignedMode(sign) for sign in "+-"]
+    modes = [HeldMode(sign) for sign in "+-"]
     highs = [gradients.at(np.array([crank]), mode)[0][0] for mode in modes]
     assert np.allclose(np.sort(highs), wanted[:, 0], rtol=1e-9)
 

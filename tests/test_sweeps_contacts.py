@@ -6,7 +6,7 @@ from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.descent import FigureGradients
-from spherekit.design.held_modes import SignedMode
+from spherekit.design.held_modes import HeldMode
 from spherekit.design.sensitivity import Sensitivity
 from spherekit.files.read import read
 from spherekit.files.write import document_of, number_path, with_numbers
@@ -124,7 +124,7 @@ def test_gradients_of_figures_on_wheels_are_those_of_differences(tmp_path):
     found = sk.sweep(written(tmp_path, WHEELS), keys, merit, samples=5)
     gradients = FigureGradients(found.sweep.evaluator)
     place, step = np.array([70.0, 50.0]), 1e-3
-    mode = SignedMode("+")
+    mode = HeldMode("+")
     _, exact, _ = gradients.at(place, mode)
     for k, change in enumerate(step * np.eye(2)):
         ends = [gradients.at(place + sense * change, mode)[0] for sense in (1.0, -1.0)]

@@ -8,7 +8,7 @@ from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.descent import FigureGradients, least_greatest
-from spherekit.design.held_modes import SignedMode
+from spherekit.design.held_modes import HeldMode
 from spherekit.design.requirements import nondominated
 from spherekit.design.synthesis import one_linkage
 from spherekit.errors import AnalysisError, DesignError, FileError
@@ -172,7 +172,7 @@ def test_no_million_of_random_designs_is_better(name):
 
 def closes_with_gradients(evaluator, at, steps, mode, least):
     """Hold the gradients of all figures against differences; return how a mode closes."""
-    figures, slopes, closes = FigureGradients(evaluator).at(at, SignedMode(mode))
+    figures, slopes, closes = FigureGradients(evaluator).at(at, HeldMode(mode))
     every = np.concatenate([np.diag(steps), -np.diag(steps)]) + at
     found = evaluator.at(np.concatenate([at[None], every]).T)
     rows, count = np.flatnonzero(found.mode == mode), len(at)

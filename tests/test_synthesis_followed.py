@@ -6,7 +6,7 @@ from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.descent import FigureGradients
-from spherekit.design.held_modes import TrackedModes
+from spherekit.design.held_modes import every_mode
 from spherekit.design.variables import EIGHTH
 from spherekit.errors import DesignError
 from spherekit.files.library import find
@@ -167,7 +167,7 @@ def check_gradients(tmp_path, name, vary, samples, figures):
     gradients = FigureGradients(evaluator)
     at = 1.01 * np.array([variable.value for variable in evaluator.variables])
     rows = evaluator.at(at[:, None])
-    modes = TrackedModes(evaluator).every(at[:, None])[0]
+    modes = every_mode(evaluator, at[:, None])[0]
     assert [mode.label for mode in modes] == rows.mode.tolist()
     whole = [k for k, closes in enumerate(rows.closes) if closes == 1.0]
     for k in whole[:4]:
@@ -196,8 +196,8 @@ def test_a_mode_ends_where_its_designs_do(tmp_path):
     path = written(tmp_path / "far.toml", "double_butterfly", "a", vary, figures, 9)
     evaluator = specification_of(path, designs=4).sweep.evaluator
     gradients = FigureGradients(evaluator)
-    modes = TrackedModes(evaluator).every(np.array([[-8.0]]))[0]
-    others = TrackedModes(evaluator).every(np.array([[20.0]]))[0]
+    modes = every_mode(evaluator, np.array([[-8.0]]))[0]
+    others = every_mode(evaluator, np.array([[20.0]]))[0]
     shares = np.array(
         [
             [gradients.at(np.array([x]), mode)[2] for x in (-8.0, 20.0, 50.0)]

@@ -398,6 +398,16 @@ class Evaluator:
         return self._paths is not None
 
     @property
+    def follows_modes(self) -> bool:
+        """Whether modes are told by their configurations, and have no signs."""
+        return self.is_followed or self.varied.is_profiled
+
+    @cached_property
+    def newton(self) -> PathKernel:
+        """Newton's step alone, by which configurations follow to other designs."""
+        return path_kernel(self.varied.terms(), alone=True)
+
+    @property
     def _followed_together(self) -> int:
         """How many designs are followed together: what they are on the way stays small."""
         assert self._paths is not None

@@ -1,8 +1,8 @@
 """Designs that are run one by one: tables of analyses, and figures of merit from them."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from spherekit.errors import AnalysisError, DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.model.study import Study
 from spherekit.numeric.crossings import return_by_turns
-from spherekit.sphere.rotation import max_abs
+from spherekit.sphere.rotation import max_abs, nans
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,30 +41,10 @@ RunTable = tuple[str, Table, TableArrays]
 """What a run's file is called, its table, and the columns of that."""
 
 
-@dataclass(frozen=True)
-class DesignRun:
-    """What the run of a design found.
+Figures = Mapping[str, Mapping[Mode, float]]
+"""By name, in each mode of the table, or of `WHOLE` where that has none."""
 
-    Attributes
-    ----------
-    modes
-        The modes of which there are rows, `WHOLE` where there is none.
-    figures
-        By name, in each mode of the table, or of `WHOLE` where that has none.
-    shares, labels
-        By the numbers of assembly modes: at which share of samples each closes, its name.
-    claim
-        What is guaranteed of the modes.
-    tables
-        All tables, if these are wanted.
-    """
-
-    modes: tuple[Mode, ...]
-    figures: Mapping[str, Mapping[Mode, float]]
-    shares: Mapping[str, float]
-    labels: Mapping[str, str]
-    claim: str
-    tables: tuple[RunTable, ...]
+NAN = float("nan")
 
 
 class DesignRuns:
@@ -127,91 +107,25 @@ class DesignRuns:
 
         Those are left out that by the rows of the kernel are not `worth` it.
         """
-        kernel = None
-        if self.kernel_figures is not None:
-            kernel = self.kernel_figures.at(values)
+        kernel = None if self.kernel_figures is None else self.kernel_figures.at(values)
         for number, design in enumerate(values.T):
             rows = None if kernel is None else kernel.rows(kernel.design == number)
             if rows is not None and worth is not None and not worth(design, rows):
                 continue
-            run: DesignRun | SpherekitError
+            tables: tuple[RunTable, ...] = ()
             try:
                 if rows is not None and np.all(rows.status == IMPOSSIBLE):
                     raise DesignError(rows.reason[0])
                 run = self.run(design)
+                made = self._joined(rows, run)
+                if self.tables:
+                    tables = _tables(run)
             except SpherekitError as problem:
-                run = problem
-            made = self._rows(rows, run)
-            numbers = np.full(len(made.design), number)
-            tables = run.tables if isinstance(run, DesignRun) else ()
-            yield replace(made, design=numbers), tables
+                made = self._failed(rows, problem)
+            yield replace(made, design=np.full(len(made.design), number)), tables
 
-    def _rows(self, rows: Evaluated | None, run: DesignRun | SpherekitError) -> Evaluated:
-        """Return the rows of a design from its run and from those of the kernel, if any."""
-        if not isinstance(run, DesignRun):
-            why = refused(run, self.names)
-            if rows is None:
-                return why
-            count = len(rows.design)
-            made = replace(rows, merits=self._figures(None, [WHOLE] * count, rows))
-            if not np.all(rows.status == OK):
-                return made
-            status, reason = np.repeat(why.status, count), np.repeat(why.reason, count)
-            return replace(made, status=status, reason=reason)
-        if rows is None:
-            return self._of_run(run, run.modes, [mode for _, mode in run.modes])
-        place = {mode: self._place(rows, mode, run) for mode in run.modes}
-        on = {row: mode for mode, row in place.items()}
-        modes = [on.get(k, WHOLE) for k in range(len(rows.design))]
-        made = replace(rows, merits=self._figures(run, modes, rows))
-        figured = {mode for of_modes in run.figures.values() for mode in of_modes}
-        others = [m for m, row in place.items() if row is None and m in figured - {WHOLE}]
-        labels = [f"{OF_RUN if m[0] == ASSEMBLY else WORKING} {m[1]}" for m in others]
-        return Evaluated.joined([made, self._of_run(run, others, labels)])
-
-    def _of_run(
-        self, run: DesignRun, modes: Sequence[Mode], labels: Sequence[str]
-    ) -> Evaluated:
-        """Return rows of modes that the kernel has none of."""
-        nan = float("nan")
-        closes = [
-            run.shares.get(mode, nan) if column == ASSEMBLY else nan
-            for column, mode in modes
-        ]
-        figures, zeros = self._figures(run, modes, None), np.zeros(len(modes))
-        return Evaluated.of(zeros, figures, labels, closes, claim=run.claim)
-
-    def _figures(
-        self, run: DesignRun | None, modes: Sequence[Mode], rows: Evaluated | None
-    ) -> dict[str, Floats]:
-        """Return the figures of a kernel's rows, those of a run, numbers of its modes."""
-        nan = float("nan")
-        made = {name: np.full(len(modes), nan) for name in self._of_kernel}
-        made |= rows.merits if rows is not None else {}
-        for name in self.units:
-            of: Mapping[Mode, float] = {} if run is None else run.figures[name]
-            made[name] = np.array([of.get(m, of.get(WHOLE, nan)) for m in modes])
-        if self.tables:
-            numbers = [float(m) if column == ASSEMBLY else nan for column, m in modes]
-            made[ASSEMBLY] = np.array(numbers)
-        return made
-
-    def _place(self, rows: Evaluated, mode: Mode, run: DesignRun) -> int | None:
-        """Return the row of the kernel that a mode of the run is, None if none is."""
-        made = self.kernel_figures
-        column, number = mode
-        if made is None or made.is_followed or column != ASSEMBLY:
-            return None
-        if made.kernel is not None and made.varied.contacts is not None:
-            return None
-        label = run.labels[number]
-        places = np.flatnonzero(
-            np.isin(rows.mode.astype(str), [label, f"{number} {label}"])
-        )
-        return int(places[0]) if len(places) == 1 else None
-
-    def run(self, values: Floats) -> DesignRun:
-        """Return what the run of a design (variables,) finds, in the file's units.
+    def run(self, values: Floats) -> RunResult:
+        """Return the run of a design (variables,), in the file's units.
 
         Raises
         ------
@@ -220,29 +134,82 @@ class DesignRuns:
         """
         mechanism = designed(self.document, self.variables, list(values))
         mechanism = mechanism.with_inputs(*self.study.mechanism.input_pairs)
-        study = replace(self.study, mechanism=mechanism)
-        run = executed(study, self.analyses, Execution())
+        run = executed(replace(self.study, mechanism=mechanism), self.analyses, Execution())
         if run.failures:
             raise AnalysisError(next(iter(run.failures.values())))
-        figures = {merit.name: self._by_mode(run, merit) for merit in self.merits}
-        assembled = run.summary.get("assembly_modes", ())
-        labels = {str(item["number"]): str(item["mode"]) for item in assembled}
-        shares = {str(item["number"]): _share(item["status"]) for item in assembled}
-        modes = {mode for of_modes in figures.values() for mode in of_modes} - {WHOLE}
-        modes |= {(ASSEMBLY, number) for number in labels} if self.tables else set()
-        words = str(run.summary.get("search", ""))
-        return DesignRun(
-            tuple(sorted(modes, key=lambda mode: mode[1])) or (WHOLE,),
-            figures,
-            shares,
-            labels,
-            words.partition(":")[0] if MOTION in run.results and ":" in words else "",
-            _tables(run) if self.tables else (),
-        )
+        return run
 
-    def _by_mode(
-        self, run: RunResult, merit: FigureOfMerit
-    ) -> dict[tuple[str, str], float]:
+    def _failed(self, rows: Evaluated | None, problem: SpherekitError) -> Evaluated:
+        """Return the rows of a design whose run failed, by those of the kernel, if any."""
+        why = refused(problem, self.names)
+        if rows is None:
+            return why
+        count = len(rows.design)
+        made = replace(rows, merits=self._figures(rows, [WHOLE] * count, {}))
+        if not np.all(rows.status == OK):
+            return made
+        status, reason = np.repeat(why.status, count), np.repeat(why.reason, count)
+        return replace(made, status=status, reason=reason)
+
+    def _joined(self, rows: Evaluated | None, run: RunResult) -> Evaluated:
+        """Return the rows of a design from its run and from those of the kernel, if any."""
+        figures = {merit.name: self._by_mode(run, merit) for merit in self.merits}
+        assembled = {str(x["number"]): x for x in run.summary.get("assembly_modes", ())}
+        figured = set[Mode]().union(*figures.values()) - {WHOLE}
+        numbered = {(ASSEMBLY, number) for number in assembled}
+        shown = figured | numbered if self.tables else figured
+        modes = sorted(shown, key=lambda mode: mode[1]) or [WHOLE]
+        words = str(run.summary.get("search", ""))
+        claim = words.partition(":")[0] if MOTION in run.results and ":" in words else ""
+        labels, place = [number for _, number in modes], dict[int, Mode]()
+        if rows is not None:
+            every = {mode: self._place(rows, mode, assembled) for mode in modes}
+            place = {row: mode for mode, row in every.items() if row is not None}
+            modes = [m for m, row in every.items() if row is None and m in figured]
+            labels = [f"{OF_RUN if m[0] == ASSEMBLY else WORKING} {m[1]}" for m in modes]
+        closes = [
+            _share(assembled[mode]["status"]) if (column, mode) in numbered else NAN
+            for column, mode in modes
+        ]
+        values, zeros = self._figures(None, modes, figures), np.zeros(len(modes))
+        made = Evaluated.of(zeros, values, labels, closes, claim=claim)
+        if rows is None:
+            return made
+        on = [place.get(row, WHOLE) for row in range(len(rows.design))]
+        both = replace(rows, merits=self._figures(rows, on, figures)), made
+        return Evaluated.joined(both)
+
+    def _figures(
+        self, rows: Evaluated | None, modes: Sequence[Mode], figures: Figures
+    ) -> dict[str, Floats]:
+        """Return the figures of a kernel's rows, those of a run, numbers of its modes."""
+        made = {name: nans(len(modes)) for name in self._of_kernel}
+        made |= rows.merits if rows is not None else {}
+        for name in self.units:
+            of = figures.get(name, {})
+            made[name] = np.array([of.get(m, of.get(WHOLE, NAN)) for m in modes])
+        if self.tables:
+            numbers = [float(m) if column == ASSEMBLY else NAN for column, m in modes]
+            made[ASSEMBLY] = np.array(numbers)
+        return made
+
+    def _place(
+        self, rows: Evaluated, mode: Mode, assembled: Mapping[str, Any]
+    ) -> int | None:
+        """Return the row of the kernel that a mode of the run is, None if none is."""
+        made = self.kernel_figures
+        column, number = mode
+        if made is None or made.is_followed or column != ASSEMBLY:
+            return None
+        if made.kernel is not None and made.varied.contacts is not None:
+            return None
+        label = str(assembled[number]["mode"])
+        places = np.flatnonzero(
+            np.isin(rows.mode.astype(str), [label, f"{number} {label}"])
+        )
+        return int(places[0]) if len(places) == 1 else None
+
+    def _by_mode(self, run: RunResult, merit: FigureOfMerit) -> dict[Mode, float]:
         """Return a figure for each mode of its table; of `WHOLE` where it has no modes."""
         rows = run.frame(*merit.of_table)
         for column, value in merit.only:
@@ -322,4 +289,4 @@ def _units(
 def _share(statuses: Mapping[str, int]) -> float:
     """Return the share of samples at which an assembly mode closes, by its statuses."""
     closed = sum(statuses.get(s.name, 0) for s in (Status.OK, Status.AT_SINGULARITY))
-    return closed / total if (total := sum(statuses.values())) else float("nan")
+    return closed / total if (total := sum(statuses.values())) else NAN

@@ -11,7 +11,7 @@ from spherekit.arrays import Floats, Indices
 from spherekit.conventions import counted
 from spherekit.design.descent import BESIDE, Convergence, Descent, LocalOptimum, unbeaten
 from spherekit.design.evaluate import Evaluator
-from spherekit.design.held_modes import HeldMode, SignedMode, TrackedModes
+from spherekit.design.held_modes import HeldMode, every_mode, held_modes
 from spherekit.design.requirements import Specification, front_of, nondominated
 from spherekit.design.sweep import Columns
 from spherekit.design.variables import ACTIONS, designed
@@ -117,7 +117,7 @@ def size(synthesis: Specification, starts: int = 12) -> Synthesis:
     EngineError
         If there is no kernel of the mechanism's designs.
     """
-    sweep, held = synthesis.sweep, _held(synthesis)
+    sweep, made = synthesis.sweep, _evaluator(synthesis)
     working = ProgressReporter(f"{sweep.mechanism.name}: synthesis")
     rows, wanted, feasible = _looked_at(synthesis, MOST * starts, working)
     descent, several = Descent(synthesis), len(synthesis.minimise) > 1
@@ -125,11 +125,11 @@ def size(synthesis: Specification, starts: int = 12) -> Synthesis:
     if several:
         most = FRONT * starts
         front = front_of(synthesis, rows["mode"], places, wanted, most, working)
-        begun: list[Start] = [(SignedMode(mode), place) for mode, place in front]
+        begun: list[Start] = [(HeldMode(mode), place) for mode, place in front]
     else:
         varied = np.stack([rows[variable.name] for variable in sweep.variables])
         begun = _spread(
-            lambda some: held.of(varied[:, some], rows["mode"][some]),
+            lambda some: held_modes(made, varied[:, some], rows["mode"][some]),
             places,
             wanted[:, 0],
             starts,
@@ -139,8 +139,8 @@ def size(synthesis: Specification, starts: int = 12) -> Synthesis:
     for k, (mode, start) in enumerate(begun):
         ends.append(settling.down(mode, start))
         working.tell(f"{k + 1} of {counted(len(begun), 'descent')}".__str__)
-    if held.are_followed:
-        ends = _confirmed(held, settling, begun, ends)
+    if made.follows_modes:
+        ends = _confirmed(made, settling, begun, ends)
     if several:
         ends = unbeaten(_apart(ends, settling), settling.tolerance)
         for k in range(len(ends)):
@@ -164,8 +164,8 @@ def size(synthesis: Specification, starts: int = 12) -> Synthesis:
     )
 
 
-def _held(synthesis: Specification) -> TrackedModes:
-    """Return the modes that descents hold on to; `DesignError` where there is no kernel."""
+def _evaluator(synthesis: Specification) -> Evaluator:
+    """Return what has the gradients; `DesignError` where there is no kernel."""
     sweep = synthesis.sweep
     made = sweep.evaluator
     if not isinstance(made, Evaluator) or not made.has_gradients:
@@ -175,14 +175,13 @@ def _held(synthesis: Specification) -> TrackedModes:
             "no circles, sizes of links and numbers under pairs.PAIR.profiles vary; with "
             "others, or groups of more than 64 solutions, sweep it instead"
         )
-    held = TrackedModes(made)
-    if held.are_followed and len(synthesis.minimise) > 1:
+    if made.follows_modes and len(synthesis.minimise) > 1:
         raise DesignError(
             f"{sweep.mechanism.name}: fronts of several objectives are of modes that have "
             "signs, and some of its groups are no dyads; minimise one, and bound the "
             "others by conditions"
         )
-    return held
+    return made
 
 
 def _looked_at(
@@ -247,7 +246,7 @@ def _spread(
 
 
 def _confirmed(
-    held: TrackedModes,
+    evaluator: Evaluator,
     settling: Convergence,
     begun: Sequence[Start],
     ends: Sequence[LocalOptimum],
@@ -260,7 +259,8 @@ def _confirmed(
     made = []
     descent = settling.descent
     designs = np.stack([descent.low + descent.width * end.x for end in ends], axis=1)
-    for (mode, start), end, modes in zip(begun, ends, held.every(designs), strict=True):
+    every = every_mode(evaluator, designs)
+    for (mode, start), end, modes in zip(begun, ends, every, strict=True):
         same = [other for other in modes if end.mode.goes_on_in(other)]
         confirmed = settling.here(same[0], end.x) if same else settling.here(mode, start)
         worse = confirmed.wanted > end.wanted + settling.tolerance
