@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.arrays import Array, Bools, Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.figures import extremes, widest_swings
 from spherekit.design.held_modes import HeldMode
@@ -232,18 +232,49 @@ def with_derivatives(
     return array_function([*items, *partial], terms)
 
 
-class Descent:
-    """Descents of a synthesis in units of the ranges of its variables."""
+BEATEN = 1e-6
+"""Part of the width of each objective along a front by less than which none is beaten."""
+ENOUGH = 0.1 * BEATEN
+"""Part of it by less than which a descent goes on no more."""
+ROUNDS = 12
+"""Most times that a descent is taken up again."""
+OTHERS = 3
+"""Other starts from which a point is attacked, those that come nearest to beating it."""
+BESIDE = 0.1
+"""Starts nearer than this part of every range lead to the same place."""
 
-    def __init__(self, synthesis: Specification) -> None:
-        self.synthesis = synthesis
+
+@dataclass(frozen=True)
+class LocalOptimum:
+    """Where a descent ended: mode, place in units of the ranges, objectives and figures."""
+
+    mode: HeldMode
+    x: Floats
+    wanted: Floats
+    figures: Floats
+
+
+class Descent:
+    """Descents of a synthesis to where objectives no longer fall, in units of the ranges.
+
+    `rows` of a sweep, with objectives `wanted` (n, k), are tried as other starts: at
+    `places` (n, variables). Objectives are compared by their `size` (k,).
+    """
+
+    def __init__(self, synthesis: Specification, rows: Columns, wanted: Floats) -> None:
         sweep = self.sweep = synthesis.sweep
         assert isinstance(sweep.evaluator, Evaluator)
         self.figures = FigureGradients(sweep.evaluator)
-        self.low = np.array([variation.low for variation in sweep.space.variations])
-        self.width = (
-            np.array([variation.high for variation in sweep.space.variations]) - self.low
-        )
+        ends = [(variation.low, variation.high) for variation in sweep.space.variations]
+        self.low, high = np.array(ends).T
+        self.width = high - self.low
+        varied = [rows[variable.name] for variable in sweep.variables]
+        self.places = (np.stack(varied, axis=1) - self.low) / self.width
+        self.modes, self.begun = rows["mode"], wanted
+        widths = np.ptp(wanted, axis=0)
+        several = (widths > 0.0) & (wanted.shape[1] > 1)
+        least = np.min(np.abs(wanted), axis=0)
+        self.size = np.where(several, widths, np.where(least > 0.0, least, 1.0))
         terms = symbols(variable.name for variable in sweep.variables)
         terms += symbols(merit.name for merit in sweep.merits)
         named = {x.arguments[0]: (x, x) for x in terms}
@@ -267,14 +298,18 @@ class Descent:
         self.figure_unit = np.where(units, radians, 1.0)
         self._last: dict[tuple[bytes, HeldMode], tuple[Parts, float, Floats]] = {}
 
-    def places(self, rows: Columns) -> Floats:
-        """Return where rows of a sweep are (n, variables), in units of the ranges."""
-        varied = [rows[variable.name] for variable in self.sweep.variables]
-        return (np.stack(varied, axis=1) - self.low) / self.width
+    @property
+    def tolerance(self) -> Floats:
+        """By how much of each objective (k,) a design has to be better to beat another."""
+        return BEATEN * self.size
+
+    def values(self, x: Floats) -> Floats:
+        """Return the numbers (variables,) of a place, in the file's units."""
+        return self.low + self.width * x
 
     def moved(self, x: Floats, mode: HeldMode) -> HeldMode:
         """Return a mode that is followed from x, where there is a design, from now on."""
-        design = self.figures.evaluator.varied.design_at(self.low + self.width * x)
+        design = self.figures.evaluator.varied.design_at(self.values(x))
         return mode if design is None else mode.moved(design)
 
     def at(self, x: Floats, mode: HeldMode) -> tuple[Parts, float, Floats]:
@@ -284,7 +319,7 @@ class Descent:
         """
         key = x.tobytes(), mode
         if key not in self._last:
-            values = self.low + self.width * x
+            values = self.values(x)
             figures, slopes, closes = self.figures.at(values, mode)
             figures = figures / self.figure_unit
             slopes = slopes * self.width / self.figure_unit[:, None]
@@ -297,10 +332,6 @@ class Descent:
             parts = every[0, :k], gradients[:k], every[0, k:], gradients[k:]
             self._last = {key: (parts, closes, figures)}
         return self._last[key]
-
-    def wanted(self, x: Floats, mode: HeldMode) -> Floats:
-        """Return the objectives (k,)."""
-        return self.at(x, mode)[0][0]
 
     def go(self, x: Floats, mode: HeldMode) -> Floats:
         """Return where a descent of the first objective from x ends.
@@ -342,9 +373,7 @@ class Descent:
         holds = bool(np.all(slack(ends) >= -SLACK * (1.0 + np.abs(slack(x)))))
         return ends if better and holds else x
 
-    def towards(
-        self, x: Floats, mode: HeldMode, aim: Floats, size: Floats, enough: float
-    ) -> tuple[Floats, float]:
+    def towards(self, x: Floats, mode: HeldMode, aim: Floats) -> tuple[Floats, float]:
         """Return where objectives come nearest to an aim (k,) from x, and by how much.
 
         By how many sizes (k,) the objective that misses its aim most does, < 0 where all
@@ -358,89 +387,35 @@ class Descent:
             (wanted, gradients, limits, by_limits), closes, _ = self.at(y, mode)
             if closes < least:
                 return None
-            off, slopes = (wanted - aim) / size, gradients / size[:, None]
+            off, slopes = (wanted - aim) / self.size, gradients / self.size[:, None]
             made = off, slopes, limits, by_limits
             return made if all(np.all(np.isfinite(part)) for part in made) else None
 
-        return least_greatest(parts, x, enough)
-
-
-BEATEN = 1e-6
-"""Part of the width of each objective along a front by less than which none is beaten."""
-ENOUGH = 0.1 * BEATEN
-"""Part of it by less than which a descent goes on no more."""
-ROUNDS = 12
-"""Most times that a descent is taken up again."""
-OTHERS = 3
-"""Other starts from which a point is attacked, those that come nearest to beating it."""
-BESIDE = 0.1
-"""Starts nearer than this part of every range lead to the same place."""
-
-
-@dataclass(frozen=True)
-class LocalOptimum:
-    """Where a descent ended: mode, place in units of the ranges, objectives and figures."""
-
-    mode: HeldMode
-    x: Floats
-    wanted: Floats
-    figures: Floats
-
-
-class Convergence:
-    """Descents to where a synthesis's objectives no longer fall.
-
-    Parameters
-    ----------
-    descent
-        The synthesis's descents.
-    modes, places, wanted
-        Rows that are tried as other starts: modes (n,), places (n, variables) and
-        objectives (n, k).
-    """
-
-    def __init__(
-        self, descent: Descent, modes: Array, places: Floats, wanted: Floats
-    ) -> None:
-        self.descent = descent
-        self.modes, self.places, self.wanted = modes, places, wanted
-        widths = np.ptp(wanted, axis=0)
-        several = (widths > 0.0) & (wanted.shape[1] > 1)
-        least = np.min(np.abs(wanted), axis=0)
-        self.size = np.where(several, widths, np.where(least > 0.0, least, 1.0))
-
-    @property
-    def tolerance(self) -> Floats:
-        """By how much of each objective (k,) a design has to be better to beat another."""
-        return BEATEN * self.size
+        return least_greatest(parts, x, ENOUGH)
 
     def down(self, mode: HeldMode, x: Floats) -> LocalOptimum:
         """Return where descents from x end for good, those of one objective and of all."""
-        descent = self.descent
         for _ in range(ROUNDS):
-            before = descent.wanted(x, mode)
-            x = descent.go(x, mode)
-            mode = descent.moved(x, mode)
-            here = descent.wanted(x, mode)
-            x, _ = descent.towards(x, mode, here, self.size, ENOUGH)
-            mode = descent.moved(x, mode)
-            gain = (before - descent.wanted(x, mode)) / self.size
+            before = self.at(x, mode)[0][0]
+            x = self.go(x, mode)
+            mode = self.moved(x, mode)
+            x, _ = self.towards(x, mode, self.at(x, mode)[0][0])
+            mode = self.moved(x, mode)
+            gain = (before - self.at(x, mode)[0][0]) / self.size
             if not np.max(gain) > ENOUGH:
                 break
         return self.here(mode, x)
 
     def here(self, mode: HeldMode, x: Floats) -> LocalOptimum:
         """Return a place as the end of a descent."""
-        (wanted, *_), _, figures = self.descent.at(x, mode)
+        (wanted, *_), _, figures = self.at(x, mode)
         return LocalOptimum(mode, x, wanted, figures)
 
     def attacked(self, end: LocalOptimum, ends: Sequence[LocalOptimum]) -> LocalOptimum:
         """Return what is left where a design, also from other starts, beats an end."""
         for _ in range(ROUNDS):
             for start in self._others(end, ends):
-                x, missed = self.descent.towards(
-                    start, end.mode, end.wanted, self.size, ENOUGH
-                )
+                x, missed = self.towards(start, end.mode, end.wanted)
                 if missed < -BEATEN:
                     end = self.down(end.mode, x)
                     break
@@ -453,7 +428,7 @@ class Convergence:
         rows = self.modes == end.mode.label
         others = [other for other in ends if other.mode.goes_on_in(end.mode)]
         places = np.concatenate([self.places[rows], *([other.x] for other in others)])
-        wanted = np.concatenate([self.wanted[rows], *([other.wanted] for other in others)])
+        wanted = np.concatenate([self.begun[rows], *([other.wanted] for other in others)])
         missed = np.max((wanted - end.wanted) / self.size, axis=1)
         taken = [end.x]
         for k in np.argsort(missed, kind="stable"):

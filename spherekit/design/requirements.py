@@ -90,15 +90,12 @@ class Specification:
             Array (m,) of designs, their objectives (m, k), and (m,) by how much the
             conditions are missed in all, 0 where they hold.
         """
-        columns = self.with_match(self.sweep.rows(designs, np.arange(designs.shape[1])))
-        here = (columns["mode"] == mode) & (columns["status"] == "OK")
-        rows = {name: np.asarray(values)[here] for name, values in columns.items()}
-        objectives = self._worth(rows)
-        missed = np.zeros(len(objectives))
+        every = self.sweep.rows(designs, np.arange(designs.shape[1]))
+        rows, objectives = self.rows_of(every)
+        here, missed = rows["mode"] == mode, np.zeros(len(objectives))
         for condition in self.sweep.conditions:
             missed += np.maximum(-np.nan_to_num(condition.slack(rows), nan=-np.inf), 0.0)
-        finite = all_finite(objectives, 1)
-        return rows["design"][finite], objectives[finite], missed[finite]
+        return rows["design"][here], objectives[here], missed[here]
 
     def why_none(self) -> str:
         """Return what keeps designs from being good, in words, by some of the first."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import counted
-from spherekit.design.descent import BESIDE, Convergence, Descent, LocalOptimum, unbeaten
+from spherekit.design.descent import BESIDE, Descent, LocalOptimum, unbeaten
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.held_modes import HeldMode, every_mode, held_modes
 from spherekit.design.requirements import Specification, front_of, nondominated
@@ -120,8 +120,8 @@ def size(synthesis: Specification, starts: int = 12) -> Synthesis:
     sweep, made = synthesis.sweep, _evaluator(synthesis)
     working = ProgressReporter(f"{sweep.mechanism.name}: synthesis")
     rows, wanted, feasible = _looked_at(synthesis, MOST * starts, working)
-    descent, several = Descent(synthesis), len(synthesis.minimise) > 1
-    places = descent.places(rows)
+    descent, several = Descent(synthesis, rows, wanted), len(synthesis.minimise) > 1
+    places = descent.places
     if several:
         most = FRONT * starts
         front = front_of(synthesis, rows["mode"], places, wanted, most, working)
@@ -134,33 +134,32 @@ def size(synthesis: Specification, starts: int = 12) -> Synthesis:
             wanted[:, 0],
             starts,
         )
-    settling = Convergence(descent, rows["mode"], places, wanted)
     ends = []
     for k, (mode, start) in enumerate(begun):
-        ends.append(settling.down(mode, start))
+        ends.append(descent.down(mode, start))
         working.tell(f"{k + 1} of {counted(len(begun), 'descent')}".__str__)
     if made.follows_modes:
-        ends = _confirmed(made, settling, begun, ends)
+        ends = _confirmed(made, descent, begun, ends)
     if several:
-        ends = unbeaten(_apart(ends, settling), settling.tolerance)
+        ends = unbeaten(_apart(ends, descent), descent.tolerance)
         for k in range(len(ends)):
-            ends[k] = settling.attacked(ends[k], ends)
+            ends[k] = descent.attacked(ends[k], ends)
             working.tell(f"{k + 1} of {counted(len(ends), 'point')} attacked".__str__)
-    kept = _apart(ends, settling)
+    kept = _apart(ends, descent)
     if several:
-        kept = unbeaten(kept, settling.tolerance)
+        kept = unbeaten(kept, descent.tolerance)
     figures = np.array([end.figures for end in kept])
     columns = dict(zip([merit.name for merit in sweep.merits], figures.T, strict=True))
     return Synthesis(
         synthesis,
-        np.array([descent.low + descent.width * end.x for end in kept]),
+        np.array([descent.values(end.x) for end in kept]),
         tuple(end.mode.label for end in kept),
         np.array([end.wanted for end in kept]),
         synthesis.with_match(columns),
         sweep.space.count,
         feasible,
         np.min(wanted, axis=0),
-        settling.tolerance,
+        descent.tolerance,
     )
 
 
@@ -247,7 +246,7 @@ def _spread(
 
 def _confirmed(
     evaluator: Evaluator,
-    settling: Convergence,
+    descent: Descent,
     begun: Sequence[Start],
     ends: Sequence[LocalOptimum],
 ) -> list[LocalOptimum]:
@@ -257,40 +256,38 @@ def _confirmed(
     and the start of the descent stands for its end.
     """
     made = []
-    descent = settling.descent
-    designs = np.stack([descent.low + descent.width * end.x for end in ends], axis=1)
+    designs = np.stack([descent.values(end.x) for end in ends], axis=1)
     every = every_mode(evaluator, designs)
     for (mode, start), end, modes in zip(begun, ends, every, strict=True):
         same = [other for other in modes if end.mode.goes_on_in(other)]
-        confirmed = settling.here(same[0], end.x) if same else settling.here(mode, start)
-        worse = confirmed.wanted > end.wanted + settling.tolerance
-        made.append(settling.here(mode, start) if np.any(worse) else confirmed)
+        confirmed = descent.here(same[0], end.x) if same else descent.here(mode, start)
+        worse = confirmed.wanted > end.wanted + descent.tolerance
+        made.append(descent.here(mode, start) if np.any(worse) else confirmed)
     return made
 
 
-def _apart(ends: Sequence[LocalOptimum], settling: Convergence) -> list[LocalOptimum]:
+def _apart(ends: Sequence[LocalOptimum], descent: Descent) -> list[LocalOptimum]:
     """Return ends of descents in order, those that came to the same linkage once."""
     kept: list[LocalOptimum] = []
-    for end in sorted(ends, key=lambda descent: tuple(descent.wanted)):
-        if not any(_alike(other, end, settling) for other in kept):
+    for end in sorted(ends, key=lambda end: tuple(end.wanted)):
+        if not any(_alike(other, end, descent) for other in kept):
             kept.append(end)
     return kept
 
 
-def _alike(one: LocalOptimum, other: LocalOptimum, settling: Convergence) -> bool:
+def _alike(one: LocalOptimum, other: LocalOptimum, descent: Descent) -> bool:
     """Return whether ends are one place, or one linkage told otherwise and as good."""
     off = np.abs(one.x - other.x)
     if np.max(off) < SAME and one.mode.goes_on_in(other.mode):
         return True
-    descent = settling.descent
-    sweep = descent.synthesis.sweep
+    sweep = descent.sweep
     acting = [variable.path[0] in ACTIONS for variable in sweep.variables]
-    if np.any(np.abs(one.wanted - other.wanted) > settling.tolerance) or np.any(
+    if np.any(np.abs(one.wanted - other.wanted) > descent.tolerance) or np.any(
         off[acting] >= SAME
     ):
         return False
     first, second = (
-        designed(sweep.document, sweep.variables, descent.low + descent.width * end.x)
+        designed(sweep.document, sweep.variables, descent.values(end.x).tolist())
         for end in (one, other)
     )
     return one_linkage(first, second)
