@@ -20,8 +20,8 @@ from spherekit.model.parts import Pair, PoseGeometry, Profile, SizeGeometry
 from spherekit.numeric.crossings import wrap
 
 
-class NotTurnedError(Exception):
-    """A mechanism cannot be said in other ground axes: its file gives no way to."""
+class NotAppliesError(Exception):
+    """A check does not apply; says why."""
 
 
 def turned(mechanism: Mechanism, rotation: Floats) -> Mechanism:
@@ -31,7 +31,7 @@ def turned(mechanism: Mechanism, rotation: Floats) -> Mechanism:
 
     Raises
     ------
-    NotTurnedError
+    NotAppliesError
         If the origin of a profile's arc length follows from the axes.
     """
     given = mechanism.geometry
@@ -60,7 +60,7 @@ def turned(mechanism: Mechanism, rotation: Floats) -> Mechanism:
 
 def _profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
     if not profile.points:
-        raise NotTurnedError(f"a {profile.kind} counts its arc length from the axes")
+        raise NotAppliesError(f"a {profile.kind} counts its arc length from the axes")
     return turned_profile(profile, rotation, pair)
 
 

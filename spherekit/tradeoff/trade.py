@@ -84,7 +84,7 @@ def at_places(course: Sampling, rows: Indices, search: bool) -> Sampling:
         tracer=PositionAnalysis(tracer.mechanism, None, only, search, path=q),
         inputs=q,
         shape=(len(q),),
-        clock=None if timing is None else partial(timing.rows, rows),
+        timing=None if timing is None else timing.rows(rows),
     )
 
 

@@ -1,12 +1,12 @@
 """What a run evaluates: counts of a request, and seconds by stage while it goes on."""
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import TypeVar
 
-from spherekit.planning.poles import BlockPoles, LinePole, Plan
+from spherekit.planning.poles import BlockPoles, LinePole
 from spherekit.rates.request import Request
 
 Item = TypeVar("Item")
@@ -113,43 +113,3 @@ class Timer:
         if self._open:
             self.seconds[self._open[-1]] += now - self._since
         self._since = now
-
-
-def cost_of(
-    ledger: Timer,
-    wanted: Sequence[Request],
-    configurations: int,
-    solves: int,
-    tables: Mapping[str, tuple[int, int]],
-    recording: Mapping[str, int] | None,
-) -> dict[str, Any]:
-    """Return the actual cost of a run, ready for JSON.
-
-    `solves` are the rows that the velocity equations gave, `tables` rows and columns of
-    every table by the name of its file, `recording` what a recorder counted. Bytes of
-    tables are added when files are written.
-    """
-    per_input = {_moved(item.plan): counts_of(item) for item in wanted}
-    every = [asdict(counts) | {"poles": counts.poles} for counts in per_input.values()]
-    total = {
-        name: configurations * sum(counts[name] for counts in every)
-        for name in ("poles", "axis_derivatives", "link_rates")
-    }
-    return {
-        "configurations": configurations,
-        "each_configuration": {
-            moved: asdict(counts) for moved, counts in per_input.items()
-        },
-        **total,
-        "velocity_equation_solves": solves,
-        "tables": {
-            name: {"rows": rows, "columns": columns}
-            for name, (rows, columns) in tables.items()
-        },
-        **({} if recording is None else {"recording": dict(recording)}),
-        "seconds": ledger.closed(),
-    }
-
-
-def _moved(plan: Plan) -> str:
-    return plan.mechanism.pairs[plan.input].name

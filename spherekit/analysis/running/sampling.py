@@ -1,8 +1,8 @@
 """What a run goes through: the samples of its inputs, or the times of a simulation."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -52,8 +52,8 @@ class Sampling:
     """The samples of a run with their times.
 
     `tracer` has the assembly modes; `inputs` (k, inputs) rad are those of each sample and
-    `shape` their number along each axis; `clock` gives their timing (k rows) when it is
-    asked for, and is None where nothing says how the inputs move. `timed` says that
+    `shape` their number along each axis; `timing` (k rows) is None where nothing says how
+    the inputs move. `timed` says that
     samples are times. The motion is that of the `simulation`, if there is one, otherwise
     the tracer evaluates it. A simulation has `planned` samples, fewer while it goes on;
     `run` tells what solves it.
@@ -62,7 +62,7 @@ class Sampling:
     tracer: PositionAnalysis
     inputs: Floats
     shape: tuple[int, ...]
-    clock: Callable[[], Timing] | None
+    timing: Timing | None
     timed: bool
     laws: Mapping[str, Law]
     duration: float | None = None
@@ -79,11 +79,6 @@ class Sampling:
     def total(self) -> int:
         """The number of samples in the end, as far as is known."""
         return self.planned if self.going_on and self.planned else len(self)
-
-    @cached_property
-    def timing(self) -> Timing | None:
-        """The timing of the samples (k rows), None where nothing says how inputs move."""
-        return None if self.clock is None else self.clock()
 
     @property
     def t(self) -> Floats | None:
@@ -261,11 +256,9 @@ def courses_of(
         )
         input_grid = tracer.input_grid
         straight = study.path is None and input_grid.is_path
-        clock = partial(_at_unit_speed, input_grid.q, straight)
         moves = straight or len(tracer.inputs) == 1
-        yield Sampling(
-            tracer, input_grid.q, input_grid.shape, clock if moves else None, False, {}
-        )
+        timing = _at_unit_speed(input_grid.q, straight) if moves else None
+        yield Sampling(tracer, input_grid.q, input_grid.shape, timing, False, {})
         return
     assert isinstance(samples, int)
     t = np.linspace(0.0, study.duration, samples) if samples > 1 else np.zeros(samples)
@@ -293,7 +286,7 @@ def courses_of(
         laws = {inputs[0]: _at_speed(mechanism)}
     q, timing = by_laws(inputs, laws, t)
     tracer = PositionAnalysis(mechanism, None, assembly_mode, study.search, path=q)
-    yield Sampling(tracer, q, (len(q),), lambda: timing, True, laws, study.duration)
+    yield Sampling(tracer, q, (len(q),), timing, True, laws, study.duration)
 
 
 def _simulated_courses(
@@ -429,7 +422,7 @@ def simulated_course(
     """
     q, timing = _over_time(simulation, t, before)
     duration = float(t[-1])
-    whole = tracer, q, (len(q),), lambda: timing, True
+    whole = tracer, q, (len(q),), timing, True
     return Sampling(*whole, {}, duration, simulation, tolerance)
 
 

@@ -19,7 +19,7 @@ from spherekit.analysis.declared import declared
 from spherekit.analysis.folder import need_memory
 from spherekit.analysis.link_scenes import plan_notes
 from spherekit.analysis.result import MOTION, stems
-from spherekit.analysis.running.cost import RECORDING, Timer, cost_of
+from spherekit.analysis.running.cost import RECORDING, Timer, counts_of
 from spherekit.analysis.running.evaluation import ORDINARY, Evaluation, Setting
 from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.recording import CountingRecorder, Recorder
@@ -210,7 +210,7 @@ def job_of(
     """
     mechanism, tracer, (needs, refused) = course.tracer.mechanism, course.tracer, asked
     for analysis, what in zip(analyses, needs, strict=True):
-        if what.time and course.clock is None:
+        if what.time and course.timing is None:
             raise AnalysisError(
                 f"{analysis.name}: needs time, but with several inputs nothing says how "
                 "they move; give a law for every input, and a duration"
@@ -379,20 +379,41 @@ def summary_of(job: RunPlan, standing: RunState) -> dict[str, Any]:
 def actual_cost(
     job: RunPlan, standing: RunState, ledger: Timer, recorder: Recorder | None
 ) -> dict[str, Any]:
-    """Return what was evaluated, made and logged; a recorder that counts is finished."""
-    declared = stems(job.tables(standing.failures))
-    tables = {
-        stem: (standing.counts[ROWS, name, table.name], len(table.columns))
-        for stem, (name, table) in declared.items()
-    }
-    logged = None
+    """Return what was evaluated, made and logged, ready for JSON.
+
+    A recorder that counts is finished. Bytes of tables are added when files are written.
+    """
+    logged = {}
     if isinstance(recorder, CountingRecorder):
         with ledger.stage(RECORDING):
             recorder.finish()
-        logged = recorder.cost
-    counts = standing.configurations, standing.counts[FIELDS, BY_EQUATIONS]
-    cost = cost_of(ledger, job.requests, *counts, tables, logged)
-    return cost | job.course.cost()
+        logged = {"recording": dict(recorder.cost)}
+    per_input = {
+        job.mechanism.pairs[item.plan.input].name: counts_of(item) for item in job.requests
+    }
+    every = [asdict(counts) | {"poles": counts.poles} for counts in per_input.values()]
+    tables = stems(job.tables(standing.failures))
+    return {
+        "configurations": standing.configurations,
+        "each_configuration": {
+            moved: asdict(counts) for moved, counts in per_input.items()
+        },
+        **{
+            name: standing.configurations * sum(counts[name] for counts in every)
+            for name in ("poles", "axis_derivatives", "link_rates")
+        },
+        "velocity_equation_solves": standing.counts[FIELDS, BY_EQUATIONS],
+        "tables": {
+            stem: {
+                "rows": standing.counts[ROWS, name, table.name],
+                "columns": len(table.columns),
+            }
+            for stem, (name, table) in tables.items()
+        },
+        **logged,
+        "seconds": ledger.closed(),
+        **job.course.cost(),
+    }
 
 
 BOUNDED = {
