@@ -9,6 +9,7 @@ import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, replace
+from functools import reduce
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
@@ -231,10 +232,7 @@ def _keyword(name: str, hint: Any, default: Any) -> inspect.Parameter:
 
 def needs_of(mechanism: Mechanism, analyses: Sequence[AbstractAnalysis]) -> Needs:
     """Return what several analyses need together; see `declared` for what it raises."""
-    together = Needs()
-    for analysis in analyses:
-        together = together.union(declared(analysis, mechanism))
-    return together
+    return reduce(Needs.union, (declared(x, mechanism) for x in analyses), Needs())
 
 
 def requests_for(

@@ -182,25 +182,26 @@ def matched(
     that of the second relative to the first. `numbers` are those of links in the second.
     """
     keys = [c for c in table.columns if c.kind in ("text", "integer")]
-    by_key: list[dict[tuple[Any, ...], list[int]]] = []
-    for data in (one, other):
-        positions: dict[tuple[Any, ...], list[int]] = {}
-        columns = [data[column.name].tolist() for column in keys]
-        for row, key in enumerate(zip(*columns, strict=True)):
-            positions.setdefault(key, []).append(row)
-        by_key.append(positions)
-    if not keys or any(len(rows) > 1 for keyed in by_key for rows in keyed.values()):
+    first, second = (
+        {
+            key: row
+            for row, key in enumerate(
+                zip(*(data[column.name].tolist() for column in keys), strict=True)
+            )
+        }
+        for data in (one, other)
+    )
+    rows = [len(next(iter(data.values()))) for data in (one, other)]
+    if not keys or [len(first), len(second)] != rows:
         return one, other
-    rows: list[tuple[int, int]] = []
-    for key, (row,) in by_key[0].items():
-        if key in by_key[1]:
-            rows.append((row, by_key[1][key][0]))
-        elif not _is_of_two_links(key, numbers):
+    for key in first.keys() - second.keys():
+        if not _is_of_two_links(key, numbers):
             return f"table {table.name} has no row of {', '.join(map(str, key))} any more"
-    order = np.array(rows, dtype=int).reshape(-1, 2)
+    order = np.array([(row, second[key]) for key, row in first.items() if key in second])
+    one_rows, other_rows = order.reshape(-1, 2).astype(int).T
     return (
-        {name: values[order[:, 0]] for name, values in one.items()},
-        {name: values[order[:, 1]] for name, values in other.items()},
+        {name: values[one_rows] for name, values in one.items()},
+        {name: values[other_rows] for name, values in other.items()},
     )
 
 
