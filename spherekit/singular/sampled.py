@@ -28,7 +28,7 @@ from spherekit.rates.transmission import STILL, Transmission, hold
 from spherekit.singular.record import Singularities
 from spherekit.singular.relation import Form, Relation, Type
 from spherekit.singular.single import SingleFreedom
-from spherekit.sphere.rotation import all_finite, cross, max_abs, nans
+from spherekit.sphere.rotation import all_finite, arc, cross, max_abs, nans
 
 COMPARED = 9
 """Samples at which assembly modes of the part and of the whole are compared."""
@@ -344,9 +344,8 @@ class SampledSingularities:
                 angles.append(nans(len(values)))
                 continue
             near, middle, far = (axes[:, dyad.pairs[place]] for place in dyad.dyad_places)
-            one, other = cross(near, middle), cross(middle, far)
-            sine = np.linalg.norm(cross(one, other), axis=1)
-            angles.append(np.arctan2(sine, np.abs(np.sum(one * other, axis=1))))
+            angle = arc(cross(near, middle), cross(middle, far))
+            angles.append(np.minimum(angle, np.pi - angle))
         return angles
 
     def singular_values(self) -> tuple[Floats, Floats]:
@@ -398,15 +397,16 @@ class SampledSingularities:
         met = [
             (point.s, point.values)
             for point in self.report.points
-            if point.curve == number and point.output == links and point.type is kind
+            if (point.curve, point.output, point.type) == (number, links, kind)
         ]
-        met = sorted([*met, *self.crossing_ends(number)], key=lambda place: place[0])
+        met += self.crossing_ends(number)
         places = np.array([(place, values[self._driven]) for place, values in met])
         if not len(places):
             return nans(len(s))
         if curve.closed:
             lap = np.array([curve.length, curve.rise[self._driven]])
             places = np.concatenate([places - lap, places, places + lap])
+        places = places[np.argsort(places[:, 0])]
         after = np.searchsorted(places[:, 0], s)
         beside = np.pad(places[:, 1], 1, constant_values=np.inf)
         here = curve.at(s).values[:, self._driven]

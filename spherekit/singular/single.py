@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,6 +56,25 @@ SAMPLED = 9
 """Configurations at which a mechanism without curves is asked for its freedoms."""
 TYPES = {(True, True): Type.SELF_MOTION, (True, False): Type.II, (False, True): Type.I}
 """The type by whether the input rests, and whether the output does."""
+
+
+class Place(NamedTuple):
+    """A place s where the input or the output rests, or both, with a bound of its error.
+
+    By `spread` (rad) their zeros miss each other. `input`, `output`: whether the zero of
+    each is double, None where it does not rest.
+    """
+
+    s: float
+    error: float
+    spread: float
+    input: bool | None
+    output: bool | None
+
+    @property
+    def type(self) -> Type:
+        """The type of the singularity there."""
+        return TYPES[self.input is not None, self.output is not None]
 
 
 class SingleFreedom:
@@ -201,31 +221,29 @@ class SingleFreedom:
             whole = ((number, np.nan),)
             return [SingularPoint(TYPES[resting], ends[1], whole, np.nan, none)]
         self._note_degenerate(number, output)
-        groups = common_zeros(along, [pole_of(*pair) for pair in ends])
-        s = np.array([place for place, *_ in groups])
-        kinds = [TYPES[one is not None, two is not None] for *_, (one, two) in groups]
+        places = common_zeros(along, [pole_of(*pair) for pair in ends])
+        s = np.array([place.s for place in places])
         there, axes = along.at(s), along.axes(s, self.poles(output))
         rest = {
             pole: there.speeds(pole)[0] <= AT_REST * there.rounding
             for pole in self.poles(output)
         }
-        made = self._judged(output, axes, there, kinds, rest)
-        notes = doubts(groups, kinds, ends[0] != ends[1])
+        made = self._judged(output, axes, there, [place.type for place in places], rest)
         return [
             SingularPoint(
-                kind,
+                place.type,
                 ends[1],
-                ((number, place),),
-                error,
+                ((number, float(place.s)),),
+                float(place.error),
                 values,
-                one is False,
-                two is False,
-                bool(one or two),
+                place.input is False,
+                place.output is False,
+                bool(place.input or place.output),
                 note,
-                tuple(rows),
+                relations,
             )
-            for (place, error, _, (one, two)), kind, values, note, rows in zip(
-                groups, kinds, there.values, notes, made, strict=True
+            for place, values, note, relations in zip(
+                places, there.values, doubts(places, ends[0] != ends[1]), made, strict=True
             )
         ]
 
@@ -362,41 +380,29 @@ def ordered_pole(
     return ordered_pole(mechanism, "/".join(str(word) for word in words))
 
 
-def common_zeros(
-    along: AlongCurve, poles: Sequence[Pole]
-) -> list[tuple[float, float, float, tuple[bool | None, bool | None]]]:
-    """Return where at least one of two poles' links rest, as one where they agree.
-
-    With each place s the bound of its error, by how much (rad) the zeros put together miss
-    each other, and for each pole whether its zero is double, or None if it has none there.
-    """
-    found = [(k, roots) for k, pole in enumerate(poles) if (roots := along.zeros(pole))]
-    owner = np.concatenate([np.full(len(roots.s), k) for k, roots in found])
-    s, error, double = (
-        np.concatenate([getattr(roots, name) for _, roots in found])
-        for name in ("s", "error", "double")
-    )
-    length = along.curve.length
-    s = np.where(along.curve.closed & (length - s <= 2.0 * error), s - length, s)
-    order = np.argsort(s, kind="stable")
-    apart = np.diff(s[order]) > error[order][1:] + error[order][:-1]
-    groups = []
-    for rows in np.split(order, np.flatnonzero(apart) + 1):
-        if len(rows):
-            best, spread = rows[np.argmin(error[rows])], float(np.ptp(s[rows]))
-            members = {int(owner[row]): bool(double[row]) for row in rows}
-            place, off = max(float(s[best]), 0.0), max(float(error[best]), spread)
-            groups.append((place, off, spread, (members.get(0), members.get(1))))
-    return groups
+def common_zeros(along: AlongCurve, poles: Sequence[Pole]) -> list[Place]:
+    """Return where at least one of two poles' links rest, as one where they agree."""
+    one, two = (roots for pole in poles if (roots := along.zeros(pole)))
+    gap = np.abs(one.s[:, None] - two.s)
+    if along.curve.closed:
+        gap = np.minimum(gap, along.curve.length - gap)
+    met = gap <= one.error[:, None] + two.error
+    places = []
+    for k, j in np.argwhere(met).tolist():
+        first = one.error[k] <= two.error[j]
+        s, error = (one.s[k], one.error[k]) if first else (two.s[j], two.error[j])
+        spread, members = gap[k, j], map(bool, (one.double[k], two.double[j]))
+        places.append(Place(s, max(error, spread), spread, *members))
+    for k in np.flatnonzero(~met.any(axis=1)).tolist():
+        places.append(Place(one.s[k], one.error[k], 0.0, bool(one.double[k]), None))
+    for j in np.flatnonzero(~met.any(axis=0)).tolist():
+        places.append(Place(two.s[j], two.error[j], 0.0, None, bool(two.double[j])))
+    return sorted(places, key=lambda place: place.s)
 
 
-def doubts(
-    groups: Sequence[tuple[float, float, float, object]],
-    kinds: Sequence[Type],
-    different: bool,
-) -> list[str]:
-    """Return for each place of `common_zeros` why its type is not certain, or nothing."""
-    notes = [""] * len(groups)
+def doubts(places: Sequence[Place], different: bool) -> list[str]:
+    """Return for each of some places in order why its type is not certain, or nothing."""
+    notes = [""] * len(places)
 
     def undecided(gap: float, error: float) -> str:
         return (
@@ -404,12 +410,13 @@ def doubts(
             f"the places are known to {error:.3g} rad"
         )
 
-    for k, ((_, error, spread, _), kind) in enumerate(zip(groups, kinds, strict=True)):
-        if different and kind == Type.SELF_MOTION and error > WIDE:
-            notes[k] = undecided(spread, error)
-    for k, ((one, error, *_), (other, also, *_)) in enumerate(pairwise(groups)):
-        if kinds[k] != kinds[k + 1] and other - one < BESIDE * (error + also):
-            notes[k] = notes[k + 1] = undecided(other - one, error + also)
+    for k, place in enumerate(places):
+        if different and place.type == Type.SELF_MOTION and place.error > WIDE:
+            notes[k] = undecided(place.spread, place.error)
+    for k, (one, other) in enumerate(pairwise(places)):
+        gap, error = other.s - one.s, one.error + other.error
+        if one.type != other.type and gap < BESIDE * error:
+            notes[k] = notes[k + 1] = undecided(gap, error)
     return notes
 
 
