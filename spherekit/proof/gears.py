@@ -157,30 +157,31 @@ def _new(name: str, taken: list[str]) -> str:
 
 
 @dataclass(frozen=True)
-class Circle:
-    """A circle in link axes: centre, angular radius, its sine, and where arcs begin.
-
-    `axes` has the directions of azimuth 0 and 90 degrees about the centre, and the centre,
-    or the pole of a great circle.
-    """
-
-    axes: Frame
-    radius: Ball
-    sine: Ball
-
-
-@dataclass(frozen=True)
 class Touching:
-    """The circles of a contact, and the way from one centre to the other.
+    """Two circles that touch, each in the axes of its link.
 
-    `arc` is the signed arc from the first centre over the contact on to the second, `sense`
-    1 for circles one within the other and -1 beside each other: how the arc length runs
-    about the second centre.
+    `axes` of each have the directions of azimuth 0 and 90 degrees about the centre, and
+    the centre, or the pole of a great circle; `radii` are angles, and `sines` in the ratio
+    of theirs. `sense` is 1 for circles one within the other and -1 beside each other: how
+    the arc length runs about the second centre.
     """
 
-    circles: tuple[Circle, Circle]
-    arc: Ball
+    axes: tuple[Frame, Frame]
+    radii: Sequence[Ball]
+    sines: Sequence[Ball]
     sense: int
+
+    @property
+    def arc(self) -> Ball:
+        """The signed arc from the first centre over the contact on to the second."""
+        return self.radii[0] - self.sense * self.radii[1]
+
+    @property
+    def scales(self) -> Array:
+        """By how much lengths in units of `sines` are longer (2,)."""
+        return np.array(
+            [s / radius.sin() for s, radius in zip(self.sines, self.radii, strict=True)]
+        )
 
     def towards(self, first: Vector, second: Vector) -> tuple[Vector, Vector]:
         """Return the directions of the contact at both centres, where these are."""
@@ -284,7 +285,7 @@ class Written:
         rows = exactly(np.zeros((len(self.meshes), len(self.structure.pairs))))
         for row, mesh in zip(rows, self.meshes, strict=True):
             touch = self._touching(mesh.contact)
-            one, other = (circle.sine for circle in touch.circles)
+            one, other = touch.sines
             for pair, factor in mesh.relation((one, -touch.sense * other)).items():
                 row[pair] = factor
         return rows
@@ -304,24 +305,19 @@ class Written:
             return vector
 
         for mesh, two in zip(self.meshes, turns, strict=True):
-            touch, starts = self._touching(mesh.contact), self._starts(mesh.contact)
-            sides = list(zip(touch.circles, mesh.ways, strict=True))
-            lines = [along(circle.axes[2], way) for circle, way in sides]
+            touch = self._touching(mesh.contact)
+            sides = list(zip(touch.axes, mesh.ways, strict=True))
+            lines = [along(axes[2], way) for axes, way in sides]
             ahead = [
-                circle.axes @ along(direction, back(way))
-                for (circle, way), direction in zip(
-                    sides, touch.towards(*lines), strict=True
-                )
+                axes @ along(direction, back(way))
+                for (axes, way), direction in zip(sides, touch.towards(*lines), strict=True)
             ]
-            rolled.append(
-                [
-                    circle.sine * (angle_of(x, y) + 2 * pi() * turn) * sense
-                    - start * circle.sine / circle.radius.sin()
-                    for circle, (x, y, _), turn, sense, start in zip(
-                        touch.circles, ahead, two, (1, touch.sense), starts, strict=True
-                    )
-                ]
-            )
+            azimuths = [
+                angle_of(x, y) + 2 * pi() * turn
+                for (x, y, _), turn in zip(ahead, two, strict=True)
+            ]
+            starts = touch.scales * self._starts(mesh.contact)
+            rolled.append(np.array(touch.sines) * azimuths * (1, touch.sense) - starts)
         return np.array(rolled)
 
     def _least_rolled(self) -> tuple[tuple[int, int], ...]:
@@ -351,15 +347,14 @@ class Written:
         if isinstance(self.mechanism.geometry, PoseGeometry):
             return ()
         touching = [self._touching(mesh.contact) for mesh in self.meshes]
-        firsts = [touch.circles[0] for touch in touching]
-        scale = floats(np.array([[one.sine / one.radius.sin()] for one in firsts]))
-        laps = [[circle.sine for circle in touch.circles] for touch in touching]
+        scale = floats(np.array([touch.scales[:1] for touch in touching]))
+        laps = np.array([touch.sines for touch in touching])
         senses = np.array([(1, touch.sense) for touch in touching])
         square = floats(self._relations()[:, list(structure.followers)])
         on_first = [[p in m.turned[0] for p in structure.followers] for m in self.meshes]
         turns = least_rolled(
             floats(self._rolled([(0, 0)] * count)) / scale,
-            2.0 * np.pi * floats(np.array(laps)) * senses / scale,
+            2.0 * np.pi * floats(laps) * senses / scale,
             square * on_first / scale,
             square / scale,
         )
@@ -381,7 +376,7 @@ class Written:
             contact = self._touching(coupler.contact)
             names = pair.kind.variable_names(pair.name, pair.links)
             for side, sense in ((0, 1), (1, contact.sense)):
-                sine = middle(contact.circles[side].radius.sin())
+                sine = middle(contact.radii[side].sin())
                 columns[coupler.pairs[side]] = names[side], sense / sine
         return columns
 
@@ -393,15 +388,14 @@ class Written:
     def _touching(self, contact: int) -> Touching:
         return self._circles(self.mechanism.pairs[contact], self.r_frames())
 
-    def _starts(self, contact: int) -> tuple[Ball, Ball]:
-        """Return the lengths (rad) along both circles at which a contact starts."""
+    def _starts(self, contact: int) -> Array:
+        """Return the lengths (2,) rad along both circles at which a contact starts."""
         pair = self.mechanism.pairs[contact]
         item = self.item(pair.name)
         if "phase" in item:
-            one, other = (wide(exact(length), PHASE) for length in pair.start)
-            return one, other
-        one, other = (self.angle(length, False) for length in item.get("start", (0.0, 0.0)))
-        return one, other
+            return np.array([wide(exact(length), PHASE) for length in pair.start])
+        starts = item.get("start", (0.0, 0.0))
+        return np.array([self.angle(length, False) for length in starts])
 
     def _in_mesh(self) -> "Written":
         """Return the same with its wheels in mesh."""
@@ -413,7 +407,7 @@ class Written:
         meshes = []
         for contact in structure.wheels:
             touch, two = self._touching(contact), (contact, mechanism.ends[contact])
-            first, second = (floats(circle.axes[2]) for circle in touch.circles)
+            first, second = (floats(axes[2]) for axes in touch.axes)
             cosine = float(np.cos(middle(touch.arc)))
             mesh = mesh_of(structure.ends, axes, two, (first, second), cosine)
             if mesh is None:
@@ -509,11 +503,8 @@ class Written:
             made = [self._circle(item, link, axis) for link in pair.links]
             centres, radii = ([two[side] for two in made] for side in (0, 1))
             sines = [radius.sin() for radius in radii]
-        circles = [
-            Circle(axes_about(centre), radius, sine)
-            for centre, radius, sine in zip(centres, radii, sines, strict=True)
-        ]
-        return Touching((circles[0], circles[1]), radii[0] - sense * radii[1], sense)
+        first, second = map(axes_about, centres)
+        return Touching((first, second), radii, sines, sense)
 
     def _cones(
         self, item: Mapping[str, Any], one: Vector, other: Vector, sense: int
@@ -566,8 +557,6 @@ def _coupler_frames(contact: Touching) -> list[tuple[Frame, Frame]]:
     sine, cosine = contact.arc.sin_cos()
     axes = exactly([0.0, 0.0, 1.0]), np.array([exact(0.0), sine, cosine])
     return [
-        (circle.axes, np.stack([ahead, np.cross(axis, ahead), axis]))
-        for circle, axis, ahead in zip(
-            contact.circles, axes, contact.towards(*axes), strict=True
-        )
+        (own, np.stack([ahead, np.cross(axis, ahead), axis]))
+        for own, axis, ahead in zip(contact.axes, axes, contact.towards(*axes), strict=True)
     ]
