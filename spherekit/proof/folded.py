@@ -17,7 +17,6 @@ from itertools import pairwise
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats
-from spherekit.files.document import LiteralNumber
 from spherekit.model.parts import SizeGeometry
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import (
@@ -32,7 +31,7 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.construction import Step
 from spherekit.proof.equations import Equations
-from spherekit.proof.gears import Written
+from spherekit.proof.gears import Written, text_of
 from spherekit.proof.roots import zero_within
 from spherekit.proof.saddles import Quadrant, Saddle, saddle_near
 from spherekit.proof.tubes import CertifiedArc
@@ -146,14 +145,10 @@ def _closes(
         total += sense * arcs[k % 4]
         if k % 4 in opposite and not opposite[k % 4]:
             sense = -sense
-    return any(_whole(total + sign * arcs[(free + 1) % 4], written) for sign in (1, -1))
-
-
-def _whole(total: Fraction, written: Written) -> bool:
-    """Return whether a sum of arcs is a number of whole turns; no sum in rad but 0 is."""
-    if written.document.data["angle_unit"] == "deg":
-        return total % 360 == 0
-    return total == 0
+    sums = (total + sign * arcs[(free + 1) % 4] for sign in (1, -1))
+    # a number of whole turns; no sum in rad is one but 0
+    in_degrees = written.document.data["angle_unit"] == "deg"
+    return any(left % 360 == 0 if in_degrees else left == 0 for left in sums)
 
 
 def _arc(written: Written, link: int, one: int, other: int) -> Fraction | None:
@@ -170,18 +165,12 @@ def _arc(written: Written, link: int, one: int, other: int) -> Fraction | None:
     if names[0] not in pairs or not set(pairs) <= set(names) or one == other:
         return None
     number = max(names.index(pair) for pair in pairs) - 1
-    arc = _fraction(item["arcs"][number])
+    arc = Fraction(text_of(item["arcs"][number]).replace("_", ""))
     if written.document.data["angle_unit"] != "deg":
         return arc if 0 < arc < Fraction(314159, 100000) else None
     arc %= 360
     arc = min(arc, 360 - arc)
     return arc if 0 < arc < 180 else None
-
-
-def _fraction(number: float) -> Fraction:
-    if isinstance(number, LiteralNumber):
-        return Fraction(number.text.replace("_", ""))
-    return Fraction(number)
 
 
 def _in_line(

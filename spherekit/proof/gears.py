@@ -438,7 +438,7 @@ class Written:
         """Return the ends of an input's range as the file has them, the lower first."""
         item = self.document.data.get("inputs", {}).get(pair, {})
         turn = "360" if self.document.data["angle_unit"] == "deg" else repr(2 * math.pi)
-        ends = _text(item.get("from", 0)), _text(item["to"]) if "to" in item else turn
+        ends = text_of(item.get("from", 0)), text_of(item["to"]) if "to" in item else turn
         low, high = sorted(ends, key=float)
         return low, high
 
@@ -538,7 +538,8 @@ class Written:
         return centre, pi() / 2 if number is None else self.angle(number)
 
 
-def _text(number: float) -> str:
+def text_of(number: float) -> str:
+    """Return a number of a file as it is written."""
     return number.text if isinstance(number, LiteralNumber) else str(number)
 
 

@@ -113,7 +113,7 @@ class Axis:
         self.start, self.extent = middle(low), middle(width)
         self._known: dict[float, Floats] = {}
 
-    def radii(self, levels: Integers) -> Floats:
+    def radii(self, levels: Integers, _: Integers) -> Floats:
         """Return half widths after so many halvings, about the centres, rounded up."""
         off = 8.0 * UNIT * (abs(self.start) + abs(self.extent)) if self.extent else 0.0
         return upper(self.width) * UP * np.exp2(-1.0 - levels) + off
@@ -148,23 +148,24 @@ class Boxes:
     def __len__(self) -> int:
         return len(self.levels)
 
+    def _along(self, of: Callable[[Axis, Integers, Integers], Floats]) -> Floats:
+        columns = zip(self.axes, self.levels.T, self.places.T, strict=True)
+        return np.stack([of(*column) for column in columns], axis=1)
+
     @property
     def centres(self) -> Floats:
         """Float64 numbers (n, variables) next to the centres."""
-        columns = zip(self.axes, self.levels.T, self.places.T, strict=True)
-        return np.stack([axis.centres(*column) for axis, *column in columns], axis=1)
+        return self._along(Axis.centres)
 
     @property
     def radii(self) -> Floats:
         """Half widths (n, variables), rounded up."""
-        columns = zip(self.axes, self.levels.T, strict=True)
-        return np.stack([axis.radii(levels) for axis, levels in columns], axis=1)
+        return self._along(Axis.radii)
 
     @property
     def turns(self) -> Floats:
         """Cosines and sines (n, variables, 2) of the centres, each rounded once."""
-        columns = zip(self.axes, self.levels.T, self.places.T, strict=True)
-        return np.stack([axis.turns(*column) for axis, *column in columns], axis=1)
+        return self._along(Axis.turns)
 
     def take(self, rows: Bools | slice) -> "Boxes":
         """Return some of them."""
@@ -288,17 +289,17 @@ class InputMap:
 
     def share(self, kind: int) -> float:
         """Return the share of the whole area that boxes of a kind have."""
+        return self._share(self.kind == kind)
+
+    def _share(self, chosen: Bools) -> float:
         sizes = np.prod(self.radii, axis=1)
-        return float(np.sum(sizes[self.kind == kind]) / np.sum(sizes))
+        return float(np.sum(sizes[chosen]) / np.sum(sizes))
 
     @cached_property
     def counts(self) -> dict[int, float]:
         """The share of the whole area in which there are so many modes, proven."""
-        sizes = np.prod(self.radii, axis=1)
-        return {
-            int(count): float(np.sum(sizes[self.modes == count]) / np.sum(sizes))
-            for count in np.unique(self.modes[self.kind == REGULAR])
-        }
+        counts = np.unique(self.modes[self.kind == REGULAR]).tolist()
+        return {count: self._share(self.modes == count) for count in counts}
 
     def clearance(self, q: Floats) -> float:
         """Return how far (rad) every input may go from q before type II, at least.

@@ -213,24 +213,17 @@ def saddle_near(
         size = WIDEST
         while form is not None and size > NARROWEST:
             shown = form.shown(size, crosses)
-            if shown is not None and fits(shown) and _better(shown, best):
-                best = shown
+            if shown is not None and fits(shown):
+                # more signs of rates; or arms that reach less, of a level that is not 0
+                fewer = best is None or shown.open < best.open
+                same = best is not None and shown.open == best.open > 0
+                best = shown if fewer or (same and shown.level != 0) else best
             if best is not None:
                 enough = STEEPEST if best.level == 0 else LEAST
                 if not best.open or size < enough:
                     break
             size *= SHRINK
     return best
-
-
-def _better(one: Saddle, other: Saddle | None) -> bool:
-    """Return whether more signs of rates are known of a smaller rectangle.
-
-    Where they remain open at a level that is not 0, arms of a smaller one reach less far.
-    """
-    if other is None or one.open < other.open:
-        return True
-    return one.level != 0 and one.open == other.open > 0
 
 
 def _form(equations: Equations, place: Floats, farthest: float) -> "_Form | None":
@@ -254,8 +247,8 @@ def _form(equations: Equations, place: Floats, farthest: float) -> "_Form | None
     frame = form.frame.copy()
     frame[:, :2] = frame[:, :2] @ vectors[:, ::-1]
     units = np.array([high, -low]) ** -0.5
-    _, second = replace(form, frame=frame).solved(exactly(centre), residual)
-    lifted = np.abs(np.tensordot(frame[:, 2:].T, floats(second[:-1, 1:, 1:]), 1))
+    bent = vectors[:, ::-1].T @ floats(second[:-1, 1:, 1:]) @ vectors[:, ::-1]
+    lifted = np.abs(np.tensordot(frame[:, 2:].T, bent, 1))
     return replace(form, frame=frame, units=units / np.max(units), lifted=lifted)
 
 
