@@ -77,18 +77,13 @@ class CertifiedSingularities:
     skipped: tuple[str, ...]
     resting: tuple[tuple[str, int], ...]
 
-    @property
-    def complete(self) -> bool:
-        """Whether all curves are known."""
-        return self.curves.claim.guarantee is Guarantee.CERTIFIED
-
     def clearance(self, q: float) -> float:
         """Return how far (rad) the input may go from q before a singularity, at least.
 
         In all modes, both ways, and not beyond the range; 0 where not all is proven.
         """
         curves = self.curves
-        if not self.complete or self.undecided:
+        if curves.claim.guarantee is not Guarantee.CERTIFIED or self.undecided:
             return 0.0
         ends = [] if curves.whole else [q - curves.low, curves.high - q]
         stops = [stop for stopped, _ in curves.stopping for stop in stopped]

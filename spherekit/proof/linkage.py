@@ -13,7 +13,7 @@ derivatives are those of power series.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import Any
 
 import numpy as np
@@ -164,11 +164,10 @@ def _wave(axes: Array, even: Array, odd: Array) -> Path:
 
     def at(u: Array) -> tuple[Array, Array]:
         colatitude, slope = 0 * u, 0 * u
-        for amplitudes, derived in ((even, 1), (odd, 0)):
-            for wave, size in enumerate(amplitudes):
-                two = sine_cosine(wave * u)
-                colatitude = colatitude + size * two[derived]
-                slope = slope + (wave * (1 - 2 * derived) * size) * two[1 - derived]
+        for wave, (a, b) in enumerate(zip_longest(even, odd, fillvalue=0)):
+            sine, cosine = sine_cosine(wave * u)
+            colatitude = colatitude + (a * cosine + b * sine)
+            slope = slope + wave * (b * cosine - a * sine)
         (sine, cosine), (s, c) = (
             (np.asarray(part)[:, None] for part in sine_cosine(angle))
             for angle in (colatitude, u)
@@ -181,37 +180,29 @@ def _wave(axes: Array, even: Array, odd: Array) -> Path:
 
 
 def _spline(path: SplinePath) -> Path:
-    """Return the radial projection of a quintic spline in space."""
+    """Return the radial projection of a quintic spline in space, by de Boor's algorithm."""
     degree, control = int(path.spline.k), exactly(path.spline.c)  # type: ignore[union-attr]
     places: Floats = path.spline.t  # type: ignore[union-attr]
     knots = exactly(places)
-    width = knots[degree + 1 : degree + len(control)] - knots[1 : len(control)]
-    slopes = degree * (control[1:] - control[:-1]) / width[:, None]
 
     def at(u: Array) -> tuple[Array, Array]:
         span = np.searchsorted(path.knots, floats(coefficient(u, 0)), side="right") - 1
         span = np.clip(span, 0, len(path.knots) - 2)
         span = np.searchsorted(places, path.knots[span], side="right") - 1
-        x = _de_boor(u[:, None], span, degree, knots, control)
-        rate = _de_boor(u[:, None], span - 1, degree - 1, knots[1:-1], slopes)
+        points = [control[span - degree + r] for r in range(degree + 1)]
+        for level in range(1, degree + 1):
+            for r in reversed(range(level, degree + 1)):
+                i = span - degree + r
+                low, high = knots[i][:, None], knots[i + degree + 1 - level][:, None]
+                slope = (points[r] - points[r - 1]) / (high - low)
+                points[r] = points[r - 1] + (u[:, None] - low) * slope
+        x, rate = points[degree], degree * slope
         size = _length(x)[:, None]
         point = x / size
         outward = np.sum(point * rate, axis=1, keepdims=True)
         return point, (rate - outward * point) / size
 
     return at
-
-
-def _de_boor(u: Array, span: Any, degree: int, knots: Array, control: Array) -> Array:
-    """Return a spline of a degree at u (n, 1) in spans (n,) by de Boor's algorithm."""
-    points = [control[span - degree + r] for r in range(degree + 1)]
-    for level in range(1, degree + 1):
-        for r in reversed(range(level, degree + 1)):
-            i = span - degree + r
-            low, high = knots[i][:, None], knots[i + degree + 1 - level][:, None]
-            share = (u - low) / (high - low)
-            points[r] = (1 - share) * points[r - 1] + share * points[r]
-    return np.asarray(points[degree])
 
 
 def _length(vectors: Array) -> Array:

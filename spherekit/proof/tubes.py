@@ -69,21 +69,21 @@ class Zone:
         """Return coordinates (..., v) of places (..., v), whole turns away or not."""
         return wrap(places - self.centre) @ self.frame
 
-    def holds(self, places: Floats, off: float) -> bool:
-        """Return whether places that are off by at most `off` are in it."""
-        inside = np.abs(self.coordinates(places)) + off + 1e-13
-        return bool(np.all(inside <= self.limits))
+    def _within(self, places: Floats, reach: Floats) -> Bools:
+        inside = np.abs(self.coordinates(places)) + reach <= self.limits
+        return np.all(inside, axis=-1)
+
+    def holds(self, place: Floats, off: float) -> bool:
+        """Return whether a place that is off by at most `off` is in it."""
+        return bool(self._within(place, np.array(off + 1e-13)))
 
     def may_hold(self, places: Floats, off: Floats | float) -> Bools:
         """Return whether places (..., v), off by at most `off` (...), may be in it."""
-        inside = np.abs(self.coordinates(places)) - np.asarray(off)[..., None] - 1e-13
-        return np.all(inside <= self.limits, axis=-1)
+        return self._within(places, -np.asarray(off)[..., None] - 1e-13)
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return whether boxes (n, v) of radii (n, v) are in it."""
-        reach = radii @ np.abs(self.frame) * UP + 1e-13
-        inside = np.abs(self.coordinates(centres)) + reach <= self.limits
-        return np.all(inside, axis=1)
+        return self._within(centres, radii @ np.abs(self.frame) * UP + 1e-13)
 
 
 @dataclass(frozen=True)
