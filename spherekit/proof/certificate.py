@@ -495,21 +495,17 @@ def _systems(
             "solved": [
                 {
                     "given": dict(
-                        zip(
-                            (names[k] for k in system.given), roots.at.tolist(), strict=True
-                        )
+                        zip((names[k] for k in system.given), place.tolist(), strict=True)
                     ),
                     "solutions": [
                         {
                             "inverse": inverse.tolist(),
                             "z": [[float(e.real), float(e.imag)] for e in z],
                         }
-                        for inverse, z in zip(
-                            roots.points.inverse, roots.points.z, strict=True
-                        )
+                        for inverse, z in zip(roots.inverse, roots.z, strict=True)
                     ],
                 }
-                for roots in system.solved
+                for place, roots in system.shown
             ],
         }
         for system in systems

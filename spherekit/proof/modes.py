@@ -277,7 +277,7 @@ class _Search:
         none = np.zeros_like(place)
         systems = Systems(self.equations)
         good, modes = systems.counted(place, self.turns[None], none, np.ones(1, dtype=bool))
-        return int(modes[0]) if good[0] else -1, systems.solved
+        return int(modes[0]) if good[0] else -1, tuple(systems.parts)
 
     def take(self, near: Sequence[complex]) -> None:
         """Try one approximation; keep what it leads to if that is new."""

@@ -378,7 +378,7 @@ def input_map(
         np.concatenate([part.radii for part in boxes]),
         np.concatenate(kinds),
         np.concatenate(modes),
-        systems.solved,
+        tuple(systems.parts),
     )
 
 
@@ -389,7 +389,7 @@ def _judged(
     widths = np.array([axis.extent for axis in axes])
     cell = np.maximum(np.ceil(np.log2(widths / side)), 0).astype(np.int64)
     finest = cell + finer
-    most = max(1, AT_ONCE // sum(systems.bounds))
+    most = max(1, AT_ONCE // sum(system.bound for system in systems.parts))
     done: list[tuple[Boxes, Indices, Indices]] = []
     fine: dict[tuple[int, ...], set[int]] = {}
     working = ProgressReporter("proving boxes of the inputs regular")

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
+from spherekit.arrays import Bools, Complexes, Floats, Indices
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.charts import (
@@ -182,14 +182,6 @@ MOST_KNOWN, MOST_SHOWN = 1024, 128
 
 
 @dataclass(frozen=True)
-class KnownRoots:
-    """All roots of a system at one choice of what is given to it, to start from."""
-
-    at: Array
-    points: ChartRoots
-
-
-@dataclass(frozen=True)
 class _Modes:
     """Modes (n,) of the systems so far, each over the box of the number in `row`.
 
@@ -213,45 +205,39 @@ class _Modes:
 
 @dataclass(frozen=True)
 class SolvedSystem:
-    """One system: its equations and unknowns by number, and all its solutions for modes.
+    """One system: its equations and unknowns by number, and solutions for some modes.
 
-    `given` are the variables that are angles of each of `solved`.
+    `given` are all other variables. `known` has angles of these and all `bound` solutions
+    there can be then, complex ones and those at infinity too.
     """
 
-    equations: tuple[int, ...]
-    unknowns: tuple[int, ...]
-    given: tuple[int, ...]
-    solved: tuple[KnownRoots, ...]
+    equations: list[int]
+    unknowns: list[int]
+    given: list[int]
+    bound: int
+    known: list[tuple[Floats, ChartRoots]]
+
+    @property
+    def shown(self) -> list[tuple[Floats, ChartRoots]]:
+        """Some of the solutions, spread over the places tried."""
+        return self.known[:: 1 + len(self.known) // MOST_SHOWN]
 
 
 class Systems:
     """The systems of a mechanism's equations, and how many roots each can have."""
 
     def __init__(self, equations: Equations) -> None:
-        self.equations = equations
-        made = equations.construction
-        self.parts = made.systems
-        self.bounds = [permanent(2 * made.degrees[np.ix_(*part)]) for part in self.parts]
-        self.given = [
-            [v for v in range(equations.variables) if v not in unknowns]
-            for _, unknowns in self.parts
-        ]
-        self._known: list[list[KnownRoots]] = [[] for _ in self.parts]
-
-    @property
-    def solved(self) -> tuple[SolvedSystem, ...]:
-        """The systems, each with its solutions for modes at some of the places tried."""
-        return tuple(
+        self.equations, made = equations, equations.construction
+        self.parts = [
             SolvedSystem(
-                tuple(rows),
-                tuple(unknowns),
-                tuple(given),
-                tuple(earlier[:: 1 + len(earlier) // MOST_SHOWN]),
+                rows,
+                unknowns,
+                [v for v in range(equations.variables) if v not in unknowns],
+                permanent(2 * made.degrees[np.ix_(rows, unknowns)]),
+                [],
             )
-            for (rows, unknowns), given, earlier in zip(
-                self.parts, self.given, self._known, strict=True
-            )
-        )
+            for rows, unknowns in made.systems
+        ]
 
     def counted(
         self, centres: Floats, turns: Floats, half: Floats, hard: Bools
@@ -266,12 +252,12 @@ class Systems:
         good, count = np.ones(m, dtype=bool), self.equations.unknowns
         angle, turn, rates = (np.zeros((m, count, *size)) for size in ((), (2,), (inputs,)))
         modes = _Modes(np.arange(m), angle, turn, rates, angle, np.ones(m, dtype=np.intp))
-        for number, (_, unknowns) in enumerate(self.parts):
+        for number, system in enumerate(self.parts):
             modes = modes.take(good[modes.row])
             if not len(modes.row):
                 break
-            bound = self.bounds[number]
-            roots, proven = self._proven(number, modes, (centres, turns, half), hard)
+            bound, unknowns = system.bound, system.unknowns
+            roots, proven = self._proven(system, modes, (centres, turns, half), hard)
             real, off_circle = are_real(roots, proven)
             sure = proven.good & (real | off_circle)
             apart = are_apart(roots, proven.radius, sure, bound)
@@ -296,7 +282,7 @@ class Systems:
         They differ in angles that no such system has, as where a link is turned over.
         """
         degrees = self.equations.construction.degrees
-        left = [row for rows, _ in self.parts[number:] for row in rows]
+        left = [row for system in self.parts[number:] for row in system.equations]
         used = np.any(degrees[left] > 0, axis=0)[: self.equations.unknowns]
         kept: dict[int, list[int]] = {}
         for mode, row in enumerate(modes.row.tolist()):
@@ -313,17 +299,17 @@ class Systems:
         return modes.take([mode for row_modes in kept.values() for mode in row_modes])
 
     def _proven(
-        self, number: int, modes: _Modes, boxes: tuple[Floats, ...], hard: Bools
+        self, system: SolvedSystem, modes: _Modes, boxes: tuple[Floats, ...], hard: Bools
     ) -> tuple[ChartRoots, RootEnclosures]:
         """Return the roots of a system for all modes over their boxes, and what is proven.
 
         `boxes` has their centres, turns and half widths.
         """
-        system, bound, others = self.parts[number], self.bounds[number], self.given[number]
+        bound, earlier = system.bound, system.known
         centres, turns, half = (values[modes.row] for values in boxes)
         eye = np.broadcast_to(np.eye(centres.shape[1]), (*centres.shape, centres.shape[1]))
         given, turns, rates, off = (
-            np.concatenate(two, axis=1)[:, others]
+            np.concatenate(two, axis=1)[:, system.given]
             for two in (
                 (modes.angle, centres),
                 (modes.turn, turns),
@@ -331,9 +317,9 @@ class Systems:
                 (modes.off, 0.0 * centres),
             )
         )
-        made = Polynomials.at(self.equations, *system, turns)
-        one, earlier = len(system[1]) == 1, self._known[number]
-        rough = roots_of_one(made) if one else self._near(number, given)
+        made = Polynomials.at(self.equations, system.equations, system.unknowns, turns)
+        one = len(system.unknowns) == 1
+        rough = roots_of_one(made) if one else self._near(system, given)
         parts = [slice(k * bound, (k + 1) * bound) for k in range(len(given))]
         for anew in (not one, False):
             roots, ended = polished(made, rough)
@@ -344,49 +330,48 @@ class Systems:
                 break
             rough = roots.take(slice(None))
             for mode in lost:
-                again = self._found(number, given[mode]).points
+                again = self._found(system, given[mode])
                 rough.z[parts[mode]], rough.inverse[parts[mode]] = again.z, again.inverse
-        earlier += [
-            KnownRoots(given[k], roots.take(parts[k])) for k in np.flatnonzero(whole)
-        ]
+        earlier += [(given[k], roots.take(parts[k])) for k in np.flatnonzero(whole)]
         del earlier[:-MOST_KNOWN]
         return roots, proven
 
-    def _near(self, number: int, given: Floats) -> ChartRoots:
+    def _near(self, system: SolvedSystem, given: Floats) -> ChartRoots:
         """Return the roots known nearest to what is given (n, given), moved to there.
 
         Where none are near they are found anew.
         """
-        earlier, origins = self._known[number], []
-        at = turns_of(np.array([roots.at for roots in earlier]))
-        for place in given:
-            gaps = np.sum((at - turns_of(place)) ** 2, axis=(1, 2)) if earlier else [np.inf]
+        start, origins = given.copy(), []
+        at = turns_of(np.array([place for place, _ in system.known]))
+        for place in start:
+            gaps = np.sum((at - turns_of(place)) ** 2, axis=(1, 2)) if len(at) else [np.inf]
             near = int(np.argmin(gaps))
-            origins.append(
-                earlier[near] if gaps[near] < NEAR else self._found(number, place)
-            )
+            if gaps[near] < NEAR:
+                place[:], roots = system.known[near]
+            else:
+                roots = self._found(system, place)
+            origins.append(roots)
         roots = ChartRoots(
-            np.concatenate([origin.points.z for origin in origins]),
-            np.concatenate([origin.points.inverse for origin in origins]),
-            np.repeat(np.arange(len(given)), self.bounds[number]),
+            np.concatenate([origin.z for origin in origins]),
+            np.concatenate([origin.inverse for origin in origins]),
+            np.repeat(np.arange(len(given)), system.bound),
         )
-        start = np.stack([origin.at for origin in origins])
-        there = Polynomials.at(self.equations, *self.parts[number], turns_of(start))
-        return stepped(there, roots, wrap(given - start))
+        there = turns_of(start)
+        made = Polynomials.at(self.equations, system.equations, system.unknowns, there)
+        return stepped(made, roots, wrap(given - start))
 
-    def _found(self, number: int, given: Floats) -> KnownRoots:
+    def _found(self, system: SolvedSystem, given: Floats) -> ChartRoots:
         """Return all roots of a system at what is given to it, zeros if some are lost."""
-        rows, unknowns = self.parts[number]
-        made = Polynomials.at(self.equations, rows, unknowns, turns_of(given)[None])
-        bound = self.bounds[number]
+        there, unknowns = turns_of(given)[None], system.unknowns
+        made = Polynomials.at(self.equations, system.equations, unknowns, there)
         for seed in range(SEEDS):
             roots, good = polished(made, solutions(made, seed))
             roots = roots.take(good)
             roots = roots.take(_first_of_each(roots))
-            if len(roots.z) == bound:
-                return KnownRoots(given, roots)
-        nothing = np.zeros((bound, len(unknowns)), dtype=complex)
-        return KnownRoots(given, ChartRoots.of(nothing, np.zeros(bound, dtype=np.intp)))
+            if len(roots.z) == system.bound:
+                return roots
+        nothing = np.zeros((system.bound, len(unknowns)), dtype=complex)
+        return ChartRoots.of(nothing, np.zeros(system.bound, dtype=np.intp))
 
 
 def _angles(
