@@ -6,7 +6,6 @@ Wampler, The Numerical Solution of Systems of Polynomials, 2005). Loops go on un
 brings a new one; where elimination knows how many there are, until all are there.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +16,6 @@ from spherekit.engine.design_kernel import PathKernel, path_kernel
 from spherekit.engine.row_quantities import (
     VariedTerms,
 )
-from spherekit.model.parts import Input
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import assemblies
 
@@ -60,10 +58,12 @@ def start_set(
     inputs = structure.mechanism.with_inputs(*names).inputs
     q = np.array([complex(0.5 * (i.start + i.stop), 0.7) for i in inputs])
     general = path_kernel(terms, compiled=False)
-    seeds, roots = _seeds(terms, general, of_every, _seeded(inputs))
+    rng = np.random.default_rng(20)
+    low, high = np.sort([(i.start, i.stop) for i in inputs], axis=1).T
+    places = rng.uniform(low, high, (SEEDED, len(inputs)))
+    seeds, roots = _seeds(terms, general, of_every, places)
     if not seeds.shape[1] or roots > MOST_SOLUTIONS:
         return None
-    rng = np.random.default_rng(20)
     base = of_every + rng.uniform(-NEARBY, NEARBY, len(of_every))
     there = q[:, None]
     seeded = _moved(general, seeds, (of_every, base), (seeds[general.driven], there))
@@ -129,17 +129,6 @@ def _seeds(
         counts = [method.roots if method else 0 for method in here.methods]
         roots = max(roots, int(np.prod(counts)))
     return np.array(configurations).reshape(-1, kernel.variables).T, roots
-
-
-def _seeded(inputs: Sequence[Input]) -> Floats:
-    """Return the inputs (m, k) at which solutions to start from are looked for.
-
-    Of several no direction is a special one: each takes its own order.
-    """
-    shares = np.linspace(0.0, 1.0, SEEDED + 2)[1:-1]
-    ways = np.array([np.roll(shares, 2 * k) for k in range(len(inputs))])
-    low, high = (np.array([getattr(i, end) for i in inputs]) for end in ("start", "stop"))
-    return np.asarray((low[:, None] + (high - low)[:, None] * ways).T)
 
 
 def _around(

@@ -160,12 +160,9 @@ class ProfileNumbers:
                     made[-1][place] = varied(profile, change, backwards)
         return made
 
-    def _numbers(self, values: Floats) -> Floats | None:
-        """Return the numbers of all profiles of a design, None if there is none."""
-        try:
-            made = designed(self.document, self.variables, list(values))
-        except SpherekitError:
-            return None
+    def _numbers(self, values: Floats) -> Floats:
+        """Return the numbers of all profiles of a design; raise if there is none."""
+        made = designed(self.document, self.variables, list(values))
         return np.concatenate([numbers_of(profile) for profile, _ in profiles_of(made)])
 
 

@@ -5,6 +5,7 @@ Numbers of a kernel that are read from the file of each design, with its checks.
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -319,17 +320,17 @@ class FileNumbers:
         of_contacts = contacts.numbers if contacts else []
         self._first = len(of_contacts)
         self.nominal = np.array([*of_contacts, *actions.numbers])
-        steps = np.concatenate([size * np.eye(len(self.values)) for size in (1.0, *TRIED)])
         designs = [self.values * (1.0 + share) + share for share in TRIED]
-        tried = [self._read(design) for design in designs]
-        both = zip(designs, tried, strict=True)
-        self._tried = [design for design, x in both if not isinstance(x, str)]
-        there = [numbers for numbers in tried if not isinstance(numbers, str)]
-        every = not there
-        if every:  # some vary by whole numbers, and some only with others
-            tried = [self._read(self.values * (1.0 + step)) for step in steps]
-        self.varied = any(not isinstance(numbers, str) for numbers in tried)
-        differ = np.any([numbers != self.nominal for numbers in there], axis=0) | every
+        every = [(design, self._possible(design)) for design in designs]
+        self._tried = [design for design, numbers in every if numbers is not None]
+        there = [numbers for _, numbers in every if numbers is not None]
+        # Some vary by whole numbers, and some only with others.
+        steps = np.concatenate([size * np.eye(len(self.values)) for size in (1.0, *TRIED)])
+        alone = (self._possible(self.values * (1.0 + step)) for step in steps)
+        self.varied = bool(there) or any(numbers is not None for numbers in alone)
+        differ = np.any([numbers != self.nominal for numbers in there], axis=0) | (
+            not there
+        )
         self.differing = np.flatnonzero(np.broadcast_to(differ, self.nominal.shape))
 
     @property
@@ -342,33 +343,35 @@ class FileNumbers:
         """Those of the masses and loads that differ, as `ActionParameters` counts them."""
         return [int(k) - self._first for k in self.differing if k >= self._first]
 
-    def _read(self, values: Floats) -> Floats | str:
-        """Return all numbers of a design (variables,), or why there are none."""
+    def _read(self, values: Floats) -> Floats:
+        """Return all numbers of a design (variables,); raise where there are none."""
         numbers, contacts = list(values), []
-        try:
-            if self.whole:
-                made = designed(self.document, self.variables, numbers)
-            else:
-                made = with_actions(self.document, self.mechanism, self.variables, numbers)
-            actions = ActionParameters.of(made)
-            if self.contacts is not None:
-                with_contacts = hinged(made, self.inputs, self.apart)
-                if with_contacts is None or with_contacts.form != self.contacts.form:
-                    return UNLIKE
-                contacts = with_contacts.numbers
-        except SpherekitError as problem:
-            return reason_of(problem)
+        if self.whole:
+            made = designed(self.document, self.variables, numbers)
+        else:
+            made = with_actions(self.document, self.mechanism, self.variables, numbers)
+        actions = ActionParameters.of(made)
+        if self.contacts is not None:
+            with_contacts = hinged(made, self.inputs, self.apart)
+            if with_contacts is None or with_contacts.form != self.contacts.form:
+                raise DesignError(UNLIKE)
+            contacts = with_contacts.numbers
         if actions.form != self._form:
-            return UNLIKE
+            raise DesignError(UNLIKE)
         return np.array([*contacts, *actions.numbers])
 
-    def _differing(self, values: Floats) -> Floats | str:
+    def _possible(self, values: Floats) -> Floats | None:
+        with suppress(SpherekitError):
+            return self._read(values)
+        return None
+
+    def _differing(self, values: Floats) -> Floats:
         """Return the numbers that differ, where the others are those of the file."""
         numbers = self._read(values)
-        if isinstance(numbers, str):
-            return numbers
         rest = np.delete(numbers - self.nominal, self.differing)
-        return numbers[self.differing] if np.all(np.abs(rest) <= SAME) else UNLIKE
+        if not np.all(np.abs(rest) <= SAME):
+            raise DesignError(UNLIKE)
+        return numbers[self.differing]
 
     def at(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
         """Return the numbers (k, n) that differ, and why designs (variables, n) are none.
@@ -378,11 +381,10 @@ class FileNumbers:
         made = nans((len(self.differing), values.shape[1]))
         why = np.full(values.shape[1], OK, dtype=object)
         for k, design in enumerate(values.T):
-            numbers = self._differing(design)
-            if isinstance(numbers, str):
-                why[k] = numbers
-            else:
-                made[:, k] = numbers
+            try:
+                made[:, k] = self._differing(design)
+            except SpherekitError as problem:
+                why[k] = reason_of(problem)
         return made, why
 
     def slopes(self, values: Floats) -> Floats:
@@ -411,30 +413,28 @@ class FileNumbers:
         nothing = np.zeros(len(self.differing))
         if not self.whole and self.variables[k].path[0] not in ACTIONS:
             return nothing
-        begun = self._differing(values)
-        if isinstance(begun, str):
-            return nans(len(nothing))
 
-        def read(beside: Floats) -> Floats | None:
-            numbers = self._differing(beside)
-            if isinstance(numbers, str):
-                return None
+        def read(beside: Floats) -> Floats:
             # Of angles whole turns do not matter: wheels are put together by them.
-            away, of_angles = numbers - begun, len(self.of_contacts)
+            away, of_angles = self._differing(beside) - begun, len(self.of_contacts)
             away[:of_angles] -= TURN * np.round(away[:of_angles] / TURN)
             return np.asarray(away)
 
-        slope = slope_by(read, values, k, PARTS * (abs(values[k]) or 1.0))
+        slope = None
+        with suppress(SpherekitError):
+            begun = self._differing(values)
+            slope = slope_by(read, values, k, PARTS * (abs(values[k]) or 1.0))
         return nans(len(nothing)) if slope is None else slope
 
 
 def slope_by(
-    read: Callable[[Floats], Floats | None], values: Floats, k: int, steps: Floats
+    read: Callable[[Floats], Floats], values: Floats, k: int, steps: Floats
 ) -> Floats | None:
     """Return the derivatives (n,) of numbers by one of the values (variables,).
 
     By differences of the eighth order, exact for polynomials, with the first of the steps,
-    central or to one side, at which `read` gives numbers at all places; None without.
+    central or to one side, at which `read` raises no `SpherekitError` at any place; None
+    without.
     """
     near, onward = np.arange(1.0, len(EIGHTH) + 1.0), np.arange(1.0, len(ONE_SIDED) + 1.0)
     both = np.concatenate([EIGHTH, np.negative(EIGHTH)])
@@ -443,16 +443,12 @@ def slope_by(
     stencils = (central, both), (ahead, weights), (-ahead, -weights)
     for step in steps:
         for places, weighing in stencils:
-            total: Floats | None = np.zeros(())
-            for place, weight in zip(places[::-1], weighing[::-1], strict=True):
-                beside = values.copy()
-                beside[k] += step * place
-                numbers = read(beside)
-                if numbers is None:
-                    total = None
-                    break
-                total = total + weight * numbers
-            if total is not None:
+            total = np.zeros(())
+            with suppress(SpherekitError):
+                for place, weight in zip(places[::-1], weighing[::-1], strict=True):
+                    beside = values.copy()
+                    beside[k] += step * place
+                    total = total + weight * read(beside)
                 return total / step
     return None
 

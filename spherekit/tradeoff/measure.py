@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -201,14 +201,11 @@ Found = tuple[str, float, Tables, list[Measured]]
 """What the reference is in words, how well it is known, its tables, and the settings."""
 
 
-class Runner(Protocol):
-    """Something that can be run and timed: returns tables, and processor times (s).
+Runner = Callable[[bool], tuple[Tables, float, float]]
+"""Something that is run once, and timed: returns tables, and processor times (s).
 
-    First the time before any sample, then that of everything.
-    """
-
-    def __call__(self, judged: bool) -> tuple[Tables, float, float]:
-        """Run it once; `judged` says that its tables count, otherwise its times do."""
+First the time before any sample, then that of everything. It is told whether its tables
+count, otherwise its times do."""
 
 
 @dataclass(frozen=True)
