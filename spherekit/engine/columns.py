@@ -42,6 +42,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
 from spherekit.planning.poles import Pole
 from spherekit.rates.request import (
+    SIGNED,
     TURN_KNOWN,
     Request,
     axis_pairs,
@@ -189,13 +190,6 @@ PROFILE_ROUNDING = 4.0 * EPS
 """What rounding turns the frame of a profile by."""
 
 
-SIGNED = {
-    "direction": 3,
-    "direction_dq": 3,
-    "velocity_coefficient": 1,
-    "acceleration_coefficient": 1,
-}
-"""What of a pole turns round with its direction, and how many components it has."""
 ERRORS = ("error", "velocity_coefficient_error", "acceleration_coefficient_error")
 """What bounds its errors: of the direction, the rate and its derivative."""
 PARTS = (*SIGNED, "angle", *ERRORS, "w", "dw")

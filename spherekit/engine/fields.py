@@ -25,7 +25,6 @@ from spherekit.engine.columns import (
     ERRORS,
     LARGEST_ERROR,
     LARGEST_PART,
-    SIGNED,
     MovingTerms,
 )
 from spherekit.engine.row_kernel import NEARLY_FLAT, RowKernel, row_kernel
@@ -35,6 +34,7 @@ from spherekit.motion.motion import Motion
 from spherekit.planning.poles import CoaxialPole, Pole
 from spherekit.rates.request import (
     ROUTES,
+    SIGNED,
     TURN_KNOWN,
     PoleField,
     Request,

@@ -119,7 +119,7 @@ class RowKernel:
         self._profiles = rows.pairs.columns
         self._form = None if self._profiles else closed_form(mechanism, motion.assembly)
         worst = [moving.worst / LARGEST_ERROR for moving in self.moving]
-        self._doubt = sum_of([rows.flatness * NEARLY_FLAT, *worst, *curved(rows)])
+        self._doubts = [rows.flatness * NEARLY_FLAT, *worst, *curved(rows)]
 
     @property
     def in_threads(self) -> bool:
@@ -145,7 +145,7 @@ class RowKernel:
         side (3,) where the sum of all axes lies, before all columns.
         """
         rows = self._rows
-        decide = [rows.bend, self._doubt, rows.residual, *vector_sum(rows.vectors)]
+        decide = [rows.bend, sum_of(self._doubts), rows.residual, *vector_sum(rows.vectors)]
         made, given = self._from_inputs([*decide, *self._columns])
         return float_function(made, given)
 
@@ -213,14 +213,15 @@ class RowKernel:
     def _deciding(self) -> dict[Any, Sequence[Expr]]:
         """What decides about rows, by name.
 
-        How doubtful a row is, at most 1 where nothing is; by how much loops are open with
-        what the configuration is off by; for each input how links turn, and the largest
-        errors of directions, rates and changes.
+        What is at most 1 where a row is not doubtful, added up; by how much loops are open
+        with what the configuration is off by; what is in doubt, one by one; for each input
+        how links turn, and the largest errors of directions, rates and changes.
         """
         rows = self._rows
         parts: dict[Any, Sequence[Expr]] = {
-            "doubt": [self._doubt],
+            "doubt": [sum_of(self._doubts)],
             "closure": [rows.residual, rows.moved_by],
+            "doubts": self._doubts,
         }
         for k, moving in enumerate(self.moving):
             bounds = (moving.of[name].values() for name in ERRORS)

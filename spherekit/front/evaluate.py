@@ -36,7 +36,7 @@ from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, all_poles, parse_pole
-from spherekit.rates.request import ByIdentity, ReversedRows
+from spherekit.rates.request import ByIdentity, to_sides
 from spherekit.sphere.rotation import all_finite
 
 TABLE = Table(
@@ -401,7 +401,8 @@ def _one_row(
         inputs, gap = np.array([[q]]), np.array([residual])
         row = replace(there, inputs=inputs, values=every, residual=gap)
         (moving,) = kernel.moving
-        ReversedRows.of([], np.array([side])).turn(moving.with_sign(columns), 0, 0)
+        signed = moving.with_sign(columns)
+        signed *= to_sides(np.array([side]))(signed[:3], 0, 0)
         poles = vouched_field(moving, columns, row, wanted)
         return Batch(mechanism, (wanted.plan,), needs, row, (poles,))
 

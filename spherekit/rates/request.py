@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
+from spherekit.arrays import Array, Bools, Floats, Indices, SmallIntegers
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
 from spherekit.numeric.zeros import ArrayRows, cubic
@@ -286,23 +286,29 @@ def signed(
     pairs, n = axis_pairs(wanted.plan), len(motion)
     bodies = {pole: wanted.plan.pole(*pole) for pole in wanted.poles}
     poles = [pole for pole, at in bodies.items() if at is not None and at not in pairs]
-    sense = np.ones(n) if motion.sense is None else motion.sense
-    paths, along = [], []
-    for pole in poles:
-        i, j = pole
-        unit, rate = field.direction[pole].T, field.velocity_coefficient[pole]
-        v, dv = (field.w[j] - field.w[i]).T, (field.dw[j] - field.dw[i]).T
-        # Which way links turn that rest throughout is rounding: the axis itself goes on.
-        rests = norm(v) <= field.velocity_coefficient_error[pole]
-        rests &= norm(dv) <= field.acceleration_coefficient_error[pole]
-        along.append(np.where((rate * sense < 0.0) & ~rests, -1.0, 1.0))
-        v, dv = np.where(rests, unit, sense * v), np.where(rests, 0.0, sense * dv)
-        paths.append((along[-1] * unit, v, dv))
     if not (poles and motion.assembly_modes and n):
         return field
+    sense = np.ones(n) if motion.sense is None else motion.sense
+    unit = np.array([field.direction[pole].T for pole in poles])
+    v, dv = (
+        np.array([(rates[j] - rates[i]).T for i, j in poles])
+        for rates in (field.w, field.dw)
+    )
+    rate, e_rate, e_change = (
+        np.array([part[pole] for pole in poles])
+        for part in (
+            field.velocity_coefficient,
+            field.velocity_coefficient_error,
+            field.acceleration_coefficient_error,
+        )
+    )
+    # Which way links turn that rest throughout is rounding: the axis itself goes on.
+    rests = (norm(v) <= e_rate) & (norm(dv) <= e_change)
+    ahead = np.where((rate * sense < 0.0) & ~rests, -1.0, 1.0)
+    moved = [np.where(rests[:, None], *x) for x in ((unit, sense * v), (0.0, sense * dv))]
+    paths = np.swapaxes([ahead[:, None] * unit, *moved], 1, 2)
     held = ~motion.failed.reshape(-1, motion.samples)
     if motion.is_path:
-        every = np.moveaxis(np.array(paths), 0, 2)
         starts = [number * motion.samples for number in range(len(held))]
         rows = [np.flatnonzero(row) + at for at, row in zip(starts, held, strict=True)]
         stops = {
@@ -310,19 +316,30 @@ def signed(
             for number, some in enumerate(rows)
             if len(some)
         }
-        turned = signs_at_stops(motion, poles, stops, lambda some: every[..., some], memory)
+        turned = signs_at_stops(motion, poles, stops, lambda some: paths[..., some], memory)
     else:
         turned = sides_of(motion, held, memory)
     number = np.arange(n)
-    for k, (pole, ahead) in enumerate(zip(poles, along, strict=True)):
-        unit = field.direction[pole]
-        signs = turned.signs(k, ahead[:, None] * unit, number, number // motion.samples)
-        signs *= ahead
-        unit *= signs[:, None]
-        field.direction_dq[pole] *= signs[:, None]
-        field.velocity_coefficient[pole] *= signs
-        field.acceleration_coefficient[pole] *= signs
+    signs = ahead * turned(paths[0], number, number // motion.samples)
+    for pole, of_pole in zip(poles, signs, strict=True):
+        turn_round(field, pole, of_pole)
     return field
+
+
+SIGNED = {
+    "direction": 3,
+    "direction_dq": 3,
+    "velocity_coefficient": 1,
+    "acceleration_coefficient": 1,
+}
+"""What of a pole turns round with its direction, and how many components it has."""
+
+
+def turn_round(field: PoleField, pole: Pole, signs: Floats) -> None:
+    """Turn a pole round at some rows, in place."""
+    for name in SIGNED:
+        part = getattr(field, name)[pole].T
+        part *= signs
 
 
 @dataclass(frozen=True)
@@ -337,48 +354,19 @@ class Stops:
     linked: Bools
 
 
-@dataclass(frozen=True)
-class ReversedRows:
-    """Which directions of an input are turned round: the `pole` from `start` to `stop`.
+Turning = Callable[[Floats, Any, Any], Array]
+"""Gives -1 (poles, k) where directions (3, poles, k) are turned round, else 1, at rows (k,)
+of modes by their place, of one or (k,)."""
 
-    All (k,). Over a grid of inputs each row is turned to a side, `sides` (modes, 3).
-    """
 
-    pole: Indices
-    start: Indices
-    stop: Indices
-    sides: Floats | None = None
+def to_sides(sides: Floats) -> Turning:
+    """Return what turns directions to the sides (modes, 3)."""
 
-    @classmethod
-    def of(
-        cls, ranges: Sequence[tuple[int, int, int]], sides: Floats | None = None
-    ) -> "ReversedRows":
-        """Return those of poles with their rows' starts and stops."""
-        pole, start, stop = np.array(ranges, dtype=np.intp).reshape(-1, 3).T
-        return cls(pole, start, stop, sides)
+    def signs(unit: Floats, rows: Any, modes: Any) -> Floats:
+        a, b, c = np.atleast_2d(sides[modes]).T
+        return np.where(a * unit[0] + b * unit[1] + c * unit[2] < 0.0, -1.0, 1.0)
 
-    def signs(self, k: int, unit: Floats, rows: Indices, modes: Indices) -> Floats:
-        """Return (n,) -1 where pole k, with directions (n, 3), is turned round at rows."""
-        if self.sides is not None:
-            across = np.sum(self.sides[modes] * unit, axis=1)
-            return np.where(across < 0.0, -1.0, 1.0)
-        made = np.ones(len(rows))
-        for number in np.flatnonzero(self.pole == k).tolist():
-            within = (rows >= self.start[number]) & (rows < self.stop[number])
-            made[within] *= -1.0
-        return made
-
-    def turn(self, with_sign: Floats, mode: int, first: int) -> None:
-        """Turn what has a sign (8, poles, n) of rows from `first` on, in place."""
-        n = with_sign.shape[2]
-        if self.sides is not None:
-            across = np.einsum("k,kpn->pn", self.sides[mode], with_sign[:3])
-            with_sign *= np.where(across < 0.0, -1.0, 1.0)
-            return
-        for k in np.flatnonzero((self.start < first + n) & (self.stop > first)).tolist():
-            rows = slice(max(0, self.start[k] - first), self.stop[k] - first)
-            part = with_sign[:, self.pole[k], rows]
-            np.negative(part, out=part)
+    return signs
 
 
 def signs_at_stops(
@@ -387,16 +375,16 @@ def signs_at_stops(
     stops: Mapping[int, Stops],
     at: Callable[[Indices], Iterable[Floats]],
     memory: SignContinuation,
-) -> ReversedRows:
+) -> Turning:
     """Return which directions are turned round to go on along each assembly mode.
 
     Of the poles `signed`, whose rates are not negative before. `stops` are those of modes
     by their place; `at` gives directions, relative angular velocities and their
     derivatives (3, poles, k) at rows by their numbers, times the sense of the input.
     """
-    ranges: list[tuple[int, int, int]] = []
+    made = np.ones((len(signed), len(motion)), dtype=np.int8)
     if not signed or not stops:
-        return ReversedRows.of(ranges)
+        return lambda unit, rows, modes: made[:, rows]
     units, vectors, changes = at(np.concatenate([item.rows for item in stops.values()]))
     if motion.inputs.shape[1] > 1:
         changes = np.zeros_like(vectors)  # by the way of all inputs it is not known
@@ -423,21 +411,16 @@ def signs_at_stops(
             path = np.concatenate(parts)[:, good]
             linked = since[good[1:]] > since[good[:-1]]
             chain = _chain(memory, key, side, path, linked)
-            if len(good) == len(rows) and not np.any(linked):
-                ranges += [(j, int(rows[0]), end)] if chain[0] < 0.0 else []
-                continue
             signs = np.repeat(chain, np.diff(good, append=len(rows)))
             signs = np.append(np.ones(good[0]), signs)
             for k in np.flatnonzero(is_good[j, some] & ~is_moved[j, some]):
                 near = good[np.argmin(np.abs(rows[good] - rows[k]))]
                 signs[k] = -1.0 if signs[near] * unit[:, near] @ unit[:, k] < 0.0 else 1.0
-            edges = np.flatnonzero(np.diff(signs < 0.0, prepend=False, append=False))
-            bounds = np.append(rows, end)[edges]
-            ranges += [(j, *bounds[k : k + 2].tolist()) for k in range(0, len(bounds), 2)]
-    return ReversedRows.of(ranges)
+            made[j, rows[0] : end] = np.repeat(signs, np.diff(rows, append=end))
+    return lambda unit, rows, modes: made[:, rows]
 
 
-def sides_of(motion: Motion, held: Bools, memory: SignContinuation) -> ReversedRows:
+def sides_of(motion: Motion, held: Bools, memory: SignContinuation) -> Turning:
     """Return that directions are turned to the side that modes start on.
 
     `held` (modes, samples) says which rows have a configuration.
@@ -447,7 +430,7 @@ def sides_of(motion: Motion, held: Bools, memory: SignContinuation) -> ReversedR
         if np.any(some):
             first = number * motion.samples + int(np.argmax(some))
             sides[number] = _home(motion, mode.number, first, memory)
-    return ReversedRows.of([], sides)
+    return to_sides(sides)
 
 
 def _way(motion: Motion, rows: Indices) -> Floats:

@@ -20,7 +20,7 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.evaluation import ENGINES, Evaluation, Integrator, Setting
-from spherekit.analysis.running.kernel_columns import LazyField, turn_round
+from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.sampling import Sampling, simulated_course
 from spherekit.analysis.study import requests_for
 from spherekit.analysis.tables import Column, Table, TableData, arrays
@@ -44,6 +44,7 @@ from spherekit.rates.request import (
     PoleField,
     Request,
     SignContinuation,
+    turn_round,
 )
 from spherekit.tradeoff.record import Measured
 

@@ -9,13 +9,13 @@ import numpy as np
 from spherekit.analysis.running.in_turn import SCRATCH, each_at_once
 from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.conventions import Status
-from spherekit.engine.columns import ERRORS, SIGNED
+from spherekit.engine.columns import ERRORS
 from spherekit.engine.fields import add_locked, found
 from spherekit.engine.row_kernel import RowKernel
 from spherekit.motion.motion import Motion
 from spherekit.numeric.unread import LazyColumn, Reader, put
 from spherekit.planning.poles import Pole
-from spherekit.rates.request import PoleField, Request, ReversedRows
+from spherekit.rates.request import PoleField, Request, Turning, turn_round
 from spherekit.rates.sequence import PlannedPoles
 from spherekit.sphere.rotation import nans
 
@@ -57,7 +57,7 @@ class ComputedColumns:
         self._odd = motion.failed.copy()
         self._odd[doubtful] = True
         self._parts = slices_of(len(motion.assembly_modes), motion.samples, SLICE)
-        self._turned: Sequence[ReversedRows] = ()
+        self._turned: Sequence[Turning] = ()
         if len(doubtful):
             rows = motion.rows(doubtful)
             pairs = zip(requests, kernel.moving, strict=False)
@@ -81,15 +81,16 @@ class ComputedColumns:
                 dv[:, k, here] = (field.dw[j] - field.dw[i])[at].T
         return unit, v, dv
 
-    def turn(self, turned: Sequence[ReversedRows], samples: int) -> None:
+    def turn(self, turned: Sequence[Turning], samples: int) -> None:
         """Turn directions round, of modes with so many samples each."""
         self._turned, rows = turned, self.doubtful
         for number, field in enumerate(self.careful):
-            for k, pole in enumerate(self.kernel.moving[number].signed):
-                unit = field.direction[pole]
-                turn_round(
-                    field, pole, turned[number].signs(k, unit, rows, rows // samples)
-                )
+            poles = self.kernel.moving[number].signed
+            unit = np.array([field.direction[pole].T for pole in poles])
+            unit = unit.reshape(len(poles), 3, len(rows)).swapaxes(0, 1)
+            signs = turned[number](unit, rows, rows // samples)
+            for pole, of_pole in zip(poles, signs, strict=True):
+                turn_round(field, pole, of_pole)
 
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
         """Have columns read, rows after rows."""
@@ -101,7 +102,10 @@ class ComputedColumns:
             with SCRATCH.room(self.kernel.whole.width, given.shape[1]) as whole:
                 self.kernel.whole(given, whole)
                 for turned, at in zip(self._turned, self.kernel.moving, strict=False):
-                    turned.turn(at.with_sign(whole), mode, rows.start)
+                    signed = at.with_sign(whole)
+                    signs = turned(signed[:3], rows, mode)
+                    for k in np.flatnonzero(np.any(signs < 0, axis=1)).tolist():
+                        signed[:, k] *= signs[k]
                 pairs = list(zip(keys, places, strict=True))
                 made = [whole[place[key[-1]]] for key, place in pairs]
                 if np.any(self._odd[rows]):
@@ -129,13 +133,6 @@ def _careful(rows: Motion, wanted: Request, signed: Sequence[Pole]) -> PoleField
     for pole in signed:
         turn_round(field, pole, np.where(field.velocity_coefficient[pole] < 0.0, -1.0, 1.0))
     return field
-
-
-def turn_round(field: PoleField, pole: Pole, signs: Floats) -> None:
-    """Turn a pole round at some rows, in place."""
-    for name in SIGNED:
-        part = getattr(field, name)[pole].T
-        part *= signs
 
 
 class LazyField:

@@ -36,9 +36,9 @@ from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.motion.predicted import Predictor
 from spherekit.rates.request import (
     Request,
-    ReversedRows,
     SignContinuation,
     Stops,
+    Turning,
     sides_of,
     signs_at_stops,
 )
@@ -137,7 +137,8 @@ class Rows:
             self.closure[:, rows], rounding = closure, self.kernel.open_by_rounding
             if np.max(doubt) <= 1.0 and np.max(closure[0]) <= rounding:
                 return Seen.of(self.kernel, deciding, columns, numbers), NONE
-            good, closed = doubt <= 1.0, closure[0] <= rounding
+            good = np.all(columns[places["doubts"]] <= 1.0, axis=0)
+            closed = closure[0] <= rounding
             self.vouched[rows] = good & closed
             squares = columns[places["squares"]] if by_form else None
             lost = self._lost(mode, q, given) if squares is None else lost_by(squares)
@@ -191,7 +192,7 @@ class Rows:
         """Judge rows by their numbers, whose values are known, and the residual may be."""
         judging = self.kernel.judging
         columns = judging(self.values[:, rows])
-        good = columns[judging.places["doubt"]][0] <= 1.0
+        good = np.all(columns[judging.places["doubts"]] <= 1.0, axis=0)
         closure = columns[judging.places["closure"]]
         if residual is None:
             good &= closure[0] <= self.kernel.open_by_rounding
@@ -406,7 +407,7 @@ class BatchRunner:
         block = self._found.pop(id(motion))
         asked = self.requests[: len(memories)]
         columns = ComputedColumns(self.kernel, motion, asked, block.doubtful)
-        turned: list[ReversedRows] = []
+        turned: list[Turning] = []
         for k, (memory, _) in enumerate(zip(memories, asked, strict=False)):
             if motion.is_path:
                 at = partial(columns.relative_at, k)
