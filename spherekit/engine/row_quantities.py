@@ -118,10 +118,6 @@ def _tree(node: Node, change: _Each) -> Node:
         return Number(change(node.value))
     if isinstance(node, Name):
         return node
-    match node:
-        case Call("negative", (Number(value),)):
-            # A number below zero has no other form than one above.
-            return Number(change(-value))
     return Call(node.function, tuple(_tree(x, change) for x in node.arguments))
 
 

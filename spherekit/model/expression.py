@@ -203,8 +203,7 @@ class Expression:
 
         Where `evaluate` gives NaN or infinity it may raise ValueError or ArithmeticError.
         """
-        text = fold(self.root, float, names.__getitem__, _written)
-        return text if isinstance(text, str) else _literal(text)
+        return fold(self.root, _literal, names.__getitem__, _written)
 
     def _arrays(
         self, values: Mapping[str, ArrayLike]
@@ -290,9 +289,9 @@ class _Parser:
             return self.name(item.id, column)
         if isinstance(item, ast.BinOp) and type(item.op) in _OPERATORS:
             sides = self.node(item.left, depth + 1), self.node(item.right, depth + 1)
-            return self.finite(Call(_OPERATORS[type(item.op)], sides), item)
+            return self.applied(_OPERATORS[type(item.op)], sides, item)
         if isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.USub):
-            return Call("negative", (self.node(item.operand, depth + 1),))
+            return self.applied("negative", (self.node(item.operand, depth + 1),), item)
         if isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.UAdd):
             return self.node(item.operand, depth + 1)
         if isinstance(item, ast.Call):
@@ -337,18 +336,24 @@ class _Parser:
             needs = f"{fewest} or more" if most is None else f"{fewest}"
             raise _fault(column, f"{name} has {count} arguments", f"it takes {needs}")
         arguments = tuple(self.node(argument, depth + 1) for argument in item.args)
-        return self.finite(Call(name, arguments), item)
+        return self.applied(name, arguments, item)
 
-    def finite(self, call: Call, item: ast.expr) -> Call:
-        """Return a call, unless it is visibly no finite number."""
-        last = call.arguments[-1]
-        zero = call.function == "/" and not _names(last) and _constant(last) == 0.0
-        if zero or not (_names(call) or np.isfinite(_constant(call))):
-            text = ast.unparse(item)
-            message = f"{text} {'divides by zero' if zero else 'is not a finite number'}"
-            column = self.margin + item.col_offset
-            raise _fault(column, message, "constants have to be finite")
-        return call
+    def applied(self, function: str, arguments: tuple[Node, ...], item: ast.expr) -> Node:
+        """Return a call; of numbers alone the number that it is, which has to be finite."""
+        numbers = [x.value for x in arguments if isinstance(x, Number)]
+        if function == "/" and arguments[1] == Number(0.0):
+            what = "divides by zero"
+        elif len(numbers) < len(arguments):
+            return Call(function, arguments)
+        else:
+            with np.errstate(all="ignore"):
+                value = float(ON_ARRAYS[function](*map(np.float64, numbers)))
+            if np.isfinite(value):
+                return Number(value)
+            what = "is not a finite number"
+        column = self.margin + item.col_offset
+        message = f"{ast.unparse(item)} {what}"
+        raise _fault(column, message, "constants have to be finite")
 
 
 _SCALAR: Mapping[str, Callable[..., float]] = MappingProxyType(
@@ -388,13 +393,8 @@ _NAMED: Mapping[str, Any] = MappingProxyType(
 """What code of expressions calls."""
 
 
-def _written(function: str, parts: list[str | float]) -> str | float:
-    """Return a call as code, or as the number that it always is."""
-    numbers = [np.float64(part) for part in parts if not isinstance(part, str)]
-    if len(numbers) == len(parts):
-        with np.errstate(all="ignore"):
-            return float(ON_ARRAYS[function](*numbers))
-    items = [part if isinstance(part, str) else _literal(part) for part in parts]
+def _written(function: str, items: list[str]) -> str:
+    """Return a call as code."""
     if function in _INFIX:
         return f"({f' {function} '.join(items)})"
     if function == "negative":
@@ -426,10 +426,6 @@ def _steep(node: Node, kinked: Sequence[str]) -> Iterator[Node]:
         )
         arguments = () if whole else arguments[:1]
     yield from (argument for argument in arguments if _names(argument))
-
-
-def _constant(node: Node) -> float:
-    return float(Expression("", frozenset(), node).evaluate({}))
 
 
 def _names(node: Node) -> frozenset[str]:
