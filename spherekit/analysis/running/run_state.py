@@ -205,10 +205,10 @@ class RunState:
         """Return the largest errors reached."""
         every = self.counts[FIELDS, JUDGED]
         solved = {
-            f"fraction_{how}": self.counts[FIELDS, key] / every if every else None
-            for how, key in (
-                ("by_velocity_equations", BY_EQUATIONS),
-                ("by_kernel", BY_KERNEL),
+            name: self.counts[FIELDS, key] / every if every else None
+            for name, key in (
+                ("fraction_by_velocity_equations", BY_EQUATIONS),
+                ("fraction_by_kernel", BY_KERNEL),
             )
         }
         reached = (RESIDUAL, OFF, *BOUNDS.values())
