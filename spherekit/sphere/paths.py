@@ -53,10 +53,7 @@ class Path(Parametrised, Protocol):
 
 @dataclass(frozen=True)
 class FourierPath:
-    """A colatitude about the third column of `axes`; its parameter is the azimuth.
-
-    With a last dimension of all three, one for each place.
-    """
+    """A colatitude about the third column of `axes`; its parameter is the azimuth."""
 
     axes: Floats
     cosines: Floats
@@ -68,9 +65,8 @@ class FourierPath:
         c, s = np.cos(angles), np.sin(angles)
         shape = (-1, *[1] * np.ndim(a))
         out = []
-        for both in self._series[: derivatives + 1]:
-            even, odd = (x if x.ndim > 1 else x.reshape(shape) for x in both)
-            terms = even * c + odd * s
+        for even, odd in self._series[: derivatives + 1]:
+            terms = even.reshape(shape) * c + odd.reshape(shape) * s
             out.append(np.add.accumulate(terms, axis=0)[-1])  # one place as many
         return out
 
@@ -78,7 +74,7 @@ class FourierPath:
     def _series(self) -> list[tuple[Floats, Floats]]:
         """Cosines and sines (k,) of the colatitude and its first three derivatives."""
         made = [(self.cosines, self.sines)]
-        orders = np.arange(len(self.cosines)).reshape(-1, *[1] * (self.cosines.ndim - 1))
+        orders = np.arange(len(self.cosines))
         for _ in range(3):
             even, odd = made[-1]
             made.append((orders * odd, -orders * even))
@@ -96,7 +92,7 @@ class FourierPath:
         s, c = np.sin(colatitude), np.cos(colatitude)
         # components first: a place each in the innermost loops
         outward, along = (vectors.T for vectors in turned(self.axes, u))
-        centre = self.axes[:, 2].reshape(3, -1)
+        centre = self.axes[:, 2, None]
         point = c * centre + s * outward
         away = c * outward - s * centre
         v = np.sqrt(d1 * d1 + s * s)
@@ -187,7 +183,7 @@ def axes_about(centre: ArrayLike) -> Floats:
 def turned(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
     """Return the unit vectors (n, 3) at right angles to the third axis: out, onward."""
     c, s = np.cos(azimuth), np.sin(azimuth)
-    x, y = axes[:, 0].reshape(3, -1), axes[:, 1].reshape(3, -1)
+    x, y = axes[:, 0, None], axes[:, 1, None]
     return (c * x + s * y).T, (c * y - s * x).T
 
 
