@@ -21,7 +21,7 @@ from spherekit.sphere.rotation import max_abs, transpose
 
 ROUNDED = 1e-15
 """Loops that are open by less (rad) are closed to rounding."""
-SETTLED = 1e-9
+SETTLED = 1e-8
 """A Newton step (rad) below this leaves an error that its square bounds."""
 
 

@@ -40,6 +40,7 @@ from spherekit.motion.input_grid import InputGrid
 from spherekit.motion.input_turning_points import input_turning_points
 from spherekit.motion.search import SAME_MODE, STARTS, SearchStatistics
 from spherekit.motion.steps import determinant_sign
+from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import graph_mobility, inputs_to_declare
 from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import max_abs
@@ -64,6 +65,8 @@ MOST_TIME = 10.0
 LONGEST_ROLLED = 200.0
 """Length (rad) after which a curve of wheels is ended whose rolled lengths do not follow
 from the input, and which need not ever close."""
+NEAR_GUIDE = 1e-3
+"""A mode is examined where its guide is nearer (rad) than this and its nodes' spread."""
 AHEAD = 16
 """Configurations on different modes that are followed together."""
 GUESSED = 6
@@ -404,18 +407,28 @@ class ModeSearch:
     def _families_of(self, values: Floats, rows: Indices, first: int) -> Indices:
         """Return the family (n,) of configurations on modes from `first` on, or -1.
 
-        A configuration is on a mode if that has it at the same inputs.
+        A configuration is on a mode if Newton's method leads there from near the guide.
         """
         families, driven = np.full(len(values), -1, dtype=np.intp), list(self.solver.driven)
-        placed = self.solver.closure.at(values).placed
+        turning = [v for v in self.solver.angles if v not in driven]
+        closure = self.solver.closure
+        placed = closure.at(values).placed
         for mode, family in zip(
             self.assembly_modes[first:], self.families[first:], strict=True
         ):
             (left,) = np.nonzero(families < 0)
-            if len(left):
-                there = self.solver.evaluate(mode, values[left][:, driven], rows[left])
-                away = max_abs(there.rotations - placed[left], axis=(1, 2, 3))
-                families[left[away < SAME_MODE]] = family
+            assert mode.guide is not None
+            q = values[left][:, driven]
+            start, spread, why = mode.guide.at(q, rows[left])
+            off = max_abs(wrap(start - values[left])[:, turning], axis=1, initial=0.0)
+            near = (off < spread + NEAR_GUIDE) & (why == Status.OK)
+            left, start, spread = left[near], start[near], spread[near]
+            start[:, driven] = q[near]
+            there = closure.solve(start, driven)
+            moved = max_abs(there.values - start, axis=1, initial=0.0)
+            away = max_abs(there.placed - placed[left], axis=(1, 2, 3), initial=0.0)
+            same_mode = (away < SAME_MODE) & (moved <= 0.25 * spread + 1e-6)
+            families[left[same_mode]] = family
         return families
 
     def _go_beyond(self) -> None:
