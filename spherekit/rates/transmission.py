@@ -240,19 +240,11 @@ def _by_singular_values(way: Floats, loops: Floats) -> Floats:
 def _largest(matrices: Floats) -> Floats:
     """Return the largest singular value (n,) of matrices (n, 3, m).
 
-    By the cubic equation of the eigenvalues of their squares, whose largest root is well
-    conditioned.
+    By the eigenvalues of their squares, whose largest is well conditioned.
     """
     scale = max_abs(matrices, axis=(1, 2))
     endless = ~np.isfinite(scale)
     safe = np.where(endless | (scale == 0.0), 1.0, scale)
     part = np.where(endless[:, None, None], 0.0, matrices) / safe[:, None, None]
-    square = part @ np.swapaxes(part, 1, 2)
-    mean = np.trace(square, axis1=1, axis2=2) / 3.0
-    off = square - mean[:, None, None] * np.eye(3)
-    spread = np.sqrt(np.sum(off * off, axis=(1, 2)) / 6.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        cosine = np.linalg.det(off / np.where(spread > 0.0, spread, 1.0)[:, None, None])
-    angle = np.arccos(np.clip(0.5 * cosine, -1.0, 1.0)) / 3.0
-    most = mean + 2.0 * spread * np.cos(angle)
-    return np.where(endless, np.inf, safe * np.sqrt(most))
+    square = np.linalg.eigvalsh(part @ np.swapaxes(part, 1, 2))[:, -1]
+    return np.where(endless, np.inf, safe * np.sqrt(square))
