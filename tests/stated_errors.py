@@ -182,38 +182,24 @@ def _compared(
     poles = list(given.direction)
     with numbers.within():
         ways = [
-            floats(
-                exact_direction(exact, pole, given.direction[pole]) - given.direction[pole]
-            )
-            for pole in poles
+            floats(exact_direction(exact, p, u) - u) for p, u in given.direction.items()
         ]
     errors = {
         "configurations": exact.distance,
         "directions": [np.linalg.norm(way, axis=1) for way in ways],
-        "rates": [
-            np.abs(given.velocity_coefficient[pole] - nearest.velocity_coefficient[pole])
-            for pole in poles
-        ],
-        "derivatives": [
-            np.abs(
-                given.acceleration_coefficient[pole]
-                - nearest.acceleration_coefficient[pole]
-            )
-            for pole in poles
-        ],
     }
     bounds = {
         "configurations": motion.configuration_error[rows],
         "directions": [given.error[pole] for pole in poles],
-        "rates": [given.velocity_coefficient_error[pole] for pole in poles],
-        "derivatives": [given.acceleration_coefficient_error[pole] for pole in poles],
     }
+    for kind, name in (
+        ("rates", "velocity_coefficient"),
+        ("derivatives", "acceleration_coefficient"),
+    ):
+        own, right = getattr(given, name), getattr(nearest, name)
+        errors[kind] = [np.abs(own[pole] - right[pole]) for pole in poles]
+        bounds[kind] = [getattr(given, f"{name}_error")[pole] for pole in poles]
     rounding = 10.0 * numbers.eps * exact.condition**2  # of the reference itself
-    return (
-        {
-            kind: np.maximum(np.array(values) - rounding, 0.0)
-            for kind, values in errors.items()
-        },
-        {kind: np.array(values) for kind, values in bounds.items()},
-        exact.status == Status.OK,
-    )
+    judged = {k: np.maximum(np.array(v) - rounding, 0.0) for k, v in errors.items()}
+    stated = {kind: np.array(values) for kind, values in bounds.items()}
+    return judged, stated, exact.status == Status.OK

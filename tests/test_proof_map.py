@@ -84,5 +84,3 @@ def test_the_command_proves_and_draws_a_map_of_two_inputs(tmp_path, capsys):
     assert "free of type II" in capsys.readouterr().out and picture.stat().st_size > 1000
     kept = json.loads(path.read_text(encoding="utf-8"))
     assert abs(sum(kept["shares"].values()) - 1.0) < 1e-12
-    assert main(["certify", "four_bar", "--cell", "0.1"]) == 1
-    assert "several inputs" in capsys.readouterr().err

@@ -26,6 +26,7 @@ from spherekit.files.read import loads
 from spherekit.model.study import ConstantSpeed, Start, Tabulated
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import PositionAnalysis
+from spherekit.region.refine import find_region
 from spherekit.singular.aspects import aspects
 from spherekit.singular.curves import singular_curves
 from spherekit.singular.single import SingleFreedom
@@ -40,6 +41,7 @@ MECHANISMS = (
 )
 STUDIES = "study.study", "constant.study", "table.study", "timed.study"
 CALLED = (
+    find_region,
     *(
         PositionAnalysis,
         SingleFreedom,

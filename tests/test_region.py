@@ -310,14 +310,3 @@ def test_cost_does_not_follow_the_area():
         for w in widths
     ]
     assert counts[1] < 6 * counts[0]
-
-
-def test_wrong_use_is_told():
-    with pytest.raises(RegionError, match="one row for each place"):
-        find_region(lambda places: np.ones(len(places)))
-    with pytest.raises(RegionError, match="infinite"):
-        find_region(lambda places: np.full((len(places), 1), -np.inf))
-    with pytest.raises(RegionError, match="tolerance is 0"):
-        find_region(caps([[1, 2, 3]], [0.7], [True]), 0)
-    with pytest.raises(RegionError, match="is not a direction"):
-        find_region(caps([[1, 2, 3]], [0.7], [True])).nearest([0, 0, 0])

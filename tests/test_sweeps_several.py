@@ -53,11 +53,7 @@ def figures_of(mechanism, samples, link, pair, moving):
         ("five_bar", ["links.3.arc"], 6, "4", "54"),
         ("three_rrr", ["links.base.angle"], (2, 2, 2), "platform", None),
         pytest.param(
-            "two_dof_spm",
-            ["links.1.arcs.81", "links.1.angle"],
-            (5, 7),
-            "4",
-            "43",
+            *("two_dof_spm", ["links.1.arcs.81", "links.1.angle"], (5, 7), "4", "43"),
             marks=pytest.mark.long,
         ),
     ],

@@ -136,7 +136,7 @@ def varied(made, random, size=0.02):
 
 LONG = {"four_bar": 181, "stephenson": 91, "two_dof_spm": 31, "shaped_cam": 61}
 MANY = [
-    *(("four_bar", 16, 91), ("stephenson", 4, 91)),
+    *(("four_bar", 6, 91), ("stephenson", 4, 91)),
     *(pytest.param(name, 200, LONG[name], marks=pytest.mark.long) for name in LONG),
 ]
 
@@ -270,9 +270,6 @@ def test_the_command_says_what_is_reached(capsys, tmp_path):
     lines = (tmp_path / "trade.csv").read_text().splitlines()
     assert len(lines) == 1 + len(rows)
     assert (tmp_path / "trade.png").read_bytes().startswith(b"\x89PNG")
-    assert main(["trade", "four_bar", "-a", "pols"]) == 1
-    assert 'did you mean "poles"?' in capsys.readouterr().err
-    assert main(["trade", "four_bar", "--tol", "0"]) == 1
 
 
 def test_a_short_run_makes_no_trade_and_says_what_it_reached(capsys):
