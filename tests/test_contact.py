@@ -18,11 +18,11 @@ from example_mechanisms import (
     open_cam,
 )
 from oracles import null_space, off_axis
-from refusals import text_of
+from refusals import TABLES, changed, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.errors import ModelError, PlanError
+from spherekit.files.read import loads
 from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, Profile, SizeGeometry
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import all_poles
@@ -212,22 +212,6 @@ def test_redundant_constraints_are_named_and_rigid_wheels_refused():
         sk.trace(replace(made, pairs=pairs))
 
 
-def test_profiles_that_cannot_be_contacts():
-    disc, roller = (
-        Profile("circle", at(ECCENTRICITY), DISC),
-        Profile("circle", at(ARM), ROLLER),
-    )
-    with pytest.raises(ModelError, match=r"pairs\.23\.profiles\.2: .*radius"):
-        sk.trace(cam(GROUND, replace(disc, radius=4.0), roller))
-    crossing = [
-        (np.sin(0.5 * np.cos(t)) * 0.9, 0.4 * np.sin(2 * t), 1.0)
-        for t in np.arange(24) / 24 * 2 * np.pi
-    ]
-    points = tuple(tuple(np.array(p) / np.linalg.norm(p)) for p in crossing)
-    with pytest.raises(ModelError, match=r"profiles\.2: .*(itself|cross)"):
-        sk.trace(cam(GROUND, Profile("points", points=points), roller))
-
-
 def test_roller_larger_than_a_concave_cam_admits_has_a_status():
     """A cam with a waist: a small roller reaches its bottom, a large one does not."""
     waisted = Profile("fourier", (0.0, 0.0, 1.0), cosines=(25 * DEGREE, 0.0, 9 * DEGREE))
@@ -259,45 +243,38 @@ def test_running_off_an_open_profile_has_a_status():
     assert np.nanmax(nearest) < 1e-5
 
 
-def test_profiles_that_do_not_touch_in_the_reference_pose():
+BEVEL = (ROOT / "mechanisms" / "bevel_pair.toml").read_text()
+ECCENTRIC, ROUND = (
+    Profile("circle", at(ECCENTRICITY), DISC),
+    Profile("circle", at(ARM), ROLLER),
+)
+
+
+def geared(old, new):
+    """Return the shipped bevel gears with a passage of their file replaced."""
+    return loads(changed(BEVEL, old, new), "gears.toml")
+
+
+def apart():
+    """Return a mechanism whose profiles do not touch in the reference pose."""
     circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
-    made = sk.Mechanism(
-        "apart",
-        "1",
-        ("1", "2", "3"),
-        (
-            Pair("12", "R", ("1", "2")),
-            Pair("13", "R", ("1", "3")),
-            Pair("23", "Cs", ("2", "3"), (circle, circle)),
-        ),
-        PoseGeometry({"12": (1.0, 0.0, 0.0), "13": (0.0, 1.0, 0.0)}),
+    made = cam(GROUND, circle, circle)
+    return replace(
+        made, geometry=PoseGeometry({"12": (1.0, 0.0, 0.0), "13": (0.0, 1.0, 0.0)})
     )
-    with pytest.raises(ModelError, match=r"pairs\.23: the profiles do not touch"):
-        sk.trace(made)
-    with pytest.raises(PlanError, match="is a contact pair; choose an R pair"):
-        sk.trace(made, input_pair="23")
 
 
-def test_gears_in_a_file(tmp_path):
-    text = (ROOT / "mechanisms" / "bevel_pair.toml").read_text()
-    for old, new, words in (
-        ("teeth = [20, 40]", "teeth = [20, 0]", "at least 1"),
-        (
-            'axes = ["01", "02"]',
-            'axes = ["01", "03"]',
-            "but the R pairs on this link are [01, 02]",
-        ),
-        ('axes = ["01", "02"]', 'axes = ["02", "01"]', 'link "1" has no R pair "02"'),
-        ("arcs = [75.0]", "arcs = [0.0]", "no pitch cones"),
-        ('type = "Cr"', 'type = "Cs"', "allowed: Cr"),
-    ):
-        assert old in text
-        path = tmp_path / "gears.toml"
-        path.write_text(text.replace(old, new))
-        with pytest.raises(sk.SpherekitError) as caught:
-            sk.load(path)
-        assert words in str(caught.value), str(caught.value)
-        assert "gears.toml" in str(caught.value)
+def crossing():
+    """Return a profile through points on a figure of eight."""
+    t = np.arange(24) / 24 * 2 * np.pi
+    points = np.stack([0.9 * np.sin(0.5 * np.cos(t)), 0.4 * np.sin(2 * t), 1.0 + 0 * t], 1)
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    return Profile("points", points=tuple(map(tuple, points)))
+
+
+@pytest.mark.parametrize("call", TABLES["contacts"])
+def test_what_cannot_be_a_contact_is_refused(call):
+    check_call(call, globals(), TABLES["contacts"][call])
 
 
 @pytest.mark.parametrize("name", [*SHIPPED_GEARS, *SHIPPED_CAMS, "two_contacts"])

@@ -7,10 +7,11 @@ import subprocess
 
 import numpy as np
 import pytest
+from refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.errors import FileError, OutputError, SolveError
+from spherekit.errors import FileError, SolveError
 
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
@@ -168,16 +169,11 @@ def test_c_says_the_same_as_python(name, request, tmp_path):
 def test_faults_say_what_is_allowed(four_bar, tmp_path):
     with pytest.raises(SolveError, match="mode 5 is not in the table, which has 0, 1"):
         four_bar.at(0.3, 5)
-    with pytest.raises(SolveError, match="21 is an input; passive are 32, 43, 41"):
-        sk.coupling_table("four_bar", pairs=["21"])
-    with pytest.raises(SolveError, match="no cell of 2 nodes is sure to 1e-06 rad"):
-        sk.coupling_table("four_bar", samples=2)
-    with pytest.raises(SolveError, match="needs a number of at least 2 for each input"):
-        sk.coupling_table("five_bar", samples=(9,))
-    with pytest.raises(OutputError, match=r"named \*.csv, \*.npz, \*.h"):
-        sk.export("four_bar", tmp_path / "x.toml", to="coupling")
-    with pytest.raises(OutputError, match="samples does nothing but for coupling"):
-        sk.export("four_bar", tmp_path / "x.npz", samples=9)
     np.savez(tmp_path / "x.npz", a=np.zeros(2))
     with pytest.raises(FileError, match="is not a spherekit coupling table"):
         sk.load_coupling(tmp_path / "x.npz")
+
+
+@pytest.mark.parametrize("call", TABLES["couplings"])
+def test_couplings_that_there_are_not(call):
+    check_call(call, {"sk": sk}, TABLES["couplings"][call])

@@ -11,6 +11,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
+from common import Listener
 from public_packages import PUBLIC
 
 import spherekit as sk
@@ -239,18 +240,10 @@ def test_the_example_of_a_plugin_is_the_one_in_its_folder():
 
 
 def test_plugin_tutorial_has_a_scene(folder):
-    cls = importlib.import_module(PLUGIN).TorqueRatio
-    seen = []
-
-    class Listener:
-        def start(self, head):
-            pass
-
-        def log(self, scene, samples, inputs=None, times=None):
-            seen.extend((item.path, len(samples)) for item in scene.primitives)
-
-    sk.run(sk.load("four_bar"), cls(link="4"), samples=5, recorder=Listener())
-    assert seen.count(("plots/ratio", 5)) == 2
+    cls, seen = importlib.import_module(PLUGIN).TorqueRatio, Listener()
+    sk.run(sk.load("four_bar"), cls(link="4"), samples=5, recorder=seen)
+    rows = [own for (_, path), own in seen.rows.items() if path == "plots/ratio"]
+    assert [len(own) for own in rows] == [5, 5]
 
 
 def test_every_exception_is_told():

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from multibody import Hinge, Mesh, MultiBody
 from newton_euler import heavy, loaded, newton_euler, row_of
-from refusals import text_of
+from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.dynamics.coordinates import coriolis
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.engine.compiler import available
-from spherekit.errors import ModelError, SolveError
 from spherekit.model.dynamics import JointLimit
 from spherekit.model.gears import geometry_of
 from spherekit.motion.closure import Closure
@@ -205,20 +204,12 @@ def test_where_sets_of_configurations_cross_a_simulation_ends(engine):
     assert "cross" in found.end.message
 
 
-def test_what_is_wrong_is_said():
-    made = heavy("five_bar")
-    with pytest.raises(ModelError, match=r"q has 1 number, needs 2.*21, 51"):
-        sk.simulate(made, sk.Start(0.3), 1.0)
-    with pytest.raises(SolveError, match=r'by the name of each, as \{"21": 1.0\}'):
-        sk.simulate(made, sk.Start((1.0, 1.2)), 1.0, torque=2.0)
-    with pytest.raises(SolveError, match='at "32", which is not an input'):
-        sk.simulate(made, sk.Start((1.0, 1.2)), 1.0, torque={"32": 2.0})
-    with pytest.raises(SolveError, match="input 51 has no law"):
-        inverse_dynamics(made, {"21": sk.ConstantSpeed(1.0)}, [0.0])
-    with pytest.raises(SolveError, match="give a law for each by its name: 21, 51"):
-        inverse_dynamics(made, sk.ConstantSpeed(1.0), [0.0])
-    with pytest.raises(SolveError, match="there are 2 inputs; read inputs"):
-        _ = sk.simulate(made, sk.Start((1.0, 1.2)), 0.01).at([0.0]).q
+FIVE = heavy("five_bar")
+
+
+@pytest.mark.parametrize("call", TABLES["several inputs"])
+def test_what_is_wrong_is_said(call):
+    check_call(call, {"sk": sk, "FIVE": FIVE}, TABLES["several inputs"][call])
 
 
 def test_the_command_recovers_the_torques_that_acted(tmp_path):

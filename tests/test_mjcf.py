@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from common import bare
-from refusals import text_of
+from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.errors import ModelError, SolveError
 from spherekit.exchange.mjcf import mjcf
 from spherekit.exchange.posed import posed
 from spherekit.files.write import dumps
@@ -189,19 +188,6 @@ def test_a_mechanism_without_masses_is_held_by_servos():
     assert data.joint("12").qpos[0] == pytest.approx(0.8, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("name", "why"),
-    [
-        ("shaped_cam", "profile of link cam is no circle"),
-        ("two_contacts", "link 3 is held by contacts alone"),
-    ],
-)
-def test_contacts_without_a_ratio_are_refused(name, why):
-    mechanism = sk.load(name)
-    with pytest.raises(ModelError, match=why):
-        mjcf(mechanism, np.zeros(len(mechanism.variable_names)))
-
-
 def test_poses_take_an_input_for_each_freedom(tmp_path):
     target = tmp_path / "m.xml"
     arguments = ["export", "five_bar", "--to", "mjcf", "-o", str(target), "--at=80,80"]
@@ -209,7 +195,9 @@ def test_poses_take_an_input_for_each_freedom(tmp_path):
     _, data = started(target.read_text())
     found = [data.joint(pair).qpos[0] for pair in ("21", "51")]
     assert found == pytest.approx(np.radians([80.0, 80.0]), abs=1e-15)
-    with pytest.raises(SolveError, match="at has 1 value, but the inputs are 21, 51"):
-        sk.export("five_bar", target, at=1.0)
-    with pytest.raises(SolveError, match="arcs cannot close"):
-        sk.export("five_bar", target, at=np.radians([80.0, 100.0]))
+
+
+@pytest.mark.parametrize("call", TABLES["exports"])
+def test_what_cannot_be_exported_is_refused(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    check_call(call, globals(), TABLES["exports"][call])

@@ -8,10 +8,11 @@ from chains import EIGHT_BARS, STEPHENSON, mechanism, random_axes
 from closed_forms import four_bar_angles
 from example_mechanisms import four_bar
 from oracles import closure_gap, null_space, revolute_frames
+from refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.errors import SolveError
-from spherekit.model.parts import Input, LinkSizes, SizeGeometry
+from spherekit.model.parts import LinkSizes, SizeGeometry
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.guides import follow
 from spherekit.motion.motion import PositionAnalysis
@@ -159,8 +160,6 @@ def test_dead_centre_itself_closes_but_has_no_rates():
 
 
 def test_arcs_that_cannot_close_are_refused_with_the_group():
-    with pytest.raises(SolveError, match="arcs cannot close: the dyad of pairs 32, 43, 41"):
-        sk.trace(four_bar(np.radians([20.0, 30.0, 100.0, 20.0])))
     random = mechanism(EIGHT_BARS[8], random_axes(np.random.default_rng(1), 10))
     lengths = {
         link: LinkSizes(
@@ -212,13 +211,10 @@ def test_a_range_that_falls_has_the_singular_places_of_one_that_rises():
     assert len(found[0]) > 100 and found[0].equals(found[1])
 
 
-def test_unknown_branch_range_and_samples():
-    made = sk.load("four_bar")
-    found = r"no assembly mode 7; the assembly modes found are 0 \(\+, p1\), 1"
-    with pytest.raises(SolveError, match=found):
-        sk.trace(made, assembly_mode=7)
-    with pytest.raises(SolveError, match="is empty"):
-        sk.trace(replace(made, inputs=(Input("21", 1.0, 1.0),)))
-    with pytest.raises(SolveError, match="at least 1, not 0"):
-        sk.trace(made, samples=0)
-    assert len(sk.trace(made, samples=1)) == 2
+@pytest.mark.parametrize("call", TABLES["motions"])
+def test_unknown_modes_ranges_and_samples(call):
+    check_call(call, globals(), TABLES["motions"][call])
+
+
+def test_one_sample_is_one_of_each_mode():
+    assert len(sk.trace(sk.load("four_bar"), samples=1)) == 2

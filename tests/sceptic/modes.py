@@ -53,17 +53,23 @@ def at_sample(evidence, sample):
     return motion.inputs[here][0], motion.values[here & (motion.status == Status.OK)]
 
 
-def _lack(notes, missing, who, claim, whom, where):
-    """Note configurations that one has and another lacks, by what the other claims."""
-    notes.judged()
-    if not missing:
-        return
-    kind = Kind.CONTRADICTION if claim.guarantee is Guarantee.COMPLETE else Kind.SHORT
-    notes.found(
-        f"{who} lacks {missing} configurations that {whom} has at {where}; it claims "
-        f'"{claim}"',
-        kind,
-    )
+def compare(notes, where, one, other):
+    """Note configurations that one of two has and the other lacks, by what that claims.
+
+    Each is its name, its configurations, and its claim, None where it may lack some.
+    """
+    for (who, mine, claim), (whom, theirs, _) in ((one, other), (other, one)):
+        if claim is None:
+            continue
+        notes.judged()
+        missing = lacking(theirs, mine)
+        if missing:
+            complete = claim.guarantee is Guarantee.COMPLETE
+            notes.found(
+                f"{who} lacks {missing} configurations that {whom} has at {where}; "
+                f'it claims "{claim}"',
+                Kind.CONTRADICTION if complete else Kind.SHORT,
+            )
 
 
 def place_of(q):
@@ -86,24 +92,9 @@ def run_and_curves(evidence, notes):
             for s in each.curve.at_input(tracer.solver.single, float(q[0])).places
         ]
         on_curves = placed(tracer, np.array(points))
-        rows = placed(tracer, values)
-        _lack(
-            notes,
-            lacking(rows, on_curves),
-            "the set of curves",
-            found.claim,
-            "a run",
-            place_of(q),
-        )
-        if not rolls:  # wheels in mesh come back to an input in another configuration
-            _lack(
-                notes,
-                lacking(on_curves, rows),
-                "a run",
-                tracer.claim,
-                "the set of curves",
-                place_of(q),
-            )
+        # Wheels in mesh come back to an input in another configuration.
+        run = "a run", placed(tracer, values), None if rolls else tracer.claim
+        compare(notes, place_of(q), ("the set of curves", on_curves, found.claim), run)
 
 
 @check("run and narrow run", "the modes at an input do not depend on the range asked for")
@@ -115,23 +106,13 @@ def run_and_narrow_run(evidence, notes):
             replace(item, start=float(x) - NARROW, stop=float(x) + NARROW)
             for item, x in zip(evidence.tracer.mechanism.inputs, q, strict=True)
         )
-        narrow = PositionAnalysis(
-            replace(evidence.tracer.mechanism, inputs=near), samples=3
-        )
+        made = replace(evidence.tracer.mechanism, inputs=near)
+        narrow = PositionAnalysis(made, samples=3)
         motion = narrow.motion()
         chosen = (motion.sample == 1) & (motion.status == Status.OK)
         alone = placed(evidence.tracer, motion.values[chosen])
-        rows = placed(evidence.tracer, values)
-        where = place_of(q)
-        _lack(notes, lacking(rows, alone), "a narrow run", narrow.claim, "a run", where)
-        _lack(
-            notes,
-            lacking(alone, rows),
-            "a run",
-            evidence.tracer.claim,
-            "a narrow one",
-            where,
-        )
+        run = "a run", placed(evidence.tracer, values), evidence.tracer.claim
+        compare(notes, place_of(q), ("a narrow run", alone, narrow.claim), run)
 
 
 @check("run and forward", "forward kinematics finds the modes that a run has")
@@ -146,12 +127,8 @@ def run_and_forward(evidence, notes):
             Guarantee.COMPLETE if complete else Guarantee.SAMPLED, "forward kinematics"
         )
         alone = placed(tracer, np.array([found for _, found in here.modes]))
-        rows = placed(tracer, values)
-        where = place_of(q)
-        _lack(notes, lacking(rows, alone), "forward kinematics", claim, "a run", where)
-        _lack(
-            notes, lacking(alone, rows), "a run", tracer.claim, "forward kinematics", where
-        )
+        run = "a run", placed(tracer, values), tracer.claim
+        compare(notes, place_of(q), ("forward kinematics", alone, claim), run)
 
 
 @check("whole turns", "a range a whole turn on has the same modes, without wheels in mesh")
@@ -173,7 +150,6 @@ def whole_turns(evidence, notes):
         q, values = at_sample(evidence, sample)
         chosen = (other.sample == sample) & (other.status == Status.OK)
         assert motion.samples == other.samples
-        alone, rows = placed(tracer, other.values[chosen]), placed(tracer, values)
-        where = place_of(q)
-        _lack(notes, lacking(rows, alone), "a run a turn on", again.claim, "a run", where)
-        _lack(notes, lacking(alone, rows), "a run", tracer.claim, "one a turn on", where)
+        alone = "a run a turn on", placed(tracer, other.values[chosen]), again.claim
+        run = "a run", placed(tracer, values), tracer.claim
+        compare(notes, place_of(q), alone, run)
