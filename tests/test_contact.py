@@ -18,7 +18,7 @@ from example_mechanisms import (
     open_cam,
 )
 from oracles import null_space, off_axis
-from refusals import TABLES, changed, check_call, text_of
+from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -252,7 +252,7 @@ ECCENTRIC, ROUND = (
 
 def geared(old, new):
     """Return the shipped bevel gears with a passage of their file replaced."""
-    return loads(changed(BEVEL, old, new), "gears.toml")
+    return loads(BEVEL.replace(old, new), "gears.toml")
 
 
 def apart():
