@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, final
 
 import numpy as np
+from common import Asking
 
 from spherekit.errors import AnalysisError
 from spherekit.plugin import (
@@ -176,12 +177,10 @@ UNNOTICED = (
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Tuned(AbstractAnalysis):
+class Tuned(Asking):
     """An analysis with a parameter of each type."""
 
     name: ClassVar[str] = "tuned"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "nothing"
     tables: ClassVar = ()
 
     count: int

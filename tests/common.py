@@ -1,8 +1,11 @@
 """What a run tells a recorder, poles of a mechanism, and the Table of the lecture."""
 
 from dataclasses import replace
+from typing import ClassVar
 
 import spherekit as sk
+from spherekit.analysis.batch import Needs
+from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.engine.fields import evaluate
 from spherekit.motion import assembly_modes as assembly_modes
 from spherekit.motion.motion import PositionAnalysis
@@ -56,6 +59,16 @@ def field_of(made, samples=361, search=True, wanted=None, derivatives=True):
     )
     motion = tracer.motion()
     return motion, evaluate(motion, asked)
+
+
+class Asking(AbstractAnalysis):
+    """An analysis of a test, which asks for nothing unless it says so."""
+
+    version: ClassVar = "1"
+    summary: ClassVar = "of a test"
+
+    def needs(self, mechanism):
+        return Needs()
 
 
 LECTURE_TABLE = [

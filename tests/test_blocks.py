@@ -6,11 +6,11 @@ from typing import ClassVar, final
 
 import numpy as np
 import pytest
-from common import Listener
+from common import Asking, Listener
 
 import spherekit as sk
 from spherekit.analysis.batch import Needs
-from spherekit.analysis.contract import AbstractAnalysis, Findings
+from spherekit.analysis.contract import Findings
 from spherekit.analysis.scene import Axis, Portrait, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.errors import UndeclaredNeed
@@ -190,12 +190,10 @@ def test_a_portrait_has_one_frame_whatever_the_blocks():
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Counting(AbstractAnalysis):
+class Counting(Asking):
     """Says how many rows it saw, or something that differs from block to block."""
 
     name: ClassVar = "counting"
-    version: ClassVar = "1"
-    summary: ClassVar = "rows"
     rowwise: ClassVar = True
     tables: ClassVar = (
         Table("counting", "", (SAMPLE, ASSEMBLY_MODE, Column("x", "", ""))),
@@ -244,18 +242,13 @@ def test_what_was_not_declared_is_not_read():
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Apart(AbstractAnalysis):
+class Apart(Asking):
     """Reads no samples, and shows four rows of its own."""
 
     name: ClassVar = "apart"
-    version: ClassVar = "1"
-    summary: ClassVar = "no samples"
     reads_samples: ClassVar = False
     tables: ClassVar = (Table("apart", "", (Column("x", "", ""),)),)
     calls: ClassVar = []
-
-    def needs(self, mechanism):
-        return Needs()
 
     def compute(self, batch):
         self.calls.append(batch.sample[0])

@@ -4,11 +4,11 @@ import warnings
 
 import numpy as np
 import pytest
+from chains import mechanism
 from example_mechanisms import four_bar
 
 import spherekit as sk
 from spherekit.errors import SolveError
-from spherekit.model.parts import Pair, PoseGeometry
 
 
 def run(made, samples=7, search=False):
@@ -80,10 +80,7 @@ def test_bars_without_length_that_close_are_singular():
 
 def test_two_links_and_one_pair():
     """No loop at all: the only pole is the axis, its coefficient 1."""
-    pair = Pair("12", "R", ("1", "2"))
-    made = sk.Mechanism(
-        "pendulum", "1", ("1", "2"), (pair,), PoseGeometry({"12": (0.0, 0.6, 0.8)})
-    )
+    made = mechanism("1-2", [(0.0, 0.6, 0.8)])
     frame = run(made, samples=3)
     assert (frame["velocity_coefficient"] == 1.0).all()
     assert (frame[["ux", "uy", "uz"]] == [0.0, 0.6, 0.8]).all().all()

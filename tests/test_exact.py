@@ -6,6 +6,7 @@ from functools import cache
 import mpmath as mp
 import numpy as np
 import pytest
+from chains import mechanism
 from exact_four_bar import angle, arcs_of
 from random_mechanisms import random_mechanism
 from stated_errors import KINDS, stated
@@ -14,7 +15,6 @@ import spherekit as sk
 from spherekit.conventions import EPS, Status
 from spherekit.engine.fields import evaluate
 from spherekit.errors import EngineError, SolveError, SpherekitError
-from spherekit.model.parts import Input, Pair, PoseGeometry
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.proof.balls import Digits, exactly, floats
 from spherekit.proof.rows import (
@@ -335,14 +335,7 @@ def test_no_rows_and_no_loops():
     motion = traced("four_bar")
     none = sk.exact_rows(motion, np.zeros(len(motion), dtype=bool), 0, order=3)
     assert none.ddw.shape == (0, 4, 3)
-    hinge = sk.Mechanism(
-        "hinge",
-        "a",
-        ("a", "b"),
-        (Pair("p", "R", ("a", "b")),),
-        PoseGeometry({"p": (0.0, 0.6, 0.8)}),
-        inputs=(Input("p", 0.0, 1.0),),
-    )
+    hinge = mechanism("1-2", [(0.0, 0.6, 0.8)], span=(0.0, 1.0))
     motion = sk.trace(hinge, samples=3, search=False)
     found = sk.exact_rows(motion, np.ones(3, dtype=bool), 0, FIFTY)
     assert np.all(found.condition == 1.0) and np.all(motion.conditioning == 1.0)

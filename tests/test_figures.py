@@ -8,12 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from common import Asking
 
 pytest.importorskip("matplotlib")
 
 import spherekit as sk
-from spherekit.analysis.batch import Needs
-from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.plotted import placed_labels
 from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, INPUT, SAMPLE, Column, Table
@@ -320,19 +319,14 @@ def test_the_border_of_a_workspace_is_on_both_maps(tmp_path):
 
 
 @dataclass(frozen=True)
-class Bare(AbstractAnalysis):
+class Bare(Asking):
     """An analysis that says nothing of what is to be seen."""
 
     name: ClassVar[str] = "bare"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "a column"
     rowwise: ClassVar[bool] = True
     tables: ClassVar[tuple[Table, ...]] = (
         Table("bare", "", (SAMPLE, ASSEMBLY_MODE, INPUT, Column("v", "rad", "some angle"))),
     )
-
-    def needs(self, mechanism):
-        return Needs()
 
     def compute(self, batch):
         return {

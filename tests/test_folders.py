@@ -1,10 +1,12 @@
 """Folders of results: only what runs have made there is replaced or removed."""
 
 import argparse
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import text_of
 
 import spherekit as sk
 from spherekit.analysis.frames import read_parquet
@@ -25,7 +27,7 @@ def everything(folder):
 
 
 def put(base, things):
-    """Put things into a folder: `x -> y` is a link, `x/` a folder, `x: text` a file."""
+    """Put things into a folder, as folders.toml says them."""
     for thing in things:
         place, link, target = thing.partition(" -> ")
         name, _, text = thing.partition(": ")
@@ -40,54 +42,14 @@ def put(base, things):
             path.write_text(text)
 
 
-WORK = "out/.spherekit-run"
-OF_NO_RUN = {
-    "linked work": ("kept/journal.json: {}", f"{WORK} -> kept"),
-    "linked file in work": ("kept: mine", f"{WORK}/poles.poles.0.rows -> kept"),
-    "linked lock": ("kept: mine", f"{WORK}/lock -> kept"),
-    "work of another": (f"{WORK}/notes: mine",),
-    "work that is a file": (f"{WORK}: mine",),
-    "summary of another": (
-        'out/summary.json: {"files": ["data.csv"]}',
-        "out/data.csv: 1,2",
-    ),
-    "forged summary": (
-        'out/summary.json: {"spherekit": "VERSION", "files": ["data.csv"], "signature": "'
-        + "0" * 64
-        + '"}',
-        "out/data.csv: 1,2",
-    ),
-    "linked summary": ('kept: {"files": []}', "out/summary.json -> kept"),
-    "table of another": ("out/poles.parquet: mine",),
-    "units of another": ("out/columns.csv: mine",),
-}
-OF_NO_RUN_EITHER = {
-    "forged record": (
-        "kept: mine",
-        "out/notes.txt: mine",
-        f'{WORK}/published.json: ["../kept", "BASE/kept", "notes.txt"]',
-        "out/poles.csv: mine",
-    ),
-    "things in what is made": (f"{WORK}/made/mine/poles.csv: mine",),
-    "folder for a journal": (f"{WORK}/journal.json/mine: mine",),
-}
-OF_NO_SWEEP = {
-    "linked lock": ("kept: mine", "out/.sweep.lock -> kept"),
-    "sweep of another": ('out/_sweep.json: {"mine": 1}',),
-    "broken definition": ("out/_sweep.json: {",),
-    "linked definition": ("kept: {}", "out/_sweep.json -> kept"),
-    "linked designs": ("kept/", "out/designs -> kept"),
-    "linked work": ("kept/part-000000.parquet: mine", "out/.sweep-work -> kept"),
-    "work of another": ("out/.sweep-work/notes: mine",),
-    "linked part": ("out/part-000000.parquet -> nowhere",),
-}
+THINGS = tomllib.loads(text_of("folders"))
 
 
-@pytest.mark.parametrize("prepare", OF_NO_RUN)
+@pytest.mark.parametrize("prepare", THINGS["no run"])
 @pytest.mark.parametrize("option", [[], ["--restart"], ["--resume"]])
 def test_a_run_leaves_what_no_run_has_made(prepare, option, tmp_path, capsys):
     (tmp_path / "out").mkdir()
-    put(tmp_path, OF_NO_RUN[prepare])
+    put(tmp_path, THINGS["no run"][prepare])
     out = tmp_path / "out"
     before = everything(tmp_path)
     assert main([*RUN, "-o", str(out), *option]) == 1
@@ -154,14 +116,14 @@ CHANGED = {
 }
 
 
-@pytest.mark.parametrize("prepare", [*CHANGED, *OF_NO_RUN_EITHER])
+@pytest.mark.parametrize("prepare", [*CHANGED, *THINGS["no run either"]])
 def test_results_that_are_no_longer_those_of_a_run_stay(prepare, tmp_path, capsys):
     out = tmp_path / "out"
     assert main([*RUN, "-o", str(out)]) == 0
     if prepare in CHANGED:
         CHANGED[prepare](tmp_path, out)
     else:
-        put(tmp_path, OF_NO_RUN_EITHER[prepare])
+        put(tmp_path, THINGS["no run either"][prepare])
     before = everything(tmp_path)
     assert main([*RUN, "-o", str(out), "--restart"]) == 1
     assert "choose another folder" in capsys.readouterr().err
@@ -208,10 +170,10 @@ def test_names_that_a_command_chooses(words, name, link, tmp_path, monkeypatch, 
     assert place.read_text() == "mine" and place.is_symlink() == link
 
 
-@pytest.mark.parametrize("prepare", OF_NO_SWEEP)
+@pytest.mark.parametrize("prepare", THINGS["no sweep"])
 def test_a_sweep_leaves_what_no_sweep_has_made(prepare, tmp_path, capsys):
     (tmp_path / "out").mkdir()
-    put(tmp_path, OF_NO_SWEEP[prepare])
+    put(tmp_path, THINGS["no sweep"][prepare])
     out = tmp_path / "out"
     before = everything(tmp_path)
     assert main([*SWEEP, "-o", str(out)]) == 1

@@ -18,13 +18,11 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from common import Listener
+from common import Asking, Listener
 
 import spherekit as sk
 from spherekit.analysis import folder as store
 from spherekit.analysis import frames
-from spherekit.analysis.batch import Needs
-from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.folder import WORK, RunFolder
 from spherekit.analysis.frames import read_parquet
 from spherekit.analysis.running import rows_at_once
@@ -429,12 +427,10 @@ def test_csv_gives_every_number_back(tmp_path):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Words(AbstractAnalysis):
+class Words(Asking):
     """Texts that come up block by block, with all that CSV has to quote."""
 
     name: ClassVar = "words"
-    version: ClassVar = "1"
-    summary: ClassVar = "texts"
     rowwise: ClassVar = True
     tables: ClassVar = (
         Table(
@@ -444,9 +440,6 @@ class Words(AbstractAnalysis):
         Table("empty", "no rows", (SAMPLE, ASSEMBLY_MODE, Column("y", "", "no number"))),
     )
     plain: bool = False
-
-    def needs(self, mechanism):
-        return Needs()
 
     def compute(self, batch):
         odd = ["b", "a", "zz"] if self.plain else ['a "b"', "c,d", "é\nf", " a"]
@@ -579,14 +572,11 @@ def at_once():
 
     @final
     @dataclass(frozen=True, kw_only=True)
-    class Whole(AbstractAnalysis):
+    class Whole(Asking):
         """See there."""
 
         name: ClassVar = "words"
-        version: ClassVar = "1"
-        summary: ClassVar = "texts"
         tables: ClassVar = Words.tables
-        needs = Words.needs
         compute = Words.compute
         plain: bool = False
 
