@@ -73,19 +73,11 @@ def _judge_seed(seed, tally):
             tracer = PositionAnalysis(made, search=False, samples=SAMPLES, assembly_mode=0)
             motion = tracer.motion()
             poles = all_poles(len(made.links))
-            fields = {
-                pair: evaluate(
-                    motion,
-                    request(
-                        tracer.mechanism,
-                        made.pairs[pair].name,
-                        poles,
-                        poles,
-                        by_rank=tracer.by_rank,
-                    ),
-                )
-                for pair in motion.assembly.inputs
-            }
+            fields = {}
+            for pair in motion.assembly.inputs:
+                given = tracer.mechanism, made.pairs[pair].name, poles, poles
+                wanted = request(*given, by_rank=tracer.by_rank)
+                fields[pair] = evaluate(motion, wanted)
     except CountError:
         tally.mechanisms["refused: count"] += 1
         return

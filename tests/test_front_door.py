@@ -167,21 +167,15 @@ def test_the_same_by_axes_and_contacts():
     )
     assert moved.geometry.axes["hinge"] == pytest.approx(np.array([0, 2, 1]) / math.sqrt(5))
     assert moved.geometry.values["tip"] == math.radians(30.0)
+    mesh = {"type": "Cr", "links": ["a", "b"], "teeth": [20, 40], "axes": ["one", "two"]}
+    axles = {"one": ("a", [0, 0, 1]), "two": ("b", [1, 0, 0])}
+    pairs = {n: {"links": ["g", to], "xyz": axis} for n, (to, axis) in axles.items()}
     gears = sk.build(
         "gears",
         angle_unit="deg",
         ground="g",
         links=["g", "a", "b"],
-        pairs={
-            "one": {"links": ["g", "a"], "xyz": [0, 0, 1]},
-            "two": {"links": ["g", "b"], "xyz": [1, 0, 0]},
-            "mesh": {
-                "type": "Cr",
-                "links": ["a", "b"],
-                "teeth": [20, 40],
-                "axes": ["one", "two"],
-            },
-        },
+        pairs={**pairs, "mesh": mesh},
         inputs="one",
     )
     assert sk.evaluate(gears, 0.1).variable_coefficient("two") == pytest.approx([-0.5])
@@ -195,17 +189,14 @@ def test_changes_are_those_of_the_file():
     data["links"]["3"]["arcs"] = [71.5]
     data["pairs"]["41"]["zero"] = 17.0
     data["inputs"]["21"] = {"from": 10.0, "to": 50.0}
-    data["mass"]["4"] = {
-        "tensor": np.diag([4.0, 4.0, 1.0]),
-        "mass": 3,
-        "centre": [0, 0, 0.1],
-    }
+    tensor = np.diag([4.0, 4.0, 1.0])
+    data["mass"]["4"] = {"tensor": tensor, "mass": 3, "centre": [0, 0, 0.1]}
     data["loads"].pop("on_crank")
     data["loads"]["coil"] = {"kind": "spring", "pair": "21", "stiffness": 2, "rest": 90.0}
     changed = (
         four_bar.with_sizes(angle_unit="deg", arcs={"3": {"43": 71.5}}, zeros={"41": 17.0})
         .with_inputs(ranges={"21": (10.0, 50.0)}, angle_unit="deg")
-        .with_mass("4", np.diag([4.0, 4.0, 1.0]), 3.0, (0, 0, 0.1))
+        .with_mass("4", tensor, 3.0, (0, 0, 0.1))
         .with_loads(sk.Spring("coil", "21", 2.0, math.pi / 2), without=["on_crank"])
     )
     assert changed == sk.build(**data) and len(changed.with_mass("4", None).masses) == 2
@@ -233,18 +224,13 @@ def test_a_torque_is_a_number_a_text_or_a_function():
 
 def test_a_torque_that_jumps_unforeseen_is_found():
     """A bang-bang controller: the same as two runs that each see one side of the jump."""
-    start, half = sk.Start(0.3, 1.0), 0.437
+    start, half, how = sk.Start(0.3, 1.0), 0.437, {"engine": "numpy"}
     jumping = sk.simulate(
         "four_bar", start, 1.0, torque=lambda t, q, dq: 5.0 if t < half else -5.0
     )
-    first = sk.simulate("four_bar", start, half, torque=5.0, engine="numpy").at([half])
-    then = sk.simulate(
-        "four_bar",
-        sk.Start(float(first.q[0]), float(first.dq[0])),
-        1.0 - half,
-        torque=-5.0,
-        engine="numpy",
-    )
+    first = sk.simulate("four_bar", start, half, torque=5.0, **how).at([half])
+    on = sk.Start(float(first.q[0]), float(first.dq[0]))
+    then = sk.simulate("four_bar", on, 1.0 - half, torque=-5.0, **how)
     assert jumping.at([1.0]).q[0] == pytest.approx(then.at([1.0 - half]).q[0], abs=1e-7)
 
 

@@ -39,13 +39,10 @@ def fields(made, samples=3):
         tracer = PositionAnalysis(made, search=False, samples=samples, assembly_mode=0)
         motion = tracer.motion()
         poles = all_poles(len(made.links))
-        found = {
-            name: evaluate(
-                motion,
-                request(tracer.mechanism, name, poles, poles, by_rank=tracer.by_rank),
-            )
-            for name in tracer.inputs
-        }
+        found = {}
+        for name in tracer.inputs:
+            wanted = request(tracer.mechanism, name, poles, poles, by_rank=tracer.by_rank)
+            found[name] = evaluate(motion, wanted)
     return motion, found
 
 
