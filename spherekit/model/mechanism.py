@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -283,9 +283,7 @@ class Mechanism:
         if isinstance(geometry, SizeGeometry):
             self._need_none("arcs, angles and zeros", axes=axes, values=values)
             links = dict(geometry.links)
-            kinds: Mapping[Literal["arcs", "angles"], Mapping[str, Sizes] | None]
-            kinds = {"arcs": arcs, "angles": angles}
-            for kind, of_links in kinds.items():
+            for kind, of_links in {"arcs": arcs, "angles": angles}.items():
                 for link, sizes in (of_links or {}).items():
                     where = f"{self.name}: links.{link}.{kind}"
                     old = links.get(self.links[self.link(link)], LinkSizes(()))

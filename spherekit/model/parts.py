@@ -155,7 +155,7 @@ class LinkSizes:
 def resized(
     where: str,
     link: LinkSizes,
-    kind: Literal["arcs", "angles"],
+    kind: str,
     given: Sizes,
     unit: AngleUnit,
 ) -> LinkSizes:
