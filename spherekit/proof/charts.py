@@ -204,25 +204,48 @@ class RootEnclosures:
     rates: Complexes
 
 
+def _rounding(made: Polynomials, rows: Indices) -> tuple[Floats, Floats]:
+    """Return by how much values (n, k) are off by coefficients; by sums of them too."""
+    sizes = [np.abs(array).reshape(len(array), -1) for array in made.values]
+    count = np.array([array.shape[1] for array in sizes], dtype=float)
+    total = np.stack([np.sum(array, axis=1) for array in sizes], axis=1)
+    off = np.broadcast_to(made.error * count, total[rows].shape)
+    return off, off + 4 * ROUNDING * count * total[rows]
+
+
+def _along(
+    made: Polynomials,
+    roots: ChartRoots,
+    moving: Floats,
+    inverse: Complexes,
+    rates: Complexes,
+    half: Floats,
+) -> tuple[Complexes, Complexes, Floats]:
+    """Return how the derivative changes along the axis by each input (n, k, k, inputs).
+
+    Then its derivatives by what is given, and by how much the axis is curved (n, k).
+    """
+    mixed = roots.derivatives(made.slopes, 1)
+    along = np.einsum("nijl,nld->nijd", roots.derivatives(made.values, 2), rates)
+    along += np.einsum("nijg,ngd->nijd", mixed, moving)
+    twice = np.einsum("nijd,nje->nide", along, rates)
+    twice += np.einsum("nijg,nje,ngd->nide", mixed, rates, moving)
+    curves = 0.5 * np.abs(np.einsum("nij,njde->nide", inverse, twice))
+    curves += ROUNDING * np.einsum("nij,njde->nide", np.abs(inverse), np.abs(twice))
+    return along, mixed, np.einsum("nide,nd,ne->ni", curves, half, half)
+
+
 @np.errstate(all="ignore")
 def tubes(
     made: Polynomials, roots: ChartRoots, half: Floats, moving: Floats, off: Floats
 ) -> RootEnclosures:
     """Return where points have one root for every input of boxes.
 
-    That is to second order along the axes of tubes, bounded beyond: all derivatives by z in
-    `reach`, or by 1, are at most `constant`, on the axis `axis`, times powers of `steps`,
-    those by what is given of `turned` (S. Bernstein).
-
-    Parameters
-    ----------
-    made, roots
-        The system at m centres, and points.
-    half
-        Half widths (m, inputs) of the boxes.
-    moving, off
-        What is given to the system moves by `moving` (m, given, inputs) times the inputs,
-        and by at most `off` (m, given) rad more.
+    Their half widths are `half` (m, inputs). What is given to the system at the centres
+    moves by `moving` (m, given, inputs) times the inputs, and by at most `off` (m, given)
+    rad more. It is to second order along the axes of tubes, bounded beyond: derivatives are
+    at most the system's constant times `growth` in `reach`, `axis` on the axis, times
+    powers of `steps`, those by what is given of `turned` (S. Bernstein).
     """
     count, half, stray = roots.z.shape[1], half[roots.row], off[roots.row]
     moving = moving[roots.row]
@@ -236,7 +259,6 @@ def tubes(
     steps = 2.0 * made.degrees[:, :count]
     turned = made.degrees[:, count:].astype(float)
     growth = np.exp(np.log(np.maximum(reach, 1.0)) @ steps.T) * UP
-    constant = made.constant * growth
     near = np.maximum(np.abs(roots.z) + moved, 1.0)
     axis = made.constant * np.exp(np.log(near) @ steps.T) * UP
     # by how much the angles, in all, change at most in each equation
@@ -244,24 +266,9 @@ def tubes(
     spread = np.einsum("ngd,nd->ng", np.abs(moving), half) @ turned.T
     strays = stray @ turned.T
     way = (across + spread + strays) * UP
-    around = ChartRoots(reach.astype(complex), roots.inverse, roots.row)
-    bent = np.abs(around.derivatives([np.abs(array) for array in made.values], 2))
-    mixed = roots.derivatives(made.slopes, 1)
-    # how the derivative changes along the axis, and how much this is curved
-    along = np.einsum("nijl,nld->nijd", roots.derivatives(made.values, 2), rates)
-    along += np.einsum("nijg,ngd->nijd", mixed, moving)
-    twice = np.einsum("nijd,nje->nide", along, rates)
-    twice += np.einsum("nijg,nje,ngd->nide", mixed, rates, moving)
-    curves = 0.5 * np.abs(np.einsum("nij,njde->nide", inverse, twice))
-    curves += ROUNDING * np.einsum("nij,njde->nide", size, np.abs(twice))
-    curved = np.einsum("nide,nd,ne->ni", curves, half, half)
-    count_of = np.array([array[0].size for array in made.values], dtype=float)
-    off = made.error * count_of
-    spare = (constant * (spread + strays) + off * growth) * UP
-    bent = bent + spare[:, :, None, None] * steps[:, :, None] * steps[:, None, :]
-    # rounding: of the coefficients, and of the sums over them
-    sums = np.stack([np.sum(np.abs(v.reshape(len(v), -1)), axis=1) for v in made.values], 1)
-    blur = (off + 4 * ROUNDING * count_of * sums[roots.row]) * growth
+    along, mixed, curved = _along(made, roots, moving, inverse, rates, half)
+    off, blur = (part * growth for part in _rounding(made, roots.row))
+    spare = (made.constant * growth * (spread + strays) + off) * UP
     far = axis * (0.5 * (spread + strays) ** 2 + across * strays + way**3 / 6.0)
     far += np.einsum("nig,ng->ni", np.abs(by_given), stray)
     rest = np.einsum("nig,ng->ni", np.abs(first @ rates + by_input), half)
@@ -269,7 +276,6 @@ def tubes(
     start = np.abs(np.einsum("nij,nj->ni", inverse, values))
     still = start + np.einsum("nij,nj->ni", size, blur + ROUNDING * np.abs(values))
     miss = start + curved + np.einsum("nij,nj->ni", size, far)
-    miss = np.max(miss * UP, axis=1, initial=0.0)
     turning = np.einsum("nij,njld->nild", inverse, along)
     part = np.abs(np.eye(count) - inverse @ first)
     part += np.einsum("nild,nd->nil", np.abs(turning), half)
@@ -279,14 +285,17 @@ def tubes(
     change += ROUNDING * np.einsum("nijd,nd->nij", np.abs(along), half)
     part += size @ change + ROUNDING * (size @ np.abs(first) + 1.0)
     slack = np.max(np.sum(part, axis=2), axis=1, initial=0.0) * UP
+    around = ChartRoots(reach.astype(complex), roots.inverse, roots.row)
+    bent = np.abs(around.derivatives([np.abs(array) for array in made.values], 2))
+    bent += spare[:, :, None, None] * steps[:, :, None] * steps[:, None, :]
     bend = np.einsum("nij,nj->ni", size, np.sum(bent, axis=(2, 3)))
-    bend = np.max(bend, axis=1, initial=0.0) * UP
+    miss, bend = (np.max(each * UP, axis=1, initial=0.0) for each in (miss, bend))
     unique, slope, good = _contracted(miss, slack, bend)
-    good &= regular
     radius = MARGIN * np.max(still * UP, axis=1, initial=0.0) / (1.0 - slope)
     width = np.minimum(miss / (1.0 - slope) * UP, unique)
     reach = (moved + width[:, None]) * UP
-    return RootEnclosures(good, np.minimum(radius, unique), unique, width, reach, rates)
+    good, radius = good & regular, np.minimum(radius, unique)
+    return RootEnclosures(good, radius, unique, width, reach, rates)
 
 
 def _contracted(miss: Floats, slack: Floats, bend: Floats) -> tuple[Floats, Floats, Bools]:
