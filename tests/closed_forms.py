@@ -83,22 +83,6 @@ SMALLEST_ANGLE = np.deg2rad(10.0)
 """The numerical example of [2]: the arcs B1B6 and B1B2, and the least angle B1 to B3."""
 
 
-def mid_plane_margins(points: Floats) -> Floats:
-    """Return the margins (n, 4) of [2] where P is at points (n, 3).
-
-    B1 is sin(s) from the mid-plane, so that B1 and B3 are 2 s apart and the leg of two
-    arcs reaches if s is at most one arc. Margins are those of s for both legs, the angle
-    rule first, then the reach. NaN where P is Q, as every mid-plane through Q is possible.
-    """
-    half = 0.5 * MID_PLANE_BASE
-    axes = np.array([[np.cos(half), -np.sin(half), 0], [np.cos(half), np.sin(half), 0]])
-    toward = np.array([1.0, 0.0, 0.0]) - points
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sine = toward @ axes.T / np.linalg.norm(toward, axis=1, keepdims=True)
-    low, high = np.sin(0.5 * SMALLEST_ANGLE), np.sin(MID_PLANE_LEG)
-    return np.concatenate([sine - low, high - sine], axis=1)
-
-
 def mid_plane_area() -> float:
     """Return the area (sr) of [2]'s workspace on one side of the plane z = 0.
 
@@ -122,19 +106,6 @@ def mid_plane_angles(points: Floats) -> tuple[Floats, Floats]:
     phi = np.arccos(points[:, 0])
     sine = points[:, 1] / np.hypot(points[:, 1], points[:, 2])
     return phi, np.abs(2.0 * np.arcsin(sine * np.cos(0.5 * phi)))
-
-
-def five_bar_margins(points: Floats, base: float, legs: Arcs) -> Floats:
-    """Return the margins (n, 4) of reach of a spherical five-bar that points to points.
-
-    The driven axes are x and the direction `base` from it towards y; `legs` are the arcs
-    of the two links from the first, then of those from the second.
-    """
-    axes = np.array([[1.0, 0.0, 0.0], [np.cos(base), np.sin(base), 0.0]])
-    cosine = points @ axes.T
-    near = np.cos([legs[0] - legs[1], legs[2] - legs[3]])
-    far = np.cos([legs[0] + legs[1], legs[2] + legs[3]])
-    return np.concatenate([near - cosine, cosine - far], axis=1)
 
 
 def five_bar_area(base: float, legs: Arcs) -> float:

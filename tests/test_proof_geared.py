@@ -83,18 +83,6 @@ def test_modes_and_dead_centres_of_a_geared_five_bar_are_those_of_the_closed_for
     assert 0 <= nearest - np.degrees(located.clearance(np.radians(q))) < 1e-5
 
 
-def test_modes_over_several_turns_are_those_proven_at_inputs():
-    written = geared((20, 30))
-    curves = certified_curves(written, ("0", "1080"))
-    counts = []
-    for q in ("33", "393", "753", "170", "530", "890"):
-        modes = certified_modes(written, (q,))
-        assert modes.complete
-        counts.append(len(modes.real))
-        assert curves.modes_at(np.radians(float(q))) == counts[-1]
-    assert set(counts) == {0, 2}
-
-
 def test_wheels_are_told_to_come_back_or_refused():
     with pytest.raises(PlanError, match=r"more than 2 turns, after which everything"):
         certified_curves(geared((20, 40)), ("0", "721"))

@@ -16,7 +16,6 @@ from spherekit.dynamics.tabulate import reduced_model
 from spherekit.dynamics.tabulated import load_reduced
 from spherekit.engine.fields import evaluate
 from spherekit.errors import FileError, SolveError
-from spherekit.exchange.bodies import rigid_bodies
 from spherekit.files.read import load
 from spherekit.files.write import dumps
 from spherekit.model.dynamics import (
@@ -290,21 +289,3 @@ def test_the_input_of_an_exported_pose_is_in_the_unit_of_the_file(unit, given, t
     tracer = PositionAnalysis(load("four_bar"), assembly_mode=0)
     wanted = tracer.at(np.radians([40.0])).values[0, 3]
     assert np.exp(1j * gap) == pytest.approx(np.exp(1j * wanted), abs=1e-12)
-
-
-def test_rigid_bodies_have_the_inertia_of_the_mechanism(four_bar, models):
-    motion = PositionAnalysis(four_bar, assembly_mode=0).at(np.array([0.3]))
-    made = rigid_bodies(four_bar, motion.values[0])
-    assert [hinge.pair for hinge in made.hinges] == ["21", "32", "41"]
-    w, B = {"1": np.zeros(3)}, 0.0
-    for hinge, body in zip(made.hinges, made.bodies, strict=True):
-        rate = models[0].value(f"d(theta_{hinge.pair})/dq", 0.3)
-        w[hinge.child] = w[hinge.parent] + rate * hinge.axis
-        tensor = body.tensor + moments_of_point(body.mass, body.centre)
-        B += w[hinge.child] @ tensor @ w[hinge.child]
-        assert np.min(np.linalg.eigvalsh(body.tensor)) > 0.0
-        assert np.linalg.norm(body.centre) > 0.1
-    assert abs(B - models[0].inertia(0.3)) < 1e-12
-    (cut,) = made.cuts
-    across = w[cut.child] - w[cut.parent]
-    assert np.max(np.abs(np.cross(across, cut.axis))) < 1e-12

@@ -92,35 +92,6 @@ def test_what_pairs_carry_is_one_wrench_in_all_columns(which, request):
         same(there[:, :2], firsts.to_numpy(), abs=1e-14 * size)
 
 
-def test_tractions_turn_the_wheel(gears):
-    """The tooth's force has the moment about the wheel's shaft that accelerates it."""
-    table, drive = gears.frame("reactions"), gears.frame("eksergian")
-    contact = table[table["pair"] == "12"]
-    shafts = np.radians(75.0)
-    cone = np.arctan2(np.sin(shafts), 20.0 / 40.0 + np.cos(shafts))
-    # 1e-3 kg m2 of the wheel alone; half the input's rates, backwards.
-    speed, acceleration = drive["dq"] / 2.0, drive["ddq"] / 2.0
-    theta = gears.frame("motion")["theta_02"]
-    sense = np.sign(theta.iloc[-1] - theta.iloc[0])
-    needed = 1e-3 * sense * acceleration + 0.01 * theta + 0.02 * sense * speed
-    same(
-        np.abs(contact["traction"]).to_numpy() * np.sin(cone),
-        np.abs(needed).to_numpy(),
-        rel=1e-12,
-    )
-
-
-def test_bearings_carry_couple_and_force(gears):
-    table, bearings = gears.frame("reactions"), gears.frame("reactions", "bearings")
-    shaft = table[table["pair"] == "02"].set_index("sample")
-    for _, rows in bearings.groupby("sample"):
-        places = rows["position"].to_numpy()
-        here = shaft.loc[rows["sample"].iloc[0]]
-        couple = here["transverse_moment"] / (places[1] - places[0])
-        same(rows["couple_force"].to_numpy(), [couple] * 2, rel=1e-12)
-        assert np.nansum(rows["radial"]) == 0.0 or np.isfinite(rows["radial"]).all()
-
-
 def test_torque_is_what_inertia_and_loads_ask_for(gears):
     one, several = gears.frame("eksergian"), gears.frame("dynamics")
     inertia = one["B"] * one["ddq"] + 0.5 * one["dB_dq"] * one["dq"] ** 2

@@ -174,15 +174,6 @@ def test_sticking_is_that_of_an_outside_integrator(engine):
     assert np.min(np.abs(rates)) < 1e-3 < np.max(np.abs(rates))
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("speed", [0.01, 0.05, 0.5, 1.0, 5.0, 20.0])
-@pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("dry", [DRY, 6.0])
-def test_dry_friction_of_every_speed(name, speed, dry, engine):
-    holds(name, np.deg2rad(speed), 5.0, engine, dry)
-
-
 # --- closed forms on one link ------------------------------------------------------------
 
 INERTIA = 0.75

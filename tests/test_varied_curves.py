@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spherekit.sphere.profile import circle, fourier, through
-from spherekit.sphere.varied_curve import quintic_panels, varied_round, varied_through
+from spherekit.sphere.varied_curve import varied_round, varied_through
 
 STEP = 1e-5
 CENTRE = np.array([0.36, 0.48, 0.8])
@@ -81,17 +81,3 @@ def test_the_second_derivative_of_the_curvature(kind):
         second = curve.curvature_second(s)
         wanted = (more - less) / (2.0 * STEP)
         assert second == pytest.approx(wanted, rel=1e-6, abs=1e-4)
-
-
-@pytest.mark.parametrize("closed", [True, False])
-def test_the_spline_by_slopes_and_bends_is_that_of_its_basis(closed):
-    from spherekit.sphere.profile import spline_through
-
-    points, _ = points_of(0.0, whole=2.0 * np.pi if closed else 4.0)
-    path, _ = spline_through(points, closed)
-    whole = np.concatenate([points, points[:1]]) if closed else points
-    panels = quintic_panels(path.knots, whole, closed)
-    u = np.linspace(0.0, path.knots[-1], 301)[:-1]
-    for order in range(5):
-        wanted = path.spline(u, order)
-        assert panels(u, order) == pytest.approx(wanted, abs=1e-12 * np.max(np.abs(wanted)))
