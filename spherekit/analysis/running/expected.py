@@ -55,14 +55,14 @@ def expected(
     follow = traced(study, analyses, Execution())
     shorter, longer = (_summary(few, able, k * half, follow) for k in (1, 2))
     modes = len(longer["assembly_modes"])
-    known = modes if assembly.has_closed_form else min(modes, 1)
+    multiple = modes if assembly.has_closed_form else min(modes, 1)
 
     def grown(*keys: str) -> int:
         one, two = shorter["cost"], longer["cost"]
         for key in keys:
             one, two = one[key], two[key]
         whole = one + (two - one) * (samples - half) / half
-        return round(whole * known / max(modes, 1))
+        return round(whole * multiple / max(modes, 1))
 
     failed = {item["name"] for item in longer["analyses"] if item["failed"]}
     names = {analysis.name for analysis in able} - failed

@@ -179,11 +179,11 @@ class RunState:
 
     def counted(self, *key: str) -> Counts:
         """Return how often each status is there of what a key begins with."""
-        found: Counts = Counter()
+        counts: Counts = Counter()
         for names, number in self.counts.items():
             if names[: len(key)] == key:
-                found[names[-1]] += number
-        return {code.name: found[code.name] for code in Status if code.name in found}
+                counts[names[-1]] += number
+        return {code.name: counts[code.name] for code in Status if code.name in counts}
 
     def failed_rows(self, name: str) -> dict[str, Counts]:
         """Return of each table of an analysis how many rows failed by which status."""
