@@ -375,9 +375,9 @@ def _time_faults(
         given = (
             study.torque.values() if isinstance(study.torque, Mapping) else [study.torque]
         )
-        for each in given:
-            if isinstance(each, int | float) and not np.isfinite(each):
-                yield ("start", "torque"), f"{each} is not finite"
+        for size in given:
+            if isinstance(size, int | float) and not np.isfinite(size):
+                yield ("start", "torque"), f"{size} is not finite"
         mechanism = study.mechanism.with_inputs(*inputs)
         try:
             mechanism.with_loads(*drives(mechanism, torque))
