@@ -239,11 +239,11 @@ def run_sweep(
         place = make_folder(folder)
         made = _computed(sweep, place, workers, resume, elsewhere)
         return SweepResult(sweep, place, made, place)
-    own = Path(mkdtemp(prefix="spherekit-sweep-"))
+    place = Path(mkdtemp(prefix="spherekit-sweep-"))
     with ExitStack() as failed:
-        failed.callback(shutil.rmtree, own, ignore_errors=True)
-        made = _computed(sweep, own, workers, resume, elsewhere)
-        result = SweepResult(sweep, None, made, own)
+        failed.callback(shutil.rmtree, place, ignore_errors=True)
+        made = _computed(sweep, place, workers, resume, elsewhere)
+        result = SweepResult(sweep, None, made, place)
         finalize(result, failed.pop_all().close)
     return result
 

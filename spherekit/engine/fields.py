@@ -368,10 +368,10 @@ def vouched_field(
     moving: MovingTerms, columns: Floats, motion: Motion, wanted: Request
 ) -> PoleField:
     """Return the poles of rows by all columns (columns, n), for which a kernel vouches."""
-    known, n = moving.of["direction"], len(motion)
+    directions, n = moving.of["direction"], len(motion)
     field = PoleField(
         status=motion.status,
-        pole_status=dict.fromkeys(known, motion.status),
+        pole_status=dict.fromkeys(directions, motion.status),
         by_equations=np.zeros(n, dtype=bool),
         by_kernel=np.ones(n, dtype=bool),
         loss=np.zeros(n),
@@ -381,7 +381,7 @@ def vouched_field(
         getattr(field, name).update(
             {key: part.T if len(part) > 1 else part[0] for key, part in made}
         )
-    for pole in set(wanted.poles) - known.keys():
+    for pole in set(wanted.poles) - directions.keys():
         add_locked(field, motion, pole)
     return field
 

@@ -244,9 +244,9 @@ class RowKernel:
         form, parts = self._form, self._deciding
         assert form is not None
         made, given = self._from_inputs([x for items in parts.values() for x in items])
-        found = iter(made)
+        parts_of = iter(made)
         sizes = {"variables": form.variables, **parts}
-        every = {key: list(islice(found, len(items))) for key, items in sizes.items()}
+        every = {key: list(islice(parts_of, len(items))) for key, items in sizes.items()}
         return self._made(every | {"squares": form.squares}, self.in_threads, given=given)
 
     @cached_property

@@ -104,9 +104,9 @@ def _opened(
         return (partners[pole[0]] & partners[pole[1]]).bit_count()
 
     def left_and_passes(pole: Pole) -> tuple[int, int]:
-        found = [poles for _, poles in _following(chain, contacts, partners, block, pole)]
-        left = len(block.poles) - 1 - sum(map(len, found))
-        return left, len(found) + (left > 0)
+        passes = [poles for _, poles in _following(chain, contacts, partners, block, pole)]
+        left = len(block.poles) - 1 - sum(map(len, passes))
+        return left, len(passes) + (left > 0)
 
     ordered = sorted(block.poles, key=lambda pole: (-lines(pole), pole))
     tried = ordered[: max(1, MOST_TRIED // len(block.poles) ** 2)]

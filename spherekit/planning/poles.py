@@ -393,15 +393,15 @@ def as_dict(plan: Plan) -> dict[str, Any]:
                 "opening": None if step.opening is None else named(step.opening),
                 "passes": [step_dict(inner) for inner in step.passes],
             }
-        found = {"pass": step.round, "case": step.case, "pole": named(step.pole)}
+        facts = {"pass": step.round, "case": step.case, "pole": named(step.pole)}
         if not isinstance(step, LinePole):
-            return found | {"pair": pairs[step.pair].name}
+            return facts | {"pair": pairs[step.pair].name}
         i, j = step.pole
         lines: list[dict[str, Any]] = [
             {"via": plan.name(k), "poles": [named(pole_of(i, k)), named(pole_of(j, k))]}
             for k in step.via
         ]
-        return found | {
+        return facts | {
             "lines": lines + [{"contact": pairs[n].name} for n in step.contacts]
         }
 

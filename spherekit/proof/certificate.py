@@ -117,11 +117,11 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     points: list[CertifiedSingularity] = []
     skipped: list[str] = []
     resting: list[tuple[str, int]] = []
-    known = {made.pairs[curves.driven], *curves.equations.offsets}
+    driven = {made.pairs[curves.driven], *curves.equations.offsets}
     undecided = sum(len(doubts) for _, doubts in curves.stopping)
     undecided += sum(map(bool, curves.open_at(curves.driven)))
     for output in (item.name for item in curves.written.mechanism.outputs):
-        if pairs.get(output) in known:
+        if pairs.get(output) in driven:
             continue
         rests: list[Stops] = [([], []) for _ in curves.chains]
         if pairs.get(output) in made.pairs:

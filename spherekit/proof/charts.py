@@ -289,7 +289,7 @@ def tubes(
     bent = np.abs(around.derivatives([np.abs(array) for array in made.values], 2))
     bent += spare[:, :, None, None] * steps[:, :, None] * steps[:, None, :]
     bend = np.einsum("nij,nj->ni", size, np.sum(bent, axis=(2, 3)))
-    miss, bend = (np.max(each * UP, axis=1, initial=0.0) for each in (miss, bend))
+    miss, bend = (np.max(bound * UP, axis=1, initial=0.0) for bound in (miss, bend))
     unique, slope, good = _contracted(miss, slack, bend)
     radius = MARGIN * np.max(still * UP, axis=1, initial=0.0) / (1.0 - slope)
     width = np.minimum(miss / (1.0 - slope) * UP, unique)

@@ -558,6 +558,6 @@ def _coupler_frames(contact: Touching) -> list[tuple[Frame, Frame]]:
     sine, cosine = contact.arc.sin_cos()
     axes = exactly([0.0, 0.0, 1.0]), np.array([exact(0.0), sine, cosine])
     return [
-        (own, np.stack([ahead, np.cross(axis, ahead), axis]))
-        for own, axis, ahead in zip(contact.axes, axes, contact.towards(*axes), strict=True)
+        (to, np.stack([ahead, np.cross(axis, ahead), axis]))
+        for to, axis, ahead in zip(contact.axes, axes, contact.towards(*axes), strict=True)
     ]

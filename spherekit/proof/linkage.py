@@ -387,8 +387,8 @@ class Linkage:
         for pair, (turn, axis, columns, link) in zip(
             self.mechanism.pairs, self._joints, strict=True
         ):
-            own = values[:, columns]
-            made = axis(own)[:, None] if pair.profiles is None else _vectors(turn, own)
+            given = values[:, columns]
+            made = axis(given)[:, None] if pair.profiles is None else _vectors(turn, given)
             vectors.append(made @ placed[:, link].swapaxes(1, 2))
         return np.concatenate(vectors, axis=1)
 

@@ -118,10 +118,10 @@ class Search:
         if chain is not None:
             # those that are proven to lie on a closed one are of no more use
             closed = chain.pieces if chain.closed else ()
-            starts = ((known, known.pieces[0]) for known in self.chains)
+            starts = ((followed, followed.pieces[0]) for followed in self.chains)
             kept = [
-                known
-                for known, start in starts
+                followed
+                for followed, start in starts
                 if not any(piece.holds(start.centre, start.miss) for piece in closed)
             ]
             self._keep([*kept, chain])

@@ -207,7 +207,7 @@ class _Modes:
 class SolvedSystem:
     """One system: its equations and unknowns by number, and solutions for some modes.
 
-    `given` are all other variables. `known` has angles of these and all `bound` solutions
+    `given` are all other variables. `solved` has angles of these and all `bound` solutions
     there can be then, complex ones and those at infinity too.
     """
 
@@ -215,12 +215,12 @@ class SolvedSystem:
     unknowns: list[int]
     given: list[int]
     bound: int
-    known: list[tuple[Floats, ChartRoots]]
+    solved: list[tuple[Floats, ChartRoots]]
 
     @property
     def shown(self) -> list[tuple[Floats, ChartRoots]]:
         """Some of the solutions, spread over the places tried."""
-        return self.known[:: 1 + len(self.known) // MOST_SHOWN]
+        return self.solved[:: 1 + len(self.solved) // MOST_SHOWN]
 
 
 class Systems:
@@ -305,7 +305,7 @@ class Systems:
 
         `boxes` has their centres, turns and half widths.
         """
-        bound, earlier = system.bound, system.known
+        bound, earlier = system.bound, system.solved
         centres, turns, half = (values[modes.row] for values in boxes)
         eye = np.broadcast_to(np.eye(centres.shape[1]), (*centres.shape, centres.shape[1]))
         given, turns, rates, off = (
@@ -342,12 +342,12 @@ class Systems:
         Where none are near they are found anew.
         """
         start, origins = given.copy(), []
-        at = turns_of(np.array([place for place, _ in system.known]))
+        at = turns_of(np.array([place for place, _ in system.solved]))
         for place in start:
             gaps = np.sum((at - turns_of(place)) ** 2, axis=(1, 2)) if len(at) else [np.inf]
             near = int(np.argmin(gaps))
             if gaps[near] < NEAR:
-                place[:], roots = system.known[near]
+                place[:], roots = system.solved[near]
             else:
                 roots = self._found(system, place)
             origins.append(roots)

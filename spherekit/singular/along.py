@@ -230,10 +230,10 @@ class AlongCurve:
             w, dw = self.at(s).relative(*pole)
             return w @ ASIDE, dw @ ASIDE
 
-        found = zeros(component, curve.s)
+        rests = zeros(component, curve.s)
         if curve.closed:
-            found = found.once(curve.length)
-        s, double = found.places, found.double
+            rests = rests.once(curve.length)
+        s, double = rests.places, rests.double
         if not len(s):
             return Roots(s, double, s)
         for _ in range(SETTLING):
