@@ -320,15 +320,19 @@ def turns_between(first: Floats, second: Floats) -> Turns:
     Turns
         In fixed axes: ``second = rotation(axis, angle) @ first``.
     """
-    vector = rotation_vector(second @ transpose(first))
-    angle = np.linalg.norm(vector, axis=1)
+    four = quaternion(second @ transpose(first))
+    vector = np.where(four[:, 3:] < 0.0, -four[:, :3], four[:, :3])
+    scalar = np.abs(four[:, 3])
+    sine = np.linalg.norm(vector, axis=1)
+    angle = 2.0 * np.arctan2(sine, scalar)
     status = np.full(len(angle), TurnStatus.OK, dtype=np.int8)
-    status[np.pi - angle <= ROUNDING] = TurnStatus.NO_SENSE
+    status[2.0 * scalar <= ROUNDING] = TurnStatus.NO_SENSE
     status[angle * USABLE_DIRECTION <= ROUNDING] = TurnStatus.NO_AXIS
-    axis = vector / np.where(status != TurnStatus.NO_AXIS, angle, np.nan)[:, None]
-    largest = axis[np.arange(len(axis)), np.argmax(np.abs(axis), axis=1)]
-    axis[(status == TurnStatus.NO_SENSE) & (largest < 0.0)] *= -1.0
-    return Turns(axis, angle, status)
+    has_axis = (status != TurnStatus.NO_AXIS)[:, None]
+    axis = np.where(has_axis, vector / np.where(has_axis, sine[:, None], 1.0), np.nan)
+    largest = np.argmax(np.abs(vector), axis=1)
+    back = (status == TurnStatus.NO_SENSE) & (vector[np.arange(len(vector)), largest] < 0.0)
+    return Turns(np.where(back[:, None], -axis, axis), angle, status)
 
 
 def rotation(axis: Floats, angle: ArrayLike) -> Floats:
