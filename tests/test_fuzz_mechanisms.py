@@ -13,10 +13,10 @@ from spherekit.rates.request import request
 
 
 def test_no_wrong_value_without_a_status():
-    tally = sweep(range(100))
-    assert tally.wrong == [] and tally.mechanisms["evaluated"] >= 60
-    assert tally.rows["OK"] >= 200 and tally.rows["AT_SINGULARITY"] >= 1
-    assert tally.poles["OK"] >= 4000
+    tally = sweep(range(45))
+    assert tally.wrong == [] and tally.mechanisms["evaluated"] >= 30
+    assert tally.rows["OK"] >= 90 and tally.rows["AT_SINGULARITY"] >= 1
+    assert tally.poles["OK"] >= 2000
 
 
 @pytest.mark.long

@@ -14,15 +14,15 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 669_945,
-    "code lines": 54_292,
+    "nodes": 653_591,
+    "code lines": 52_290,
     "files": 327,
-    "classes": 676,
-    "dataclasses": 479,
-    "functions of 60 lines": 15,
+    "classes": 617,
+    "dataclasses": 443,
+    "functions of 60 lines": 14,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
-LINES = {"tests": 42_433, "benchmarks": 4_497}
+LINES = {"tests": 37_646, "benchmarks": 4_495}
 """Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 

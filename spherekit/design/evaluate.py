@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from spherekit.analysis.contract import FigureOfMerit
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN
-from spherekit.design.all_solutions import StartSolutions, start_set
 from spherekit.design.figures import (
     BLOCK,
     IMPOSSIBLE,
@@ -29,6 +28,7 @@ from spherekit.design.figures import (
     refused,
 )
 from spherekit.design.followed_modes import Modes, followed_modes
+from spherekit.design.homotopy import StartSolutions, start_set
 from spherekit.design.profile_numbers import tracks_of
 from spherekit.design.sensitivity import VariedMechanism
 from spherekit.design.variables import (

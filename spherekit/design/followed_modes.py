@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices, Integers
-from spherekit.design.all_solutions import StartSolutions
 from spherekit.design.homotopy import (
     LONG,
     Equations,
+    StartSolutions,
     apart,
     corrected,
     distinct,
