@@ -25,7 +25,7 @@ def joint_classes(trees):
         for node in ast.walk(tree)
         if isinstance(node, ast.ClassDef)
     }
-    found = {kind.__name__ for kind in KINDS.values()} | {"_Revolute", "_Contact"}
+    found = {kind.__name__ for kind in KINDS.values()}
     while more := {name for name, own in bases.items() if own & found} - found:
         found |= more
     assert found <= set(bases)

@@ -193,8 +193,8 @@ def test_a_mode_ends_where_its_designs_do(tmp_path):
         moved = mode.moved(there)
         assert sum(mode.goes_on_in(other) for other in others) >= 1
         back = moved.places(here, 9)
-        held = np.isfinite(moved.configurations[0])
-        assert back[:, held] == pytest.approx(mode.configurations[:, held], abs=1e-9)
+        held = np.isfinite(moved.followed[2][0])
+        assert back[:, held] == pytest.approx(mode.followed[2][:, held], abs=1e-9)
 
 
 def test_several_objectives_need_dyads(tmp_path):

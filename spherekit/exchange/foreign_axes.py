@@ -116,7 +116,7 @@ PARALLEL = 1e-9
 
 def distances(place: Floats, points: Floats, axes: Floats) -> Floats:
     """Return how far (n,) m lines through points along unit axes (n, 3) pass a place."""
-    return np.asarray(np.linalg.norm(np.cross(place - points, axes), axis=1))
+    return np.linalg.norm(np.cross(place - points, axes), axis=1)
 
 
 def common_point(points: Floats, axes: Floats, within: float) -> Floats | None:
@@ -132,7 +132,7 @@ def common_point(points: Floats, axes: Floats, within: float) -> Floats | None:
     if not candidates:
         foot = points[0] - (points[0] @ axes[0]) * axes[0]
         apart = float(np.max(distances(foot, points, axes)))
-        return np.asarray(foot) if apart <= within else None
+        return foot if apart <= within else None
     gaps = [distances(place, points, axes) for place in candidates]
     best = max(
         range(len(gaps)), key=lambda k: (np.sum(gaps[k] <= within), -np.sum(gaps[k]))
@@ -146,7 +146,7 @@ def _nearest(points: Floats, axes: Floats) -> Floats | None:
     """Return the point (3,) of least squared distances, None where lines are parallel."""
     across = np.eye(3) - axes[:, :, None] * axes[:, None]
     summed = np.sum(across, axis=0)
-    if np.linalg.eigvalsh(summed)[0] < PARALLEL**2 * len(points):
+    if len(points) < 2 or np.linalg.eigvalsh(summed)[0] < PARALLEL**2 * len(points):
         return None
     return np.linalg.solve(summed, np.sum(across @ points[:, :, None], axis=0)[:, 0])
 
