@@ -281,10 +281,7 @@ def test_a_curve_ends_exactly_where_curvatures_are_equal():
     made = cam(GROUND, waisted, Profile("circle", at(ARM), 30 * DEGREE))
     curve = closed_near(made, [-0.6, -0.9, 1.5, 1.56])
     assert curve.ends == (sk.Status.CURVATURE, sk.Status.CURVATURE)
-    cam_profile, roller = (
-        curve.closure.joints[2].first,
-        curve.closure.joints[2].second,
-    )
+    cam_profile, roller = (curve.closure.joints[2].first, curve.closure.joints[2].second)
     ends = curve.nodes.values[[0, -1]]
     gap = cam_profile.at(ends[:, 2]).curvature - roller.at(ends[:, 3]).curvature
     assert np.max(np.abs(gap)) < 2e-9

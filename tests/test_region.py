@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from closed_forms import (
-    five_bar_area,
-)
+from closed_forms import five_bar_area
 from sphere_areas import common_area
 
 from spherekit.errors import RegionError

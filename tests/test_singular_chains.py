@@ -73,10 +73,7 @@ def check_counts(tracer, found, analysis, points):
     """
     single = tracer.solver.single
     dead = [
-        (
-            p.values[single],
-            analysis.along[p.curve].curve.at(p.s).bends[0, single],
-        )
+        (p.values[single], analysis.along[p.curve].curve.at(p.s).bends[0, single])
         for p in points
         if p.output == analysis.outputs[0] and p.input_turns
     ]

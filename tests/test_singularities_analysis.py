@@ -368,3 +368,13 @@ def test_a_simulation_has_the_places_that_it_passes_with_their_turn(rate):
     assert np.allclose(np.sort(moved.q[turned + 1]), passed, atol=0.02)
     elsewhere = rows[rows["inside"] == "no"]
     assert set(elsewhere["curve"]) == {1} and len(elsewhere) == 2
+
+
+def test_relations_keep_their_sense_where_an_axis_rests():
+    """One sample is where links rest relative to each other and the curve closes."""
+    rows = sk.run("four_bar", "singularities").frame("singularities", "relation")
+    for _, relation in rows.groupby(["assembly_mode", "output", "form"]):
+        for name in ("c", "d"):
+            values = relation[name].to_numpy()
+            values = values[np.isfinite(values)]
+            assert np.all(np.abs(np.diff(values)) < 0.1)

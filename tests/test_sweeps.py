@@ -24,10 +24,7 @@ from spherekit.design.figures import DesignSamples
 from spherekit.design.held_modes import HeldMode
 from spherekit.design.sweep import DesignSpace, listed, variation
 from spherekit.design.sweep_parts import run_sweep
-from spherekit.errors import (
-    ModelError,
-    OutputError,
-)
+from spherekit.errors import ModelError, OutputError
 from spherekit.files.library import find
 from spherekit.files.read import read
 from spherekit.files.write import document_of, number_path, with_numbers

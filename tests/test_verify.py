@@ -150,8 +150,7 @@ def verifier_of(tracer, count):
     course = Sampling(tracer, tracer.input_grid.q, tracer.input_grid.shape, None, False, {})
     evaluation = Evaluation(ORDINARY, course, [wanted], Needs())
     return wanted, Verifier(
-        RunPlan(course, (), (), {}, (wanted,), len(course), evaluation),
-        count,
+        RunPlan(course, (), (), {}, (wanted,), len(course), evaluation), count
     )
 
 

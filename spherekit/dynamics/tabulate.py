@@ -240,7 +240,7 @@ def _sizes(names: list[str], values: Floats) -> Floats:
         if name.startswith("d("):
             size[k] = max(size[k], LEAST * size[names.index(name[2 : name.index(")")])])
     size[size == 0.0] = 1.0
-    return np.asarray(size)
+    return size
 
 
 MARGIN = 0.03

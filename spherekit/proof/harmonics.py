@@ -180,7 +180,7 @@ def _summed(parts: Floats, waves: Floats, derived: bool = False) -> Floats:
         total += split[:, 0]
     for wave in range(2, len(waves)):
         total += split[:, wave] * waves[wave]
-    return np.asarray(total)
+    return total
 
 
 def _norm(nodes: int) -> float:

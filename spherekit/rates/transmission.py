@@ -234,7 +234,7 @@ def _by_singular_values(way: Floats, loops: Floats) -> Floats:
     by = np.where(still, 0.0, 1.0 / np.maximum(sizes, 1e-300))
     gives = (moved * by[:, None]) @ np.swapaxes(left, 1, 2)
     gives[turns] = np.inf
-    return np.asarray(gives)
+    return gives
 
 
 def _largest(matrices: Floats) -> Floats:

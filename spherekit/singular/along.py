@@ -203,8 +203,8 @@ class AlongCurve:
         (w, dw), (length, growth) = there.relative(*pole), there.speeds(pole)
         resting = length <= NEAR_REST * growth
         reversals = roots.s[~roots.double]
-        beyond = s + np.where(resting, 2.0 * NEAR_REST, 0.0)
-        odd = np.searchsorted(reversals, beyond, side="right") % 2 == 1
+        again = np.append(reversals, reversals + self.curve.length)  # a lap later
+        odd = np.searchsorted(again, s + 2.0 * NEAR_REST * resting, side="right") % 2 == 1
         size = np.where(resting, growth, length) * np.where(odd, -1.0, 1.0)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.nan_to_num(np.where(resting[:, None], dw, w) / size[:, None])

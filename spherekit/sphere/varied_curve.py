@@ -45,7 +45,7 @@ class QuinticPanels:
         for power in range(5, order - 1, -1):
             factor = float(np.prod(np.arange(power - order + 1, power + 1)))
             total = total * x + factor * self.coefficients[panel, power]
-        return np.asarray(total)
+        return total
 
 
 def quintic_panels(knots: Floats, points: Floats, closed: bool) -> QuinticPanels:
