@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
+from common import field_of
 from fuzz_judge import sweep
 from random_mechanisms import FAMILIES, random_mechanism
 
 from spherekit.conventions import Status
-from spherekit.engine.fields import evaluate
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import request
+from spherekit.planning.inputs import plan_assembly
 
 
 def test_no_wrong_value_without_a_status():
@@ -52,21 +50,13 @@ def test_families_and_seeds_repeat():
 
 def test_a_short_range_is_searched_too():
     """In a range below 1e-4 rad no input was probed, so no other mode was found."""
-    _, made = next(
-        (family, mechanism)
+    made = next(
+        mechanism
         for family, mechanism in map(random_mechanism, range(1000))
-        if family == "triads"
-        and len(mechanism.links) == 8
+        if (family, len(mechanism.links), len(mechanism.inputs)) == ("triads", 8, 1)
         and mechanism.inputs[0].stop == 1e-6
-        and len(mechanism.inputs) == 1
-        and not PositionAnalysis(
-            mechanism, search=False, samples=3
-        ).assembly.has_closed_form
+        and not plan_assembly(mechanism).has_closed_form
     )
-    short = PositionAnalysis(made, samples=3)
-    motion = short.motion()
-    poles = all_poles(len(made.links))
-    name = made.inputs[0].pair
-    field = evaluate(motion, request(short.mechanism, name, poles, poles))
-    assert len(short.assembly_modes) > 1
+    motion, field = field_of(made, samples=3)
+    assert len(motion.assembly_modes) > 1
     assert np.any(field.status == Status.OK)

@@ -12,11 +12,13 @@ from closed_forms import (
 )
 from common import field_of
 from oracles import null_space, off_axis
+from refusals import text_of
 from scipy.optimize import brentq
 from singular_examples import four_bar as four_bar_of
 
 import spherekit as sk
 from spherekit.engine.fields import evaluate
+from spherekit.files.read import loads
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
@@ -189,3 +191,12 @@ def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
             if field.by_equations[1]:
                 assert distance < 1e-13 / (gap * size)
     assert 2 <= taken <= 14
+
+
+def test_links_that_rest_for_a_moment_are_known_as_well_as_others():
+    """Bounds along an axis that relative rates leave open are those of the plan's axis."""
+    result = sk.run(loads(text_of("odd_six")), "poles", samples=3, verify=4)
+    rows = result.frame()
+    assert np.min(np.abs(rows["velocity_coefficient"])) < 1e-15
+    assert np.all(rows["status"] == "OK") and not result.summary["warnings"]
+    assert rows.filter(like="error_bound").to_numpy().max() < 1e-9

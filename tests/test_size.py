@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 653_582,
+    "nodes": 653_557,
     "code lines": 52_290,
     "files": 327,
     "classes": 617,
@@ -22,7 +22,7 @@ REACHED = {
     "functions of 60 lines": 14,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
-LINES = {"tests": 37_644, "benchmarks": 4_495}
+LINES = {"tests": 37_643, "benchmarks": 4_495}
 """Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 

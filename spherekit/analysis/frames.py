@@ -304,8 +304,7 @@ def notes_of(path: Path) -> dict[str, Any]:
 
 
 def _notes(schema: "pa.Schema") -> dict[str, Any]:
-    notes: dict[str, Any] = json.loads((schema.metadata or {}).get(NOTES, b"{}"))
-    return notes
+    return json.loads((schema.metadata or {}).get(NOTES, b"{}"))
 
 
 def write_columns(

@@ -167,7 +167,7 @@ def _foreseen(places: Floats, now: Array, slopes: Array, there: Floats) -> Array
     From the last values (v, m) and the slopes (2, v, m) between.
     """
     bend = (slopes[1] - slopes[0]) / (places[2] - places[0])
-    return np.asarray(now + (there - places[2]) * (slopes[1] + (there - places[1]) * bend))
+    return now + (there - places[2]) * (slopes[1] + (there - places[1]) * bend)
 
 
 def corrected(equations: Equations, values: Array) -> tuple[Array, Floats, Floats, Array]:
@@ -203,7 +203,7 @@ def settled(equations: Equations, values: Array) -> tuple[Array, Bools]:
 
 
 def _length(step: Array) -> Floats:
-    return np.asarray(max_abs(step, axis=0, initial=0.0))
+    return max_abs(step, axis=0, initial=0.0)
 
 
 def apart(one: Array, other: Array) -> Floats:

@@ -418,7 +418,7 @@ class FileNumbers:
             # Of angles whole turns do not matter: wheels are put together by them.
             away, of_angles = self._differing(beside) - begun, len(self.of_contacts)
             away[:of_angles] -= TURN * np.round(away[:of_angles] / TURN)
-            return np.asarray(away)
+            return away
 
         slope = None
         with suppress(SpherekitError):

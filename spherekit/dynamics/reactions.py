@@ -68,7 +68,7 @@ class Reactions:
     @property
     def across(self) -> Floats:
         """(n, pairs) N m: the part across the axis, or across the point of a contact."""
-        return np.asarray(np.hypot(self.moments[..., 0], self.moments[..., 1]))
+        return np.hypot(self.moments[..., 0], self.moments[..., 1])
 
     @property
     def on_bearings(self) -> Mapping[str, Floats]:

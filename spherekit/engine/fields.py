@@ -196,9 +196,9 @@ class _Rows:
             direction, rate, change = self.errors[pole]
             v, dv = map(norm, self.relative(pole))
             doubt = direction + 2.0 * LARGEST_ERROR / TURN_KNOWN * change / v
-            none = (v <= rate) & (dv <= change) & np.isfinite(change)
+            none = (v <= rate) & (dv <= change) & (change <= NO_MOTION)
             good &= (doubt <= LARGEST_ERROR) | none
-        return np.asarray(good)
+        return good
 
     def _widen(self, kernel: RowKernel, rows: Indices) -> None:
         """Compute rows again, and what they may be off by."""
@@ -236,23 +236,24 @@ class _Rows:
             self._doubt_turn(pole, rows, gap * spread("direction_dq", pole))
         for pole, errors in self.errors.items():
             i, j = pole
-            both = size[i] + size[j]
+            v, dv = (norm(part[:, rows]) for part in self.relative(pole))
             direction = (gap + numbers) * spread("direction", pole) + numbers
-            turned, whole = turns[i] + turns[j], ways[i] + ways[j]
-            # Of links that rest there is no axis to go along.
-            along = np.fmin(spread("velocity_coefficient", pole), whole)
-            swung = np.fmin(spread("acceleration_coefficient", pole), bent[i] + bent[j])
+            both, turned, whole = size[i] + size[j], turns[i] + turns[j], ways[i] + ways[j]
+            # Of links that rest there is no axis to go along: that of the plan is given.
+            rests = ~(direction < USABLE_DIRECTION)
+            axis, beyond = np.where(rests, 0.0, direction), np.where(rests, np.inf, 1.0)
+            along = np.fmin(beyond * spread("velocity_coefficient", pole), whole)
+            swung = beyond * spread("acceleration_coefficient", pole)
+            swung = np.fmin(swung, bent[i] + bent[j])
             rate = gap * along + numbers * fast * turned
-            rate += (numbers + np.fmin(direction, 1.0) ** 2) * both + more * off_w
-            change = gap * swung + more * off_dw
+            rate += numbers * both + axis**2 * v + more * off_w
+            change = gap * swung + axis * (v + dv) + more * off_dw
             change += numbers * (3.0 * fast * whole + swings * turned)
-            change += (numbers + np.fmin(direction, 1.0)) * (both + swing[i] + swing[j])
+            change += numbers * (both + swing[i] + swing[j])
             if pole in signed_poles:
-                v, dv = (part[:, rows] for part in self.relative(pole))
-                rests = (norm(v) <= rate) & (norm(dv) <= change)
+                rests = (v <= rate) & (dv <= change)
                 # Numbers of the file are rounded before they become terms.
-                rounded = direction + numbers * fast * turned / norm(v)
-                direction = np.where(rests, np.inf, rounded)
+                direction = np.where(rests, np.inf, direction + numbers * fast * turned / v)
             errors[:, rows] = direction, rate, change
 
     def _doubt_turn(self, pole: Pole, rows: Indices, off: Floats) -> None:
@@ -291,8 +292,9 @@ def _add_pole(
         off = _off_by_plan(planned(), at.motion, body_pole) + at.apart.get(pole, 0.0)
         direction[open_] = off[open_]
         rate[open_], change[open_] = dot(v, unit)[open_], dot(dv, unit)[open_]
-        e_rate[open_] += norm(v)[open_]
-        e_change[open_] += norm(dv)[open_]
+        part = np.where(direction < USABLE_DIRECTION, direction, 1.0)
+        e_rate[open_] += (part * norm(v))[open_]
+        e_change[open_] += (part * norm(dv))[open_]
         if body_pole not in axis_pairs(at.wanted.plan):
             turn[:, open_] = np.nan
     bad = at.motion.failed | ~(direction < USABLE_DIRECTION)

@@ -95,7 +95,7 @@ class Kernel:
                     f"a kernel was given an array of shape {array.shape}; its rows are "
                     f"{listing(names)}, its columns the configurations"
                 )
-        return np.asarray(self.function(rows, out))
+        return self.function(rows, out)
 
     @property
     def poles(self) -> tuple[Pole, ...]:

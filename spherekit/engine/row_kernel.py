@@ -89,7 +89,7 @@ class ColumnFunction:
 
     def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return all columns (width, n) of variables (variables, n)."""
-        return np.asarray(self.function(with_columns(values, self.profiles), out))
+        return self.function(with_columns(values, self.profiles), out)
 
 
 class RowKernel:

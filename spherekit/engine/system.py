@@ -344,8 +344,7 @@ def float_function(
     finite it may raise `ArithmeticError` or `ValueError`.
     """
     names = {**vars(math), "maximum": max, "sign": np.sign}
-    made: FloatFunction = _printed(outputs, inputs, float, names)[0]
-    return made
+    return _printed(outputs, inputs, float, names)[0]
 
 
 def _printed(

@@ -259,7 +259,7 @@ class ArcCurve(Chords):
                 "chords: Newton's method does not close the loops between two nodes; "
                 "follow it with a smaller `step`"
             )
-        return np.asarray((1.0 / cosine).reshape(u.shape))
+        return (1.0 / cosine).reshape(u.shape)
 
     @property
     def length(self) -> float:

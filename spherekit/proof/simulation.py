@@ -272,7 +272,7 @@ class _Step:
 
     def reached(self, x: Array) -> Array:
         """Return the coordinate and p (2, n) at places x (n,) in [-1, 1]."""
-        return np.asarray(middles(_value(self.way, x).T))
+        return middles(_value(self.way, x).T)
 
 
 def _value(series: Array, x: Array) -> Array:

@@ -200,7 +200,7 @@ def _units(tree: LoopTree, vectors: Floats) -> Floats:
             other -= one * np.sum(one * other, axis=1, keepdims=True)
             size = np.linalg.norm(other, axis=1, keepdims=True)
             units[:, v] = other / np.where(size > 0.0, size, 1.0)
-    return np.asarray(units)
+    return units
 
 
 def _solved(loops: Floats, sides: Floats) -> Floats:

@@ -307,7 +307,7 @@ class _Spread:
         """Return (n,) whether nothing singular that divides is between, by cubics."""
         regular = np.all(self.nodes.regular[ends], axis=1)
         if not self.divides:
-            return np.asarray(regular)
+            return regular
         value = self.nodes.one[ends]
         slope = np.einsum("nei,ni->ne", self.nodes.slope[ends], moved)
         signs = np.sign(np.concatenate([value, value + slope * [1.0, -1.0] / 3.0], axis=1))

@@ -129,7 +129,7 @@ class SplinePath:
         there = self.spline(np.real(u), order)
         if np.iscomplexobj(u):
             there = there + np.imag(u)[..., None] * 1j * self.spline(np.real(u), order + 1)
-        return np.asarray(there)
+        return there
 
     def speed(self, u: Floats) -> Floats:
         """Return |dp/du| at u of any shape."""

@@ -494,4 +494,4 @@ def _on_way(outside: Floats, held: Floats, inside: Callable[[Floats], Bools]) ->
         last = int(out[-1])
         low, high = float(parts[last]), float(parts[last + 1])
         held_there = places[last + 1]
-    return np.asarray(held_there)
+    return held_there
