@@ -464,8 +464,7 @@ def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]
 
 
 def _largest(values: Floats) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.max(finite, initial=0.0))
+    return float(np.max(values[np.isfinite(values)], initial=0.0))
 
 
 def _schedule_figures(schedule: TimeScaling, shape: str) -> dict[str, Any]:

@@ -242,8 +242,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             return (Scene("Inverse", (solved, words)),)
         every = range(len(batch.mechanism.pairs))
         whole = result.solver.inverse(poses, self._modes(result.solver), every)
-        closure = solver_of(batch.mechanism).closure
-        placed = closure.at(whole.values[shown]).placed
+        placed = solver_of(batch.mechanism).closure.at(whole.values[shown]).placed
         number = batch.mechanism.link_number[result.solver.output.relative_to]
         at = np.einsum("nij,nj->ni", placed[:, number], places[rows.pose[shown]])
         assembled: tuple[Primitive, ...] = (

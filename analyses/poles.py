@@ -113,8 +113,7 @@ def axode_traces(batch: Batch, pole: Pole, label: str, rows: slice) -> list[Prim
     u = batch.direction(*pole)[rows]
     traces: list[Primitive] = []
     for number, kind in zip(pole, ("fixed", "moving"), strict=True):
-        link = batch.mechanism.links[number]
-        turn = batch.rotation(link)[rows]
+        turn = batch.rotation(batch.mechanism.links[number])[rows]
         traces.append(
             Trace(
                 f"axode/{label}/{kind}",

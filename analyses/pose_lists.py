@@ -184,8 +184,7 @@ class Given:
                     "say for example azimuth:0:360:37"
                 )
             axes[name] = np.linspace(low, high, count)
-        kinds = _kinds(solver)
-        names = _kind(kinds, tuple(axes), where)
+        names = _kind(_kinds(solver), tuple(axes), where)
         shape = tuple(len(axes[name]) for name in names)
         _check_size(float(np.prod(shape, dtype=float)), f"{where}: window")
         mesh = np.meshgrid(*(axes[name] for name in names), indexing="ij")
@@ -235,8 +234,7 @@ class Given:
             lost = np.any(~np.isfinite(normals), axis=1)
             why = "is not a mid-plane: phi and gamma are too large"
             _refuse(lost, places, where, why)
-            turned = form.orientations(normals)
-            return turned @ np.array(solver.output.direction)
+            return form.orientations(normals) @ np.array(solver.output.direction)
         made = posed(names, rows)
         if names == MATRIX:
             gap = np.abs(made @ np.swapaxes(made, 1, 2) - np.eye(3)).max(axis=(1, 2))
@@ -281,8 +279,7 @@ def _kind(
 def _example(solver: OutputKinematics) -> str:
     """Return a pose of this output that is reached, as it is written."""
     ends = np.array([[item.start, item.stop] for item in solver.mechanism.inputs])
-    parts = np.linspace(0.3, 0.9, TRIED)[:, None]
-    inputs = ends[:, 0] + parts * (ends[:, 1] - ends[:, 0])
+    inputs = ends[:, 0] + np.linspace(0.3, 0.9, TRIED)[:, None] * (ends[:, 1] - ends[:, 0])
     solutions = solver.forward(inputs)
     if not len(solutions.row) or not solver.labels:
         names, values = _kinds(solver)[-1], inputs[0]
@@ -290,8 +287,7 @@ def _example(solver: OutputKinematics) -> str:
         names, values = AZIMUTH_TILT, azimuth_tilt(solutions.directions[:1])[0]
     else:
         names, values = TILT_TORSION, tilt_torsion(solutions.rotations[:1])[0]
-    numbers = np.degrees(values)
-    told = zip(names, np.round(numbers, 4) + 0.0, strict=True)
+    told = zip(names, np.round(np.degrees(values), 4) + 0.0, strict=True)
     return "+".join(f"{name}={number:.8g}" for name, number in told)
 
 

@@ -172,8 +172,7 @@ class ReactionAnalysis(AbstractAnalysis):
             for load, at, couple, radial, axial in _bearing_loads(batch.mechanism, result)
         }
         more = result.lacking
-        sliding = np.any(result.slides, axis=0)
-        links = zip(batch.mechanism.links, sliding, strict=True)
+        links = zip(batch.mechanism.links, np.any(result.slides, axis=0), strict=True)
         figures = {
             "pairs": pairs,
             "bearings": bearings,
@@ -355,8 +354,7 @@ def _said(figures: Mapping[str, Any]) -> Findings:
             remarks.append(
                 f"largest {what}: {size} {where} at sample {sample} of assembly mode {mode}"
             )
-    told = _on_forces(figures)
-    (warnings if figures["asks_for_forces"] else remarks).extend(told)
+    (warnings if figures["asks_for_forces"] else remarks).extend(_on_forces(figures))
     return Findings(dict(figures), tuple(warnings), tuple(remarks))
 
 

@@ -99,8 +99,7 @@ class RotationScenes:
         base = placed[:, mechanism.link_number[self.output.relative_to]]
         parts: list[Primitive] = [*link_bodies(mechanism, placed)]
         parts.append(Arrow("axis", "axis of the rotation", base @ self.turn.axis, False))
-        whole = self.turn.at(np.linspace(0.0, self.turn.angle, DRAWN))
-        every = self.place(whole.values)
+        every = self.place(self.turn.at(np.linspace(0.0, self.turn.angle, DRAWN)).values)
         link = mechanism.link_number[self.output.link]
         for name, direction in self._directions():
             path = every[:, link] @ direction

@@ -208,8 +208,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             gradients[~np.isfinite(gradients)] = np.nan
             squares = (gradients * deviations.spread[:, None, None]) ** 2
             variance = np.sum(squares, axis=0)
-            hangs = np.sqrt(variance) > self._least
-            shares = np.where(hangs, squares / variance, np.nan)
+            shares = np.where(np.sqrt(variance) > self._least, squares / variance, np.nan)
         drawn = np.full((3, *variance.shape), np.nan)
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
@@ -252,8 +251,7 @@ class SensitivityAnalysis(AbstractAnalysis):
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the largest spreads of all blocks."""
         largest = largest_of(before.figures, now.figures, "spread")
-        said = self._said(largest, now.remarks[-1])
-        return replace(said, warnings=now.warnings)
+        return replace(self._said(largest, now.remarks[-1]), warnings=now.warnings)
 
     def _varied(self, keys: Sequence[str]) -> str:
         singly = [f"{part.replace(':', ' by ')}" for part in _split(self.deviations)]
@@ -311,8 +309,7 @@ class SensitivityAnalysis(AbstractAnalysis):
 
 def _largest(squares: Floats) -> list[int]:
     """Return the sizes (at most `SHOWN`) with the largest shares, in their order."""
-    shares = np.nansum(squares, axis=1)
-    return sorted(np.argsort(-shares, kind="stable")[:SHOWN].tolist())
+    return sorted(np.argsort(-np.nansum(squares, axis=1), kind="stable")[:SHOWN].tolist())
 
 
 def _most(keys: Sequence[str], shares: Floats) -> NDArray[np.str_]:

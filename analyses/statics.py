@@ -226,5 +226,4 @@ def _said(largest: Mapping[str, Any], loads: bool) -> Findings:
 
 def _beside(parts: list[Floats], empty: tuple[int, ...]) -> Floats:
     """Return arrays (n, ...) of k things as rows (n k, ...), thing after thing."""
-    stacked = np.stack(parts, axis=1) if parts else np.zeros(empty)
-    return stacked.reshape(-1, *empty[2:])
+    return (np.stack(parts, axis=1) if parts else np.zeros(empty)).reshape(-1, *empty[2:])

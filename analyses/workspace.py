@@ -102,8 +102,7 @@ class WorkspaceScenes:
         places = region.surface_points
         at = self.limited.judge(item, places)
         margin = np.maximum(np.nan_to_num(at.margin), 0.0)
-        worst = np.fmin(at.type_1, at.type_2)
-        angle = np.arcsin(np.clip(np.nan_to_num(worst), 0.0, 1.0))
+        angle = np.arcsin(np.clip(np.nan_to_num(np.fmin(at.type_1, at.type_2)), 0.0, 1.0))
         marks = self._deepest(item)
         inside = SphereCurves("workspace/deepest", "farthest inside", (), 0, marks)
 
@@ -136,8 +135,7 @@ class WorkspaceScenes:
             ],
             axis=1,
         )
-        turned = quaternion(from_tilt_torsion(angles))
-        inside = self.limited.judge(item, turned).inside
+        inside = self.limited.judge(item, quaternion(from_tilt_torsion(angles))).inside
         reached = 2.0 * np.pi * inside.reshape(-1, TORSIONS).mean(axis=1)
         judged, places = self.samples[item.signs]
         within = judged.inside
@@ -183,8 +181,7 @@ class WorkspaceScenes:
         curves: list[Primitive] = []
         for tone, (number, arcs) in enumerate(sorted(lines.items()), 1):
             longest = max(arcs, key=_length)
-            short = names[number].partition(" (")[0]
-            mark = Mark(short, longest[len(longest) // 2], tone)
+            mark = Mark(names[number].partition(" (")[0], longest[len(longest) // 2], tone)
             path = f"workspace/border/{number + 1}"
             curves.append(SphereCurves(path, names[number], arcs, tone, [mark]))
         return curves

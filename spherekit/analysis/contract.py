@@ -166,8 +166,7 @@ def parse_merit(text: str, radians: float) -> FigureOfMerit:
     if name is None:
         words = f"{reduction}_{expression.strip()}{ending}"
         name = re.sub(r"\W+", "_", words).strip("_")
-    chosen = re.findall(r"(\w+)\s*=\s*(\w+)", only)
-    only_of = tuple(chosen)
+    only_of = tuple(re.findall(r"(\w+)\s*=\s*(\w+)", only))
     return FigureOfMerit(
         name, reduction, expression.strip(), point, table, "", only_of, place
     )
@@ -203,8 +202,7 @@ class Sweep:
 
     def applies(self, mechanism: Mechanism) -> bool:
         """Return whether it matters to a mechanism."""
-        several = "several" if len(mechanism.inputs) > 1 else "one"
-        return self.inputs in ("any", several)
+        return self.inputs in ("any", "several" if len(mechanism.inputs) > 1 else "one")
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,7 @@ def declared(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
         With which it refuses the mechanism, or its parameters.
     """
     name = getattr(analysis, "name", type(analysis).__name__)
-    unusable = isinstance(analysis, BrokenAnalysis)
-    fault = "" if unusable else fault_of_class(type(analysis))
+    fault = "" if isinstance(analysis, BrokenAnalysis) else fault_of_class(type(analysis))
     if not fault:
         with faults_of(name, "needs"):
             needs = analysis.needs(mechanism)

@@ -240,8 +240,7 @@ def _digest(state: object) -> str:
 
 def signed(summary: Mapping[str, Any]) -> dict[str, Any]:
     """Return a summary with the signature that says that a run wrote it."""
-    plain = json.loads(json.dumps(summary))
-    return {**summary, SIGNATURE: _digest(plain)}
+    return {**summary, SIGNATURE: _digest(json.loads(json.dumps(summary)))}
 
 
 def _content(record: Path) -> dict[str, Any]:

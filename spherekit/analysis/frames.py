@@ -364,8 +364,7 @@ class PartTables:
         import pyarrow as pa
 
         plain = _arrow(table, typed(table, data), self._degrees)
-        numbers = pa.array(np.full(len(plain), design))
-        whole = plain.add_column(0, DESIGN, numbers)
+        whole = plain.add_column(0, DESIGN, pa.array(np.full(len(plain), design)))
         notes = {"units": table.units(self._degrees)}
         waiting = self._waiting[stem]
         waiting.append(whole.cast(_noted(whole.schema, notes)))
@@ -376,8 +375,7 @@ class PartTables:
     def _write(self, stem: str) -> None:
         whole = _joined(self._waiting.pop(stem))
         if stem not in self._writers:
-            path = make_folder(self._folder / stem) / self._name
-            opened = _parquet(path, whole.schema)
+            opened = _parquet(make_folder(self._folder / stem) / self._name, whole.schema)
             self._writers[stem] = self._files.enter_context(opened)
         self._writers[stem].write_table(whole)
 

@@ -44,8 +44,7 @@ def link_shapes(mechanism: Mechanism) -> list[Shape]:
 
 def static_scene(plans: Sequence[Plan], shapes: list[Shape]) -> Scene:
     """Return what does not move: the ground and the plans' Tables."""
-    ground = _body(plans[0].mechanism, shapes, 0, None)
-    return Scene(None, (ground, _text(plans)))
+    return Scene(None, (_body(plans[0].mechanism, shapes, 0, None), _text(plans)))
 
 
 def graph_scene(mechanism: Mechanism) -> Scene:
@@ -141,8 +140,7 @@ def link_curves(joints: Floats) -> list[Floats]:
     side = joints - np.outer(joints @ pole, pole)
     east = side[int(np.argmax(np.linalg.norm(side, axis=1)))]
     east = east / np.linalg.norm(east)
-    azimuth = np.arctan2(side @ np.cross(pole, east), side @ east)
-    order = np.argsort(azimuth, kind="stable")
+    order = np.argsort(np.arctan2(side @ np.cross(pole, east), side @ east), kind="stable")
     return [
         great_arc(joints[a], joints[b])
         for a, b in zip(order, np.roll(order, -1), strict=True)

@@ -32,8 +32,7 @@ def scale_of(values: Floats, unit: str) -> float:
 
     Their size says whether they are noise, that of a torque or an inertia does not.
     """
-    finite = np.abs(values[np.isfinite(values)])
-    largest = float(np.max(finite, initial=0.0))
+    largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
     return largest if any(part in unit for part in DIMENSIONAL) else max(largest, 1.0)
 
 

@@ -140,8 +140,7 @@ class Trace:
         if self.quaternions is None:
             return self.directions
         finite = np.isfinite(self.quaternions).all(axis=1)
-        turn = from_quaternion(self.quaternions[int(np.argmax(finite))])
-        return self.directions @ turn.T
+        return self.directions @ from_quaternion(self.quaternions[int(np.argmax(finite))]).T
 
 
 @dataclass(frozen=True)

@@ -94,8 +94,7 @@ def _drop_output() -> None:
 def _reason(problem: Exception) -> str:
     """Return why a command ended by the system's fault, empty if it is another one."""
     for cause in _causes(problem):
-        memory = isinstance(cause, MemoryError) or any(x in str(cause) for x in NO_MEMORY)
-        if memory:
+        if isinstance(cause, MemoryError) or any(x in str(cause) for x in NO_MEMORY):
             said = str(cause) or "no more is given"
             return (
                 f"there is not enough memory ({said}); allow more (ulimit -v), or ask for "

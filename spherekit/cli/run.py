@@ -194,8 +194,7 @@ def _prove(options: argparse.Namespace, study: "Study", result: "RunResult") -> 
     print(proven, file=sys.stderr if options.json else sys.stdout)
     if study.folder is not None:
         wanted = Files(study.degrees, FORMATS.get(options.format))
-        digest = result.summary["mechanism_hash"]
-        names = proven.write(study.folder, wanted, digest)
+        names = proven.write(study.folder, wanted, result.summary["mechanism_hash"])
         print(f"proven poles in {', '.join(names)}", file=sys.stderr)
     return proven.exceeded
 

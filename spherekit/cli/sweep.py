@@ -151,8 +151,7 @@ def _reasons(failed: Any) -> list[str]:
     ranked = sorted(alike.items(), key=lambda item: -len(item[1]))
     lines = []
     for (status, _), rows in ranked[:REASONS]:
-        differ = len({reason for _, reason in rows}) > 1
-        of_first = f"of {rows[0][0]} " if differ else ""
+        of_first = f"of {rows[0][0]} " if (len({reason for _, reason in rows}) > 1) else ""
         designs = numbered("design", [design for design, _ in rows])
         lines.append(f"  {status}, {designs}: {of_first}{rows[0][1]}")
     if len(ranked) > REASONS:

@@ -278,8 +278,7 @@ def _tables(trial: ConformanceCase) -> str:
         if not table.in_assembly_modes:
             continue
         data = arrays(given[table.name])
-        places = zip(data[SAMPLE.name], data[ASSEMBLY_MODE.name], strict=True)
-        counts = Counter(places)
+        counts = Counter(zip(data[SAMPLE.name], data[ASSEMBLY_MODE.name], strict=True))
         wanted = set(zip(batch.sample.tolist(), batch.assembly_mode.tolist(), strict=True))
         if counts and (set(counts) != wanted or len(set(counts.values())) > 1):
             raise PluginError(

@@ -80,8 +80,7 @@ class ConformanceCase:
     @cached_property
     def course(self) -> Sampling:
         """The samples, with the assembly modes."""
-        study = Study(self.mechanism.name, self.mechanism, samples=self.samples)
-        return course_of(study)
+        return course_of(Study(self.mechanism.name, self.mechanism, samples=self.samples))
 
     @cached_property
     def job(self) -> RunPlan:

@@ -147,8 +147,7 @@ def _off(column: Column, one: Array, other: Array, within: float) -> int | None:
     if column.kind != "number":
         wrong = one != other
     else:
-        sizes = np.abs(one[np.isfinite(one)])
-        scale = max(1.0, float(np.max(sizes, initial=0.0)))
+        scale = max(1.0, float(np.max(np.abs(one[np.isfinite(one)]), initial=0.0)))
         with np.errstate(invalid="ignore"):
             away = other - one
             if column.unit == "rad":

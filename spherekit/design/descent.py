@@ -188,8 +188,7 @@ class FigureGradients:
         elif np.any(closed):
             low, high = extremes(value[:, None])
             if kind == "swing":
-                returns = self.evaluator.samples.returns
-                _, low, high = widest_swings(value[:, None], returns)
+                _, low, high = widest_swings(value[:, None], self.evaluator.samples.returns)
             share[high] += kind != "min"
             share[low] += {"min": 1.0, "max": 0.0}.get(kind, -1.0)
         return share
@@ -351,8 +350,7 @@ class Descent:
 
         def slack(y: Floats) -> Floats:
             (wanted, _, limits, _), closed, _ = self.at(y, mode)
-            rest = begun[1:] - wanted[1:]
-            made = np.concatenate([[closed - closes], -limits, rest])
+            made = np.concatenate([[closed - closes], -limits, begun[1:] - wanted[1:]])
             return np.nan_to_num(made, nan=-1e6)
 
         def slopes(y: Floats) -> Floats:
@@ -401,8 +399,7 @@ class Descent:
             mode = self.moved(x, mode)
             x, _ = self.towards(x, mode, self.at(x, mode)[0][0])
             mode = self.moved(x, mode)
-            gain = (before - self.at(x, mode)[0][0]) / self.size
-            if not np.max(gain) > ENOUGH:
+            if not np.max((before - self.at(x, mode)[0][0]) / self.size) > ENOUGH:
                 break
         return self.here(mode, x)
 

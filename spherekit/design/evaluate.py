@@ -215,8 +215,7 @@ class KernelTurns:
         whole[:, 0] = angles[:, 0] - TURN * first_turns(angles[:, 0])
         for k in range(1, len(stations)):
             whole[:, k] = whole[:, k - 1] + steps[:, k - 1]
-            begins = np.isnan(whole[0, k]) & np.isfinite(angles[0, k])
-            who = np.flatnonzero(begins)
+            who = np.flatnonzero(np.isnan(whole[0, k]) & np.isfinite(angles[0, k]))
             if len(who):
                 ends = stations[k - 1], stations[k]
                 whole[:, k, who] = self._begun(who, ends, angles[:, k, who])
@@ -241,8 +240,7 @@ class KernelTurns:
     def _along_several(self, q: Floats) -> Floats:
         turns = np.zeros((len(self._kernel.turning), len(q), self._n))
         before = self._anchor
-        start = self._everywhere(before[None])[:, 0]
-        first = -TURN * first_turns(start)
+        first = -TURN * first_turns(self._everywhere(before[None])[:, 0])
         for k, there in enumerate(q):
             turns[:, k] = self._onward(before, there, turns[:, k - 1] if k else first)
             before = there
@@ -614,8 +612,7 @@ class Evaluator:
         return Evaluated.in_order(parts)
 
     def _single(self, mechanism: Mechanism) -> Evaluated:
-        assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
-        if assembly.has_closed_form:
+        if plan_assembly(mechanism.with_inputs(*self.inputs)).has_closed_form:
             terms = VariedTerms.of(mechanism, self.inputs)
             kernel = design_kernel(terms, self.figures.columns, compiled=False)
             return self._modes(kernel, np.empty((0, 1)))

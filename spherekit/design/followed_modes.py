@@ -96,8 +96,7 @@ def followed_modes(
 
 def _join(here: Integers, one: int, other: int) -> None:
     """Make two modes one where both are, unless both have a configuration somewhere."""
-    both = np.any(here == one, axis=1) & np.any(here == other, axis=1)
-    if not np.any(both):
+    if not np.any(np.any(here == one, axis=1) & np.any(here == other, axis=1)):
         here[here == other] = one
 
 

@@ -93,8 +93,7 @@ class ProfileNumbers:
     def _tracks(self, values: Floats) -> list[Track] | None:
         """Return the profiles of a design (variables,), None if there is no such design."""
         try:
-            made = designed(self.document, self.variables, list(values))
-            return tracks_of(made, APART)
+            return tracks_of(designed(self.document, self.variables, list(values)), APART)
         except SpherekitError:
             return None
 

@@ -115,8 +115,7 @@ class Specification:
                 f"{counted(count, 'row')}"
                 for condition in self.sweep.conditions
             ]
-            defined = all_finite(self._worth(kept), 1)
-            if not np.any(defined):
+            if not np.any(all_finite(self._worth(kept), 1)):
                 words.append("objectives have no value")
         return ", ".join(words)
 

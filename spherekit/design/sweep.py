@@ -553,8 +553,7 @@ class Sweep:
         OutputError
             If they cannot be moved.
         """
-        paths = self.files_of(made, number)
-        for path in reversed(paths):
+        for path in reversed(self.files_of(made, number)):
             target = folder / path.relative_to(made)
             make_folder(target.parent)
             try:

@@ -123,8 +123,7 @@ def size(synthesis: Specification, starts: int = 12) -> Synthesis:
     descent, several = Descent(synthesis, rows, wanted), len(synthesis.minimise) > 1
     places = descent.places
     if several:
-        most = FRONT * starts
-        front = front_of(synthesis, rows["mode"], places, wanted, most, working)
+        front = front_of(synthesis, rows["mode"], places, wanted, FRONT * starts, working)
         begun: list[Start] = [(HeldMode(mode), place) for mode, place in front]
     else:
         varied = np.stack([rows[variable.name] for variable in sweep.variables])
@@ -256,8 +255,7 @@ def _confirmed(
     and the start of the descent stands for its end.
     """
     made = []
-    designs = np.stack([descent.values(end.x) for end in ends], axis=1)
-    every = every_mode(evaluator, designs)
+    every = every_mode(evaluator, np.stack([descent.values(end.x) for end in ends], axis=1))
     for (mode, start), end, modes in zip(begun, ends, every, strict=True):
         same = [other for other in modes if end.mode.goes_on_in(other)]
         confirmed = descent.here(same[0], end.x) if same else descent.here(mode, start)

@@ -368,8 +368,7 @@ class FileNumbers:
     def _differing(self, values: Floats) -> Floats:
         """Return the numbers that differ, where the others are those of the file."""
         numbers = self._read(values)
-        rest = np.delete(numbers - self.nominal, self.differing)
-        if not np.all(np.abs(rest) <= SAME):
+        if not np.all(np.abs(np.delete(numbers - self.nominal, self.differing)) <= SAME):
             raise DesignError(UNLIKE)
         return numbers[self.differing]
 

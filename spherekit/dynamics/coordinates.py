@@ -117,8 +117,7 @@ def by_variables(
     Not finite where these do not move independently: at dead centres of a single one, at
     singularities of type II of several.
     """
-    frame = np.eye(values.shape[1])[list(numbers)]
-    return by_combinations(closure, values, frame, order)
+    return by_combinations(closure, values, np.eye(values.shape[1])[list(numbers)], order)
 
 
 def _derived(
@@ -287,8 +286,7 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
     _, dw = _in_links(mechanism, motion, motion.dw)
     momentum = _momentum(tensors, w)
     half = np.einsum("nika,njlka->nkijl", momentum, dw)
-    across = cross(w[:, :, None], w[:, None])
-    half += np.einsum("nika,njlka->nkijl", momentum, across)
+    half += np.einsum("nika,njlka->nkijl", momentum, cross(w[:, :, None], w[:, None]))
     return Inertia(_products(momentum, w), half + np.swapaxes(half, 2, 3))
 
 
@@ -356,8 +354,7 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
 
 def christoffel(dM: Floats) -> Floats:
     """Return c (n, m, m, m) from the derivatives of M (n, m, m, m)."""
-    skew = np.swapaxes(dM, 2, 3) - np.moveaxis(dM, 3, 1)
-    return 0.5 * (dM + skew)
+    return 0.5 * (dM + (np.swapaxes(dM, 2, 3) - np.moveaxis(dM, 3, 1)))
 
 
 def coriolis(dM: Floats, rates: Floats) -> Floats:
@@ -371,5 +368,4 @@ def driving_torques(M: Floats, dM: Floats, Q: Floats, dq: Floats, ddq: Floats) -
     The torques at the pairs of the coordinates, `M` (n, m, m), `dM` (n, m, m, m); `Q`
     (n, m) is of all other loads.
     """
-    needed = (M @ ddq[..., None] + coriolis(dM, dq) @ dq[..., None])[..., 0]
-    return needed - Q
+    return (M @ ddq[..., None] + coriolis(dM, dq) @ dq[..., None])[..., 0] - Q

@@ -294,10 +294,8 @@ class NewtonEuler:
         self._on_links = np.eye(links)[second] - np.eye(links)[first]
         pairs = [pair for pair, _ in self.columns]
         self._on_pairs = np.eye(len(mechanism.pairs))[pairs]
-        scaled = self.wrenches * np.repeat([1.0, self.length], 3)
-        turned = _turned(frames[:, pairs], scaled)
-        on_each = self._on_links[pairs].T[:, None]
-        matrix = on_each * np.swapaxes(turned, 1, 2)[:, None]
+        turned = _turned(frames[:, pairs], self.wrenches * np.repeat([1.0, self.length], 3))
+        matrix = self._on_links[pairs].T[:, None] * np.swapaxes(turned, 1, 2)[:, None]
         self._rows = np.zeros((links, 6), dtype=bool)
         self._rows[1:, :3] = True
         if forces:
@@ -367,13 +365,11 @@ class NewtonEuler:
 
     def held(self, left: Floats) -> tuple[Floats, Floats]:
         """Return the reactions (n, columns) and what misses the equations (n,), N m."""
-        scale = np.repeat([1.0, self.length], 3)
-        right = (left * scale)[:, self._rows][..., None]
+        right = (left * np.repeat([1.0, self.length], 3))[:, self._rows][..., None]
         reactions = self._inverse @ right
         # A step of refinement brings back the digits that the inverse loses.
         reactions = reactions + self._inverse @ (right - self.matrix @ reactions)
-        missed = right - self.matrix @ reactions
-        worst = max_abs(missed[..., 0], axis=1, initial=0.0)
+        worst = max_abs((right - self.matrix @ reactions)[..., 0], axis=1, initial=0.0)
         return reactions[..., 0], worst
 
     def solve(self, needed: Floats, about: Floats) -> None:
@@ -395,8 +391,7 @@ class NewtonEuler:
 
     def on_pairs(self, reactions: Floats) -> Floats:
         """Return reactions (n, columns) as wrenches (n, pairs, 6) in pair axes."""
-        every = reactions[..., None] * self.wrenches
-        return self._on_pairs.T @ every
+        return self._on_pairs.T @ (reactions[..., None] * self.wrenches)
 
 
 def _turned(frames: Floats, wrenches: Floats) -> Floats:
@@ -488,8 +483,7 @@ def balanced(driven: DrivenState, forces: bool) -> NewtonEuler:
             mechanism, driven.joints, driven.frames, forces=forces, sides=sides
         )
         balance.solve(needed - loads, about)
-        pressing = balance.on_pairs(balance.reactions)[..., 1]
-        turned = (pressing * sides < 0.0) & toothed
+        turned = (balance.on_pairs(balance.reactions)[..., 1] * sides < 0.0) & toothed
         if not np.any(turned):
             break
         sides = np.where(turned, -sides, sides)

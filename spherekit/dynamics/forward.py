@@ -196,8 +196,7 @@ def solving(
     """
     passes = _passes(mechanism, crossings, engine)
     problem = prepare(mechanism, start, until, torque, None, assembly_mode, (), passes)
-    pieces = _solving(problem, tolerance, engine, True)
-    return _checking(problem, pieces, tolerance, True)
+    return _checking(problem, _solving(problem, tolerance, engine, True), tolerance, True)
 
 
 def _passes(mechanism: Mechanism, crossings: Crossings, engine: str) -> bool:

@@ -281,8 +281,7 @@ def _by_laws(
     search: bool,
 ) -> Motion:
     """Return the motion of all inputs by laws, with angles that go on."""
-    names = mechanism.input_pairs
-    q, timing = by_laws(names, laws, t)
+    q, timing = by_laws(mechanism.input_pairs, laws, t)
     tracer, motion = at_inputs(mechanism, q, assembly_mode, search)
     motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
     return going_on(motion, tracer.solver)
@@ -323,8 +322,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
     assert motion.timing is not None
     mechanism, timing, status = motion.mechanism, motion.timing, motion.status.copy()
     numbers = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
-    closure = Closure.of(mechanism, motion.joints)
-    coordinates = by_variables(closure, motion.values, numbers)
+    coordinates = by_variables(Closure.of(mechanism, motion.joints), motion.values, numbers)
     flat = ~(determined(coordinates.rates) >= DEAD_CENTRE)
     held = ~motion.failed
     # Where assembly modes nearly cross, rounding of the configuration decides the
@@ -397,8 +395,7 @@ def balancing(
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, coordinates)
         if forces is None:
-            loads = Loads(mechanism)
-            forces = loads.parts(coordinates, timing.dq, timing.t, carried)
+            forces = Loads(mechanism).parts(coordinates, timing.dq, timing.t, carried)
         torques = _torques(masses, forces, timing)
     return InverseSolution(
         mechanism,

@@ -299,8 +299,7 @@ class Collocation:
         place, other = self.equation.variables, states.copy()
         shift = DIFFERENCE * scale[place]
         other[:, place] += shift
-        changed = self.equation.rates(self._dynamics(t, other))
-        slope = (changed - rates)[:, place] / shift
+        slope = (self.equation.rates(self._dynamics(t, other)) - rates)[:, place] / shift
         slope = np.where(np.isfinite(slope), slope, 0.0)
         return np.asarray(np.linalg.inv(np.eye(NODES) - 0.5 * length * INTEGRAL * slope))
 

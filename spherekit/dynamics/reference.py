@@ -98,8 +98,7 @@ def refined(
     def near(t: Floats) -> tuple[Floats, Floats]:
         traced = path.at(np.clip(t, 0.0, last))
         rates = traced.rates[:, :count]
-        beyond = np.maximum(t - last, 0.0)[:, None]
-        return traced.values + rates * beyond, rates
+        return traced.values + rates * np.maximum(t - last, 0.0)[:, None], rates
 
     reference = ExactSimulation(
         arithmetic or Digits(FEWEST),

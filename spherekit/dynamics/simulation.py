@@ -435,8 +435,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
         path.append(Step(t, step, state, np.zeros((1, len(state))), frame))
         work = work + step * forces * speed
         if number:
-            push = step**2 * float(np.sum(forces)) - 0.5 * dB * change**2
-            change += push / B
+            change += (step**2 * float(np.sum(forces)) - 0.5 * dB * change**2) / B
         guess = values + motion.rates[0, 0] * change
         closed = None
         if all_finite(guess) and frame[0, 0, driven] > STANDSTILL:
@@ -451,8 +450,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     if not path:
         raise cannot_leave(problem, end.message)
     states = np.array([one.state for one in path])[:, : equation.variables]
-    gap = closure.at(states).residual
-    drift = float(np.max(np.abs(gap), initial=0.0))
+    drift = float(np.max(np.abs(closure.at(states).residual), initial=0.0))
     report = EngineReport("numpy", REASON, 0.0, time.perf_counter() - started, len(path))
     traced = through_steps(path, problem.turns, drift)
     return Simulation(equation, problem.driven, traced, (), end, report)

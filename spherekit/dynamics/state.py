@@ -129,8 +129,7 @@ def lacking(
     )
     balance = NewtonEuler(told, joints, frames[None], forces=True)
     _, sizes, back = np.linalg.svd(balance.matrix[0])
-    rank = int(np.count_nonzero(sizes > DEPENDENT * sizes[0]))
-    free = back[rank:].T
+    free = back[int(np.count_nonzero(sizes > DEPENDENT * sizes[0])) :].T
     along = [k for k, (_, component) in enumerate(balance.columns) if component == 5]
     floating = []
     while along:
@@ -397,8 +396,7 @@ class EquationOfMotion:
 
     def state(self, values: Floats, speed: Floats, frame: Floats) -> Floats:
         """Return the state (states,) at rates (m,), where no work has been done."""
-        motion = self.motion(values[None], frame)
-        roots = Roots.of(inertia_matrix(self.mechanism, motion))
+        roots = Roots.of(inertia_matrix(self.mechanism, self.motion(values[None], frame)))
         momenta = roots.times(speed[None])[0]
         return np.concatenate([values, momenta, np.zeros(len(self.loads.names))])
 

@@ -179,8 +179,7 @@ class StoredHeading:
         SolveError
             If it is not stored.
         """
-        reverse = "/".join(reversed(name.split("/")))
-        for stored, sense in ((name, 1.0), (reverse, -1.0)):
+        for stored, sense in ((name, 1.0), ("/".join(reversed(name.split("/"))), -1.0)):
             if stored in self.poles:
                 return stored, sense
         raise self.not_stored(f'pole "{name}"', name, self.poles, "; make the model anew")

@@ -301,13 +301,11 @@ class AlongCurve(Sampler):
         self.marks: Mapping[Pole, Floats] = {}
         self.mark_count = count = MARKS
         while True:
-            x = self.low + self.lap * np.arange(count + 1) / count
-            motion = self._motion(x)
+            motion = self._motion(self.low + self.lap * np.arange(count + 1) / count)
             home = np.sum(self._as_motion(motion).frames[0, :, :, 2], axis=0)
             senses = {p: u for p, u in self._lines(motion).items() if p not in primary}
             steps = {p: np.sum(u[1:] * u[:-1], axis=1) for p, u in senses.items()}
-            least = min((np.min(np.abs(s)) for s in steps.values()), default=1.0)
-            if least > 0.7:
+            if min((np.min(np.abs(s)) for s in steps.values()), default=1.0) > 0.7:
                 break
             if count >= MOST_MARKS:
                 raise SolveError(

@@ -154,18 +154,15 @@ def reduced_grid_model(
         pole, the tolerance is none, or no part of the ranges is resolved.
     """
     mechanism = _storable(mechanism, tolerance, 1e-13)
-    inputs = len(mechanism.inputs)
-    count = min(SAMPLES, int(MOST_SAMPLES ** (1.0 / max(inputs, 1))))
+    count = min(SAMPLES, int(MOST_SAMPLES ** (1.0 / max(len(mechanism.inputs), 1))))
     tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=count, grid=True)
-    wanted = tuple(parse_pole(mechanism, text) for text in poles)
-    sampler = OverBox(tracer, wanted)
+    sampler = OverBox(tracer, tuple(parse_pole(mechanism, text) for text in poles))
     box = sampler.low.tolist(), sampler.high.tolist()
     heading = sampler.heading(assembly_mode, tracer.inputs, *box)
     names = sampler.names(heading)
     for pole in heading.poles:
         for axis in "xyz":
-            by = heading.by_coordinates(f"velocity {pole} {axis}")
-            names |= dict.fromkeys(by, "")
+            names |= dict.fromkeys(heading.by_coordinates(f"velocity {pole} {axis}"), "")
     size = _sizes(list(names), sampler.columns(sampler.nodes))
     working = ProgressReporter("fitting functions")
 
@@ -180,8 +177,7 @@ def reduced_grid_model(
             "over the ranges of the inputs to be stored; narrow them, or give a larger "
             "tolerance"
         )
-    error = _measured(series, function)
-    groups = (_stored(names, size, error),)
+    groups = (_stored(names, size, _measured(series, function)),)
     return StoredModel(replace(heading, covered=series.covered, groups=groups), (series,))
 
 
@@ -270,8 +266,7 @@ class TabulatedMotion:
     @property
     def energy(self) -> float:
         """Largest difference of kinetic energy gained and work of the loads, J."""
-        gap = self.kinetic - self.kinetic[0] - self.work
-        return float(np.nanmax(np.abs(gap)))
+        return float(np.nanmax(np.abs(self.kinetic - self.kinetic[0] - self.work)))
 
 
 @checked(SolveError)

@@ -315,8 +315,7 @@ class StoredModel:
             )
         elif arrays[0].ndim == 1:
             self._cell(arrays[0].tolist())
-        times = np.asarray(t, dtype=float)[..., None]
-        *parts, every = np.broadcast_arrays(*arrays, times)
+        *parts, every = np.broadcast_arrays(*arrays, np.asarray(t, dtype=float)[..., None])
         flat = [part.reshape(-1, m) for part in parts]
         return flat, every.reshape(-1, m)[:, 0], parts[0].shape
 
@@ -490,5 +489,4 @@ def _series(
 
 def _names(heading: StoredHeading) -> tuple[str, ...]:
     """Return the names of a group's arrays, the coefficients last."""
-    cells = ("edges",) if heading.alone else ("splits", "bounds")
-    return (*cells, "coefficients")
+    return (*(("edges",) if heading.alone else ("splits", "bounds")), "coefficients")

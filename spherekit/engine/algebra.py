@@ -96,8 +96,7 @@ def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
             for place, column in enumerate(columns):
                 if isinstance(row[column], float) and row[column] == 0.0:
                     continue
-                rest = columns[:place] + columns[place + 1 :]
-                term = row[column] * minor(rest)
+                term = row[column] * minor(columns[:place] + columns[place + 1 :])
                 total = total + term if place % 2 == 0 else total - term
             minors[columns] = total
         return minors[columns]

@@ -314,8 +314,7 @@ class RowTerms:
 
     def off_line(self, variable: int) -> Expr:
         """Return what the contact line of a rolling contact's variable is off by."""
-        carried = self.carried[variable]
-        moved = self.turns[carried.link] + self.moved.get(variable, 0.0)
+        moved = self.turns[self.carried[variable].link] + self.moved.get(variable, 0.0)
         return moved * self.open + self.numbers
 
     def closer(self, variables: Sequence[ExpressionNode]) -> list[Expr]:
@@ -374,8 +373,7 @@ class MovingTerms:
         rows, total = self._rows, 0.0
         for chord in rows.tree.chords:
             a, b = rows.tree.ends[chord]
-            part = vector_sum([parts[v] for v in rows.owned[chord]])
-            over = links[a] - links[b] + part
+            over = links[a] - links[b] + vector_sum([parts[v] for v in rows.owned[chord]])
             total = total + dot(over, over)
         return root(total)
 
@@ -460,8 +458,7 @@ class MovingTerms:
         those, where they differ, that are subtracted.
         """
         first, second = self._ends
-        other = spins if less is None else less
-        return spins[self._at[second]] - other[self._at[first]]
+        return spins[self._at[second]] - (spins if less is None else less)[self._at[first]]
 
     def with_sign(self, columns: Floats) -> Floats:
         """Return (8, poles, n) what has a sign of its own, from all columns: a view."""

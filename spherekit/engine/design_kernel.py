@@ -283,8 +283,7 @@ class PathKernel:
         if np.iscomplexobj(values) and self.complex is not None:
             columns = self.complex(values, prepared)
         else:
-            rows = np.concatenate([values, prepared])
-            columns = self.real(np.ascontiguousarray(rows))
+            columns = self.real(np.ascontiguousarray(np.concatenate([values, prepared])))
         v, k = self.variables, len(self.driven)
         rates = columns[v : (k + 1) * v].reshape(k, v, values.shape[1])
         return At(columns[:v], rates, columns[-2], columns[-1])

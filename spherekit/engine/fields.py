@@ -110,8 +110,7 @@ def found(motion: Motion, wanted: Request, engine: RowEngine = "numpy") -> PoleF
     links = range(len(motion.mechanism.links))
     everything = replace(wanted, links=frozenset(links))
     by: Literal["numpy", "compiled"] = "numpy" if engine == "extended" else engine
-    made = row_kernel(motion, [everything], by)
-    at = _Rows(motion, wanted, made, engine == "extended")
+    at = _Rows(motion, wanted, row_kernel(motion, [everything], by), engine == "extended")
     field = PoleField(
         status=at.status,
         by_equations=at.wide,

@@ -104,8 +104,7 @@ def _zeros(look: Look, even: Floats, shaped: Floats) -> tuple[Indices, Floats]:
     step, place, argument = np.nonzero(shaped[:, :-1] * shaped[:, 1:] < 0.0)
 
     def value(x: Floats, which: Indices) -> Floats:
-        arguments = look(step[which], x)[1]
-        return arguments[np.arange(len(x)), argument[which]]
+        return look(step[which], x)[1][np.arange(len(x)), argument[which]]
 
     ends = (shaped[step, place + k, argument] for k in (0, 1))
     return step, bracketed_zeros(value, even[place], even[place + 1], *ends)[0]
@@ -466,8 +465,7 @@ class Integration:
             values[:], gap = self.close(values.astype(float))
             self.drift = max(self.drift, gap)
         self.turns = self.turns + turns
-        done = state[self.works].astype(float)
-        self.work = self.work + done * self.unit**2
+        self.work = self.work + state[self.works].astype(float) * self.unit**2
         state[self.works] = 0.0
         size = float(np.linalg.norm(state[self.momenta].astype(float)))
         if size > 1.0:

@@ -81,8 +81,7 @@ class Structure:
     @property
     def driven(self) -> int:
         """The number of the only input's variable."""
-        alone = len(self.input_pairs) == 1
-        pair = self.input_pairs[0] if alone else self.assembly.input
+        pair = self.input_pairs[0] if (len(self.input_pairs) == 1) else self.assembly.input
         return self.mechanism.variables_of(pair)[0]
 
     @property

@@ -235,8 +235,7 @@ class RowKernel:
     def judging(self) -> ColumnFunction:
         """What decides about rows, of all pair variables."""
         # With a closed form, it is for few rows.
-        compiled = self.in_threads and not self.has_closed_form
-        return self._made(self._deciding, compiled)
+        return self._made(self._deciding, self.in_threads and not self.has_closed_form)
 
     @cached_property
     def by_inputs(self) -> ColumnFunction:
@@ -311,8 +310,7 @@ class RowKernel:
             x[free] = after
             if not np.any(step > CLOSED):
                 break
-        moved = max_abs((x - start).astype(float), axis=0)
-        closed = (step <= CLOSED) & (moved < NEAR)
+        closed = (step <= CLOSED) & (max_abs((x - start).astype(float), axis=0) < NEAR)
         x[:, ~closed] = start[:, ~closed]
         given = self._given(x, values)
         columns, others = whole(given).astype(float), aside(given).astype(float)

@@ -333,13 +333,11 @@ class RowQuantities:
 
     @cached_property
     def _moments(self) -> InputMoments:
-        tensors = self.terms.actions.by_link(self.mechanism)
-        return InputMoments(self._flow, tensors)
+        return InputMoments(self._flow, self.terms.actions.by_link(self.mechanism))
 
     def of(self, name: str) -> Expr:
         """Return a quantity by its name; `EngineError` if there is none of it."""
-        groups = self.structure.assembly.groups
-        middle = _middles(self.mechanism, groups)
+        middle = _middles(self.mechanism, self.structure.assembly.groups)
         quantities = _quantities(self.mechanism, self.inputs, middle)
         if name not in quantities:
             hint = nearest(name, quantities) or "."
@@ -428,8 +426,7 @@ class RowQuantities:
         force = sum_of(
             forces_of(parts, state)[moving] for parts in self.terms.actions.loads
         )
-        resistance = self._moments.resistance(moving, speeds, accelerations)
-        return resistance - force / flow.scale
+        return self._moments.resistance(moving, speeds, accelerations) - force / flow.scale
 
     def _angles(self) -> list[Expr]:
         """Return the variables of R pairs; those of contacts are zero, loads have none."""

@@ -405,8 +405,7 @@ def term_function(
     outputs: Sequence[Expr], inputs: Sequence[ExpressionNode], compiled: bool
 ) -> CompiledFunction | ArrayFunction:
     """Return expressions as a function; there is nothing to compile where none is."""
-    make = compile_function if compiled and outputs else array_function
-    return make(outputs, inputs)
+    return (compile_function if compiled and outputs else array_function)(outputs, inputs)
 
 
 STEEPEST = 400.0
@@ -450,8 +449,7 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     total = [sum(of_loads, 0.0) * (1.0 / size) for of_loads in zip(*forces, strict=True)]
     total = total or [0.0] * layout.freedoms
     right = vector([a - b for a, b in zip(total, pull, strict=True)])
-    matrix = masses.matrix
-    changes = _solved(matrix, right)
+    changes = _solved(masses.matrix, right)
     back = constant(layout.unit + 1) * root * flow.scale
     square = constant(layout.unit + 1) * constant(layout.unit + 1)
     powers = [dot(vector(of_load), vector(slow)) * square for of_load in forces]

@@ -82,8 +82,7 @@ class ProfileColumns:
     def along(self) -> list[Expr]:
         """The derivatives of the terms by the arc length."""
         tangent, normal, point = self.frame.T
-        bent = normal * self.curvature - point
-        return [*bent, *tangent, self.slope, self.last]
+        return [*(normal * self.curvature - point), *tangent, self.slope, self.last]
 
 
 def with_columns(values: Floats, profiles: Sequence[ProfileColumns]) -> Floats:

@@ -247,8 +247,7 @@ def write_csv(table: CouplingTable, path: AnyPath) -> None:
     OutputError
         If it cannot be written.
     """
-    frame = frame_of(columns(table), {})
-    write_text(path, frame.to_csv(index=False, lineterminator="\n"))
+    write_text(path, frame_of(columns(table), {}).to_csv(index=False, lineterminator="\n"))
 
 
 TEXT = """\

@@ -235,8 +235,7 @@ def _measured(table: CouplingTable, exact: Coupled, fine: tuple[int, ...]) -> Co
                 (slope, blended.turning, exact.turning),
             ):
                 off = np.abs(ours - theirs[number, node]).reshape(len(node), -1)
-                larger = np.max(off, axis=1, initial=0.0)
-                most[number] = np.maximum(most[number], larger)
+                most[number] = np.maximum(most[number], np.max(off, axis=1, initial=0.0))
     error *= BETWEEN
     with np.errstate(invalid="ignore"):
         sure = error <= table.tolerance

@@ -131,8 +131,7 @@ def common_point(points: Floats, axes: Floats, within: float) -> Floats | None:
     candidates = [place for place in near if place is not None]
     if not candidates:
         foot = points[0] - (points[0] @ axes[0]) * axes[0]
-        apart = float(np.max(distances(foot, points, axes)))
-        return foot if apart <= within else None
+        return foot if float(np.max(distances(foot, points, axes))) <= within else None
     gaps = [distances(place, points, axes) for place in candidates]
     best = max(
         range(len(gaps)), key=lambda k: (np.sum(gaps[k] <= within), -np.sum(gaps[k]))

@@ -59,8 +59,7 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
         (item.label, stroke(style.tone_colour(item.tone), width=4.0)) for item in meshed
     ]
     with style.look():
-        size = min(sheet.width, 4.5)
-        figure = sheet.figure(1, size, entries)
+        figure = sheet.figure(1, min(sheet.width, 4.5), entries)
         panel: Any = figure.add_subplot(projection="3d")
         for surface in meshed:
             panel.add_collection3d(
@@ -226,8 +225,7 @@ def _zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> Non
     """Draw where a quantity passes zero, and not where its sign is turned."""
     still = table.copy()
     for axis in (0, 1):
-        step = np.diff(table, axis=axis)
-        sign = np.moveaxis(np.abs(step) > TURNED * span, axis, 0)
+        sign = np.moveaxis(np.abs(np.diff(table, axis=axis)) > TURNED * span, axis, 0)
         lines = np.moveaxis(still, axis, 0)
         lines[:-1][sign] = np.nan
         lines[1:][sign] = np.nan

@@ -190,8 +190,7 @@ def _mark(panel: Axes, curve: Curve, marks: InputMarks) -> None:
         if low <= value <= high:
             panel.plot([position], [value], zorder=4.0, **spot_look(marks.tone))
         else:
-            colour = style.tone_colour(marks.tone)
-            panel.axvline(position, color=colour, **RULE)
+            panel.axvline(position, color=style.tone_colour(marks.tone), **RULE)
 
 
 def _alike(every: Sequence[Floats], span: float) -> list[tuple[int, int]]:
@@ -260,8 +259,7 @@ class Centre:
     def angles(self, directions: Floats) -> Floats:
         """Return the angles (n,) rad of directions (n, 3) from the centre."""
         across = directions @ self.frame[:2].T
-        size = np.hypot(across[:, 0], across[:, 1])
-        return np.arctan2(size, directions @ self.frame[2])
+        return np.arctan2(np.hypot(across[:, 0], across[:, 1]), directions @ self.frame[2])
 
     def placed(self, directions: Floats, projection: Projection) -> Floats:
         """Return places (n, 2) of directions (n, 3), the sphere seen from outside."""

@@ -162,8 +162,7 @@ def _not_found(path: Path, packs: tuple[Pack, ...]) -> str:
     except OSError:
         return f"{path}: not found; nor is its folder {folder} readable"
     message = f"{path}: not found"
-    hint = nearest(path.name, nearby) or nearest(path.stem, [*names, *studies])
-    message += hint or "."
+    message += (nearest(path.name, nearby) or nearest(path.stem, [*names, *studies])) or "."
     if nearby:
         message += f" Files in {folder}: {listing(nearby)}."
     if names:

@@ -208,8 +208,7 @@ def _document(mechanism: Mechanism, subject: Subject) -> Document:
     A mechanism with locked pairs, or that of a study, is not that of a file.
     """
     if isinstance(subject, str | os.PathLike) and not is_study(find(subject)):
-        stated = load(subject)
-        if replace(stated, inputs=()) == replace(mechanism, inputs=()):
+        if replace(load(subject), inputs=()) == replace(mechanism, inputs=()):
             return document_of(subject)
         return document_of(mechanism, angle_unit_of(subject))
     return document_of(mechanism)

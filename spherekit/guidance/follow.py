@@ -336,10 +336,8 @@ def follow_to(
     those of `follow_rotation`; `SolveError` also if the axis is not determined.
     """
     mechanism = mechanism_of(mechanism)
-    end = chosen_output(mechanism, output)
-    target = OutputTarget.of(mechanism, end)
-    start = _configuration(target, values, mechanism.name)
-    placed = target.closure.at(start[None]).placed
+    target = OutputTarget.of(mechanism, chosen_output(mechanism, output))
+    placed = target.closure.at(_configuration(target, values, mechanism.name)[None]).placed
     wanted = np.asarray(orientation, dtype=float)
     proper = wanted.shape == (3, 3) and np.linalg.det(wanted) > 0.0
     if not proper or not max_abs(wanted @ wanted.T - np.eye(3)) < 1e-9:

@@ -182,8 +182,7 @@ def _along(
             about += [pair] * (holder not in (0, effector))
             continue
         elbow = axis(legs[owner[holder]].elbow, holder)
-        sense = float(np.sign(axis(pair, holder) @ elbow))
-        hinges[pair] = "elbow", owner[holder], sense
+        hinges[pair] = "elbow", owner[holder], float(np.sign(axis(pair, holder) @ elbow))
     normals: dict[int, Floats] = {}
     if about:
         first = mechanism.ends[about[0]][0]
@@ -297,8 +296,7 @@ class _Modes:
     ) -> None:
         self.form = form
         solver = solver_of(mechanism)
-        rest = output_of(mechanism, output)
-        self.view = SingularityReport(solver, rest, kind)
+        self.view = SingularityReport(solver, output_of(mechanism, output), kind)
         self.locus = self.view.locus
         self.passive = [
             v for v in range(len(mechanism.variable_owners)) if v not in solver.driven
@@ -355,8 +353,7 @@ class _Modes:
         number = np.where(changes, np.cumsum(changes) - 1, -1)
         for line, closed in _lines(number[sides], len(low)):
             normals = roots[line]
-            words = why or self._why(normals, modes)
-            yield self._curve(normals, modes, closed, words)
+            yield self._curve(normals, modes, closed, why or self._why(normals, modes))
 
     def _margins(self, leg: int, normals: Floats) -> Floats:
         """Return how far (n,) a leg is inside its reach, NaN where another one is not."""
@@ -399,8 +396,7 @@ class _Modes:
         values = self._values(normals, modes)
         space = self.locus.space(values)
         rows = self.locus.rest.equations(space.at)
-        jacobian = space.at.jacobian
-        stacked = np.nan_to_num(np.concatenate([jacobian, rows], axis=1))
+        stacked = np.nan_to_num(np.concatenate([space.at.jacobian, rows], axis=1))
         _, sizes, right = np.linalg.svd(stacked)
         residual = np.maximum(np.nan_to_num(space.at.gap, nan=np.inf), sizes[:, -1])
         points = self.view.seen(values, right[:, -1], residual)

@@ -239,8 +239,7 @@ class MidPlaneArchitecture:
             values, gaps = self.values(self.place(normals, modes))
             gap = max(gap, float(np.max(gaps)))
         closure = Closure.of(self.mechanism, self.joints)
-        mobility = rank_mobility(closure.tree, closure.at(values).vectors)
-        return gap, int(np.min(mobility))
+        return gap, int(np.min(rank_mobility(closure.tree, closure.at(values).vectors)))
 
     def out_of_reach(self, normal: Floats) -> list[str]:
         """Return the pairs at the base of the legs that do not reach a mid-plane (3,)."""
@@ -311,8 +310,7 @@ class MidPlaneArchitecture:
 def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int) -> Floats:
     """Return the axis (3,) of an R pair in one of its links."""
     joint = revolute(joints[pair])
-    held = joint.first if mechanism.ends[pair][0] == link else joint.second
-    return held[:, 2]
+    return (joint.first if mechanism.ends[pair][0] == link else joint.second)[:, 2]
 
 
 def _spread_normals(plane: MidPlane) -> Floats:

@@ -82,8 +82,7 @@ class MidPlane:
     def readings(self, elbows: Floats) -> Floats:
         """Return the variables (n, legs) rad of the pairs at the base."""
         x, y = (np.einsum("nlk,lk->nl", elbows, self.dials[..., c]) for c in (0, 1))
-        azimuth = np.arctan2(y, x) - self.phases
-        return self.senses * wrap(azimuth)
+        return self.senses * wrap(np.arctan2(y, x) - self.phases)
 
     def normals(self, inputs: Floats) -> Floats:
         """Return the normals (n, 3), n_z >= 0, for driven readings (n, 2) rad.

@@ -220,8 +220,7 @@ class PoseFinder:
         near = self._target.at(values, np.eye(3)[None])
         free = np.minimum(near.output_singular_value, near.loop_conditioning) > UNFIXED
         transmission = Transmission.of(self.mechanism, self.output)
-        held = transmission.of_values(self.solver.closure, values) > SINGULAR
-        return ~(free & held)
+        return ~(free & (transmission.of_values(self.solver.closure, values) > SINGULAR))
 
     def _inverse(self, pose: Floats, points: bool) -> PoseCandidates:
         """Return the configurations at an orientation (3, 3) or direction (3,)."""

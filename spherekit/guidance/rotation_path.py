@@ -138,8 +138,7 @@ class Optimality:
 
         Zero where the link is as wanted.
         """
-        slope = np.vecmat(self.left, self.turning)
-        pulls = self._combined(self.left, slope)
+        pulls = self._combined(self.left, np.vecmat(self.left, self.turning))
         return np.where(self._departed[:, None, None], pulls, 0.0)
 
     def _combined(self, at_output: Floats, slope: Floats) -> Floats:
@@ -215,8 +214,7 @@ class Optimality:
         plain = transpose(self.swing) @ self.swing
         convex = self.least_eigenvalue > 1e-6 * self.output_singular_value**2
         used = np.where(convex[:, None, None], self.stiffness, plain)
-        pull = np.vecmat(self.left, self.turning)
-        return self._balanced(pull, -self.at.residual, used)
+        return self._balanced(np.vecmat(self.left, self.turning), -self.at.residual, used)
 
     def exact_step(self) -> Floats:
         """Return the change (n, variables) of Newton's method where the link can follow.
@@ -372,8 +370,7 @@ class Nodes(ArrayRows):
     def ahead(self, way: Floats) -> Floats:
         """Return the variables (n, variables) at ways (n,) from the only node."""
         way = way[:, None]
-        bend = np.nan_to_num(self.second)
-        return self.values + way * self.first + 0.5 * way**2 * bend
+        return self.values + way * self.first + 0.5 * way**2 * np.nan_to_num(self.second)
 
     def between(self, theta: Floats) -> tuple[Floats, Floats]:
         """Return the variables (n, variables) at angles (n,) between nodes.

@@ -100,8 +100,7 @@ def uniform_arc(
     spread = np.sin(length) / (2 * length)
     taken = (0.5 + spread) * np.outer(middle, middle)
     taken += (0.5 - spread) * np.outer(across, across)
-    tensor = mass * radius**2 * (np.eye(3) - taken)
-    return tensor, radius * np.sin(half) / half * middle
+    return mass * radius**2 * (np.eye(3) - taken), radius * np.sin(half) / half * middle
 
 
 @checked_class(ModelError)
@@ -557,8 +556,7 @@ def check_mass(mass: Mass) -> None:
     need_finite(f"{key}.centre", mass.centre)
     moved = tensor - moments_of_point(mass.mass, np.array(mass.centre))
     about = f" about the centre of mass ({mass.mass:g} kg at {list(mass.centre)} m)"
-    slack = MOMENT_TOLERANCE * float(max_abs(tensor))
-    _need_moments(key, moved, slack, about)
+    _need_moments(key, moved, MOMENT_TOLERANCE * float(max_abs(tensor)), about)
 
 
 def check_tensor(key: str, tensor: Floats) -> None:

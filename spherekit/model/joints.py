@@ -279,8 +279,7 @@ class Rolling(Joint):
     @staticmethod
     def vectors(frames: Floats, curvatures: Floats) -> Floats:
         """Return (k1 - k2) p, with p the point and k1, k2 the curvatures."""
-        relative = curvatures[..., :1] - curvatures[..., 1:]
-        return (relative * frames[..., 2])[:, :, None]
+        return ((curvatures[..., :1] - curvatures[..., 1:]) * frames[..., 2])[:, :, None]
 
     @staticmethod
     def axes(frames: Floats) -> Floats:

@@ -257,8 +257,7 @@ class TorqueTable(Load):
             return
         period = self.times[-1] - self.times[0]
         first = int(np.floor((start - self.times[-1]) / period))
-        last = int(np.ceil((stop - self.times[0]) / period))
-        for turn in range(first, last + 1):
+        for turn in range(first, int(np.ceil((stop - self.times[0]) / period)) + 1):
             yield from (t + turn * period for t in self.times)
 
     def check(self, key: str, mechanism: Loaded) -> None:

@@ -308,8 +308,7 @@ class ArcCurve(Chords):
         rest = s - laps * self.length
         slack = 1e-12 * self.length
         inside = (rest >= -slack) & (rest <= self.length + slack)
-        u = self.table.invert(np.where(inside, rest, 0.0))
-        points, _ = self._on(u)
+        points, _ = self._on(self.table.invert(np.where(inside, rest, 0.0)))
         points.values[:] += np.outer(laps, self.rise)
         return points.only(inside)
 

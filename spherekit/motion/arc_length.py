@@ -254,8 +254,7 @@ def _curve(
     if other is None or behind.closed[other]:
         if other is not None:
             nodes = behind.nodes_of(other).plain
-        laps = (nodes.values[-1] - nodes.values[0]) / periods
-        winding = np.round(laps).astype(np.int64)
+        winding = np.round((nodes.values[-1] - nodes.values[0]) / periods).astype(np.int64)
         ends = Status.OK, Status.OK
         return ArcCurve(nodes, closure, periods, True, winding, ends, 0)
     back = behind.nodes_of(other).plain.reversed.rows(slice(-1))
@@ -360,8 +359,7 @@ class _Arcs(Curves[_Nodes]):
         points, there = curve_points(closure, values, borders)
         good &= points.residual < CLOSURE_TOLERANCE
         change = bordered(there.jacobian, borders) - np.repeat(at.equations, 2, axis=0)
-        inverse = np.repeat(at.inverse, 2, axis=0)
-        moved = np.linalg.norm(inverse @ change, axis=(1, 2))
+        moved = np.linalg.norm(np.repeat(at.inverse, 2, axis=0) @ change, axis=(1, 2))
         good &= self.tests.regular(moved, np.sum(points.tangents * borders, axis=1))
         last = _Nodes.of(there, points, self.limits, slice(1, None, 2))
         rounding = 8.0 * EPS / at.reciprocal_condition

@@ -177,8 +177,7 @@ class Solver:
     @cached_property
     def meshes(self) -> GearPhases | None:
         """How far wheels have rolled at inputs, None without rolling contacts."""
-        reference = self.geometry.reference
-        return meshes_of(self.closure, self.driven, reference, self._train)
+        return meshes_of(self.closure, self.driven, self.geometry.reference, self._train)
 
     @cached_property
     def unwrapping(self) -> "Unwrapping":
@@ -265,8 +264,7 @@ class Solver:
             state, status = self.start(q), np.zeros(len(q), dtype=np.int8)
             for number, sign in enumerate(assembly_mode.signs):
                 if sign:
-                    group = self.assembly.groups[number]
-                    sine = place_dyad(state, group, sign)
+                    sine = place_dyad(state, self.assembly.groups[number], sign)
                     _mark(status, state.lost, Status.OUT_OF_REACH)
                     _mark(status, sine < FLAT_DYAD, Status.AT_SINGULARITY)
                 else:
@@ -437,8 +435,7 @@ class Unwrapping:
         inside = there[(there >= low - BEYOND) & (there <= high + BEYOND)]
         nearest = low if returns else anchor
         reference = np.clip(inside[:1] if len(inside) else [nearest], low, high)
-        first = first_turns(curve.predict(reference)[0][0])
-        return _Piece(curve, period, winding, first)
+        return _Piece(curve, period, winding, first_turns(curve.predict(reference)[0][0]))
 
     def _in_order(self, at: Floats, last: Floats | None) -> Floats:
         """Return turns (n, angles) of rows that follow each other, several inputs.

@@ -145,8 +145,7 @@ class Closure:
             whole[:, free] = some
             at = self.take(rows).at(whole)
             open_ = at.gap > ROUNDED
-            right = -at.residual[open_]
-            step[open_] = least_change(at.jacobian[open_][:, :, free], right)
+            step[open_] = least_change(at.jacobian[open_][:, :, free], -at.residual[open_])
             return step
 
         values[:, free], steps = newton(change, values[:, free], iterations, SETTLED, trust)
@@ -160,8 +159,7 @@ def least_change(matrices: Floats, right: Floats) -> Floats:
             return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
         except np.linalg.LinAlgError:
             pass
-    inverse = np.linalg.pinv(matrices, rcond=REDUNDANT)
-    return np.einsum("nij,nj->ni", inverse, right)
+    return np.einsum("nij,nj->ni", np.linalg.pinv(matrices, rcond=REDUNDANT), right)
 
 
 @dataclass(frozen=True)

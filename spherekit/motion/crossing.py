@@ -185,8 +185,7 @@ def jacobian_rates(closure: Closure, values: Floats) -> Floats:
 
 def _second_order(closure: Closure, x: Floats, left: Floats, null: Floats) -> Floats:
     """Return the symmetric forms (l, k, k) of all left null vectors on the null space."""
-    turned = jacobian_rates(closure, x)
-    forms = np.einsum("bma,ml,ib,ja->lij", turned, left, null, null)
+    forms = np.einsum("bma,ml,ib,ja->lij", jacobian_rates(closure, x), left, null, null)
     return 0.5 * (forms + np.swapaxes(forms, 1, 2))
 
 

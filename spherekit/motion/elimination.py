@@ -359,8 +359,7 @@ def solutions(
         distinct.add(at.values[closed])
         method = Method(0 if problem else orders_of(group)[0].roots, problem)
     if not method.is_complete:
-        census = search(closure, distinct, given)
-        method = replace(method, census=census)
+        method = replace(method, census=search(closure, distinct, given))
     values = distinct.values
     values.sort(key=in_order)
     return values, method
@@ -462,8 +461,7 @@ def _grown(
             if sign:
                 place_dyad(further, group, sign)
             else:
-                gap = solver.place(further, number, q).gap
-                further.lost |= ~(gap < CLOSURE_TOLERANCE)
+                further.lost |= ~(solver.place(further, number, q).gap < CLOSURE_TOLERANCE)
         closed = [(sign, further) for sign, further in placed if not np.all(further.lost)]
         return closed, CLOSED_FORM if group.is_dyad else ONE_WAY
     reference = solver.geometry.reference

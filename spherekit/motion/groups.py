@@ -69,8 +69,7 @@ class State:
     def axis(self, pair: int, link: int, is_first: bool) -> Floats:
         """Return the axis (n, 3) of an R pair in the axes of the body that holds `link`."""
         joint = revolute(self.joints[pair])
-        frame = joint.first if is_first else joint.second
-        return self.within[link] @ frame[:, 2]
+        return self.within[link] @ (joint.first if is_first else joint.second)[:, 2]
 
     def merge(self, group: Group, placed: Floats) -> None:
         """Make the group one body, its bodies placed (n, bodies, 3, 3) in the first."""

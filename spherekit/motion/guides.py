@@ -68,8 +68,7 @@ class ModeCurve:
     def covers(self, q: Floats) -> Bools:
         """Return (n,) whether each input lies on the curve."""
         slack = 1e-14 * np.maximum(1.0, np.abs(q))
-        inside = (q >= self.inputs[0] - slack) & (q <= self.inputs[-1] + slack)
-        return np.asarray(inside)
+        return np.asarray((q >= self.inputs[0] - slack) & (q <= self.inputs[-1] + slack))
 
     def ends_before(self, q: Floats) -> Bools:
         """Return (n,) which inputs are beyond an end that the mode does not reach past."""

@@ -39,8 +39,7 @@ class InputGrid:
 
     def neighbours(self) -> Indices:
         """Return (2 axes, n): the next and the previous sample along each axis, or -1."""
-        number = np.arange(len(self)).reshape(self.shape)
-        padded = np.pad(number, 1, constant_values=-1)
+        padded = np.pad(np.arange(len(self)).reshape(self.shape), 1, constant_values=-1)
         inside = (slice(1, -1),) * len(self.shape)
         return np.stack(
             [
@@ -52,8 +51,7 @@ class InputGrid:
 
     def nearest(self, q: Floats, count: int) -> Indices:
         """Return the rows of the `count` samples nearest to inputs q (inputs,)."""
-        distance = np.linalg.norm(self.q - q, axis=1)
-        return np.argsort(distance, kind="stable")[:count]
+        return np.argsort(np.linalg.norm(self.q - q, axis=1), kind="stable")[:count]
 
     def thinned(self, most: int) -> "InputGrid":
         """Return at most about `most` evenly chosen samples, as a path."""

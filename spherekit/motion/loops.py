@@ -170,8 +170,7 @@ def left_inverse(matrices: Floats) -> Floats:
             return np.concatenate([_one_inverse(matrix[None]) for matrix in matrices])
     inverse = nans((len(matrices), matrices.shape[2], matrices.shape[1]))
     finite = all_finite(matrices, (1, 2))
-    columns = matrices.shape[2]
-    if matrices.shape[1] < columns or not np.any(finite):
+    if matrices.shape[1] < matrices.shape[2] or not np.any(finite):
         return inverse
     left, sizes, right = np.linalg.svd(matrices[finite], full_matrices=False)
     full = sizes[:, -1] > REDUNDANT * sizes[:, 0]
@@ -196,8 +195,7 @@ def rank_mobility(tree: LoopTree, vectors: Floats, dependent: float = DEPENDENT)
     values = np.linalg.svd(tree.jacobian(vectors), compute_uv=False)
     if values.shape[1] == 0:
         return np.full(len(vectors), vectors.shape[1])
-    rank = np.sum(values > dependent * values[:, :1], axis=1)
-    return vectors.shape[1] - rank
+    return vectors.shape[1] - np.sum(values > dependent * values[:, :1], axis=1)
 
 
 def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:

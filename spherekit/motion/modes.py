@@ -327,8 +327,7 @@ class ModeSearch:
         rows = np.zeros(PROBES, dtype=np.intp)
         for axis, count in enumerate(self.input_grid.shape):
             step = np.roll(parts[order], axis * (PROBES // 2))
-            place = np.minimum((step * count).astype(np.intp), count - 1)
-            rows = rows * count + place
+            rows = rows * count + np.minimum((step * count).astype(np.intp), count - 1)
         return self.input_grid.q[np.unique(rows)]
 
     def _eliminated(self) -> Completeness | None:
@@ -347,8 +346,7 @@ class ModeSearch:
         if self._is_complete and dead.gap(step):
             step = step / FINER
             finer = dead.probes(step)
-            apart = np.abs(finer[:, None] - done).min(axis=1) > 1e-9
-            self._probe(finer[apart, None])
+            self._probe(finer[np.abs(finer[:, None] - done).min(axis=1) > 1e-9, None])
         if not self._is_complete:
             return None
         claim = dead.claim(step)
@@ -372,8 +370,7 @@ class ModeSearch:
             self.methods = list(map(least_complete, self.methods, here.methods))
             if here.modes:
                 values = np.array([values for _, values in here.modes])
-                row = self.input_grid.nearest(q, 1)
-                self._add_new(values, np.repeat(row, len(values)))
+                self._add_new(values, np.repeat(self.input_grid.nearest(q, 1), len(values)))
 
     def _add_new(
         self, values: Floats, rows: Indices, family: int | None = None, ahead: int = AHEAD

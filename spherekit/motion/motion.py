@@ -290,8 +290,7 @@ class Motion(ArrayRows):
     @cached_property
     def failed(self) -> Bools:
         """(n,) rows that hold no configuration."""
-        held = (self.status == Status.OK) | (self.status == Status.AT_SINGULARITY)
-        return ~held
+        return ~((self.status == Status.OK) | (self.status == Status.AT_SINGULARITY))
 
 
 def samples_in_block(assembly_modes: int) -> int:

@@ -248,8 +248,7 @@ def search(
     census = SearchStatistics(len(low))
     working = ProgressReporter("searching the modes of a group at an input")
     while census.goes_on and len(distinct.values) < MOST_MODES:
-        starts = random.uniform(low, high, (STARTS, len(low)))
-        values, near = damped(closure, starts)
+        values, near = damped(closure, random.uniform(low, high, (STARTS, len(low))))
         met = distinct.add(_closed(closure, values[near]))
         census.add(STARTS, met, len(distinct.values))
         working.tell(lambda: census.words("modes"))

@@ -204,8 +204,7 @@ class Curves(ABC, Generic[Node]):
     def reach(self, rows: Indices, new: Node) -> None:
         """Go on to nodes."""
         if len(rows):
-            way = np.linalg.norm(new.values - self.at.values[rows], axis=1)
-            self.way[rows] += way
+            self.way[rows] += np.linalg.norm(new.values - self.at.values[rows], axis=1)
             self._count[rows] += 1
             self.at.put(rows, new)
             self._trail.append((rows, new))
@@ -230,8 +229,7 @@ class Curves(ABC, Generic[Node]):
         (some,) = np.nonzero(closes & far)
         if len(some):
             made, held, _ = self.steps_to(rows[some], at.rows(some), way[some])
-            away = max_abs(made.values - values[some], axis=1)
-            closes[some] = held & (away <= self.same)
+            closes[some] = held & (max_abs(made.values - values[some], axis=1) <= self.same)
         return ends, closes
 
     def judged(
@@ -255,8 +253,7 @@ class Curves(ABC, Generic[Node]):
         which = 2 * np.arange(len(some))
         away = middles[some] - at.values[some]
         along = np.sum(away * chord.directions[which], axis=1) / chord.chords[which]
-        wrong = chord.predict(which, along) - middles[some]
-        miss = max_abs(wrong, axis=1, initial=0.0)
+        miss = max_abs(chord.predict(which, along) - middles[some], axis=1, initial=0.0)
         allowed = np.broadcast_to(rounding, len(ways))[some]
         holds[some] = self.tests.predicted(miss, ways[some], allowed)
         return np.asarray(holds)
@@ -265,11 +262,9 @@ class Curves(ABC, Generic[Node]):
         """Return the nodes of a curve in order, the start first."""
         parts = [new.rows(rows == row) for rows, new in self._trail if row in rows]
         nodes = self.start.joined([self.start.rows(slice(row, row + 1)), *parts])
-        count = len(nodes.values)
-        kept = np.ones(count, dtype=bool)
+        kept = np.ones(len(nodes.values), dtype=bool)
         if self.closed[row]:
-            away = max_abs(nodes.values[-1] - nodes.values[-2])
-            kept[-2] = away >= NEARLY_THERE
+            kept[-2] = max_abs(nodes.values[-1] - nodes.values[-2]) >= NEARLY_THERE
         return nodes.rows(kept)
 
 
@@ -368,8 +363,7 @@ def _advanced(
     moved = max_abs(guess - at.values, axis=1)
     there, steps = closure.solving(guess, driven, iterations=6)
     holds = finite & (there.gap < CLOSURE_TOLERANCE)
-    size = np.minimum(LARGEST_MOVE, moved)
-    holds &= VERIFIED.corrected(steps.first, steps.ratio, size)
+    holds &= VERIFIED.corrected(steps.first, steps.ratio, np.minimum(LARGEST_MOVE, moved))
     new = nodes_at(there, driven, at.direction)
     holds &= (new.sign == at.sign) & all_finite(new.slope, 1)
     cosine = np.vecdot(unit_rows(at.slope), unit_rows(new.slope))

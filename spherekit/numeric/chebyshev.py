@@ -103,8 +103,7 @@ class PiecewiseChebyshev:
         """
         cell = np.searchsorted(self.edges, x, side="right") - 1
         cell = np.clip(cell, 0, len(self.coefficients) - 1)
-        cuts = np.flatnonzero(np.diff(cell)) + 1
-        if len(cuts) * SHORTEST_RUN > len(x):
+        if len(np.flatnonzero(np.diff(cell)) + 1) * SHORTEST_RUN > len(x):
             order = np.argsort(cell, kind="stable")
             sums = np.empty((self.coefficients.shape[2], len(x)))
             sums[:, order] = self._in_runs(x[order], cell[order])
@@ -115,8 +114,7 @@ class PiecewiseChebyshev:
         """Return the functions (m, n) at x (n,) in cells (n,), run by run."""
         series = self._by_function
         sums = np.empty((series.shape[1], len(x)))
-        cuts = np.flatnonzero(np.diff(cell)) + 1
-        edges = [0, *cuts.tolist(), len(x)]
+        edges = [0, *(np.flatnonzero(np.diff(cell)) + 1).tolist(), len(x)]
         for start, stop in pairwise(edges):
             for first in range(start, stop, RUN):
                 rows = slice(first, min(first + RUN, stop))

@@ -86,8 +86,7 @@ def bracketed_zeros(
             np.minimum(least / gap, 0.5),
             np.maximum(1.0 - least / gap, 0.5),
         )
-    nearer = np.abs(fa) < np.abs(fb)
-    return np.where(nearer, a, b), np.where(fa < 0.0, a, b)
+    return np.where(np.abs(fa) < np.abs(fb), a, b), np.where(fa < 0.0, a, b)
 
 
 def _share(a: Floats, b: Floats, c: Floats, fa: Floats, fb: Floats, fc: Floats) -> Floats:

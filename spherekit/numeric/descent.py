@@ -74,8 +74,7 @@ def descent(
         going = (squares[active] >= close**2) & (damping[active] < MOST_DAMPING)
         going &= size > STILL
         if turn % STALLED == STALLED - 1:
-            falls = squares[active] < 0.5 * before[active]
-            going &= falls | (squares[active] < FAR)
+            going &= (squares[active] < 0.5 * before[active]) | (squares[active] < FAR)
             before[active] = squares[active]
         active, gap, slope = active[going], gap[going], slope[going]
         if not len(active):

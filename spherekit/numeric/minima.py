@@ -74,8 +74,7 @@ def _resolved(function: Function, grid: Floats) -> tuple[Floats, Floats]:
 def _cubic(x: Floats, y: Floats, cells: Indices, at: Floats) -> Floats:
     """Return the polynomials through the four values about cells, at a place in each."""
     count = min(4, len(x))
-    first = np.clip(cells - 1, 0, len(x) - count)
-    nodes = first[:, None] + np.arange(count)
+    nodes = np.clip(cells - 1, 0, len(x) - count)[:, None] + np.arange(count)
     value = np.zeros(len(cells))
     for k in range(count):
         others = np.delete(nodes, k, axis=1)

@@ -87,8 +87,7 @@ def read(columns: Iterable[Column]) -> list[Array]:
     given = list(columns)
     made = [x if isinstance(x, np.ndarray) else np.empty(len(x), x.dtype) for x in given]
     new = [pair for pair in zip(given, made, strict=True) if pair[0] is not pair[1]]
-    count = max((len(out) for _, out in new), default=0)
-    put(new, [(slice(0, count), 0)])
+    put(new, [(slice(0, max((len(out) for _, out in new), default=0)), 0)])
     return made
 
 

@@ -109,8 +109,7 @@ def _kinds(cells: Floats, error: Floats) -> tuple[Bools, Bools]:
     control = np.stack([fa, fa + third * da, fb - third * db, fb])
     rises = np.diff(control, axis=0)
     empty = np.all(control > error, axis=0) | np.all(control < -error, axis=0)
-    monotone = np.all(rises > error, axis=0) | np.all(rises < -error, axis=0)
-    return empty, monotone
+    return empty, np.all(rises > error, axis=0) | np.all(rises < -error, axis=0)
 
 
 def _about_extrema(
@@ -138,8 +137,7 @@ def _extrema(function: Function, cells: Floats) -> tuple[Floats, Floats, Floats]
 def _polish(function: Function, cells: Floats) -> Floats:
     """Return the zero in each cell by Newton's method, by halving where it leaves."""
     (a, b, fa), fb = cells[:3].copy(), cells[4]
-    rise = np.where(fb != fa, fb - fa, 1.0)
-    x = a + np.clip(-fa / rise, 0.0, 1.0) * (b - a)
+    x = a + np.clip(-fa / np.where(fb != fa, fb - fa, 1.0), 0.0, 1.0) * (b - a)
     moved = np.full(len(x), np.inf)
     going = np.arange(len(x))
     for _ in range(MOST_STEPS):

@@ -78,8 +78,7 @@ class DyadsWithClosingLink:
         first, second = np.swapaxes(rotations @ self.across.T, 0, 1).transpose(2, 0, 1)
         one, other = _around(directions)
         x = dot(one, first) + dot(other, second)
-        y = dot(other, first) - dot(one, second)
-        return np.arctan2(y, x)
+        return np.arctan2(dot(other, first) - dot(one, second), x)
 
     def links_of(self, placed: PosedMode, count: int) -> Floats:
         """Return the orientations (n, count, 3, 3) of all links but the virtual ones."""
@@ -252,5 +251,4 @@ def _around(directions: Floats) -> tuple[Floats, Floats]:
     a = -1.0 / (sign + z)
     b = x * y * a
     one = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x])
-    other = np.stack([b, sign + y * y * a, -y])
-    return one, other
+    return one, np.stack([b, sign + y * y * a, -y])

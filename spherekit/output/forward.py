@@ -88,10 +88,8 @@ def _lengths(held: Solver, meshes: GearPhases, lengths: Floats) -> Floats:
     ratios = meshes.ratios
     onto = ratios @ np.linalg.pinv(ratios)
     beyond = every - meshes.lengths
-    rollable = max_abs(beyond - beyond @ onto.T, axis=1) < SAME_LENGTH
-    every = every[rollable]
-    order = np.argsort(np.sum(np.abs(every), axis=1), kind="stable")
-    return every[order[:MOST_ASSEMBLIES]]
+    every = every[max_abs(beyond - beyond @ onto.T, axis=1) < SAME_LENGTH]
+    return every[np.argsort(np.sum(np.abs(every), axis=1), kind="stable")[:MOST_ASSEMBLIES]]
 
 
 def _turned(meshes: GearPhases, q: Floats, lengths: Floats) -> Floats | None:
@@ -100,8 +98,7 @@ def _turned(meshes: GearPhases, q: Floats, lengths: Floats) -> Floats | None:
     half = np.minimum(MOST_TURNS, np.ceil(0.5 * np.asarray(meshes.periods) / TURN))
     turns = [range(-k, k + 1) for k in np.where(rolling, half, 0).astype(int).tolist()]
     places = q + TURN * np.array(list(product(*turns)), dtype=float)
-    off = max_abs(meshes.rolled(places) - lengths, axis=1)
-    fits = places[off < SAME_LENGTH]
+    fits = places[max_abs(meshes.rolled(places) - lengths, axis=1) < SAME_LENGTH]
     if not len(fits):
         return None
     return fits[np.argmin(np.sum(np.abs(fits), axis=1))]
@@ -305,8 +302,7 @@ def output_rates(motion: Motion, output: Output) -> Floats:
         (moved,) = mechanism.variables_of(pair)
         speeds = np.zeros_like(part.values)
         speeds[:, moved] = 1.0
-        along = at.jacobian[:, :, moved, None]
-        speeds[:, free] = -(part.closure_inverse @ along)[..., 0]
+        speeds[:, free] = -(part.closure_inverse @ at.jacobian[:, :, moved, None])[..., 0]
         w = at.body_rates(speeds)
         rates[good, :, column] = np.einsum("nij,nj->ni", inverse, w[:, link] - w[:, base])
     return rates

@@ -457,8 +457,7 @@ def _closed(
 ) -> PosedMode:
     """Return one mode with the output turned so that the bar closes, next to `near`."""
     mode, wanted = signs[:-1], signs[-1]
-    start = turned.turn_of(directions, near)
-    turn, converged = turned.close(directions, start, mode)
+    turn, converged = turned.close(directions, turned.turn_of(directions, near), mode)
     placed = turned.place(directions, turn, mode)
     slope, status = turned.slope(placed, directions), placed.status.copy()
     within = status != Status.OUT_OF_REACH

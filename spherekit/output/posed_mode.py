@@ -358,8 +358,7 @@ class PosedMode:
 
         NaN where an axis cannot be placed; it may be known where the mode does not close.
         """
-        cosine = dot(self._axis(one), self._axis(other))
-        return np.broadcast_to(cosine, len(self.status))
+        return np.broadcast_to(dot(self._axis(one), self._axis(other)), len(self.status))
 
     def _axis(self, pair: int) -> Floats:
         dyads = self.dyads

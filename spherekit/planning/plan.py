@@ -220,8 +220,7 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
     cost: dict[Pole, frozenset[Pole]] = {}
     sources: dict[Pole, Iterable[Pole]] = {}
     for step in whole.steps:
-        poles = step.poles if isinstance(step, BlockPoles) else (step.pole,)
-        for pole in poles:
+        for pole in step.poles if isinstance(step, BlockPoles) else (step.pole,):
             cost[pole], sources[pole] = frozenset(), ()
             if isinstance(step, BlockPoles):
                 cost[pole] = frozenset([pole])

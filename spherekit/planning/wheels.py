@@ -225,8 +225,7 @@ class RollingOnCarrier:
             _carried(joints, wheel.centre, way)
             for wheel, way in zip(self.wheels, self.mesh.ways, strict=True)
         )
-        arc = self.wheels[0].radius - self.wheels[1].radius
-        sense = np.sign(np.sin(arc))
+        sense = np.sign(np.sin(self.wheels[0].radius - self.wheels[1].radius))
         towards = other - (one @ other) * one, (one @ other) * other - one
         return [
             wheel.length(sense * _carried(joints, direction, back(way)))
@@ -272,8 +271,7 @@ def on_carrier(
     these are given, lead to the carrier.
     """
     profiles = mechanism.pairs[number].profiles or ()
-    shaped = any(profile.round_axis is None for profile in profiles)
-    if shaped or not joints[number].rolled:
+    if any(profile.round_axis is None for profile in profiles) or not joints[number].rolled:
         return None
     one, other = (Wheel.of(track.curve, track.start) for track in joints[number].tracks)
     made = mesh_of(

@@ -107,8 +107,7 @@ def _next(equations: Equations, last: CertifiedArc) -> CertifiedArc | None:
     """Return the piece that goes on from one, with its centre in that one."""
     part = FORWARD
     while part > 1e-3:
-        guess = last.centre + part * last.half * last.tangent
-        place = corrected(equations, guess)
+        place = corrected(equations, last.centre + part * last.half * last.tangent)
         if place is not None:
             longest = min(LONGEST, LONGER * last.half)
             further = piece_at(equations, place, last.tangent, longest)

@@ -246,8 +246,7 @@ def circle(angles: Sequence[Ball] | Floats) -> Floats:
     """
     out = np.empty((len(angles), 2))
     for row, angle in enumerate(angles):
-        ball = exact(angle) if isinstance(angle, float) else angle
-        sine, cosine = ball.sin_cos()
+        sine, cosine = (exact(angle) if isinstance(angle, float) else angle).sin_cos()
         out[row] = float(cosine.mid()), float(sine.mid())
     return out
 
@@ -373,6 +372,5 @@ def _reference_frame(
 
 def _across(axis: Vector, near: Floats) -> Frame:
     """Return the frame of an axis that no other one gives a direction."""
-    helper = np.eye(3)[int(np.argmin(np.abs(near)))]
-    across = unit(np.cross(axis, helper))
+    across = unit(np.cross(axis, np.eye(3)[int(np.argmin(np.abs(near)))]))
     return np.stack([across, np.cross(axis, across), axis])

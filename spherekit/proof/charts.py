@@ -93,8 +93,7 @@ class ChartRoots:
         """
         shape = -1, count, self.z.shape[1]
         over = np.where(self.inverse, 1.0, self.z).reshape(shape)
-        under = np.where(self.inverse, self.z, 1.0).reshape(shape)
-        way = over[:, :, None] * under[:, None]
+        way = over[:, :, None] * np.where(self.inverse, self.z, 1.0).reshape(shape)[:, None]
         return np.max(np.abs(way - way.swapaxes(1, 2)), axis=3, initial=0.0)
 
     def take(self, kept: Any) -> "ChartRoots":

@@ -103,8 +103,7 @@ class CertifiedCurves:
         """Parts of the range (rad) at which configurations may be missing."""
         boxes = zip(self.paving.centres, self.paving.radii, strict=True)
         parts = [(self.input_at(q - r), self.input_at(q + r)) for q, r in boxes]
-        near = zip(self.saddles, self.open_at(self.driven), strict=True)
-        for saddle, off in near:
+        for saddle, off in zip(self.saddles, self.open_at(self.driven), strict=True):
             within = self.inside(self.input_at(saddle.centre))
             if off and within is not None:
                 parts.append((within - off * self.laps, within + off * self.laps))

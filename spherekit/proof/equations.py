@@ -121,8 +121,7 @@ class Equations:
 
     def frame(self, pair: int, link: int) -> Frame:
         """Return the frame of a pair in one of its links."""
-        side = self.written.structure.ends[pair].index(link)
-        return self.frames[pair][side]
+        return self.frames[pair][self.written.structure.ends[pair].index(link)]
 
     def _offsets(self) -> dict[int, Ball]:
         """Return the angles (rad) at an input of 0 of pairs that turn with its variable."""
@@ -188,8 +187,7 @@ class Equations:
         for step in self.construction.steps:
             above, _ = self.construction.placed[step.link]
             if above is not None and above != self.construction.root:
-                local = placed[step.link]
-                placed[step.link] = product(placed[above], local, _times, order)
+                placed[step.link] = product(placed[above], placed[step.link], _times, order)
         return placed
 
     def _placed(

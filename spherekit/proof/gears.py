@@ -487,16 +487,14 @@ class Written:
         sense = -1 if pair.contact == "external" else 1
 
         def axis(name: str, link: str) -> Vector:
-            side = mechanism.pair(name).links.index(link)
-            return frames[name][side][2]
+            return frames[name][mechanism.pair(name).links.index(link)][2]
 
         if "axes" in item:
             two = list(zip(item["axes"], pair.links, strict=True))
             centres = [axis(name, link) for name, link in two]
             joined = {name: mechanism.pair(name).links for name in frames}
             pairs = item["axes"][0], item["axes"][1]
-            axes = link_axes(mechanism)
-            carrier, carried = carrier_of(joined, axes, pair.links, pairs)
+            carrier, carried = carrier_of(joined, link_axes(mechanism), pair.links, pairs)
             one, other = (way * axis(name, carrier) for name, way in carried)
             radii, sines = self._cones(item, one, other, sense)
         else:

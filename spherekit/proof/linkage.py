@@ -199,8 +199,7 @@ def _spline(path: SplinePath) -> Path:
         x, rate = points[degree], degree * slope
         size = _length(x)[:, None]
         point = x / size
-        outward = np.sum(point * rate, axis=1, keepdims=True)
-        return point, (rate - outward * point) / size
+        return point, (rate - np.sum(point * rate, axis=1, keepdims=True) * point) / size
 
     return at
 

@@ -93,8 +93,7 @@ def _beyond(
     size = np.abs(values) + np.einsum("nkv,nv->nk", np.abs(slopes), radii)
     reach = np.einsum("nwv,nv->nw", np.abs(weights @ slopes), radii)
     reach += np.einsum("nwk,nk->nw", np.abs(weights), bent + ROUNDING * size)
-    sums = np.abs(np.einsum("nwk,nk->nw", weights, values))
-    return np.any(sums > reach * UP, axis=1)
+    return np.any(np.abs(np.einsum("nwk,nk->nw", weights, values)) > reach * UP, axis=1)
 
 
 CHUNK = 20000
@@ -255,8 +254,7 @@ def _weights(slopes: Floats, degrees: Floats, radii: Floats) -> Floats:
     """Return by how much each side of boxes (n, v) keeps the equations undecided."""
     norms = np.sqrt(np.sum(slopes**2, axis=2, keepdims=True)) + 1e-3
     share = np.max(np.abs(slopes) / norms, axis=1)
-    floor = 0.2 * np.any(degrees > 0, axis=0)
-    return np.maximum(share, floor) * radii
+    return np.maximum(share, 0.2 * np.any(degrees > 0, axis=0)) * radii
 
 
 PRECISION = 80
@@ -311,8 +309,7 @@ class InputMap:
         high = np.max(self.centres + self.radii, axis=0)
         gaps = np.max(away[self.kind != REGULAR], axis=1, initial=-np.inf)
         nearest = float(np.min(gaps, initial=np.inf))
-        edge = float(min(np.min(q - low), np.min(high - q)))
-        return max(min(nearest, edge) - 1e-12, 0.0)
+        return max(min(nearest, float(min(np.min(q - low), np.min(high - q)))) - 1e-12, 0.0)
 
     @property
     def claim(self) -> Completeness:
@@ -426,5 +423,4 @@ def _farthest(boxes: Boxes, cell: Integers, finest: Integers) -> Indices:
     """Return the side of each box that has farthest to go, to cells first."""
     levels = boxes.levels
     coarse = np.any(levels < cell, axis=1, keepdims=True)
-    halved = np.where(coarse, levels < cell, levels < finest)
-    return np.argmax(boxes.radii * halved, axis=1)
+    return np.argmax(boxes.radii * np.where(coarse, levels < cell, levels < finest), axis=1)

@@ -64,8 +64,7 @@ class Root:
     def leads_to(self, near: Sequence[complex]) -> bool:
         """Return whether an approximation is in its ball, whole turns away or not."""
         apart = np.array(near) - [middle_of(angle) for angle in self.centre]
-        turned = wrap(apart.real) + 1j * apart.imag
-        return bool(np.all(np.abs(turned) < 0.5 * self.unique))
+        return bool(np.all(np.abs(wrap(apart.real) + 1j * apart.imag) < 0.5 * self.unique))
 
     def holds(self, other: "Root") -> bool:
         """Return whether the solution of another is this one: it is alone around here."""

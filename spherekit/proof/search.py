@@ -192,8 +192,7 @@ class Search:
         for arm, count, rate in list(self._arms()):
             if count or self.inputs.whole:
                 continue
-            guess = self.crossings.saddles[arm[0]].on(arm[1])
-            place = corrected(self.equations, guess)
+            place = corrected(self.equations, self.crossings.saddles[arm[0]].on(arm[1]))
             piece = place is not None and piece_at(self.equations, place, None, LONGEST)
             if not piece or self.crossings.arm(piece) != arm:
                 continue

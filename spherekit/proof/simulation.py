@@ -171,8 +171,7 @@ class Forces:
             if isinstance(part.magnitude, TorqueTable):
                 magnitude = _of_table(part.magnitude, moving.t, inside)
             else:
-                law = expression_of(part.magnitude)
-                magnitude = fold(law.root, exact, named, applied)
+                magnitude = fold(expression_of(part.magnitude).root, exact, named, applied)
             if part.pair:
                 total = total + magnitude * moving.rates[:, variables[part.pair]]
             for moment in part.moments:

@@ -72,8 +72,7 @@ def solutions(made: Polynomials, seed: int) -> ChartRoots:
     The ways from all solutions of products of lines, at t = 0, are followed; those are left
     out that do not come near.
     """
-    generator = np.random.default_rng(seed)
-    ends, z = _product_of_lines(made, generator)
+    ends, z = _product_of_lines(made, np.random.default_rng(seed))
     points, n = ChartRoots.of(z, np.zeros(len(z), dtype=np.intp)), len(z)
     t, step = np.zeros(n), np.full(n, FIRST_STEP)
     streak, lost = np.zeros(n, dtype=int), np.zeros(n, dtype=bool)
@@ -168,8 +167,7 @@ def _corrected(
 def _solved(matrices: Complexes, right: Complexes) -> Complexes:
     """Return solutions (n, k), NaN where a matrix is singular."""
     inverse, regular = inverses(matrices)
-    change = np.einsum("nij,nj->ni", inverse, right)
-    return np.where(regular[:, None], change, np.nan)
+    return np.where(regular[:, None], np.einsum("nij,nj->ni", inverse, right), np.nan)
 
 
 WIDEST_ANGLE = 0.3

@@ -70,8 +70,7 @@ class Zone:
         return wrap(places - self.centre) @ self.frame
 
     def _within(self, places: Floats, reach: Floats) -> Bools:
-        inside = np.abs(self.coordinates(places)) + reach <= self.limits
-        return np.all(inside, axis=-1)
+        return np.all(np.abs(self.coordinates(places)) + reach <= self.limits, axis=-1)
 
     def holds(self, place: Floats, off: float) -> bool:
         """Return whether a place that is off by at most `off` is in it."""
@@ -143,8 +142,7 @@ def piece_at(
     if frame is None:
         return None
     t, normals = frame[:, 0], frame[:, 1:]
-    inner = at.slopes @ normals
-    inverse = np.asarray(np.linalg.inv(inner), dtype=float)
+    inverse = np.asarray(np.linalg.inv(at.slopes @ normals), dtype=float)
     if not np.all(np.isfinite(inverse)):
         return None
     test = Test(at, t, normals, inverse)
@@ -188,8 +186,7 @@ class Test:
 
     def sums(self, half: Floats, radius: Floats) -> Floats:
         """Return (..., k) by how much the angles of each equation change at most."""
-        change = self.along * half[..., None] + self.sideways * radius[..., None]
-        return change * UP
+        return (self.along * half[..., None] + self.sideways * radius[..., None]) * UP
 
     def rows(self, half: Floats, radius: Floats) -> Floats:
         """Return bounds (..., k) of the sums of the rows of 1 - Y F_z N in the piece."""

@@ -162,8 +162,7 @@ def _moving_bodies(planned: Plan) -> set[int]:
             used |= set(step.contacts)
     bodies: set[int] = set()
     for pair in used:
-        carriers = mechanism.pairs[pair].kind.carriers
-        bodies |= set(planned.ends[pair][:carriers])
+        bodies |= set(planned.ends[pair][: mechanism.pairs[pair].kind.carriers])
     return bodies
 
 
@@ -409,8 +408,7 @@ def signs_at_stops(
                 side = -1.0 if home @ unit[:, good[0]] < 0.0 else 1.0
             parts = [way], sense[None, rows], vectors[:, j, some], changes[:, j, some]
             path = np.concatenate(parts)[:, good]
-            linked = since[good[1:]] > since[good[:-1]]
-            chain = _chain(memory, key, side, path, linked)
+            chain = _chain(memory, key, side, path, since[good[1:]] > since[good[:-1]])
             signs = np.repeat(chain, np.diff(good, append=len(rows)))
             signs = np.append(np.ones(good[0]), signs)
             for k in np.flatnonzero(is_good[j, some] & ~is_moved[j, some]):

@@ -179,8 +179,7 @@ def null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
     n, _, count = jacobian.shape
     border = np.broadcast_to(np.cos(1.0 + np.arange(count)), (n, count))
     for _ in range(2):
-        bordered = np.concatenate([jacobian, border[:, None, :]], axis=1)
-        inverse = left_inverse(bordered)
+        inverse = left_inverse(np.concatenate([jacobian, border[:, None, :]], axis=1))
         rates = inverse[:, :, -1]
         rates = unit_rows(rates)
         border = rates

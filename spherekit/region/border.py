@@ -75,8 +75,7 @@ def coefficients(order: int) -> Floats:
 @cache
 def weights(order: int) -> Floats:
     """Return the weights (order + 1,) of Clenshaw and Curtis for the nodes."""
-    even = np.arange(0, order + 1, 2)
-    return 2.0 / (1.0 - even**2.0) @ coefficients(order)[::2]
+    return 2.0 / (1.0 - np.arange(0, order + 1, 2) ** 2.0) @ coefficients(order)[::2]
 
 
 def between(order: int, u: Floats) -> Floats:
@@ -176,10 +175,8 @@ class BoundarySegments(ArrayRows):
         height = np.empty((len(which), len(u)))
         for order in ORDERS:
             some = self.order[which] == order
-            nodal = self.height[which[some], : order + 1]
-            height[some] = nodal @ between(order, u).T
-        places = self.chords.rows(which).at(u, height)
-        rows = evaluate(places.reshape(-1, 3))
+            height[some] = self.height[which[some], : order + 1] @ between(order, u).T
+        rows = evaluate(self.chords.rows(which).at(u, height).reshape(-1, 3))
         margin = chosen(rows, np.repeat(self.margin[which], len(u)))
         rows = (rows - margin[:, None]).reshape(len(which), len(u), rows.shape[1])
         a, b, c = rows[:, :-2], rows[:, 1:-1], rows[:, 2:]
@@ -196,18 +193,15 @@ class BoundarySegments(ArrayRows):
 
     def points(self, which: Indices, order: int) -> Floats:
         """Return the nodes (m, order + 1, 3) of some pieces, all of that order."""
-        frames = self.chords.rows(which)
-        return frames.at(nodes(order), self.height[which, : order + 1])
+        return self.chords.rows(which).at(nodes(order), self.height[which, : order + 1])
 
     def curve(self, chain: Indices) -> Floats:
         """Return the nodes (m, 3) of pieces that follow one another, known ones only."""
-        order = np.where(self.sound[chain], self.order[chain], 1)
-        step = ORDERS[-1] // order
+        step = ORDERS[-1] // np.where(self.sound[chain], self.order[chain], 1)
         place = np.arange(1, ORDERS[-1] + 1)
         shown = place % step[:, None] == 0
         u = nodes(ORDERS[-1])[1:]
-        node = place // step[:, None]
-        height = np.take_along_axis(self.height[chain], node, axis=1)
+        height = np.take_along_axis(self.height[chain], place // step[:, None], axis=1)
         height[~self.sound[chain]] = 0.0
         points = self.chords.rows(chain).at(u, height)[shown]
         return np.concatenate([self.chords.start[chain[:1]], points])
@@ -278,8 +272,7 @@ FARTHEST = 4.0
 
 def along(start: Floats, end: Floats, angle: Floats) -> Floats:
     """Return the points (n, 3) at angles (rad) from `start` on the arcs to `end`."""
-    side = cross(start, end - start)
-    toward = unit(cross(side, start))
+    toward = unit(cross(cross(start, end - start), start))
     return np.cos(angle)[:, None] * start + np.sin(angle)[:, None] * toward
 
 
@@ -348,8 +341,7 @@ def corners(
         going = going[size >= SETTLED]
     sound = np.linalg.norm(x[:, 0], axis=1) < FARTHEST * length
     sound[going] = False
-    at = places(x, np.arange(len(start)))[:, 0]
-    return np.where(sound[:, None], at, np.nan), sound
+    return np.where(sound[:, None], places(x, np.arange(len(start)))[:, 0], np.nan), sound
 
 
 BESIDE = 1e-6

@@ -112,8 +112,7 @@ def edges_of(triangles: Indices) -> tuple[Indices, Indices]:
     both = np.sort(triangles[:, np.array(EDGES)].reshape(-1, 2), axis=1)
     size = int(both.max(initial=0)) + 1
     keys, place = np.unique(both[:, 0] * size + both[:, 1], return_inverse=True)
-    edges = np.stack([keys // size, keys % size], axis=1)
-    return edges, place.reshape(-1, 3)
+    return np.stack([keys // size, keys % size], axis=1), place.reshape(-1, 3)
 
 
 def triangle_areas(a: Floats, b: Floats, c: Floats) -> Floats:
@@ -241,8 +240,7 @@ class Evaluator:
 
 def rounding(rows: Floats) -> Floats:
     """Return how far (k,) margins are off by rounding, from their size in rows (n, k)."""
-    size = np.where(np.isnan(rows), 0.0, np.abs(rows))
-    return NOISE * np.median(size, axis=0)
+    return NOISE * np.median(np.where(np.isnan(rows), 0.0, np.abs(rows)), axis=0)
 
 
 def least(rows: Floats) -> Floats:
@@ -275,8 +273,7 @@ def active(rows: Floats, floor: Floats) -> Indices:
     """
     smallest = np.fmin.reduce(rows, axis=1)
     number = np.argmax(rows <= smallest[:, None] + floor, axis=1)
-    undefined = np.isnan(rows).any(axis=1) & ~(smallest <= 0.0)
-    return np.where(undefined, UNDEFINED, number)
+    return np.where(np.isnan(rows).any(axis=1) & ~(smallest <= 0.0), UNDEFINED, number)
 
 
 def void(rows: Floats) -> Bools:
@@ -343,8 +340,7 @@ def _matrices() -> tuple[Floats, Floats, Floats]:
     slopes = 2.0 * np.stack(
         [[b12 - b1, b13 - b1], [b2 - b12, b23 - b12], [b23 - b13, b3 - b13]]
     )
-    places = np.concatenate([*QUARTERS, np.full((1, 3), 1 / 3)])
-    p, q, r = places.T
+    p, q, r = np.concatenate([*QUARTERS, np.full((1, 3), 1 / 3)]).T
     terms = np.stack([p * p, q * q, r * r, 2 * p * q, 2 * q * r, 2 * p * r], axis=1)
     return bernstein, slopes, terms @ bernstein
 

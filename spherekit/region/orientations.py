@@ -145,8 +145,7 @@ def find_orientations(
         open_cells = np.flatnonzero(cells.error > 0.0)
         if error <= goal or not len(open_cells):
             break
-        share = 0.5 * goal / len(open_cells)
-        cut = open_cells[cells.error[open_cells] > share]
+        cut = open_cells[cells.error[open_cells] > (0.5 * goal / len(open_cells))]
         cut = cut[cells.width[cut] > 4]
         cost = COST_OF_CUT * len(cut)
         if not cost or cells.evaluate.evaluations + cost > most:
@@ -171,8 +170,7 @@ class _Cells:
         )
         self.width = np.full(len(self.cube), width)
         self.volume, certain = self._measure(self.cube, self.low, self.width)
-        whole = _density(self.low, self.width).sum(axis=1)
-        self.error = np.where(certain, 0.0, whole)
+        self.error = np.where(certain, 0.0, _density(self.low, self.width).sum(axis=1))
 
     def halve(self, cut: Indices) -> None:
         """Replace some cells by their eighths."""
@@ -207,8 +205,7 @@ class _Cells:
         some = np.flatnonzero(~full[whole])
         for part in np.array_split(some, len(some) * k // 2**13 + 1):
             model = rows[:, whole[part]].reshape(27, len(part) * k)
-            filled = _filled(model).reshape(STEPS**3, len(part), k)
-            share[part] *= filled.min(axis=2).T
+            share[part] *= _filled(model).reshape(STEPS**3, len(part), k).min(axis=2).T
         volume[whole] = share.sum(axis=1)
         return volume, out | full
 

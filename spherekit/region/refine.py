@@ -249,8 +249,7 @@ class Refinement:
             self.crossing_points = np.concatenate([self.crossing_points, points])
             self.crossing_margins = np.concatenate([self.crossing_margins, margins])
         order = np.argsort(self.crossing_keys)
-        place = np.searchsorted(self.crossing_keys, keys, sorter=order)
-        return order[place]
+        return order[np.searchsorted(self.crossing_keys, keys, sorter=order)]
 
     def _improve(self, tolerance: float) -> Bools:
         """Bring the error down without new triangles; return those to cut for more."""

@@ -262,16 +262,14 @@ class _Spread:
             samples, first = np.unique(row[free], return_index=True)
             new = free[first]
             self.at[samples, column] = len(self.nodes) + np.arange(len(new))
-            made = self._judged(values[new], samples)
-            self.nodes = _Nodes.joined([self.nodes, made])
+            self.nodes = _Nodes.joined([self.nodes, self._judged(values[new], samples)])
             there = self.at[row[left], column]
             away = less_periods(values[left] - self.nodes.values[there], self.periods)
             same = max_abs(away, axis=1) < SAME
             numbers[left[same]] = there[same]
             left = left[~same]
             column += 1
-        more = len(self.nodes) - len(self.done)
-        self.done = np.pad(self.done, ((0, more), (0, 0)))
+        self.done = np.pad(self.done, ((0, len(self.nodes) - len(self.done)), (0, 0)))
         return numbers
 
     def run(self) -> None:
@@ -292,8 +290,7 @@ class _Spread:
         start, way, stop = (part[stop >= 0] for part in (start, way, stop))
         values = self.nodes.values[start]
         goal = self.input_grid.q[stop]
-        turns = np.round((values[:, self.driven] - goal) / TURN)
-        goal = goal + TURN * turns
+        goal = goal + TURN * np.round((values[:, self.driven] - goal) / TURN)
         arrived, status = walk(self.solver.closure, self.driven, values, goal)
         good = status == Status.OK
         there = self.add(arrived[good], stop[good])
@@ -311,8 +308,7 @@ class _Spread:
         value = self.nodes.one[ends]
         slope = np.einsum("nei,ni->ne", self.nodes.slope[ends], moved)
         signs = np.sign(np.concatenate([value, value + slope * [1.0, -1.0] / 3.0], axis=1))
-        clear = (signs[:, 0] != 0.0) & np.all(signs == signs[:, :1], axis=1)
-        return regular & clear
+        return regular & ((signs[:, 0] != 0.0) & np.all(signs == signs[:, :1], axis=1))
 
     def labelled(self, free_of: tuple[TypeName, ...]) -> Aspects:
         """Return the regular configurations with their aspects."""

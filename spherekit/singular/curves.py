@@ -145,8 +145,7 @@ class SingularCurve:
         on_curve = np.zeros(len(values), dtype=bool)
         row, which, away, along = self.chord.beside(values, self.periods)
         points = self.on(which, along / self.chord.chords[which])
-        there = self.nodes.values[which] + away
-        miss = max_abs(there - points.values, axis=1)
+        miss = max_abs((self.nodes.values[which] + away) - points.values, axis=1)
         same = np.abs(np.sum(points.motions * motions[row], axis=1)) > 1.0 - 1e-6
         on_curve[row[(miss < NEAR) & same]] = True
         return on_curve

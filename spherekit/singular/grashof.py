@@ -256,8 +256,7 @@ def _ends(sampled: SampledSingularities, number: int) -> tuple[Floats, Floats]:
     for piece in sampled.configurations.curves[number].pieces:
         ends = np.array([piece.start, piece.stop])
         q = curve.at(ends).values[:, sampled.tracer.solver.single] + piece.shift
-        at_end = np.min(np.abs(q[:, None] - sampled.range), axis=1) < AT_END
-        taken = at_end & (not whole)
+        taken = (np.min(np.abs(q[:, None] - sampled.range), axis=1) < AT_END) & (not whole)
         taken |= stops & (np.minimum(ends, curve.length - ends) < AT_END)
         within = INWARD * (piece.stop - piece.start) * np.array([1.0, -1.0])
         places.append(np.stack([ends, ends + within])[:, taken])

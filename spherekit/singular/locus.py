@@ -294,8 +294,7 @@ class SingularityLocus:
     ) -> tuple[Floats, Floats, Floats]:
         g, rank = self.freedoms, self.motions + 1
         finite = all_finite(equations, (1, 2))
-        clean = np.where(finite[:, None, None], equations, 0.0)
-        _, sizes, right = np.linalg.svd(clean)
+        _, sizes, right = np.linalg.svd(np.where(finite[:, None, None], equations, 0.0))
         kernel = np.swapaxes(right[:, rank:], 1, 2)
         ways, turned = kernel[:, :g], moving.basis @ kernel[:, g:]
         turned += np.einsum("ngk,ngvw,nw->nvk", ways, moving.bends[:, :g], motions)
@@ -314,8 +313,7 @@ def adjugate(matrices: Floats) -> Floats:
     for i in range(size):
         for j in range(size):
             rows = [k for k in range(size) if k != j]
-            columns = [k for k in range(size) if k != i]
-            minor = matrices[:, rows][:, :, columns]
+            minor = matrices[:, rows][:, :, [k for k in range(size) if k != i]]
             out[:, i, j] = (-1.0) ** (i + j) * np.linalg.det(minor)
     return out
 

@@ -209,8 +209,7 @@ def _between(first: Floats, second: Floats) -> Floats:
     (one, sure), (other, also) = plane_normal(first), plane_normal(second)
     sine = np.linalg.norm(cross(one, other), axis=-1)
     both = np.concatenate([first, second], axis=1)
-    parallel = np.minimum(sure, also) < TOLERANCE
-    return np.where(parallel, _out_of_plane(both), sine)
+    return np.where(np.minimum(sure, also) < TOLERANCE, _out_of_plane(both), sine)
 
 
 def _out_of_plane(vectors: Floats) -> Floats:
@@ -218,8 +217,7 @@ def _out_of_plane(vectors: Floats) -> Floats:
     out = nans(len(vectors))
     finite = all_finite(vectors, (1, 2))
     _, _, right = np.linalg.svd(vectors[finite])
-    away = np.einsum("nki,ni->nk", vectors[finite], right[:, -1])
-    out[finite] = max_abs(away, axis=1)
+    out[finite] = max_abs(np.einsum("nki,ni->nk", vectors[finite], right[:, -1]), axis=1)
     return out
 
 

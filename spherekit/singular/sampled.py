@@ -208,8 +208,7 @@ class SampledSingularities:
 
         def touched(piece: Piece, lap: int) -> bool:
             place = s + lap * arc.length
-            away = there + lap * arc.rise[self._driven] + piece.shift - q
-            turns = round(away / period)
+            turns = round((there + lap * arc.rise[self._driven] + piece.shift - q) / period)
             met = turns == 0 or self.is_simulation or (whole and turns % whole == 0)
             return bool(met and piece.start - TOUCHES <= place <= piece.stop + TOUCHES)
 
@@ -250,8 +249,7 @@ class SampledSingularities:
         It is one of a curve. One outside, as near to the range as turns allow, if there is
         none; one alone of a curve that a simulation does not pass.
         """
-        q = values[[self._driven]]
-        every = turns_in_range(q, *self.range, self._period(curve))[0]
+        every = turns_in_range(values[[self._driven]], *self.range, self._period(curve))[0]
         return every[:1] if self._ways is not None and curve not in self._ways else every
 
     def whole_range(self, curve: int) -> int:
@@ -295,8 +293,7 @@ class SampledSingularities:
         if kind is Type.I:
             of, to = (along.at(s).speeds(pole)[0] for pole in (links, self.report.input))
             return np.where(np.hypot(of, to) > STILL, np.arctan2(of, to), np.nan)
-        tree = along.curve.closure.tree
-        measure = Transmission(tree, (self._driven,), *links)
+        measure = Transmission(along.curve.closure.tree, (self._driven,), *links)
         return np.arcsin(measure.at(along.at(s).motion.vectors))
 
     def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
@@ -355,8 +352,7 @@ class SampledSingularities:
         """
         solver = self.whole.solver
         placed = np.where(self.curve[:, None] >= 0, self._values, np.nan)
-        vectors = solver.closure.at(placed).vectors
-        return hold(solver.closure.tree, [solver.single], vectors)
+        return hold(solver.closure.tree, [solver.single], solver.closure.at(placed).vectors)
 
     def output_angle(self, curve: int, output: int, s: Floats) -> Floats:
         """Return (n,) rad at rising s: the variable of the output's R pair in (-pi, pi].
@@ -368,8 +364,7 @@ class SampledSingularities:
         if variable is not None:
             return wrap(self.curves[curve].at(s).values[:, variable])
         rate, _ = self.analysis.along[curve].signed(s, pole_of(*links))
-        steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(s)
-        return np.append(0.0, np.cumsum(steps))
+        return np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s)))
 
     def configuration(self, curve: int, s: float) -> Floats:
         """Return the orientations (links, 3, 3) of all links at a place of a curve."""
@@ -387,8 +382,7 @@ class SampledSingularities:
             for number, place in crossing.places:
                 if number == curve and crossing.output == self.report.outputs[0]:
                     last = arc.nodes.values[0 if place == 0.0 else -1]
-                    values = last + arc.wrapped(crossing.values - last)
-                    ends.append((place, values))
+                    ends.append((place, last + arc.wrapped(crossing.values - last)))
         return ends
 
     def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:

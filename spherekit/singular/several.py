@@ -333,8 +333,7 @@ def _type_one(inputs: Floats, output: Floats, tolerance: float) -> tuple[Floats,
     orthonormal basis is made, in which motions that move neither are lost.
     """
     both = np.concatenate([inputs, output], axis=1)
-    finite = all_finite(both, (1, 2))
-    clean = np.where(finite[:, None, None], both, 0.0)
+    clean = np.where(all_finite(both, (1, 2))[:, None, None], both, 0.0)
     left, sizes, _ = np.linalg.svd(clean, full_matrices=False)
     moves = sizes > tolerance
     turns = np.linalg.svd(left[:, inputs.shape[1] :] * moves[:, None], compute_uv=False)

@@ -374,8 +374,7 @@ def ordered_pole(
     names = mechanism.links
     if isinstance(pole, str):
         a, b = parse_pole(mechanism, pole)
-        plain = pole.replace("/", "")
-        return (a, b) if names[a] + names[b] == plain else (b, a)
+        return (a, b) if names[a] + names[b] == pole.replace("/", "") else (b, a)
     words = [names[k] if isinstance(k, int) and 0 <= k < len(names) else k for k in pole]
     return ordered_pole(mechanism, "/".join(str(word) for word in words))
 

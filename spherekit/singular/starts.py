@@ -167,8 +167,7 @@ def everywhere(view: SingularityReport) -> bool:
     What has no more freedoms than the locus has is not looked for on curves or surfaces.
     """
     ranges = np.stack(view.ranges, axis=1)
-    random = np.random.default_rng(SEED)
-    values = closed_configurations(view.solver, ranges, PROBES, random)
+    values = closed_configurations(view.solver, ranges, PROBES, np.random.default_rng(SEED))
     return bool(len(values)) and bool(np.all(view.is_own(view.types(values))))
 
 

@@ -282,8 +282,7 @@ class OutputStationary:
 
     def orientation(self, at: Linearisation) -> Floats:
         """Return (n, 3, 3), from the link's axes to those of the reference link."""
-        reference = np.swapaxes(at.placed[:, self.relative_to], 1, 2)
-        return reference @ at.placed[:, self.link]
+        return np.swapaxes(at.placed[:, self.relative_to], 1, 2) @ at.placed[:, self.link]
 
     def angular_velocity(self, space: TangentSpace, rates: Floats) -> Floats:
         """Return (n, k, 3) in the axes of body 0, of k rates (n, V, k)."""

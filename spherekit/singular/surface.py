@@ -98,8 +98,7 @@ class Mesh:
         every = np.eye(guess.shape[1])
         held = np.all(self.held[crossing], axis=1)
         tangents = self.points.tangents[crossing[:, 0]]
-        along = tangents[:, driven, ::-1] * [-1.0, 1.0]
-        beside = np.einsum("nvk,nk->nv", tangents, along)
+        beside = np.einsum("nvk,nk->nv", tangents, tangents[:, driven, ::-1] * [-1.0, 1.0])
         beside = np.where(held.any(axis=1)[:, None], every[held.argmax(axis=1)], beside)
         borders = np.stack([np.broadcast_to(every[driven], guess.shape), beside], axis=1)
         guess[:, driven] += less_periods(
@@ -425,8 +424,7 @@ class _Front:
         self.component.append(number)
         # The surface curves back over the end of a range between vertices beyond it.
         (low, high), room = self.view.ranges, BEYOND * self.side
-        inputs = self.view.inputs_of(point.values)
-        inside = in_range(inputs, low - room, high + room)
+        inside = in_range(self.view.inputs_of(point.values), low - room, high + room)
         self.inside.append(self.whole_turn or bool(np.all(inside)))
         return len(self.values) - 1
 
@@ -514,8 +512,7 @@ class _Front:
             if vertex < 0 and (made is None or self._crowded(made, around)):
                 continue
             if self._fits(edge, vertex, place, walls):
-                top = vertex if made is None else self._add(made, number)
-                self._join(a, b, top, queue)
+                self._join(a, b, vertex if made is None else self._add(made, number), queue)
                 return
 
     def _crowded(self, made: LocusPoints, around: Indices) -> bool:
@@ -552,8 +549,7 @@ def _turn(a: complex, b: complex, c: complex) -> float:
 
 def _cross(a: complex, b: complex, c: complex, d: complex) -> bool:
     """Return whether two segments of a plane cross."""
-    one = _turn(a, b, c) * _turn(a, b, d) < 0.0
-    return one and _turn(c, d, a) * _turn(c, d, b) < 0.0
+    return (_turn(a, b, c) * _turn(a, b, d) < 0.0) and _turn(c, d, a) * _turn(c, d, b) < 0.0
 
 
 def _within(point: complex, a: complex, b: complex, c: complex) -> bool:

@@ -77,5 +77,4 @@ def _over(arc: HalfAngle, more: Any, less: Any) -> Any:
             return 0.5 * less - 2.0 * arc.sine**2
         return 2.0 * arc.cosine**2 - 0.5 * more
     one = 0.5 * less - 2.0 * (arc.sine * arc.sine)
-    other = 2.0 * (arc.cosine * arc.cosine) - 0.5 * more
-    return 0.25 * (one * more + other * less)
+    return 0.25 * (one * more + (2.0 * (arc.cosine * arc.cosine) - 0.5 * more) * less)

@@ -48,8 +48,7 @@ class ProfileSeries:
         )
         part = np.linspace(0.0, 1.0, BETWEEN)
         low, high = fitted.edges[:-1, None], fitted.edges[1:, None]
-        among = (low + (high - low) * part).ravel()
-        slopes = np.abs(fitted.derivative(among)[:, 7])
+        slopes = np.abs(fitted.derivative((low + (high - low) * part).ravel())[:, 7])
         return ProfileSeries(
             fitted, curve.length, curve.closed, 1.5 * float(np.max(slopes))
         )

@@ -88,8 +88,7 @@ def frame_toward(axis: Floats, other: Floats) -> Floats:
 
 def perpendicular(axis: Floats) -> Floats:
     """Return one unit vector at right angles to each unit vector `axis` (..., 3)."""
-    helper = np.eye(3)[np.argmin(np.abs(axis), axis=-1)]
-    side = cross(axis, helper)
+    side = cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=-1)])
     return side / np.linalg.norm(side, axis=-1, keepdims=True)
 
 
@@ -112,8 +111,7 @@ def rotation_vector(matrix: Floats) -> Floats:
     out: Floats = 0.5 * factor[..., None] * twice_sine
     flipped = (cosine < 0.0) & (sine < 1e-3)
     if np.any(flipped):
-        symmetric = 0.5 * (r + transpose(r))[flipped]
-        _, vectors = np.linalg.eigh(symmetric)
+        _, vectors = np.linalg.eigh(0.5 * (r + transpose(r))[flipped])
         axis = vectors[..., -1]
         turn = np.sum(axis * twice_sine[flipped], axis=-1, keepdims=True)
         axis = np.where(turn < 0.0, -axis, axis)
@@ -155,8 +153,7 @@ def from_quaternion(quaternions: Array) -> Array:
 
 def arc(a: Floats, b: Floats) -> Floats:
     """Return the angle (rad, 0 to pi) between unit vectors (..., 3), exact near 0, pi."""
-    sine = np.linalg.norm(cross(a, b), axis=-1)
-    return np.arctan2(sine, np.sum(a * b, axis=-1))
+    return np.arctan2(np.linalg.norm(cross(a, b), axis=-1), np.sum(a * b, axis=-1))
 
 
 SHORTEST = 1e-12
@@ -451,8 +448,7 @@ def tilt_torsion(rotations: Floats) -> Floats:
     2 azimuth - torsion is determined; where it is 0 the azimuth is 0 or pi.
     """
     angles = euler_zyz(rotations)
-    torsion = angles[:, 0] + angles[:, 2]
-    angles[:, 2] = wrap(torsion)
+    angles[:, 2] = wrap(angles[:, 0] + angles[:, 2])
     return angles
 
 

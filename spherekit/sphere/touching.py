@@ -43,8 +43,7 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     around = np.array([curve.closed for curve in curves])
     s = np.where(around, np.mod(s, lengths), s)
     alike = np.flatnonzero(miss <= np.min(miss) + SAME)
-    start = np.mod(s[alike, 0] + NEAR_START, lengths[0])
-    chosen = alike[np.argmin(start)]
+    chosen = alike[np.argmin(np.mod(s[alike, 0] + NEAR_START, lengths[0]))]
     return s[chosen], float(miss[chosen])
 
 
@@ -76,8 +75,7 @@ def _samples(curve: Curve) -> tuple[Floats, float]:
     speed = np.hypot(1.0, curve.at(rough).curvature)
     turned = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))])
     turned *= rough[1]
-    count = int(min(np.ceil(turned[-1] / TURN), MOST)) + 1
-    even = np.linspace(0.0, turned[-1], count)
+    even = np.linspace(0.0, turned[-1], int(min(np.ceil(turned[-1] / TURN), MOST)) + 1)
     s = np.interp(even, turned, rough)
     return (s[:-1] if curve.closed else s), float(even[1])
 

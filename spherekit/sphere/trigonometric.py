@@ -171,8 +171,7 @@ def _eliminate(
     starts = np.take_along_axis(by_root, best[:, :, :most, None], axis=2)
     starts = starts.reshape(len(rows), -1, starts.shape[3])
     polished = _polished(equations[rows], starts)
-    near = np.abs(polished.angles[..., 0] - starts[..., 0]) < CLUSTER
-    _put(angles, rows, polished, near)
+    _put(angles, rows, polished, np.abs(polished.angles[..., 0] - starts[..., 0]) < CLUSTER)
 
 
 def _put(
@@ -304,8 +303,7 @@ class _Sampled:
 def _starts(equations: Numbers, first: Complexes) -> Complexes:
     """Return angles (n, k, t) near all solutions with values (n, r) of the first angle."""
     forms, seconds, _, _ = _forms(equations, first)
-    sizes = np.linalg.norm(forms[..., 1:], axis=4)
-    better = np.argmax(sizes, axis=3)[..., None, None]
+    better = np.argmax(np.linalg.norm(forms[..., 1:], axis=4), axis=3)[..., None, None]
     lasts = _angle(_zeros(np.take_along_axis(forms, better, axis=3)[..., 0, :])[0])
     every = [np.broadcast_to(first[..., None, None], lasts.shape), lasts]
     if equations.shape[1] == 3:
@@ -374,8 +372,7 @@ def _residual(equations: Numbers, angles: Complexes) -> Floats:
 def _are_new(angles: Complexes) -> Bools:
     """Return (n,) which of angles (n, t) are not copies of earlier ones."""
     turns = np.exp(1j * angles)
-    apart = np.abs(turns[:, None] / turns - 1.0)
-    copies = np.tril(np.all(apart < SAME, axis=2), -1)
+    copies = np.tril(np.all(np.abs(turns[:, None] / turns - 1.0) < SAME, axis=2), -1)
     return ~np.any(copies, axis=1)
 
 

@@ -60,8 +60,7 @@ class Choice:
     @property
     def met(self) -> bool:
         """Whether the tolerance is met at the check rows, or those of the trade."""
-        error = self.achieved if self.rows else self.predicted
-        return bool(error <= self.tolerance)
+        return bool((self.achieved if self.rows else self.predicted) <= self.tolerance)
 
     def as_dict(self) -> dict[str, Any]:
         """Return it ready for JSON."""
@@ -150,8 +149,7 @@ def choose_simulation(mechanism: str, tolerance: float, stored: Sequence[Trade])
         If the tolerance is not a positive number.
     """
     check_tolerance(mechanism, tolerance)
-    samples = stored[0].samples
-    setting, predicted, why = _of_trades(stored, tolerance, samples, "stored")
+    setting, predicted, why = _of_trades(stored, tolerance, stored[0].samples, "stored")
     return Choice(setting, tolerance, predicted, np.nan, "", 0, why)
 
 

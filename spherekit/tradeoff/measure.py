@@ -464,8 +464,7 @@ def measured(bench: Benchmark, study: Study, effort: Effort) -> Found:
     except EngineError as reason:
         right = None
         tables, _, _ = solver.tables(best)
-        tolerance = 10.0 * LEAST[best.integrator]
-        other = replace(best, tolerance=tolerance)
+        other = replace(best, tolerance=10.0 * LEAST[best.integrator])
         near = bench.deviations(solver.tables(other)[0], tables)
         words = f"simulation {best}, known to {_largest(near):.1e} from {other} "
         words += f"({reason.fault})"

@@ -484,8 +484,7 @@ def _not_applying(trade: Trade) -> list[str]:
     alike: dict[str, list[Measured]] = {}
     for measured in trade.settings:
         if measured.reason:
-            key = without_numbers(_unnamed(measured))
-            alike.setdefault(key, []).append(measured)
+            alike.setdefault(without_numbers(_unnamed(measured)), []).append(measured)
     lines = []
     for every in alike.values():
         first, *others = every

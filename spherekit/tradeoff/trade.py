@@ -60,18 +60,15 @@ def places(course: Sampling, most: int, wanted: Request) -> Indices:
         return np.asarray(rows, dtype=np.intp)
     bound = _bounds(course, rows, wanted)
     while True:
-        peaks = _peaks(bound)
-        at = np.unravel_index(peaks, bound.shape)[1]
+        at = np.unravel_index(_peaks(bound), bound.shape)[1]
         gaps = np.unique(np.concatenate([at, at - 1]))
         gaps = gaps[(gaps >= 0) & (gaps < len(rows) - 1)]
-        middle = (rows[gaps] + rows[gaps + 1]) // 2
-        more = np.setdiff1d(middle, rows)
+        more = np.setdiff1d((rows[gaps] + rows[gaps + 1]) // 2, rows)
         if not len(more):
             return np.asarray(rows, dtype=np.intp)
         order = np.argsort(np.concatenate([rows, more]), kind="stable")
         rows = np.concatenate([rows, more])[order]
-        added = _bounds(course, more, wanted)
-        bound = np.concatenate([bound, added], axis=1)[:, order]
+        bound = np.concatenate([bound, _bounds(course, more, wanted)], axis=1)[:, order]
 
 
 def at_places(course: Sampling, rows: Indices, search: bool) -> Sampling:
@@ -101,8 +98,7 @@ def _bounds(course: Sampling, rows: Indices, wanted: Request) -> Floats:
 def _peaks(bound: Floats) -> Indices:
     """Return the flat numbers of the highest local maxima along the samples."""
     beside = np.pad(bound, ((0, 0), (1, 1)), constant_values=-1.0)
-    top = (bound >= beside[:, :-2]) & (bound >= beside[:, 2:])
-    tops = np.flatnonzero(top)
+    tops = np.flatnonzero((bound >= beside[:, :-2]) & (bound >= beside[:, 2:]))
     return tops[np.argsort(bound.ravel()[tops])[::-1][:PEAKS]]
 
 
@@ -333,8 +329,7 @@ def _compared(sweep: Sweep, reference: Tables, given: Tables) -> list[Deviation]
     compare = _places_apart if sweep.places else _numbers_apart
     off, scale, missing = compare(sweep, reference[sweep.table], given[sweep.table])
     error = max([EPS, *off.tolist()])
-    count = len(off) + missing
-    return [Deviation(sweep.table, sweep.column, error, scale, count, missing)]
+    return [Deviation(sweep.table, sweep.column, error, scale, len(off) + missing, missing)]
 
 
 def _by_key(sweep: Sweep, data: TableData) -> dict[tuple[str, ...], Floats]:

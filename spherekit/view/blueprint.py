@@ -284,8 +284,7 @@ class Layout:
             first = next(plot for plot in self.plots if plot.compared == path)
             paths = [path, f"{first.path}/cursor"]
             views.append(_plane(path, title, charts.bounds(), paths))
-        columns = 1 if len(views) < 3 else 2
-        return rrb.Grid(*views, grid_columns=columns, name="Compare")
+        return rrb.Grid(*views, grid_columns=1 if len(views) < 3 else 2, name="Compare")
 
     def _panel(self, panel: Panel) -> rrb.View:
         if panel.graph:

@@ -485,5 +485,4 @@ def _nearest(values: Floats, span: tuple[float, float], pixels: int) -> Integers
     """Return the number of the known value nearest to each pixel of a span."""
     low, high = span
     at = low + (high - low) * (np.arange(pixels) + 0.5) / pixels
-    between = 0.5 * (values[1:] + values[:-1])
-    return np.searchsorted(between, at).astype(np.int64)
+    return np.searchsorted(0.5 * (values[1:] + values[:-1]), at).astype(np.int64)

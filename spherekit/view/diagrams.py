@@ -68,8 +68,7 @@ def moving(item: Diagram) -> Iterator[Moving]:
     strips = _placed(item, ends.reshape(-1, 2)).reshape(*ends.shape)[visible]
     yield "lines", rr.LineStrips2D.columns(strips=strips).partition(visible.sum(axis=1))
     if item.readings is not None:
-        shown = item.readings[:, :MOST_LISTED]
-        yield "legend", _read(item, np.degrees(shown))
+        yield "legend", _read(item, np.degrees(item.readings[:, :MOST_LISTED]))
     if item.words:
         below = np.tile([0.5 * _width(item), charts.FRAME_HEIGHT + BELOW], (n, 1))
         yield "step", rr.Points2D.columns(positions=below, labels=list(item.words))
@@ -106,8 +105,7 @@ def clipped(item: Diagram) -> tuple[Floats, np.ndarray]:
             foot[..., None, :]
             + np.stack([first, last], -1)[..., None] * along[..., None, :]
         )
-    visible = (first < last) & np.isfinite(ends).all(axis=(-1, -2))
-    return ends, visible
+    return ends, (first < last) & np.isfinite(ends).all(axis=(-1, -2))
 
 
 def bounds(item: Diagram) -> tuple[tuple[float, float], tuple[float, float]]:

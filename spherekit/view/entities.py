@@ -169,8 +169,7 @@ def moving(
                     yield "trail", _points(1.004 * arrows, count)
         case GreatCircle(normals=normals):
             good = present(normals)
-            upright = frame_from(normals, perpendicular(normals))
-            yield "", _turned(quaternion(upright), good)
+            yield "", _turned(quaternion(frame_from(normals, perpendicular(normals))), good)
         case Portrait():
             points = charts.in_frame(primitive.placed())
             good = present(points)
@@ -320,8 +319,7 @@ def _still_map(item: SphereMap) -> Iterator[Still]:
 
 def _still_surface(surface: Surface) -> Iterator[Still]:
     low, high = np.min(surface.vertices, axis=0), np.max(surface.vertices, axis=0)
-    sides = np.where(high > low, high - low, 1.0)
-    scale = CUBE / sides
+    scale = CUBE / np.where(high > low, high - low, 1.0)
     middle = 0.5 * (low + high)
     places = (surface.vertices - middle) * scale
     if len(surface.triangles):

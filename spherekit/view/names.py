@@ -133,10 +133,8 @@ class Names:
         if not len(body.curves) or not body.label:
             return []
         longest = np.asarray(max(body.curves, key=_length))
-        at = np.round(ALONG * (len(longest) - 1)).astype(int)
-        places = LINK_HEIGHT * longest[at]
-        middles = self._middles(turn, places)
-        return [_Wanted(body.path, body.label, places, middles, False)]
+        places = LINK_HEIGHT * longest[np.round(ALONG * (len(longest) - 1)).astype(int)]
+        return [_Wanted(body.path, body.label, places, self._middles(turn, places), False)]
 
     def _middles(self, turn: Floats, places: Floats) -> Floats:
         """Return where names at places (k, 3) of a link are on the pictures (n, k, 2)."""
@@ -146,8 +144,7 @@ class Names:
 
 def _covered(name: _Wanted, middles: Floats, half: Floats) -> Floats:
     """Return in what part of the pictures a name covers a box, for each of its places."""
-    apart = np.abs(name.seen - middles[:, None])
-    covers = np.all(apart < name.half + half, axis=-1)
+    covers = np.all(np.abs(name.seen - middles[:, None]) < name.half + half, axis=-1)
     return FIRST * covers[0] + (1.0 - FIRST) * np.mean(covers, axis=0)
 
 

@@ -371,6 +371,4 @@ def _program() -> Path:
     spec = find_spec("rerun_cli")
     if spec is None or spec.origin is None:
         raise OutputError("the viewer is missing; install the package rerun-sdk")
-    folder = Path(spec.origin).parent
-    name = "rerun.exe" if os.name == "nt" else "rerun"
-    return folder / name
+    return Path(spec.origin).parent / ("rerun.exe" if os.name == "nt" else "rerun")

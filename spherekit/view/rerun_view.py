@@ -336,8 +336,7 @@ class RerunRecorder:
         for scene in map(in_degrees, head.scenes):
             named = self._links_named(scene)
             for primitive in scene.primitives:
-                names = named.get(primitive.path, ())
-                self._introduce(scene.page, primitive, False, names)
+                self._introduce(scene.page, primitive, False, named.get(primitive.path, ()))
         if head.scenes or layout.pages:
             self._introduce(None, Text("notes", "About", _about(self.name, words)))
         if layout.pages:

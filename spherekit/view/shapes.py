@@ -98,5 +98,4 @@ def _even_steps(line: Floats) -> Floats:
     pieces = np.ceil(np.diff(length) / LONGEST_CHORD).astype(int).clip(min=1)
     ends = np.concatenate([[0], np.cumsum(pieces)])
     at = np.interp(np.arange(ends[-1] + 1), ends, length)
-    fine = np.stack([np.interp(at, length, column) for column in line.T], axis=1)
-    return unit_rows(fine)
+    return unit_rows(np.stack([np.interp(at, length, column) for column in line.T], axis=1))

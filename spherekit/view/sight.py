@@ -43,5 +43,4 @@ class Sight:
         right /= np.linalg.norm(right)
         across = np.stack([right, np.cross(right, forward)], axis=-1)
         from_eye = points - self.eye
-        depth = (from_eye @ forward)[..., None]
-        return distance * (from_eye @ across) / depth
+        return distance * (from_eye @ across) / (from_eye @ forward)[..., None]

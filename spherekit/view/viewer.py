@@ -112,8 +112,7 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
         + ("" if set(mode.label) == {"~"} else f" ({mode.label})")
         for mode in motion.assembly_modes
     }
-    axes = motion.frames[:, :, :, 2]
-    middle = np.nansum(axes, axis=(0, 1))
+    middle = np.nansum(motion.frames[:, :, :, 2], axis=(0, 1))
     size = np.linalg.norm(middle)
     with RerunRecorder(mechanism.name, path=path) as recorder:
         still = static_scene(plans(mechanism, tracer.by_rank), shapes)
@@ -144,8 +143,7 @@ def _assembled(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
             f"{mechanism.name}: no configuration closes at {PLACES} places in the ranges "
             "of its inputs, so there is nothing to show; change the ranges or the sizes"
         )
-    sample = int(motion.sample[closed[0]])
-    here = motion.sample == sample
+    here = motion.sample == int(motion.sample[closed[0]])
     at = ", ".join(
         f"{item.pair} = {np.degrees(q):.4g} deg"
         for item, q in zip(mechanism.inputs, motion.inputs[closed[0]], strict=True)

@@ -229,8 +229,7 @@ class AngleLimit:
 
     def left(self, rows: Rows) -> Floats:
         """Return how far (n,) rad the angle is from the limit, negative beyond."""
-        angle = np.arccos(np.clip(self.cosine(rows), -1.0, 1.0))
-        beyond = self.unit * (angle - self.limit)
+        beyond = self.unit * (np.arccos(np.clip(self.cosine(rows), -1.0, 1.0)) - self.limit)
         return np.asarray(beyond if self.at_least else -beyond)
 
 

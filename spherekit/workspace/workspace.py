@@ -115,8 +115,7 @@ class OutputKinematics(ABC):
 
     def type_2(self, values: Floats) -> Floats:
         """Return the measure (n,) of type II at configurations (n, variables)."""
-        transmission = Transmission.of(self.mechanism, self.output)
-        return transmission.of_values(self._closure, values)
+        return Transmission.of(self.mechanism, self.output).of_values(self._closure, values)
 
     def residual(self, values: Floats) -> Floats:
         """Return (n,) rad by how much loops fail to close at values (n, variables)."""
@@ -490,8 +489,7 @@ def _on_way(outside: Floats, held: Floats, inside: Callable[[Floats], Bools]) ->
         parts = np.linspace(low, high, WAY_SAMPLES)
         places = (1.0 - parts[:, None]) * outside + parts[:, None] * held
         places /= np.linalg.norm(places, axis=1, keepdims=True)
-        out = np.flatnonzero(~inside(places))
-        last = int(out[-1])
+        last = int(np.flatnonzero(~inside(places))[-1])
         low, high = float(parts[last]), float(parts[last + 1])
         held_there = places[last + 1]
     return held_there

@@ -205,8 +205,7 @@ class RecordingSession:
 
     def _log_block(self, scene: Scene, motion: Motion, source: str) -> None:
         k, timing = motion.samples, motion.timing
-        single = motion.inputs.shape[1] == 1 and not self._timed
-        inputs = motion.q[:k] if single else None
+        inputs = motion.q[:k] if (motion.inputs.shape[1] == 1 and not self._timed) else None
         times = timing.t[:k] if timing is not None and self._timed else None
         shown = replace(scene, over=self._axes(motion), source=source)
         self._recorder.log(shown, motion.sample[:k], inputs, times)

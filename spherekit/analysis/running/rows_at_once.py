@@ -243,8 +243,7 @@ class Seen:
             at = _gaps(moving, spins)
             ends.append(moving.relative(spins[:, [0, -1]]))
             gaps.append(np.array([rows[at], rows[at + 1]]))
-        some = columns if counted is None else columns[:, counted]
-        whole = largest(deciding, some)
+        whole = largest(deciding, columns if counted is None else columns[:, counted])
         return cls(int(rows[0]), int(rows[-1]), tuple(ends), tuple(gaps), whole)
 
 

@@ -136,8 +136,7 @@ class RunState:
             tree, (vectors,) = closure.tree, closure.at(motion.values[[row]]).vectors
             self.rank = int(rank_mobility(tree, vectors[None])[0])
             count, pairs = redundancy(tree, vectors)
-            names = motion.mechanism.names_of(pairs)
-            self.redundant = {"count": count, "pairs": names}
+            self.redundant = {"count": count, "pairs": motion.mechanism.names_of(pairs)}
 
     def _count(self, key: tuple[str, ...], counts: Counts, often: int = 1) -> None:
         self.counts.update({(*key, name): often * n for name, n in counts.items()})

@@ -82,8 +82,7 @@ class _Read(ArrayRows):
         number = motion.assembly_mode * samples + motion.sample
         spread = np.argsort((number + 1) * GOLDEN % 1.0)
         wanted = list(dict.fromkeys([*worst, *spread.tolist()]))[:count]
-        place = np.array(wanted)[np.argsort(number[wanted])]
-        return self.rows(place)
+        return self.rows(np.array(wanted)[np.argsort(number[wanted])])
 
 
 class Verifier:
@@ -293,8 +292,7 @@ def _compared(
         off = np.abs(one - other)
         if column.unit == "rad":
             off = np.abs(wrap(off))
-        rounding = EPS * np.maximum(1.0, np.abs(other)) * rows.condition[row]
-        share = off / rounding
+        share = off / (EPS * np.maximum(1.0, np.abs(other)) * rows.condition[row])
         compared = bool(np.any(np.isfinite(off)))
         apart, rough = (
             {
