@@ -2,11 +2,9 @@
 
 from functools import cache
 
-import mpmath
 import numpy as np
 import pytest
 from closed_forms import four_bar_angles
-from exact_four_bar import four_bar as exact_four_bar
 from example_mechanisms import ARM, DEGREE, GROUND, at, cam, four_bar, open_cam
 from singular_examples import components
 
@@ -229,19 +227,6 @@ def test_shipped_mechanisms_close_after_one_lap(name, winding):
     assert np.max(np.abs(lap[2] - lap[0] + 2 * curve.rise)) < 1e-12
 
 
-@pytest.mark.parametrize("name", ["stephenson", "eight_bar_01"])
-def test_samples_at_inputs_are_those_of_the_branches(name):
-    curve = shipped(name)
-    tracer = PositionAnalysis(sk.load(name), search=False)
-    for q in tracer.range[0] + np.linspace(0.1, 0.9, 5) * np.ptp(tracer.range):
-        there = tracer.solver.evaluate(tracer.assembly_modes[0], np.array([[q]]))
-        if there.status[0] != sk.Status.OK:
-            continue
-        places = curve.at_input(tracer.solver.single, q).places
-        gaps = np.abs(curve.wrapped(curve.at(places).values - there.values))
-        assert np.min(np.max(gaps, axis=1)) < 1e-12
-
-
 def test_a_gear_train_runs_at_constant_rates():
     """Planetary train 36/18/36: one turn of the carrier turns the planet and the output
 
@@ -375,53 +360,6 @@ def test_inputs_between_and_at_dead_points(no_crank):
     assert len(no_crank.at_input(0, float(np.max(limits)) + 1e-6).places) == 0
     near = no_crank.at_input(0, float(np.max(limits)) - 1e-9)
     assert len(near.places) == 2
-
-
-def angles_of_the_loop(theta):
-    """Return the four interior angles of the four-bar NO_CRANK at its input, in mpmath."""
-    u = exact_four_bar(list(map(mpmath.mpf, NO_CRANK)), theta, 0).u
-    loop = [mpmath.matrix(u[name]) for name in ("41", "21", "32", "43")]
-
-    def angle(k):
-        before, here, after = loop[k - 1], loop[k], loop[(k + 1) % 4]
-        dots = [
-            sum(x * y for x, y in zip(*pair, strict=True))
-            for pair in ((before, after), (before, here), (after, here))
-        ]
-        triple = mpmath.det(mpmath.matrix([list(before), list(here), list(after)]))
-        return mpmath.atan2(triple, dots[0] - dots[1] * dots[2])
-
-    return [angle(k) for k in (1, 2, 3, 0)]
-
-
-def test_tangent_and_bend_in_forty_digits(no_crank):
-    """The angles by the closed form, differentiated by the input in 40 digits."""
-    q = 0.9
-    for s in no_crank.at_input(0, q).places:
-        point = no_crank.at(s)
-        expected = four_bar_angles(np.array([q]), tuple(NO_CRANK), 0)
-        if abs(np.exp(1j * point.values[0, 3]) - np.exp(1j * expected[0])) < 1e-9:
-            break
-    else:
-        pytest.fail("the mode is not on the curve")
-    with mpmath.workdps(40):
-        slope, bend = (
-            [
-                mpmath.diff(lambda x, k=k: angles_of_the_loop(x)[k], mpmath.mpf(q), order)
-                for k in range(4)
-            ]
-            for order in (1, 2)
-        )
-        square = sum(x * x for x in slope)
-        swing = sum(x * y for x, y in zip(slope, bend, strict=True)) / square
-        tangent = [x / mpmath.sqrt(square) for x in slope]
-        second = [(y - x * swing) / square for x, y in zip(slope, bend, strict=True)]
-        tangent, second = (np.array([float(x) for x in row]) for row in (tangent, second))
-    # an interior angle may be the pair's angle reversed, and s may run against the input
-    signs = np.sign(tangent * point.tangents[0])
-    way = np.sign(point.tangents[0, 0])
-    assert np.max(np.abs(point.tangents[0] - signs * tangent)) < 1e-14
-    assert np.max(np.abs(point.bends[0] - way * signs * second)) < 1e-13
 
 
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "shaped_cam"])

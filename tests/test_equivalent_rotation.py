@@ -11,7 +11,6 @@ from oracles import closure_gap, revolute_frames
 from refusals import TABLES, check_call
 
 import spherekit as sk
-from spherekit.errors import SolveError
 from spherekit.guidance.rotation import SHAPES, RotationSamples, time_optimal
 from spherekit.model.gears import geometry_of
 from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry, SizeGeometry
@@ -159,34 +158,6 @@ def test_table_1(form, at):
         )
 
 
-def test_table_2(form):
-    """Limits of the workspace: one driven leg stretched or at 10 degrees, or both."""
-    s5, s40, c30 = np.sin(np.radians(5.0)), np.sin(np.radians(40.0)), np.cos(np.radians(30))
-    corner = 2 * np.arcsin((s40 + s5) / (2 * c30)), 2 * np.arcsin(s40 - s5)
-    closed = {
-        # limit: (phi, gamma) in closed form, printed, margins that are 0
-        "1": ((corner[0], -corner[1]), (49.8502, -67.5085), {(0, 0), (1, 1)}),
-        "2": (corner, (49.8502, 67.5085), {(0, 1), (1, 0)}),
-        "3": ((2 * np.arcsin(s40 / c30), 0.0), (95.8430, 0.0), {(1, 0), (1, 1)}),
-        "4": ((2 * np.arcsin(s5 / c30), 0.0), (11.5519, 0.0), {(0, 0), (0, 1)}),
-    }
-    for pose, printed, binding in closed.values():
-        assert np.degrees(pose) == pytest.approx(printed, abs=5.1e-5)
-        normal = normal_at(*pose)[None]
-        margins = left_of_legs(form.plane, normal)[0]
-        zero = {tuple(map(int, at)) for at in np.argwhere(np.abs(margins) < 1e-10)}
-        assert zero == binding
-        assert np.all(margins > -1e-10)
-    # the border reached from inside, by halving along phi at gamma = 0
-    for low, high, limit in ((0.5, 2.0, closed["3"]), (0.5, 0.0, closed["4"])):
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            n = normals_of([middle], [0.0])
-            ok = np.all(left_of_legs(form.plane, n) >= 0.0)
-            low, high = (middle, high) if ok else (low, middle)
-        assert low == pytest.approx(limit[0][0], abs=1e-10)
-
-
 def test_four_initial_configurations(form):
     """Fig. 5: four sets of driving angles for one pose; all lead back to it."""
     normals = inside(form, 50, 6)
@@ -203,16 +174,6 @@ def test_four_initial_configurations(form):
     elbows, _ = form.plane.elbows(normals, OUTWARD)
     assert np.max(np.abs(elbows[:, 0] @ b1 - np.cos(form.plane.arcs[0]))) < 1e-15
     assert np.max(np.abs(elbows[:, 1] @ b6 - np.cos(form.plane.arcs[1]))) < 1e-15
-
-
-def test_configuration_a_is_the_lower_one_at_the_papers_poses(form):
-    """Fig. 5(a), the one analysed: the smaller z of both elbows, links point outward."""
-    poses = np.radians([(59.0786, -4.742), (64.9472, 9.2984), (75.0, -20.0), (70.0, 20.0)])
-    normals = normals_of(*poses.T)
-    outward, _ = form.plane.elbows(normals, OUTWARD)
-    inward, _ = form.plane.elbows(normals, (1, -1, 1))
-    assert np.all(outward[:, :2, 2] < inward[:, :2, 2])
-    assert np.all(np.cos(form.plane.solutions(normals)[-1, 1]) > 0.0)
 
 
 # --- the graph and its mid-plane symmetric architecture ----------------------------------
@@ -276,12 +237,6 @@ def test_guides_in_another_order_have_the_form(paper):
     )
     form = sk.mid_plane_form(made)
     assert form.proof()[1] == 2 and form.proof()[0] < 1e-14
-
-
-def crossed(a, b):
-    return mp.matrix(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
 
 
 # --- equivalent rotation ------------------------------------------------------------------
@@ -367,37 +322,6 @@ def test_through_the_home_pose(form, paper):
     assert np.max(np.abs(found.rates - closed.rates)) < 1e-10
     assert np.max(np.abs(found.second_rates - closed.second_rates)) < 1e-7
     assert np.max(found.orientation_error) < 1e-12
-
-
-def test_rates_of_the_mid_plane_form(form):
-    """First and second derivatives by theta, from 40-digit Taylor coefficients."""
-    turn = form.rotation_between(
-        normal_at(*np.radians([75.0, -20.0])), normal_at(*np.radians([70.0, 20.0])), OUTWARD
-    )
-    found = turn.at([0.2])
-    with mp.workdps(40):
-        line = mp.matrix((form.frame.T @ turn.axis).tolist())
-        n0 = mp.matrix(form.normals(turn.start[None])[0][0].tolist())
-
-        def reading(theta, k):
-            c, s = mp.cos(theta / 2), mp.sin(theta / 2)
-            n = n0 * c + crossed(line, n0) * s + line * ((line.T * n0)[0] * (1 - c))
-            b = mp.matrix(form.plane.axes[k].tolist())
-            a = mp.mpf(float(form.plane.arcs[k]))
-            flat = b - n * (b.T * n)[0]
-            flat = flat / mp.norm(flat)
-            part = mp.cos(a) / (flat.T * b)[0]
-            e = flat * part + crossed(n, flat) * (OUTWARD[k] * mp.sqrt(1 - part**2))
-            return mp.asin(e[2] / mp.sin(a))
-
-        for k in range(2):
-            first, second = (
-                float(mp.diff(lambda x, k=k: reading(x, k), mp.mpf(0.2), order))
-                for order in (1, 2)
-            )
-            assert found.inputs[0, k] == pytest.approx(float(reading(mp.mpf(0.2), k)))
-            assert found.rates[0, k] == pytest.approx(first, rel=1e-12)
-            assert found.second_rates[0, k] == pytest.approx(second, rel=1e-11)
 
 
 # --- any mechanism ------------------------------------------------------------------------
@@ -665,18 +589,6 @@ def test_schedule_of_the_papers_example(form, shape):
     assert slopes_of(around.rates, h) == pytest.approx(around.accelerations[2], abs=1e-9)
 
 
-def test_schedule_through_the_home_pose(form, paper):
-    turn = form.rotation_between(
-        normal_at(*np.radians([30.0, 0.0])), normal_at(*np.radians([-30.0, 0.0])), OUTWARD
-    )
-    followed = sk.follow_rotation(paper, turn.at([0.0]).values[0], turn.axis, turn.angle)
-    one, other = time_optimal(turn, 1.0, 5.0), time_optimal(followed, 1.0, 5.0)
-    assert other.duration == pytest.approx(one.duration, rel=1e-9)
-    table = other.table(11)
-    assert np.all(np.isfinite(table.accelerations))
-    assert table.status[5] == sk.Status.AT_SINGULARITY
-
-
 # --- bad input ----------------------------------------------------------------------------
 
 
@@ -700,11 +612,3 @@ def straight(**given):
 @pytest.mark.parametrize("call", TABLES["rotations"])
 def test_bad_input(call):
     check_call(call, globals(), TABLES["rotations"][call])
-
-
-def test_a_way_that_leaves_the_reach_has_no_schedule():
-    made, _, values = configuration("three_rrr")
-    for axis in np.random.default_rng(1).normal(size=(2, 3)):
-        turn = sk.follow_rotation(made, values, axis, 0.9)
-    with pytest.raises(SolveError, match="does not follow all the way.*OUT_OF_REACH"):
-        time_optimal(turn, speed=1.0)

@@ -221,49 +221,6 @@ def test_a_shaped_cam_touches_its_roller():
             assert abs(laps - mp.nint(laps)) < 1e-20
 
 
-def profile_through_points():
-    """The cam given by points, of 25 deg about z with one wave of 3 deg."""
-    made = sk.load("shaped_cam")
-    angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-    tilt = np.radians(25.0 + 3.0 * np.cos(angles))
-    points = np.stack(
-        [np.sin(tilt) * np.cos(angles), np.sin(tilt) * np.sin(angles), np.cos(tilt)], axis=1
-    )
-    contact = made.pair("contact")
-    cam = replace(
-        contact.profiles[0],
-        kind="points",
-        centre=None,
-        cosines=(),
-        sines=(),
-        points=tuple(map(tuple, points.tolist())),
-    )
-    other = replace(contact, profiles=(cam, contact.profiles[1]))
-    pairs = tuple(other if pair is contact else pair for pair in made.pairs)
-    return replace(made, pairs=pairs)
-
-
-@pytest.mark.slow
-def test_a_profile_through_points():
-    """Contact of the spline itself: SciPy evaluates it, the roller is as far as it is."""
-    motion = sk.trace(profile_through_points(), samples=4)
-    chosen = some(motion, 1)
-    made = motion.mechanism
-    found = sk.exact_rows(motion, chosen, 0, FIFTY)
-    assert np.all(found.status == Status.OK) and np.all(found.distance < 1e-14)
-    rotations = floats(found.rotations)
-    curve = motion.joints[made.pair_number["contact"]].first
-    places = curve.at(np.linspace(0.0, curve.length, 20001)).frame[:, :, 2]
-    cam, follower = made.link_number["cam"], made.link_number["follower"]
-    roller = made.pair("contact").profiles[1]
-    for row in range(1):
-        centre = rotations[row, cam].T @ rotations[row, follower] @ np.array(roller.centre)
-        apart = np.arccos(np.max(places @ centre))
-        assert abs(apart - roller.radius) < 1e-7
-    wide_ones = sk.exact_rows(motion, chosen, 0)
-    assert np.max(np.abs(floats(found.dw) - floats(wide_ones.dw))) < 1e-15
-
-
 def test_what_has_failed_or_is_not_near_has_no_reference():
     motion = traced("four_bar", 5)
     driven = motion.assembly.inputs[0]

@@ -243,26 +243,6 @@ def test_the_jacobian_undoes_differences_of_the_inputs(made):
     assert np.max(np.abs(product - np.eye(rows.shape[1]))) < 1e-6
 
 
-@pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
-def test_the_jacobian_is_that_of_the_velocity_equations(name):
-    made = sk.load(name)
-    kinematics = sk.InverseKinematics(made)
-    motion = sk.trace(made, samples=3)
-    motion = motion.rows(motion.status == Status.OK)
-    output = kinematics.wrist.output
-    pose = motion.rotations[:, made.link_number[output.link]]
-    rates = output_rates(motion, output)
-    if kinematics.wrist.points:
-        pose = pose @ np.array(output.direction)
-        rates = rates - pose[:, :, None] * np.einsum("ni,nij->nj", pose, rates)[:, None]
-    inverse = kinematics.at(pose, normals=True)
-    gap = np.max(np.abs(np.angle(np.exp(1j * (inverse.inputs - motion.inputs)))), axis=2)
-    mode = np.nanargmin(np.where(np.isnan(gap), 9.0, gap), axis=0)
-    row = np.arange(len(motion))
-    assert np.max(gap[mode, row]) < 1e-12
-    assert np.max(np.abs(inverse.jacobian[mode, row] - rates)) < 1e-10
-
-
 def test_rows_that_are_out_of_reach_do_not_disturb_others():
     made = sk.load("three_rrr")
     kinematics = sk.InverseKinematics(made)
@@ -290,22 +270,6 @@ def test_coinciding_axes_are_a_singularity_and_no_failure_of_the_run():
     assert np.all(inverse.status[:, 0] == Status.AT_SINGULARITY)
     assert np.all(inverse.status[:, 1] == Status.OK)
     assert np.all(np.abs(inverse.margin[:, 0]) < 1e-7)
-
-
-def test_solutions_are_those_of_the_closed_form():
-    made = unlike_legs()
-    kinematics = sk.InverseKinematics(made)
-    poses = random_rotations(12, 13)
-    inverse, found = kinematics.at(poses), kinematics.solutions(poses)
-    assert np.all(found.complete)
-    for row in range(12):
-        mine = found.row == row
-        assert np.sum(mine) == np.sum(inverse.status[:, row] == Status.OK)
-        for signs, q in zip(np.array(found.signs)[mine], found.inputs[mine], strict=True):
-            k = inverse.modes.index(tuple(signs))
-            gap = np.angle(np.exp(1j * (inverse.inputs[k, row] - q)))
-            assert np.max(np.abs(gap)) < 1e-10
-    assert np.max(np.abs(found.rotations - poses[found.row])) < 1e-13
 
 
 def test_an_output_seen_from_a_moving_link():

@@ -222,31 +222,6 @@ def test_width_of_links_is_an_angle_between_axes(mid_plane):
     assert np.allclose(*margins, atol=1e-15, equal_nan=True)
 
 
-def test_axes_of_the_mid_plane_mechanism(mid_plane):
-    """Angles between axes and variables of pairs against all links placed on the sphere."""
-    form = mid_plane.form
-    places = DIRECTIONS[::400]
-    signs = (1, -1, 1)
-    rows = mid_plane.at(places, signs)
-    normals = places @ form.frame - form.home
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    placed = form.place(normals, signs)
-    values, gaps = form.values(placed)
-    known = np.isfinite(gaps).all(axis=1)
-    assert known.sum() > 5 and gaps[known].max() < 1e-12
-    ends = form.mechanism.ends
-    axes = [
-        placed[:, a] @ joint.first[:, 2]
-        for (a, _), joint in zip(ends, form.joints, strict=True)
-    ]
-    for one in range(14):
-        turn = np.exp(1j * rows.angle(one)) - np.exp(1j * values[:, one])
-        assert np.abs(turn[known]).max() < 1e-12
-        for other in range(one):
-            dots = np.sum(axes[one] * axes[other], axis=1)
-            assert np.abs(rows.cosine(one, other) - dots)[known].max() < 1e-12
-
-
 @pytest.fixture(scope="module")
 def loop_case():
     mechanism = sub_loop()
