@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.analysis.contract import Sweep
 from spherekit.analysis.registry import create
 from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.running.sampling import course_of
-from spherekit.analysis.study import requests_for
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, TURN, Status
 from spherekit.engine.compiler import available
@@ -22,7 +20,7 @@ from spherekit.model.study import Study
 from spherekit.proof.balls import Digits, floats
 from spherekit.proof.rows import exact_direction, exact_rows
 from spherekit.tradeoff.choice import WORTH, choose
-from spherekit.tradeoff.measure import Benchmark
+from spherekit.tradeoff.measure import deviations_of, plan_of, reference_at, tables_by
 from spherekit.tradeoff.record import MARGIN, Measured, check_tolerance, read_trade
 from spherekit.tradeoff.trade import _places_apart, trade
 
@@ -40,19 +38,19 @@ def course(mechanism, samples, **given):
     return course_of(Study(mechanism.name, mechanism, samples, **given))
 
 
-def in_fifty_digits(bench):
-    """Return the requests of a bench, with reference rows of its course in 50 digits."""
-    (motion,) = bench.course.blocks(len(bench.course))
-    wanted = requests_for(motion.mechanism, bench.needs, bench.course.tracer.by_rank)
+def in_fifty_digits(plan):
+    """Return the requests of a run, with reference rows of its course in 50 digits."""
+    (motion,) = plan.course.blocks(len(plan.course))
     every = np.ones(len(motion), dtype=bool)
     return [
-        (item, exact_rows(motion, every, item.plan.input, Digits(50))) for item in wanted
+        (item, exact_rows(motion, every, item.plan.input, Digits(50)))
+        for item in plan.requests
     ]
 
 
-def true_error(bench, setting, reference):
+def true_error(plan, setting, reference):
     """Return the largest scaled error of the table `poles`, everything in 50 digits."""
-    tables, _, _ = bench.tables(setting)
+    tables, _, _ = tables_by(plan.course, *plan.analyses, setting)
     data = tables["poles"]
     order = np.lexsort((data["sample"], data["assembly_mode"]))
     first = {name: np.asarray(values)[order] for name, values in data.items()}
@@ -97,12 +95,12 @@ CASES = {
 def test_reported_errors_are_within_a_factor_two_of_the_true_ones(name):
     made = sk.load(name)
     found = trade(made, "poles", rounds=1, settings=settings(name), **CASES[name])
-    bench = Benchmark.of(course(made, **CASES[name]), create("poles"))
-    reference = in_fifty_digits(bench)
+    plan = plan_of(course(made, **CASES[name]), create("poles"))
+    reference = in_fifty_digits(plan)
     judged = 0
     for each in found.settings:
         if each.counts:
-            true = true_error(bench, each.setting, reference)
+            true = true_error(plan, each.setting, reference)
             assert 0.5 * true <= each.error <= 2.0 * true, (each.name, each.error, true)
             judged += 1
     assert judged >= 2
@@ -159,10 +157,10 @@ def test_recommended_settings_meet_the_tolerance(name, count, samples):
         if chosen is None:
             assert all(MARGIN * each.error > tolerance for each in found.pareto)
             continue
-        bench = Benchmark.of(course(made, samples, **given), create("poles"))
-        reference = bench.reference()
-        tables, _, _ = bench.tables(chosen.setting, reference)
-        for each in bench.deviations(tables, reference.tables):
+        plan = plan_of(course(made, samples, **given), create("poles"))
+        reference = reference_at(plan)
+        tables, _, _ = tables_by(plan.course, *plan.analyses, chosen.setting, reference)
+        for each in deviations_of(plan, tables, reference.tables):
             assert each.error <= tolerance and not each.missing, (chosen.name, each)
 
 
@@ -252,10 +250,9 @@ def test_places_of_singularities_are_compared_with_the_nearest():
     for each in found.settings:  # they are refined between samples
         assert each.error < 1e-12 and not each.missing
     assert found.columns[0][:2] == ("singularities.q", "absolute rad")
-    places = Sweep("mesh", (1.0, 0.5), "t", "q", ("kind",), places=True)
-    few = {"kind": ["I", "I"], "q_a": [0.1, 2.0], "q_b": [6.2, 1.0]}
-    more = {"kind": ["I", "I", "II"], "q_a": [0.1, 2.3, 0.0], "q_b": [6.2 - TURN, 1.4, 0.0]}
-    off, _, missing = _places_apart(places, more, few)
+    few = {("I",): np.array([[0.1, 6.2], [2.0, 1.0]])}
+    more = {("I",): np.array([[0.1, 6.2 - TURN], [2.3, 1.4]]), ("II",): np.zeros((1, 2))}
+    off, _, missing = _places_apart(more, few)
     assert np.max(off) == pytest.approx(0.5, rel=0.02) and np.min(off) < 1e-14
     assert missing == 1
 

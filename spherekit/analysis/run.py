@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from spherekit.analysis.batch import Batch, table_scenes
-from spherekit.analysis.computed import computed, findings_of, scenes_of
+from spherekit.analysis.computed import findings_of, scenes_of
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.execution import Execution
 from spherekit.analysis.faults import faults_of
@@ -247,15 +247,15 @@ def evaluate_block(
     if stage is not None:
         with ledger.stage(RECORDING):
             stage.motion(motion)
-    for analysis, what in zip(job.analyses, job.needs, strict=True):
+    for analysis in job.analyses:
         is_asked = analysis.reads_samples or standing.done == 0
         if analysis.name in standing.failures or not is_asked:
             continue
-        batch = job.batch(what, motion, fields, angles)
+        batch = job.batch(analysis, motion, fields, angles)
         declared = job.tables_of(analysis)
         try:
             with ledger.stage(f"analysis {analysis.name}"):
-                tables = computed(analysis, declared, batch)
+                tables = job.given(analysis, batch)
                 before = standing.findings.get(analysis.name)
                 findings = findings_of(analysis, batch, before)
             if stage is not None:

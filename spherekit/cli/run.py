@@ -306,14 +306,11 @@ def _accuracy(
         )
     if options.tol is None or (study.start is not None and not options.trade):
         return {}
-    from spherekit.tradeoff.choice import choose, choose_simulation, stored_for
+    from spherekit.tradeoff.choice import choose, stored_for
 
     stored = stored_for(study, analyses, options.trade) if options.trade else []
-    if study.start is not None:
-        choice = choose_simulation(study.mechanism.name, options.tol, stored)
-    else:
-        choice = choose(study, analyses, options.tol, stored)
-    return {"setting": choice.setting, "accuracy": choice.as_dict()}
+    setting, accuracy = choose(study, analyses, options.tol, stored)
+    return {"setting": setting, "accuracy": accuracy}
 
 
 def _by_choice(study: "Study", chosen: dict[str, Any]) -> "Study":

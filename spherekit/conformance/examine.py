@@ -14,7 +14,7 @@ import numpy as np
 
 from spherekit.analysis.batch import Needs
 from spherekit.analysis.class_check import fault_of_class
-from spherekit.analysis.computed import computed, findings_of, scenes_of
+from spherekit.analysis.computed import findings_of, scenes_of
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.declared import declared
 from spherekit.analysis.execution import Execution
@@ -272,9 +272,8 @@ def _inputs(trial: ConformanceCase) -> str:
 def _tables(trial: ConformanceCase) -> str:
     """Tables have the columns, types and rows that were declared."""
     (batch,) = trial.batches(len(trial.course))
-    tables = trial.job.tables_of(trial.analysis)
-    given = computed(trial.analysis, tables, batch)
-    for table in tables:
+    given = trial.job.given(trial.analysis, batch)
+    for table in trial.job.tables_of(trial.analysis):
         if not table.in_assembly_modes:
             continue
         data = arrays(given[table.name])

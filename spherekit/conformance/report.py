@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from spherekit.analysis.batch import Batch, Needs
-from spherekit.analysis.computed import computed, findings_of
+from spherekit.analysis.computed import findings_of
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.sampling import Sampling, course_of
@@ -21,8 +21,7 @@ from spherekit.conventions import Status
 from spherekit.errors import PluginError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.motion.motion import AngleUnwrapping, Motion
-from spherekit.rates.request import SignContinuation
+from spherekit.motion.motion import Motion
 
 Verdict = Literal["holds", "FAILS", "not checked"]
 
@@ -116,13 +115,11 @@ class ConformanceCase:
         analysis then sees of it.
         """
         job = self.job
-        signs, memory = [SignContinuation() for _ in job.requests], AngleUnwrapping()
-        made = []
-        for block in job.evaluation.blocks(size):
-            motion = change(block)
-            fields = job.evaluation.fields(motion, signs)
-            angles = job.evaluation.angles(motion, memory)
-            made.append(job.batch(self.needs, shown(motion), fields, angles))
+        read = job.read(map(change, job.evaluation.blocks(size)))
+        made = [
+            job.batch(self.analysis, shown(motion), fields, angles)
+            for motion, fields, angles in read
+        ]
         return made if self.analysis.reads_samples else made[:1]
 
     def given(
@@ -138,7 +135,7 @@ class ConformanceCase:
         store, findings = InMemory(), None
         tables = self.job.tables_of(self.analysis)
         for batch in self.batches(size, change, shown):
-            given = computed(self.analysis, tables, batch)
+            given = self.job.given(self.analysis, batch)
             findings = findings_of(self.analysis, batch, findings)
             for table in tables:
                 store.add(self.analysis.name, table, given[table.name])

@@ -2,26 +2,30 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.declared import declared
-from spherekit.analysis.running.evaluation import Setting
+from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.sampling import course_of
 from spherekit.argument_validation import checked
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError, PluginError
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.tradeoff.measure import Benchmark, Deviation, worst
+from spherekit.tradeoff.measure import (
+    Deviation,
+    checked_rows,
+    plan_of,
+    reads_poles,
+    worst,
+)
 from spherekit.tradeoff.record import (
     MARGIN,
     Trade,
     check_run,
     check_tolerance,
+    finite,
     read_trade,
     recommended,
     run_of,
@@ -37,48 +41,8 @@ CHECKED = 121
 CHECK_ROWS = 61
 """Samples at which what was reached is measured, spread over the run's own."""
 
-SHORT = (Setting(), Setting(route="conditioned"), Setting(engine="compiled"))
+SHORT = (ORDINARY, Setting(route="conditioned"), Setting(engine="compiled"))
 """The settings of a short trade."""
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A setting chosen for a tolerance.
-
-    `predicted` is the largest error that the short trade measured for it, NaN where there
-    was none; `achieved` the largest at `rows` check rows of the run itself, in `column`.
-    """
-
-    setting: Setting
-    tolerance: float
-    predicted: float
-    achieved: float
-    column: str
-    rows: int
-    why: str
-
-    @property
-    def met(self) -> bool:
-        """Whether the tolerance is met at the check rows, or those of the trade."""
-        return bool((self.achieved if self.rows else self.predicted) <= self.tolerance)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return it ready for JSON."""
-
-        def number(value: float) -> float | None:
-            return float(value) if np.isfinite(value) else None
-
-        return {
-            "tolerance": self.tolerance,
-            "setting": str(self.setting),
-            "what": self.setting.describe(),
-            "why": self.why,
-            "predicted_error": number(self.predicted),
-            "achieved_error": number(self.achieved),
-            "worst_column": self.column,
-            "check_rows": self.rows,
-            "met": self.met,
-        }
 
 
 @checked(AnalysisError)
@@ -87,13 +51,14 @@ def choose(
     analyses: Sequence[AbstractAnalysis],
     tolerance: float,
     stored: Sequence[Trade] = (),
-) -> Choice:
-    """Return the cheapest setting whose errors stay within a tolerance.
+) -> tuple[Setting, dict[str, Any]]:
+    """Return the cheapest setting with errors within a tolerance, and what it reaches.
 
     Trades that are `stored` decide, if there are any. Else with fewer than `WORTH` samples
     the ordinary setting is taken, with more a short trade decides. Where none meets the
-    tolerance, the most accurate is taken, and `met` is false. Errors are scaled as
-    `spherekit.tradeoff.measure` says.
+    tolerance, the most accurate is taken, and it is not `met`. Errors are scaled as
+    `spherekit.tradeoff.measure` says: the largest that a trade measured, and at check rows
+    of the run itself, None where there is none. Of a simulation no rows are checked.
 
     Raises
     ------
@@ -102,55 +67,48 @@ def choose(
     PlanError, SolveError
         See `spherekit.run`.
     """
-    mechanism = study.mechanism
-    check_tolerance(mechanism.name, tolerance)
-    predicted, why = np.nan, f"fewer than {WORTH} samples: no trade was made"
-    setting = Setting()
-    if stored:
-        setting, predicted, why = _of_trades(stored, tolerance, study.count, "stored")
-    elif study.count >= WORTH:
-        trades = []
+    check_tolerance(study.mechanism.name, tolerance)
+    trades, kind = list(stored), "stored"
+    plans = []
+    if study.start is None:
+        course = course_of(study)
         for analysis in analyses:
             with suppress(AnalysisError, PluginError):  # the run says what fails
-                if not analysis.trades and _reads(mechanism, analysis):
-                    short_trade = trade(
-                        study, analysis, settings=SHORT, checked=CHECKED, rounds=1
-                    )
-                    trades.append(short_trade)
-        if trades:
-            setting, predicted, why = _of_trades(trades, tolerance, study.count, "short")
-    course = course_of(study)
+                plan = plan_of(course, analysis)
+                if not analysis.trades and reads_poles(plan):
+                    plans.append(plan)
+    if not stored and study.count >= WORTH:
+        kind = "short"
+        for plan in plans:
+            with suppress(AnalysisError, PluginError):
+                if plan.evaluation.requests:
+                    few = {"settings": SHORT, "checked": CHECKED, "rounds": 1}
+                    trades.append(trade(study, plan.analyses[0], **few))
+    setting, predicted, why = (
+        _of_trades(trades, tolerance, study.count, kind)
+        if trades
+        else (ORDINARY, np.nan, f"fewer than {WORTH} samples: no trade was made")
+    )
     collected: list[Deviation] = []
     rows = 0
-    for analysis in analyses:
+    for plan in plans:
         with suppress(AnalysisError, PluginError):
-            bench = Benchmark.of(course, analysis)
-            if bench.reads_poles and not analysis.trades:
-                deviations, rows = bench.checked(setting, CHECK_ROWS)
-                collected += deviations
+            by_setting = plan_of(plan.course, plan.analyses[0], setting)
+            deviations, rows = checked_rows(by_setting, CHECK_ROWS)
+            collected += deviations
     largest = worst(collected)
-    return Choice(
-        setting,
-        tolerance,
-        predicted,
-        np.nan if largest is None else largest.error,
-        "" if largest is None else f"{largest.table}.{largest.column}",
-        rows,
-        why,
-    )
-
-
-def choose_simulation(mechanism: str, tolerance: float, stored: Sequence[Trade]) -> Choice:
-    """Return the cheapest integrator with its own tolerance, by stored trades.
-
-    Raises
-    ------
-    AnalysisError
-        If the tolerance is not a positive number.
-    """
-    check_tolerance(mechanism, tolerance)
-    setting, predicted, why = _of_trades(stored, tolerance, stored[0].samples, "stored")
-    return Choice(setting, tolerance, predicted, np.nan, "", 0, why)
+    achieved = np.nan if largest is None else largest.error
+    return setting, {
+        "tolerance": tolerance,
+        "setting": str(setting),
+        "what": setting.describe(),
+        "why": why,
+        "predicted_error": finite(predicted),
+        "achieved_error": finite(achieved),
+        "worst_column": "" if largest is None else largest.column,
+        "check_rows": rows,
+        "met": bool((achieved if rows else predicted) <= tolerance),
+    }
 
 
 def stored_for(
@@ -189,37 +147,24 @@ def stored_for(
     return list(trades.values())
 
 
-def _reads(mechanism: Mechanism, analysis: AbstractAnalysis) -> bool:
-    needs = declared(analysis, mechanism)
-    return bool(needs.directions or needs.rates or needs.link_rates or needs.pair_rates)
-
-
 def _of_trades(
     trades: Sequence[Trade], tolerance: float, samples: int, kind: str
 ) -> tuple[Setting, float, str]:
     """Return the cheapest setting that meets a tolerance in all trades, its error, why."""
-    errors: dict[Setting, float] = {}
-    seconds: dict[Setting, float] = {}
-    for number, record in enumerate(trades):
-        by_setting = {
-            measured.setting: measured
-            for measured in record.settings
-            if measured.setting and measured.counts
-        }
-        kept = (
-            by_setting
-            if number == 0
-            else {s: e for s, e in by_setting.items() if s in errors}
-        )
-        errors = {s: max(e.error, errors.get(s, 0.0)) for s, e in kept.items()}
-        seconds = {s: e.total(samples) + seconds.get(s, 0.0) for s, e in kept.items()}
+    by_trade = [
+        {x.setting: x for x in record.settings if x.setting and x.counts}
+        for record in trades
+    ]
+    shared = [s for s in by_trade[0] if all(s in others for others in by_trade)]
+    errors = {s: max(of[s].error for of in by_trade) for s in shared}
+    seconds = {s: sum(of[s].total(samples) for of in by_trade) for s in shared}
     names = listing(item.analysis for item in trades)
     good = [s for s, error in errors.items() if MARGIN * error <= tolerance]
     if good:
         chosen = recommended({s: (seconds[s], errors[s]) for s in good})
         return chosen, errors[chosen], f"the cheapest of a {kind} trade of {names}"
     if not errors:
-        return Setting(), np.nan, f"no setting of a {kind} trade of {names} gives all rows"
+        return ORDINARY, np.nan, f"no setting of a {kind} trade of {names} gives all rows"
     chosen = min(errors, key=lambda s: errors[s])
     words = (
         f"no setting of a {kind} trade of {names} meets the tolerance; the most accurate"

@@ -221,24 +221,26 @@ def check_tolerance(mechanism: str, tolerance: float) -> None:
         )
 
 
-def _row(measured: Measured, samples: int, pareto: bool) -> dict[str, Any]:
-    def number(value: float) -> float | None:
-        return float(value) if np.isfinite(value) else None
+def finite(value: float) -> float | None:
+    """Return a number ready for JSON, None where there is none."""
+    return float(value) if np.isfinite(value) else None
 
+
+def _row(measured: Measured, samples: int, pareto: bool) -> dict[str, Any]:
     return {
         "name": measured.name,
         "what": "" if measured.setting is None else measured.setting.describe(),
         "setting": None if measured.setting is None else asdict(measured.setting),
         "applies": not measured.reason,
         "reason": measured.reason,
-        "error": number(measured.error),
+        "error": finite(measured.error),
         "worst_column": measured.column,
-        "own_estimate": number(measured.estimate),
+        "own_estimate": finite(measured.estimate),
         "missing": measured.missing,
-        "seconds": number(measured.seconds(samples)),
-        "seconds_median": number(measured.first + measured.per_sample_median * samples),
-        "first_seconds": number(measured.first),
-        "microseconds_per_sample": number(1e6 * measured.per_sample),
+        "seconds": finite(measured.seconds(samples)),
+        "seconds_median": finite(measured.first + measured.per_sample_median * samples),
+        "first_seconds": finite(measured.first),
+        "microseconds_per_sample": finite(1e6 * measured.per_sample),
         "compile_seconds": measured.compile,
         "pareto": pareto,
     }

@@ -4,7 +4,7 @@ The samples of a course at which errors are measured.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -17,7 +17,8 @@ from spherekit.analysis.run import run
 from spherekit.analysis.running import rows_at_once
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.sampling import Sampling, course_of
-from spherekit.analysis.study import Subject, requests_for, study_of, takes
+from spherekit.analysis.running.summary import RunPlan
+from spherekit.analysis.study import Subject, study_of, takes
 from spherekit.analysis.tables import TableData
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Indices
@@ -30,14 +31,19 @@ from spherekit.proof.balls import FEWEST as DIGITS
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import all_finite, max_abs
 from spherekit.tradeoff.measure import (
-    Benchmark,
     Deviation,
     Effort,
     Found,
     Tables,
+    Timed,
+    deviations_of,
     measured,
     of_samples,
+    plan_of,
+    reads_poles,
+    reference_at,
     scale_words,
+    tables_by,
     timing_loop,
 )
 from spherekit.tradeoff.record import Measured, Trade, gathered, run_of
@@ -148,101 +154,92 @@ def trade(
     few = study
     if study.start is not None:
         few = replace(study, samples=min(study.count, effort.checked or CHECKED))
-    bench = Benchmark.of(course_of(few), chosen)
-    if not bench.reads_poles:
+    plan = plan_of(course_of(few), chosen)
+    if not reads_poles(plan):
         raise AnalysisError(
             f"{chosen.name}: reads no poles, rates or positions of the samples and "
             "declares no parameter that trades speed for accuracy (`trades`); there is "
             "nothing to measure"
         )
     if study.start is not None:
-        return _trade(bench, study, measured(bench, study, effort))
-    return _of_samples(bench, study, effort)
+        return _trade(plan, study, measured(plan, study, effort))
+    return _of_samples(plan, study, effort)
 
 
-def _of_samples(bench: Benchmark, study: Study, effort: Effort) -> Trade:
+def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
     """Return the settings of samples against reference values."""
+    (analysis,) = plan.analyses
     most = effort.checked or max(
-        FEWEST, CHECKED_ROWS // len(bench.course.tracer.assembly_modes)
+        FEWEST, CHECKED_ROWS // len(plan.course.tracer.assembly_modes)
     )
-    long = _long(bench, study)
-    bench = _at_fewer(bench, study, min(most, CHECKED))
-    right = bench.reference()
-    reference = right.tables
+    long = _long(plan.course, study)
+    course = _at_fewer(plan, study, min(most, CHECKED))
+    plan = plan_of(course, analysis)
+    right = reference_at(plan)
     words = f"the closure equations in {DIGITS} digits{right.without}"
     every = of_samples() if effort.settings is None else effort.settings
 
-    def way(setting: Setting, judged: bool) -> tuple[Tables, float, float]:
+    def way(setting: Setting, judged: bool) -> Timed:
         if judged or long is None or setting != ORDINARY:
-            return bench.tables(setting, right if judged else None)
-        tables, first, seconds = long.tables(setting)
-        share = len(bench.course) / len(long.course)
-        return tables, first, first + (seconds - first) * share
+            return tables_by(course, analysis, setting, right if judged else None)
+        tables, first, seconds = tables_by(long, analysis, setting)
+        return tables, first, first + (seconds - first) * len(course) / len(long)
 
     results = timing_loop(
         [(str(setting), setting, partial(way, setting)) for setting in every],
-        lambda tables: bench.deviations(tables, reference),
-        len(bench.course),
+        lambda tables: deviations_of(plan, tables, right.tables),
+        len(course),
         effort,
     )
-    return _trade(bench, study, (words, EPS, reference, results))
+    return _trade(plan, study, (words, EPS, right.tables, results))
 
 
-def _long(bench: Benchmark, study: Study) -> Benchmark | None:
-    """Return the bench at successive samples, so many that a kernel gives their rows.
+def _long(course: Sampling, study: Study) -> Sampling | None:
+    """Return a course at successive samples, so many that a kernel gives their rows.
 
     None where the run that is wanted has fewer: then it has none either.
     """
-    course = bench.course
     modes = len(course.tracer.assembly_modes)
     if course.shape != (len(course),) or len(course) * modes < rows_at_once.FEWEST:
         return None
     samples = min(len(course), 4 * rows_at_once.FEWEST // modes)
-    return replace(bench, course=at_places(course, np.arange(samples), study.search))
+    return at_places(course, np.arange(samples), study.search)
 
 
-def _at_fewer(bench: Benchmark, study: Study, most: int) -> Benchmark:
-    """Return the bench at about so many samples of the same range, or all of them."""
-    course = bench.course
+def _at_fewer(plan: RunPlan, study: Study, most: int) -> Sampling:
+    """Return the course at about so many samples of the same range, or all of them."""
+    course = plan.course
     if len(course) <= most:
-        return bench
-    axes = len(course.shape)
-    if axes > 1:
+        return course
+    if (axes := len(course.shape)) > 1:
         side = max(2, int(most ** (1.0 / axes)))
         fewer = tuple(min(count, side) for count in course.shape)
-        return replace(bench, course=course_of(replace(study, samples=fewer)))
-    tracer = course.tracer
-    wanted = requests_for(tracer.mechanism, bench.needs, tracer.by_rank)
-    rows = places(course, most, wanted[0])
-    return replace(bench, course=at_places(course, rows, study.search))
+        return course_of(replace(study, samples=fewer))
+    return at_places(course, places(course, most, plan.requests[0]), study.search)
 
 
-def _trade(bench: Benchmark, study: Study, result: Found) -> Trade:
-    reference_words, floor, reference, measures = result
-    mechanism = bench.course.tracer.mechanism
-    scales = {
-        (item.table, item.column): item.scale
-        for item in bench.deviations(reference, reference)
-    }
+def _trade(plan: RunPlan, study: Study, result: Found) -> Trade:
+    words, floor, reference, measures = result
+    (analysis,), course = plan.analyses, plan.course
+    scales = {x.column: x.scale for x in deviations_of(plan, reference, reference)}
     columns = [
-        (f"{table.name}.{column.name}", scale_words(column), scale)
-        for table in bench.tables_of
+        (name, scale_words(column), scales[name])
+        for table in plan.tables_of(analysis)
         for column in table.columns
-        if (scale := scales.get((table.name, column.name))) is not None
+        if (name := f"{table.name}.{column.name}") in scales
     ]
-    rows = len(bench.course) * len(bench.course.tracer.assembly_modes)
     return Trade(
-        mechanism.name,
-        bench.analysis.name,
+        plan.mechanism.name,
+        analysis.name,
         study.count,
-        len(bench.course),
-        rows,
-        reference_words,
+        len(course),
+        len(course) * len(course.tracer.assembly_modes),
+        words,
         floor,
-        int(bench.needs.derivatives),
+        int(plan.needs[0].derivatives),
         gathered(columns),
         tuple(measures),
-        run_of(study, bench.analysis),
+        run_of(study, analysis),
     )
 
 
@@ -254,13 +251,11 @@ def _of_parameters(
     columns: list[tuple[str, str, float]] = []
     for sweep in sweeps:
         estimates: dict[str, float] = {}
-        way = partial(_swept, study, analysis, sweep, estimates)
-        names = [_named(sweep, value) for value in sweep.values]
-        reference = way(sweep.values[-1])[0]
         ways = [
-            (name, None, partial(way, value))
-            for name, value in zip(names[:-1], sweep.values[:-1], strict=True)
+            (_named(sweep, x), None, partial(_swept, study, analysis, sweep, estimates, x))
+            for x in sweep.values
         ]
+        reference = ways.pop()[2](True)[0]
         judge = partial(_compared, sweep, reference)
         results = timing_loop(ways, judge, 1, effort)
         every += [
@@ -269,7 +264,7 @@ def _of_parameters(
         ]
         (same,) = judge(reference)
         words = "absolute rad" if sweep.places else "over the largest"
-        columns.append((f"{sweep.table}.{sweep.column}", words, same.scale))
+        columns.append((same.column, words, same.scale))
     errors = [result.error for result in every if np.isfinite(result.error)]
     return Trade(
         study.mechanism.name,
@@ -293,7 +288,7 @@ def _swept(
     estimates: dict[str, float],
     value: Any,
     _: bool = True,
-) -> tuple[Tables, float, float]:
+) -> Timed:
     """Run an analysis with one value of a parameter, and note its own estimate."""
     started = time.process_time()
     few = replace(study, samples=min(study.count, FEWEST))
@@ -302,14 +297,16 @@ def _swept(
         few = replace(study, samples=value)
     else:
         changed[sweep.parameter] = value
-    varied = replace(analysis, **changed)  # type: ignore[type-var]
-    result = run(few, varied)
+    result = run(few, replace(analysis, **changed))  # type: ignore[type-var]
     if result.failures:
         raise AnalysisError(result.failures[analysis.name])
     data = result.results[analysis.name].data[sweep.table]
     seconds = time.process_time() - started
     if sweep.error:
-        estimates[_named(sweep, value)] = _estimate(data, sweep)
+        values = np.abs(np.asarray(data[sweep.column], dtype=float))
+        errors = np.asarray(data[sweep.error], dtype=float)
+        largest = np.nanmax(values, initial=0.0) or 1.0
+        estimates[_named(sweep, value)] = float(np.nanmax(errors, initial=0.0) / largest)
     return {sweep.table: data}, seconds, seconds
 
 
@@ -317,24 +314,22 @@ def _named(sweep: Sweep, value: Any) -> str:
     return f"{sweep.parameter}={value:g}"
 
 
-def _estimate(data: TableData, sweep: Sweep) -> float:
-    """Return the analysis's own largest relative error."""
-    values = np.abs(np.asarray(data[sweep.column], dtype=float))
-    errors = np.asarray(data[sweep.error], dtype=float)
-    return float(np.nanmax(errors, initial=0.0) / (np.nanmax(values, initial=0.0) or 1.0))
-
-
 def _compared(sweep: Sweep, reference: Tables, given: Tables) -> list[Deviation]:
     """Return the deviation of the column of a sweep from the reference."""
     compare = _places_apart if sweep.places else _numbers_apart
-    off, scale, missing = compare(sweep, reference[sweep.table], given[sweep.table])
-    error = max([EPS, *off.tolist()])
-    return [Deviation(sweep.table, sweep.column, error, scale, len(off) + missing, missing)]
+    right, ours = (_by_key(sweep, tables[sweep.table]) for tables in (reference, given))
+    off, scale, missing = compare(right, ours)
+    error, name = max([EPS, *off.tolist()]), f"{sweep.table}.{sweep.column}"
+    return [Deviation(name, error, scale, len(off) + missing, missing)]
 
 
-def _by_key(sweep: Sweep, data: TableData) -> dict[tuple[str, ...], Floats]:
-    """Return the numbers (n, columns) of a sweep's column by the texts that match."""
-    names = [name for name in data if _is_of(name, sweep.column)]
+ByKey = Mapping[tuple[str, ...], Floats]
+"""Numbers (n, columns) by the texts that match."""
+
+
+def _by_key(sweep: Sweep, data: TableData) -> ByKey:
+    """Return the numbers of a sweep's column, or of that of each input."""
+    names = [x for x in data if x == sweep.column or x.startswith(f"{sweep.column}_")]
     numbers = np.stack([np.asarray(data[name], dtype=float) for name in names], axis=1)
     texts = [np.asarray(data[name]).astype(str) for name in sweep.match]
     made: dict[tuple[str, ...], list[Floats]] = {}
@@ -344,44 +339,32 @@ def _by_key(sweep: Sweep, data: TableData) -> dict[tuple[str, ...], Floats]:
     return {key: np.array(rows) for key, rows in made.items()}
 
 
-def _is_of(name: str, column: str) -> bool:
-    """Return whether a column is one of a column for each input."""
-    return name == column or name.startswith(f"{column}_")
-
-
-def _numbers_apart(
-    sweep: Sweep, theirs: TableData, ours: TableData
-) -> tuple[Floats, float, int]:
+def _numbers_apart(right: ByKey, given: ByKey) -> tuple[Floats, float, int]:
     """Return differences over the largest number, that, and how many have none."""
-    right, given = _by_key(sweep, theirs), _by_key(sweep, ours)
     scale = max((max_abs(x) for x in right.values()), default=0.0) or 1.0
     shared = [key for key in right if key in given]
     off = [max_abs(given[key][0] - right[key][0]) / scale for key in shared]
     return np.array(off), float(scale), len(right) - len(shared)
 
 
-def _places_apart(
-    sweep: Sweep, theirs: TableData, ours: TableData
-) -> tuple[Floats, float, int]:
+def _places_apart(right: ByKey, given: ByKey) -> tuple[Floats, float, int]:
     """Return the distances (rad) of places from the nearest of the same kind.
 
     Of ours from theirs too; then 1, and how many have none of their kind.
     """
     from scipy.spatial import cKDTree
 
-    right, given = _by_key(sweep, theirs), _by_key(sweep, ours)
     off, missing = [np.zeros(0)], 0
     for key in right.keys() | given.keys():
         if key in right and key in given:
-            both = [_on_circles(rows[key]) for rows in (right, given)]
-            one, other = (cKDTree(rows) for rows in both)
-            chords = [one.query(both[1])[0], other.query(both[0])[0]]
-            off += [2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) for chord in chords]
+            # A turn on is the same place on a circle.
+            both = [
+                np.concatenate([np.cos(rows[key]), np.sin(rows[key])], axis=1)
+                for rows in (right, given)
+            ]
+            for one, other in (both, both[::-1]):
+                chord = cKDTree(one).query(other)[0]
+                off.append(2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
         else:
             missing += len(right.get(key, given.get(key, ())))
     return np.concatenate(off), 1.0, missing
-
-
-def _on_circles(angles: Floats) -> Floats:
-    """Return angles (n, inputs) as points (n, 2 inputs), a turn on being the same."""
-    return np.concatenate([np.cos(angles), np.sin(angles)], axis=1)

@@ -6,7 +6,7 @@ A run made ready: what is evaluated for whom, of which part, in which blocks.
 """
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, reduce
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.batch import Batch, Needs, run_status
+from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.declared import declared
 from spherekit.analysis.folder import need_memory
@@ -43,6 +44,7 @@ from spherekit.analysis.tables import (
     Column,
     Table,
     TableArrays,
+    TableData,
     input_columns,
 )
 from spherekit.arrays import Floats
@@ -51,12 +53,15 @@ from spherekit.errors import AnalysisError, PluginError
 from spherekit.files.write import mechanism_hash
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.motion.motion import Motion
+from spherekit.motion.motion import AngleUnwrapping, Motion
 from spherekit.planning.inputs import driven_at, graph_mobility
 from spherekit.planning.part import part_for
 from spherekit.planning.poles import Plan
-from spherekit.rates.request import PoleField, Request
+from spherekit.rates.request import PoleField, Request, SignContinuation
 from spherekit.version import __version__
+
+Read = tuple[Motion, tuple[PoleField | LazyField, ...], Mapping[str, Floats]]
+"""A motion, its poles for each input, and the variables that go on, by pair."""
 
 
 @dataclass(frozen=True)
@@ -94,17 +99,29 @@ class RunPlan:
         """Names of the analyses that look at all samples at once."""
         return at_once(self.analyses, self.refused)
 
+    def read(self, motions: Iterable[Motion]) -> Iterator[Read]:
+        """Yield motions that follow each other with what analyses read of them."""
+        signs, memory = [SignContinuation() for _ in self.requests], AngleUnwrapping()
+        for motion in motions:
+            fields = self.evaluation.fields(motion, signs)
+            yield motion, fields, self.evaluation.angles(motion, memory)
+
     def batch(
         self,
-        needs: Needs,
+        analysis: AbstractAnalysis,
         motion: Motion,
         fields: Sequence[PoleField | LazyField],
         angles: Mapping[str, Floats],
     ) -> Batch:
-        """Return what an analysis with these needs may read of a block."""
+        """Return what an analysis may read of a block."""
         course, read = self.course, (motion, tuple(fields), angles)
+        needs = self.needs[self.analyses.index(analysis)]
         given = self.mechanism, self.plans, needs, *read, course.timed, course.tracer
         return Batch(*given, lambda: course.extent)
+
+    def given(self, analysis: AbstractAnalysis, batch: Batch) -> dict[str, TableData]:
+        """Return the tables that an analysis gives; see `computed` for what it raises."""
+        return computed(analysis, self.tables_of(analysis), batch)
 
     def over(self, course: Sampling) -> "RunPlan":
         """Return it for a course that is known further, or has begun again."""

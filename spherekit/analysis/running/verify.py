@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.batch import Needs
-from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.kernel_columns import LazyField
@@ -162,7 +161,7 @@ class Verifier:
             try:
                 if analysis.name in failed or not _reads_rows(needs):
                     raise AnalysisError("it failed, or reads other rows")
-                pairs += self._pairs(analysis, needs, alone, rows)
+                pairs += self._pairs(analysis, alone, rows)
             except SpherekitError:
                 verdict["not_verified"].append(analysis.name)
         columns = [item for pair in pairs for item in _compared(rows, *pair)]
@@ -185,21 +184,19 @@ class Verifier:
         }
 
     def _pairs(
-        self,
-        analysis: AbstractAnalysis,
-        needs: Needs,
-        both: tuple[_Read, _Read],
-        rows: "_Rows",
+        self, analysis: AbstractAnalysis, both: tuple[_Read, _Read], rows: "_Rows"
     ) -> list["_Pair"]:
         """Return the tables of an analysis by what was read, and by what is right."""
         if analysis.at_once and self._whole is not None:
             both = self._whole, _replaced(self._whole, rows, both[1])
-        declared = self._job.tables_of(analysis)
-        batches = (self._job.batch(needs, x.motion, x.fields, x.angles) for x in both)
-        first, second = (computed(analysis, declared, batch) for batch in batches)
+        job = self._job
+        first, second = (
+            job.given(analysis, job.batch(analysis, x.motion, x.fields, x.angles))
+            for x in both
+        )
         return [
             (analysis.name, table, first[table.name], second[table.name])
-            for table in declared
+            for table in job.tables_of(analysis)
         ]
 
 
