@@ -330,7 +330,7 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
         "complete": curves.claim.guarantee is Guarantee.CERTIFIED,
         "undecided_rad": [list(part) for part in curves.undecided],
         "problems": list(curves.problems),
-        "boxes": curves.paving.looked_at,
+        "boxes": curves.boxes,
         "turning_points_rad": curves.turning_points,
         "modes": [list(part) for part in curves.intervals],
         "curves_at_one_input_rad": curves.still_at,

@@ -23,7 +23,7 @@ from spherekit.proof.construction import Construction, construct, turned_togethe
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Arm, Crossings
 from spherekit.proof.gears import Written
-from spherekit.proof.paving import FIRST, Axis, CoveredBoxes, paved
+from spherekit.proof.paving import FIRST, Left, Ranges, paved
 from spherekit.proof.saddles import Saddle
 from spherekit.proof.search import OVERLAPPING, Search
 
@@ -39,7 +39,7 @@ class CertifiedCurves:
 
     `low` and `high` (rad); all `laps` turns of the input if `whole`. Every closed
     configuration of the range is on one of the `chains`, on an arm of one of the
-    `crossings`, or in one of the boxes left over in `paving`.
+    `crossings`, or in one of those `left` of so many `boxes`.
     `stopping` holds for each chain where the input stops along it, and undecided parts.
     """
 
@@ -52,7 +52,8 @@ class CertifiedCurves:
     whole: bool
     chains: tuple[Chain, ...]
     crossings: Crossings
-    paving: CoveredBoxes
+    boxes: int
+    left: Left
     problems: tuple[str, ...]
 
     @property
@@ -101,7 +102,7 @@ class CertifiedCurves:
     @cached_property
     def undecided(self) -> list[tuple[float, float]]:
         """Parts of the range (rad) at which configurations may be missing."""
-        boxes = zip(self.paving.centres, self.paving.radii, strict=True)
+        boxes = zip(*self.left, strict=True)
         parts = [(self.input_at(q - r), self.input_at(q + r)) for q, r in boxes]
         for saddle, off in zip(self.saddles, self.open_at(self.driven), strict=True):
             within = self.inside(self.input_at(saddle.centre))
@@ -245,7 +246,7 @@ class CertifiedCurves:
         pieces = sum(len(chain.pieces) for chain in self.chains)
         rests = (
             f"{len(self.chains)} curves of {pieces} pieces with one arc each, "
-            f"{self.paving.looked_at} boxes{_met(self.saddles)}"
+            f"{self.boxes} boxes{_met(self.saddles)}"
         )
         parts = self.undecided
         if OVERLAPPING in self.problems:
@@ -255,7 +256,7 @@ class CertifiedCurves:
             return Completeness(
                 Guarantee.TO_BOX,
                 f"{len(parts)} parts of the range are undecided; elsewhere {rests}",
-                max(widest, float(2.0 * np.max(self.paving.radii, initial=0.0))),
+                max(widest, float(2.0 * np.max(self.left[1], initial=0.0))),
             )
         if self.problems:
             return Completeness(Guarantee.COMPONENT, f"{self.problems[0]}; {rests}")
@@ -317,12 +318,13 @@ def certified_curves(
                 f"{written.mechanism.name}: {range_text[0]} to {range_text[1]} is more "
                 f"than {allowed}, after which everything returns; give at most that"
             )
-        axes = [Axis(exact(FIRST), 2 * pi()) for _ in range(made.unknowns)]
-        axes.append(Axis(low, 2 * pi()) if exact_turn else Axis(low, high - low))
+        count, turn = made.unknowns, 2 * pi()
+        width = [*[turn] * count, turn if exact_turn else high - low]
+        ranges = Ranges([*[exact(FIRST)] * count, low], width)
         inputs = Range(middle(low), middle(high), exact_turn)
         search = Search(equations, inputs)
-        done = paved(equations, axes, search.covers, search.look, smallest, most)
-        done = search.without_saddles(done)
+        boxes, left = paved(equations, ranges, search.covers, search.look, smallest, most)
+        left = search.without_saddles(*left)
     return CertifiedCurves(
         written,
         made,
@@ -333,6 +335,7 @@ def certified_curves(
         inputs.whole,
         tuple(search.chains),
         search.crossings,
-        done,
+        boxes,
+        left,
         tuple(search.problems()),
     )

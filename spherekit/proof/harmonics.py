@@ -9,7 +9,6 @@ inequality for the derivatives.
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from itertools import product
 from math import prod
 from typing import Any
 
@@ -31,37 +30,44 @@ class Harmonics:
     """
 
     def __init__(self, degrees: Indices, values: Values) -> None:
-        self.count, self.variables = degrees.shape
-        self.waves = int(np.max(degrees, initial=1))
+        self.degrees, self.waves = degrees, int(np.max(degrees, initial=1))
         at = cache(lambda place: values([2 * pi() * part / of for part, of in place]))
-        self.terms = [_Term(row, k, at) for k, row in enumerate(degrees)]
-        self.error = np.array([term.error for term in self.terms])
+        sides = (2 * degrees + 1).tolist()
+        made = [_coefficients(row, k, at) for k, row in enumerate(sides)]
+        self.coefficients = [coefficients for coefficients, _ in made]
+        self.error = np.array([error for _, error in made])
 
     def first(self, turns: Floats) -> tuple[Floats, Floats]:
         """Return values (n, k) and slopes (n, k, v) at cosines and sines (n, v, 2)."""
-        values = np.zeros((len(turns), self.count))
-        slopes = np.zeros((len(turns), self.count, self.variables))
+        values = np.zeros((len(turns), len(self.degrees)))
+        slopes = np.zeros((len(turns), *self.degrees.shape))
         for start in range(0, len(turns), CHUNK):
             rows = slice(start, start + CHUNK)
             waves = _waves(np.moveaxis(turns[rows], 0, -1), self.waves, 1)
-            for k, term in enumerate(self.terms):
-                values[rows, k], by_variable = term.first(waves)
-                for variable, slope in by_variable.items():
-                    slopes[rows, k, variable] = slope
+            for k, coefficients in enumerate(self.coefficients):
+                *before, last = variables = np.flatnonzero(self.degrees[k])
+                left = np.squeeze(coefficients)
+                parts = [left @ wave[: left.shape[-1]] for wave in waves[last]]
+                for variable in before[::-1]:
+                    plain, turned = waves[variable][:, : parts[0].shape[-2]]
+                    more = _summed(parts[0], turned)
+                    parts = [*(_summed(part, plain) for part in parts), more]
+                values[rows, k] = parts[0]
+                slopes[rows, k, variables[::-1]] = np.stack(parts[1:], axis=1)
         return values, slopes
 
     def second(self, turns: Floats) -> tuple[Floats, Floats, Floats]:
         """Return values (k,), slopes (k, v), curvatures (k, v, v) at turns (v, 2)."""
         waves = _waves(turns, self.waves, 2)
-        values = np.zeros(self.count)
-        slopes = np.zeros((self.count, self.variables))
-        curvatures = np.zeros((self.count, self.variables, self.variables))
-        for k, term in enumerate(self.terms):
-            derivatives = term.second(waves)
-            values[k] = derivatives[0]
-            slopes[k, term.variables] = derivatives[term.single]
-            curvatures[k][term.block] = derivatives[term.double]
-        return values, slopes, curvatures
+        rows = []
+        for left in self.coefficients:
+            # all derivatives up to the second by each variable
+            for wave, side in zip(waves, left.shape, strict=True):
+                left = left.reshape(side, -1).T @ wave[:, :side].T
+            rows.append(left.ravel())
+        once = 3 ** np.arange(len(turns))[::-1]
+        every = np.array(rows)
+        return every[:, 0], every[:, once], every[:, once[:, None] + once]
 
     def powers(
         self, k: int, unknowns: Sequence[int], given: Array
@@ -71,20 +77,26 @@ class Harmonics:
         Coefficients (n, sizes) of the powers from the lowest on, and their derivatives
         (n, given, sizes) by all others, in order, at cosines and sines (n, given, 2).
         """
-        others = [j for j in range(self.variables) if j not in unknowns]
+        left: Array = self.coefficients[k]
+        others = [j for j in range(left.ndim) if j not in unknowns]
         waves = _waves(np.moveaxis(given, 0, -1), self.waves, 1)
-        sides = [2 * degree + 1 for degree in self.terms[k].degrees]
-        left: Array = self.terms[k].coefficients.reshape(sides)
         left = left.transpose([*others, *unknowns])
         for _ in unknowns:
             left = np.tensordot(left, _to_powers(left.shape[len(others)]), (len(others), 1))
         made = []
-        for moved in (None, *others):
+        for moved in (None, *range(len(others))):
             part: Array = np.broadcast_to(left, (len(given), *left.shape))
-            for wave, j in zip(waves, others, strict=True):
-                part = np.einsum("nw...,wn->n...", part, wave[int(j == moved), : sides[j]])
+            for j, wave in enumerate(waves):
+                part = np.einsum(
+                    "nw...,wn->n...", part, wave[int(j == moved), : part.shape[1]]
+                )
             made.append(part)
         return made[0], np.stack(made[1:], axis=1)
+
+
+def _summed(parts: Floats, waves: Floats) -> Floats:
+    """Return sums over the last axis but one, that of waves (w, n)."""
+    return np.asarray(np.einsum("...wn,wn->...n", parts, waves))
 
 
 def _to_powers(side: int) -> Complexes:
@@ -92,8 +104,8 @@ def _to_powers(side: int) -> Complexes:
     out, half = np.zeros((side, side), dtype=complex), side // 2
     out[half, 0] = 1.0
     for wave in range(1, half + 1):
-        out[[half - wave, half + wave], 2 * wave - 1] = 0.5
-        out[[half - wave, half + wave], 2 * wave] = 0.5j, -0.5j
+        rows = [half - wave, half + wave]
+        out[rows, 2 * wave - 1], out[rows, 2 * wave] = 0.5, (0.5j, -0.5j)
     return out
 
 
@@ -102,85 +114,40 @@ def _waves(turns: Floats, most: int, order: int) -> Floats:
 
     `turns` (v, 2, ...) are cosines and sines.
     """
-    cosine, sine = turns[:, 0], turns[:, 1]
-    shape = len(turns), order + 1, 2 * most + 1, *turns.shape[2:]
-    out = np.zeros(shape, dtype=turns.dtype)
+    z = power = turns[:, 0] + 1j * turns[:, 1]
+    out = np.zeros((len(turns), order + 1, 2 * most + 1, *turns.shape[2:]))
     out[:, 0, 0] = 1.0
-    c, s = cosine, sine
     for wave in range(1, most + 1):
-        if wave > 1:
-            c, s = c * cosine - s * sine, s * cosine + c * sine
-        out[:, 0, 2 * wave - 1], out[:, 0, 2 * wave] = c, s
+        even, odd = 2 * wave - 1, 2 * wave
+        out[:, 0, even], out[:, 0, odd] = power.real, power.imag
         for k in range(order):
-            out[:, k + 1, 2 * wave - 1] = -wave * out[:, k, 2 * wave]
-            out[:, k + 1, 2 * wave] = wave * out[:, k, 2 * wave - 1]
+            out[:, k + 1, even] = -wave * out[:, k, odd]
+            out[:, k + 1, odd] = wave * out[:, k, even]
+        power = power * z
     return out
 
 
-class _Term:
-    """One equation: its variables and the coefficients, an axis of each variable.
+def _coefficients(
+    sides: Sequence[int], k: int, at: Callable[..., list[Ball]]
+) -> tuple[Floats, float]:
+    """Return the coefficients of equation k, an axis of each variable, of so many waves.
 
     `at` has the values of all equations in balls where each angle is so many parts of so
-    many of a turn. Float64 values of this one, number k, are off by at most `error`.
+    many of a turn. Float64 values of this one are off by at most the second number.
     """
-
-    def __init__(self, degrees: Indices, k: int, at: Callable[..., list[Ball]]) -> None:
-        self.degrees = degrees.tolist()
-        self.variables = [j for j, degree in enumerate(self.degrees) if degree]
-        sides = [2 * degree + 1 for degree in self.degrees]
-        self.shape = [sides[j] for j in self.variables]
-        places = 3 ** np.arange(len(self.shape) - 1, -1, -1, dtype=np.intp)
-        self.single, self.double = places, places[:, None] + places
-        self.block = np.ix_(self.variables, self.variables)
-        balls = [
-            at(tuple(zip(place, sides, strict=True)))[k]
-            for place in product(*map(range, sides))
-        ]
-        sums = middles(np.array(balls, dtype=object))
-        open_ = max(map(upper, balls - sums))
-        sums = sums.reshape(self.shape)
-        for axis, side in enumerate(self.shape):
-            sums = np.moveaxis(np.tensordot(_transform(side), sums, (1, axis)), 0, axis)
-        self.coefficients = floats(sums)
-        missed = sum(map(upper, (sums - exactly(self.coefficients)).ravel()))
-        size = float(np.sum(np.abs(self.coefficients)))
-        steps = sum(side + 2 + 8 * (side // 2) for side in self.shape)
-        norm = prod(_norm(side) for side in sides)
-        self.error = 1.001 * (open_ * norm + missed) + 2.0 * steps * UNIT * size
-
-    def first(self, waves: Floats) -> tuple[Floats, dict[int, Floats]]:
-        """Return values (n,) and slopes (n,) by variable, of waves (v, 2, w, n)."""
-        *before, last = self.variables
-        flat = self.coefficients.reshape(-1, self.shape[-1])
-        value = flat @ waves[last, 0, : self.shape[-1]]
-        slopes = {last: flat @ waves[last, 1, : self.shape[-1]]}
-        for variable, side in zip(before[::-1], self.shape[-2::-1], strict=True):
-            plain, turned = waves[variable, 0, :side], waves[variable, 1, :side]
-            slopes = {j: _summed(part, plain) for j, part in slopes.items()}
-            slopes[variable] = _summed(value, turned, True)
-            value = _summed(value, plain)
-        return value[0], {j: slope[0] for j, slope in slopes.items()}
-
-    def second(self, waves: Floats) -> Floats:
-        """Return all derivatives up to the second by each variable, of waves (v, 3, w)."""
-        left = self.coefficients
-        for variable, side in zip(self.variables, self.shape, strict=True):
-            left = left.reshape(side, -1).T @ waves[variable, :, :side].T
-        return left.ravel()
-
-
-def _summed(parts: Floats, waves: Floats, derived: bool = False) -> Floats:
-    """Return sums over the last axis but one, that of waves (w, n).
-
-    The first wave is 1, and that of derivatives 0.
-    """
-    split = parts.reshape(-1, *waves.shape)
-    total = split[:, 1] * waves[1]
-    if not derived:
-        total += split[:, 0]
-    for wave in range(2, len(waves)):
-        total += split[:, wave] * waves[wave]
-    return total
+    places = np.ndindex(*sides)
+    balls = np.array([at(tuple(zip(place, sides, strict=True)))[k] for place in places])
+    sums = middles(balls)
+    open_ = max(map(upper, balls - sums))
+    sums = sums.reshape(sides)
+    for axis, side in enumerate(sides):
+        sums = np.moveaxis(np.tensordot(_transform(side), sums, (1, axis)), 0, axis)
+    coefficients = floats(sums)
+    missed = sum(map(upper, (sums - exactly(coefficients)).ravel()))
+    steps = sum(side + 2 + 8 * (side // 2) for side in sides if side > 1)
+    rounded = 2.0 * steps * UNIT * float(np.sum(np.abs(coefficients)))
+    norm = prod(_norm(side) for side in sides)
+    return coefficients, 1.001 * (open_ * norm + missed) + rounded
 
 
 def _norm(nodes: int) -> float:

@@ -29,7 +29,7 @@ from spherekit.proof.balls import (
 from spherekit.proof.construction import Construction, construct
 from spherekit.proof.equations import Equations, Jet
 from spherekit.proof.gears import Written
-from spherekit.proof.paving import FIRST, Axis, CoveredBoxes, paved
+from spherekit.proof.paving import FIRST, Left, Ranges, paved
 from spherekit.proof.roots import Root, root_near
 from spherekit.proof.systems import SEEDS, SolvedSystem, Systems, modes_near
 from spherekit.proof.tubes import UP, corrected
@@ -56,10 +56,10 @@ class CertifiedModes:
 
     `inputs` are the texts of the inputs in the unit of the file. `roots` are proven
     different from each other. They are all complex modes if there are `bound` of them.
-    Else `left` has the boxes of all variables in which real modes may be that are not
-    among them, or `systems` has all solutions of the systems by which the real ones were
-    counted, those at infinity included. `precision` is the number of bits that they were
-    proven in.
+    Else `systems` has all solutions of the systems by which the real ones were counted,
+    those at infinity included, or `left` has those of so many `boxes` of all variables in
+    which real modes may be that are not among them. `precision` is the number of bits that
+    they were proven in.
     """
 
     written: Written
@@ -67,8 +67,9 @@ class CertifiedModes:
     inputs: tuple[str, ...]
     roots: tuple[Root, ...]
     precision: int
-    left: CoveredBoxes | None = None
     systems: tuple[SolvedSystem, ...] = ()
+    boxes: int = 0
+    left: Left | None = None
 
     @property
     def counted(self) -> bool:
@@ -88,21 +89,15 @@ class CertifiedModes:
     @property
     def complete(self) -> bool:
         """Whether it is proven that no real mode is missing."""
-        excluded = self.left is not None and not len(self.left.centres)
+        excluded = self.left is not None and not len(self.left[0])
         return self.counted or bool(self.systems) or excluded
-
-    @property
-    def boxes(self) -> int:
-        """How many boxes were looked at to exclude other real modes."""
-        return 0 if self.left is None else self.left.looked_at
 
     @property
     def clusters(self) -> list[tuple[Floats, Floats]]:
         """Centres and half widths (unknowns,) rad of where modes are undecided."""
         if self.left is None:
             return []
-        count = self.construction.unknowns
-        return clusters(self.left.centres[:, :count], self.left.radii[:, :count])
+        return clusters(*(part[:, : self.construction.unknowns] for part in self.left))
 
     @cached_property
     def claim(self) -> Completeness:
@@ -199,10 +194,10 @@ def certified_modes(
         near = [*([middle_of(ball) for ball in r.centre] for r in search.roots), *near]
     assert len(search.roots) <= made.bound, "more roots were proven than there can be"
     with bits(precision):
-        left = None if proven else search.excluded()
-    order = sorted(search.roots, key=_place)
+        excluded = () if proven else search.excluded()
+    roots = tuple(sorted(search.roots, key=_place))
     return CertifiedModes(
-        written, made, tuple(inputs), tuple(order), precision, left, systems
+        written, made, tuple(inputs), roots, precision, systems, *excluded
     )
 
 
@@ -290,11 +285,12 @@ class _Search:
         elif all(root.apart(other) for other in self.roots):
             self.roots.append(root)
 
-    def excluded(self) -> CoveredBoxes:
-        """Return the boxes left of space in which there may be other real roots."""
-        axes = [Axis(exact(FIRST), 2 * pi()) for _ in range(self.equations.unknowns)]
-        axes += [Axis(angle, exact(0.0)) for angle in self.driven]
-        return paved(self.equations, axes, self._covers, self._look, SMALLEST, MOST_BOXES)
+    def excluded(self) -> tuple[int, Left]:
+        """Return how many boxes of space were looked at, and those that may have roots."""
+        count, fixed = self.equations.unknowns, len(self.driven)
+        low = [exact(FIRST)] * count + self.driven
+        ranges = Ranges(low, [2 * pi()] * count + [exact(0.0)] * fixed)
+        return paved(self.equations, ranges, self._covers, self._look, SMALLEST, MOST_BOXES)
 
     def _covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return which boxes are in balls of which the root is known."""

@@ -19,7 +19,7 @@ part have different numbers, a singular configuration lies between.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
@@ -57,43 +57,28 @@ def apart(values: Floats, slopes: Floats, radii: Floats, bent: Floats) -> Bools:
     out = np.zeros(len(values), dtype=bool)
     count = values.shape[1]
     moving = np.flatnonzero(np.any(radii > 0.0, axis=0))
-    if len(values) == 0 or count == 1 or not count <= len(moving) <= count + 1:
+    if count == 1 or not count <= len(moving) <= count + 1:
         return out
-    steep, wide = slopes[..., moving], radii[:, moving]
-    columns = list(combinations(range(len(moving)), count))
-    sizes = np.stack([np.abs(np.linalg.det(steep[..., kept])) for kept in columns], axis=1)
-    largest = np.argmax(sizes, axis=1)
-    sizes = sizes[np.arange(len(sizes)), largest]
-    for number, kept in enumerate(columns):
-        rows = np.flatnonzero((largest == number) & (sizes > FLATTEST))
-        if len(rows):
-            weights = _normals(steep[rows], kept)
-            out[rows] = _beyond(weights, values[rows], steep[rows], wide[rows], bent[rows])
+    steep = slopes[..., moving]
+    columns = np.array(list(combinations(range(len(moving)), count)))
+    sizes = np.abs(np.linalg.det(np.moveaxis(steep[..., columns], 2, 1)))
+    rows = np.flatnonzero(np.max(sizes, axis=1) > FLATTEST)
+    steep, kept = steep[rows], columns[np.argmax(sizes[rows], axis=1)]
+    # the normals of facets, from the inverse of the columns whose determinant is largest
+    weights = inverse = np.linalg.inv(np.take_along_axis(steep, kept[:, None], axis=2))
+    if len(moving) > count:
+        left = np.sum(np.arange(len(moving))) - np.sum(kept, axis=1)
+        also = inverse @ np.take_along_axis(steep, left[:, None, None], axis=2)
+        one, other = np.array(list(combinations(range(count), 2))).T
+        facets = also[:, one] * inverse[:, other] - also[:, other] * inverse[:, one]
+        weights = np.concatenate([inverse, facets], axis=1)
+    wide, values = radii[rows][:, moving], values[rows]
+    size = np.abs(values) + np.einsum("nkv,nv->nk", np.abs(steep), wide)
+    reach = np.einsum("nwv,nv->nw", np.abs(weights @ steep), wide)
+    reach += np.einsum("nwk,nk->nw", np.abs(weights), bent[rows] + ROUNDING * size)
+    sums = np.abs(np.einsum("nwk,nk->nw", weights, values))
+    out[rows] = np.any(sums > reach * UP, axis=1)
     return out
-
-
-def _normals(slopes: Floats, kept: tuple[int, ...]) -> Floats:
-    """Return weights (n, facets, k) of the facets, from the inverse of some columns."""
-    inverse = np.linalg.inv(slopes[..., kept])
-    left = [column for column in range(slopes.shape[2]) if column not in kept]
-    if not left:
-        return np.asarray(inverse)
-    also = inverse @ slopes[..., left]
-    pairs = [
-        also[:, one] * inverse[:, other] - also[:, other] * inverse[:, one]
-        for one, other in combinations(range(len(kept)), 2)
-    ]
-    return np.concatenate([inverse, np.stack(pairs, axis=1)], axis=1)
-
-
-def _beyond(
-    weights: Floats, values: Floats, slopes: Floats, radii: Floats, bent: Floats
-) -> Bools:
-    """Return whether one of the sums of equations cannot vanish."""
-    size = np.abs(values) + np.einsum("nkv,nv->nk", np.abs(slopes), radii)
-    reach = np.einsum("nwv,nv->nw", np.abs(weights @ slopes), radii)
-    reach += np.einsum("nwk,nk->nw", np.abs(weights), bent + ROUNDING * size)
-    return np.any(np.abs(np.einsum("nwk,nk->nw", weights, values)) > reach * UP, axis=1)
 
 
 CHUNK = 20000
@@ -101,160 +86,125 @@ FIRST = -2.4
 """Where turns of unknown angles begin (rad): at no place that special geometry prefers."""
 
 
-class Axis:
-    """One variable over its range, cut in halves: centres, radii, cosines and sines.
+class Ranges:
+    """The ranges of variables from `low` on, `width` wide: balls (rad), cut into boxes.
 
-    `low` and `width` are balls (rad), exact or far narrower than a rounding.
+    The balls are exact or far narrower than a rounding. Boxes are integers (2, n,
+    variables): how often each side was halved, and which part it is.
     """
 
-    def __init__(self, low: Ball, width: Ball) -> None:
-        self.low, self.width = low, width
-        self.start, self.extent = middle(low), middle(width)
+    def __init__(self, low: Sequence[Ball], width: Sequence[Ball]) -> None:
+        self.low = low
+        self.start, self.extent = (np.array([*map(middle, x)]) for x in (low, width))
+        self.whole: Integers = np.zeros((2, 1, len(low)), dtype=np.int64)
+        self._widest = np.array([*map(upper, width)]) * UP
+        self._off = 8.0 * UNIT * (np.abs(self.start) + np.abs(self.extent))
+        self._off[self.extent == 0.0] = 0.0
         self._known: dict[float, Floats] = {}
 
-    def radii(self, levels: Integers, _: Integers) -> Floats:
-        """Return half widths after so many halvings, about the centres, rounded up."""
-        off = 8.0 * UNIT * (abs(self.start) + abs(self.extent)) if self.extent else 0.0
-        return upper(self.width) * UP * np.exp2(-1.0 - levels) + off
+    def radii(self, boxes: Integers) -> Floats:
+        """Return half widths (n, variables) about the centres, rounded up."""
+        return np.asarray(self._widest * np.exp2(-1.0 - boxes[0]) + self._off)
 
-    def centres(self, levels: Integers, places: Integers) -> Floats:
-        """Return float64 numbers next to the centres, or to the angle if it is only one."""
+    def centres(self, boxes: Integers) -> Floats:
+        """Return float64 numbers (n, variables) next to the centres."""
+        levels, places = boxes
         return np.asarray(self.start + self.extent * (places + 0.5) * np.exp2(-levels))
 
-    def turns(self, levels: Integers, places: Integers) -> Floats:
-        """Return cosines and sines (n, 2) of these numbers, each rounded once."""
-        centres, back = np.unique(self.centres(levels, places), return_inverse=True)
-        fresh = [centre for centre in centres.tolist() if centre not in self._known]
-        angles = fresh if self.extent else [self.low] * len(fresh)
-        self._known.update(zip(fresh, circle(angles), strict=True))
-        return np.array([self._known[centre] for centre in centres.tolist()])[back]
+    def turns(self, boxes: Integers) -> Floats:
+        """Return cosines and sines (n, variables, 2) of these, each rounded once.
+
+        Where a variable has only one angle they are of that.
+        """
+        centres = self.centres(boxes)
+        numbers, back = np.unique(centres.ravel(), return_inverse=True)
+        fresh = [number for number in numbers.tolist() if number not in self._known]
+        self._known.update(zip(fresh, circle(fresh), strict=True))
+        made = np.array([self._known[number] for number in numbers.tolist()])[back]
+        made = made.reshape(*centres.shape, 2)
+        for variable in np.flatnonzero(self.extent == 0.0).tolist():
+            made[:, variable] = circle([self.low[variable]])
+        return made
 
 
-@dataclass(frozen=True)
-class Boxes:
-    """Boxes (n, variables) by how often each side was halved, and which part they are."""
-
-    axes: Sequence[Axis]
-    levels: Integers
-    places: Integers
-
-    @staticmethod
-    def whole(axes: Sequence[Axis]) -> "Boxes":
-        """Return the box of the axes' whole ranges."""
-        zero = np.zeros((1, len(axes)), dtype=np.int64)
-        return Boxes(axes, zero, zero)
-
-    def __len__(self) -> int:
-        return len(self.levels)
-
-    def _along(self, of: Callable[[Axis, Integers, Integers], Floats]) -> Floats:
-        columns = zip(self.axes, self.levels.T, self.places.T, strict=True)
-        return np.stack([of(*column) for column in columns], axis=1)
-
-    @property
-    def centres(self) -> Floats:
-        """Float64 numbers (n, variables) next to the centres."""
-        return self._along(Axis.centres)
-
-    @property
-    def radii(self) -> Floats:
-        """Half widths (n, variables), rounded up."""
-        return self._along(Axis.radii)
-
-    @property
-    def turns(self) -> Floats:
-        """Cosines and sines (n, variables, 2) of the centres, each rounded once."""
-        return self._along(Axis.turns)
-
-    def take(self, rows: Bools | slice) -> "Boxes":
-        """Return some of them."""
-        return Boxes(self.axes, self.levels[rows], self.places[rows])
-
-    def halved(self, sides: Indices) -> "Boxes":
-        """Return both halves of each across its side in `sides` (n,)."""
-        cut = np.arange(len(self.axes)) == sides[:, None]
-        low = self.places << cut
-        levels = self.levels + cut
-        return Boxes(
-            self.axes, np.concatenate([levels, levels]), np.concatenate([low, low + cut])
-        )
+def halved(boxes: Integers, sides: Indices) -> Integers:
+    """Return both halves of each box across its side in `sides` (n,)."""
+    levels, places = boxes
+    cut = np.arange(levels.shape[1]) == sides[:, None]
+    levels, low = levels + cut, places << cut
+    return np.concatenate([[levels, low], [levels, low + cut]], axis=1)
 
 
-@dataclass
-class CoveredBoxes:
-    """What became of space: how many boxes were looked at, and those undecided.
+def cut_up(
+    boxes: Integers, most: int, doing: str, judged: Callable[[Integers, int], Integers]
+) -> int:
+    """Return how many boxes were looked at until `judged` leaves none.
 
-    `centres` and `radii` (n, variables) rad are those of the boxes left.
+    It is told at most `most` boxes at once, and how many there were before and with them.
     """
-
-    looked_at: int = 0
-    centres: Floats = field(default_factory=lambda: np.empty((0, 0)))
-    radii: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    waiting, looked_at, working = [boxes], 0, ProgressReporter(doing)
+    while waiting:
+        boxes = waiting.pop()
+        if boxes.shape[1] > most:
+            waiting.append(boxes[:, most:])
+            boxes = boxes[:, :most]
+        looked_at += boxes.shape[1]
+        working.tell(lambda: f"{looked_at} boxes")  # noqa: B023
+        left = judged(boxes, looked_at)
+        if left.shape[1]:
+            waiting.append(left)
+    return looked_at
 
 
 Covered = Callable[[Floats, Floats], Bools]
 """Says which boxes of centres and radii (n, variables) are inside a piece."""
 Looked = Callable[[Floats, Floats], bool]
 """Is told the centres and radii of boxes that are not decided; whether it finds pieces."""
+Left = tuple[Floats, Floats]
+"""Centres and radii (n, variables) rad of boxes that are left undecided."""
 
 
 def paved(
     equations: Equations,
-    axes: Sequence[Axis],
+    ranges: Ranges,
     covered: Covered,
     looked: Looked,
     smallest: float,
     most: int,
-) -> CoveredBoxes:
-    """Return which boxes of the axes' ranges may have configurations not in pieces.
+) -> tuple[int, Left]:
+    """Return how many boxes of the ranges were looked at, and those left over.
 
-    Boxes whose largest radius is below `smallest` (rad) are not halved; after `most` boxes
-    none are.
+    They may have configurations that are not in pieces. Boxes whose largest radius is below
+    `smallest` (rad) are not halved; after `most` boxes none are.
     """
     degrees, error = equations.degrees, equations.real.error
-    waiting = [Boxes.whole(axes)]
-    nothing = np.empty((0, len(axes)))
-    left = [(nothing, nothing)]
-    paving = CoveredBoxes()
-    working = ProgressReporter("proving that nothing else is there")
-    while waiting:
-        boxes = waiting.pop()
-        if len(boxes) > CHUNK:
-            waiting.append(boxes.take(slice(CHUNK, None)))
-            boxes = boxes.take(slice(0, CHUNK))
-        paving.looked_at += len(boxes)
-        working.tell(lambda: f"{paving.looked_at} boxes")
-        radii = boxes.radii
-        values, slopes = equations.real.first(boxes.turns)
+    left: list[Left] = []
+
+    def judged(boxes: Integers, looked_at: int) -> Integers:
+        radii = ranges.radii(boxes)
+        values, slopes = equations.real.first(ranges.turns(boxes))
         change = radii @ degrees.T
         reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
         bent = 0.5 * equations.bound * change**2 + error * (1.0 + change)
-        open_ = ~np.any(np.abs(values) > (reach + bent) * UP, axis=1)
-        rows = np.flatnonzero(open_)
-        open_[rows] = ~apart(values[rows], slopes[rows], radii[rows], bent[rows])
-        if not np.any(open_):
-            continue
-        boxes, radii, slopes = boxes.take(open_), radii[open_], slopes[open_]
-        centres = boxes.centres
-        largest = np.max(radii, axis=1)
+        rows = np.flatnonzero(np.all(np.abs(values) <= (reach + bent) * UP, axis=1))
+        rows = rows[~apart(values[rows], slopes[rows], radii[rows], bent[rows])]
+        boxes, radii, slopes = boxes[:, rows], radii[rows], slopes[rows]
+        centres = ranges.centres(boxes)
         kept = ~covered(centres, radii)
         if np.any(kept) and looked(centres[kept], radii[kept]):
             kept[kept] = ~covered(centres[kept], radii[kept])
-        ended = kept & ((largest < smallest) | (paving.looked_at > most))
+        ended = kept & ((np.max(radii, axis=1) < smallest) | (looked_at > most))
         left.append((centres[ended], radii[ended]))
         kept &= ~ended
-        if np.any(kept):
-            weight = _weights(slopes[kept], degrees, radii[kept])
-            waiting.append(boxes.take(kept).halved(np.argmax(weight, axis=1)))
-    paving.centres, paving.radii = map(np.concatenate, zip(*left, strict=True))
-    return paving
+        # by how much each side keeps the equations undecided
+        norms = np.sqrt(np.sum(slopes[kept] ** 2, axis=2, keepdims=True)) + 1e-3
+        share = np.max(np.abs(slopes[kept]) / norms, axis=1)
+        weights = np.maximum(share, 0.2 * np.any(degrees > 0, axis=0)) * radii[kept]
+        return halved(boxes[:, kept], np.argmax(weights, axis=1))
 
-
-def _weights(slopes: Floats, degrees: Floats, radii: Floats) -> Floats:
-    """Return by how much each side of boxes (n, v) keeps the equations undecided."""
-    norms = np.sqrt(np.sum(slopes**2, axis=2, keepdims=True)) + 1e-3
-    share = np.max(np.abs(slopes) / norms, axis=1)
-    return np.maximum(share, 0.2 * np.any(degrees > 0, axis=0)) * radii
+    looked_at = cut_up(ranges.whole, CHUNK, "proving that nothing else is there", judged)
+    centres, radii = map(np.concatenate, zip(*left, strict=True))
+    return looked_at, (centres, radii)
 
 
 PRECISION = 80
@@ -360,67 +310,53 @@ def input_map(
             "values of the inputs with --at"
         )
     with bits(PRECISION):
-        equations = Equations(written, made)
-        axes = []
-        for low, high in range_texts:
-            start = written.input_angle(low)
-            axes.append(Axis(start, written.input_angle(high) - start))
-        systems = Systems(equations)
-        boxes, kinds, modes = _judged(systems, axes, cell, finer)
-    return InputMap(
-        written,
-        made,
-        tuple(range_texts),
-        np.concatenate([part.centres for part in boxes]),
-        np.concatenate([part.radii for part in boxes]),
-        np.concatenate(kinds),
-        np.concatenate(modes),
-        tuple(systems.parts),
-    )
+        ends = [[*map(written.input_angle, two)] for two in range_texts]
+        low = [start for start, _ in ends]
+        ranges = Ranges(low, [end - start for start, end in ends])
+        systems = Systems(Equations(written, made))
+        boxes, kinds, modes = _judged(systems, ranges, cell, finer)
+        centres, radii = ranges.centres(boxes), ranges.radii(boxes)
+    texts, parts = tuple(range_texts), tuple(systems.parts)
+    return InputMap(written, made, texts, centres, radii, kinds, modes, parts)
 
 
 def _judged(
-    systems: Systems, axes: Sequence[Axis], side: float, finer: int
-) -> tuple[Sequence[Boxes], Sequence[Indices], Sequence[Indices]]:
+    systems: Systems, ranges: Ranges, side: float, finer: int
+) -> tuple[Integers, Indices, Indices]:
     """Return boxes with their kinds and numbers of modes, halved until they are judged."""
-    widths = np.array([axis.extent for axis in axes])
-    cell = np.maximum(np.ceil(np.log2(widths / side)), 0).astype(np.int64)
+    cell = np.maximum(np.ceil(np.log2(ranges.extent / side)), 0).astype(np.int64)
     finest = cell + finer
     most = max(1, AT_ONCE // sum(system.bound for system in systems.parts))
-    done: list[tuple[Boxes, Indices, Indices]] = []
+    done: list[tuple[Integers, Indices, Indices]] = []
     fine: dict[tuple[int, ...], set[int]] = {}
-    working = ProgressReporter("proving boxes of the inputs regular")
-    waiting = [Boxes.whole(axes)]
-    while waiting:
-        boxes = waiting.pop()
-        if len(boxes) > most:
-            waiting.append(boxes.take(slice(most, None)))
-            boxes = boxes.take(slice(0, most))
-        working.tell(lambda: f"{sum(len(part) for part, *_ in done)} boxes")
-        levels, places = boxes.levels, boxes.places
-        hard = np.all(levels >= finest - 1, axis=1)
-        good, modes = systems.counted(boxes.centres, boxes.turns, boxes.radii, hard)
+
+    def judged(boxes: Integers, _: int) -> Integers:
+        levels, places = boxes
+        radii = ranges.radii(boxes)
+        good, modes = systems.counted(
+            ranges.centres(boxes),
+            ranges.turns(boxes),
+            radii,
+            np.all(levels >= finest - 1, axis=1),
+        )
         inside = np.all(levels >= cell, axis=1) & np.any(levels > cell, axis=1)
         last = np.all(levels >= finest, axis=1)
         whole = good & ~inside
-        done.append((boxes.take(whole), 0 * modes[whole], modes[whole]))
+        done.append((boxes[:, whole], 0 * modes[whole], modes[whole]))
         for row in np.flatnonzero(inside & (good | last)):
             place = tuple((places[row] >> (levels[row] - cell)).tolist())
             fine.setdefault(place, set()).add(int(modes[row]) if good[row] else -1)
-        left = boxes.take(~good & ~last)
-        if len(left):
-            waiting.append(left.halved(_farthest(left, cell, finest)))
+        left = ~good & ~last
+        # across the side that has farthest to go, to cells first
+        coarse = np.any(levels < cell, axis=1, keepdims=True)
+        farther = radii * np.where(coarse, levels < cell, levels < finest)
+        return halved(boxes[:, left], np.argmax(farther[left], axis=1))
+
+    cut_up(ranges.whole, most, "proving boxes of the inputs regular", judged)
     for place, counts in fine.items():
         same = len(counts) == 1 and -1 not in counts
         kind = REGULAR if same else CONTAINS if len(counts - {-1}) > 1 else UNDECIDED
-        at = Boxes(axes, cell[None], np.array([place], dtype=np.int64))
+        at = np.array([[cell], [place]], dtype=np.int64)
         done.append((at, np.array([kind]), np.array([max(counts) if same else -1])))
-    boxes_of, kinds, modes_of = zip(*done, strict=True)
-    return boxes_of, kinds, modes_of
-
-
-def _farthest(boxes: Boxes, cell: Integers, finest: Integers) -> Indices:
-    """Return the side of each box that has farthest to go, to cells first."""
-    levels = boxes.levels
-    coarse = np.any(levels < cell, axis=1, keepdims=True)
-    return np.argmax(boxes.radii * np.where(coarse, levels < cell, levels < finest), axis=1)
+    boxes, kinds, modes = zip(*done, strict=True)
+    return np.concatenate(boxes, axis=1), np.concatenate(kinds), np.concatenate(modes)

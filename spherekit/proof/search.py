@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import takewhile
 
 import numpy as np
@@ -13,7 +12,7 @@ from spherekit.numeric.crossings import wrap
 from spherekit.proof.along import Chain, Range, chain_through
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import MOST_SADDLES, Arm, Crossings
-from spherekit.proof.paving import CoveredBoxes
+from spherekit.proof.paving import Left
 from spherekit.proof.saddles import QUADRANTS, Saddle
 from spherekit.proof.tubes import LONGEST, UP, CertifiedArc, corrected, piece_at
 
@@ -87,12 +86,11 @@ class Search:
                 self.vain = 0
         return (len(self.chains), len(self.crossings.saddles)) != before
 
-    def without_saddles(self, done: CoveredBoxes) -> CoveredBoxes:
+    def without_saddles(self, centres: Floats, radii: Floats) -> Left:
         """Look for crossings in boxes left over; return what is left without these.
 
         Arms that end the range are kept too.
         """
-        centres, radii = done.centres, done.radii
         for _ in range(MOST_SADDLES):
             count = len(self.crossings.saddles)
             for row in range(0, len(centres), max(1, len(centres) // TRIED)):
@@ -104,7 +102,7 @@ class Search:
             open_ = ~self.crossings.covers(centres, radii)
             centres, radii = centres[open_], radii[open_]
         self._end_arms()
-        return replace(done, centres=centres, radii=radii)
+        return centres, radii
 
     def _follow(self, place: Floats) -> bool:
         """Keep the curve through a configuration; return whether there is a new one."""
