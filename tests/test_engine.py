@@ -626,7 +626,6 @@ def test_what_was_compiled_is_kept():
     made = load("four_bar")
     assert kernel(made, "21") is kernel(load("four_bar"), "21")
     assert kernel(made, "21") is not kernel(made, "41")
-    assert kernel(made, "21").function.seconds > 0.0
     engines = ("compiled", "auto")
     given = made, Start(0.3, 1.0), 0.1
     again = [sk.simulate(*given, torque="-1*t", engine=each).engine for each in engines]

@@ -15,6 +15,7 @@ from spherekit.design.held_modes import HeldMode
 from spherekit.design.requirements import MATCH, Specification
 from spherekit.design.sensitivity import DEG, DesignAt
 from spherekit.design.sweep import Columns
+from spherekit.engine.compiler import TermFunction
 from spherekit.engine.design_kernel import design_kernel
 from spherekit.engine.expression_graph import (
     Expr,
@@ -24,7 +25,7 @@ from spherekit.engine.expression_graph import (
     symbols,
 )
 from spherekit.engine.row_quantities import row_quantities
-from spherekit.engine.system import ArrayFunction, array_function
+from spherekit.engine.system import array_function
 
 Parts = tuple[Floats, Floats, Floats, Floats]
 """Values (k,), gradients (k, n), limits' values (m,) and gradients (m, n) at a place."""
@@ -225,7 +226,7 @@ class FigureGradients:
 
 def with_derivatives(
     items: Sequence[Expr], terms: Sequence[ExpressionNode]
-) -> ArrayFunction:
+) -> TermFunction:
     """Return a function of terms: items, then their derivatives term by term."""
     partial = [slope for term in terms for slope in derivatives(items, {term: 1.0})]
     return array_function([*items, *partial], terms)

@@ -16,7 +16,6 @@ the axes chosen come to depend on each other.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations, islice
 from typing import Any
 
@@ -27,11 +26,10 @@ from spherekit.conventions import EPS, EQUAL_CURVATURE
 from spherekit.engine.algebra import Exprs, cross, dot, sum_of, vector, vector_sum
 from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.engine.pose import (
-    Angles,
     LinkOrientation,
     along_ways,
-    bounded,
     carried_vectors,
+    largest,
     place_by_variables,
     placed_by,
     root,
@@ -111,40 +109,12 @@ def _most_regular(
     return max(near, key=lambda candidate: (candidate[1], candidate[0]))[2]
 
 
-@dataclass(frozen=True)
-class LoopInverse:
-    """The inverse of loop equations as terms.
-
-    `blocks[pivot][loop]` (m, 3) give the m variables of a pivot by what a loop has on its
-    right-hand side; those that are zero are missing.
-    """
-
-    blocks: Mapping[Pivot, Mapping[int, Exprs]]
-
-    def solved(self, right: Sequence[Exprs]) -> dict[int, Expr]:
-        """Return the variables, by number, that the right-hand sides (3,) of loops give."""
-        values: dict[int, Expr] = {}
-        for (_, pivot_columns), blocks in self.blocks.items():
-            parts = [block @ right[loop] for loop, block in blocks.items()]
-            total = parts[0]
-            for part in parts[1:]:
-                total = total + part
-            values |= dict(zip(pivot_columns, total, strict=True))
-        return values
-
-    @property
-    def rows(self) -> dict[int, dict[int, Exprs]]:
-        """The row of each variable, by number: what (3,) each loop counts for."""
-        return {
-            variable: {loop: block[k] for loop, block in blocks.items()}
-            for (_, pivot_columns), blocks in self.blocks.items()
-            for k, variable in enumerate(pivot_columns)
-        }
+LoopInverse = Mapping[int, Mapping[int, Exprs]]
+"""`inverse[variable][loop]` (3,) say by how much what a loop has on its right-hand side
+counts for a variable; those that are zero are missing."""
 
 
-def loop_inverse(
-    columns: Mapping[int, Mapping[int, Exprs]], pivots: Sequence[Pivot]
-) -> LoopInverse:
+def loop_inverse(columns: LoopInverse, pivots: Sequence[Pivot]) -> LoopInverse:
     """Return the inverse of equations whose `columns[loop][variable]` (3,) are not zero."""
     left = {loop: dict(by_variable) for loop, by_variable in columns.items()}
     unit = np.array([[1.0 if i == j else 0.0 for j in range(3)] for i in range(3)], object)
@@ -163,7 +133,11 @@ def loop_inverse(
                 for key, value in its.items():
                     change = used @ value
                     mine[key] = mine[key] - change if key in mine else -1.0 * change
-    return LoopInverse({pivot: right[pivot[0]] for pivot in pivots})
+    return {
+        variable: {m: block[k] for m, block in right[loop].items()}
+        for loop, pivot_columns in pivots
+        for k, variable in enumerate(pivot_columns)
+    }
 
 
 def _inverse(axes: Sequence[Exprs]) -> Exprs:
@@ -227,22 +201,17 @@ class RowTerms:
         self.held = {mechanism.variables_of(pair)[0] for pair in inputs}
         self.free = [v for v in range(len(variables)) if v not in self.held]
         self.owned = [mechanism.variables_of(k) for k in range(len(mechanism.pairs))]
-        carried = carried_vectors(mechanism, self.pairs, self.placed, variables)
-        self.carried, self.lines = carried.vectors, carried.lines
+        self.carried, self.lines = carried_vectors(
+            mechanism, self.pairs, self.placed, variables
+        )
         self.vectors = [item.vector for item in self.carried]
-        self.curved = [x for x in carried.relative if isinstance(x, ExpressionNode)]
-        self.inverse: LoopInverse = loop_inverse(self._columns, pivots)
+        equations = {
+            loop: {v: float(row[v]) * self.vectors[v] for v in self.free if row[v]}
+            for loop, row in enumerate(self.tree.signs)
+        }
+        self.inverse = loop_inverse(equations, pivots)
         self._opened(variables)
         self._bounds()
-
-    @property
-    def _columns(self) -> Mapping[int, Mapping[int, Exprs]]:
-        """The closure Jacobian, by loop and free variable."""
-        signs = self.tree.signs
-        return {
-            loop: {v: float(row[v]) * self.vectors[v] for v in self.free if row[v]}
-            for loop, row in enumerate(signs)
-        }
 
     def _opened(self, variables: Sequence[ExpressionNode]) -> None:
         """Set by how much loops are open: rotation vectors to first order, and the size.
@@ -250,12 +219,11 @@ class RowTerms:
         Of the frames that a pair closes two axes are compared: at most by a factor of
         sqrt(2) more than the rotation between them, never less.
         """
-        angles = Angles(variables)
         self.gaps, square = [], 0.0
         for chord in self.tree.chords:
             a, b = self.tree.ends[chord]
             chain = self.pairs.chains[chord]
-            around = placed_by(chain, self.placed[a], angles)
+            around = placed_by(chain, self.placed[a], variables)
             near = [vector(list(around.basis[:, k])) for k in range(3)]
             other = [_along(self.placed[b], axis) for axis in chain.constants[-1]]
             turns = [cross(y, x) for x, y in zip(near, other, strict=True)]
@@ -266,10 +234,10 @@ class RowTerms:
 
     def _bounds(self) -> None:
         """Set the bounds of what variables, orientations and axes are off by."""
-        tree, blocks = self.tree, self.inverse.rows
+        tree = self.tree
         squares = {
-            v: _squares(x for block in row.values() for x in block)
-            for v, row in blocks.items()
+            v: sum_of(x * x for block in row.values() for x in block)
+            for v, row in self.inverse.items()
         }
         self.moved = {v: root(square) for v, square in squares.items()}
         sensitivity = root(sum_of(squares.values()))
@@ -296,7 +264,7 @@ class RowTerms:
             float(often[v]) * self.carried[v].size * self.carried[v].size for v in self.free
         )
         self.flatness = sensitivity * root(entries)
-        turn = bounded(item.size * item.size for item in self.carried)
+        turn = largest(item.size * item.size for item in self.carried)
         self.bend = float(longest) * turn * (sensitivity * sensitivity) * gap
         left = root(1.0 - 2.0 * self.bend)
         self.moved_by = sensitivity * gap * 2.0 / (1.0 + left) + 2.0 * EPS
@@ -319,8 +287,15 @@ class RowTerms:
 
     def closer(self, variables: Sequence[ExpressionNode]) -> list[Expr]:
         """Return the free variables after a step of Newton's method."""
-        step = self.inverse.solved(self.gaps)
+        step = self.solved(self.gaps)
         return [variables[v] - step[v] for v in self.free]
+
+    def solved(self, right: Sequence[Exprs]) -> dict[int, Expr]:
+        """Return the free variables that right-hand sides (3,) of the loops give."""
+        return {
+            v: sum_of(dot(block, right[loop]) for loop, block in row.items())
+            for v, row in self.inverse.items()
+        }
 
 
 class MovingTerms:
@@ -335,7 +310,7 @@ class MovingTerms:
         self._rows, self._wanted = rows, wanted
         tree, mechanism, plan = rows.tree, rows.mechanism, wanted.plan
         (moved,) = mechanism.variables_of(plan.input)
-        rates = self._solved(
+        rates = rows.solved(
             [float(-sign[moved]) * rows.vectors[moved] for sign in tree.signs]
         )
         self._rates = rates | {v: 1.0 if v == moved else 0.0 for v in rows.held}
@@ -347,15 +322,12 @@ class MovingTerms:
             vector_sum([float(sign) * bias[v] for v, sign in enumerate(row) if sign])
             for row in tree.signs
         ]
-        change = self._solved([-1.0 * misfit for misfit in over])
+        change = rows.solved([-1.0 * misfit for misfit in over])
         self._change = change | dict.fromkeys(rows.held, 0.0)
         bent = {v: self._change[v] * rows.vectors[v] + bias[v] for v in self._rates}
         self._dw = self._links(bent)
         self._follow_errors(self._left(w, parts), self._left(self._dw, bent))
         self._place(columns)
-
-    def _solved(self, right: Sequence[Exprs]) -> dict[int, Expr]:
-        return self._rows.inverse.solved(right)
 
     def _turning(self, variable: int) -> Exprs:
         """Return how a variable's vector changes (3,)."""
@@ -485,8 +457,8 @@ class MovingTerms:
         unit, turned, off = carried.vector, self._turned[variable], rows.axes[variable]
         if pair in rows.lines:
             line = rows.lines[pair]
-            unit = line.point
-            turned = cross(self._w[line.link], unit) + self._rates[variable] * line.tangent
+            unit = line.vector
+            turned = line.change(self._w[line.link], self._rates[variable])
             off = rows.off_line(variable)
         if {i, j} == {first, second} and pair not in rows.lines:
             sense = 1.0 if i == first else -1.0
@@ -526,8 +498,13 @@ class MovingTerms:
 
 def curved(rows: RowTerms) -> list[Expr]:
     """Return what is above 1 where the first profile of a contact curves too little."""
+    curving = (one.curvature - other.curvature for one, other in rows.pairs.sides.values())
     # Roots are no numbers where the other profile curves more.
-    return [2.0 * EQUAL_CURVATURE / (root(x) * root(x)) for x in rows.curved]
+    return [
+        2.0 * EQUAL_CURVATURE / (root(x) * root(x))
+        for x in curving
+        if isinstance(x, ExpressionNode)
+    ]
 
 
 def _errors(*bounds: Expr) -> dict[str, Sequence[Expr]]:
@@ -536,10 +513,6 @@ def _errors(*bounds: Expr) -> dict[str, Sequence[Expr]]:
 
 def _along(placed: LinkOrientation, axis: Floats) -> Exprs:
     return vector(list(placed.direction(axis)))
-
-
-def _squares(items: Iterable[Expr]) -> Expr:
-    return sum_of(item * item for item in items)
 
 
 def _sizes(items: Mapping[int, Expr]) -> dict[int, Expr]:

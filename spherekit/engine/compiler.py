@@ -1,7 +1,6 @@
 """heyoka, the compiler behind the engine; imported here only, and only when called."""
 
 import operator
-import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -96,19 +95,9 @@ def _plain(terms: Sequence[ExpressionNode]) -> dict[ExpressionNode, Any]:
     return {term: heyoka().expression(term.arguments[0]) for term in terms}
 
 
-@dataclass(frozen=True)
-class CompiledFunction:
-    """A compiled function of arrays (inputs, n) with values (outputs, n).
-
-    `seconds` is what compiling took.
-    """
-
-    call: Callable[..., Any]
-    seconds: float
-
-    def __call__(self, inputs: Array, out: Array | None = None) -> Any:
-        """Return the values (outputs, n) at inputs (inputs, n), written to `out`."""
-        return self.call(inputs) if out is None else self.call(inputs, outputs=out)
+TermFunction = Callable[..., Array]
+"""A function of arrays (inputs, n) with values (outputs, n), written to a second array if
+one is given."""
 
 
 def compile_function(
@@ -116,18 +105,20 @@ def compile_function(
     inputs: Sequence[ExpressionNode],
     compact: bool = False,
     number: type[Any] = float,
-) -> CompiledFunction:
+) -> TermFunction:
     """Compile expressions; `number` is the type computed with (float, real128)."""
-    module = heyoka()
-    started = time.perf_counter()
     names = _plain(inputs)
-    made = module.cfunc(
+    made = heyoka().cfunc(
         _lowered(outputs, names),
         list(names.values()),
         compact_mode=compact,
         fp_type=number,
     )
-    return CompiledFunction(made, time.perf_counter() - started)
+
+    def at(given: Array, out: Array | None = None) -> Any:
+        return made(given) if out is None else made(given, outputs=out)
+
+    return at
 
 
 @dataclass(frozen=True)
@@ -173,7 +164,7 @@ class Integrator:
 
     It computes with the type `number`.
 
-    `seen` collects what occurs in a run. `seconds` is what compiling took.
+    `seen` collects what occurs in a run.
     """
 
     adaptive: Any
@@ -182,7 +173,6 @@ class Integrator:
     terminal: tuple[int, ...]
     outcomes: Mapping[int, StepEnd]
     seen: list[Noted]
-    seconds: float
 
     def start(self, state: Floats, time: float, parameters: Floats) -> None:
         """Set the state, the time and the parameters before a run."""
@@ -259,7 +249,6 @@ def compile_integrator(
     names |= {symbol: module.par[k] for k, symbol in enumerate(constants)}
     names[moment] = module.time
     conditions = _lowered([event.expression for event in events], names)
-    started = time.perf_counter()
     seen: list[Noted] = []
 
     def note(which: int) -> Callable[[Any, Any, int], None]:
@@ -315,5 +304,4 @@ def compile_integrator(
             int(ends.err_nf_state): StepEnd.NOT_FINITE,
         },
         seen,
-        time.perf_counter() - started,
     )

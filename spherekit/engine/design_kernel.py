@@ -18,7 +18,7 @@ import numpy as np
 
 from spherekit.arrays import Array, Floats
 from spherekit.engine.algebra import Exprs, constants, cross, dot
-from spherekit.engine.compiler import CompiledFunction, available, compile_function
+from spherekit.engine.compiler import TermFunction, available, compile_function
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -28,44 +28,32 @@ from spherekit.engine.expression_graph import (
     symbols,
 )
 from spherekit.engine.row_quantities import RowQuantities, VariedTerms
-from spherekit.engine.system import ArrayFunction, array_function, term_function
+from spherekit.engine.system import array_function, term_function
 
 Parts = tuple[Expr, Expr]
 """The real and the imaginary part."""
 
 
-@dataclass(frozen=True)
-class ComplexFunction:
-    """A compiled function of complex variables and real numbers, with complex values.
-
-    `function` is of the variables' real parts, their imaginary parts, and the numbers; it
-    gives real parts, then imaginary ones.
-    """
-
-    function: CompiledFunction
-
-    def __call__(self, values: Array, numbers: Floats) -> Array:
-        """Return the values (outputs, n) at variables (variables, n), numbers (k, n)."""
-        rows = np.concatenate([values.real, values.imag, numbers])
-        columns = self.function(np.ascontiguousarray(rows))
-        half = len(columns) // 2
-        made = np.empty((half, values.shape[1]), dtype=complex)
-        made.real, made.imag = columns[:half], columns[half:]
-        return made
+ComplexFunction = Callable[[Array, Floats], Array]
+"""Gives values (outputs, n) at complex variables (variables, n) and numbers (k, n)."""
 
 
-def compile_complex(
+def complex_function(
     outputs: Sequence[Expr],
     variables: Sequence[ExpressionNode],
     numbers: Sequence[ExpressionNode],
+    compiled: bool,
 ) -> ComplexFunction:
-    """Compile expressions of variables that are complex, and of real numbers.
+    """Return expressions of variables that are complex, and of real numbers.
 
     Raises
     ------
     KeyError
-        If a term is no sum, product, quotient, sine or cosine.
+        If a term to be compiled is no sum, product, quotient, sine or cosine.
     """
+    if not compiled:
+        plain = array_function(outputs, [*variables, *numbers], complex)
+        return lambda values, given: plain(np.concatenate([values, given.astype(complex)]))
     real = symbols(f"real_{k}" for k in range(len(variables)))
     imaginary = symbols(f"imaginary_{k}" for k in range(len(variables)))
     parts = dict(zip(variables, zip(real, imaginary, strict=True), strict=True))
@@ -77,7 +65,15 @@ def compile_complex(
 
     made = rewrite(outputs, lambda number: (number, 0.0), apply)
     columns = [part[k] for k in (0, 1) for part in made]
-    return ComplexFunction(compile_function(columns, [*real, *imaginary, *numbers]))
+    by_parts = compile_function(columns, [*real, *imaginary, *numbers])
+
+    def at(values: Array, given: Floats) -> Array:
+        rows = by_parts(np.concatenate([values.real, values.imag, given]))
+        made = np.empty((len(outputs), values.shape[1]), dtype=complex)
+        made.real, made.imag = rows[: len(outputs)], rows[len(outputs) :]
+        return made
+
+    return at
 
 
 def _product(one: Parts, other: Parts) -> Parts:
@@ -136,10 +132,10 @@ class DesignKernel:
     places: tuple[str, ...]
     closed_form: bool
     columns: tuple[str, ...]
-    prepare: CompiledFunction | ArrayFunction
-    evaluate: CompiledFunction | ArrayFunction
+    prepare: TermFunction
+    evaluate: TermFunction
     turning: tuple[str, ...] = ()
-    angles: CompiledFunction | ArrayFunction | None = None
+    angles: TermFunction | None = None
 
     @property
     def reaches(self) -> int:
@@ -215,7 +211,7 @@ def design_kernel(
     )
 
 
-def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], ArrayFunction]:
+def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], TermFunction]:
     """Return the links with two axes, and the function of sizes that gives their arcs.
 
     The arcs (links, n) are in [0, pi] rad.
@@ -261,11 +257,11 @@ class PathKernel:
 
     variables: int
     driven: list[int]
-    prepare: ArrayFunction | CompiledFunction
-    real: ArrayFunction | CompiledFunction
-    complex: Callable[[Array, Floats], Array] | None
+    prepare: TermFunction
+    real: TermFunction
+    complex: ComplexFunction | None
     groups: str
-    turning: ArrayFunction
+    turning: TermFunction
 
     def labels(self, values: Floats, prepared: Floats) -> list[str]:
         """Return the signs of dyads, ``~`` for other groups, at closed configurations."""
@@ -287,19 +283,6 @@ class PathKernel:
         v, k = self.variables, len(self.driven)
         rates = columns[v : (k + 1) * v].reshape(k, v, values.shape[1])
         return At(columns[:v], rates, columns[-2], columns[-1])
-
-
-def _on_arrays(
-    outputs: Sequence[Expr],
-    variables: Sequence[ExpressionNode],
-    numbers: Sequence[ExpressionNode],
-) -> Callable[[Array, Floats], Array]:
-    made = array_function(outputs, [*variables, *numbers], complex)
-
-    def at(values: Array, prepared: Floats) -> Array:
-        return np.asarray(made(np.concatenate([values, prepared.astype(complex)])))
-
-    return at
 
 
 def path_kernel(
@@ -331,13 +314,12 @@ def path_kernel(
     rows, turning = rows[: len(outputs)], rows[len(outputs) :]
     inputs = [*given, *fixed]
     compiled = compiled and available()
-    off_axis = compile_complex if compiled else _on_arrays
     return PathKernel(
         len(places),
         [] if alone else list(structure.inputs),
         term_function(list(fixed.values()), terms.sizes, compiled),
         term_function(rows, inputs, compiled),
-        None if alone else off_axis(rows, places, inputs[len(places) :]),
+        None if alone else complex_function(rows, places, inputs[len(places) :], compiled),
         "".join("+" if group.is_dyad else "~" for group in structure.assembly.groups),
         array_function(turning, inputs),
     )

@@ -23,7 +23,7 @@ from spherekit.engine.expression_graph import (
     symbols,
 )
 from spherekit.engine.kinematics import Structure
-from spherekit.engine.pose import Angles, LinkOrientation, ground_placement, placed_along
+from spherekit.engine.pose import GROUND, LinkOrientation, place_by_variables
 from spherekit.engine.turns import Entries, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.files.write import canonical_text
@@ -127,9 +127,8 @@ def place_by_inputs(
     driven = dict(zip(structure.inputs, q, strict=True)) | structure.following(q)
     for variable, angle in driven.items():
         variables[variable] = angle
-    angles = Angles(variables)
     ways = spanning(mechanism.ends, assembly.bodies, assembly.inputs)
-    within = placed_along(mechanism, structure.pairs, angles, ways)
+    within = place_by_variables(mechanism, structure.pairs, variables, ways)
     dyads = [
         _close(structure, group, sign, within)
         for group, sign in zip(assembly.groups, signs, strict=True)
@@ -138,7 +137,7 @@ def place_by_inputs(
     if ground.depth:
         back = constants(ground.within.T) @ ground.basis.T
         within = [_turned(back, placement) for placement in within]
-        within[0] = ground_placement()
+        within[0] = GROUND
     return ClosedPlacements(within, dyads)
 
 

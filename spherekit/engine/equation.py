@@ -14,9 +14,9 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.engine.compiler import (
-    CompiledFunction,
     EventFunction,
     Integrator,
+    TermFunction,
     available,
     compile_function,
     compile_integrator,
@@ -87,9 +87,9 @@ class CompiledEquation:
     layout: ParameterLayout
     integrator: Integrator
     events: tuple[tuple[EventKind, int], ...]
-    tau: CompiledFunction
-    conditions: CompiledFunction | None
-    steep: CompiledFunction | None
+    tau: TermFunction
+    conditions: TermFunction | None
+    steep: TermFunction | None
     tolerance: float
     lock: Lock = field(default_factory=Lock, repr=False, compare=False)
 
@@ -294,7 +294,7 @@ def _compile(
 
 
 def _sticking(
-    conditions: CompiledFunction, which: int, layout: ParameterLayout
+    conditions: TermFunction, which: int, layout: ParameterLayout
 ) -> Callable[[Floats, float, Floats], bool]:
     """Return whether a condition, now of its new sign, goes back at once."""
 

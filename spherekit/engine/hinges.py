@@ -20,7 +20,6 @@ from spherekit.engine.expression_graph import Expr
 from spherekit.engine.turns import (
     AxisRotation,
     Entries,
-    Follower,
     JointTransform,
     TurningPairs,
     turning_pairs,
@@ -107,7 +106,7 @@ class EquivalentLinkage:
             numbers = [given.get(at + k, x) for k, x in enumerate(self.train.numbers)]
             rows = np.array(numbers, dtype=object).reshape(len(self.train.followers), -1)
             for pair, row in zip(self.train.followers, rows, strict=True):
-                followers[pair] = Follower(tuple(row[:-1]), row[-1])
+                followers[pair] = row.tolist()
         return TurningPairs(tuple(chains), {}, followers)
 
 

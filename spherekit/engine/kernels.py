@@ -11,13 +11,13 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Floats
 from spherekit.conventions import listing
 from spherekit.engine.algebra import cross, dot, vector
-from spherekit.engine.compiler import CompiledFunction, available, compile_function
+from spherekit.engine.compiler import TermFunction, available
 from spherekit.engine.dyads import COMPILED, place_by_inputs
 from spherekit.engine.expression_graph import Expr, ExpressionNode, function, symbols
 from spherekit.engine.expression_graph import derivatives as derivatives_of
 from spherekit.engine.kinematics import CoordinateRates, InputMoments, Structure
 from spherekit.engine.pose import LinkOrientation, place_by_variables
-from spherekit.engine.system import ArrayFunction, array_function, tensors
+from spherekit.engine.system import tensors, term_function
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Pole, all_poles, pole_of
@@ -76,7 +76,7 @@ class Kernel:
     columns: tuple[str, ...]
     places: Mapping[str, Mapping[Any, int | slice]]
     engine: Literal["numpy", "compiled"]
-    function: CompiledFunction | ArrayFunction
+    function: TermFunction
 
     @checked(EngineError)
     def __call__(self, inputs: ArrayLike, out: Array | None = None) -> Array:
@@ -242,9 +242,7 @@ def kernel(
             tuple(columns),
             places,
             taken,
-            compile_function(outputs, inputs, compact, number)
-            if taken == "compiled"
-            else array_function(outputs, inputs, number),
+            term_function(outputs, inputs, taken == "compiled", number, compact),
         )
 
     return COMPILED.get(mechanism, request, make)

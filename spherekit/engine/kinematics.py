@@ -45,7 +45,6 @@ from spherekit.engine.expression_graph import (
     derivatives,
 )
 from spherekit.engine.pose import (
-    Angles,
     LinkOrientation,
     along_ways,
     carried_vectors,
@@ -95,7 +94,7 @@ class Structure:
         place = self.input_pairs.index(one)
         rates = self.at_rest | {one: 1.0}
         for pair, follower in self.pairs.followers.items():
-            rates[pair] = follower.ratios[place]
+            rates[pair] = follower[place]
         return rates
 
     @property
@@ -107,8 +106,8 @@ class Structure:
         """Return the angles by variable that follow from the angles q of the inputs."""
         made = {}
         for pair, follower in self.pairs.followers.items():
-            angle = follower.offset
-            for ratio, at in zip(follower.ratios, q, strict=True):
+            *ratios, angle = follower
+            for ratio, at in zip(ratios, q, strict=True):
                 angle = angle + ratio * at
             made[self.mechanism.variables_of(pair)[0]] = angle
         return made
@@ -160,9 +159,9 @@ class Structure:
         if owners[one] == owners[other]:
             if self.pairs.columns:
                 return None
-            turns = [side.turn for side in self.pairs.sides[owners[one]]]
-            sizes = [turn.scale for turn in turns if isinstance(turn, AxisRotation)]
-            cosine = self.pairs.chains[owners[one]].constants[1][2, 2]
+            chain = self.pairs.chains[owners[one]]
+            sizes = [turn.scale for turn in chain.turns if isinstance(turn, AxisRotation)]
+            cosine = chain.constants[1][2, 2]
             return (sizes[0] * sizes[1]) ** 2 * (1.0 - cosine * cosine)
         held = [self.held(v) for v in (one, other)]
         for link in set(held[0]) & set(held[1]):
@@ -180,10 +179,11 @@ class Structure:
         if len(owned) == 1:
             return {}
         place = owned.index(variable)
-        side, sense = sides[place], (1.0, -1.0)[place]
-        if not isinstance(side.turn, AxisRotation):
+        chain, sense = sides[place].chain, (1.0, -1.0)[place]
+        (turn,) = chain.turns
+        if not isinstance(turn, AxisRotation):
             return {}
-        return {ends[place]: side.before[:, 2] * (sense * side.turn.scale)}
+        return {ends[place]: chain.constants[0][:, 2] * (sense * turn.scale)}
 
 
 def _half_turn(basis: Exprs, rate: Exprs) -> Exprs:
@@ -210,9 +210,9 @@ class CoordinateRates:
     ) -> None:
         self.structure, self.placed, self._variables = structure, placed, variables
         self.tree = LoopTree.of(structure.mechanism)
-        self._carried = carried_vectors(
+        self._carried, _ = carried_vectors(
             structure.mechanism, structure.pairs, placed, variables, about_centres=True
-        ).vectors
+        )
         self.vectors = [carried.vector for carried in self._carried]
 
     def _solved(
@@ -256,7 +256,7 @@ class CoordinateRates:
         for pair in self.tree.chords:
             first, second = structure.mechanism.ends[pair]
             chain = structure.pairs.chains[pair]
-            there = placed_by(chain, self.placed[first], Angles(self._variables))
+            there = placed_by(chain, self.placed[first], self._variables)
             here, beyond = (
                 np.stack([placed.direction(axis) for axis in np.eye(3)], axis=1)
                 for placed in (self.placed[second], there)

@@ -7,7 +7,7 @@ per unit rate. An R pair's is an axis of either link. That of a contact slides o
 that carries it as the contact goes along its profile.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,6 @@ from spherekit.engine.turns import (
     AxisRotation,
     Entries,
     JointTransform,
-    ProfileFrame,
     ProfileSide,
     TurningPairs,
 )
@@ -58,41 +57,24 @@ class LinkOrientation:
         return constants(self.within @ inertia @ self.within.T)
 
 
-def ground_placement() -> LinkOrientation:
-    """Return the placement of the ground in its own axes."""
-    return LinkOrientation(constants(np.eye(3)), np.eye(3), np.eye(3), 0)
-
-
-@dataclass(frozen=True)
-class Angles:
-    """Sine and cosine of each turn, formed once."""
-
-    variables: Sequence[Expr]
-
-    def of(self, turn: AxisRotation) -> tuple[Expr, Expr]:
-        """Return the cosine and the sine of a turn."""
-        angle = self.variables[turn.variable]
-        sense = 1.0 if turn.scale > 0.0 else -1.0
-        scale, offset = abs(turn.scale), sense * turn.offset
-        if scale != 1.0:
-            angle = scale * angle
-        if offset != 0.0:
-            angle = angle + offset
-        return function("cos", angle), sense * function("sin", angle)
+GROUND = LinkOrientation(constants(np.eye(3)), np.eye(3), np.eye(3), 0)
+"""The placement of the ground in its own axes."""
 
 
 def placed_by(
-    chain: JointTransform, start: LinkOrientation, angles: Angles
+    chain: JointTransform, start: LinkOrientation, variables: Sequence[Expr]
 ) -> LinkOrientation:
     """Return the placement of a link that a chain of turns joins to a placed one."""
     basis, within = start.basis, start.within
     for constant, turn in zip(chain.constants, chain.turns, strict=False):
         basis = basis @ constants(within @ constant)
         within = np.eye(3)
-        if isinstance(turn, ProfileFrame):
-            basis = basis @ turn.frame
+        if not isinstance(turn, AxisRotation):
+            basis = basis @ turn
             continue
-        cosine, sine = angles.of(turn)
+        sense = 1.0 if turn.scale > 0.0 else -1.0
+        angle = abs(turn.scale) * variables[turn.variable] + sense * turn.offset
+        cosine, sine = function("cos", angle), sense * function("sin", angle)
         basis = np.stack(
             [
                 basis[:, 0] * cosine + basis[:, 1] * sine,
@@ -105,28 +87,22 @@ def placed_by(
 
 
 def place_by_variables(
-    mechanism: Mechanism, pairs: TurningPairs, variables: Sequence[Expr]
-) -> list[LinkOrientation]:
-    """Return the placements of all links along the shortest ways from the ground."""
-    return placed_along(mechanism, pairs, Angles(variables), spanning(mechanism.ends))
-
-
-def placed_along(
     mechanism: Mechanism,
     pairs: TurningPairs,
-    angles: Angles,
-    ways: Iterable[tuple[int, int, int]],
+    variables: Sequence[Expr],
+    ways: Iterable[tuple[int, int, int]] | None = None,
 ) -> list[LinkOrientation]:
     """Return the placements of links on ways, those of others where the ground is.
 
-    `ways` are pairs with the links that they lead from and to, in order.
+    `ways` are pairs with the links that they lead from and to, in order: by default the
+    shortest ways from the ground to all links.
     """
-    placed = [ground_placement()] * len(mechanism.links)
-    for pair, parent, child in ways:
+    placed = [GROUND] * len(mechanism.links)
+    for pair, parent, child in spanning(mechanism.ends) if ways is None else ways:
         chain = pairs.chains[pair]
         ahead = mechanism.ends[pair][0] == parent
         placed[child] = placed_by(
-            chain if ahead else chain.reversed(), placed[parent], angles
+            chain if ahead else chain.reversed(), placed[parent], variables
         )
     return placed
 
@@ -151,39 +127,13 @@ class UnitTwist:
     @property
     def bent(self) -> Expr:
         """A bound of how the slide changes on the link."""
-        return self.bend + sum(side.most_bent for side in self.sides)
+        columns = (side.columns for side in self.sides)
+        return self.bend + sum(x.series.most_bent for x in columns if x is not None)
 
     def change(self, w: Exprs, rate: Expr) -> Exprs:
         """Return the rate (3,) of the vector while the link turns and the variable runs."""
         turned = cross(w, self.vector)
         return turned if self.slide is None else np.asarray(turned + self.slide * rate)
-
-
-@dataclass(frozen=True)
-class ContactLine:
-    """The line of a rolling contact, carried by a link: `point` and `tangent` (3,).
-
-    `relative` is by how much more the first profile curves than the second, `slope` its
-    derivative by the arc length.
-    """
-
-    point: Exprs
-    tangent: Exprs
-    link: int
-    relative: Expr
-    slope: Expr
-
-
-@dataclass(frozen=True)
-class UnitTwists:
-    """The vectors of all variables, the lines of rolling contacts by pair, and curvatures.
-
-    `relative` are by how much more first profiles curve than second ones, of all contacts.
-    """
-
-    vectors: tuple[UnitTwist, ...]
-    lines: Mapping[int, ContactLine]
-    relative: tuple[Expr, ...]
 
 
 def carried_vectors(
@@ -192,15 +142,14 @@ def carried_vectors(
     placed: Sequence[LinkOrientation],
     variables: Sequence[Expr],
     about_centres: bool = False,
-) -> UnitTwists:
-    """Return them of links that are placed, by pair variables.
+) -> tuple[list[UnitTwist], dict[int, UnitTwist]]:
+    """Return the vectors of all variables, and by pair the lines of rolling contacts.
 
     Where circles roll on each other, their vector may be that `about_centres`, the sum of
     those of both, which takes fewer terms but loses digits where the circles are small.
     """
-    angles = Angles(variables)
     carried: dict[int, UnitTwist] = {}
-    lines: dict[int, ContactLine] = {}
+    lines: dict[int, UnitTwist] = {}
     for pair, ends in enumerate(mechanism.ends):
         owned = mechanism.variables_of(pair)
         if pair not in pairs.sides:
@@ -210,7 +159,7 @@ def carried_vectors(
             continue
         sides = pairs.sides[pair]
         around = [
-            _sliding(sense, side, end, placed[end], angles)
+            _sliding(sense, side, end, placed[end], variables)
             for side, end, sense in zip(sides, ends, (1.0, -1.0), strict=True)
         ]
         if len(owned) == 2:
@@ -220,11 +169,10 @@ def carried_vectors(
             carried[owned[0]] = UnitTwist(one + other, ends[0], slide=cross(one, other))
         else:
             near = 0 if placed[ends[0]].depth <= placed[ends[1]].depth else 1
-            line = _line(sides, near, ends[near], placed[ends[near]], angles)
-            lines[pair] = line
-            carried[owned[0]] = _rolling(sides, near, line)
-    relative = tuple(_relative(sides) for sides in pairs.sides.values())
-    return UnitTwists(tuple(carried[v] for v in sorted(carried)), lines, relative)
+            tangent, _, point = _frame(sides[near], placed[ends[near]], variables)
+            lines[pair] = UnitTwist(point, ends[near], slide=tangent)
+            carried[owned[0]] = _rolling(sides, sides[near].curvature, lines[pair])
+    return [carried[v] for v in sorted(carried)], lines
 
 
 def along_ways(tree: LoopTree, parts: Sequence[Exprs]) -> list[Exprs]:
@@ -247,16 +195,6 @@ def size_of(item: Expr) -> Expr:
     return root(item * item)
 
 
-def bounded(items: Iterable[Expr]) -> Expr:
-    """Return what none of these, not negative, exceeds: the largest, if all are numbers."""
-    items = list(items)
-    terms = dict.fromkeys(x for x in items if isinstance(x, ExpressionNode))
-    total: Expr = max((x for x in items if not isinstance(x, ExpressionNode)), default=0.0)
-    for term in terms:
-        total = total + term
-    return total
-
-
 def largest(items: Iterable[Expr]) -> Expr:
     """Return the largest of numbers and terms, none of which is negative."""
     items = list(items)
@@ -267,66 +205,52 @@ def largest(items: Iterable[Expr]) -> Expr:
     return most
 
 
-def _relative(sides: tuple[ProfileSide, ProfileSide]) -> Expr:
-    return sides[0].curvature - sides[1].curvature
-
-
-def _line(
-    sides: tuple[ProfileSide, ProfileSide],
-    near: int,
-    link: int,
-    placed: LinkOrientation,
-    angles: Angles,
-) -> ContactLine:
-    tangent, _, point = _frame(sides[near], placed, angles)
-    slope = sides[0].slope - sides[1].slope
-    return ContactLine(point, tangent, link, _relative(sides), slope)
-
-
 def _frame(
-    side: ProfileSide, placed: LinkOrientation, angles: Angles
+    side: ProfileSide, placed: LinkOrientation, variables: Sequence[Expr]
 ) -> tuple[Exprs, Exprs, Exprs]:
     """Return the tangent, the normal and the point (3,) of a profile at the contact."""
-    there = placed_by(side.frame, placed, angles)
-    axes = (there.direction(axis) for axis in np.eye(3))
-    tangent, normal, point = (vector(list(axis)) for axis in axes)
+    there = placed_by(side.chain, placed, variables)
+    tangent, normal, point = (vector(list(there.direction(axis))) for axis in np.eye(3))
     return tangent, normal, point
 
 
 def _rolling(
-    sides: tuple[ProfileSide, ProfileSide], near: int, line: ContactLine
+    sides: tuple[ProfileSide, ProfileSide], curvature: Expr, line: UnitTwist
 ) -> UnitTwist:
-    """Return (k1 - k2) p."""
-    relative, slope, curvature = line.relative, line.slope, sides[near].curvature
-    swing = size_of(relative) * root(1.0 + curvature * curvature)
-    vector, slide = sides[0].rolled(sides[1], line.tangent, line.point)
+    """Return (k1 - k2) p, with the curvature of the profile on the link of the line."""
+    one, other = sides
+    relative, slope = one.curvature - other.curvature, one.slope - other.slope
     return UnitTwist(
-        vector,
+        np.asarray(line.vector * relative),
         line.link,
         size_of(relative),
-        slide,
+        np.asarray(line.slide * relative + line.vector * slope),
         root(relative * relative + slope * slope),
-        2.0 * size_of(slope) + swing,
+        2.0 * size_of(slope) + size_of(relative) * root(1.0 + curvature * curvature),
         sides,
     )
 
 
 def _sliding(
-    sense: float, side: ProfileSide, link: int, placed: LinkOrientation, angles: Angles
+    sense: float,
+    side: ProfileSide,
+    link: int,
+    placed: LinkOrientation,
+    variables: Sequence[Expr],
 ) -> UnitTwist:
     """Return n + k p, or the opposite."""
-    if isinstance(side.turn, AxisRotation):
-        axis = placed.direction(side.before[:, 2]) * (sense * side.turn.scale)
-        return UnitTwist(vector(list(axis)), link, abs(side.turn.scale))
-    _, normal, point = _frame(side, placed, angles)
-    k, slope = side.curvature, side.slope
-    along, slide = side.slid(sense, normal, point)
+    (turn,) = side.chain.turns
+    if isinstance(turn, AxisRotation):
+        axis = placed.direction(side.chain.constants[0][:, 2]) * (sense * turn.scale)
+        return UnitTwist(vector(list(axis)), link, abs(turn.scale))
+    _, normal, point = _frame(side, placed, variables)
+    k, slope = side.curvature, size_of(side.slope)
     return UnitTwist(
-        along,
+        np.asarray((normal + point * k) * sense),
         link,
         root(1.0 + k * k),
-        slide,
-        size_of(slope),
-        size_of(slope),
+        np.asarray(point * (sense * side.slope)),
+        slope,
+        slope,
         (side,),
     )

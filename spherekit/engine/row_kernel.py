@@ -26,16 +26,11 @@ from spherekit.engine.columns import (
     curved,
     pivots_of,
 )
-from spherekit.engine.compiler import CompiledFunction, compile_function
+from spherekit.engine.compiler import TermFunction
 from spherekit.engine.dyads import COMPILED, closed_form
 from spherekit.engine.expression_graph import Expr, ExpressionNode, substituted, symbols
 from spherekit.engine.pose import largest
-from spherekit.engine.system import (
-    ArrayFunction,
-    FloatFunction,
-    array_function,
-    float_function,
-)
+from spherekit.engine.system import FloatFunction, float_function, term_function
 from spherekit.engine.turns import PARTS, ProfileColumns, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.rates.request import Request
@@ -78,7 +73,7 @@ loops open by one radian, all ways added up; where (n,) Newton's method closed t
 class ColumnFunction:
     """A function of pair variables and columns of profiles; `places` name its columns."""
 
-    function: CompiledFunction | ArrayFunction
+    function: TermFunction
     profiles: tuple[ProfileColumns, ...]
     places: Mapping[Any, slice]
 
@@ -202,11 +197,7 @@ class RowKernel:
         if given is None:
             columns = (term for profile in self._profiles for term in profile.terms)
             given = [*self._variables, *columns]
-        made = (
-            compile_function(every, given)
-            if compiled and every
-            else array_function(every, given, number)
-        )
+        made = term_function(every, given, compiled, number)
         return ColumnFunction(made, self._profiles, places)
 
     @property
@@ -261,7 +252,7 @@ class RowKernel:
     @property
     def _aside(self) -> dict[Any, Sequence[Expr]]:
         rows, chords, first = self._rows, range(len(self._rows.tree.chords)), self.moving[0]
-        given = [rows.inverse.rows.get(v, {}) for v in rows.free]
+        given = [rows.inverse.get(v, {}) for v in rows.free]
         zero = vector([0.0, 0.0, 0.0])
         return {
             "shape": [rows.flatness, rows.bend, sum_of(curved(rows))],
@@ -286,7 +277,7 @@ class RowKernel:
         return part.reshape(8, len(part) // 8, values.shape[1])
 
     @cached_property
-    def _wide(self) -> tuple[ArrayFunction | CompiledFunction, ...]:
+    def _wide(self) -> tuple[TermFunction, ...]:
         """A step of Newton's method, all columns and those aside, and complex columns."""
         parts = {"free": self._rows.closer(self._variables)}, {"columns": self._columns}
         made = [self._made(part, number=quad()) for part in (*parts, self._aside)]

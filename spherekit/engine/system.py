@@ -41,7 +41,6 @@ so nothing is allocated on the way and intermediate values do not leave the cach
 """
 
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -57,7 +56,7 @@ from spherekit.engine.algebra import (
     dot,
     vector,
 )
-from spherekit.engine.compiler import CompiledFunction, EventFunction, compile_function
+from spherekit.engine.compiler import EventFunction, TermFunction, compile_function
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -297,42 +296,25 @@ _OPERATORS = {
 FloatFunction = Callable[[Sequence[float]], list[float]]
 
 
-@dataclass(frozen=True)
-class ArrayFunction:
-    """A function of arrays (inputs, n) with values (outputs, n), made of NumPy's.
+def array_function(
+    outputs: Sequence[Expr], inputs: Sequence[ExpressionNode], number: type[Any] = float
+) -> TermFunction:
+    """Return expressions as a function of arrays; `number` is the type computed with."""
+    made, rows = _printed(outputs, inputs, lambda x: np.array(x, dtype=number), vars(np))
 
-    `function` is called with the rows of a block: inputs, outputs, and so many `rows` for
-    what is needed in between. `number` is the type computed with, `seconds` is what making
-    it took.
-    """
-
-    function: Callable[[Sequence[Array]], Any]
-    outputs: int
-    rows: int
-    number: type[Any]
-    seconds: float
-
-    def __call__(self, inputs: Array, out: Array | None = None) -> Any:
-        """Return the values (outputs, n) at inputs (inputs, n), written to `out`."""
-        count = inputs.shape[1]
+    def at(given: Array, out: Array | None = None) -> Array:
+        count = given.shape[1]
         if out is None:
-            out = np.empty((self.outputs, count), dtype=self.number)
-        work = np.empty((self.rows, min(count, BLOCK)), dtype=self.number)
+            out = np.empty((len(outputs), count), dtype=number)
+        work = np.empty((rows, min(count, BLOCK)), dtype=number)
         with np.errstate(all="ignore"):
             for start in range(0, count, BLOCK):
                 block = slice(start, min(start + BLOCK, count))
-                places = [*inputs[:, block], *out[:, block]]
-                self.function([*places, *work[:, : block.stop - start]])
+                places = [*given[:, block], *out[:, block]]
+                made([*places, *work[:, : block.stop - start]])
         return out
 
-
-def array_function(
-    outputs: Sequence[Expr], inputs: Sequence[ExpressionNode], number: type[Any] = float
-) -> ArrayFunction:
-    """Return expressions as a function of arrays; `number` is the type computed with."""
-    started = time.perf_counter()
-    made, rows = _printed(outputs, inputs, lambda x: np.array(x, dtype=number), vars(np))
-    return ArrayFunction(made, len(outputs), rows, number, time.perf_counter() - started)
+    return at
 
 
 def float_function(
@@ -340,7 +322,7 @@ def float_function(
 ) -> FloatFunction:
     """Return expressions as a function of floats.
 
-    For one row it takes a tenth of the time of an `ArrayFunction`. Where a result is not
+    For one row it takes a tenth of the time of an `array_function`. Where a result is not
     finite it may raise `ArithmeticError` or `ValueError`.
     """
     names = {**vars(math), "maximum": max, "sign": np.sign}
@@ -402,10 +384,16 @@ def _printed(
 
 
 def term_function(
-    outputs: Sequence[Expr], inputs: Sequence[ExpressionNode], compiled: bool
-) -> CompiledFunction | ArrayFunction:
+    outputs: Sequence[Expr],
+    inputs: Sequence[ExpressionNode],
+    compiled: bool,
+    number: type[Any] = float,
+    compact: bool = False,
+) -> TermFunction:
     """Return expressions as a function; there is nothing to compile where none is."""
-    return (compile_function if compiled and outputs else array_function)(outputs, inputs)
+    if compiled and outputs:
+        return compile_function(outputs, inputs, compact, number)
+    return array_function(outputs, inputs, number)
 
 
 STEEPEST = 400.0

@@ -26,6 +26,7 @@ from spherekit.errors import EngineError
 from spherekit.model.gears import geometry_of
 from spherekit.model.joints import Track, revolute
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Pair
 from spherekit.motion.loops import contact_tracks, numbered
 from spherekit.sphere.profile import Curve
 from spherekit.sphere.profile_series import ProfileSeries
@@ -50,12 +51,6 @@ class ProfileColumns:
     curve: Curve
     terms: tuple[ExpressionNode, ...]
     last: ExpressionNode
-
-    @staticmethod
-    def of(track: Track, name: str) -> "ProfileColumns":
-        """Return the columns of a profile, by a name that no other has."""
-        *terms, last = symbols([f"profile_{name}_{part}" for part in (*PARTS, LAST)])
-        return ProfileColumns(track.variable, track.start, track.curve, tuple(terms), last)
 
     @cached_property
     def series(self) -> ProfileSeries:
@@ -111,14 +106,8 @@ class AxisRotation:
     offset: float = 0.0
 
 
-@dataclass(frozen=True)
-class ProfileFrame:
-    """A rotation `frame` (3, 3) of expressions: that of a profile which is no circle."""
-
-    frame: Exprs
-
-
-Turn = AxisRotation | ProfileFrame
+Turn = AxisRotation | Exprs
+"""A turn, or a rotation (3, 3) of terms: the frame of a profile which is no circle."""
 
 
 @dataclass(frozen=True)
@@ -132,73 +121,41 @@ class JointTransform:
         """Return the chain from the second link to the first."""
         return JointTransform(
             tuple(frame.T for frame in reversed(self.constants)),
-            tuple(_back(turn) for turn in reversed(self.turns)),
+            tuple(
+                AxisRotation(turn.variable, -turn.scale, -turn.offset)
+                if isinstance(turn, AxisRotation)
+                else turn.T
+                for turn in reversed(self.turns)
+            ),
         )
-
-
-def _back(turn: Turn) -> Turn:
-    if isinstance(turn, ProfileFrame):
-        return ProfileFrame(turn.frame.T)
-    return AxisRotation(turn.variable, -turn.scale, -turn.offset)
 
 
 @dataclass(frozen=True)
 class ProfileSide:
-    """A profile of a contact: its moving frame at the contact is before * turn * after.
+    """A profile of a contact: the `chain` from its link to its moving frame there.
 
     `curvature` and `slope`, its derivative by the arc length, are numbers of circles and
     columns of others, `columns`.
     """
 
-    before: Floats
-    turn: Turn
-    after: Floats
+    chain: JointTransform
     curvature: Expr
     slope: Expr
     columns: ProfileColumns | None
-
-    @property
-    def most_bent(self) -> float:
-        """A bound of the second derivative of the curvature."""
-        return 0.0 if self.columns is None else self.columns.series.most_bent
-
-    def slid(self, sense: float, normal: Exprs, point: Exprs) -> tuple[Exprs, Exprs]:
-        """Return n + k p, or the opposite, and how that slides along the profile."""
-        vector = (normal + point * self.curvature) * sense
-        return np.asarray(vector), np.asarray(point * (sense * self.slope))
-
-    def rolled(
-        self, other: "ProfileSide", tangent: Exprs, point: Exprs
-    ) -> tuple[Exprs, Exprs]:
-        """Return (k1 - k2) p, and how that slides along the profiles."""
-        relative, slope = self.curvature - other.curvature, self.slope - other.slope
-        return np.asarray(point * relative), np.asarray(tangent * relative + point * slope)
-
-    @property
-    def frame(self) -> JointTransform:
-        """The chain from the link to the frame."""
-        return JointTransform((self.before, self.after), (self.turn,))
-
-
-@dataclass(frozen=True)
-class Follower:
-    """An angle that follows from those of the inputs: `offset` plus `ratios` times them."""
-
-    ratios: tuple[Expr, ...]
-    offset: Expr
 
 
 @dataclass(frozen=True)
 class TurningPairs:
     """The pairs of a mechanism: `chains[pair]`.
 
-    `sides[pair]` are the profiles of a contact, `followers[pair]` R pairs whose angles
-    follow from the inputs.
+    `sides[pair]` are the profiles of a contact; the angle of an R pair that follows from
+    those of the inputs is their sum times `followers[pair]`, but for the last of these,
+    which is added.
     """
 
     chains: tuple[JointTransform, ...]
     sides: dict[int, tuple[ProfileSide, ProfileSide]]
-    followers: Mapping[int, Follower] = field(default_factory=dict)
+    followers: Mapping[int, Sequence[Expr]] = field(default_factory=dict)
 
     def axes(self, pair: int) -> tuple[Entries, Entries]:
         """Return the axis (3,) of an R pair in the axes of its first and second link."""
@@ -235,14 +192,16 @@ def turning_pairs(
     sides: dict[int, tuple[ProfileSide, ProfileSide]] = {}
     for number, at, joint in numbered(joints):
         if number in tracks:
-            if not (any_profile or as_columns):
-                _need_circles(mechanism, number)
+            pair = mechanism.pairs[number]
             one_side, other_side = (
-                _side(mechanism, number, link, track, as_columns)
-                for link, track in enumerate(tracks[number])
+                _side(mechanism, pair, place, track, any_profile, as_columns)
+                for place, track in enumerate(tracks[number])
             )
             sides[number] = one_side, other_side
-            chains.append(_along(one_side, other_side))
+            near, far = one_side.chain, other_side.chain.reversed()
+            (first, after), (before, last) = near.constants, far.constants
+            turns = (*near.turns, *far.turns)
+            chains.append(JointTransform((first, after @ before, last), turns))
         else:
             hinge = revolute(joint)
             name = mechanism.pairs[number].name
@@ -251,61 +210,36 @@ def turning_pairs(
     return TurningPairs(tuple(chains), sides)
 
 
-def _along(one: ProfileSide, other: ProfileSide) -> JointTransform:
-    """Return the turns that run along two profiles."""
-    constants = one.before, one.after @ transpose(other.after), transpose(other.before)
-    return JointTransform(constants, (one.turn, _back(other.turn)))
-
-
 def _side(
-    mechanism: Mechanism, number: int, link: int, track: Track, as_column: bool
+    mechanism: Mechanism,
+    pair: Pair,
+    place: int,
+    track: Track,
+    any_profile: bool,
+    as_column: bool,
 ) -> ProfileSide:
-    pair = mechanism.pairs[number]
-    if _is_round(mechanism, number, link) and not as_column:
-        before, pace = _circle(track.curve)
-        turn = AxisRotation(track.variable, pace, pace * track.start)
-        curvature = float(track.curve.at(np.zeros(1)).curvature[0])
-        after = transpose(_about(track.curve))
-        return ProfileSide(before, turn, after, curvature, 0.0, None)
-    columns = ProfileColumns.of(track, f"{pair.name}_{pair.links[link]}")
-    return ProfileSide(
-        np.eye(3),
-        ProfileFrame(columns.frame),
-        np.eye(3),
-        columns.curvature,
-        columns.slope,
-        columns,
-    )
-
-
-def _is_round(mechanism: Mechanism, number: int, link: int) -> bool:
-    profiles = mechanism.pairs[number].profiles or ()
-    return not profiles or profiles[link].round_axis is not None
-
-
-def _need_circles(mechanism: Mechanism, number: int) -> None:
-    pair = mechanism.pairs[number]
-    for link, profile in zip(pair.links, pair.profiles or (), strict=False):
-        if profile.round_axis is None:
-            raise EngineError(
-                f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: expressions are "
-                f'written for circles and great circles, not "{profile.kind}"',
-                WITHOUT_EXPRESSIONS,
-            )
-
-
-def _about(curve: Curve) -> Floats:
-    """Return, in the axes of a circle's moving frame, a frame about its centre."""
-    k = float(curve.at(np.zeros(1)).curvature[0])
-    centre = np.array([0.0, 1.0, k]) / np.hypot(1.0, k)
-    return frame_from(centre, np.array([1.0, 0.0, 0.0]))
-
-
-def _circle(curve: Curve) -> tuple[Floats, float]:
-    """Return the frame at s = 0 about a circle's centre, and its angle per arc length.
-
-    The moving frame A of a curve of constant curvature k turns about n + k p, which is
-    fixed (from its derivative): A(s) = A(0) U Z(s sqrt(1 + k^2)) U^T.
-    """
-    start = curve.at(np.zeros(1))
-    return start.frame[0] @ _about(curve), float(np.hypot(1.0, start.curvature[0]))
+    profile, link = (pair.profiles or ())[place], pair.links[place]
+    if profile.round_axis is None and not (any_profile or as_column):
+        raise EngineError(
+            f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: expressions are "
+            f'written for circles and great circles, not "{profile.kind}"',
+            WITHOUT_EXPRESSIONS,
+        )
+    if profile.round_axis is None or as_column:
+        *terms, last = symbols(
+            [f"profile_{pair.name}_{link}_{part}" for part in (*PARTS, LAST)]
+        )
+        columns = ProfileColumns(
+            track.variable, track.start, track.curve, tuple(terms), last
+        )
+        chain = JointTransform((np.eye(3), np.eye(3)), (columns.frame,))
+        return ProfileSide(chain, columns.curvature, columns.slope, columns)
+    # The moving frame A of a curve of constant curvature k turns about n + k p, which is
+    # fixed (from its derivative): A(s) = A(0) U Z(s sqrt(1 + k^2)) U^T.
+    start = track.curve.at(np.zeros(1))
+    k = float(start.curvature[0])
+    size = float(np.hypot(1.0, k))
+    centre = frame_from(np.array([0.0, 1.0, k]) / size, np.array([1.0, 0.0, 0.0]))
+    turn = AxisRotation(track.variable, size, size * track.start)
+    chain = JointTransform((start.frame[0] @ centre, transpose(centre)), (turn,))
+    return ProfileSide(chain, k, 0.0, None)
