@@ -360,7 +360,7 @@ class OneInputScenes:
         outputs = [self.names.index(name) for name in points["output"]]
         places = list(zip(points["curve"].tolist(), points["s"].tolist(), strict=True))
         six = [
-            sampled.at(curve, np.array([s]), output)[2][-1].poles
+            sampled.report.at(curve, np.array([s]), output)[2][-1].poles
             for (curve, s), output in zip(places, outputs, strict=True)
         ]
         turned = np.stack([sampled.configuration(*place) for place in places])

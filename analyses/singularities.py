@@ -252,7 +252,7 @@ class OneInput:
                     "assembly_mode": batch.assembly_mode,
                     "q": batch.q,
                     "output": names[output],
-                    "form": str(form),
+                    "form": form,
                     "velocity_coefficient": ratio,
                     "sigma": sigma,
                     "reciprocal_condition": reciprocal_condition,

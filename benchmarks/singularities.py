@@ -75,9 +75,9 @@ def _timed(name: str) -> tuple[float, float, float, float, tuple[Cell, ...]]:
     marks.append(time.process_time())
     curves = [item.curve for item in tracer.configurations.curves]
     marks.append(time.process_time())
-    report = SingleFreedom(tracer, curves, [_output(made)]).report()
-    marks.append(time.process_time())
+    report = SingleFreedom(tracer, curves, [_output(made)])
     kinds = [point.type for point in report.points]
+    marks.append(time.process_time())
     crossed = len(report.crossings)
     counts = (
         len(curves),

@@ -19,7 +19,7 @@ INPUTS = 24
 
 
 def analysed(number):
-    """Return a tracer, its configurations, the analysis and its report.
+    """Return a tracer, its configurations, and the analysis.
 
     Any pair is the input; the outputs are the last link relative to the ground, and
     links 5 and 3.
@@ -33,7 +33,7 @@ def analysed(number):
     found = tracer.configurations
     curves = [item.curve for item in found.curves]
     analysis = SingleFreedom(tracer, curves, [(made.links[-1], "1"), ("5", "3")])
-    return tracer, found, analysis, analysis.report()
+    return tracer, found, analysis
 
 
 def check_exact(tracer, analysis, points):
@@ -102,10 +102,10 @@ def marked(number):
 
 @pytest.mark.parametrize("number", [marked(k) for k in range(len(CHAINS))])
 def test_singularities_of_random_chains_are_exact_and_all(number):
-    tracer, found, analysis, report = analysed(number)
+    tracer, found, analysis = analysed(number)
     assert found.guarantee is Guarantee.COMPLETE and not found.mismatches
-    assert not (report.crossings or report.whole or report.notes or report.gaps)
-    points = report.points
+    points = analysis.points
+    assert not (analysis.crossings or analysis.whole or analysis.notes or analysis.gaps)
     assert all(p.certain and not p.double for p in points)
     check_exact(tracer, analysis, points)
     dead, counts = check_counts(tracer, found, analysis, points)

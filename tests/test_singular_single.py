@@ -21,7 +21,7 @@ from spherekit.planning.plan import plan
 from spherekit.planning.poles import all_poles, pole_of
 from spherekit.rates.request import request
 from spherekit.rates.sequence import PlannedPoles
-from spherekit.singular.relation import FourLinks, SixPoles, Type, form_i, form_ii
+from spherekit.singular.relation import FourLinks, SixPoles, Type, relation_of
 from spherekit.singular.single import SingleFreedom
 
 TURN = 2.0 * np.pi
@@ -61,10 +61,11 @@ def matched(found, wanted):
 def check_four_bar(arcs, tracer):
     """Compare all singularities of input 21 and output 41 with triangles."""
     ground, crank, coupler, rocker = arcs
-    report = SingleFreedom(tracer, curves_of(tracer), ["4/1"]).report()
+    report = SingleFreedom(tracer, curves_of(tracer), ["4/1"])
     number = tracer.mechanism.pair_number
     q, y = (tracer.mechanism.variables_of(number[name])[0] for name in ("21", "41"))
-    assert report.fourth == (tracer.mechanism.link_number["3"],)
+    ((_, second),) = report.links
+    assert second.s == tracer.mechanism.link_number["3"]
     assert not report.crossings
     assert all(point.certain for point in report.points)
     dead = np.array([p.values[q] for p in report.points if p.type == Type.II])
@@ -145,7 +146,7 @@ def test_a_tangential_zero_of_an_output_is_one_double_point():
 
 def report_at(tracer, curve, output, given):
     """Return the real singular points in the reference pose."""
-    points = SingleFreedom(tracer, [curve], [output], given).report().points
+    points = SingleFreedom(tracer, [curve], [output], given).points
     return [p for p in points if np.max(np.abs(curve.wrapped(p.values))) < 1e-6]
 
 
@@ -157,8 +158,7 @@ FOLDING = [(60, 40, 60, 40), (60, 50, 70, 40), (60, 60, 40, 40), (50, 50, 50, 50
 def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
     arcs = np.radians(degrees)
     tracer = PositionAnalysis(four_bar(arcs))
-    analysis = SingleFreedom(tracer, all_curves(tracer), ["4/1"])
-    report = analysis.report()
+    report = SingleFreedom(tracer, all_curves(tracer), ["4/1"])
     assert report.crossings
     q, y = 0, 3
     for point in report.crossings:
@@ -183,7 +183,7 @@ def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
                 assert abs(gap) < 1e-12
                 assert three.residual < 1e-12
         if degrees == (60, 40, 60, 40):
-            assert report.whole == ()
+            assert report.whole == []
             check_slopes(arcs, crossing, q, y)
 
 
@@ -320,8 +320,8 @@ def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations
             [planned.error[pole_of(a, b)] for a in numbers for b in numbers if a != b],
             axis=0,
         )
-        for make in (form_i, form_ii):
-            relation = make(links, poles)
+        for form in ("i", "ii"):
+            relation = relation_of(form, links, poles)
             if relation is None:
                 assert links.o in (links.r, links.i)
                 continue
@@ -337,7 +337,7 @@ def test_near_and_on_singular_points():
     tracer = PositionAnalysis(four_bar(np.radians([100.0, 50.0, 70.0, 40.0])), samples=61)
     analysis = SingleFreedom(tracer, curves_of(tracer), ["4/1"])
     away = np.append(0.0, 10.0 ** -np.arange(3.0, 15.0))
-    for point in analysis.report().points:
+    for point in analysis.points:
         sides = [analysis.at(point.curve, point.s + side * away, 0) for side in (1.0, -1.0)]
         for q, y, relations in sides:
             for relation in relations:
@@ -356,7 +356,7 @@ def test_four_bars_that_nearly_fold(power):
     arcs = np.radians([60.0, 50.0, 70.0, 40.0])
     arcs[0] += 10.0**-power
     tracer = PositionAnalysis(four_bar(arcs), samples=61)
-    report = SingleFreedom(tracer, curves_of(tracer), ["4/1"]).report()
+    report = SingleFreedom(tracer, curves_of(tracer), ["4/1"])
     dead = np.array([p.values[0] for p in report.points if p.type == Type.II])
     if not report.crossings:
         assert power < 13

@@ -20,11 +20,10 @@ from spherekit.singular.relation import (
     AXES,
     Form,
     FourLinks,
-    LinkCount,
     Relation,
-    SixPoles,
     Type,
     plane_normal,
+    third_axis,
 )
 from spherekit.sphere.rotation import all_finite, cross, max_abs, nans
 
@@ -32,52 +31,6 @@ TOLERANCE = 1e-9
 """Sines up to this are taken for zero where the error of the axes is not larger."""
 UNDECIDED = 1e3
 """Conditions that miss the tolerance by less than this factor are undecided."""
-
-Plane = tuple[str, str, str]
-
-
-@dataclass(frozen=True)
-class Condition:
-    """A geometric condition on the six axes, named as in `SixPoles`.
-
-    `parallel` are sets of axes that are parallel; `planes` are planes that coincide,
-    given by three axes each; without either all axes lie in one plane.
-    """
-
-    label: str
-    parallel: tuple[tuple[str, ...], ...] = ()
-    planes: tuple[Plane, Plane] | None = None
-
-    def residual(self, poles: SixPoles) -> Floats:
-        """Return (n,) the largest sine of the angles between what should coincide.
-
-        NaN where an axis is not known.
-        """
-        parts = []
-        for axes in self.parallel:
-            vectors = poles.stacked(axes)
-            turn = cross(vectors[:, :, None], vectors[:, None])
-            parts.append(np.max(np.linalg.norm(turn, axis=-1), axis=(1, 2)))
-        if self.planes is not None:
-            parts.append(_between(*map(poles.stacked, self.planes)))
-        if not parts:
-            parts.append(_out_of_plane(poles.stacked(AXES)))
-        return np.max(np.stack(parts), axis=0)
-
-    def words(self, links: FourLinks, names: Sequence[str]) -> str:
-        """Return what coincides, with the names of the links."""
-
-        def listed(axes: Sequence[str]) -> list[str]:
-            return ["/".join(names[end] for end in links.ends(axis)) for axis in axes]
-
-        parts = []
-        if self.planes is not None:
-            first, second = (" ".join(listed(axes)) for axes in self.planes)
-            parts.append(f"the planes of the axes ({first}) and ({second}) coincide")
-        for axes in self.parallel:
-            *others, last = listed(axes)
-            parts.append(f"the axes {', '.join(others)} and {last} are parallel")
-        return " and ".join(parts) or "all six axes lie in one plane"
 
 
 @dataclass(frozen=True)
@@ -92,7 +45,7 @@ class Holding:
         What coincides, with the names of the links.
     residual
         The largest sine of the angles between what should coincide.
-    decided
+    certain
         Whether the residual is within the tolerance; False where it misses it by less
         than `UNDECIDED`.
     """
@@ -103,73 +56,82 @@ class Holding:
     certain: bool
 
 
-_IN_1: tuple[Plane, Plane] = (("ir", "is_", "rs"), ("or_", "ir", "io"))
-_IN_A: tuple[Plane, Plane] = (("io", "os", "is_"), ("ir", "is_", "rs"))
-_OUT: tuple[Plane, Plane] = (("or_", "os", "rs"), ("io", "os", "is_"))
-
+IN_1 = "ir is_ rs = or_ ir io"
+IN_A = "io os is_ = ir is_ rs"
+OUT = "or_ os rs = io os is_"
+IN_ONE_PLANE = ""
 FOUR_LINKS = {
-    (Form.I, "I"): (
-        Condition("I.2", (("ir", "rs"),)),
-        Condition("I.3", (("ir", "io"),)),
-        Condition("I.1", planes=_IN_1),
-    ),
-    (Form.II, "I"): (
-        Condition("I.b", (("is_", "ir"),)),
-        Condition("I.c", (("is_", "os"),)),
-        Condition("I.a", planes=_IN_A),
-    ),
-    (Form.I, "II"): (
-        Condition("II.2", (("os", "rs"),)),
-        Condition("II.3", (("os", "io"),)),
-        Condition("II.1", planes=_OUT),
-    ),
-    (Form.II, "II"): (
-        Condition("II.b", (("os", "is_"),)),
-        Condition("II.c", (("os", "or_"),)),
-        Condition("II.a", planes=_OUT),
-    ),
-    (Form.I, "III"): (
-        Condition("III.2", (("rs", "os", "ir"),)),
-        Condition("III.3", (("io", "os", "ir"),)),
-        Condition("III.4", (("ir", "rs"), ("os", "io"))),
-        Condition("III.5", (("ir", "io"), ("os", "rs"))),
-        Condition("III.1"),
-    ),
-    (Form.II, "III"): (
-        Condition("III.e", (("is_", "ir", "os"),)),
-        Condition("III.f", (("is_", "os", "or_"),)),
-        Condition("III.d", (("is_", "ir"), ("os", "or_"))),
-        Condition("III.b", (("os", "is_"),), _IN_A),
-        Condition("III.c", (("is_", "os"),), _OUT),
-        Condition("III.g", (("is_", "os"),)),
-        Condition("III.a"),
-    ),
+    ("i", "I"): {"I.2": "ir || rs", "I.3": "ir || io", "I.1": IN_1},
+    ("ii", "I"): {"I.b": "is_ || ir", "I.c": "is_ || os", "I.a": IN_A},
+    ("i", "II"): {"II.2": "os || rs", "II.3": "os || io", "II.1": OUT},
+    ("ii", "II"): {"II.b": "os || is_", "II.c": "os || or_", "II.a": OUT},
+    ("i", "III"): {
+        "III.2": "rs || os || ir",
+        "III.3": "io || os || ir",
+        "III.4": "ir || rs, os || io",
+        "III.5": "ir || io, os || rs",
+        "III.1": IN_ONE_PLANE,
+    },
+    ("ii", "III"): {
+        "III.e": "is_ || ir || os",
+        "III.f": "is_ || os || or_",
+        "III.d": "is_ || ir, os || or_",
+        "III.b": f"{IN_A}, os || is_",
+        "III.c": f"{OUT}, is_ || os",
+        "III.g": "is_ || os",
+        "III.a": IN_ONE_PLANE,
+    },
 }
-"""The conditions of four different links, by form and type, the most special first."""
+"""The conditions of four different links, by form and type, the most special first.
+
+Axes are named as in `SixPoles`: they are parallel (||), planes of three coincide (=), or
+all lie in one plane.
+"""
 
 
-def _conditions_of(relation: Relation, kind: str) -> tuple[Condition, ...]:
+def _conditions_of(relation: Relation, kind: str) -> dict[str, str]:
     """Return the conditions of a relation; with three links those of three axes.
 
     Three axes in a plane leave one condition for each type. With r = s or o = i it is one
     of the lecture's; the others are called by the type alone.
     """
-    if relation.kind == LinkCount.FOUR_LINKS:
-        return FOUR_LINKS[relation.form, kind]
-    if relation.kind == LinkCount.SAME_POLE:
-        return ()
-    links, out, number = relation.links, "os", ""
-    if relation.form == Form.II:
-        out, third = "or_", "os" if links.s == links.i else "io"
-    else:
-        third, number = {
-            links.r == links.s: ("io", ".3"),
-            links.o == links.i: ("rs", ".2"),
-            links.o == links.r: ("is_", ""),
-            links.i == links.s: ("or_", ""),
-        }[True]
+    form, links = relation.form, relation.links
+    if len(links.different) != 3:
+        return FOUR_LINKS[form, kind] if len(links.different) == 4 else {}
+    third, _, number = third_axis(form, links)
+    out = "os" if form == "i" else "or_"
     axes = {"I": ("ir", third), "II": (out, third), "III": (third, out, "ir")}[kind]
-    return (Condition(kind + number, (axes,)),)
+    return {kind + number: " || ".join(axes)}
+
+
+def _sine(said: str, relation: Relation) -> Floats:
+    """Return (n,) the largest sine of the angles between what should coincide.
+
+    NaN where an axis is not known.
+    """
+    poles = relation.poles
+    if "=" in said:
+        return _between(*(poles.stacked(axes.split()) for axes in said.split("=")))
+    if said == IN_ONE_PLANE:
+        return _out_of_plane(poles.stacked(AXES))
+    vectors = poles.stacked(said.split(" || "))
+    turn = cross(vectors[:, :, None], vectors[:, None])
+    return np.max(np.linalg.norm(turn, axis=-1), axis=(1, 2))
+
+
+def _words(said: str, links: FourLinks, names: Sequence[str]) -> str:
+    """Return what coincides, with the names of the links."""
+    sides = [
+        ["/".join(names[end] for end in links.ends(axis)) for axis in side.split()]
+        for side in said.replace(" ||", "").split("=")
+    ]
+    if len(sides) == 2:
+        first, second = map(" ".join, sides)
+        return f"the planes of the axes ({first}) and ({second}) coincide"
+    if said == IN_ONE_PLANE:
+        return "all six axes lie in one plane"
+    *others, last = sides[0]
+    return f"the axes {', '.join(others)} and {last} are parallel"
 
 
 def conditions(
@@ -191,12 +153,13 @@ def conditions(
     """
     allowed = np.maximum(TOLERANCE, 10.0 * errors)
     rows: list[list[Holding]] = [[] for _ in errors]
-    for condition in _conditions_of(relation, kind):
-        residual = condition.residual(relation.poles)
-        words = condition.words(relation.links, names)
+    for label, said in _conditions_of(relation, kind).items():
+        parts = said.split(", ")
+        residual = np.max([_sine(part, relation) for part in parts], axis=0)
+        words = " and ".join(_words(part, relation.links, names) for part in parts)
         for row in np.flatnonzero(residual <= UNDECIDED * allowed):
             size, certain = float(residual[row]), bool(residual[row] <= allowed[row])
-            rows[row].append(Holding(condition.label, words, size, certain))
+            rows[row].append(Holding(label, words, size, certain))
     return [tuple(sorted(row, key=lambda holding: not holding.certain)) for row in rows]
 
 
@@ -227,12 +190,10 @@ class RelationAt:
 
     Attributes
     ----------
-    form, kind, links, output
-        See `Relation`; the links of form ii may have another s.
+    form
+        See `Relation`.
     c, d
         Its coefficients.
-    error
-        Bound of their rounding error.
     residual
         By how much the rates on the curve break c y' = d q', relative to them.
     type
@@ -244,12 +205,8 @@ class RelationAt:
     """
 
     form: Form
-    kind: LinkCount
-    links: FourLinks
-    output: tuple[int, int]
     c: float
     d: float
-    error: float
     residual: float
     type: Type | None
     conditions: tuple[Holding, ...]
@@ -300,26 +257,22 @@ def judged(
         out.append(
             RelationAt(
                 relation.form,
-                relation.kind,
-                relation.links,
-                relation.output,
                 float(relation.c[k]),
                 float(relation.d[k]),
-                float(errors[k]),
                 float(gaps[k]),
                 kind,
                 () if kind is None else held[kind][k],
-                "" if kind == fact else _disagreement(kind, fact, relation.kind, still),
+                ""
+                if kind == fact
+                else _disagreement(kind, fact, len(relation.links.different), still),
             )
         )
     return out
 
 
-def _disagreement(
-    kind: Type | None, fact: Type, links: LinkCount, still: Sequence[str]
-) -> str:
+def _disagreement(kind: Type | None, fact: Type, count: int, still: Sequence[str]) -> str:
     """Return why the coefficients say something else than the rates."""
-    if links == LinkCount.SAME_POLE:
+    if count == 2:
         return "the output is the input, and c and d are constant"
     if kind == Type.III:
         cause = "the six axes of the chosen links lie in one plane"
@@ -399,40 +352,3 @@ class SingularPoint:
     def certain(self) -> bool:
         """Whether the type is certain within rounding."""
         return not self.note
-
-
-@dataclass(frozen=True)
-class Singularities:
-    """All singularities of a mechanism for one input and some outputs.
-
-    Attributes
-    ----------
-    input, outputs
-        (i, r) and for each output (o, s), numbers of links.
-    fourth
-        For each output the s of form ii: its own, or another one where that is r; None
-        where there is none.
-    points
-        By output, curve and arc length.
-    crossings
-        Where curves cross, for each output.
-    whole
-        What stands still on whole curves: no points of that output are on them.
-    everywhere
-        The freedoms by rank, to a part in a million, of a mechanism that is singular in
-        all its configurations, which has no curves; otherwise None.
-    notes
-        What holds on whole curves, such as c = d = 0 everywhere.
-    gaps
-        Where singularities may be missed.
-    """
-
-    input: tuple[int, int]
-    outputs: tuple[tuple[int, int], ...]
-    fourth: tuple[int | None, ...]
-    points: tuple[SingularPoint, ...]
-    crossings: tuple[SingularPoint, ...]
-    whole: tuple[SingularPoint, ...]
-    everywhere: int | None
-    notes: tuple[str, ...]
-    gaps: tuple[str, ...]

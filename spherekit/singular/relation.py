@@ -8,6 +8,7 @@ product of three directions removes the two rates that are not wanted.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Literal
 
 import numpy as np
 
@@ -34,19 +35,9 @@ class Type(StrEnum):
     SELF_MOTION = "self-motion"
 
 
-class Form(StrEnum):
-    """Which of the two relations: the output is o relative to s (i), or to r (ii)."""
-
-    I = "i"  # noqa: E741
-    II = "ii"
-
-
-class LinkCount(StrEnum):
-    """From how many different links a relation is made."""
-
-    FOUR_LINKS = "four links"
-    THREE_LINKS = "three links"
-    SAME_POLE = "same pole"
+Form = Literal["i", "ii"]
+FORMS: tuple[Form, ...] = ("i", "ii")
+"""Which of the two relations: the output is o relative to s (i), or to r (ii)."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +54,7 @@ class FourLinks:
 
     @property
     def different(self) -> tuple[int, ...]:
-        """The links, each once: three leave three poles in a plane."""
+        """The links, each once: three have three poles in a plane, two one pole."""
         return tuple(dict.fromkeys((self.i, self.r, self.o, self.s)))
 
     def ends(self, axis: str) -> tuple[int, int]:
@@ -114,10 +105,10 @@ class Relation:
 
     Attributes
     ----------
-    form, kind
-        Which relation, and from how many links it is made.
+    form
+        Which relation.
     links, poles
-        These links, and their poles.
+        The links from which it is made, and their poles.
     output
         The links whose relative rate is y': (o, s) in form i, (o, r) in form ii.
     c, d
@@ -125,7 +116,6 @@ class Relation:
     """
 
     form: Form
-    kind: LinkCount
     links: FourLinks
     poles: SixPoles
     output: tuple[int, int]
@@ -139,55 +129,46 @@ class Relation:
         return gap / np.where(size > 0.0, size, 1.0)
 
 
-def form_i(links: FourLinks, poles: SixPoles) -> Relation:
-    """Return c w_os = d w_ir.
+def third_axis(form: Form, links: FourLinks) -> tuple[str, float, str]:
+    """Return of three links the axis that is that of neither rate.
 
-    With four links c = u_rs . (u_os x u_io) and d = u_rs . (u_ir x u_io) (Di Gregorio
-    2012). Where links are one, three poles lie in a plane of unit normal n, the third
-    one, p, is that of neither rate, and c = n . (u_os x p), d = +-n . (u_ir x p). Where
-    (o, s) is (i, r) nothing is left but y' = q' or y' = -q'.
+    With it the sign of d, and what the lecture's names of its conditions end with.
     """
-    i, r, o, s = links.i, links.r, links.o, links.s
-    if {i, r} == {o, s}:
-        one = np.ones(len(poles.ir))
-        sign = 1.0 if o == i else -1.0
-        return Relation(Form.I, LinkCount.SAME_POLE, links, poles, (o, s), one, sign * one)
-    if len(links.different) == 4:
-        return _made(Form.I, links, poles, cross(poles.io, poles.rs))
-    third, sign = {
-        r == s: ("io", 1.0),
-        o == i: ("rs", 1.0),
-        o == r: ("is_", -1.0),
-        i == s: ("or_", -1.0),
+    if form == "ii":
+        return "os" if links.s == links.i else "io", 1.0, ""
+    return {
+        links.r == links.s: ("io", 1.0, ".3"),
+        links.o == links.i: ("rs", 1.0, ".2"),
+        links.o == links.r: ("is_", -1.0, ""),
+        links.i == links.s: ("or_", -1.0, ""),
     }[True]
-    return _made(Form.I, links, poles, _across(poles, "os", third), sign)
 
 
-def form_ii(links: FourLinks, poles: SixPoles) -> Relation | None:
-    """Return c w_or = d w_ir, or None where o is r, or i and that is the input's rate.
+def relation_of(form: Form, links: FourLinks, poles: SixPoles) -> Relation | None:
+    """Return c w_os = d w_ir (form i) or c w_or = d w_ir (form ii).
 
-    With four links c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is) (Di Gregorio
-    2012); s is then any link beside the other three. With three links as in `form_i`.
+    With four links c = u_rs . (u_os x u_io) and d = u_rs . (u_ir x u_io), in form ii
+    c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is) with any link beside the other
+    three for s (Di Gregorio 2012). Where links are one, three poles lie in a plane of unit
+    normal n, the third one, p, is that of neither rate, u that of the output, and
+    c = n . (u x p), d = +-n . (u_ir x p). Where (o, s) is (i, r) nothing is left but
+    y' = q' or y' = -q'. None for form ii where o is r, or i and that is the input's rate.
     """
-    if links.o in (links.r, links.i):
+    i, o = links.i, links.o
+    if form == "ii" and o in (links.r, i):
         return None
+    out, reference = ("os", links.s) if form == "i" else ("or_", links.r)
+    sign = 1.0
+    if len(links.different) == 2:
+        one = np.ones(len(poles.ir))
+        return Relation(form, links, poles, (o, links.s), one, one if o == i else -one)
     if len(links.different) == 4:
-        return _made(Form.II, links, poles, cross(poles.os, poles.is_))
-    third = "os" if links.s == links.i else "io"
-    return _made(Form.II, links, poles, _across(poles, "or_", third))
-
-
-def _made(
-    form: Form, links: FourLinks, poles: SixPoles, normal: Floats, sign: float = 1.0
-) -> Relation:
-    """Return the relation by vectors (n, 3) at right angles to both other poles."""
-    kind = (LinkCount.THREE_LINKS, LinkCount.FOUR_LINKS)[len(links.different) - 3]
-    output, y = {
-        Form.I: ((links.o, links.s), poles.os),
-        Form.II: ((links.o, links.r), poles.or_),
-    }[form]
-    c, d = dot(y, normal), sign * dot(poles.ir, normal)
-    return Relation(form, kind, links, poles, output, c, d)
+        normal = cross(*((poles.io, poles.rs) if form == "i" else (poles.os, poles.is_)))
+    else:
+        third, sign, _ = third_axis(form, links)
+        normal = _across(poles, out, third)
+    c, d = dot(getattr(poles, out), normal), sign * dot(poles.ir, normal)
+    return Relation(form, links, poles, (o, reference), c, d)
 
 
 def _across(poles: SixPoles, out: str, third: str) -> Floats:

@@ -25,8 +25,7 @@ from spherekit.planning.inputs import Assembly, Group
 from spherekit.planning.part import part_for
 from spherekit.planning.poles import pole_of
 from spherekit.rates.transmission import STILL, Transmission, hold
-from spherekit.singular.record import Singularities
-from spherekit.singular.relation import Form, Relation, Type
+from spherekit.singular.relation import Form, Type
 from spherekit.singular.single import SingleFreedom
 from spherekit.sphere.rotation import all_finite, arc, cross, max_abs, nans
 
@@ -154,8 +153,7 @@ class SampledSingularities:
         self.configurations: Configurations = self.tracer.configurations
         self.curves = [item.curve for item in self.configurations.curves]
         named = [(number[links[o]], number[links[s]]) for o, s in outputs]
-        self.analysis = SingleFreedom(self.tracer, self.curves, named)
-        self.report: Singularities = self.analysis.report()
+        self.report = SingleFreedom(self.tracer, self.curves, named)
         self._place(values[:, variables], assembly_mode)
         self.range: tuple[float, float] = tracer.range
         self._ways: dict[int, tuple[float, float]] | None = None
@@ -215,12 +213,6 @@ class SampledSingularities:
         laps = (0, 1, -1) if arc.closed else (0,)
         pieces = (piece for lap in laps for piece in item.pieces if touched(piece, lap))
         return tuple(self.modes_of(pieces))
-
-    def at(
-        self, curve: int, s: Floats, output: int
-    ) -> tuple[Floats, Floats, list[Relation]]:
-        """Return what `SingleFreedom.at` returns."""
-        return self.analysis.at(curve, s, output)
 
     def input_at(self, curve: int, s: Floats) -> Floats:
         """Return the input (n,) at places s, in the range or as near to it as turns allow.
@@ -289,7 +281,7 @@ class SampledSingularities:
         type II that whose sine is the transmission. They vanish there and nowhere else; the
         first is NaN where both rates vanish.
         """
-        along, links = self.analysis.along[curve], self.report.outputs[output]
+        along, links = self.report.along[curve], self.report.outputs[output]
         if kind is Type.I:
             of, to = (along.at(s).speeds(pole)[0] for pole in (links, self.report.input))
             return np.where(np.hypot(of, to) > STILL, np.arctan2(of, to), np.nan)
@@ -311,7 +303,7 @@ class SampledSingularities:
             s = self._s[rows]
             angles = self.transmission_angles(self.curves[number].at(s).values)
             for output, transmission in enumerate(angles):
-                q, y, relations = self.at(number, s, output)
+                q, y, relations = self.report.at(number, s, output)
                 here = {"input_rate": q, "output_rate": y, "transmission": transmission}
                 for kind in (Type.I, Type.II):
                     here[f"distance_{kind}"] = self.angle(kind, number, s, output)
@@ -363,7 +355,7 @@ class SampledSingularities:
         variable = self.tracer.mechanism.angle_between(*links)
         if variable is not None:
             return wrap(self.curves[curve].at(s).values[:, variable])
-        rate, _ = self.analysis.along[curve].signed(s, pole_of(*links))
+        rate, _ = self.report.along[curve].signed(s, pole_of(*links))
         return np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s)))
 
     def configuration(self, curve: int, s: float) -> Floats:

@@ -31,7 +31,7 @@ from spherekit.rates.sequence import TRUSTED_ERROR, PlannedPoles
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.rates.transmission import hold as hold_of
 from spherekit.singular.locus import LocusPoints, SingularityLocus, adjugate
-from spherekit.singular.relation import FourLinks, SixPoles, form_i
+from spherekit.singular.relation import FourLinks, SixPoles, relation_of
 from spherekit.singular.stationarity import InputsLocked, OutputPart, OutputStationary
 from spherekit.sphere.rotation import all_finite, cross, nans, unit_rows
 
@@ -228,7 +228,9 @@ def _relation(
     if four.o == four.s:
         n = len(direction(pole_of(four.i, four.r)))
         return np.ones(n), np.zeros(n), nans((n, 3))
-    made = form_i(four, SixPoles.of(four, lambda a, b: direction(pole_of(a, b))))
+    six = SixPoles.of(four, lambda a, b: direction(pole_of(a, b)))
+    made = relation_of("i", four, six)
+    assert made is not None
     return made.c, made.d, made.poles.os
 
 

@@ -9,8 +9,8 @@ chosen, which are no singularities.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import cache
-from itertools import pairwise
+from functools import cache, cached_property
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -26,15 +26,14 @@ from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import Plan, Pole, parse_pole, pole_of
 from spherekit.singular.along import AT_REST, AlongCurve, Axis, LinkMotion
-from spherekit.singular.record import RelationAt, Singularities, SingularPoint, judged
+from spherekit.singular.record import RelationAt, SingularPoint, judged
 from spherekit.singular.relation import (
+    FORMS,
     FourLinks,
-    LinkCount,
     Relation,
     SixPoles,
     Type,
-    form_i,
-    form_ii,
+    relation_of,
 )
 from spherekit.sphere.rotation import cross, max_abs, nans
 
@@ -78,7 +77,7 @@ class Place(NamedTuple):
 
 
 class SingleFreedom:
-    """The singularity analysis of one input and some outputs along given curves.
+    """The singularities of one input and some outputs along given curves.
 
     Parameters
     ----------
@@ -91,6 +90,14 @@ class SingleFreedom:
     input
         The input (i, r) in the same way; by default the second link of the driven pair
         relative to the first.
+
+    Attributes
+    ----------
+    input, outputs
+        (i, r) and for each output (o, s), numbers of links.
+    links
+        For each output those of form i, and those of form ii, with s its own or another
+        one where that is r; None where there is no form ii.
 
     Raises
     ------
@@ -177,39 +184,41 @@ class SingleFreedom:
     def _made(self, output: int, axes: dict[Pole, Axis]) -> list[Relation]:
         """Return the relations of form i and, if there is one, form ii."""
         out = []
-        for links, make in zip(self.links[output], (form_i, form_ii), strict=True):
+        for form, links in zip(FORMS, self.links[output], strict=True):
             if links is not None:
                 six = SixPoles.of(links, lambda a, b: axes[pole_of(a, b)].unit)
-                relation = make(links, six)
-                if relation is not None:
-                    out.append(relation)
-        return out
+                out.append(relation_of(form, links, six))
+        return [relation for relation in out if relation is not None]
 
-    def report(self) -> Singularities:
-        """Return all singularities on all curves."""
-        self.notes: list[str] = []
-        every = [
+    @cached_property
+    def _every(self) -> list[SingularPoint]:
+        """What is singular on curves, by output, curve and arc length."""
+        return [
             point
             for output in range(len(self.outputs))
             for number in range(len(self.along))
             for point in self._on_curve(number, output)
         ]
-        return Singularities(
-            self.input,
-            self.outputs,
-            tuple(None if second is None else second.s for _, second in self.links),
-            tuple(point for point in every if np.isfinite(point.s)),
-            self._crossings(),
-            tuple(point for point in every if np.isnan(point.s)),
-            self._everywhere(),
-            tuple(self.notes),
-            tuple(
-                f"curve {number} was not followed to its end; singularities beyond are not "
-                "known"
-                for number, along in enumerate(self.along)
-                if Status.MODE_LOST in along.curve.ends
-            ),
-        )
+
+    @property
+    def points(self) -> list[SingularPoint]:
+        """All singularities on curves, by output, curve and arc length."""
+        return [point for point in self._every if np.isfinite(point.s)]
+
+    @property
+    def whole(self) -> list[SingularPoint]:
+        """What stands still on whole curves: no points of that output are on them."""
+        return [point for point in self._every if np.isnan(point.s)]
+
+    @property
+    def gaps(self) -> list[str]:
+        """Where singularities may be missed."""
+        return [
+            f"curve {number} was not followed to its end; singularities beyond are not "
+            "known"
+            for number, along in enumerate(self.along)
+            if Status.MODE_LOST in along.curve.ends
+        ]
 
     def _on_curve(self, number: int, output: int) -> list[SingularPoint]:
         """Return the singular points of an output on one curve, or that all of it is."""
@@ -220,7 +229,6 @@ class SingleFreedom:
             none = nans(along.curve.nodes.values.shape[1])
             whole = ((number, np.nan),)
             return [SingularPoint(TYPES[resting], ends[1], whole, np.nan, none)]
-        self._note_degenerate(number, output)
         places = common_zeros(along, [pole_of(*pair) for pair in ends])
         s = np.array([place.s for place in places])
         there, axes = along.at(s), along.axes(s, self.poles(output))
@@ -266,32 +274,38 @@ class SingleFreedom:
             forms.append(judged(relation, names, rates, errors, facts, resting))
         return list(zip(*forms, strict=True))
 
-    def _note_degenerate(self, number: int, output: int) -> None:
-        """Note what never says anything on a curve: axes in one plane, or on one line."""
-        along, names = self.along[number], self.tracer.mechanism.links
-        s = along.curve.s
-        for relation in self._made(output, along.axes(s, self.poles(output))):
-            links = relation.links
-            listed = ", ".join(names[k] for k in links.different)
-            if relation.kind == LinkCount.FOUR_LINKS:
-                others = [
-                    along.at(s).relative(links.r, k)[0] for k in (links.i, links.o, links.s)
-                ]
-                if max_abs(np.linalg.det(np.stack(others, axis=1))) < ALWAYS:
-                    self.notes.append(
-                        f"curve {number}: the six axes of the links {listed} lie in one "
-                        "plane everywhere, so c = d = 0 says nothing: the rates tell the "
-                        "types"
+    @cached_property
+    def notes(self) -> list[str]:
+        """What never says anything on a curve: axes in one plane, or on one line."""
+        names, notes = self.tracer.mechanism.links, []
+        resting = {(point.curve, point.output) for point in self.whole}
+        for (output, pair), (number, along) in product(
+            enumerate(self.outputs), enumerate(self.along)
+        ):
+            if (number, pair) in resting:
+                continue
+            s = along.curve.s
+            for relation in self._made(output, along.axes(s, self.poles(output))):
+                links, said = relation.links, ""
+                if len(links.different) == 4:
+                    to = (links.i, links.o, links.s)
+                    rates = [along.at(s).relative(links.r, k)[0] for k in to]
+                    if max_abs(np.linalg.det(np.stack(rates, axis=1))) < ALWAYS:
+                        said = "lie in one plane everywhere, so c = d = 0 says"
+                elif np.all(np.isnan(relation.c)):
+                    said = f"are one line everywhere, so form {relation.form} says"
+                if said:
+                    six = "six " * (len(links.different) == 4)
+                    listed = ", ".join(names[k] for k in links.different)
+                    notes.append(
+                        f"curve {number}: the {six}axes of the links {listed} {said} "
+                        "nothing: the rates tell the types"
                     )
-            elif np.all(np.isnan(relation.c)):
-                self.notes.append(
-                    f"curve {number}: the axes of the links {listed} are one line "
-                    f"everywhere, so form {relation.form} says nothing: the rates tell the "
-                    "types"
-                )
+        return notes
 
-    def _crossings(self) -> tuple[SingularPoint, ...]:
-        """Return the configurations at which curves end because rank is lost."""
+    @cached_property
+    def crossings(self) -> list[SingularPoint]:
+        """The configurations at which curves end because rank is lost, for each output."""
         crossings: list[tuple[Crossing | None, Floats, list[tuple[int, float]]]] = []
         for number, along in enumerate(self.along):
             curve = along.curve
@@ -309,7 +323,7 @@ class SingleFreedom:
                         break
                 else:
                     crossings.append((crossing, values, [(number, place)]))
-        return tuple(
+        return [
             SingularPoint(
                 Type.III,
                 links,
@@ -322,7 +336,7 @@ class SingleFreedom:
             )
             for crossing, values, ends in crossings
             for output, links in enumerate(self.outputs)
-        )
+        ]
 
     def _on_curves_through(
         self, crossing: Crossing | None, output: int
@@ -337,16 +351,17 @@ class SingleFreedom:
         axes = there.axes(poles, self.along[0].plan_of(tuple(poles)))
         return tuple(
             replace(at, note=ONE_CURVE)
-            if at.type is None and at.kind != LinkCount.SAME_POLE
+            if at.type is None and {*self.outputs[output]} != {*self.input}
             else at
             for rows in self._judged(output, axes, there, [Type.III] * count, {})
             for at in rows
         )
 
-    def _everywhere(self) -> int | None:
-        """Return the freedoms of a mechanism that nowhere has just one, if it is one.
+    @cached_property
+    def everywhere(self) -> int | None:
+        """The freedoms of a mechanism that nowhere has just one, to a part in a million.
 
-        Rank counts as lost where it is for following curves.
+        None of all others. Rank counts as lost where it is for following curves.
         Asked for at configurations of its assembly modes, and where all variables are zero
         if the loops close there: the reference pose.
         """
