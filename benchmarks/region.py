@@ -9,6 +9,7 @@ import numpy as np
 from benchmarks.harness import Cell, Section, median, rounds
 from spherekit import load
 from spherekit.arrays import Floats
+from spherekit.model.dynamics import JointLimit
 from spherekit.model.mechanism import Mechanism
 from spherekit.region.orientations import find_orientations
 from spherekit.region.refine import Region, find_region
@@ -16,13 +17,12 @@ from spherekit.sphere.rotation import from_quaternion
 from spherekit.workspace.inverse import closed_kinematics
 from spherekit.workspace.rows import (
     AngleLimit,
+    ClosedKinematics,
     Constraints,
     InterferenceLimit,
-    JointRange,
     bounds_of,
 )
 from spherekit.workspace.workspace import (
-    ClosedKinematics,
     DirectionWorkspace,
     direction_workspaces,
     judge,
@@ -163,7 +163,7 @@ def _limited(quick: bool) -> Section:
     for name, pair, near in LIMITED[:3] if quick else LIMITED:
         kinematics = closed_kinematics(load(name))
         low, high = np.radians([-40.0, 100.0])
-        limits = (JointRange(pair, float(low), float(high)),) if pair else ()
+        limits = (JointLimit(pair, float(low), float(high)),) if pair else ()
         bounds = bounds_of(kinematics, Constraints(limits, near=float(np.radians(near))))
 
         def job(

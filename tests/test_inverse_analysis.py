@@ -15,7 +15,7 @@ import spherekit as sk
 from spherekit.analysis.scene import SphereMap
 from spherekit.errors import AnalysisError, FileError
 from spherekit.motion.motion import motion_of
-from spherekit.output.dyads import InputRates
+from spherekit.output.dyads import rates_of_turns
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.region.mesh import spread
 from spherekit.workspace.inverse import (
@@ -68,13 +68,13 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     own = ForwardKinematics(solver.mechanism).solver
     turns = output_rates(motion_of(own, rows.values[good]), solver.output)
     directions = poses[rows.pose[good]] if solver.points else None
-    found = InputRates.of_turns(turns, directions)
+    rates, type_1 = rates_of_turns(turns, directions)
     known = np.isfinite(turns).all(axis=(1, 2))
     assert np.mean(known) > 0.9
     size = np.max(np.abs(rows.rates[good][known]), axis=(1, 2))
-    gap = np.max(np.abs(found.rates - rows.rates[good])[known], axis=(1, 2))
+    gap = np.max(np.abs(rates - rows.rates[good])[known], axis=(1, 2))
     assert np.max(gap / size) < 1e-10
-    assert np.max(np.abs(found.type_1 - rows.type_1[good])[known]) < 1e-10
+    assert np.max(np.abs(type_1 - rows.type_1[good])[known]) < 1e-10
     mechanism, output = solver.mechanism, solver.output
     at = own.closure.at(rows.values[good])
     placed, axes = at.placed, at.vectors

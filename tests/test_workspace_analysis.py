@@ -31,7 +31,6 @@ from spherekit.workspace.rows import (
     AngleLimit,
     Constraints,
     InterferenceLimit,
-    JointRange,
     bounds_of,
     left_of,
 )
@@ -227,7 +226,7 @@ def loop_case():
     mechanism = sub_loop()
     kinematics = closed_kinematics(mechanism)
     wanted = Constraints(
-        limits=(JointRange("f2", -2.0, 1.0),),
+        limits=(JointLimit("f2", -2.0, 1.0),),
         apart=(InterferenceLimit("b1", "b2", 0.3), InterferenceLimit("e2", "c", 0.0, 1.9)),
         near=np.radians(6.0),
     )
@@ -275,7 +274,7 @@ def test_a_distance_to_singularities_is_known_where_an_input_cannot_move():
 def test_a_pose_outside_gets_the_nearest_reachable(five_bar):
     cloud = DIRECTIONS
     kinematics = closed_kinematics(five_bar)
-    bounds = bounds_of(kinematics, Constraints(limits=(JointRange("21", 0.7, 2.4),)))
+    bounds = bounds_of(kinematics, Constraints(limits=(JointLimit("21", 0.7, 2.4),)))
     (item,) = direction_workspaces(kinematics, bounds, [(1, 1)], 1e-3)
     inside = judge(kinematics, bounds, (1, 1), cloud).inside
     counted = 4.0 * np.pi * inside.mean()
@@ -300,7 +299,7 @@ def test_stops_of_the_mechanism_are_limits(five_bar):
     known = np.isfinite(q)
     assert np.array_equal(bound.left(rows)[known] >= 0.0, (np.abs(q - 1.2) <= 0.8)[known])
     with pytest.raises(sk.errors.AnalysisError, match="contradict each other"):
-        bounds_of(kinematics, Constraints(limits=(JointRange("51", 2.5, 3.0),)))
+        bounds_of(kinematics, Constraints(limits=(JointLimit("51", 2.5, 3.0),)))
 
 
 def test_a_pose_is_judged_in_each_mode(five_bar):

@@ -27,7 +27,7 @@ from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
-from spherekit.motion.closure import Closure, NewtonSteps, newton
+from spherekit.motion.closure import Closure, newton
 from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.steps import STEP_PARTS, Verification
 from spherekit.numeric.zeros import ArrayRows, hermite
@@ -405,7 +405,7 @@ class Way:
         """Return the orientations (n, 3, 3) wanted at angles (n,) rad."""
         return rotation(self.axis, theta) @ self.start
 
-    def near(self, theta: Floats, guess: Floats) -> tuple[Optimality, NewtonSteps]:
+    def near(self, theta: Floats, guess: Floats) -> tuple[Optimality, Floats]:
         """Return the nearest configurations by Newton's method from (n, variables)."""
         wanted = self.wanted(theta)
 
@@ -433,7 +433,7 @@ class Way:
             near.output_singular_value,
         )
 
-    def _nodes(self, theta: Floats, guess: Floats) -> tuple[Nodes, NewtonSteps]:
+    def _nodes(self, theta: Floats, guess: Floats) -> tuple[Nodes, Floats]:
         near, steps = self.near(theta, guess)
         return self.nodes_of(theta, near), steps
 
@@ -446,7 +446,7 @@ class Way:
         made, steps = self._nodes(np.append(at.theta + parts[:1], goal), guess)
         middle, node = made.rows(slice(0, 1)), made.rows(slice(1, 2))
         moved = float(max_abs(node.values - at.values))
-        good = VERIFIED.corrected(steps.first, steps.ratio, moved)
+        good = VERIFIED.corrected(steps, moved)
         if not np.all(good & made.holds & (made.follows == at.follows)):
             return None
         if at.follows[0]:
@@ -471,7 +471,7 @@ class Way:
                 return None
             node, steps = self._nodes(np.array([goal]), at.ahead(np.array([way])))
             moved = float(max_abs(node.values - at.values))
-            if not node.holds[0] or steps.first[0] > VERIFIED.correction * moved:
+            if not node.holds[0] or steps[0, 0] > VERIFIED.correction * moved:
                 continue
             if not node.condition[0] > LEAP_FROM * way:
                 continue

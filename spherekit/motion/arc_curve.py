@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
 from spherekit.errors import SolveError
-from spherekit.motion.closure import Closure, NewtonSteps, newton
+from spherekit.motion.closure import Closure, newton
 from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.turns import less_periods
 from spherekit.numeric.zeros import ArrayRows, Zeros, hermite, zeros
@@ -104,8 +104,8 @@ def curve_points(
 
 def correct(
     closure: Closure, values: Floats, borders: Floats, targets: Floats
-) -> tuple[Floats, NewtonSteps]:
-    """Return values that close the loops with border . values = target, and the steps.
+) -> tuple[Floats, Floats]:
+    """Return values that close the loops with border . values = target, and step sizes.
 
     `values`, `borders` (n, variables), `targets` (n,). What does not converge is NaN or
     has a residual; the caller judges.

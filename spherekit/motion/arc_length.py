@@ -173,7 +173,6 @@ def follow_arc(
     values: Floats,
     stops: Mapping[int, tuple[float, float]] | None = None,
     longest: float = LONGEST,
-    step: float = LARGEST_STEP,
 ) -> ArcCurve:
     """Return the configuration curve through a closed configuration.
 
@@ -187,8 +186,6 @@ def follow_arc(
         Lowest and highest value (rad) of variables by their numbers.
     longest
         Length (rad) after which the curve is ended in each sense, open.
-    step
-        Longest step (rad); a smaller one makes it even less likely to miss anything.
 
     Raises
     ------
@@ -198,7 +195,7 @@ def follow_arc(
     """
     limits = _Limits.of(closure, stops or {})
     start = _started(closure, np.asarray(values, dtype=float), limits)
-    return _followed([closure], [start], limits, longest, step)[0]
+    return _followed([closure], [start], limits, longest)[0]
 
 
 def follow_arcs(
@@ -214,7 +211,7 @@ def follow_arcs(
         with suppress(SolveError):
             begun[number] = _started(closure, values, limits)
     those = [closures[number] for number in begun]
-    made = _followed(those, list(begun.values()), limits, longest, LARGEST_STEP)
+    made = _followed(those, list(begun.values()), limits, longest)
     for number, curve in zip(begun, made, strict=True):
         curves[number] = curve
     return curves
@@ -225,7 +222,6 @@ def _followed(
     starts: Sequence[_Nodes],
     limits: _Limits,
     longest: float,
-    step: float,
 ) -> list[ArcCurve]:
     """Return the curves through nodes, in both senses where they do not close."""
     if not starts:
@@ -234,10 +230,10 @@ def _followed(
     periods = periods_of(closure)
     back = replace(start.plain, tangents=-start.tangents)
     turned = _Nodes.of(closure.at(start.values), back, limits)
-    ahead = _Arcs(start, periods, longest, step, closure, limits)
+    ahead = _Arcs(start, periods, longest, LARGEST_STEP, closure, limits)
     ahead.follow(FIRST_STEP)
     left = np.flatnonzero(~ahead.closed)
-    given = periods, longest, step, closure.take(left), limits
+    given = periods, longest, LARGEST_STEP, closure.take(left), limits
     behind = _Arcs(turned.rows(left), *given)
     behind.follow(FIRST_STEP)
     place = {int(row): k for k, row in enumerate(left)}
@@ -354,7 +350,7 @@ class _Arcs(Curves[_Nodes]):
         targets = np.sum(at.tangents * at.values, axis=1)[:, None] + parts
         values, steps = correct(closure, guess, borders, targets.ravel())
         good = all_finite(values, 1)
-        good &= self.tests.corrected(steps.first, steps.ratio, np.repeat(ways, 2))
+        good &= self.tests.corrected(steps, np.repeat(ways, 2))
         values[~good] = np.repeat(at.values, 2, axis=0)[~good]
         points, there = curve_points(closure, values, borders)
         good &= points.residual < CLOSURE_TOLERANCE

@@ -25,50 +25,35 @@ SETTLED = 1e-8
 """A Newton step (rad) below this leaves an error that its square bounds."""
 
 
-class NewtonSteps:
-    """The steps of one correction of n samples.
-
-    `first` (n,) is the size of the first step, `ratio` (n,) that of the second by the
-    first, 0 where one was enough: small both, they say that the start was near a solution
-    (`spherekit.motion.closure`). No variable changes by more than `trust` in a step.
-    """
-
-    def __init__(self, count: int, trust: float = np.inf) -> None:
-        self.first, self.ratio, self.trust = np.zeros(count), np.zeros(count), trust
-        self._taken = 0
-
-    def part(self, size: Floats, rows: Indices | slice = slice(None)) -> Floats:
-        """Note a step of sizes (k,) of some rows; return the part (k, 1) to take of it."""
-        if self._taken == 0:
-            self.first[rows] = size
-        elif self._taken == 1:
-            self.ratio[rows] = size / np.maximum(self.first[rows], 1e-300)
-        self._taken += 1
-        return np.minimum(1.0, self.trust / np.maximum(size, 1e-300))[:, None]
-
-
 def newton(
     change: Callable[[Floats, Indices], Floats],
     values: Floats,
     most: int,
     settled: float = 0.0,
     trust: float = np.inf,
-) -> tuple[Floats, NewtonSteps]:
-    """Return what so many steps at most make of values (n, variables), and the steps.
+) -> tuple[Floats, Floats]:
+    """Return what so many steps at most make of values (n, variables), and their sizes.
 
     `change` returns the steps (k, variables) of some rows from values (k, variables). A row
-    ends with a step of at most `settled` (rad), or one that is not a number.
+    ends with a step of at most `settled` (rad), or one that is not a number; no variable
+    changes by more than `trust` in one. The sizes (2, n) are that of the first step, and
+    that of the second by the first, 0 where one was enough: small both, they say that the
+    start was near a solution.
     """
-    steps = NewtonSteps(len(values), trust)
     values, active = values.copy(), np.arange(len(values))
-    for _ in range(most):
+    sizes = np.zeros((2, len(values)))
+    for taken in range(most):
         step = change(values[active], active)
         length = max_abs(step, axis=1, initial=0.0)
-        values[active] += step * steps.part(length, active)
+        if taken < 2:
+            sizes[taken, active] = length
+        part = np.minimum(1.0, trust / np.maximum(length, 1e-300))
+        values[active] += step * part[:, None]
         active = active[length > settled]
         if not len(active):
             break
-    return values, steps
+    sizes[1] /= np.maximum(sizes[0], 1e-300)
+    return values, sizes
 
 
 @dataclass(frozen=True)
@@ -135,8 +120,8 @@ class Closure:
 
     def solving(
         self, values: Floats, held: Sequence[int], iterations: int, trust: float = 0.5
-    ) -> tuple[Linearisation, NewtonSteps]:
-        """Return what `solve` does, and its steps."""
+    ) -> tuple[Linearisation, Floats]:
+        """Return what `solve` does, and the sizes of its steps, see `newton`."""
         free = [v for v in range(values.shape[1]) if v not in held]
         values = values.copy()
 

@@ -38,6 +38,9 @@ PROBED = 181
 """Inputs over the range from which curves are followed where none is known yet."""
 SAME_CONFIGURATION = 1e-6
 """An assembly mode and a curve whose variables differ by less (rad) agree."""
+LONGEST = 200.0
+"""Length (rad) after which a curve that does not close is ended in each sense. Where wheels
+count turns of the input, and return within twice as much, it gets the length to close."""
 LAP = 8.0
 """A lap of a curve is shorter than so many periods of the input."""
 STEP = np.radians(2.0)
@@ -191,8 +194,6 @@ def configuration_curves(
     assembly_modes: Sequence[AssemblyMode],
     low: float,
     high: float,
-    longest: float = 200.0,
-    step: float = STEP,
 ) -> Configurations:
     """Return the configuration curves of a mechanism that meet an input range.
 
@@ -200,15 +201,9 @@ def configuration_curves(
     ----------
     solver, assembly modes
         The mechanism, and its assembly modes over inputs from `low` to `high` (rad).
-    longest
-        Length (rad) after which a curve that does not close is ended in each sense. Where
-        wheels count turns of the input, and return within twice as much, a curve is given
-        the length to close.
-    step
-        Distance (rad) of the inputs at which all modes are looked for where it is not
-        known at which inputs they meet.
     """
     (period,) = solver.periods
+    longest = LONGEST
     if period <= 2.0 * longest:
         longest = max(longest, LAP * float(period))
     search = _CurveSearch(solver, low, high, longest)
@@ -223,7 +218,7 @@ def configuration_curves(
     dead = input_turning_points(
         drive, *((low, high) if drive is solver else (-np.pi, np.pi))
     )
-    claim = search.sweep(drive, dead, step)
+    claim = search.sweep(drive, dead)
     complete = claim.guarantee is not Guarantee.SAMPLED
     if not complete:
         claim = search.search()
@@ -316,9 +311,9 @@ class _CurveSearch:
             ):
                 self.problems.append(words)
 
-    def sweep(self, drive: Solver, dead: InputTurningPoints, step: float) -> Completeness:
+    def sweep(self, drive: Solver, dead: InputTurningPoints) -> Completeness:
         """Follow the curves of all modes of `drive` between its dead inputs."""
-        for q in dead.probes(step):
+        for q in dead.probes(STEP):
             values, complete = _modes(drive, float(q))
             if not complete:
                 words = "no elimination finds all modes at an input"
@@ -326,7 +321,7 @@ class _CurveSearch:
             if drive is self.solver:
                 self.counted.append((float(q), len(values)))
             self.add(values)
-        return dead.claim(step)
+        return dead.claim(STEP)
 
     def search(self) -> Completeness:
         """Follow the curves that random starts over the range lead to.

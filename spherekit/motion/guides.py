@@ -195,55 +195,28 @@ def sheets_through(
 
     They start at the nearest samples to which a straight way leads, None if there is none.
     """
-    sheets: list[ModeOverGrid | None] = [None] * len(values)
-    starts: dict[int, tuple[int, Floats]] = {}
-    for number, one in enumerate(values):
-        near = input_grid.nearest(one[list(driven)], NEAREST)
-        start = np.repeat(one[None], len(near), axis=0)
-        reached, status = walk(closure, driven, start, input_grid.q[near])
-        arrived = np.flatnonzero(status == Status.OK)
-        if len(arrived):
-            starts[number] = int(near[arrived[0]]), reached[arrived[0]]
-    if starts:
-        rows, there = (np.array(part) for part in zip(*starts.values(), strict=True))
-        spread = spread_each(closure, driven, input_grid, rows, there)
-        for number, sheet in zip(starts, spread, strict=True):
-            sheets[number] = sheet
-    return sheets
-
-
-def spread_each(
-    closure: Closure,
-    driven: Sequence[int],
-    input_grid: InputGrid,
-    rows: Indices,
-    values: Floats,
-) -> list[ModeOverGrid]:
-    """Return the sheets through closed configurations (k, variables), side by side.
-
-    `rows` (k,) are the samples at which they are.
-    """
-    n, count = len(input_grid), len(rows)
-    sheets = nans((count * n, values.shape[1]))
+    n, count = len(input_grid), len(values)
+    if not count:
+        return []
+    near = np.array([input_grid.nearest(one[list(driven)], NEAREST) for one in values])
+    sheets = np.concatenate([nans((count * n, values.shape[1])), values])
     status = np.full(count * n, Status.OUT_OF_REACH, dtype=np.int8)
-    front = np.arange(count) * n + rows
-    sheets[front], status[front] = values, Status.OK
     beside = input_grid.neighbours()
-    start = stop = np.zeros(0, dtype=np.intp)
-    while len(front) or len(stop):
-        sample = front % n
-        open_ways = beside[:, sample].ravel() >= 0
-        start = np.append(start, np.tile(front, len(beside))[open_ways])
-        stop = np.append(stop, (beside[:, sample] + front - sample).ravel()[open_ways])
+    start = np.repeat(count * n + np.arange(count), near.shape[1])
+    stop = (near + n * np.arange(count)[:, None]).ravel()
+    while len(stop):
         wanted = np.flatnonzero(status[stop] != Status.OK)
         once = wanted[np.unique(stop[wanted], return_index=True)[1]]
         goals = input_grid.q[stop[once] % n]
         reached, status[stop[once]] = walk(closure, driven, sheets[start[once]], goals)
-        front = stop[once][status[stop[once]] == Status.OK]
-        sheets[front] = reached[status[stop[once]] == Status.OK]
-        left = np.setdiff1d(wanted, once)
-        start, stop = start[left], stop[left]
-    return [
-        ModeOverGrid(*part)
-        for part in zip(np.split(sheets, count), np.split(status, count), strict=True)
-    ]
+        arrived = status[stop[once]] == Status.OK
+        front = stop[once][arrived]
+        sheets[front] = reached[arrived]
+        sample, left = front % n, np.setdiff1d(wanted, once)
+        open_ways = beside[:, sample].ravel() >= 0
+        ahead = (beside[:, sample] + front - sample).ravel()[open_ways]
+        start = np.append(start[left], np.tile(front, len(beside))[open_ways])
+        stop = np.append(stop[left], ahead)
+    shape = count, n, values.shape[1]
+    every = zip(sheets[: count * n].reshape(shape), status.reshape(count, n), strict=True)
+    return [ModeOverGrid(*part) if np.any(part[1] == Status.OK) else None for part in every]

@@ -167,7 +167,10 @@ def left_inverse(matrices: Floats) -> Floats:
         try:
             return np.asarray(np.linalg.inv(matrices))
         except np.linalg.LinAlgError:
-            return np.concatenate([_one_inverse(matrix[None]) for matrix in matrices])
+            regular = np.linalg.slogdet(matrices)[0] != 0.0
+            inverse = nans(matrices.shape)
+            inverse[regular] = np.linalg.inv(matrices[regular])
+            return inverse
     inverse = nans((len(matrices), matrices.shape[2], matrices.shape[1]))
     finite = all_finite(matrices, (1, 2))
     if matrices.shape[1] < matrices.shape[2] or not np.any(finite):
@@ -178,13 +181,6 @@ def left_inverse(matrices: Floats) -> Floats:
         inverses = (np.swapaxes(right, 1, 2) / sizes[:, None]) @ np.swapaxes(left, 1, 2)
     inverse[finite] = np.where(full[:, None, None], inverses, np.nan)
     return inverse
-
-
-def _one_inverse(matrix: Floats) -> Floats:
-    try:
-        return np.asarray(np.linalg.inv(matrix))
-    except np.linalg.LinAlgError:
-        return np.full_like(matrix, np.nan)
 
 
 def rank_mobility(tree: LoopTree, vectors: Floats, dependent: float = DEPENDENT) -> Floats:

@@ -21,7 +21,7 @@ keep its sign.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Generic, TypeVar
 
@@ -71,8 +71,9 @@ class Verification:
     turn: float = 0.9
     middle: float = 1e-4
 
-    def corrected(self, first: Floats, ratio: Floats, size: Floats | float) -> Bools:
+    def corrected(self, steps: Iterable[Floats], size: Floats | float) -> Bools:
         """Return (n,) whether Newton's first steps (n,), and second by first, are fine."""
+        first, ratio = steps
         near = first <= self.correction * size + self.slack
         return near & ((first <= self.settled) | (ratio <= CONTRACTION))
 
@@ -363,7 +364,7 @@ def _advanced(
     moved = max_abs(guess - at.values, axis=1)
     there, steps = closure.solving(guess, driven, iterations=6)
     holds = finite & (there.gap < CLOSURE_TOLERANCE)
-    holds &= VERIFIED.corrected(steps.first, steps.ratio, np.minimum(LARGEST_MOVE, moved))
+    holds &= VERIFIED.corrected(steps, np.minimum(LARGEST_MOVE, moved))
     new = nodes_at(there, driven, at.direction)
     holds &= (new.sign == at.sign) & all_finite(new.slope, 1)
     cosine = np.vecdot(unit_rows(at.slope), unit_rows(new.slope))

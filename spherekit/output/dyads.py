@@ -210,38 +210,25 @@ class Dyads:
         return min(arc, np.pi - arc) < COLLINEAR
 
 
-@dataclass(frozen=True)
-class InputRates:
-    """Rates of the inputs, linear in the output's angular velocity w: top . w / bottom.
+def input_rates(tops: Floats, bottoms: Floats) -> tuple[Floats, Floats]:
+    """Return rates (n, inputs, 3) by the output's angular velocity w, and measures.
 
-    `tops` (n, inputs, 3) and `bottoms` (n, inputs) or (n, 1); both stay finite at a
-    singular configuration.
+    The rates are tops . w / bottoms, with `tops` (n, inputs, 3) and `bottoms` (n, inputs)
+    or (n, 1), both finite at a singular configuration. The measures (n, inputs) are those
+    of type I, see `spherekit.output.inverse.Inverse`.
     """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return tops / bottoms[..., None], np.abs(bottoms) / np.linalg.norm(tops, axis=2)
 
-    tops: Floats
-    bottoms: Floats
 
-    @staticmethod
-    def of_turns(turns: Floats, directions: Floats | None) -> "InputRates":
-        """Return what follows from the output's velocities (n, 3, inputs) per input rate.
+def rates_of_turns(turns: Floats, directions: Floats | None) -> tuple[Floats, Floats]:
+    """Return `input_rates` from the output's velocities (n, 3, inputs) per input rate.
 
-        Those of three inputs; or those of two with `directions` (n, 3), of which the part
-        at right angles to these counts.
-        """
-        across, volume = reciprocal(np.swapaxes(turns, 1, 2), directions)
-        return InputRates(across, volume[:, None])
-
-    @property
-    def rates(self) -> Floats:
-        """(n, inputs, 3) rates per unit angular velocity of the output."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return self.tops / self.bottoms[..., None]
-
-    @property
-    def type_1(self) -> Floats:
-        """(n, inputs) measures of type I, see `spherekit.output.inverse.Inverse`."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.abs(self.bottoms) / np.linalg.norm(self.tops, axis=2)
+    Those of three inputs; or those of two with `directions` (n, 3), of which the part at
+    right angles to these counts.
+    """
+    across, volume = reciprocal(np.swapaxes(turns, 1, 2), directions)
+    return input_rates(across, volume[:, None])
 
 
 def reciprocal(vectors: Floats, along: Floats | None) -> tuple[Floats, Floats]:

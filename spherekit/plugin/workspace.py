@@ -16,18 +16,17 @@ if TYPE_CHECKING:
     from spherekit.workspace.inverse import closed_kinematics as closed_kinematics
     from spherekit.workspace.inverse import output_kinematics as output_kinematics
     from spherekit.workspace.rows import AngleLimit as AngleLimit
+    from spherekit.workspace.rows import ClosedKinematics as ClosedKinematics
     from spherekit.workspace.rows import Constraints as Constraints
     from spherekit.workspace.rows import InterferenceLimit as InterferenceLimit
     from spherekit.workspace.rows import InverseRows as InverseRows
-    from spherekit.workspace.rows import JointRange as JointRange
+    from spherekit.workspace.rows import OutputKinematics as OutputKinematics
     from spherekit.workspace.rows import bounds_of as bounds_of
     from spherekit.workspace.rows import sense_of as sense_of
     from spherekit.workspace.rows import turns_of as turns_of
-    from spherekit.workspace.workspace import ClosedKinematics as ClosedKinematics
     from spherekit.workspace.workspace import DirectionWorkspace as DirectionWorkspace
     from spherekit.workspace.workspace import Judged as Judged
     from spherekit.workspace.workspace import OrientationWorkspace as OrientationWorkspace
-    from spherekit.workspace.workspace import OutputKinematics as OutputKinematics
     from spherekit.workspace.workspace import direction_workspaces as direction_workspaces
     from spherekit.workspace.workspace import judge as judge
     from spherekit.workspace.workspace import nearest_poses as nearest_poses

@@ -316,7 +316,7 @@ class _LocusCurves(Curves[_Nodes]):
         # A step is one of the motion too, which turns fast where curves pass each other.
         sizes = ways * np.hypot(1.0, np.linalg.norm(turns, axis=1))
         good = points.good & self.tests.corrected(
-            points.first_step, points.ratio, np.repeat(sizes, 2)
+            (points.first_step, points.ratio), np.repeat(sizes, 2)
         )
         along = np.sum(points.tangents[:, :, 0] * borders, axis=1)
         points = _turned(points, np.sign(along))

@@ -235,8 +235,8 @@ class SingularityLocus:
             turns,
             residual,
             reciprocal_condition,
-            steps.first,
-            steps.ratio,
+            steps[0],
+            steps[1],
             equations,
             np.concatenate([space.basis, moving.basis], axis=2),
         )

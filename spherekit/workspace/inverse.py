@@ -5,8 +5,8 @@ Pointing outputs of mechanisms in the mid-plane architecture, in closed form.
 Closed forms of outputs that fall into dyads when held, driven directly or by wheels.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 
@@ -24,16 +24,21 @@ from spherekit.model.parts import Input, Output
 from spherekit.motion.assembly_modes import label_of
 from spherekit.motion.loops import turns_of
 from spherekit.numeric.crossings import wrap
-from spherekit.output.dyads import DyadArcs, InputRates, Signs
+from spherekit.output.dyads import DyadArcs, Signs, input_rates, rates_of_turns
 from spherekit.output.forward import PoseSolutions
 from spherekit.output.inverse import InverseKinematics
-from spherekit.output.virtual_output import COORDINATES, with_wrist
+from spherekit.output.virtual_output import COORDINATES
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.part import of_pairs
 from spherekit.planning.wheels import GearTrain, wheel_train
 from spherekit.sphere.rotation import cross, nans
-from spherekit.workspace.rows import InverseRows, Rows, Span
-from spherekit.workspace.workspace import ClosedKinematics, OutputKinematics
+from spherekit.workspace.rows import (
+    ClosedKinematics,
+    InverseRows,
+    OutputKinematics,
+    Rows,
+    Span,
+)
 
 
 class MidPlaneKinematics(ClosedKinematics):
@@ -130,19 +135,19 @@ class _MidPlaneRows:
 
     @property
     def type_1(self) -> Floats:
-        return self._moved.type_1
+        return self._moved[1]
 
     @property
     def rates(self) -> Floats:
-        return self._moved.rates
+        return self._moved[0]
 
     @cached_property
-    def _moved(self) -> InputRates:
+    def _moved(self) -> tuple[Floats, Floats]:
         elbows, root = self._elbows
         across = cross(elbows[:, self.driven], self.points[:, None]) @ self.form.frame.T
         senses = self.form.plane.senses[self.driven]
         bottoms = root[:, self.driven] * self.distance[:, None]
-        return InputRates(across * senses[:, None], bottoms)
+        return input_rates(across * senses[:, None], bottoms)
 
     @property
     def type_1_square(self) -> Floats:
@@ -212,33 +217,12 @@ class DyadKinematics(ClosedKinematics):
         return self.kinematics.posed(poses, signs)
 
 
-@dataclass(frozen=True)
-class _Carriers:
-    """Pairs whose angles are linear in the inputs and say them: ratios q + offsets."""
-
-    pairs: tuple[int, ...]
-    ratios: Floats
-    offsets: Floats
-
-    @cached_property
-    def inverse(self) -> Floats:
-        """(inputs, carriers) rates of the inputs by the carriers."""
-        return np.asarray(np.linalg.inv(self.ratios))
-
-    def inputs(self, angles: Floats) -> Floats:
-        """Return the inputs (n, k) at angles (n, k) of the carriers, known to turns.
-
-        Of the turns those at which the inputs are least in sum.
-        """
-        least = wrap(angles - self.offsets)
-        turns = TURN * np.array(list(product((0.0, -1.0, 1.0), repeat=least.shape[1])))
-        every = (least[:, None] + turns) @ self.inverse.T
-        best = np.argmin(np.round(np.sum(np.abs(every), axis=2), 9), axis=1)
-        return every[np.arange(len(every)), best]
-
-
 class GearedKinematics(ClosedKinematics):
-    """An output of a mechanism whose wheels only turn what carries it."""
+    """An output of a mechanism whose wheels only turn what carries it.
+
+    `carriers` are pairs that say the inputs q: their angles are ratios q + offset, by their
+    numbers; `rates` (inputs, carriers) those of the inputs by these angles.
+    """
 
     solved_by = "dyads"
 
@@ -248,10 +232,12 @@ class GearedKinematics(ClosedKinematics):
         output: Output,
         carried: DyadKinematics,
         train: GearTrain,
-        carriers: _Carriers,
+        carriers: Mapping[int, tuple[Floats, float]],
     ) -> None:
         super().__init__(mechanism, output, carried.points)
-        self.carried, self.train, self.carriers = carried, train, carriers
+        self.carried, self.train, self.carriers = carried, train, tuple(carriers)
+        ratios, offsets = zip(*carriers.values(), strict=True)
+        self.offsets, self.rates = np.array(offsets), np.linalg.inv(np.array(ratios))
         self.modes, self.legs = carried.modes, carried.legs
         pairs = enumerate(carried.mechanism.pairs)
         self.number = {mechanism.pair_number[pair.name]: k for k, pair in pairs}
@@ -292,9 +278,14 @@ class _GearedRows:
 
     @cached_property
     def inputs(self) -> Floats:
-        pairs = self.owner.carriers.pairs
-        angles = [self.rows.angle(self.owner.number[pair]) for pair in pairs]
-        return self.owner.carriers.inputs(np.stack(angles, axis=1))
+        """(n, inputs) rad, known to turns of the carriers: those least in sum."""
+        owner = self.owner
+        angles = [self.rows.angle(owner.number[pair]) for pair in owner.carriers]
+        least = wrap(np.stack(angles, axis=1) - owner.offsets)
+        turns = TURN * np.array(list(product((0.0, -1.0, 1.0), repeat=least.shape[1])))
+        every = (least[:, None] + turns) @ owner.rates.T
+        best = np.argmin(np.round(np.sum(np.abs(every), axis=2), 9), axis=1)
+        return every[np.arange(len(every)), best]
 
     @cached_property
     def _values(self) -> Floats:
@@ -310,7 +301,7 @@ class _GearedRows:
 
     @cached_property
     def rates(self) -> Floats:
-        return self.owner.carriers.inverse @ self.rows.rates
+        return np.asarray(self.owner.rates @ self.rows.rates)
 
     @property
     def type_1(self) -> Floats:
@@ -319,7 +310,7 @@ class _GearedRows:
     @property
     def type_1_square(self) -> Floats:
         square = self.type_1**2
-        weights = self.owner.carriers.inverse[None] ** 2
+        weights = self.owner.rates[None] ** 2
         beyond = np.min(self.rows.type_1_square[:, None] / weights, axis=2)
         return np.where(np.isnan(square), np.fmin(beyond, 0.0), square)
 
@@ -344,7 +335,7 @@ def geared(mechanism: Mechanism, output: Output) -> GearedKinematics | None:
     carriers = _carriers(train, driven, kept)
     if carriers is None or not stopped <= kept:
         return None
-    inputs = (Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in carriers.pairs)
+    inputs = (Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in carriers)
     try:
         part = of_pairs(replace(mechanism, inputs=tuple(inputs), modes=()), kept)
         inverse = InverseKinematics(part, output.name)
@@ -367,8 +358,10 @@ def _carrying(mechanism: Mechanism, output: Output, pairs: set[int]) -> set[int]
         kept = {pair for pair in kept if not loose & set(mechanism.ends[pair])}
 
 
-def _carriers(train: GearTrain, driven: list[int], kept: set[int]) -> _Carriers | None:
-    """Return as many of the pairs kept as there are inputs, which say these."""
+def _carriers(
+    train: GearTrain, driven: list[int], kept: set[int]
+) -> dict[int, tuple[Floats, float]] | None:
+    """Return as many of the pairs kept as there are inputs, with ratios and offset."""
     rows = {pair: (np.eye(len(driven))[k], 0.0) for k, pair in enumerate(driven)}
     every = zip(train.followers, train.ratios, train.offsets, strict=True)
     rows |= {pair: (ratios, float(offset)) for pair, ratios, offset in every}
@@ -377,10 +370,7 @@ def _carriers(train: GearTrain, driven: list[int], kept: set[int]) -> _Carriers 
         tried = np.array([rows[item][0] for item in (*chosen, pair)])
         if np.linalg.matrix_rank(tried) == len(tried):
             chosen.append(pair)
-    if len(chosen) < len(driven):
-        return None
-    ratios, offsets = zip(*(rows[pair] for pair in chosen), strict=True)
-    return _Carriers(tuple(chosen), np.array(ratios), np.array(offsets))
+    return {pair: rows[pair] for pair in chosen} if len(chosen) == len(driven) else None
 
 
 def output_kinematics(
@@ -402,7 +392,7 @@ def output_kinematics(
         If the output is unknown, or cannot take every pose.
     """
     if len(mechanism.inputs) not in COORDINATES:
-        return ForwardOnly(mechanism, output)
+        return OutputKinematics(mechanism, chosen_output(mechanism, output), points=False)
     inverse = InverseKinematics(mechanism, output)
     if inverse.has_closed_form or not graph:
         try:
@@ -441,26 +431,8 @@ def _closed_form_of(inverse: InverseKinematics) -> ClosedKinematics:
     return MidPlaneKinematics(inverse.own, output, form)
 
 
-class ForwardOnly(OutputKinematics):
-    """An output with another number of inputs than a pose has coordinates: one way only."""
-
-    solved_by = "graph"
-
-    def __init__(self, mechanism: Mechanism, output: str | None) -> None:
-        super().__init__(mechanism, chosen_output(mechanism, output), points=False)
-
-    def inverse(
-        self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
-    ) -> InverseRows:
-        """Raise the `PlanError` that says why there is none."""
-        with_wrist(self.mechanism, self.output.name)
-        raise AssertionError(self.mechanism.inputs)
-
-
 class GraphKinematics(OutputKinematics):
     """An output whose poses are solved on the graph of all links, row by row."""
-
-    solved_by = "graph"
 
     def __init__(self, inverse: InverseKinematics) -> None:
         super().__init__(inverse.own, inverse.wrist.output, inverse.wrist.points)
@@ -482,28 +454,26 @@ class GraphKinematics(OutputKinematics):
         lost[: len(kept)] = kept
         values = _filled(solutions.values, lost)
         owner = list(self.mechanism.variable_owners)
-        moved = self._moved(values, _filled(solutions.rotations, lost))
-        rows = InverseRows.judged(
+        turns, seen = nans((len(values), 3, len(self.mechanism.inputs))), lost >= 0
+        turns[seen] = self.turns(values[seen])
+        directions = None
+        if self.points and solutions.directions is not None:
+            directions = _filled(solutions.directions, lost)
+        rates, type_1 = rates_of_turns(turns, directions)
+        rows = InverseRows(
             np.concatenate([solutions.row[kept], none]),
             np.concatenate([labels[kept], np.full(len(none), "")]),
-            (np.where(lost < 0, -np.inf, np.nan), np.full(len(lost), -1), ()),
-            inputs=_filled(solutions.inputs, lost),
-            type_1=moved.type_1,
-            type_2=self.type_2(values),
-            rates=moved.rates,
-            values=values[:, [owner.index(pair) for pair in pairs]],
+            _filled(solutions.inputs, lost),
+            np.zeros(len(lost), dtype=np.int8),
+            np.where(seen, np.nan, -np.inf),
+            np.full(len(lost), -1),
+            type_1,
+            self.type_2(values),
+            rates,
+            values[:, [owner.index(pair) for pair in pairs]],
+            (),
         )
-        return InverseRows.joined([rows])
-
-    def _moved(self, values: Floats, rotations: Floats) -> InputRates:
-        """Return the rates at configurations (k, variables), NaN where they are."""
-        finite = np.isfinite(values[:, 0])
-        turns = nans((len(values), 3, len(self.mechanism.inputs)))
-        turns[finite] = self.turns(values[finite])
-        direction = self.output.direction if self.points else None
-        return InputRates.of_turns(
-            turns, None if direction is None else rotations @ np.array(direction)
-        )
+        return InverseRows.joined([rows.judged()])
 
 
 def _filled(array: Floats, rows: Indices) -> Floats:

@@ -1,5 +1,9 @@
 """An output at poses in one working mode, and configurations of poses in rows.
 
+Inverse and forward kinematics of one output, whatever way leads there: a closed form has a
+row for each pose and working mode; on the graph of a mechanism with other groups there is
+one for each configuration that was found.
+
 Constraints of a workspace: bounds on angles that are known by their cosines.
 
 The cosine is smooth where the angle ends with a vertical slope, so that a border found
@@ -7,9 +11,11 @@ from it is found well: reach, limits of pairs, angles between axes and the measu
 singularities are all such bounds.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +23,20 @@ from numpy.typing import NDArray
 from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import AnalysisError
-from spherekit.guidance.mid_plane_architecture import axis_in
+from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture, axis_in
 from spherekit.model.dynamics import JointLimit
 from spherekit.model.gears import COLLINEAR, geometry_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.assembly_modes import FLAT_DYAD
+from spherekit.model.parts import Output
+from spherekit.motion.assembly_modes import FLAT_DYAD, label_of
+from spherekit.motion.closure import Closure
+from spherekit.motion.motion import motion_of
 from spherekit.numeric.crossings import wrap
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.output.dyads import DyadArcs, InputRates, reciprocal
+from spherekit.output.dyads import DyadArcs, Signs, rates_of_turns, reciprocal
+from spherekit.output.forward import ForwardKinematics, PoseSolutions, output_rates
+from spherekit.output.virtual_output import with_wrist
+from spherekit.rates.transmission import Transmission
 from spherekit.sphere.rotation import arc
 
 
@@ -81,20 +93,6 @@ class Span:
     folds: bool
 
 
-class Spanned(Protocol):
-    """An output whose reach is limited by spans of legs."""
-
-    mechanism: Mechanism
-    wheels: frozenset[int]
-
-    @property
-    def spans(self) -> tuple[Span, ...]:
-        """What limits the reach."""
-
-    def name_of(self, pair: int) -> str:
-        """Return the name of a pair."""
-
-
 @dataclass(frozen=True)
 class InverseRows(ArrayRows):
     """k rows: the number of the pose, the label of the working mode, and what is there.
@@ -144,45 +142,27 @@ class InverseRows(ArrayRows):
         """Which rows (k,) have a configuration."""
         return self.status != Status.OUT_OF_REACH
 
-    @staticmethod
-    def judged(
-        pose: Indices,
-        mode: NDArray[np.str_],
-        limit: tuple[Floats, Indices, tuple[str, ...]],
-        *,
-        inputs: Floats,
-        type_1: Floats,
-        type_2: Floats,
-        rates: Floats,
-        values: Floats,
-    ) -> "InverseRows":
-        """Return rows with their status, empty where a limit or the reach says no.
-
-        `limit` are margins, numbers and names of the limits; poses need not ascend.
-        """
-        margin, limiting, names = limit
-        out = margin < 0.0
-        least = np.fmin(np.min(type_1, axis=1), type_2)
-        regular = np.isfinite(inputs).all(axis=1) & (least > FLAT_DYAD)
+    def judged(self) -> Self:
+        """Return the rows with their status, empty where a limit or the reach says no."""
+        out, finite = self.margin < 0.0, np.isfinite(self.margin)
+        least = np.fmin(np.min(self.type_1, axis=1), self.type_2)
+        regular = np.isfinite(self.inputs).all(axis=1) & (least > FLAT_DYAD)
         status = np.where(regular, Status.OK, Status.AT_SINGULARITY)
         status[out] = Status.OUT_OF_REACH
         gone = np.where(out, np.nan, 0.0)
-        return InverseRows(
-            pose,
-            mode,
-            inputs + gone[:, None],
-            status.astype(np.int8),
-            np.where(np.isfinite(margin), margin, np.nan),
-            limiting,
-            type_1 + gone[:, None],
-            type_2 + gone,
-            rates + gone[:, None, None],
-            values + gone[:, None],
-            names,
+        return replace(
+            self,
+            inputs=self.inputs + gone[:, None],
+            status=status.astype(np.int8),
+            margin=np.where(finite, self.margin, np.nan),
+            type_1=self.type_1 + gone[:, None],
+            type_2=self.type_2 + gone,
+            rates=self.rates + gone[:, None, None],
+            values=self.values + gone[:, None],
         )
 
     @classmethod
-    def joined(cls, parts: "Sequence[InverseRows]") -> "InverseRows":
+    def joined(cls, parts: Sequence[Self]) -> Self:
         """Return the rows of several modes, those of a pose together."""
         every = super().joined(parts)
         return every.rows(np.argsort(every.pose, kind="stable"))
@@ -194,7 +174,7 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     From the rates (k, inputs, 3) of the inputs: with two inputs, at right angles to the
     directions (k, 3).
     """
-    turns = InputRates.of_turns(np.swapaxes(rates, 1, 2), directions).rates
+    turns, _ = rates_of_turns(np.swapaxes(rates, 1, 2), directions)
     return np.swapaxes(turns, 1, 2)
 
 
@@ -234,15 +214,6 @@ class AngleLimit:
 
 
 @dataclass(frozen=True)
-class JointRange:
-    """A pair whose variable stays within [low, high] (rad)."""
-
-    pair: str
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
 class InterferenceLimit:
     """Two pairs whose axes are between `low` and `high` (rad) apart."""
 
@@ -271,14 +242,165 @@ class Constraints:
         sphere, that its links do not touch (Chen et al. 2021, section 3). 0 for none.
     """
 
-    limits: tuple[JointRange, ...] = ()
+    limits: tuple[JointLimit, ...] = ()
     apart: tuple[InterferenceLimit, ...] = ()
     near: float = 0.0
     width: float = 0.0
     radius: float = 0.0
 
 
-def bounds_of(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit, ...]:
+class OutputKinematics:
+    """The poses of one declared output.
+
+    Of one with another number of inputs than a pose has coordinates, forward only.
+
+    Attributes
+    ----------
+    mechanism, output
+        The output, and the mechanism that declares it.
+    points
+        Whether poses are directions (n, 3), else rotations (n, 3, 3).
+    modes, legs
+        The signs of all working modes, and what each sign belongs to.
+    form
+        The mid-plane symmetric architecture of the output, if it has one.
+    solved_by
+        What gives the configurations: ``dyads``, ``mid-plane`` or ``graph``.
+    """
+
+    modes: tuple[Signs, ...] = ()
+    legs: tuple[str, ...] = ()
+    form: MidPlaneArchitecture | None = None
+    solved_by = "graph"
+
+    def __init__(self, mechanism: Mechanism, output: Output, points: bool) -> None:
+        self.mechanism, self.output, self.points = mechanism, output, points
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the working modes."""
+        return tuple(map(label_of, self.modes))
+
+    def chosen_modes(self, text: str) -> tuple[Signs, ...]:
+        """Return the modes that a text names: all for ``""``, else a label or a number.
+
+        Raises
+        ------
+        AnalysisError
+            If it names none.
+        """
+        if not text:
+            return self.modes
+        if text in self.labels:
+            return (self.modes[self.labels.index(text)],)
+        if text.isdecimal() and int(text) < len(self.modes):
+            return (self.modes[int(text)],)
+        raise AnalysisError(
+            f'{self.mechanism.name}: outputs.{self.output.name}: working mode "{text}" is '
+            f"none of {listing(self.labels, 64)}, nor a number below {len(self.modes)}; "
+            f"the signs are those of: {'; '.join(self.legs)}"
+        )
+
+    def inverse(
+        self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
+    ) -> InverseRows:
+        """Return the configurations of poses in some modes, with variables of pairs.
+
+        Modes are named by their labels.
+
+        Raises
+        ------
+        PlanError
+            If there is none.
+        """
+        with_wrist(self.mechanism, self.output.name)
+        raise AssertionError(poses, modes, pairs)
+
+    def forward(self, inputs: Floats) -> PoseSolutions:
+        """Return every pose found at inputs (n, inputs) rad."""
+        return self._forward.solutions(inputs)
+
+    def turns(self, values: Floats) -> Floats:
+        """Return the output's angular velocity (n, 3, inputs) per unit rate of each input.
+
+        At configurations (n, variables), in axes of the link that the output is seen from;
+        NaN where the inputs do not determine the motion.
+        """
+        return output_rates(motion_of(self._forward.solver, values), self.output)
+
+    def type_2(self, values: Floats) -> Floats:
+        """Return the measure (n,) of type II at configurations (n, variables)."""
+        return Transmission.of(self.mechanism, self.output).of_values(self._closure, values)
+
+    def residual(self, values: Floats) -> Floats:
+        """Return (n,) rad by how much loops fail to close at values (n, variables)."""
+        return self._closure.at(values).gap
+
+    @cached_property
+    def _forward(self) -> ForwardKinematics:
+        return ForwardKinematics(self.mechanism, self.output.name)
+
+    @cached_property
+    def _closure(self) -> Closure:
+        return Closure.of(self.mechanism, geometry_of(self.mechanism).joints)
+
+
+class ClosedKinematics(OutputKinematics, ABC):
+    """An output in a closed form that needs no start; poses are judged by its limits.
+
+    `wheels` are the numbers of the pairs that turn and do not carry it.
+    """
+
+    wheels: frozenset[int] = frozenset()
+
+    @property
+    @abstractmethod
+    def spans(self) -> tuple[Span, ...]:
+        """What limits the reach."""
+
+    @abstractmethod
+    def at(self, poses: Floats, signs: Signs) -> Rows:
+        """Return one mode at poses."""
+
+    def name_of(self, pair: int) -> str:
+        """Return the name of a pair, or that of the output for a pair made for it."""
+        pairs = self.mechanism.pairs
+        return pairs[pair].name if pair < len(pairs) else self.output.name
+
+    @cached_property
+    def bounds(self) -> tuple[AngleLimit, ...]:
+        """The reach of the legs, and the joint limits of the mechanism."""
+        return bounds_of(self, Constraints())
+
+    def inverse(
+        self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
+    ) -> InverseRows:
+        """Return a row for each pose and mode."""
+        limits = tuple(bound.name for bound in self.bounds)
+        signs = dict(zip(self.labels, self.modes, strict=True))
+        count = len(poses)
+        parts = []
+        for mode in modes:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                rows = self.at(poses, signs[mode])
+                values = [rows.angle(pair) for pair in pairs]
+                part = InverseRows(
+                    np.arange(count),
+                    np.full(count, mode),
+                    rows.inputs,
+                    np.zeros(count, dtype=np.int8),
+                    *left_of(self.bounds, rows),
+                    rows.type_1,
+                    rows.type_2,
+                    rows.rates,
+                    np.stack(values, axis=1) if values else np.empty((count, 0)),
+                    limits,
+                )
+            parts.append(part.judged())
+        return InverseRows.joined(parts)
+
+
+def bounds_of(kinematics: ClosedKinematics, wanted: Constraints) -> tuple[AngleLimit, ...]:
     """Return all bounds: of the reach, then those wanted.
 
     Raises
@@ -324,18 +446,18 @@ _NO_LIMIT = AngleLimit(
 )
 
 
-def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit, ...]:
+def _between_axes(
+    kinematics: ClosedKinematics, wanted: Constraints
+) -> tuple[AngleLimit, ...]:
     """Return the bounds of angles between axes, one each way for each two axes.
 
     Of the limits (rad) of two axes the strictest hold, with where they are from.
     """
     mechanism = kinematics.mechanism
-    lows: dict[tuple[int, int], list[tuple[float, str]]] = {}
-    highs: dict[tuple[int, int], list[tuple[float, str]]] = {}
+    limits: dict[tuple[int, int], list[tuple[float, float, str]]] = {}
 
     def limit(axes: tuple[int, int], low: float, high: float, source: str) -> None:
-        lows.setdefault(axes, [(0.0, "")]).append((low, source))
-        highs.setdefault(axes, [(np.pi, "")]).append((high, source))
+        limits.setdefault(axes, [(0.0, np.pi, "")]).append((low, high, source))
 
     closest = _closest(mechanism, wanted)
     for span in kinematics.spans:
@@ -346,13 +468,13 @@ def _between_axes(kinematics: Spanned, wanted: Constraints) -> tuple[AngleLimit,
     for item in wanted.apart:
         one, other = (_pair(mechanism, "apart", name) for name in (item.one, item.other))
         if not _holds_always(mechanism, item, one, other):
-            turned = (other, one) in lows and (one, other) not in lows
+            turned = (other, one) in limits and (one, other) not in limits
             limit((other, one) if turned else (one, other), item.low, item.high, "apart")
     bounds: list[AngleLimit] = []
-    for axes in lows:
+    for axes, held in limits.items():
         name = "/".join(kinematics.name_of(pair) for pair in sorted(axes))
-        low, low_from = max(lows[axes], key=lambda bound: bound[0])
-        high, high_from = min(highs[axes], key=lambda bound: bound[0])
+        low, _, low_from = max(held, key=lambda asked: asked[0])
+        _, high, high_from = min(held, key=lambda asked: asked[1])
         if low > high:
             raise _refusal(
                 mechanism,
@@ -427,11 +549,11 @@ def _closest(mechanism: Mechanism, wanted: Constraints) -> float:
     return width / radius
 
 
-def _of_pairs(mechanism: Mechanism, limits: Sequence[JointRange]) -> tuple[AngleLimit, ...]:
+def _of_pairs(mechanism: Mechanism, limits: Sequence[JointLimit]) -> tuple[AngleLimit, ...]:
     """Return the bounds of pairs: joint limits and limits wanted, each by its middle."""
-    asked = [(item, "joint_limit") for item in map(_of_stop, mechanism.joint_limits)]
+    asked = [(item, "joint_limit") for item in mechanism.joint_limits]
     asked += [(item, "limit") for item in limits]
-    kept: dict[str, JointRange] = {}
+    kept: dict[str, JointLimit] = {}
     bounds = []
     for item, kind in asked:
         number = _pair(mechanism, "limits", item.pair)
@@ -463,11 +585,7 @@ def _of_pairs(mechanism: Mechanism, limits: Sequence[JointRange]) -> tuple[Angle
     return tuple(bounds)
 
 
-def _of_stop(stop: JointLimit) -> JointRange:
-    return JointRange(stop.pair, stop.low, stop.high)
-
-
-def _overlap(one: JointRange, other: JointRange) -> bool:
+def _overlap(one: JointLimit, other: JointLimit) -> bool:
     """Return whether two ranges of an angle meet, up to whole turns."""
     gap = 0.5 * (other.low + other.high - one.low - one.high)
     width = 0.5 * (one.high - one.low + other.high - other.low)

@@ -11,7 +11,7 @@ from spherekit.conventions import Status
 from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import from_quaternion
 from spherekit.workspace.inverse import output_kinematics
-from spherekit.workspace.workspace import ClosedKinematics, OutputKinematics
+from spherekit.workspace.rows import ClosedKinematics, OutputKinematics
 
 PLACES = 4
 """At how many inputs poses are compared."""
