@@ -8,6 +8,7 @@ from spherekit.plugin import _offer
 if TYPE_CHECKING:
     from spherekit.analysis.numbers import columns_of as columns_of
     from spherekit.analysis.numbers import read_numbers as read_numbers
+    from spherekit.model.dynamics import JointLimit as JointRange  # noqa: F401
     from spherekit.motion.assembly_modes import label_of as label_of
     from spherekit.region.mesh import sphere_mesh as sphere_mesh
     from spherekit.region.refine import Part as Part
