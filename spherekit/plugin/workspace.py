@@ -8,7 +8,6 @@ from spherekit.plugin import _offer
 if TYPE_CHECKING:
     from spherekit.analysis.numbers import columns_of as columns_of
     from spherekit.analysis.numbers import read_numbers as read_numbers
-    from spherekit.model.dynamics import JointLimit as JointRange  # noqa: F401
     from spherekit.motion.assembly_modes import label_of as label_of
     from spherekit.region.mesh import sphere_mesh as sphere_mesh
     from spherekit.region.refine import Part as Part
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from spherekit.workspace.rows import Constraints as Constraints
     from spherekit.workspace.rows import InterferenceLimit as InterferenceLimit
     from spherekit.workspace.rows import InverseRows as InverseRows
+    from spherekit.workspace.rows import JointRange as JointRange
     from spherekit.workspace.rows import OutputKinematics as OutputKinematics
     from spherekit.workspace.rows import bounds_of as bounds_of
     from spherekit.workspace.rows import sense_of as sense_of

@@ -213,6 +213,10 @@ class AngleLimit:
         return np.asarray(beyond if self.at_least else -beyond)
 
 
+JointRange = JointLimit
+"""A pair whose variable stays within [low, high] (rad), as that of a joint limit."""
+
+
 @dataclass(frozen=True)
 class InterferenceLimit:
     """Two pairs whose axes are between `low` and `high` (rad) apart."""
