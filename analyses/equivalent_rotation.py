@@ -30,11 +30,8 @@ from spherekit.plugin import (
     Table,
     TableData,
     input_columns,
-    listing,
-    nearest,
 )
 from spherekit.plugin.rotations import (
-    SHAPES,
     FixedAxisRotation,
     MidPlaneArchitecture,
     PoseCandidates,
@@ -45,6 +42,7 @@ from spherekit.plugin.rotations import (
     dead_centre,
     mid_plane_form,
     mirror_angles,
+    schedule_limits,
     tilt_torsion,
     time_optimal,
 )
@@ -216,25 +214,11 @@ class EquivalentRotation(AbstractAnalysis):
                 f"{self.name}: theta: found {'+'.join(map(str, self.theta))}, needs angles "
                 "in degrees from 0 to that of the rotation"
             )
-        for name in ("speed", "acceleration"):
-            limits = getattr(self, name)
-            if len(limits) not in (0, 1, len(inputs)) or not all(
-                np.isfinite(limit) and limit > 0.0 for limit in limits
-            ):
-                raise AnalysisError(
-                    f"{self.name}: {name}: found {'+'.join(map(str, limits))}, needs one "
-                    f"limit above 0 for all inputs, or one for each of {listing(inputs)}"
-                )
-        if not 0.0 <= self.cycle < np.inf:
-            raise AnalysisError(
-                f"{self.name}: cycle: found {self.cycle:g}, needs a time above 0 s, or 0 "
-                "for none"
-            )
-        if self.shape not in SHAPES:
-            raise AnalysisError(
-                f'{self.name}: shape: "{self.shape}" is none'
-                f"{nearest(self.shape, SHAPES) or ';'} shapes: {listing(SHAPES)}"
-            )
+        speed, acceleration = self.speed or None, self.acceleration or None
+        try:
+            schedule_limits(inputs, speed, acceleration, self.shape, self.cycle or None)
+        except SolveError as problem:
+            raise AnalysisError(f"{self.name}: {problem}") from None
         return Needs(tracer=True)
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:

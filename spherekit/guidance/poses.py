@@ -6,7 +6,6 @@ otherwise from the inverse kinematics of the output and the assembly modes of th
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -106,16 +105,8 @@ class PoseCandidates:
     def __len__(self) -> int:
         return len(self.values)
 
-    def nearest_first(self, orientation: Floats) -> "PoseCandidates":
-        """Return them ordered by the angle from an orientation, singular ones last."""
-        angles = turns_between(orientation[None], self.orientations).angle
-        return self._ordered(np.lexsort((np.round(angles, 9), self.singular)))
-
-    def singular_last(self) -> "PoseCandidates":
-        """Return them with the singular ones last."""
-        return self._ordered(np.argsort(self.singular, kind="stable"))
-
-    def _ordered(self, order: Indices) -> "PoseCandidates":
+    def ordered(self, order: Indices) -> "PoseCandidates":
+        """Return them in an order (k,)."""
         return PoseCandidates(
             self.values[order],
             self.inputs[order],
@@ -186,10 +177,6 @@ class PoseFinder:
                     "orientation"
                 )
 
-    @cached_property
-    def _kinematics(self) -> InverseKinematics:
-        return InverseKinematics(self.mechanism, self.output.name)
-
     def _assembled(self, inputs: Floats) -> PoseCandidates:
         modes = assemblies(self.solver, inputs).modes
         if not modes:
@@ -210,21 +197,17 @@ class PoseFinder:
             tuple(labels),
             self._singular(values),
         )
-        return candidates.singular_last()
-
-    @cached_property
-    def _target(self) -> OutputTarget:
-        return OutputTarget.of(self.mechanism, self.output)
+        return candidates.ordered(np.argsort(candidates.singular, kind="stable"))
 
     def _singular(self, values: Floats) -> Bools:
-        near = self._target.at(values, np.eye(3)[None])
+        near = OutputTarget.of(self.mechanism, self.output).at(values, np.eye(3)[None])
         free = np.minimum(near.output_singular_value, near.loop_conditioning) > UNFIXED
         transmission = Transmission.of(self.mechanism, self.output)
         return ~(free & (transmission.of_values(self.solver.closure, values) > SINGULAR))
 
     def _inverse(self, pose: Floats, points: bool) -> PoseCandidates:
         """Return the configurations at an orientation (3, 3) or direction (3,)."""
-        kinematics = self._kinematics
+        kinematics = InverseKinematics(self.mechanism, self.output.name)
         if kinematics.wrist.points != points:
             takes = "a direction" if kinematics.wrist.points else "an orientation"
             raise SolveError(
@@ -232,26 +215,13 @@ class PoseFinder:
                 "inputs"
             )
         solutions = kinematics.solutions(pose[None])
-        values, labels = [], []
-        for k, signs in enumerate(solutions.signs):
-            at = self._assembled(solutions.inputs[k])
-            off = turns_between(solutions.rotations[k, None], at.orientations).angle
-            best = int(np.argmin(off))
-            if off[best] < SAME_POSE:
-                values.append(at.values[best])
-                labels.append(label_of(signs))
-        if not values and len(solutions.row):
-            raise SolveError(
-                f"{self.mechanism.name}: outputs.{self.output.name} is singular at this "
-                "pose; choose another one"
-            )
-        if not values:
+        if not len(solutions.row):
             raise SolveError(
                 f"{self.mechanism.name}: outputs.{self.output.name} does not reach this "
                 "pose, or is singular there; choose one inside its workspace"
                 + self._offer(AtDirection(pose) if points else AtOrientation(pose))
             )
-        return self._of_values(np.stack(values), labels)
+        return self._of_values(solutions.values, [*map(label_of, solutions.signs)])
 
     def _shown(self, inputs: Floats) -> str:
         return ", ".join(
@@ -379,7 +349,9 @@ class PoseFinder:
             wanted = end.orientation
         else:
             try:
-                ends = self.candidates(end).nearest_first(first)
+                ends = self.candidates(end)
+                away = turns_between(first[None], ends.orientations).angle
+                ends = ends.ordered(np.lexsort((np.round(away, 9), ends.singular)))
                 wanted = ends.orientations[ends.number_of(mode)]
             except SolveError as problem:
                 raise SolveError(f"end: {problem}") from None

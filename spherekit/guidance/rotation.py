@@ -5,7 +5,7 @@ inputs then go with 1 / T and accelerations with 1 / T^2, so the shortest durati
 from their largest values at T = 1, which are found to rounding.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, Protocol
@@ -213,11 +213,8 @@ def time_optimal(
         is not positive or makes more than `MOST_ROWS` rows, or the mechanism does not
         follow all the way.
     """
-    law, count = _shape(shape), len(rotation.inputs)
-    if cycle is not None and not 0.0 < cycle < np.inf:
-        raise SolveError(f"cycle: found {cycle:g}, needs a time above 0 s")
-    given = {"speed": speed, "acceleration": acceleration}
-    limits = np.concatenate([_limits(what, x, count) for what, x in given.items()])
+    count = len(rotation.inputs)
+    law, limits = schedule_limits(rotation.inputs, speed, acceleration, shape, cycle)
     if not np.any(np.isfinite(limits)):
         raise SolveError("a schedule needs a limit of speed or of acceleration")
     fitted = PiecewiseChebyshev.fit(
@@ -234,7 +231,8 @@ def time_optimal(
                 f"{MOST_ROWS} rows; give a longer cycle"
             )
         duration = cycle * max(1.0, np.ceil(duration / cycle * (1.0 - WHOLE)))
-    names = [(name, what) for what in given for name in rotation.inputs]
+    whats = "speed", "acceleration"
+    names = [(name, what) for what in whats for name in rotation.inputs]
     reached, theta = values / duration ** (1.0 / powers), rotation.angle * law.at(places)[0]
     rows = np.stack([reached, duration * places, theta, limits], axis=1).tolist()
     extremes = tuple(
@@ -244,11 +242,36 @@ def time_optimal(
     return TimeScaling(rotation, law, duration, extremes, fitted.error, cycle)
 
 
+def schedule_limits(
+    inputs: Sequence[str],
+    speed: ArrayLike | None,
+    acceleration: ArrayLike | None,
+    shape: str | Law,
+    cycle: float | None,
+) -> tuple[Law, Floats]:
+    """Return the law, and the limits (2 inputs,) of speeds and accelerations of inputs.
+
+    See `time_optimal`, as for the errors.
+    """
+    if cycle is not None and not 0.0 < cycle < np.inf:
+        raise SolveError(f"cycle: found {cycle:g}, needs a time above 0 s")
+    limits = []
+    for what, given in (("speed", speed), ("acceleration", acceleration)):
+        limit = np.asarray(np.inf if given is None else given, dtype=float)
+        if limit.shape not in ((), (1,), (len(inputs),)) or not np.all(limit > 0.0):
+            raise SolveError(
+                f"{what}: found {'+'.join(map(str, limit.ravel()))}, needs one limit above "
+                f"0 for all inputs, or one for each of {listing(inputs)}"
+            )
+        limits.append(np.broadcast_to(limit, (len(inputs),)))
+    return _shape(shape), np.concatenate(limits)
+
+
 def _shape(shape: str | Law) -> Law:
     if isinstance(shape, str):
         if shape not in SHAPES:
             raise SolveError(
-                f'no law shape is named "{shape}"{nearest(shape, SHAPES) or "."} '
+                f'shape: no law shape is named "{shape}"{nearest(shape, SHAPES) or "."} '
                 f"Shapes: {listing(SHAPES)}"
             )
         return SHAPES[shape]
@@ -261,18 +284,6 @@ def _shape(shape: str | Law) -> Law:
     if max_abs(part - np.clip(part, 0.0, 1.0)) > 1e-12:
         raise SolveError("a law shape stays between 0 and 1, but this one leaves that")
     return shape
-
-
-def _limits(what: str, given: ArrayLike | None, count: int) -> Floats:
-    if given is None:
-        return np.full(count, np.inf)
-    limits = np.asarray(given, dtype=float)
-    if limits.shape not in ((), (1,), (count,)) or not np.all(limits > 0.0):
-        raise SolveError(
-            f"{what}: found {limits.tolist()}, needs one limit above 0 for all inputs or "
-            f"one for each of {count}"
-        )
-    return np.broadcast_to(limits, (count,)).copy()
 
 
 def _moved(

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from spherekit.guidance.rotation import TimeScaling as TimeScaling
     from spherekit.guidance.rotation import Trajectory as Trajectory
     from spherekit.guidance.rotation import dead_centre as dead_centre
+    from spherekit.guidance.rotation import schedule_limits as schedule_limits
     from spherekit.guidance.rotation import time_optimal as time_optimal
     from spherekit.model.gears import link_axes as link_axes
     from spherekit.model.mechanism import chosen_output as chosen_output
