@@ -329,4 +329,4 @@ def _motion(batch: Batch) -> CoordinateMotion:
         w[:, number] = batch.angular_velocity(link)
         dw[:, number] = batch.angular_velocity_dq(link)
     by_two = second[:, None, None], turns, w[:, None], dw[:, None, None]
-    return CoordinateMotion(values, rates[:, None], *by_two, batch.status)
+    return CoordinateMotion(values, rates[:, None], *by_two, batch.status, turns[:, :0])

@@ -9,7 +9,7 @@ from newton_euler import heavy, loaded, newton_euler, row_of
 from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
-from spherekit.dynamics.coordinates import coriolis
+from spherekit.dynamics.coordinates import christoffel
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.engine.compiler import available
 from spherekit.model.dynamics import JointLimit
@@ -68,7 +68,7 @@ def test_inertia_is_symmetric_positive_and_changes_as_its_derivatives_say(name):
     series = np.polynomial.chebyshev.chebfit(nodes, M.reshape(len(M), -1), 27)
     slope = np.polynomial.chebyshev.chebder(series) / 0.2
     change = np.polynomial.chebyshev.chebval(nodes, slope).T.reshape(M.shape)
-    C = coriolis(found.dM, found.input_rates)
+    C = np.einsum("nijk,nk->nij", christoffel(found.dM), found.input_rates)
     left = change - 2.0 * C
     assert np.max(np.abs(left + np.swapaxes(left, 1, 2))) < 1e-11 * size
     own = np.einsum("nijk,nk->nij", found.dM, found.input_rates) - 2.0 * C

@@ -41,7 +41,8 @@ class CoordinateMotion(ArrayRows):
     velocities of the links relative to the ground per unit rate of each coordinate, in
     ground axes; `dw` (n, m, m, links, 3): at [i, k] the derivative of the i-th by
     coordinate k. `second` and `dw` are NaN where only the first order was asked for.
-    `status` (n,): OK, or OFF_PROFILE or CURVATURE where a contact does not exist.
+    `status` (n,): OK, or OFF_PROFILE or CURVATURE where a contact does not exist; `frames`
+    (n, pairs, 3, 3): those of the pairs, in ground axes.
     """
 
     values: Floats
@@ -51,6 +52,7 @@ class CoordinateMotion(ArrayRows):
     w: Floats
     dw: Floats
     status: SmallIntegers
+    frames: Floats
 
     def turned(self, signs: Floats) -> "CoordinateMotion":
         """Return the same with the coordinates' sense reversed where signs (n,) are -1."""
@@ -142,7 +144,7 @@ def _derived(
         second[:, :, k] = -bias @ np.swapaxes(inverse, 1, 2)
         dw[:, :, k] = tree.body_rates(at.vectors[:, None], second[:, :, k])
         dw[:, :, k] += tree.body_rates(turned[:, None], rates)
-    return CoordinateMotion(at.values, rates, second, at.placed, w, dw, status)
+    return CoordinateMotion(at.values, rates, second, at.placed, w, dw, status, at.frames)
 
 
 def determined(rates: Floats) -> Floats:
@@ -358,8 +360,8 @@ def christoffel(dM: Floats) -> Floats:
 
 
 def coriolis(dM: Floats, rates: Floats) -> Floats:
-    """Return C (n, m, m) from the derivatives of M (n, m, m, m) at rates (n, m)."""
-    return (christoffel(dM) @ rates[:, None, :, None])[..., 0]
+    """Return C q' (n, m) from the derivatives of M (n, m, m, m) at rates (n, m)."""
+    return np.einsum("nijk,nj,nk->ni", christoffel(dM), rates, rates)
 
 
 def driving_torques(M: Floats, dM: Floats, Q: Floats, dq: Floats, ddq: Floats) -> Floats:
@@ -368,4 +370,4 @@ def driving_torques(M: Floats, dM: Floats, Q: Floats, dq: Floats, ddq: Floats) -
     The torques at the pairs of the coordinates, `M` (n, m, m), `dM` (n, m, m, m); `Q`
     (n, m) is of all other loads.
     """
-    return (M @ ddq[..., None] + coriolis(dM, dq) @ dq[..., None])[..., 0] - Q
+    return (M @ ddq[..., None])[..., 0] + coriolis(dM, dq) - Q

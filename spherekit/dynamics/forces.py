@@ -25,7 +25,6 @@ from spherekit.dynamics.coordinates import CoordinateMotion
 from spherekit.model.actions import steep
 from spherekit.model.dynamics import Bearings, ContactFriction, sliding_rate
 from spherekit.model.expression import Expression
-from spherekit.model.joints import Joint
 from spherekit.model.load import Called, Component, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair
@@ -198,14 +197,11 @@ DETERMINED = 1e-7
 class DrivenState(ArrayRows):
     """n rows of a mechanism that moves, with the torques (n, inputs) that drive it.
 
-    `joints` are those of its pairs with their `frames` (n, pairs, 3, 3) in ground axes,
-    `motion` how it moves by its inputs, `timing` how these move in time; `carried` as of
-    `spherekit.dynamics.forces.Loads.magnitudes`.
+    `motion` says how it moves by its inputs, `timing` how these move in time; `carried` as
+    of `Loads.magnitudes`.
     """
 
     mechanism: Mechanism
-    joints: tuple[Joint, ...]
-    frames: Floats
     motion: CoordinateMotion
     timing: Timing
     torques: Floats
@@ -258,7 +254,6 @@ class NewtonEuler:
     def __init__(
         self,
         mechanism: Mechanism,
-        joints: Sequence[Joint],
         frames: Floats,
         *,
         forces: bool = False,
@@ -272,15 +267,13 @@ class NewtonEuler:
         self.mechanism, self.frames = mechanism, frames
         self.columns = [
             (number, k)
-            for number, (pair, joint) in enumerate(
-                zip(mechanism.pairs, joints, strict=True)
-            )
-            for k in _held(joint)
+            for number, pair in enumerate(mechanism.pairs)
+            for k in range(pair.constraints)
             if k or pair.pressure_angle is None
         ]
         distances = []
         if forces:
-            self.columns += _force_columns(mechanism, joints)
+            self.columns += _force_columns(mechanism)
             distances = [x.distance for x in mechanism.pairs if x.distance is not None]
         # A length makes forces comparable with moments where contacts tie them.
         self.length = float(np.mean(distances)) if distances else 1.0
@@ -418,23 +411,17 @@ def without_centre(mechanism: Mechanism) -> list[str]:
     ]
 
 
-def _held(joint: Joint) -> tuple[int, ...]:
-    """Return the columns of a pair's frame about which it holds its links."""
-    return tuple(range(3 - joint.freedoms))
-
-
-def _force_columns(mechanism: Mechanism, joints: Sequence[Joint]) -> list[tuple[int, int]]:
+def _force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     """Return the components of forces that moments do not say: 3, 4 and 5 are x, y, z."""
     bearings = [load for load in mechanism.loads if isinstance(load, Bearings)]
     floating = {load.pair for load in bearings if load.floats}
     rubs = {load.pair for load in mechanism.loads if isinstance(load, ContactFriction)}
     columns = []
-    for number, (pair, joint) in enumerate(zip(mechanism.pairs, joints, strict=True)):
+    for number, pair in enumerate(mechanism.pairs):
         if not pair.kind.has_axis:
             # Against the moment about x the force is along y, as that about y along x.
-            acting = () if pair.distance is not None else _held(joint)
-            if acting and pair.name in rubs:
-                acting = (0, 1)
+            held = 2 if pair.name in rubs else pair.constraints
+            acting = range(0 if pair.distance is not None else held)
             columns += [(number, 4 - axis) for axis in acting]
         else:
             most = 2 if pair.name in floating else 3
@@ -477,11 +464,9 @@ def balanced(driven: DrivenState, forces: bool) -> NewtonEuler:
     needed = accelerating(mechanism, motion, timing.ddq)
     needed += gyroscopic(mechanism, motion, timing.dq)
     toothed = np.array([pair.pressure_angle is not None for pair in mechanism.pairs])
-    sides = np.ones(driven.frames.shape[:2])
+    sides = np.ones(motion.frames.shape[:2])
     for _ in range(SIDES):
-        balance = NewtonEuler(
-            mechanism, driven.joints, driven.frames, forces=forces, sides=sides
-        )
+        balance = NewtonEuler(mechanism, motion.frames, forces=forces, sides=sides)
         balance.solve(needed - loads, about)
         turned = (balance.on_pairs(balance.reactions)[..., 1] * sides < 0.0) & toothed
         if not np.any(turned):

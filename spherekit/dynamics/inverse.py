@@ -29,7 +29,6 @@ from spherekit.guidance.rotation import TimeScaling
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import TimeLaw
 from spherekit.motion.closure import Closure
-from spherekit.motion.loops import Linearisation
 from spherekit.motion.motion import Motion, PositionAnalysis, Timing, by_laws, going_on
 from spherekit.planning.inputs import driven_at
 from spherekit.rates.request import request
@@ -338,7 +337,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
     solution = balancing(
         mechanism, rows, timing, coordinates, status, locked, None, carried
     )
-    for array in (solution.values, coordinates.rates):
+    for array in (solution.values, coordinates.rates, coordinates.frames):
         array[status != Status.OK] = np.nan
     return replace(solution, rounds=rounds)
 
@@ -354,8 +353,7 @@ def _rubbed(
     still = loads.parts(coordinates, timing.dq, timing.t)
     torques = _torques(inertia(mechanism, coordinates), still, timing)
     good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
-    at = Linearisation(motion.linearisation.tree, motion.joints, motion.values)
-    every = DrivenState(mechanism, motion.joints, at.frames, coordinates, timing, torques)
+    every = DrivenState(mechanism, coordinates, timing, torques)
     carried, locked, rounds = rubbed(every, loads, good)
     carried[~good] = 0.0
     return carried, locked, rounds

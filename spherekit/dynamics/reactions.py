@@ -23,7 +23,6 @@ from spherekit.dynamics.forces import DrivenState, transmitted
 from spherekit.dynamics.inverse import InverseSolution, needed_torques
 from spherekit.dynamics.state import IndeterminateForces, lacking
 from spherekit.model.dynamics import Bearings
-from spherekit.motion.loops import Linearisation
 from spherekit.motion.motion import Motion
 from spherekit.sphere.rotation import max_abs, nans
 
@@ -135,11 +134,9 @@ def reactions(motion: Motion) -> Reactions:
     torques = needed_torques(motion)
     mechanism, timing = motion.mechanism, motion.timing
     assert timing is not None
-    at = Linearisation(motion.linearisation.tree, motion.joints, torques.values)
+    frames = torques.motion.frames
     driven = DrivenState(
         mechanism,
-        motion.joints,
-        at.frames,
         torques.motion,
         timing,
         torques.torques,
@@ -159,7 +156,7 @@ def reactions(motion: Motion) -> Reactions:
         count = np.count_nonzero(carried.is_open, axis=(1, 2))
         if np.any(count) and not np.any(slides):
             row = np.flatnonzero(good)[int(np.argmin(count))]
-            missing = lacking(mechanism, motion.joints, at.frames[row])
+            missing = lacking(mechanism, frames[row])
     moments, forces = wrenches[..., :3], wrenches[..., 3:]
     status = np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1)
     contacts = np.array([not pair.kind.has_axis for pair in mechanism.pairs])
@@ -169,7 +166,7 @@ def reactions(motion: Motion) -> Reactions:
     status[good[:, None] & pulls] = Status.LIFT_OFF
     return Reactions(
         torques,
-        at.frames,
+        frames,
         moments,
         forces,
         is_open[..., :3],

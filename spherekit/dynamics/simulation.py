@@ -335,11 +335,9 @@ class Simulation:
     def moments(self, t: ArrayLike) -> JointReactions:
         """Return the moments that every pair transmits at times (n,), in pair axes."""
         traced, dynamics, motion, _, timing = self._accelerated(t)
-        closure, none = self.equation.closure, np.zeros((len(timing.t), len(self.driven)))
-        frames = closure.at(motion.values).frames
         seen = replace(motion, values=traced.values)
-        given = closure.joints, frames, seen, timing, none, dynamics.carried
-        return transmitted(DrivenState(self.mechanism, *given))
+        given = seen, timing, np.zeros((len(timing.t), len(self.driven)))
+        return transmitted(DrivenState(self.mechanism, *given, dynamics.carried))
 
     def _accelerated(
         self, t: ArrayLike
@@ -351,8 +349,7 @@ class Simulation:
         values = traced.states[:, : equation.variables]
         motion = equation.motion(values, traced.frames, order=2)
         masses = inertia(equation.mechanism, motion)
-        pull = (coriolis(masses.dM, speed) @ speed[..., None])[..., 0]
-        drive = np.sum(dynamics.forces, axis=2) - pull
+        drive = np.sum(dynamics.forces, axis=2) - coriolis(masses.dM, speed)
         change = np.linalg.solve(masses.M, drive[..., None])[..., 0]
         return traced, dynamics, motion, masses, Timing(times, speed, change)
 

@@ -5,7 +5,7 @@ and R the symmetric root of the inertia matrix M = R R, and the work W of each l
 the rates N of the variables by the coordinates, and M u' + C u = Q,
 
     dv/dt = N u,   dp/dt = R^-1 Q + S p,   dW/dt = Q u,   u = R^-1 p,
-    S = R' R^-1 - R^-1 C R^-1.
+    S p = R' u - R^-1 C u.
 
 S is skew, for R^-1 (M' - 2 C) R^-1 is; so the kinetic energy p^2 / 2 changes by the work of
 the loads alone. Of one freedom S is zero: p is constant where no load acts, the rate of the
@@ -61,7 +61,6 @@ from spherekit.dynamics.forces import (
     without_centre,
 )
 from spherekit.errors import SolveError
-from spherekit.model.joints import Joint
 from spherekit.model.load import BearingFriction
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
@@ -106,9 +105,7 @@ class IndeterminateForces:
         return bool(self.wanted)
 
 
-def lacking(
-    mechanism: Mechanism, joints: Sequence[Joint], frames: Floats
-) -> IndeterminateForces:
+def lacking(mechanism: Mechanism, frames: Floats) -> IndeterminateForces:
     """Return what would determine all forces at one row, `frames` (pairs, 3, 3) its pairs.
 
     The reactions that balance each other without loads are a linear space. Each pair that
@@ -127,7 +124,7 @@ def lacking(
             for pair in mechanism.pairs
         ),
     )
-    balance = NewtonEuler(told, joints, frames[None], forces=True)
+    balance = NewtonEuler(told, frames[None], forces=True)
     _, sizes, back = np.linalg.svd(balance.matrix[0])
     free = back[int(np.count_nonzero(sizes > DEPENDENT * sizes[0])) :].T
     along = [k for k, (_, component) in enumerate(balance.columns) if component == 5]
@@ -239,7 +236,7 @@ def _need_determined(
                 "it; take a load of kind friction, or give gears their pressure_angle"
             )
         if one.asks_forces and (np.any(is_open) or np.any(balance.slides)):
-            wanted = lacking(mechanism, driven.joints, driven.frames[0]).wanted
+            wanted = lacking(mechanism, driven.motion.frames[0]).wanted
             more = f"; a file that says {listing(wanted)} determines it" if wanted else ""
             raise SolveError(
                 f"{mechanism.name}: loads.{one.name}: the force through the centre in pair "
@@ -335,23 +332,10 @@ class Roots:
 
     def changing(self, dM: Floats, u: Floats) -> Floats:
         """Return R' u (n, m) at rates u (n, m), given the derivatives of M (n, m, m, m)."""
-        along = transpose(self.vectors) @ u[..., None]
-        return (self.vectors @ self._change(dM, u) @ along)[..., 0]
-
-    def _change(self, dM: Floats, u: Floats) -> Floats:
-        """Return R' (n, m, m) along the eigenvectors."""
-        change = (dM @ u[:, None, :, None])[..., 0]
-        sums = self.sizes[:, :, None] + self.sizes[:, None]
-        return transpose(self.vectors) @ change @ self.vectors / sums
-
-    def turning(self, dM: Floats, u: Floats, p: Floats) -> Floats:
-        """Return S p (n, m) at rates u (n, m), given the derivatives of M (n, m, m, m)."""
         back = transpose(self.vectors)
-        root_change = self._change(dM, u)
-        pull = back @ coriolis(dM, u) @ self.vectors / self.sizes[:, :, None]
-        part = (root_change - pull) / self.sizes[:, None]
-        skew = 0.5 * (part - transpose(part))
-        return (self.vectors @ skew @ back @ p[..., None])[..., 0]
+        change = back @ (dM @ u[:, None, :, None])[..., 0] @ self.vectors
+        change /= self.sizes[:, :, None] + self.sizes[:, None]
+        return (self.vectors @ change @ back @ u[..., None])[..., 0]
 
 
 @dataclass(frozen=True)
@@ -469,20 +453,19 @@ class EquationOfMotion:
         masses = inertia(self.mechanism, motion) if second else None
         roots = Roots.of(masses.M if masses else inertia_matrix(self.mechanism, motion))
         speed = roots.solved(momenta)
+        pull = coriolis(masses.dM, speed) if masses else np.zeros_like(momenta)
         bend = np.zeros_like(momenta)
         if masses and self.freedoms > 1:
-            bend = roots.turning(masses.dM, speed, momenta)
+            bend = roots.changing(masses.dM, speed) - roots.solved(pull)
         seen = motion
         if whole is not None:
             seen = replace(motion, values=motion.values + whole)
         forces, carried = self.loads.parts(seen, speed, t), None
         if masses and self.loads.rubbing:
-            pull = (coriolis(masses.dM, speed) @ speed[..., None])[..., 0]
             drive, inverse = np.sum(forces, axis=2) - pull, roots.inverse
             timing = Timing(t, speed, (inverse @ drive[..., None])[..., 0])
             good, none = all_finite(timing.ddq, 1), np.zeros((len(t), self.freedoms))
-            joints, frames = self.closure.joints, self.closure.at(values).frames
-            driven = DrivenState(self.mechanism, joints, frames, seen, timing, none)
+            driven = DrivenState(self.mechanism, seen, timing, none)
             carried, locked, _ = rubbed(driven, self.loads, good, inverse)
             forces = self.loads.parts(seen, speed, t, carried)
             status = np.where(locked, Status.NOT_CONVERGED, motion.status)
