@@ -89,10 +89,6 @@ class Loads:
             else:
                 yield link, cross(turn @ np.array(given.arm), along), along
 
-    def rubbing_velocities(self, motion: CoordinateMotion) -> Floats:
-        """Return those of the `rubbing` (n, k, m)."""
-        return np.swapaxes(self.velocities(motion)[..., self.rubbing], 1, 2)
-
     def _rate(self, rates: Floats, pair: str) -> Floats:
         """Return the rate (...) of a pair, of a contact that at which it slides."""
         first, *second = self.mechanism.variables_of(self.mechanism.pair_number[pair])

@@ -272,10 +272,12 @@ def _difference(one: Simulation, other: Simulation) -> float:
 
 
 def _solving(problem: Problem, tolerance: float, engine: Engine, compact: bool) -> Solving:
-    if engine == "numpy":
-        pieces = _stepping(Collocation(problem, tolerance), "it was asked for")
-    elif engine == "compiled":
-        pieces = _compiled(problem, tolerance, compact, "it was asked for")
+    asked = "it was asked for"
+    if engine == "compiled":
+        simulation = by_taylor_series(problem, tolerance, compact, asked)
+        pieces: Solving = iter([whole(simulation.path, simulation)])
+    elif engine == "numpy":
+        pieces = _stepping(Collocation(problem, tolerance), asked)
     else:
         pieces = _cheaper(problem, tolerance, compact)
     one_sided = any(pair.one_sided for pair in problem.equation.mechanism.pairs)
@@ -306,17 +308,6 @@ def _stepping(
     while solver.end is None and solver.advance():
         yield Solved(solver, lambda: solver.simulation(reason), solver.reached)
     yield whole(solver, solver.simulation(reason, forecast))
-
-
-def _compiled(
-    problem: Problem,
-    tolerance: float,
-    compact: bool,
-    reason: str,
-    forecast: Forecast | None = None,
-) -> Solving:
-    simulation = by_taylor_series(problem, tolerance, compact, reason, forecast)
-    yield whole(simulation.path, simulation)
 
 
 def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:

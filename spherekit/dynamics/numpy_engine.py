@@ -15,6 +15,7 @@ from numpy.polynomial import legendre
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import EPS, STATUS_MEANING, Status
 from spherekit.dynamics.coordinates import inertia_matrix, reciprocal_condition
+from spherekit.dynamics.forces import rates_by_time
 from spherekit.dynamics.path import (
     GAUSS,
     INTEGRAL,
@@ -317,8 +318,9 @@ class Collocation:
             frame = step.frames[nearest] if equation.freedoms == 1 else self.frame
             dynamics = equation.at(t, step.at(t), frame, self.problem.whole)
             missed = np.abs(dynamics.push - step.rate(t)[:, momenta])
-            arguments = equation.arguments(dynamics, self.problem.whole, t)
-            return np.max(missed, axis=1) / enough, arguments
+            motion = dynamics.motion
+            seen = motion.values, rates_by_time(motion, dynamics.speed), t
+            return np.max(missed, axis=1) / enough, equation.loads.arguments(*seen)
 
         return bool(good_until(look, 1)[0] == 1.0)
 
@@ -365,7 +367,8 @@ class Collocation:
         """Keep a step and note its events; return the end if there is one within it."""
         mechanism, driven = self.equation.mechanism, self.problem.driven
         end = self._end(step, orientation)
-        centres = step.dead_centres(rates, driven)
+        # There the inputs do not say how all else moves; a single one turns back.
+        centres = step.passed(TO_SERIES @ np.linalg.det(rates[:, :, list(driven)]))
         if len(driven) == 1:
             (name,) = mechanism.input_pairs
             rests = step.passed(step.column(self.equation.variables))

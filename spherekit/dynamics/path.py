@@ -88,14 +88,6 @@ class Step:
         x = np.concatenate([[-1.0], GAUSS, [1.0]])
         return self.start + 0.5 * self.length * (x + 1.0)
 
-    def dead_centres(self, rates: Floats, variables: Sequence[int]) -> list[float]:
-        """Return the times at which so many variables do not say how all others move.
-
-        `rates` (N, m, variables) are those of the coordinates at the nodes. A single
-        variable turns back on the curve there.
-        """
-        return self.passed(TO_SERIES @ np.linalg.det(rates[:, :, list(variables)]))
-
     def column(self, number: int, level: float = 0.0) -> Floats:
         """Return the series (N + 1,) of a state over a level."""
         series = self.swept[:, number].copy()
@@ -104,13 +96,9 @@ class Step:
 
     def _function(self, series: Floats) -> Function:
         """Return what a Legendre series (k,) over the step says, with its slope."""
-        slope = legendre.legder(series) * (2.0 / self.length)
-
-        def function(t: Floats) -> tuple[Floats, Floats]:
-            powers = self._powers(t, len(series))
-            return powers @ series, powers[:, :-1] @ slope
-
-        return function
+        value = legendre.Legendre(series, (self.start, self.stop))
+        slope = value.deriv()
+        return lambda t: (value(t), slope(t))
 
     def passed(self, series: Floats) -> list[float]:
         """Return the times after the start at which a series (k,) changes its sign."""

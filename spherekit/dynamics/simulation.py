@@ -18,11 +18,8 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN, counted
 from spherekit.dynamics.coordinates import (
-    CoordinateMotion,
-    Inertia,
     InputMotion,
     by_variables,
-    coriolis,
     inertia,
     inertia_matrix,
     single,
@@ -309,17 +306,24 @@ class Simulation:
             If a time lies outside.
         """
         equation, driven = self.equation, list(self.driven)
-        traced, dynamics, motion, masses, timing = self._accelerated(t)
-        speed, states, values = timing.dq, traced.states, traced.values
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        traced, dynamics = self._at(times, second=True)
+        motion, masses, speed, states = (
+            dynamics.motion,
+            dynamics.masses,
+            dynamics.speed,
+            traced.states,
+        )
+        assert masses is not None
         bend = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
         rates = rates_by_time(motion, speed)
-        second = rates_by_time(motion, timing.ddq) + bend
+        second = rates_by_time(motion, dynamics.change) + bend
         return History(
-            t=timing.t,
-            inputs=values[:, driven],
+            t=times,
+            inputs=motion.values[:, driven],
             input_rates=rates[:, driven],
             input_accelerations=second[:, driven],
-            values=values,
+            values=motion.values,
             value_rates=rates,
             rotations=motion.rotations,
             speed=speed,
@@ -328,30 +332,19 @@ class Simulation:
             kinetic=0.5 * np.sum(states[:, equation.momenta] ** 2, axis=1),
             power=dynamics.power,
             work=states[:, equation.works],
-            residual=equation.closure.at(motion.values).gap,
+            residual=equation.closure.at(states[:, : equation.variables]).gap,
         )
 
     @checked(SolveError)
     def moments(self, t: ArrayLike) -> JointReactions:
         """Return the moments that every pair transmits at times (n,), in pair axes."""
-        traced, dynamics, motion, _, timing = self._accelerated(t)
-        seen = replace(motion, values=traced.values)
-        given = seen, timing, np.zeros((len(timing.t), len(self.driven)))
-        return transmitted(DrivenState(self.mechanism, *given, dynamics.carried))
-
-    def _accelerated(
-        self, t: ArrayLike
-    ) -> tuple[Traced, Dynamics, CoordinateMotion, Inertia, Timing]:
-        """Return states and forces, the motion to the second order, and inertia."""
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        traced, dynamics = self._at(times)
-        equation, speed = self.equation, dynamics.speed
-        values = traced.states[:, : equation.variables]
-        motion = equation.motion(values, traced.frames, order=2)
-        masses = inertia(equation.mechanism, motion)
-        drive = np.sum(dynamics.forces, axis=2) - coriolis(masses.dM, speed)
-        change = np.linalg.solve(masses.M, drive[..., None])[..., 0]
-        return traced, dynamics, motion, masses, Timing(times, speed, change)
+        _, dynamics = self._at(times, second=True)
+        timing = Timing(times, dynamics.speed, dynamics.change)
+        none, carried = np.zeros((len(times), len(self.driven))), dynamics.carried
+        return transmitted(
+            DrivenState(self.mechanism, dynamics.motion, timing, none, carried)
+        )
 
     @cached_property
     def checks(self) -> Checks:
@@ -384,7 +377,7 @@ class Simulation:
             error=self.error,
         )
 
-    def _at(self, t: Floats) -> tuple[Traced, Dynamics]:
+    def _at(self, t: Floats, second: bool = False) -> tuple[Traced, Dynamics]:
         """Return the states of the dense output, and forces there."""
         low, high = self.start, self.end.t
         slack = 1e-12 * max(abs(high), 1.0)
@@ -397,7 +390,7 @@ class Simulation:
         t = np.clip(t, low, high)
         traced = self.path.at(t)
         whole = TURN * traced.turns
-        return traced, self.equation.at(t, traced.states, traced.frames, whole)
+        return traced, self.equation.at(t, traced.states, traced.frames, whole, second)
 
 
 REASON = "the scheme of the source is written with NumPy only"

@@ -41,6 +41,7 @@ from spherekit.arrays import Bools, Floats
 from spherekit.conventions import Status, listing
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
+    Inertia,
     Order,
     by_arc_length,
     by_combinations,
@@ -181,7 +182,7 @@ def rubbed(
         return carried, locked, 0
     driven = every.rows(good)
     mechanism, motion = driven.mechanism, driven.motion
-    velocities = loads.rubbing_velocities(motion)
+    velocities = np.swapaxes(loads.velocities(motion)[..., loads.rubbing], 1, 2)
     free = inverse is not None
     faster = velocities @ inverse[good] if inverse is not None else 0.0 * velocities
     parts = [loads.components[k] for k in loads.rubbing]
@@ -342,17 +343,20 @@ class Roots:
 class Dynamics:
     """Motion, inertia and generalised forces at n states.
 
-    `motion` is of the first order where there is one coordinate and no bearing rubs,
-    otherwise of the second; its status is NOT_CONVERGED where bearings lock. `roots` are
-    those of M (n, m, m), `forces` (n, m, loads) the Q of each load, `speed` (n, m) is u,
-    `bend` (n, m) is S p, `carried` (n, k) N what bearings that rub carry, None without any.
+    `motion`, with its variables as loads see them, is of the first order where there is one
+    coordinate, no bearing rubs and no more was asked for, otherwise of the second, and then
+    there are `masses`; its status is NOT_CONVERGED where bearings lock. `roots` are those
+    of M (n, m, m), `forces` (n, m, loads) the Q of each load, `speed` (n, m) is u, `pull`
+    (n, m) is C u, as far as masses are known, `carried` (n, k) N what bearings that rub
+    carry, None without any.
     """
 
     motion: CoordinateMotion
+    masses: Inertia | None
     roots: Roots
     forces: Floats
     speed: Floats
-    bend: Floats
+    pull: Floats
     carried: Floats | None = None
 
     @property
@@ -361,9 +365,19 @@ class Dynamics:
         return (self.speed[:, None] @ self.forces)[:, 0]
 
     @property
+    def change(self) -> Floats:
+        """(n, m) accelerations u'; those that masses say, which have to be known."""
+        drive = np.sum(self.forces, axis=2) - self.pull
+        return (self.roots.inverse @ drive[..., None])[..., 0]
+
+    @property
     def push(self) -> Floats:
         """(n, m) rates of the momenta."""
-        return self.roots.solved(np.sum(self.forces, axis=2)) + self.bend
+        push = self.roots.solved(np.sum(self.forces, axis=2))
+        if self.masses is None or push.shape[1] == 1:
+            return push
+        bend = self.roots.changing(self.masses.dM, self.speed)
+        return push + (bend - self.roots.solved(self.pull))
 
 
 class EquationOfMotion:
@@ -439,43 +453,41 @@ class EquationOfMotion:
         return values
 
     def at(
-        self, t: Floats, states: Floats, frame: Floats, whole: Floats | None = None
+        self,
+        t: Floats,
+        states: Floats,
+        frame: Floats,
+        whole: Floats | float = 0.0,
+        second: bool = False,
     ) -> Dynamics:
         """Return what acts at successive times t (n,); `frame` as in `motion`.
 
         `whole` (n, variables) rad are turns by which the states' variables are less than
-        those that the loads see.
+        those that the loads see; `second` asks for the motion to the second order.
         """
-        values = states[:, : self.variables]
-        second = self.freedoms > 1 or bool(self.loads.rubbing)
-        motion = self.motion(values, frame, 2 if second else 1)
+        second = second or self.freedoms > 1 or bool(self.loads.rubbing)
+        motion = self.motion(states[:, : self.variables], frame, 2 if second else 1)
         momenta = states[:, self.momenta]
         masses = inertia(self.mechanism, motion) if second else None
         roots = Roots.of(masses.M if masses else inertia_matrix(self.mechanism, motion))
         speed = roots.solved(momenta)
         pull = coriolis(masses.dM, speed) if masses else np.zeros_like(momenta)
-        bend = np.zeros_like(momenta)
-        if masses and self.freedoms > 1:
-            bend = roots.changing(masses.dM, speed) - roots.solved(pull)
-        seen = motion
-        if whole is not None:
-            seen = replace(motion, values=motion.values + whole)
-        forces, carried = self.loads.parts(seen, speed, t), None
-        if masses and self.loads.rubbing:
-            drive, inverse = np.sum(forces, axis=2) - pull, roots.inverse
-            timing = Timing(t, speed, (inverse @ drive[..., None])[..., 0])
-            good, none = all_finite(timing.ddq, 1), np.zeros((len(t), self.freedoms))
-            driven = DrivenState(self.mechanism, seen, timing, none)
-            carried, locked, _ = rubbed(driven, self.loads, good, inverse)
-            forces = self.loads.parts(seen, speed, t, carried)
-            status = np.where(locked, Status.NOT_CONVERGED, motion.status)
-            motion = replace(motion, status=status.astype(np.int8))
-        return Dynamics(motion, roots, forces, speed, bend, carried)
-
-    def arguments(self, dynamics: Dynamics, whole: Floats, t: Floats) -> Floats:
-        """Return the steep arguments (n, arguments) of the loads, `whole` as in `at`."""
-        rates = rates_by_time(dynamics.motion, dynamics.speed)
-        return self.loads.arguments(dynamics.motion.values + whole, rates, t)
+        motion = replace(motion, values=motion.values + whole)
+        forces = self.loads.parts(motion, speed, t)
+        dynamics = Dynamics(motion, masses, roots, forces, speed, pull)
+        if not self.loads.rubbing:
+            return dynamics
+        timing = Timing(t, speed, dynamics.change)
+        driven = DrivenState(self.mechanism, motion, timing, np.zeros_like(speed))
+        good = all_finite(timing.ddq, 1)
+        carried, locked, _ = rubbed(driven, self.loads, good, roots.inverse)
+        status = np.where(locked, Status.NOT_CONVERGED, motion.status)
+        return replace(
+            dynamics,
+            motion=replace(motion, status=status.astype(np.int8)),
+            forces=self.loads.parts(motion, speed, t, carried),
+            carried=carried,
+        )
 
     def rates(self, dynamics: Dynamics) -> Floats:
         """Return the rates of the states (n, states)."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -239,68 +239,65 @@ class StoredHeading:
         return replace(self, loads=tuple(loads))
 
 
+Made = TypeVar("Made")
+
 Single = Callable[[Any], list[float]]
 """Some functions at one place, in the least time."""
 
 
-class StoredDynamics:
-    """Inertia, Christoffel symbols and loads of a model, one state at a time.
+def single_states(
+    heading: StoredHeading, single: Callable[[int, Floats], Single]
+) -> tuple[Single, Callable[..., Any]]:
+    """Return inertia, Christoffel symbols and loads of a model, one state at a time.
 
-    `at` returns the factors of accelerations, of products of rates and of -1, which the
-    loads are that do not change, for each coordinate, then what the other loads need;
-    `torque` is one Python function of these and of dq, ddq and t.
+    The first function returns, at a place, the factors of accelerations, of products of
+    rates and of -1, which the loads are that do not change, for each coordinate, then what
+    the other loads need. The second, one Python function of these and of dq, ddq and t, the
+    torques.
     """
+    m, unit = len(heading.by), np.eye(len(heading.groups[0]))
+    alone = heading.alone
+    factors: dict[tuple[float, ...], str] = {}
 
-    def __init__(
-        self, heading: StoredHeading, single: Callable[[int, Floats], Single]
-    ) -> None:
-        m, unit = len(heading.by), np.eye(len(heading.groups[0]))
-        alone = heading.alone
-        factors: dict[tuple[float, ...], str] = {}
+    def put(factor: Floats) -> str:
+        return factors.setdefault(tuple(factor.tolist()), f"row[{len(factors)}]")
 
-        def put(factor: Floats) -> str:
-            return factors.setdefault(tuple(factor.tolist()), f"row[{len(factors)}]")
+    def stored(name: str) -> Floats:
+        return unit[heading.place(name)[1]]
 
-        def stored(name: str) -> Floats:
-            return unit[heading.place(name)[1]]
-
-        dq, ddq = ([x] if alone else [f"{x}[{i}]" for i in range(m)] for x in ("dq", "ddq"))
-        steady = np.zeros((m, len(unit)))
-        laws: dict[str, tuple[Expression | TorqueTable, list[Floats]]] = {}
-        for law, by in heading.magnitudes:
-            ways = [stored(name) for name in by]
-            if isinstance(law, Expression) and not law.names:
-                steady += float(law.evaluate({})) * np.array(ways)
-            else:
-                laws[f"size_{len(laws)}"] = law, ways
-        lower = [(i, k) for i in range(m) for k in range(i + 1)]
-        of = {(i, k): name for (i, k), name in zip(lower, heading.inertia, strict=True)}
-        torques = []
-        for i in range(m):
-            inertia = [of[max(i, k), min(i, k)] for k in range(m)]
-            terms = [f"{put(stored(x))}*{ddq[k]}" for k, x in enumerate(inertia)]
-            for (a, b), (x, half) in zip(
-                lower, heading.christoffel[i].items(), strict=True
-            ):
-                terms.append(f"{put(half * stored(x))}*({dq[a]}*{dq[b]})")
-            if np.any(steady[i]):
-                terms.append(f"-{put(steady[i])}")
-            terms += [f"-{size}*{put(ways[i])}" for size, (_, ways) in laws.items()]
-            torques.append(" + ".join(terms))
-        given, tables = _sizes(
-            heading,
-            {size: law for size, (law, _) in laws.items()},
-            dq,
-            lambda x: put(stored(x)),
-        )
-        body = torques[0] if alone else f"array([{', '.join(torques)}])"
-        if given:
-            first = ", ".join(f"{name} := {text}" for name, text in given.items())
-            body = f"({first}, {body})[-1]"
-        self.torque = made_of(
-            f"lambda row, dq, ddq, t: {body}", {"array": np.array, **tables}
-        )
-        self.at = single(0, np.array(list(factors)).T)
+    dq, ddq = ([x] if alone else [f"{x}[{i}]" for i in range(m)] for x in ("dq", "ddq"))
+    steady = np.zeros((m, len(unit)))
+    laws: dict[str, tuple[Expression | TorqueTable, list[Floats]]] = {}
+    for law, by in heading.magnitudes:
+        ways = [stored(name) for name in by]
+        if isinstance(law, Expression) and not law.names:
+            steady += float(law.evaluate({})) * np.array(ways)
+        else:
+            laws[f"size_{len(laws)}"] = law, ways
+    lower = [(i, k) for i in range(m) for k in range(i + 1)]
+    of = {(i, k): name for (i, k), name in zip(lower, heading.inertia, strict=True)}
+    torques = []
+    for i in range(m):
+        inertia = [of[max(i, k), min(i, k)] for k in range(m)]
+        terms = [f"{put(stored(x))}*{ddq[k]}" for k, x in enumerate(inertia)]
+        for (a, b), (x, half) in zip(lower, heading.christoffel[i].items(), strict=True):
+            terms.append(f"{put(half * stored(x))}*({dq[a]}*{dq[b]})")
+        if np.any(steady[i]):
+            terms.append(f"-{put(steady[i])}")
+        terms += [f"-{size}*{put(ways[i])}" for size, (_, ways) in laws.items()]
+        torques.append(" + ".join(terms))
+    given, tables = _sizes(
+        heading,
+        {size: law for size, (law, _) in laws.items()},
+        dq,
+        lambda x: put(stored(x)),
+    )
+    body = torques[0] if alone else f"array([{', '.join(torques)}])"
+    if given:
+        first = ", ".join(f"{name} := {text}" for name, text in given.items())
+        body = f"({first}, {body})[-1]"
+    torque = made_of(f"lambda row, dq, ddq, t: {body}", {"array": np.array, **tables})
+    return single(0, np.array(list(factors)).T), torque
 
 
 def _sizes(
@@ -333,62 +330,54 @@ def _sizes(
     return given, tables
 
 
-@dataclass(frozen=True)
-class Archive:
-    """A kind of NumPy archive with a heading: its format, and how one is made."""
+Kind = tuple[str, int, str]
+"""Of archives with a heading: the name and version of their format, how to make one."""
 
-    format: str
-    version: int
-    remedy: str
 
-    def write(
-        self,
-        path: AnyPath,
-        heading: Mapping[str, Any],
-        arrays: Mapping[str, Any],
-    ) -> None:
-        """Write a heading and arrays; `OutputError` if that cannot be done."""
-        from spherekit.files.atomic import write_bytes
+def write_archive(
+    path: AnyPath, kind: Kind, heading: Mapping[str, Any], arrays: Mapping[str, Any]
+) -> None:
+    """Write a heading and arrays; `OutputError` if that cannot be done."""
+    from spherekit.files.atomic import write_bytes
 
-        words = {"format": self.format, "version": self.version, **heading}
-        stream = io.BytesIO()
-        np.savez_compressed(stream, header=np.array(json.dumps(words, indent=1)), **arrays)
-        write_bytes(path, stream.getvalue())
+    words = {"format": kind[0], "version": kind[1], **heading}
+    stream = io.BytesIO()
+    np.savez_compressed(stream, header=np.array(json.dumps(words, indent=1)), **arrays)
+    write_bytes(path, stream.getvalue())
 
-    def read(self, path: AnyPath) -> tuple[dict[str, Any], dict[str, Array]]:
-        """Return the heading, its lists as tuples, and the arrays of a file.
 
-        Raises
-        ------
-        FileError
-            If it cannot be read, is none of these, of another version, or damaged.
-        """
-        where = repr(str(path))
-        try:
-            with np.load(Path(path), allow_pickle=False) as archive:
-                if not isinstance(archive, np.lib.npyio.NpzFile) or "header" not in archive:
-                    raise FileError(f"{where}: is not a {self.format}; {self.remedy}")
+def read_archive(
+    path: AnyPath, kind: Kind, made: Callable[[dict[str, Any], dict[str, Array]], Made]
+) -> Made:
+    """Return what is made of the heading, its lists as tuples, and the arrays of a file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, is none of this kind, of another version, or damaged.
+    """
+    where, (words, version, remedy) = repr(str(path)), kind
+    try:
+        with np.load(Path(path), allow_pickle=False) as archive:
+            header = None
+            if isinstance(archive, np.lib.npyio.NpzFile) and "header" in archive:
                 header = json.loads(str(archive["header"]))
-                if not isinstance(header, dict) or header.get("format") != self.format:
-                    raise FileError(f"{where}: is not a {self.format}; {self.remedy}")
-                if header.get("version") != self.version:
-                    raise FileError(
-                        f"{where}: has version {header.get('version')} of the format, and "
-                        f"spherekit {__version__} reads version {self.version}; make it "
-                        "anew with this spherekit"
-                    )
-                given = {name: archive[name] for name in archive.files if name != "header"}
-            return _tuples(header), given
-        except OSError as error:
-            raise FileError(f"{where}: cannot be read: {error.strerror or error}") from None
-        except DAMAGED as error:
-            raise self.damaged(where, error) from None
-
-    def damaged(self, where: str, error: Exception) -> FileError:
-        """Return the error of a file that is cut short, or in which a bit has changed."""
-        return FileError(
-            f"{where}: is not a complete {self.format} ({error}); make it anew"
-        )
+            if not isinstance(header, dict) or header.get("format") != words:
+                raise FileError(f"{where}: is not a {words}; {remedy}")
+            if header.get("version") != version:
+                raise FileError(
+                    f"{where}: has version {header.get('version')} of the format, and "
+                    f"spherekit {__version__} reads version {version}; make it anew with "
+                    "this spherekit"
+                )
+            given = {name: archive[name] for name in archive.files if name != "header"}
+        return made(_tuples(header), given)
+    except OSError as error:
+        raise FileError(f"{where}: cannot be read: {error.strerror or error}") from None
+    except DAMAGED as error:
+        raise FileError(
+            f"{where}: is not a complete {words} ({error}); make it anew"
+        ) from None
 
 
 def _tuples(value: Any) -> Any:

@@ -305,7 +305,7 @@ def simulate_reduced(
     t = np.atleast_1d(np.asarray(times, dtype=float))
     if len(t) < 2 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
         raise SolveError(f"{name}: give two or more finite, increasing times")
-    at, (low,), (high,) = model.dynamics.at, heading.low, heading.high
+    (at, _), (low,), (high,) = model.dynamics, heading.low, heading.high
     inertia = at(x)[0]
     if not inertia > 0.0:
         raise SolveError(f"{name}: has no inertia, so loads would accelerate it endlessly")

@@ -5,9 +5,9 @@
 evaluates it in control loops. It needs NumPy and the standard library only.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -17,14 +17,14 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
 from spherekit.conventions import AnyPath, Status, choices, listing
 from spherekit.dynamics.stored_model import (
-    DAMAGED,
     SLACK,
-    Archive,
     Single,
-    StoredDynamics,
     StoredFunction,
     StoredHeading,
     StoredLoad,
+    read_archive,
+    single_states,
+    write_archive,
 )
 from spherekit.errors import FileError, SolveError
 from spherekit.model.load import TorqueTable
@@ -33,7 +33,7 @@ from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.zeros import zeros
 from spherekit.sphere.rotation import all_finite
 
-ARCHIVE = Archive("spherekit reduced model", 2, "write one with `--to model`")
+KIND = ("spherekit reduced model", 2, "write one with `--to model`")
 
 LAYOUT = (
     "groups[k] lists the functions in the columns of arrays of that number. Along a curve "
@@ -99,7 +99,7 @@ class StoredModel:
             At a single place outside the domain; rows of several inputs are NaN there.
         """
         if self._is_one(x):
-            single: float | Floats = self.torque_at(self.dynamics.at(x), x, dx, ddx, t)
+            single: float | Floats = self.torque_at(self.dynamics[0](x), x, dx, ddx, t)
             return single
         (q, dq, ddq), times, shape = self._together(x, dx, ddx, t=t)
         rows = self._rows(0, q)
@@ -267,7 +267,7 @@ class StoredModel:
             for k, group in enumerate(self.groups)
             for name in _names(self.heading)
         }
-        ARCHIVE.write(path, {**asdict(self.heading), "layout": LAYOUT}, arrays)
+        write_archive(path, KIND, {**asdict(self.heading), "layout": LAYOUT}, arrays)
 
     @cached_property
     def alone(self) -> bool:
@@ -275,14 +275,14 @@ class StoredModel:
         return self.heading.alone
 
     @cached_property
-    def dynamics(self) -> StoredDynamics:
-        """Inertia and loads in single states."""
-        return StoredDynamics(self.heading, self.single)
+    def dynamics(self) -> tuple[Single, Callable[..., Any]]:
+        """Inertia and loads in single states, see `single_states`."""
+        return single_states(self.heading, self.single)
 
     def torque_at(self, row: list[float], x: Any, dx: Any, ddx: Any, t: Any) -> Any:
-        """Return the torques in a state at a place of which `row` is `dynamics.at`."""
+        """Return the torques in a state at a place of which `row` is that of `dynamics`."""
         try:
-            return self.dynamics.torque(row, dx, ddx, t)
+            return self.dynamics[1](row, dx, ddx, t)
         except (ValueError, ArithmeticError):
             once = [np.array([given], dtype=float) for given in (x, dx, ddx, t)]
             return self.torque(*once)[0]
@@ -437,26 +437,27 @@ def load_reduced(path: AnyPath) -> StoredModel:
         If it cannot be read, is no such model or of another version, is cut short, or
         has numbers that are not finite.
     """
-    where = repr(str(path))
-    header, arrays = ARCHIVE.read(path)
-    try:
-        given = {name: header[name] for name in StoredHeading.__dataclass_fields__}
-        given["loads"] = tuple(StoredLoad(**load) for load in header["loads"])
-        given["groups"] = tuple(
-            tuple(StoredFunction(**item) for item in group) for group in header["groups"]
+    return read_archive(path, KIND, partial(_model, repr(str(path))))
+
+
+def _model(
+    where: str, header: Mapping[str, Any], arrays: Mapping[str, Floats]
+) -> StoredModel:
+    """Return the model that a heading and arrays are, checked."""
+    given = {name: header[name] for name in StoredHeading.__dataclass_fields__}
+    given["loads"] = tuple(StoredLoad(**load) for load in header["loads"])
+    given["groups"] = tuple(
+        tuple(StoredFunction(**item) for item in group) for group in header["groups"]
+    )
+    heading = StoredHeading(**given)
+    numbers = [*heading.low, *heading.high, *heading.rise]
+    numbers += [x for item in heading.functions for x in (item.largest, item.error)]
+    if not (all_finite(numbers) and np.all(np.less(heading.low, heading.high))):
+        raise FileError(
+            f"{where}: the heading has numbers that are not finite; make it anew"
         )
-        heading = StoredHeading(**given)
-        numbers = [*heading.low, *heading.high, *heading.rise]
-        numbers += [x for item in heading.functions for x in (item.largest, item.error)]
-        if not (all_finite(numbers) and np.all(np.less(heading.low, heading.high))):
-            raise FileError(
-                f"{where}: the heading has numbers that are not finite; make it anew"
-            )
-        groups = range(len(heading.groups))
-        made = tuple(_series(where, heading, k, arrays) for k in groups)
-        return StoredModel(heading, made)
-    except DAMAGED as error:
-        raise ARCHIVE.damaged(where, error) from None
+    groups = range(len(heading.groups))
+    return StoredModel(heading, tuple(_series(where, heading, k, arrays) for k in groups))
 
 
 def _series(

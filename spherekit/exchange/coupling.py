@@ -17,11 +17,11 @@ from spherekit.analysis.frames import frame_of
 from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Bools, Floats, Integers
 from spherekit.conventions import AnyPath, counted, listing
-from spherekit.dynamics.stored_model import DAMAGED, Archive
+from spherekit.dynamics.stored_model import read_archive, write_archive
 from spherekit.errors import FileError, SolveError
 from spherekit.files.atomic import write_text
 
-ARCHIVE = Archive("spherekit coupling table", 1, "write one with `--to coupling`")
+KIND = ("spherekit coupling table", 1, "write one with `--to coupling`")
 
 WORDS = (
     "mechanism",
@@ -185,7 +185,7 @@ def write_npz(table: CouplingTable, path: AnyPath) -> None:
     """
     given = {item.name: getattr(table, item.name) for item in fields(table)}
     heading = {name: given.pop(name) for name in WORDS}
-    ARCHIVE.write(path, heading, given)
+    write_archive(path, KIND, heading, given)
 
 
 @checked(FileError)
@@ -197,12 +197,12 @@ def load_coupling(path: AnyPath) -> CouplingTable:
     FileError
         If it cannot be read, or is no such table.
     """
-    heading, arrays = ARCHIVE.read(path)
-    try:
+
+    def made(heading: dict[str, Any], arrays: dict[str, Array]) -> CouplingTable:
         whole: dict[str, Any] = {name: heading[name] for name in WORDS} | arrays
         return CouplingTable(**whole)
-    except DAMAGED as error:
-        raise ARCHIVE.damaged(repr(str(path)), error) from None
+
+    return read_archive(path, KIND, made)
 
 
 def columns(table: CouplingTable) -> dict[str, Floats]:

@@ -122,10 +122,10 @@ class ForeignTables:
     def _links_of_bodies(self) -> list[int]:
         """Return the links of bodies: one of those welded, or hinged by locked joints."""
         moved = {int(self.m.jnt_bodyid[k]) for k in self.turning}
-        welds = [(x.first, x.second) for x in self.model.holds if x.point is None]
         parents = enumerate(self.m.body_parentid.tolist())
         link = list(range(self.m.nbody))
-        for ends in [*((up, k) for k, up in parents if k and k not in moved), *welds]:
+        still = ((up, k) for k, up in parents if k and k not in moved)
+        for ends in [*still, *self.model.welds]:
             kept, other = (link[end] for end in ends)
             kept, other = (other, kept) if other == 0 else (kept, other)
             link = [kept if x == other else x for x in link]
@@ -165,11 +165,11 @@ class ForeignTables:
     def _closing_points(self) -> dict[tuple[int, int], list[tuple[str, Floats]]]:
         """Return the named points that hold bodies, by the two links."""
         held: dict[tuple[int, int], list[tuple[str, Floats]]] = {}
-        for hold in self.model.holds:
-            ends = self.link[hold.first], self.link[hold.second]
-            if hold.point is not None and ends[0] != ends[1]:
-                order = ends if ends in held or ends[::-1] not in held else ends[::-1]
-                held.setdefault(order, []).append((hold.name, hold.point))
+        for name, (first, second), point in self.model.holds:
+            ends = self.link[first], self.link[second]
+            if ends[0] != ends[1]:
+                order = ends[::-1] if ends[::-1] in held else ends
+                held.setdefault(order, []).append((name, point))
         return held
 
     def _lines(self) -> Iterator[tuple[str, Floats, Floats]]:
@@ -186,7 +186,7 @@ class ForeignTables:
     def _meet(self, within: float | None) -> tuple[Floats, float]:
         names, points, axes = map(np.array, zip(*self._lines(), strict=True))
         places = [*self.d.xipos[self.m.body_mass > MASSLESS], *self.d.xanchor]
-        places += [hold.point for hold in self.model.holds if hold.point is not None]
+        places += [point for *_, point in self.model.holds]
         away = np.array(places) - np.mean(places, axis=0)
         size = float(np.max(np.linalg.norm(away, axis=1))) or 1.0
         allowed = WITHIN * size if within is None else within

@@ -1,5 +1,6 @@
 """Mechanism files from MJCF and URDF."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,16 +75,11 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
     if within is not None and not within >= 0.0:
         raise FileError(f"{where}: within is {within}; it has to be a distance in m")
     model = ForeignModel(where)
-    name = _name(model.name, where)
+    name = re.sub(r"[^A-Za-z0-9_]", "_", model.name) or where.stem
     units: tuple[AngleUnit, ...] = ("deg", "rad")
     both = [ForeignTables(str(where), model, unit, within) for unit in units]
     text = min(("\n".join([*_lines(name, built), ""]) for built in both), key=len)
     return Imported(loads(text, f"{where}: imported"), text, tuple(both[0].notes))
-
-
-def _name(text: str, where: Path) -> str:
-    clean = "".join(x if x.isascii() and (x.isalnum() or x == "_") else "_" for x in text)
-    return clean or where.stem
 
 
 def _lines(name: str, built: ForeignTables) -> Iterator[str]:

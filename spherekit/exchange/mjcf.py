@@ -3,15 +3,15 @@
 The loads and joint limits of a mechanism in what MuJoCo has, and those that it has not.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from spherekit.analysis.link_scenes import Shape, link_shapes
+from spherekit.analysis.link_scenes import link_shapes
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.conventions import listing
@@ -27,7 +27,6 @@ from spherekit.exchange.bodies import (
     SMALL,
     BodyInertia,
     Hinge,
-    RigidBodies,
     rigid_bodies,
     spokes,
 )
@@ -48,77 +47,6 @@ from spherekit.view.colours import link_colour
 
 Attributes = dict[str, Any]
 """Of an element, as texts, numbers, or rows of numbers."""
-
-
-@dataclass(frozen=True)
-class MujocoLoads:
-    """What MuJoCo has of a mechanism's loads; `lost` are the others with the reason.
-
-    `hinges` are the attributes of joints, by pair: springs, friction and stops. `actuated`
-    are the attributes of loads that are actuators without control: at a pair such a load
-    has a torque that is affine in its variable and rate; otherwise it is a force, or a
-    moment, on a link, constant in the axes of the ground or of the link.
-    """
-
-    hinges: Mapping[str, Attributes]
-    actuated: Sequence[tuple[PairTorque | PointForce | Moment, Attributes]]
-    gravity: Floats
-    lost: Mapping[str, str]
-    otherwise: Sequence[str]
-
-    @property
-    def held(self) -> list[str]:
-        """The pairs that loads or joint limits need as hinges."""
-        pairs = [x.pair for x, _ in self.actuated if isinstance(x, PairTorque)]
-        return list(dict.fromkeys([*self.hinges, *pairs]))
-
-    def sites(self, link: str) -> list[PointForce | Moment]:
-        """Return the loads that act on a link."""
-        on_links = [x for x, _ in self.actuated if not isinstance(x, PairTorque)]
-        return [load for load in on_links if load.link == link]
-
-
-def mujoco_loads(mechanism: Mechanism) -> MujocoLoads:
-    """Return the loads and joint limits of a mechanism as MuJoCo has them."""
-    sums = {pair: dict.fromkeys(_SUMS, 0.0) for pair in mechanism.angles}
-    pulls = dict.fromkeys(sums, 0.0)
-    actuated: list[tuple[PairTorque | PointForce | Moment, Attributes]] = []
-    lost: dict[str, str] = {}
-    otherwise: list[str] = []
-    gravity = np.zeros(3)
-    for load in mechanism.loads:
-        if isinstance(load, Gravity):
-            gravity = gravity + load.acceleration
-        elif isinstance(load, Spring):
-            sums[load.pair]["stiffness"] += load.stiffness
-            pulls[load.pair] += load.stiffness * load.rest
-        elif isinstance(load, Damper):
-            sums[load.pair]["damping"] += load.damping
-        elif isinstance(load, Friction):
-            sums[load.pair]["frictionloss"] += load.torque
-            sums[load.pair]["damping"] += load.viscous
-            otherwise.append(
-                f"load {load.name}: MuJoCo's dry friction jumps at rest, where the file "
-                f"smooths it below {load.speed:g} rad/s"
-            )
-        elif isinstance(load, PairTorque | PointForce | Moment):
-            made = _constant(mechanism, load)
-            if isinstance(made, str):
-                lost[load.name] = made
-            else:
-                actuated.append((load, made))
-        elif isinstance(load, TorqueTable):
-            lost[load.name] = "MuJoCo has no tables in time"
-        else:
-            lost[load.name] = f"MuJoCo has no load of kind {load.kind}"
-    hinges: dict[str, Attributes] = {}
-    stops = {stop.pair: (stop.low, stop.high) for stop in mechanism.joint_limits}
-    for pair, here in sums.items():
-        rest = pulls[pair] / (here["stiffness"] or 1.0)
-        held = here | {"springref": rest, "range": stops.get(pair)}
-        if any(held.values()):
-            hinges[pair] = {key: value for key, value in held.items() if value}
-    return MujocoLoads(hinges, actuated, gravity, lost, otherwise)
 
 
 _SUMS = ("stiffness", "damping", "frictionloss")
@@ -200,12 +128,304 @@ ROUNDING = 1e-16
 """Numbers below this part of the largest beside them are written as zero."""
 
 
-@dataclass(frozen=True)
-class MujocoModel:
-    """A model's text, and notes on what it has otherwise, or not at all."""
+FRAME = """<mujoco model="{name}">
+<compiler angle="radian" autolimits="true"/>
+<option timestep="{timestep!r}" integrator="RK4" gravity="{gravity}">
+<flag contact="disable"/></option>
+<statistic center="0 0 0" extent="{extent}"/>
+<visual><headlight ambient="0.45 0.45 0.45" diffuse="0.5 0.5 0.5"/></visual>
+<asset><texture type="skybox" builtin="gradient" rgb1="0.32 0.35 0.44"
+ rgb2="0.08 0.09 0.12" width="64" height="64"/></asset>
+<default><geom contype="0" conaffinity="0" group="0"/>
+<default class="arc"><geom type="capsule" size="{arc}"/></default>
+<default class="pin"><geom type="cylinder" size="{pin}" rgba="0.91 0.92 0.94 1"/></default>
+</default>
+<custom/>
+<worldbody>
+<light pos="{above}" dir="-1 1 -2"/>
+<light pos="{beside}" dir="1 1 -1" diffuse="0.4 0.4 0.4"/>
+<geom name="sphere" rgba="0.5 0.55 0.7 0.12" type="sphere" size="{ball}"/>
+<body name="{ground}"/>
+</worldbody>
+<tendon/><equality/><actuator/><sensor/><keyframe/>
+</mujoco>"""
+"""What the models of all mechanisms have, and places for what is each one's own."""
 
-    text: str
-    notes: tuple[str, ...]
+
+class MujocoModel:
+    """A mechanism as a MuJoCo model: its `text`, and `notes` on what it has otherwise.
+
+    `hinges` are the attributes of joints, by pair: springs, friction and stops. `actuated`
+    are loads that are actuators without control, with their attributes: at a pair such a
+    load has a torque that is affine in its variable and rate; otherwise it is a force, or a
+    moment, on a link, constant in the axes of the ground or of the link.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, values: Floats, timestep: float, radius: float | None
+    ) -> None:
+        self.mechanism, self.timestep = mechanism, timestep
+        self.actuated: list[tuple[PairTorque | PointForce | Moment, Attributes]] = []
+        self.gravity = np.zeros(3)
+        self._lost: dict[str, str] = {}
+        self._otherwise: list[str] = []
+        self.hinges = self._taken()
+        pairs = [load.pair for load, _ in self.actuated if isinstance(load, PairTorque)]
+        held = {*self.hinges, *pairs}
+        self.made = made = rigid_bodies(mechanism, values, [*self.hinges, *pairs])
+        far = max(
+            (np.linalg.norm(body.centre) for body in made.bodies if body.stated), default=0
+        )
+        size = 1.0 if made.made_up else float(np.round(far, 3) or far or 1.0)
+        self.radius = radius or size
+        self.connected = [cut for cut in made.cuts if cut.pair not in held]
+        # Second bodies of links, at cut pairs where loads act.
+        self.twins = [
+            replace(cut, parent=cut.child, child=cut.parent, axis=-cut.axis)
+            if cut.child == mechanism.ground
+            else cut
+            for cut in made.cuts
+            if cut.pair in held
+        ]
+        self.shapes = link_shapes(mechanism)
+        self.notes = tuple(self._noted())
+
+    def _taken(self) -> dict[str, Attributes]:
+        """Take loads as MuJoCo has them; return what hinges have of them, by pair."""
+        mechanism = self.mechanism
+        sums = {pair: dict.fromkeys(_SUMS, 0.0) for pair in mechanism.angles}
+        pulls = dict.fromkeys(sums, 0.0)
+        for load in mechanism.loads:
+            if isinstance(load, Gravity):
+                self.gravity = self.gravity + load.acceleration
+            elif isinstance(load, Spring):
+                sums[load.pair]["stiffness"] += load.stiffness
+                pulls[load.pair] += load.stiffness * load.rest
+            elif isinstance(load, Damper):
+                sums[load.pair]["damping"] += load.damping
+            elif isinstance(load, Friction):
+                sums[load.pair]["frictionloss"] += load.torque
+                sums[load.pair]["damping"] += load.viscous
+                self._otherwise.append(
+                    f"load {load.name}: MuJoCo's dry friction jumps at rest, where the "
+                    f"file smooths it below {load.speed:g} rad/s"
+                )
+            elif isinstance(load, PairTorque | PointForce | Moment):
+                made = _constant(mechanism, load)
+                if isinstance(made, str):
+                    self._lost[load.name] = made
+                else:
+                    self.actuated.append((load, made))
+            elif isinstance(load, TorqueTable):
+                self._lost[load.name] = "MuJoCo has no tables in time"
+            else:
+                self._lost[load.name] = f"MuJoCo has no load of kind {load.kind}"
+        stops = {stop.pair: (stop.low, stop.high) for stop in mechanism.joint_limits}
+        hinges: dict[str, Attributes] = {}
+        for pair, here in sums.items():
+            rest = pulls[pair] / (here["stiffness"] or 1.0)
+            held: Attributes = {**here, "springref": rest, "range": stops.get(pair)}
+            if any(held.values()):
+                hinges[pair] = {key: value for key, value in held.items() if value}
+        return hinges
+
+    def _noted(self) -> list[str]:
+        """Return what the model has otherwise or not, in sentences."""
+        made, mechanism = self.made, self.mechanism
+        notes = []
+        if made.made_up:
+            notes.append(
+                "kinematics only: the file has no masses, and MuJoCo moves none without, "
+                "so links are wires of 1 kg/m on a sphere of 1 m, servos turn the inputs, "
+                "and forces mean nothing"
+            )
+        lost = dict(self._lost)
+        if made.made_up:
+            lost = {
+                load.name: "the model has no masses of its own" for load in mechanism.loads
+            }
+        notes += [f"load {name} left out: {reason}" for name, reason in lost.items()]
+        notes += () if made.made_up else self._otherwise
+        if mechanism.joint_limits:
+            pairs = listing(stop.pair for stop in mechanism.joint_limits)
+            notes.append(
+                f"joint limits of {pairs} are MuJoCo's soft limits, where spherekit "
+                f"ends a simulation"
+            )
+        weighed = {mass.link for mass in mechanism.masses if np.any(np.array(mass.tensor))}
+        unknown = [b.link for b in made.bodies if not b.stated and b.link in weighed]
+        if unknown:
+            notes.append(
+                "mass and centre chosen so that the tensor about the centre of the sphere "
+                f"is the file's, without weight: links {listing(unknown)}"
+            )
+        massless = [body.link for body in made.bodies if body.link not in weighed]
+        if massless and not made.made_up:
+            notes.append(
+                f"links without mass were given {SMALL:g} of the largest inertia: "
+                f"{listing(massless)}"
+            )
+        return notes
+
+    @cached_property
+    def text(self) -> str:
+        """The model as MJCF."""
+        made, radius, mechanism = self.made, self.radius, self.mechanism
+        far = 3.0 * radius
+        frame = FRAME.format(
+            name=mechanism.name,
+            timestep=self.timestep,
+            gravity=_text(np.zeros(3) if made.made_up else self.gravity),
+            extent=_drawn(2.4 * radius),
+            arc=_drawn(LINK_RADIUS * radius),
+            pin=_drawn(PIN_RADIUS * radius),
+            above=_drawn((far, -far, 2.0 * far)),
+            beside=_drawn((-far, -far, far)),
+            ball=_drawn(0.97 * radius),
+            ground=mechanism.ground,
+        )
+        root = ElementTree.fromstring("".join(frame.splitlines()))
+        cited = (mechanism.source.citation,) if mechanism.source else ()
+        for k, note in enumerate((*cited, *self.notes)):
+            root.insert(k, ElementTree.Comment(f" {note.replace('--', '- -')} "))
+        part = {child.tag: child for child in root if isinstance(child.tag, str)}
+        self._kept(part["custom"])
+        self._world(part["worldbody"])
+        self._equalities(part["tendon"], part["equality"])
+        self._actuators(part["actuator"])
+        for output in mechanism.outputs:
+            ends = {"objtype": "body", "objname": output.link}
+            seen = {"reftype": "body", "refname": output.relative_to}
+            _add(part["sensor"], "framequat", name=output.name, **ends, **seen)
+        if made.made_up:  # servos hold the pose that the model is in
+            values = {hinge.pair: hinge.value for hinge in made.hinges}
+            held = [values[item.pair] for item in mechanism.inputs]
+            _add(part["keyframe"], "key", name="pose", ctrl=held)
+        for empty in [x for x in root if not len(x) and not x.attrib and x.text is None]:
+            root.remove(empty)
+        ElementTree.indent(root)
+        return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+    def _kept(self, custom: Element) -> None:
+        """Keep what MuJoCo has no place for and `spherekit import` reads again."""
+        for item in self.mechanism.inputs:
+            _add(custom, "numeric", name=f"input_{item.pair}", data=(item.start, item.stop))
+        for cut in self.made.cuts:
+            _add(custom, "numeric", name=f"value_{cut.pair}", data=cut.value)
+        if self.made.made_up:
+            _add(custom, "text", name="masses", data="made up")
+
+    def _world(self, world: Element) -> None:
+        name = self.mechanism.ground
+        ground = world.find("body")
+        assert ground is not None
+        self._turned(ground, self.made.rotations[0])
+        self._looks(ground, name)
+        self._bodies(ground, name)
+        for load, attributes in self.actuated:
+            if "refsite" in attributes:
+                size = _drawn(1e-3 * self.radius)
+                _add(world, "site", name=f"{load.name}_axes", size=size)
+
+    def _bodies(self, parent: Element, link: str) -> None:
+        """Add the bodies on the hinges of a link, second ones last, and those on these."""
+        inertia = {body.link: body for body in self.made.bodies}
+        for hinge in [*self.made.hinges, *self.twins]:
+            if hinge.parent != link:
+                continue
+            twin = hinge in self.twins
+            body = _add(parent, "body", name=_twin(hinge) if twin else hinge.child)
+            self._turned(body, self._turn(link).T @ self._turn(hinge.child))
+            axis = self._turn(hinge.child).T @ hinge.axis
+            held = self.hinges.get(hinge.pair, {})
+            named = {"name": hinge.pair, "type": "hinge", "axis": axis, "ref": hinge.value}
+            _add(body, "joint", **named, **held)
+            self._inertia(body, inertia[hinge.child])
+            if not twin:
+                self._looks(body, hinge.child)
+                self._bodies(body, hinge.child)
+
+    def _turn(self, link: str) -> Floats:
+        number = self.mechanism.link_number.get(link)
+        return np.eye(3) if number is None else np.asarray(self.made.rotations[number])
+
+    def _turned(self, body: Element, rotation: Floats) -> None:
+        x, y, z, w = quaternion(rotation[None])[0]
+        if abs(w) < 1.0:
+            body.set("quat", _text((w, x, y, z)))
+
+    def _inertia(self, body: Element, inertia: BodyInertia) -> None:
+        share = 1.0 / (1 + sum(twin.child == inertia.link for twin in self.twins))
+        turn = self._turn(inertia.link)
+        t = share * (turn.T @ inertia.tensor @ turn)
+        excess = 2.0 * np.linalg.eigvalsh(t)[-1] - np.trace(t)
+        t = t + (THICKNESS * np.trace(t) + max(excess, 0.0)) * np.eye(3)
+        inner = t[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        mass, centre = share * inertia.mass, turn.T @ inertia.centre
+        _add(body, "inertial", mass=mass, pos=centre, fullinertia=inner)
+        if not inertia.stated:
+            body.set("gravcomp", "1")
+
+    def _looks(self, body: Element, link: str) -> None:
+        mechanism, radius = self.mechanism, self.radius
+        number = mechanism.link_number.get(link)
+        if number is None:
+            return
+        shape = self.shapes[number]
+        rgba = " ".join(f"{part / 255:.3g}" for part in (*link_colour(number), 255))
+        for line in shape.curves or spokes(shape.joints):
+            corners = line[sorted({*range(0, len(line), CHORD), len(line) - 1})]
+            for ends in np.hstack([corners[:-1], corners[1:]]):
+                fromto = _drawn(radius * ends)
+                _add(body, "geom", fromto=fromto, rgba=rgba, **{"class": "arc"})
+        for name, axis in zip(shape.names, shape.joints, strict=True):
+            if mechanism.pair(name).links[0] == link:
+                half = 0.5 * PIN_LENGTH
+                ends = _drawn(np.outer([1 - half, 1 + half], radius * axis))
+                _add(body, "geom", fromto=ends, **{"class": "pin"})
+        for output in mechanism.outputs:
+            if output.link == link and output.direction is not None:
+                place = radius * np.array(output.direction)
+                drawn = {"size": _drawn(PIN_RADIUS * radius), "rgba": "1 0.77 0 1"}
+                _add(body, "site", name=output.name, pos=place, **drawn)
+        for load, _ in self.actuated:
+            if not isinstance(load, PairTorque) and load.link == link:
+                point = load.point if isinstance(load, PointForce) else np.zeros(3)
+                _add(body, "site", name=load.name, pos=point, size=_drawn(1e-3 * radius))
+
+    def _equalities(self, tendons: Element, equal: Element) -> None:
+        rate = STIFF / self.timestep
+        hold = {"solref": (-(rate**2), -2.0 * rate), "solimp": IMPEDANCE}
+        for cut in self.connected:
+            anchor = self.radius * (self._turn(cut.parent).T @ cut.axis)
+            ends = {"body1": cut.parent, "body2": cut.child, "anchor": anchor}
+            _add(equal, "connect", name=cut.pair, **ends, **hold)
+        for twin in self.twins:
+            ends = {"body1": twin.child, "body2": _twin(twin)}
+            _add(equal, "weld", name=twin.pair, **ends, **hold)
+        for name, factors in self.made.ratios.items():
+            fixed = _add(tendons, "fixed", name=name)
+            for pair, factor in factors.items():
+                _add(fixed, "joint", joint=pair, coef=factor)
+            _add(equal, "tendon", name=name, tendon1=name, **hold)
+
+    def _actuators(self, actuators: Element) -> None:
+        made = self.made
+        inertia = sum(float(np.trace(mass.tensor)) for mass in made.bodies)
+        servo: Attributes = {"kp": float(f"{inertia * SERVO**2:.2g}"), "dampratio": "1"}
+        for item in made.mechanism.inputs:
+            ends = {"name": item.pair, "joint": item.pair}
+            if made.made_up:
+                _add(actuators, "position", **ends, **servo, ctrlrange=item.range)
+            else:
+                _add(actuators, "motor", **ends)
+        affine = {"gainprm": "0", "biastype": "affine"}
+        for load, attributes in () if made.made_up else self.actuated:
+            _add(actuators, "general", name=load.name, **affine, **attributes)
+
+
+def _twin(hinge: Hinge) -> str:
+    return f"{hinge.child}_at_{hinge.pair}"
 
 
 @checked(ModelError)
@@ -241,257 +461,7 @@ def mjcf(
     for name, value, unit in (("timestep", timestep, "s"), ("radius", radius, "m")):
         if value is not None and not 0.0 < value < np.inf:
             raise ModelError(f"mjcf: {name} is {value} {unit}; it has to be above 0")
-    loads = mujoco_loads(mechanism)
-    made = rigid_bodies(mechanism, values, loads.held)
-    far = max(
-        (np.linalg.norm(body.centre) for body in made.bodies if body.stated), default=0
-    )
-    size = 1.0 if made.made_up else float(np.round(far, 3) or far or 1.0)
-    notes = _notes(made, loads)
-    return MujocoModel(_Writer(made, loads, timestep, radius or size).text(notes), notes)
-
-
-FRAME = """<mujoco model="{name}">
-<compiler angle="radian" autolimits="true"/>
-<option timestep="{timestep!r}" integrator="RK4" gravity="{gravity}">
-<flag contact="disable"/></option>
-<statistic center="0 0 0" extent="{extent}"/>
-<visual><headlight ambient="0.45 0.45 0.45" diffuse="0.5 0.5 0.5"/></visual>
-<asset><texture type="skybox" builtin="gradient" rgb1="0.32 0.35 0.44"
- rgb2="0.08 0.09 0.12" width="64" height="64"/></asset>
-<default><geom contype="0" conaffinity="0" group="0"/>
-<default class="arc"><geom type="capsule" size="{arc}"/></default>
-<default class="pin"><geom type="cylinder" size="{pin}" rgba="0.91 0.92 0.94 1"/></default>
-</default>
-<custom/>
-<worldbody>
-<light pos="{above}" dir="-1 1 -2"/>
-<light pos="{beside}" dir="1 1 -1" diffuse="0.4 0.4 0.4"/>
-<geom name="sphere" rgba="0.5 0.55 0.7 0.12" type="sphere" size="{ball}"/>
-<body name="{ground}"/>
-</worldbody>
-<tendon/><equality/><actuator/><sensor/><keyframe/>
-</mujoco>"""
-"""What the models of all mechanisms have, and places for what is each one's own."""
-
-
-@dataclass(frozen=True)
-class _Writer:
-    made: RigidBodies
-    loads: MujocoLoads
-    timestep: float
-    radius: float
-
-    def text(self, notes: Sequence[str]) -> str:
-        made, radius, mechanism = self.made, self.radius, self.made.mechanism
-        far = 3.0 * radius
-        frame = FRAME.format(
-            name=mechanism.name,
-            timestep=self.timestep,
-            gravity=_text(np.zeros(3) if made.made_up else self.loads.gravity),
-            extent=_drawn(2.4 * radius),
-            arc=_drawn(LINK_RADIUS * radius),
-            pin=_drawn(PIN_RADIUS * radius),
-            above=_drawn((far, -far, 2.0 * far)),
-            beside=_drawn((-far, -far, far)),
-            ball=_drawn(0.97 * radius),
-            ground=mechanism.ground,
-        )
-        root = ElementTree.fromstring("".join(frame.splitlines()))
-        cited = (mechanism.source.citation,) if mechanism.source else ()
-        for k, note in enumerate((*cited, *notes)):
-            root.insert(k, ElementTree.Comment(f" {note.replace('--', '- -')} "))
-        part = {child.tag: child for child in root if isinstance(child.tag, str)}
-        self.kept(part["custom"])
-        self.world(part["worldbody"])
-        self.equalities(part["tendon"], part["equality"])
-        self.actuators(part["actuator"])
-        for output in mechanism.outputs:
-            ends = {"objtype": "body", "objname": output.link}
-            seen = {"reftype": "body", "refname": output.relative_to}
-            _add(part["sensor"], "framequat", name=output.name, **ends, **seen)
-        if made.made_up:  # servos hold the pose that the model is in
-            values = {hinge.pair: hinge.value for hinge in made.hinges}
-            held = [values[item.pair] for item in mechanism.inputs]
-            _add(part["keyframe"], "key", name="pose", ctrl=held)
-        for empty in [x for x in root if not len(x) and not x.attrib and x.text is None]:
-            root.remove(empty)
-        ElementTree.indent(root)
-        return ElementTree.tostring(root, encoding="unicode") + "\n"
-
-    def kept(self, custom: Element) -> None:
-        """Keep what MuJoCo has no place for and `spherekit import` reads again."""
-        for item in self.made.mechanism.inputs:
-            _add(custom, "numeric", name=f"input_{item.pair}", data=(item.start, item.stop))
-        for cut in self.made.cuts:
-            _add(custom, "numeric", name=f"value_{cut.pair}", data=cut.value)
-        if self.made.made_up:
-            _add(custom, "text", name="masses", data="made up")
-
-    def world(self, world: Element) -> None:
-        name = self.made.mechanism.ground
-        ground = world.find("body")
-        assert ground is not None
-        self.turned(ground, self.made.rotations[0])
-        self.looks(ground, name)
-        self.bodies(ground, name)
-        for load, attributes in self.loads.actuated:
-            if "refsite" in attributes:
-                size = _drawn(1e-3 * self.radius)
-                _add(world, "site", name=f"{load.name}_axes", size=size)
-
-    def bodies(self, parent: Element, link: str) -> None:
-        """Add the bodies on the hinges of a link, second ones last, and those on these."""
-        inertia = {body.link: body for body in self.made.bodies}
-        for hinge in [*self.made.hinges, *self.twins]:
-            if hinge.parent != link:
-                continue
-            twin = hinge in self.twins
-            body = _add(parent, "body", name=_twin(hinge) if twin else hinge.child)
-            self.turned(body, self.turn(link).T @ self.turn(hinge.child))
-            axis = self.turn(hinge.child).T @ hinge.axis
-            held = self.loads.hinges.get(hinge.pair, {})
-            named = {"name": hinge.pair, "type": "hinge", "axis": axis, "ref": hinge.value}
-            _add(body, "joint", **named, **held)
-            self.inertia(body, inertia[hinge.child])
-            if not twin:
-                self.looks(body, hinge.child)
-                self.bodies(body, hinge.child)
-
-    @cached_property
-    def twins(self) -> list[Hinge]:
-        """The hinges of second bodies, at cut pairs where loads act."""
-        ground = self.made.mechanism.ground
-        return [
-            replace(cut, parent=cut.child, child=cut.parent, axis=-cut.axis)
-            if cut.child == ground
-            else cut
-            for cut in self.made.cuts
-            if cut.pair in self.loads.held
-        ]
-
-    def turn(self, link: str) -> Floats:
-        number = self.made.mechanism.link_number.get(link)
-        return np.eye(3) if number is None else np.asarray(self.made.rotations[number])
-
-    def turned(self, body: Element, rotation: Floats) -> None:
-        x, y, z, w = quaternion(rotation[None])[0]
-        if abs(w) < 1.0:
-            body.set("quat", _text((w, x, y, z)))
-
-    def inertia(self, body: Element, inertia: BodyInertia) -> None:
-        share = 1.0 / (1 + sum(twin.child == inertia.link for twin in self.twins))
-        turn = self.turn(inertia.link)
-        t = share * (turn.T @ inertia.tensor @ turn)
-        excess = 2.0 * np.linalg.eigvalsh(t)[-1] - np.trace(t)
-        t = t + (THICKNESS * np.trace(t) + max(excess, 0.0)) * np.eye(3)
-        inner = t[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        mass, centre = share * inertia.mass, turn.T @ inertia.centre
-        _add(body, "inertial", mass=mass, pos=centre, fullinertia=inner)
-        if not inertia.stated:
-            body.set("gravcomp", "1")
-
-    def looks(self, body: Element, link: str) -> None:
-        mechanism, radius = self.made.mechanism, self.radius
-        number = mechanism.link_number.get(link)
-        if number is None:
-            return
-        shape = self.shapes[number]
-        rgba = " ".join(f"{part / 255:.3g}" for part in (*link_colour(number), 255))
-        for line in shape.curves or spokes(shape.joints):
-            corners = line[sorted({*range(0, len(line), CHORD), len(line) - 1})]
-            for ends in np.hstack([corners[:-1], corners[1:]]):
-                fromto = _drawn(radius * ends)
-                _add(body, "geom", fromto=fromto, rgba=rgba, **{"class": "arc"})
-        for name, axis in zip(shape.names, shape.joints, strict=True):
-            if mechanism.pair(name).links[0] == link:
-                half = 0.5 * PIN_LENGTH
-                ends = _drawn(np.outer([1 - half, 1 + half], radius * axis))
-                _add(body, "geom", fromto=ends, **{"class": "pin"})
-        for output in mechanism.outputs:
-            if output.link == link and output.direction is not None:
-                place = radius * np.array(output.direction)
-                drawn = {"size": _drawn(PIN_RADIUS * radius), "rgba": "1 0.77 0 1"}
-                _add(body, "site", name=output.name, pos=place, **drawn)
-        for load in self.loads.sites(link):
-            point = load.point if isinstance(load, PointForce) else np.zeros(3)
-            _add(body, "site", name=load.name, pos=point, size=_drawn(1e-3 * radius))
-
-    @cached_property
-    def shapes(self) -> list[Shape]:
-        return link_shapes(self.made.mechanism)
-
-    def equalities(self, tendons: Element, equal: Element) -> None:
-        rate = STIFF / self.timestep
-        hold = {"solref": (-(rate**2), -2.0 * rate), "solimp": IMPEDANCE}
-        for cut in self.made.cuts:
-            if cut.pair not in self.loads.held:
-                anchor = self.radius * (self.turn(cut.parent).T @ cut.axis)
-                ends = {"body1": cut.parent, "body2": cut.child, "anchor": anchor}
-                _add(equal, "connect", name=cut.pair, **ends, **hold)
-        for twin in self.twins:
-            ends = {"body1": twin.child, "body2": _twin(twin)}
-            _add(equal, "weld", name=twin.pair, **ends, **hold)
-        for name, factors in self.made.ratios.items():
-            fixed = _add(tendons, "fixed", name=name)
-            for pair, factor in factors.items():
-                _add(fixed, "joint", joint=pair, coef=factor)
-            _add(equal, "tendon", name=name, tendon1=name, **hold)
-
-    def actuators(self, actuators: Element) -> None:
-        made = self.made
-        inertia = sum(float(np.trace(mass.tensor)) for mass in made.bodies)
-        servo: Attributes = {"kp": float(f"{inertia * SERVO**2:.2g}"), "dampratio": "1"}
-        for item in made.mechanism.inputs:
-            ends = {"name": item.pair, "joint": item.pair}
-            if made.made_up:
-                _add(actuators, "position", **ends, **servo, ctrlrange=item.range)
-            else:
-                _add(actuators, "motor", **ends)
-        affine = {"gainprm": "0", "biastype": "affine"}
-        for load, attributes in () if made.made_up else self.loads.actuated:
-            _add(actuators, "general", name=load.name, **affine, **attributes)
-
-
-def _twin(hinge: Hinge) -> str:
-    return f"{hinge.child}_at_{hinge.pair}"
-
-
-def _notes(made: RigidBodies, loads: MujocoLoads) -> tuple[str, ...]:
-    """Return what of a mechanism its MuJoCo model has otherwise or not, in sentences."""
-    mechanism = made.mechanism
-    notes = []
-    if made.made_up:
-        notes.append(
-            "kinematics only: the file has no masses, and MuJoCo moves none without, so "
-            "links are wires of 1 kg/m on a sphere of 1 m, servos turn the inputs, and "
-            "forces mean nothing"
-        )
-    lost = dict(loads.lost)
-    if made.made_up:
-        lost = {load.name: "the model has no masses of its own" for load in mechanism.loads}
-    notes += [f"load {name} left out: {reason}" for name, reason in lost.items()]
-    notes += () if made.made_up else loads.otherwise
-    if mechanism.joint_limits:
-        pairs = listing(stop.pair for stop in mechanism.joint_limits)
-        notes.append(
-            f"joint limits of {pairs} are MuJoCo's soft limits, where spherekit "
-            f"ends a simulation"
-        )
-    weighed = {mass.link for mass in mechanism.masses if np.any(np.array(mass.tensor))}
-    unknown = [b.link for b in made.bodies if not b.stated and b.link in weighed]
-    if unknown:
-        notes.append(
-            f"mass and centre chosen so that the tensor about the centre of the sphere is "
-            f"the file's, without weight: links {listing(unknown)}"
-        )
-    massless = [body.link for body in made.bodies if body.link not in weighed]
-    if massless and not made.made_up:
-        notes.append(
-            f"links without mass were given {SMALL:g} of the largest inertia: "
-            f"{listing(massless)}"
-        )
-    return tuple(notes)
+    return MujocoModel(mechanism, values, timestep, radius)
 
 
 def _add(parent: Element, tag: str, **attributes: object) -> Element:

@@ -7,8 +7,7 @@ them (Drake, Isaac Sim, and exporters that write parent and child with origins),
 `<loop>` with `<predecessor>` and `<successor>` (URDF+, Chignoli et al. 2024).
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,25 +31,6 @@ ENDS = ("link1", "link2", "predecessor", "successor", "parent", "child")
 """What the links of loop joints are called."""
 
 
-def tree_only(root: Element) -> str:
-    """Return a URDF without looks and contacts, which name files that may be missing."""
-    for link in root.iter("link"):
-        for looks in [*link.findall("visual"), *link.findall("collision")]:
-            link.remove(looks)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def driven(root: Element) -> list[str]:
-    """Return the joints that transmissions and ros2_control drive, in their order."""
-    joints = [
-        joint.get("name", "")
-        for drive in [*root.iter("transmission"), *root.iter("ros2_control")]
-        for joint in drive.findall("joint")
-        if drive.tag == "transmission" or joint.find("command_interface") is not None
-    ]
-    return list(dict.fromkeys(joints))
-
-
 def _vector(item: Element, key: str) -> Floats:
     return np.array([float(part) for part in (item.get(key) or "0 0 0").split()])
 
@@ -66,23 +46,15 @@ NAMELESS = ("", "MuJoCo Model")
 """What MuJoCo calls models without a name."""
 
 
-@dataclass(frozen=True)
-class Hold:
-    """What holds two bodies to each other: at a point (3,), or rigidly without one."""
-
-    name: str
-    first: int
-    second: int
-    point: Floats | None = None
-
-
 class ForeignModel:
     """What an MJCF or URDF file holds, with its loops closed.
 
     `m` and `d` are MuJoCo's model and its data in that pose, `kinds` the numbers of
-    MuJoCo's words. `locked` are the joints that do not turn, `drives` the actuated ones
-    with the ends of their range where the file has some, `values` the variables of holds
-    where it says so; `made_up` says that the masses are; `notes` what is not here.
+    MuJoCo's words. `holds` are the points (3,) by which loops are closed, with their names
+    and the two bodies that they hold to each other, `welds` the two bodies of each weld.
+    `locked` are the joints that do not turn, `drives` the actuated ones with the ends of
+    their range where the file has some, `values` the variables of holds where it says so;
+    `made_up` says that the masses are; `notes` what is not here.
 
     Raises
     ------
@@ -126,7 +98,8 @@ class ForeignModel:
         numbers = {numeric.name: list(numeric.data) for numeric in spec.numerics}
         self.drives = self._drives(numbers)
         self._close({int(m.jnt_dofadr[k]) for k in self.drives})
-        self.holds: list[Hold] = []
+        self.holds: list[tuple[str, tuple[int, int], Floats]] = []
+        self.welds: list[tuple[int, int]] = []
         self.couplings: list[tuple[str, dict[int, float]]] = []
         self.locked: set[int] = set()
         for k in np.flatnonzero(m.eq_active0).tolist():
@@ -162,7 +135,12 @@ class ForeignModel:
     def _spec(self, root: ElementTree.Element) -> Any:
         if self.urdf is None:
             return self.mj.MjSpec.from_file(str(self.path))
-        spec = self.mj.MjSpec.from_string(tree_only(root))
+        # Looks and contacts name files that may be missing.
+        for link in root.iter("link"):
+            for looks in [*link.findall("visual"), *link.findall("collision")]:
+                link.remove(looks)
+        text = ElementTree.tostring(root, encoding="unicode")
+        spec = self.mj.MjSpec.from_string(text)
         spec.compiler.fusestatic = False
         try:
             for item in [*root.findall("loop_joint"), *root.findall("loop")]:
@@ -285,11 +263,14 @@ class ForeignModel:
     ) -> dict[int, tuple[float, float] | None]:
         m = self.m
         joints = {m.joint(k).name: k for k in range(m.njnt)}
-        drives: dict[int, tuple[float, float] | None] = {
-            joints[name]: None
-            for name in (driven(self.urdf) if self.urdf is not None else ())
-            if name in joints
-        }
+        drives: dict[int, tuple[float, float] | None] = {}
+        for tag in ("transmission", "ros2_control"):
+            path = f".//{tag}/joint"
+            for joint in self.urdf.iterfind(path) if self.urdf is not None else ():
+                commanded = joint.find("command_interface") is not None
+                name = joint.get("name", "")
+                if name in joints and (commanded or tag == "transmission"):
+                    drives[joints[name]] = None
         for k in range(m.nu):
             at_joint = m.actuator_trntype[k] == self.kinds.mjTRN_JOINT
             if at_joint and np.any(m.actuator_gainprm[k]):
@@ -312,25 +293,24 @@ class ForeignModel:
         elif kind in (kinds.mjEQ_JOINT, kinds.mjEQ_TENDON):
             self.couplings.append((name, self._factors(k, name)))
         elif kind in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
-            self.holds += self._held(k, one, other)
+            self._take_hold(k, one, other)
         else:
             self.notes.append(f"{name} left out")
 
-    def _held(self, k: int, one: int, other: int) -> Iterator[Hold]:
-        """Yield what a connection, or a weld, holds bodies or sites by."""
+    def _take_hold(self, k: int, one: int, other: int) -> None:
+        """Take the points by which a connection holds bodies or sites, or their weld."""
         m, d, name = self.m, self.d, named(self.m.eq(k), "loop", k)
         if m.eq_objtype[k] == self.kinds.mjOBJ_SITE:
-            point = d.site_xpos[one].copy()
+            points = [d.site_xpos[one].copy()]
             one, other = int(m.site_bodyid[one]), int(m.site_bodyid[other])
         else:
-            point = d.xpos[one] + d.xmat[one].reshape(3, 3) @ m.eq_data[k][:3]
+            points = [d.xpos[one] + d.xmat[one].reshape(3, 3) @ m.eq_data[k][:3]]
         if m.eq_type[k] == self.kinds.mjEQ_WELD:
-            yield Hold(name, one, other)
+            self.welds.append((one, other))
             return
-        yield Hold(name, one, other, point)
         if name in self.hinged:
-            axis = d.xmat[one].reshape(3, 3) @ self.hinged[name]
-            yield Hold(name, one, other, point + axis)
+            points.append(points[0] + d.xmat[one].reshape(3, 3) @ self.hinged[name])
+        self.holds += [(name, (one, other), point) for point in points]
 
     def _factors(self, k: int, name: str) -> dict[int, float]:
         """Return the factors of the rates of joints, by joint, that an equality couples."""
