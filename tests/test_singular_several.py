@@ -211,7 +211,7 @@ def second_rates(at, free, moved):
     rates[:, free] = -(inverse @ at.jacobian[:, :, moved, None])[..., 0]
     change = np.zeros(at.values.shape)
     change[:, free] = -(inverse @ at.bias(rates)[..., None])[..., 0]
-    turned = at.turned(at.body_rates(rates)).vectors
+    turned = at.turned(at.body_rates(rates))
     return at.body_rates(change) + at.tree.body_rates(turned, rates)
 
 

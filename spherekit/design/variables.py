@@ -202,13 +202,12 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
     made = {}
     for link in mechanism.links:
         sizes = pose_sizes(mechanism, link)
-        for size in sizes:
-            alone = sum(other.kind == size.kind for other in sizes) == 1
-            ending = size.kind[:-1] if alone else f"{size.kind}.{size.pair}"
-            key, place = f"links.{link}.{ending}", (size.link, size.pair)
-            path = ("links", link, size.kind, size.pair)
-            slot = size.kind, place
-            made[key] = DesignVariable(key, path, size.value, True, slot, Limits())
+        for kind, pair, value, _ in sizes:
+            alone = sum(other == kind for other, *_ in sizes) == 1
+            key = f"links.{link}.{kind[:-1] if alone else f'{kind}.{pair}'}"
+            slot = kind, (link, pair)
+            path = ("links", link, kind, pair)
+            made[key] = DesignVariable(key, path, value, True, slot, Limits())
     return made
 
 

@@ -139,7 +139,7 @@ def _derived(
     second = nans((n, m, m, variables))
     dw = nans((n, m, m, tree.count, 3))
     for k in range(m if order == 2 else 0):
-        turned = at.turned(w[:, k]).vectors
+        turned = at.turned(w[:, k])
         bias = rates @ np.swapaxes(tree.jacobian(turned), 1, 2)
         second[:, :, k] = -bias @ np.swapaxes(inverse, 1, 2)
         dw[:, :, k] = tree.body_rates(at.vectors[:, None], second[:, :, k])

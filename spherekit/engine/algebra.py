@@ -188,10 +188,10 @@ def _off(
     terms = {"arcs": design.arcs.get(key), "angles": design.angles.get(key)}
     if all(term is None for term in terms.values()):
         return frame
-    for size in pose_sizes(mechanism, link):  # arcs before angles
-        term = terms[size.kind]
-        if size.pair == pair and term is not None:
-            frame = _about(size.about, term - size.value) @ frame
+    for kind, to, value, about in pose_sizes(mechanism, link):  # arcs before angles
+        term = terms[kind]
+        if to == pair and term is not None:
+            frame = _about(about, term - value) @ frame
     return frame
 
 

@@ -195,7 +195,7 @@ def _without_contacts(
         pairs=tuple(pairs),
         geometry=sizes_by_frames(pairs, frames),
         joint_limits=(),
-        modes=(),
+        modes={},
     )
 
 

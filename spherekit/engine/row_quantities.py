@@ -36,7 +36,7 @@ from spherekit.engine.turns import Entries, ProfileColumns, TurningPairs
 from spherekit.errors import EngineError
 from spherekit.model.actions import wound_pairs
 from spherekit.model.dynamics import need_no_rubbing
-from spherekit.model.expression import Call, Expression, Name, Node, Number
+from spherekit.model.expression import Expression, Node
 from spherekit.model.load import Component, LinkMoment, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Group, driven_pairs, plan_assembly
@@ -114,11 +114,9 @@ def _moment(moment: LinkMoment, change: _Each) -> LinkMoment:
 
 
 def _tree(node: Node, change: _Each) -> Node:
-    if isinstance(node, Number):
-        return Number(change(node.value))
-    if isinstance(node, Name):
-        return node
-    return Call(node.function, tuple(_tree(x, change) for x in node.arguments))
+    if isinstance(node, tuple):
+        return (node[0], *(_tree(part, change) for part in node[1:]))
+    return node if isinstance(node, str) else change(node)
 
 
 def sample_names(inputs: Sequence[str]) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ from spherekit.model.dynamics import (
 from spherekit.model.gears import (
     LinkAxes,
     arc_pole,
-    gear_axes,
+    carrier_of,
     given_axis,
     link_axes,
     pitch_angles,
@@ -43,7 +43,6 @@ from spherekit.model.parts import (
     AngleUnit,
     Input,
     LinkSizes,
-    NamedMode,
     Output,
     Pair,
     PoseGeometry,
@@ -200,7 +199,7 @@ class _Reader:
             outputs=tuple(
                 self.output(name, item) for name, item in data.get("outputs", {}).items()
             ),
-            modes=tuple(NamedMode(*item) for item in data.get("modes", {}).items()),
+            modes=data.get("modes", {}),
             source=made(Source, data["source"]) if "source" in data else None,
             user=_plain(data.get("user", {})),
         )
@@ -381,8 +380,13 @@ class _Reader:
     def cones(self, path: KeyPath, item: Table) -> tuple[Profile, Profile]:
         """Return the circles in which two cones, or the pitch cones of gears, roll."""
         contact = item.get("contact", "external")
-        given = self.joined, self.axes, item["links"], item["axes"]
-        centres, shaft_angle = self.at((*path, "axes"), gear_axes, *given)
+        at = item["links"], item["axes"]
+
+        def carried() -> tuple[list[Vector], float]:
+            *_, shaft_angle = carrier_of(self.joined, self.axes, *at)
+            return [given_axis(self.axes, *x) for x in zip(*at, strict=True)], shaft_angle
+
+        centres, shaft_angle = self.at((*path, "axes"), carried)
         key, radii_of = "half_angles", touching_angles
         if "teeth" in item:
             key, radii_of = "teeth", pitch_angles  # type: ignore[assignment]

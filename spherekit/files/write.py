@@ -118,7 +118,7 @@ def _content(mechanism: Mechanism) -> dict[str, _Table]:
         "mass": {item.link: table_of(item) for item in mechanism.masses},
         "loads": {item.name: _load(item) for item in mechanism.loads},
         "joint_limits": {item.pair: table_of(item) for item in mechanism.joint_limits},
-        "modes": {mode.name: mode.values for mode in mechanism.modes},
+        "modes": dict(mechanism.modes),
         "user": dict(mechanism.user),
     }
     return {name: table for name, table in content.items() if table}

@@ -154,7 +154,7 @@ class Optimality:
 
     def _turned(self, rates: Floats) -> Floats:
         """Return how vectors change, (n, variables, 3), at rates (n, variables)."""
-        return self.at.turned(self.at.body_rates(rates)).vectors
+        return self.at.turned(self.at.body_rates(rates))
 
     def _turned_twice(self, rates: Floats, turned: Floats) -> Floats:
         """Return the second derivatives (n, variables, 3) of vectors at constant rates.

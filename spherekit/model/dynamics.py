@@ -27,7 +27,7 @@ from spherekit.model.load import (
     TorqueFunction,
     TorqueTable,
     Vector,
-    law_of,
+    acting,
     need_angle,
     need_at_least_zero,
     number_text,
@@ -128,9 +128,6 @@ class Bearings(BearingFriction):
             "speed": "rate",
         }
     )
-    absent = MappingProxyType(
-        {"axial": None, "radius": 0.0, "coefficient": 0.0, "speed": 1e-3}
-    )
 
     name: str
     pair: str
@@ -212,9 +209,8 @@ class Bearings(BearingFriction):
 
     def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         """See `Load`."""
-        rate = f"dtheta_{self.pair}"
-        text = f"-tanh({rate}/{number_text(self.speed)})" if self.grip > 0.0 else "0"
-        return (Component(law_of(mechanism, text), self.pair, rubs=self),)
+        text = f"-tanh(dtheta_{self.pair}/{number_text(self.speed)})"
+        return acting(mechanism, text if self.grip > 0.0 else "0", self.pair, rubs=self)
 
 
 @checked_class(ModelError)
@@ -317,7 +313,7 @@ class PairTorque(Load):
 
     def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         if isinstance(self.torque, str):
-            return (Component(law_of(mechanism, self.torque), self.pair),)
+            return acting(mechanism, self.torque, self.pair)
         return (Component(Called(self.pair, self.torque), self.pair),)
 
 
@@ -357,7 +353,7 @@ class Gravity(Load):
             x, y, z = (mass.mass * float(part) for part in self.acceleration)
             at = vector_of(mass.centre)
             weights.append(LinkMoment(mass.link, (x, y, z), "ground", at))
-        return (Component(law_of(mechanism, "1"), moments=tuple(weights)),)
+        return acting(mechanism, "1", moments=tuple(weights))
 
 
 @checked_class(ModelError)
@@ -424,8 +420,7 @@ class Spring(Load):
 
     def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         away = f"(theta_{self.pair} - {number_text(self.rest)})"
-        torque = f"-{number_text(self.stiffness)}*{away}"
-        return (Component(law_of(mechanism, torque), self.pair),)
+        return acting(mechanism, f"-{number_text(self.stiffness)}*{away}", self.pair)
 
 
 @checked_class(ModelError)
@@ -445,7 +440,7 @@ class Damper(Load):
 
     def components(self, mechanism: Loaded) -> tuple[Component, ...]:
         torque = f"-{number_text(self.damping)}*dtheta_{self.pair}"
-        return (Component(law_of(mechanism, torque), self.pair),)
+        return acting(mechanism, torque, self.pair)
 
 
 @checked_class(ModelError)
@@ -473,7 +468,7 @@ class Friction(Load):
         rate = f"dtheta_{self.pair}"
         dry = f"{number_text(self.torque)}*tanh({rate}/{number_text(self.speed)})"
         torque = f"-({dry} + {number_text(self.viscous)}*{rate})"
-        return (Component(law_of(mechanism, torque), self.pair),)
+        return acting(mechanism, torque, self.pair)
 
 
 LOADS: Mapping[str, type[Load]] = MappingProxyType(
@@ -506,10 +501,11 @@ def _on_link(
     arm: Vector | None,
 ) -> tuple[Component, ...]:
     return tuple(
-        Component(
-            law_of(mechanism, text), moments=(LinkMoment(load.link, axis, load.axes, arm),)
-        )
+        part
         for text, axis in zip(texts, _UNITS, strict=True)
+        for part in acting(
+            mechanism, text, moments=(LinkMoment(load.link, axis, load.axes, arm),)
+        )
     )
 
 
@@ -583,18 +579,18 @@ def check_tensor(key: str, tensor: Floats) -> None:
 
 def _need_moments(key: str, tensor: Floats, slack: float, about: str) -> None:
     small, middle, large = map(float, np.linalg.eigvalsh(tensor))
-    if small < -slack:
-        raise ModelError(
-            f"{key}: not physical: the smallest principal moment{about} is {small:.6g} "
-            "kg m2; none is below 0"
-        )
     excess = large - middle - small
-    if excess > slack:
-        raise ModelError(
-            f"{key}: not physical: the largest principal moment{about} exceeds the sum of "
-            f"the others by {excess:.6g} kg m2 ({large:.6g} > {middle:.6g} + {small:.6g}); "
-            "check units, signs of products of inertia, and the point it is about"
+    if small < -slack:
+        what = f"smallest principal moment{about} is {small:.6g} kg m2; none is below 0"
+    elif excess > slack:
+        what = (
+            f"largest principal moment{about} exceeds the sum of the others by "
+            f"{excess:.6g} kg m2 ({large:.6g} > {middle:.6g} + {small:.6g}); check units, "
+            "signs of products of inertia, and the point it is about"
         )
+    else:
+        return
+    raise ModelError(f"{key}: not physical: the {what}")
 
 
 def check_stop(stop: JointLimit, mechanism: Loaded) -> None:

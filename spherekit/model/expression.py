@@ -2,8 +2,8 @@
 
 import ast
 import math
-import operator
 import re
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,27 +26,6 @@ MAX_DEPTH = 150
 """Deepest tree; a sum of n terms is n deep."""
 
 CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": 3.141592653589793})
-
-FUNCTIONS: Mapping[str, tuple[int, int | None]] = MappingProxyType(
-    {
-        "sin": (1, 1),
-        "cos": (1, 1),
-        "tan": (1, 1),
-        "asin": (1, 1),
-        "acos": (1, 1),
-        "atan": (1, 1),
-        "atan2": (2, 2),
-        "sqrt": (1, 1),
-        "exp": (1, 1),
-        "log": (1, 1),
-        "abs": (1, 1),
-        "tanh": (1, 1),
-        "sign": (1, 1),
-        "min": (2, None),
-        "max": (2, None),
-    }
-)
-"""Fewest and most arguments of each function; `log` is the natural logarithm."""
 
 KINKED = ("abs", "sign", "min", "max")
 """The functions among them that are not smooth."""
@@ -92,30 +71,18 @@ ON_ARRAYS: Mapping[str, Callable[..., Any]] = MappingProxyType(
 )
 """Every operator and function on arrays of any kind of number that NumPy knows."""
 
-
-@dataclass(frozen=True)
-class Number:
-    """A number written in an expression, or a constant."""
-
-    value: float
-
-
-@dataclass(frozen=True)
-class Name:
-    """A variable: ``theta_PAIR``, ``dtheta_PAIR`` or ``t``."""
-
-    name: str
+FUNCTIONS: Mapping[str, tuple[int, int | None]] = MappingProxyType(
+    {
+        **{name: (1, 1) for name in ON_ARRAYS if name.isalnum() and name != "negative"},
+        **{"atan2": (2, 2), "min": (2, None), "max": (2, None)},
+    }
+)
+"""Fewest and most arguments of each function; `log` is the natural logarithm."""
 
 
-@dataclass(frozen=True)
-class Call:
-    """An operator (``+ - * / **`` or ``negative``) or a function with its arguments."""
-
-    function: str
-    arguments: "tuple[Node, ...]"
-
-
-Node = Number | Name | Call
+Node = float | str | tuple[Any, ...]
+"""A tree: a number, the name of a variable (``theta_PAIR``, ``dtheta_PAIR``, ``t``), or an
+operator (``+ - * / **`` or ``negative``) or a function with its arguments after it."""
 
 T = TypeVar("T")
 
@@ -131,12 +98,10 @@ def fold(
     `apply` gets the function of a call and what its arguments came to, which are taken in
     the order in which they are written.
     """
-    if isinstance(node, Number):
-        return number(node.value)
-    if isinstance(node, Name):
-        return name(node.name)
-    parts = [fold(argument, number, name, apply) for argument in node.arguments]
-    return apply(node.function, parts)
+    if isinstance(node, tuple):
+        function, *parts = node
+        return apply(function, [fold(part, number, name, apply) for part in parts])
+    return name(node) if isinstance(node, str) else number(node)
 
 
 @dataclass(frozen=True)
@@ -188,7 +153,11 @@ class Expression:
         -----
         Outside a function's domain the result is NaN, and infinite on overflow.
         """
-        arrays, shape = self._arrays(values)
+        missing = sorted(self.names - set(values))
+        if missing:
+            raise ModelError(f'"{self.text}": give a value for {listing(missing)}')
+        arrays = {key: np.asarray(values[key], dtype=np.float64) for key in values}
+        shape = np.broadcast_shapes(*(array.shape for array in arrays.values()))
         with np.errstate(all="ignore"):
             value: Any = fold(
                 self.root,
@@ -204,15 +173,6 @@ class Expression:
         Where `evaluate` gives NaN or infinity it may raise ValueError or ArithmeticError.
         """
         return fold(self.root, _literal, names.__getitem__, _written)
-
-    def _arrays(
-        self, values: Mapping[str, ArrayLike]
-    ) -> tuple[dict[str, Floats], tuple[int, ...]]:
-        missing = sorted(self.names - set(values))
-        if missing:
-            raise ModelError(f'"{self.text}": give a value for {listing(missing)}')
-        arrays = {key: np.asarray(values[key], dtype=np.float64) for key in values}
-        return arrays, np.broadcast_shapes(*(array.shape for array in arrays.values()))
 
 
 def load_names(pairs: Iterable[str]) -> tuple[str, ...]:
@@ -247,9 +207,9 @@ def _parsed(text: str, names: tuple[str, ...]) -> Expression:
         raise _fault(foreign.start(), f"found {foreign[0]!a}{hint}")
     if not flat.strip():
         raise ModelError("column 1: the expression is empty; write 0 for no torque")
-    reader = _Parser(names, len(flat) - len(flat.lstrip(" ")))
-    root = reader.node(_syntax_tree(flat.strip(" "), reader.margin), 1)
-    return Expression(text, frozenset(reader.used), root)
+    margin = len(flat) - len(flat.lstrip(" "))
+    root = _tree(_syntax_tree(flat.strip(" "), margin), names, margin)
+    return Expression(text, _names(root), root)
 
 
 def _fault(column: int, message: str, allowed: str = _GRAMMAR) -> ModelError:
@@ -271,102 +231,94 @@ def _syntax_tree(text: str, margin: int) -> ast.expr:
         raise _fault(margin, "too deeply nested", _LEVELS) from None
 
 
-class _Parser:
-    """Turns Python's syntax tree into ours, refusing whatever is not in the grammar."""
-
-    def __init__(self, names: tuple[str, ...], margin: int) -> None:
-        self.names = names
-        self.margin = margin
-        self.used: set[str] = set()
-
-    def node(self, item: ast.expr, depth: int) -> Node:
-        column = self.margin + item.col_offset
-        if depth > MAX_DEPTH:
-            raise _fault(column, "too deeply nested", _LEVELS)
-        if isinstance(item, ast.Constant):
-            return self.number(item.value, column)
-        if isinstance(item, ast.Name):
-            return self.name(item.id, column)
-        if isinstance(item, ast.BinOp) and type(item.op) in _OPERATORS:
-            sides = self.node(item.left, depth + 1), self.node(item.right, depth + 1)
-            return self.applied(_OPERATORS[type(item.op)], sides, item)
-        if isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.USub):
-            return self.applied("negative", (self.node(item.operand, depth + 1),), item)
-        if isinstance(item, ast.UnaryOp) and isinstance(item.op, ast.UAdd):
-            return self.node(item.operand, depth + 1)
-        if isinstance(item, ast.Call):
-            return self.call(item, column, depth)
-        what = {"FloorDiv": "//"}.get(type(getattr(item, "op", item)).__name__)
-        construct = f'the operator "{what}"' if what else f"{type(item).__name__.lower()}"
-        raise _fault(column, f"found {construct}, which is not allowed")
-
-    def number(self, value: object, column: int) -> Node:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise _fault(column, f"found {value!r}, which is not a real number")
-        try:
-            number = float(value)
-        except OverflowError:
-            number = float("inf")
-        if number == float("inf"):
-            raise _fault(column, "found a number too large for a float64")
-        return Number(number)
-
-    def name(self, name: str, column: int) -> Node:
-        if name in CONSTANTS:
-            return Number(CONSTANTS[name])
-        if name in FUNCTIONS:
-            raise _fault(column, f'"{name}" is a function', f"write {name}(...)")
-        if name not in self.names:
-            hint = nearest(name, [*self.names, *CONSTANTS, *FUNCTIONS])
-            allowed = f"names: {listing([*self.names, *CONSTANTS])}"
-            raise _fault(column, f'"{name}" is not known{hint}', allowed)
-        self.used.add(name)
-        return Name(name)
-
-    def call(self, item: ast.Call, column: int, depth: int) -> Node:
-        name = item.func.id if isinstance(item.func, ast.Name) else ""
-        if name not in FUNCTIONS:
-            what = f'"{name}"' if name else "what stands before the parenthesis"
-            message = f"{what} is not a function{nearest(name, FUNCTIONS)}"
-            allowed = f"functions: {listing(FUNCTIONS, 20)}; for products write *"
-            raise _fault(column, message, allowed)
-        fewest, most = FUNCTIONS[name]
-        count = len(item.args)
-        if count < fewest or (most is not None and count > most) or item.keywords:
-            needs = f"{fewest} or more" if most is None else f"{fewest}"
-            raise _fault(column, f"{name} has {count} arguments", f"it takes {needs}")
-        arguments = tuple(self.node(argument, depth + 1) for argument in item.args)
-        return self.applied(name, arguments, item)
-
-    def applied(self, function: str, arguments: tuple[Node, ...], item: ast.expr) -> Node:
-        """Return a call; of numbers alone the number that it is, which has to be finite."""
-        numbers = [x.value for x in arguments if isinstance(x, Number)]
-        if function == "/" and arguments[1] == Number(0.0):
-            what = "divides by zero"
-        elif len(numbers) < len(arguments):
-            return Call(function, arguments)
-        else:
-            with np.errstate(all="ignore"):
-                value = float(ON_ARRAYS[function](*map(np.float64, numbers)))
-            if np.isfinite(value):
-                return Number(value)
-            what = "is not a finite number"
-        column = self.margin + item.col_offset
-        message = f"{ast.unparse(item)} {what}"
-        raise _fault(column, message, "constants have to be finite")
+def _tree(item: ast.expr, names: tuple[str, ...], margin: int, depth: int = 1) -> Node:
+    """Return Python's syntax tree as ours, refusing whatever is not in the grammar."""
+    column = margin + item.col_offset
+    if depth > MAX_DEPTH:
+        raise _fault(column, "too deeply nested", _LEVELS)
+    parts: Sequence[ast.expr]
+    match item:
+        case ast.Constant(value):
+            return _number(value, column)
+        case ast.Name(name):
+            return _variable(name, names, column)
+        case ast.BinOp(left, operation, right) if type(operation) in _OPERATORS:
+            function, parts = _OPERATORS[type(operation)], (left, right)
+        case ast.UnaryOp(ast.USub(), operand):
+            function, parts = "negative", (operand,)
+        case ast.UnaryOp(ast.UAdd(), operand):
+            return _tree(operand, names, margin, depth + 1)
+        case ast.Call():
+            function, parts = _function(item, column), item.args
+        case ast.BinOp(op=ast.FloorDiv()):
+            raise _fault(column, 'found the operator "//", which is not allowed')
+        case _:
+            kind = type(item).__name__.lower()
+            raise _fault(column, f"found {kind}, which is not allowed")
+    arguments = [_tree(part, names, margin, depth + 1) for part in parts]
+    if function == "/" and arguments[1] == 0.0:
+        what = "divides by zero"
+    elif len(numbers := [x for x in arguments if isinstance(x, float)]) < len(arguments):
+        return (function, *arguments)
+    else:  # of numbers alone, the number that it is
+        with np.errstate(all="ignore"):
+            value = float(ON_ARRAYS[function](*map(np.float64, numbers)))
+        if np.isfinite(value):
+            return value
+        what = "is not a finite number"
+    message = f"{ast.unparse(item)} {what}"
+    raise _fault(column, message, "constants have to be finite")
 
 
-_SCALAR: Mapping[str, Callable[..., float]] = MappingProxyType(
+def _number(value: object, column: int) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _fault(column, f"found {value!r}, which is not a real number")
+    if value > sys.float_info.max:
+        raise _fault(column, "found a number too large for a float64")
+    return float(value)
+
+
+def _variable(name: str, names: tuple[str, ...], column: int) -> Node:
+    if name in CONSTANTS:
+        return CONSTANTS[name]
+    if name in FUNCTIONS:
+        raise _fault(column, f'"{name}" is a function', f"write {name}(...)")
+    if name not in names:
+        hint = nearest(name, [*names, *CONSTANTS, *FUNCTIONS])
+        allowed = f"names: {listing([*names, *CONSTANTS])}"
+        raise _fault(column, f'"{name}" is not known{hint}', allowed)
+    return name
+
+
+def _function(item: ast.Call, column: int) -> str:
+    """Return the name of the function that is called, if it takes so many arguments."""
+    name = item.func.id if isinstance(item.func, ast.Name) else ""
+    if name not in FUNCTIONS:
+        what = f'"{name}"' if name else "what stands before the parenthesis"
+        message = f"{what} is not a function{nearest(name, FUNCTIONS)}"
+        allowed = f"functions: {listing(FUNCTIONS, 20)}; for products write *"
+        raise _fault(column, message, allowed)
+    fewest, most = FUNCTIONS[name]
+    count = len(item.args)
+    if not fewest <= count <= (most or count) or item.keywords:
+        needs = f"{fewest} or more" if most is None else f"{fewest}"
+        raise _fault(column, f"{name} has {count} arguments", f"it takes {needs}")
+    return name
+
+
+_NAMED: Mapping[str, Any] = MappingProxyType(
     {
-        "**": math.pow,
-        "negative": operator.neg,
+        "inf": math.inf,
+        "nan": math.nan,
+        "power": math.pow,
+        **{name: getattr(math, name) for name in FUNCTIONS if hasattr(math, name)},
         "sign": lambda a: a if a != a else float((a > 0.0) - (a < 0.0)),
         "abs": abs,
         "min": lambda *values: float(reduce(np.minimum, values)),
         "max": lambda *values: float(reduce(np.maximum, values)),
     }
 )
-"""Functions of floats; those that are not here are those of `math`."""
+"""What code of expressions calls: functions of floats."""
 
 
 def made_of(code: str, more: Mapping[str, Any] | None = None) -> Callable[..., Any]:
@@ -377,20 +329,6 @@ def made_of(code: str, more: Mapping[str, Any] | None = None) -> Callable[..., A
 
 
 _INFIX = ("+", "-", "*", "/")
-
-_NAMED: Mapping[str, Any] = MappingProxyType(
-    {
-        "inf": math.inf,
-        "nan": math.nan,
-        "power": _SCALAR["**"],
-        **{
-            name: _SCALAR.get(name) or getattr(math, name)
-            for name in ON_ARRAYS
-            if name.isalnum() and name != "negative"
-        },
-    }
-)
-"""What code of expressions calls."""
 
 
 def _written(function: str, items: list[str]) -> str:
@@ -409,22 +347,19 @@ def _literal(number: float) -> str:
 
 def _steep(node: Node, kinked: Sequence[str]) -> Iterator[Node]:
     """Yield the arguments that `Expression.steep` has, the innermost first."""
-    if not isinstance(node, Call):
+    if not isinstance(node, tuple):
         return
-    for child in node.arguments:
+    name, *arguments = node
+    for child in arguments:
         yield from _steep(child, kinked)
-    name, arguments = node.function, node.arguments
     if name in ENTIRE or (name in KINKED and name not in kinked):
         return
     if name in ("min", "max"):
-        arguments = tuple(Call("-", pair) for pair in combinations(arguments, 2))
+        arguments = [("-", *pair) for pair in combinations(arguments, 2)]
     elif name == "/":
         arguments = arguments[1:]
-    elif name == "**" and isinstance(arguments[1], Number):
-        whole = arguments[1].value >= 0.0 and arguments[1].value == round(
-            arguments[1].value
-        )
-        arguments = () if whole else arguments[:1]
+    elif name == "**" and isinstance(power := arguments[1], float):
+        arguments = [] if power >= 0.0 and power.is_integer() else arguments[:1]
     yield from (argument for argument in arguments if _names(argument))
 
 

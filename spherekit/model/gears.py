@@ -4,7 +4,7 @@ Where each pair's axis and zero direction sit in its two links.
 """
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Generic, Literal, TypeVar
@@ -135,9 +135,15 @@ def link_axes(mechanism: Mechanism) -> "LinkAxes":
 
 def pair_frames(mechanism: Mechanism) -> tuple[dict[str, Floats], dict[str, Floats]]:
     """Return the frames (3, 3) of R pairs in their first and their second link, by name."""
-    if isinstance(mechanism.geometry, PoseGeometry):
-        return _pose_frames(mechanism.geometry)
-    return frames_of_sizes(mechanism.pairs, mechanism.geometry)
+    geometry = mechanism.geometry
+    if isinstance(geometry, SizeGeometry):
+        return frames_of_sizes(mechanism.pairs, geometry)
+    first, second = {}, {}
+    for name, given in geometry.axes.items():
+        axis = np.array(given, dtype=float)
+        first[name] = frame_from(axis, perpendicular(axis))
+        second[name] = first[name] @ about_z(geometry.values.get(name, 0.0))
+    return first, second
 
 
 LinkAxes = Mapping[str, Mapping[str, Floats]]
@@ -181,17 +187,6 @@ def arc_pole(first: Vector, second: Vector) -> Vector:
         )
     x, y, z = pole / length
     return float(x), float(y), float(z)
-
-
-def _pose_frames(
-    geometry: PoseGeometry,
-) -> tuple[dict[str, Floats], dict[str, Floats]]:
-    first, second = {}, {}
-    for name, given in geometry.axes.items():
-        axis = np.array(given, dtype=float)
-        first[name] = frame_from(axis, perpendicular(axis))
-        second[name] = first[name] @ about_z(geometry.values.get(name, 0.0))
-    return first, second
 
 
 def frames_of_sizes(
@@ -346,54 +341,25 @@ def touching_angles(
     return first, half_angles[1] if miss <= ROUNDING else second
 
 
-def gear_axes(
-    joined: Mapping[str, tuple[str, str]],
-    axes: LinkAxes,
-    links: tuple[str, str],
-    pairs: tuple[str, str],
-) -> tuple[tuple[Vector, Vector], float]:
-    """Return the gears' axes in their links, and the shaft angle (rad) between them.
-
-    `joined` and `axes` are the links and the axes of every R pair, `links` the two gears,
-    `pairs` the R pairs they turn about.
-    """
-    _, (one, other) = _carrier(joined, axes, links, pairs)
-    first, second = (given_axis(axes, *at) for at in zip(links, pairs, strict=True))
-    return (first, second), float(arc(one.line, other.line))
-
-
 def carrier_of(
     joined: Mapping[str, tuple[str, str]],
     axes: LinkAxes,
     links: tuple[str, str],
     pairs: tuple[str, str],
-) -> tuple[str, list[tuple[str, int]]]:
-    """Return the link that carries the axes of two gears, and by which R pairs.
+) -> tuple[str, list[tuple[str, int]], float]:
+    """Return the link that carries the axes of two gears, by which R pairs, at what angle.
 
-    These are the gears' own or coaxial ones: the sun of a planetary train turns about its
-    shaft in the frame, and so does the arm that carries the planet. With each is its
-    sense, -1 where it points the other way. The arguments are those of `gear_axes`.
+    `joined` and `axes` are the links and the axes of every R pair, `links` the two gears,
+    `pairs` the R pairs they turn about. Those that lead to the carrier are the gears' own
+    or coaxial ones: the sun of a planetary train turns about its shaft in the frame, and so
+    does the arm that carries the planet. With each is its sense, -1 where it points the
+    other way. Between the axes is the shaft angle (rad).
 
     Raises
     ------
     ModelError
         If no link carries both.
     """
-    carrier, both = _carrier(joined, axes, links, pairs)
-    carried = []
-    for seen in both:
-        pair, side = seen.way[-1]
-        carried.append((pair, int(seen.turned[pair] * (2 * side - 1))))
-    return carrier, carried
-
-
-def _carrier(
-    joined: Mapping[str, tuple[str, str]],
-    axes: LinkAxes,
-    links: tuple[str, str],
-    pairs: tuple[str, str],
-) -> tuple[str, tuple["Seen[str]", "Seen[str]"]]:
-    """Return the carrier, see `carrier_of`, and both axes seen from it."""
     every = {
         pair: (axes[near][pair], axes[far][pair]) for pair, (near, far) in joined.items()
     }
@@ -409,7 +375,11 @@ def _carrier(
             "link carries, or give each gear its circle under profiles"
         )
     carrier = min(both, key=lambda link: len(one[link].way + other[link].way))
-    return carrier, (one[carrier], other[carrier])
+    carried = []
+    for seen in (one[carrier], other[carrier]):
+        pair, side = seen.way[-1]
+        carried.append((pair, int(seen.turned[pair] * (2 * side - 1))))
+    return carrier, carried, float(arc(one[carrier].line, other[carrier].line))
 
 
 Name = TypeVar("Name", bound=Hashable)
@@ -492,17 +462,18 @@ def start_of_phase(
             "the reference pose says how the wheels are put together; give the value of "
             "each shaft there instead"
         )
-    shafts = [_shaft(mechanism, pair, link, phase) for link in pair.links]
-    if shafts[0].carrier != shafts[1].carrier:
-        names = " and ".join(shaft.pair for shaft in shafts)
+    shafts, carriers, placed = zip(
+        *(_shaft(mechanism, pair, link, phase) for link in pair.links), strict=True
+    )
+    if carriers[0] != carriers[1]:
         raise ModelError(
-            f"the pairs {names} lead to the links "
-            f"{' and '.join(shaft.carrier for shaft in shafts)}; they have to join the "
-            "wheels to the one link that carries both; give start instead"
+            f"the pairs {' and '.join(shafts)} lead to the links {' and '.join(carriers)}; "
+            "they have to join the wheels to the one link that carries both; give start "
+            "instead"
         )
     wheels = [Wheel.of(curve) for curve in contact_curves(mechanism, pair)]
-    both = list(zip(wheels, shafts, strict=True))
-    centre, beside = (shaft.placed(0.0) @ wheel.centre for wheel, shaft in both)
+    both = list(zip(wheels, placed, strict=True))
+    centre, beside = (turned(0.0) @ wheel.centre for wheel, turned in both)
     across = beside - (centre @ beside) * centre
     size = float(np.linalg.norm(across))
     if size < COLLINEAR:
@@ -513,14 +484,12 @@ def start_of_phase(
 
     def lengths(angles: Sequence[float]) -> list[float]:
         return [
-            wheel.length(shaft.placed(angle).T @ point)
-            for (wheel, shaft), angle in zip(both, angles, strict=True)
+            wheel.length(turned(angle).T @ point)
+            for (wheel, turned), angle in zip(both, angles, strict=True)
         ]
 
-    angles = [phase[shaft.pair] for shaft in shafts]
-    driven = set(mechanism.input_pairs)
-    side = next((k for k, shaft in enumerate(shafts) if shaft.pair in driven), None)
-    if side is not None:
+    angles = [phase[shaft] for shaft in shafts]
+    for side in [k for k, x in enumerate(shafts) if x in mechanism.input_pairs][:1]:
         sizes = np.sin([wheel.radius for wheel in wheels])
         grown = np.subtract(lengths([angle + 0.1 for angle in angles]), lengths(angles))
         paces = np.sign(np.sin(grown / sizes)) * sizes
@@ -530,27 +499,13 @@ def start_of_phase(
     return first, second
 
 
-@dataclass(frozen=True)
-class _Shaft:
-    """The shaft of a wheel, with its frames (3, 3) in carrier and wheel.
-
-    `forward` is 1 if it turns the wheel against the carrier, -1 if the other way round.
-    """
-
-    pair: str
-    carrier: str
-    frames: tuple[Floats, Floats]
-    forward: float
-
-    def placed(self, angle: float) -> Floats:
-        """Return what turns from axes of the wheel to those of the carrier (3, 3)."""
-        on_carrier, on_wheel = self.frames
-        return on_carrier @ about_z(self.forward * angle) @ on_wheel.T
-
-
 def _shaft(
     mechanism: Mechanism, contact: Pair, link: str, phase: Mapping[str, float]
-) -> _Shaft:
+) -> tuple[str, str, Callable[[float], Floats]]:
+    """Return the shaft of a wheel, its carrier, and what turns the wheel's axes into its.
+
+    That is a rotation (3, 3) for each angle of the shaft.
+    """
     given = [mechanism.pair(name) for name in phase]
     shaft = next((x for x in given if x.kind.has_axis and link in x.links), None)
     if shaft is None:
@@ -563,8 +518,8 @@ def _shaft(
         raise ModelError(f"the profile of {link} is no circle about a shaft")
     near, far = (frames[shaft.name] for frames in pair_frames(mechanism))
     if shaft.links[1] == link:
-        return _Shaft(shaft.name, shaft.links[0], (near, far), 1.0)
-    return _Shaft(shaft.name, shaft.links[1], (far, near), -1.0)
+        return shaft.name, shaft.links[0], lambda angle: near @ about_z(angle) @ far.T
+    return shaft.name, shaft.links[1], lambda angle: far @ about_z(-angle) @ near.T
 
 
 @dataclass(frozen=True)

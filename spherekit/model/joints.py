@@ -68,17 +68,6 @@ class PairStates:
 
 
 @dataclass(frozen=True)
-class PairRates:
-    """First derivatives at pairs: of the variables' vectors and of the pair axes.
-
-    `vectors` (n, variables, 3); `axes` (n, pairs, 3).
-    """
-
-    vectors: Floats
-    axes: Floats
-
-
-@dataclass(frozen=True)
 class Track:
     """A profile of a contact, which lies on it at the variable plus `start` (rad).
 
@@ -165,8 +154,8 @@ class Joint(ABC):
     @abstractmethod
     def rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
-    ) -> tuple[Floats, Floats]:
-        """Return how vectors (n, m, variables, 3) and axes (n, m, 3) change.
+    ) -> Floats:
+        """Return how the vectors (n, m, variables, 3) change.
 
         `first_w`, `second_w` (n, m, 3) are angular velocities of the links in the axes of
         `frames`.
@@ -221,9 +210,8 @@ class Revolute(Joint):
     @staticmethod
     def rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
-    ) -> tuple[Floats, Floats]:
-        turned = cross(first_w, frames[..., 2])
-        return turned[:, :, None], turned
+    ) -> Floats:
+        return cross(first_w, frames[..., 2])[:, :, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,13 +276,13 @@ class Rolling(Joint):
     @staticmethod
     def rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
-    ) -> tuple[Floats, Floats]:
+    ) -> Floats:
         tangent, point = frames[..., 0], frames[..., 2]
         k1, k2 = states.curvatures[..., :1], states.curvatures[..., 1:]
         dk1, dk2 = states.curvature_rates[..., :1], states.curvature_rates[..., 1:]
         s = _along(second_w - first_w, point) / (k1 - k2)
         moved = cross(first_w, point) + s * tangent
-        return ((dk1 - dk2) * s * point + (k1 - k2) * moved)[:, :, None], moved
+        return ((dk1 - dk2) * s * point + (k1 - k2) * moved)[:, :, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,14 +340,14 @@ class Sliding(Joint):
     @staticmethod
     def rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
-    ) -> tuple[Floats, Floats]:
+    ) -> Floats:
         """See `Joint.rates`.
 
         The contact moves along the profiles at s1' = (w . p - k2 w . n) / (k1 - k2) and
         s2' = (w . p - k1 w . n) / (k1 - k2), w the relative angular velocity (derived
         from the frames' own derivatives); in rolling w . n = 0.
         """
-        tangent, normal, point = (frames[..., column] for column in range(3))
+        normal, point = frames[..., 1], frames[..., 2]
         k1, k2 = states.curvatures[..., :1], states.curvatures[..., 1:]
         dk1, dk2 = states.curvature_rates[..., :1], states.curvature_rates[..., 1:]
         relative = second_w - first_w
@@ -370,10 +358,7 @@ class Sliding(Joint):
             cross(first_w, normal + k1 * point) + s1 * dk1 * point,
             -cross(second_w, normal + k2 * point) - s2 * dk2 * point,
         ]
-        return (
-            np.stack(vectors, axis=2),
-            cross(first_w, tangent) + s1 * (k1 * normal - point),
-        )
+        return np.stack(vectors, axis=2)
 
 
 @lru_cache(maxsize=512)

@@ -3,10 +3,10 @@
 import inspect
 from abc import ABC, abstractmethod
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,7 @@ from spherekit.arrays import Floats
 from spherekit.conventions import counted, listing
 from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
-from spherekit.model.parts import Pair, need_finite, need_increasing
+from spherekit.model.parts import need_finite, need_increasing
 
 Vector = tuple[float, float, float]
 TorqueFunction = Callable[[float, float, float], float]
@@ -108,35 +108,8 @@ class Component:
     rubs: "BearingFriction | None" = None
 
 
-class Loaded(Protocol):
-    """A mechanism as what acts on it sees it."""
-
-    @property
-    def name(self) -> str:
-        """See `Mechanism`."""
-
-    @property
-    def ground(self) -> str:
-        """See `Mechanism`."""
-
-    @property
-    def pairs(self) -> Sequence[Pair]:
-        """See `Mechanism`."""
-
-    @property
-    def masses(self) -> Sequence[Any]:
-        """See `Mechanism`."""
-
-    @property
-    def loads(self) -> "Sequence[Load]":
-        """See `Mechanism`."""
-
-    @property
-    def angles(self) -> Mapping[str, int]:
-        """See `Mechanism`."""
-
-    def pair(self, name: str) -> Pair:
-        """See `Mechanism`."""
+Loaded = Any
+"""A `Mechanism`, whose module imports this one: what acts on it sees it."""
 
 
 class Load(ABC):
@@ -376,9 +349,16 @@ def vector_of(numbers: Iterable[float]) -> Vector:
     return x, y, z
 
 
-def law_of(mechanism: Loaded, text: str) -> Expression:
-    """Return a magnitude written in pair variables, their rates and the time."""
-    return parse(text, load_names(mechanism.angles))
+def acting(
+    mechanism: Loaded,
+    text: str,
+    pair: str = "",
+    moments: tuple[LinkMoment, ...] = (),
+    rubs: BearingFriction | None = None,
+) -> tuple[Component]:
+    """Return a component with a magnitude in pair variables, their rates and the time."""
+    law = parse(text, load_names(mechanism.angles))
+    return (Component(law, pair, moments, rubs),)
 
 
 def number_text(value: float) -> str:

@@ -272,7 +272,7 @@ def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
         masses=_added(parts["masses"]),
         loads=tuple(x for x in parts["loads"] if getattr(x, "pair", "") != pair.name),
         joint_limits=tuple(stop for stop in made.joint_limits if stop.pair != pair.name),
-        modes=(),
+        modes={},
     )
 
 

@@ -29,7 +29,6 @@ from spherekit.model.parts import (
     AngleUnit,
     Input,
     LinkSizes,
-    NamedMode,
     Output,
     Pair,
     PoseGeometry,
@@ -55,6 +54,11 @@ class Mechanism:
     ------
     ModelError
         If names repeat or are unknown, or the geometry does not fit the pairs.
+
+    Notes
+    -----
+    `modes` name assembly modes by the variables (rad) of some R pairs in a configuration
+    of theirs, those of all inputs among them.
     """
 
     name: str
@@ -67,7 +71,7 @@ class Mechanism:
     masses: tuple[Mass, ...] = ()
     loads: tuple[Load, ...] = ()
     joint_limits: tuple[JointLimit, ...] = ()
-    modes: tuple[NamedMode, ...] = ()
+    modes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     source: Source | None = None
     user: Mapping[str, Any] = field(default_factory=dict)
 
@@ -232,7 +236,7 @@ class Mechanism:
             return self
         before, after = ({item.pair for item in items} for items in (self.inputs, made))
         as_named = before in (set(), after)
-        return replace(self, inputs=made, modes=self.modes if as_named else ())
+        return replace(self, inputs=made, modes=self.modes if as_named else {})
 
     def _need_none(self, form: str, **given: object) -> None:
         """Refuse sizes of the form in which the geometry is not given."""
@@ -397,7 +401,7 @@ def _check(mechanism: Mechanism) -> None:
         ("load", [load.name for load in mechanism.loads]),
         ("mass of a", [mass.link for mass in mechanism.masses]),
         ("joint limit of a", [stop.pair for stop in mechanism.joint_limits]),
-        ("mode", [mode.name for mode in mechanism.modes]),
+        ("mode", mechanism.modes),
     ):
         _check_names(where, what, names)
     for key, link in _links_named(mechanism):
@@ -408,15 +412,15 @@ def _check(mechanism: Mechanism) -> None:
     for key, name in _pairs_named(mechanism):
         if name not in mechanism.pair_number:
             raise not_named(f"{where}: {key}", "pair", name, mechanism.pair_number)
-    for mode in mechanism.modes:
-        if mode.name.isdecimal():
+    for mode, values in mechanism.modes.items():
+        if mode.isdecimal():
             raise ModelError(
-                f"{where}: modes.{mode.name}: a number is that of a mode; name it by a word"
+                f"{where}: modes.{mode}: a number is that of a mode; name it by a word"
             )
-        for name in mode.values:
+        for name in values:
             if name not in mechanism.angles:
                 raise ModelError(
-                    f"{where}: modes.{mode.name}.{name}: is a contact pair; a mode is said "
+                    f"{where}: modes.{mode}.{name}: is a contact pair; a mode is said "
                     "by angles of R pairs"
                 )
     _check_dynamics(where, mechanism)
@@ -448,8 +452,8 @@ def _links_named(mechanism: Mechanism) -> Iterator[tuple[str, str]]:
 
 def _pairs_named(mechanism: Mechanism) -> Iterator[tuple[str, str]]:
     """Yield the pairs that a mechanism names, with the keys that do."""
-    for mode in mechanism.modes:
-        yield from ((f"modes.{mode.name}", pair) for pair in mode.values)
+    for mode, values in mechanism.modes.items():
+        yield from ((f"modes.{mode}", pair) for pair in values)
     yield from ((f"inputs.{item.pair}", item.pair) for item in mechanism.inputs)
     yield from _named_by_loads(mechanism, ("pair", "contact"))
     yield from ((f"joint_limits.{stop.pair}", stop.pair) for stop in mechanism.joint_limits)

@@ -229,17 +229,6 @@ class Input:
 
 
 @dataclass(frozen=True)
-class NamedMode:
-    """A name of the assembly mode that has a configuration.
-
-    `values` are the variables (rad) there of some R pairs, those of all inputs among them.
-    """
-
-    name: str
-    values: Mapping[str, float]
-
-
-@dataclass(frozen=True)
 class Output:
     """A link whose motion relative to another one is of interest.
 

@@ -1,6 +1,5 @@
 """Arcs and angles within the links of a reference pose, which says them by its axes."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -11,29 +10,13 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry
 from spherekit.sphere.rotation import cross
 
+PoseSize = tuple[Literal["arcs", "angles"], str, float, Floats]
+"""An arc from the first R pair's axis of a link to another one's, or an angle there.
 
-@dataclass(frozen=True)
-class PoseSize:
-    """An arc from the first R pair's axis of a link to another one's, or an angle there.
-
-    Attributes
-    ----------
-    link, pair
-        The link, and the pair to which the arc or the angle leads.
-    kind
-        Arcs start at the first axis; angles count at it, counter-clockwise, from the arc
-        to the second axis.
-    value
-        What it is in the pose (rad).
-    about
-        (3,) in ground axes: what turns the axis of the pair when the size grows.
-    """
-
-    link: str
-    pair: str
-    kind: Literal["arcs", "angles"]
-    value: float
-    about: Floats
+The kind: arcs start at the first axis; angles count at it, counter-clockwise, from the arc
+to the second axis. The pair to which it leads. What it is in the pose (rad). What turns the
+axis of the pair when the size grows, (3,) in ground axes.
+"""
 
 
 def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
@@ -57,10 +40,10 @@ def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
             continue
         normal = normal / sine
         arc = float(np.arctan2(sine, start @ axis))
-        made.append(PoseSize(link, name, "arcs", arc, normal))
+        made.append(("arcs", name, arc, normal))
         if toward is None:
             toward = normal
             continue
         angle = float(np.arctan2(cross(toward, normal) @ start, toward @ normal))
-        made.append(PoseSize(link, name, "angles", angle, start))
+        made.append(("angles", name, angle, start))
     return tuple(made)

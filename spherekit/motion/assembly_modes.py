@@ -13,7 +13,7 @@ wheels fix is a linear function of the inputs from there on, the rest is followe
 verified steps, however far samples lie apart.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,7 +23,6 @@ from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status, listing
 from spherekit.model.gears import geometry_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import NamedMode
 from spherekit.motion.closure import Closure
 from spherekit.motion.groups import (
     State,
@@ -541,16 +540,16 @@ def named(
     if not assembly_modes:
         return (), ()
     inputs = solver.mechanism.input_pairs
-    for mode in solver.mechanism.modes:
-        if not set(inputs) <= set(mode.values):
+    for name, said in solver.mechanism.modes.items():
+        if not set(inputs) <= said.keys():
             continue
-        place, why = _place(solver, assembly_modes, mode, inputs)
+        place, why = _place(solver, assembly_modes, said, inputs)
         if place in names:
             why = f"it is mode {assembly_modes[place].number}, as {names[place]} is"
         if why:
-            faults.append(f"modes.{mode.name}: {why}; no mode has this name")
+            faults.append(f"modes.{name}: {why}; no mode has this name")
         else:
-            names[place] = mode.name
+            names[place] = name
     made = (replace(mode, name=names.get(k, "")) for k, mode in enumerate(assembly_modes))
     return tuple(made), tuple(faults)
 
@@ -558,25 +557,25 @@ def named(
 def _place(
     solver: Solver,
     assembly_modes: Sequence[AssemblyMode],
-    mode: NamedMode,
+    said: Mapping[str, float],
     inputs: Sequence[str],
 ) -> tuple[int, str]:
-    """Return the place of the mode with a configuration, or -1 and why there is none."""
+    """Return the place of the mode with these variables, or -1 and why there is none."""
     if any(isinstance(item.guide, ModeOverGrid) for item in assembly_modes):
         return -1, "modes followed over samples of several inputs have no names"
     order = solver.mechanism.names_of(solver.assembly.inputs)
-    q = np.array([[mode.values[pair] for pair in order]])
+    q = np.array([[said[pair] for pair in order]])
     at = [solver.evaluate(item, q).values[0] for item in assembly_modes]
-    passive = [name for name in mode.values if name not in inputs]
+    passive = [name for name in said if name not in inputs]
     variables = [solver.mechanism.angles[name] for name in passive]
-    wanted = np.array([mode.values[name] for name in passive])
+    wanted = np.array([said[name] for name in passive])
     missed = np.abs(wrap(np.array(at)[:, variables] - wanted))
     off = np.nan_to_num(np.max(missed, axis=1, initial=0.0), nan=np.inf)
     best = int(np.argmin(off))
     others = np.delete(off, best)
     if off[best] < FAR_FROM_NAMED and np.all(off[best] < CLEARLY * others):
         return best, ""
-    shown = listing(f"{pair} = {np.degrees(mode.values[pair]):.6g} deg" for pair in inputs)
+    shown = listing(f"{pair} = {np.degrees(said[pair]):.6g} deg" for pair in inputs)
     there = [
         f"mode {item.number}: {', '.join(_told(values, passive, solver))}"
         for item, values in zip(assembly_modes, at, strict=True)

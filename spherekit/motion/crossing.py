@@ -180,7 +180,7 @@ def jacobian_rates(closure: Closure, values: Floats) -> Floats:
     second = first.copy()
     every = np.arange(count)
     second[every, list(tree.owners)] += at.vectors[every, every]
-    return tree.jacobian(at.pair_rates(first, second).vectors)
+    return tree.jacobian(at.pair_rates(first, second))
 
 
 def _second_order(closure: Closure, x: Floats, left: Floats, null: Floats) -> Floats:

@@ -20,7 +20,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import EQUAL_CURVATURE
 from spherekit.model.graph import spanning
-from spherekit.model.joints import Joint, Kind, PairRates, PairStates, Revolute, Track
+from spherekit.model.joints import Joint, Kind, PairStates, Revolute, Track
 from spherekit.model.mechanism import Mechanism
 from spherekit.sphere.rotation import (
     all_finite,
@@ -319,21 +319,17 @@ def pair_rates(
     states: PairStates,
     first_w: Floats,
     second_w: Floats,
-) -> PairRates:
-    """Return how vectors and axes change, given the rates of the pairs' two links.
+) -> Floats:
+    """Return how the vectors (n, variables, 3) change, given the rates of the links.
 
     `first_w`, `second_w` (n, pairs, 3) are angular velocities of the links in the axes
     that `frames` (n, pairs, 3, 3) are given in.
     """
-    alike = _by_kind(tuple(joints))
-    rates = PairRates(_blank(joints, len(frames)), np.empty((len(frames), len(joints), 3)))
-    for kind, _, pairs, variables in alike:
+    rates = _blank(joints, len(frames))
+    for kind, _, pairs, variables in _by_kind(tuple(joints)):
         turning = first_w[:, pairs], second_w[:, pairs]
-        vectors, axes = kind.rates(frames[:, pairs], states.take(pairs), *turning)
-        vectors = vectors.reshape(rates.vectors[:, variables].shape)
-        if len(alike) == 1:
-            return PairRates(vectors, axes)
-        rates.vectors[:, variables], rates.axes[:, pairs] = vectors, axes
+        part = kind.rates(frames[:, pairs], states.take(pairs), *turning)
+        rates[:, variables] = part.reshape(rates[:, variables].shape)
     return rates
 
 
@@ -438,15 +434,15 @@ class Linearisation:
         """Return angular velocities (n, bodies, 3) at rates (n, variables)."""
         return self.tree.body_rates(self.vectors, rates)
 
-    def pair_rates(self, first_w: Floats, second_w: Floats) -> PairRates:
-        """Return how vectors and axes change; see `spherekit.motion.loops.pair_rates`."""
+    def pair_rates(self, first_w: Floats, second_w: Floats) -> Floats:
+        """Return how the vectors change; see `spherekit.motion.loops.pair_rates`."""
         return pair_rates(self.joints, self.frames, self.states, first_w, second_w)
 
-    def turned(self, w: Floats) -> PairRates:
-        """Return how vectors and axes change as bodies turn at w (n, bodies, 3)."""
+    def turned(self, w: Floats) -> Floats:
+        """Return how the vectors change as bodies turn at w (n, bodies, 3)."""
         return self.pair_rates(w[:, self.tree.firsts], w[:, self.tree.seconds])
 
     def bias(self, rates: Floats) -> Floats:
         """Return J' rates (n, 3 loops), J' the change of J at rates (n, variables)."""
-        turned = self.turned(self.body_rates(rates)).vectors
+        turned = self.turned(self.body_rates(rates))
         return np.einsum("nij,nj->ni", self.tree.jacobian(turned), rates)

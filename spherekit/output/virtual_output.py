@@ -112,7 +112,7 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
         geometry=_posed(geometry, names, direction)
         if isinstance(geometry, PoseGeometry)
         else _sized(mechanism, geometry, wrist, direction),
-        modes=(),
+        modes={},
         inputs=tuple(
             Input(pair, 0.0, 0.5 * WHOLE if pair == names[1] else WHOLE) for pair in held
         ),

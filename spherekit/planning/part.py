@@ -137,7 +137,11 @@ def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
         masses=tuple(mass for mass in mechanism.masses if mass.link in on),
         loads=tuple(load for load in mechanism.loads if stays(load)),
         joint_limits=tuple(stop for stop in mechanism.joint_limits if stop.pair in names),
-        modes=tuple(mode for mode in mechanism.modes if set(mode.values) <= names),
+        modes={
+            mode: values
+            for mode, values in mechanism.modes.items()
+            if values.keys() <= names
+        },
     )
 
 

@@ -494,7 +494,9 @@ class Written:
             centres = [axis(name, link) for name, link in two]
             joined = {name: mechanism.pair(name).links for name in frames}
             pairs = item["axes"][0], item["axes"][1]
-            carrier, carried = carrier_of(joined, link_axes(mechanism), pair.links, pairs)
+            carrier, carried, _ = carrier_of(
+                joined, link_axes(mechanism), pair.links, pairs
+            )
             one, other = (way * axis(name, carrier) for name, way in carried)
             radii, sines = self._cones(item, one, other, sense)
         else:

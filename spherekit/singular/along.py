@@ -82,7 +82,7 @@ class LinkMotion:
         self.values, self.motion = values, motion_of(tracer.solver, values)
         at = self.motion.linearisation
         self.w, self.dw = at.body_rates(tangents), at.body_rates(bends)
-        self.dw += at.tree.body_rates(at.turned(self.w).vectors, tangents)
+        self.dw += at.tree.body_rates(at.turned(self.w), tangents)
         equations = bordered(at.jacobian, tangents)
         flat = np.maximum(bordered_condition(equations, left_inverse(equations)), EPS)
         flat[np.isnan(bends[:, 0])] = 1.0  # a motion that is given

@@ -132,7 +132,7 @@ class TangentSpace:
         That of contacts along the closing step is of those which close a loop only nearly.
         """
         every = (self.at.body_rates(ways) for ways in np.moveaxis(self.directions, 2, 0))
-        return np.stack([self.at.turned(w).vectors for w in every], axis=1)
+        return np.stack([self.at.turned(w) for w in every], axis=1)
 
     @cached_property
     def bends(self) -> Floats:

@@ -337,7 +337,7 @@ def geared(mechanism: Mechanism, output: Output) -> GearedKinematics | None:
         return None
     inputs = (Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in carriers)
     try:
-        part = of_pairs(replace(mechanism, inputs=tuple(inputs), modes=()), kept)
+        part = of_pairs(replace(mechanism, inputs=tuple(inputs), modes={}), kept)
         inverse = InverseKinematics(part, output.name)
     except SpherekitError:
         return None
