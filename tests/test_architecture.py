@@ -238,10 +238,10 @@ def test_every_package_is_in_the_distribution():
 
 
 INHERITED = """
-AbstractAnalysis AbstractOutput AnalysisError ArrayRows BearingFriction Chords
+AbstractAnalysis AnalysisError ArrayRows BearingFriction Chords
 ClosedKinematics Curve CurvePoints Curves EngineError InputMotion Joint Load MotionMeasures
 OutputKinematics Parametrised Parser PlanError Problem Recorder Sampler SpherekitError
-Way Zone _LiveOutput
+Way Zone
 """
 
 

@@ -8,11 +8,12 @@ import errno
 import os
 import socket
 import threading
-from abc import ABC, abstractmethod
-from collections.abc import Callable
-from contextlib import suppress
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from spherekit.errors import OutputError
@@ -33,8 +34,17 @@ HTTP2_SETTINGS = 4
 PIECE = 1 << 16
 
 
-class PipedFile:
-    """The file behind one stream, from its opening to its last byte.
+def check_place(path: Path) -> None:
+    """Raise `OutputError` unless a recording can be written there."""
+    if path.suffix != ".rrd":
+        raise OutputError(
+            f"{path}: a recording must be named *.rrd, since the viewer goes by that ending"
+        )
+    check_file(path)
+
+
+class FileOutput:
+    """A file that appears under its own name only when it is whole.
 
     When the disk fills, rerun's own file writer dies with a line on the error stream, and
     waiting for it may then last for ever. Here it writes to a pipe, which never fails, and
@@ -42,37 +52,33 @@ class PipedFile:
     """
 
     def __init__(self, stream: rr.RecordingStream, path: Path) -> None:
-        """Create the file, locked, and point the stream at it; OSError if it cannot be."""
-        self._stream = stream
-        self._lock = path.open("ab", buffering=0)
-        if not take(self._lock.fileno()):
-            self._lock.close()
-            raise OSError(errno.EAGAIN, "another run is recording there")
-        self._file = path.open("wb", buffering=0)
+        self.stream, self.path = stream, path
+        self.part = path.with_name(path.name + ".part")
+        self._copier: threading.Thread | None = None
         self._error: OSError | None = None
-        self._read, write = os.pipe()
+
+    def open(self) -> None:
+        """Start the part file beside the file, locked, and point the stream at it."""
+        check_place(self.path)
+        check_own(self.part, RRD)
         try:
-            stream.save(f"/dev/fd/{write}")
-        finally:
-            os.close(write)
+            self._lock = self.part.open("ab", buffering=0)
+            if not take(self._lock.fileno()):
+                self._lock.close()
+                raise OSError(errno.EAGAIN, "another run is recording there")
+            self._file = self.part.open("wb", buffering=0)
+            self._read, write = os.pipe()
+            try:
+                self.stream.save(f"/dev/fd/{write}")
+            finally:
+                os.close(write)
+        except OSError as error:
+            raise OutputError(
+                f"cannot write {self.part}: {error.strerror}; choose a folder you may "
+                "write to, on a disk with room"
+            ) from error
         self._copier = threading.Thread(target=self._copy, daemon=True)
         self._copier.start()
-
-    def flush(self) -> None:
-        """Hand over all that was logged; raise the OSError met so far, if any."""
-        self._stream.flush()
-        self._complain()
-
-    def close(self) -> None:
-        """Write the rest and close the file; raise the OSError met, if any."""
-        self._stream.disconnect()
-        self._copier.join()
-        self._lock.close()
-        self._complain()
-
-    def _complain(self) -> None:
-        if self._error is not None:
-            raise self._error
 
     def _copy(self) -> None:
         with os.fdopen(self._read, "rb", buffering=0) as pipe, self._file as file:
@@ -86,96 +92,31 @@ class PipedFile:
                 except OSError as error:
                     self._error = error
 
-
-class AbstractOutput(ABC):
-    """One stream of a recording and the place it goes to."""
-
-    stream: rr.RecordingStream
-
-    @abstractmethod
-    def open(self) -> None:
-        """Reach the place; everything is logged after this."""
-
-    @abstractmethod
-    def flush(self) -> None:
-        """Wait until all that was logged has arrived."""
-
-    @abstractmethod
-    def complete(self, rows: int) -> None:
-        """Make the recording final; `rows` rows of columns were sent."""
-
-    @abstractmethod
-    def close(self, keep: bool) -> str:
-        """Let go of the place; return what is kept of an unfinished recording."""
-
-
-class _LiveOutput(AbstractOutput):
-    """Another program that takes the recording as it goes on, called `place`."""
-
-    place: str
-
-    def flush(self) -> None:
-        """Wait until it has everything."""
-        try:
-            self.stream.flush(timeout_sec=LIVE_TIMEOUT)
-        except RuntimeError as error:
-            raise OutputError(
-                f"{self.place} no longer takes data ({_reason(error)}); start it again, or "
-                "record to a file"
-            ) from error
-
-    def complete(self, rows: int) -> None:
-        """Wait until it has everything; it goes on showing it."""
-        self.flush()
-
-    def close(self, keep: bool) -> str:
-        """Let go of it."""
-        self.stream.disconnect()
-        return ""
-
-
-def check_place(path: Path) -> None:
-    """Raise `OutputError` unless a recording can be written there."""
-    if path.suffix != ".rrd":
-        raise OutputError(
-            f"{path}: a recording must be named *.rrd, since the viewer goes by that ending"
-        )
-    check_file(path)
-
-
-class FileOutput(AbstractOutput):
-    """A file that appears under its own name only when it is whole."""
-
-    def __init__(self, stream: rr.RecordingStream, path: Path) -> None:
-        self.stream = stream
-        self.path = path
-        self.part = path.with_name(path.name + ".part")
-        self._file: PipedFile | None = None
-
-    def open(self) -> None:
-        """Start the part file beside the file."""
-        check_place(self.path)
-        check_own(self.part, RRD)
-        try:
-            self._file = PipedFile(self.stream, self.part)
-        except OSError as error:
-            raise OutputError(
-                f"cannot write {self.part}: {error.strerror}; choose a folder you may "
-                "write to, on a disk with room"
-            ) from error
-
     def flush(self) -> None:
         """Hand all that was logged to the file."""
-        if self._file is not None:
-            self._try(self._file.flush)
+        if self._copier is not None:
+            self.stream.flush()
+            self._complain()
 
     def complete(self, rows: int) -> None:
-        """Close the part file, read it back, and give it its name."""
-        if self._file is None:
+        """Write the rest, read the part file back, and give it its name."""
+        if self._copier is None:
             return
-        self._try(self._file.close)
-        self._check(rows)
-        self._file = None
+        self._end()
+        self._complain()
+        try:
+            chunks = RrdReader(self.part).stream()
+            rows_read = sum(chunk.num_rows for chunk in chunks if not chunk.is_static)
+        except Exception as error:  # the reader's exceptions have no common base
+            raise self._removed(
+                f"was written but does not read back ({_reason(error)}); another program "
+                "may be writing to it. The part file"
+            ) from error
+        if rows_read != rows:
+            raise self._removed(
+                f"was written, but only {rows_read} of {rows} rows read back; the disk may "
+                "be full. The part file"
+            )
         try:
             self.part.replace(self.path)
         except OSError as error:
@@ -185,140 +126,142 @@ class FileOutput(AbstractOutput):
             ) from error
 
     def close(self, keep: bool) -> str:
-        """Close the part file of a run that stopped half-way; `keep` it or not."""
-        if self._file is None:
+        """Close the part file of a run that stopped half-way; return what is kept of it."""
+        if self._copier is None:
             return ""
+        self._end()
         if not keep:
-            self._give_up()
+            self.part.unlink(missing_ok=True)
             return ""
-        self._try(self._file.close)
-        self._file = None
+        self._complain()
         return f"what was recorded until then is in {self.part}"
 
-    def _try(self, action: Callable[[], None]) -> None:
-        try:
-            action()
-        except OSError as error:
-            self._give_up()
-            raise OutputError(
-                f"{self.path} could not be written whole: {error.strerror}; make room "
-                "or choose another disk. The part written was removed"
-            ) from error
+    def _end(self) -> None:
+        """Write the rest and close the file."""
+        self.stream.disconnect()
+        if self._copier is not None:
+            self._copier.join()
+            self._copier = None
+            self._lock.close()
 
-    def _check(self, rows: int) -> None:
-        try:
-            chunks = RrdReader(self.part).stream()
-            rows_read = sum(chunk.num_rows for chunk in chunks if not chunk.is_static)
-        except Exception as error:  # the reader's exceptions have no common base
-            self._give_up()
-            raise OutputError(
-                f"{self.path} was written but does not read back ({_reason(error)}); "
-                "another program may be writing to it. The part file was removed"
-            ) from error
-        if rows_read != rows:
-            self._give_up()
-            raise OutputError(
-                f"{self.path} was written, but only {rows_read} of {rows} rows read back; "
-                "the disk may be full. The part file was removed"
-            )
+    def _complain(self) -> None:
+        """Raise `OutputError` if the disk has refused something."""
+        if self._error is not None:
+            raise self._removed(
+                f"could not be written whole: {self._error.strerror}; make room or choose "
+                "another disk. The part written"
+            ) from self._error
 
-    def _give_up(self) -> None:
-        """Remove the part file."""
-        if self._file is not None:
-            with suppress(OSError):
-                self._file.close()
-            self._file = None
+    def _removed(self, what: str) -> OutputError:
+        """Remove the part file, and return the error that says why."""
+        self._end()
         self.part.unlink(missing_ok=True)
+        return OutputError(f"{self.path} {what} was removed")
 
 
-class ServedOutput(_LiveOutput):
-    """A server on this computer that keeps the recording for viewers that come."""
+@dataclass
+class LiveOutput:
+    """Another program that takes the recording as it goes on; without a sink a notebook.
 
-    def __init__(self, stream: rr.RecordingStream, port: int) -> None:
-        self.stream = stream
-        self.port = port
-        self.url = f"rerun+http://127.0.0.1:{port}/proxy"
-        self.place = f"the server on port {port}"
+    `check` raises `OutputError` where the place cannot be reached at first, and later on
+    where it is gone. A notebook's page has the recording when it is whole.
+    """
+
+    stream: rr.RecordingStream
+    place: str
+    check: Callable[[bool], None]
+    sink: Callable[[], Any] | None = None
 
     def open(self) -> None:
-        """Start to listen, on the loopback address only."""
-        if self.port == 0:  # the system would choose one, which viewers do not know
+        """Reach the place; everything is logged after this."""
+        self.check(True)
+        if self.sink is not None:
+            self.stream.set_sinks(self.sink())
+
+    def flush(self) -> None:
+        """Wait until all that was logged has arrived."""
+        if self.sink is None:
+            return
+        self.check(False)  # rerun would go on as if it were there
+        try:
+            self.stream.flush(timeout_sec=LIVE_TIMEOUT)
+        except RuntimeError as error:
+            raise OutputError(
+                f"{self.place} no longer takes data ({_reason(error)}); start it again, or "
+                "record to a file"
+            ) from error
+
+    def complete(self, rows: int) -> None:
+        """Wait until it has everything, and goes on showing it, or show it now."""
+        if self.sink is None:
+            rr.notebook_show(recording=self.stream)
+        self.flush()
+
+    def close(self, keep: bool) -> str:
+        """Let go of it."""
+        if self.sink is not None:
+            self.stream.disconnect()
+        return ""
+
+
+Output = FileOutput | LiveOutput
+
+
+def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
+    """Return a server on this computer that keeps the recording for viewers that come."""
+
+    def check(at_first: bool) -> None:
+        if not at_first:
+            return
+        if port == 0:  # the system would choose one, which viewers do not know
             raise OutputError("cannot serve on port 0; choose one from 1 to 65535")
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
-                probe.bind(("127.0.0.1", self.port))
+                probe.bind(("127.0.0.1", port))
             except (OSError, OverflowError) as error:
                 raise OutputError(
-                    f"cannot serve on port {self.port} ({_reason(error)}); choose "
-                    "another port, or connect to the viewer that listens there"
+                    f"cannot serve on port {port} ({_reason(error)}); choose another port, "
+                    "or connect to the viewer that listens there"
                 ) from error
-        self.stream.set_sinks(rr.GrpcServerSink("127.0.0.1", self.port))
+
+    place = f"the server on port {port}"
+    return LiveOutput(stream, place, check, lambda: rr.GrpcServerSink("127.0.0.1", port))
 
 
-class NotebookOutput(AbstractOutput):
-    """The page of a notebook; the recording is in it when it is whole."""
+def viewer_at(stream: rr.RecordingStream, url: str) -> LiveOutput:
+    """Return a viewer, or another server, that listens at a URL."""
 
-    def __init__(self, stream: rr.RecordingStream) -> None:
-        self.stream = stream
-
-    def open(self) -> None:
-        """Check that notebooks can show recordings; data stay in memory until then."""
-        if find_spec("rerun_notebook") is None:
-            raise OutputError(
-                "a notebook shows recordings by the package rerun-notebook, which is not "
-                'installed; install it with: pip install "spherekit-mechanisms[notebook]", '
-                "or write a file with save(path)"
-            )
-
-    def flush(self) -> None:
-        """Nothing has to arrive before the end."""
-
-    def complete(self, rows: int) -> None:
-        """Hand the recording to the page, which empties it."""
-        rr.notebook_show(recording=self.stream)
-
-    def close(self, keep: bool) -> str:
-        """Let go of the recording."""
-        return ""
-
-
-class ViewerOutput(_LiveOutput):
-    """A viewer, or another server, that listens at a URL."""
-
-    def __init__(self, stream: rr.RecordingStream, url: str) -> None:
-        self.stream = stream
-        self.url = url
-        self.place = f"the viewer at {url}"
-        self._address = ("", 0)
-
-    def open(self) -> None:
-        """Check that a viewer listens there, and connect."""
+    def check(at_first: bool) -> None:
         try:
-            parts = urlsplit(self.url)
+            parts = urlsplit(url)
             host, port = parts.hostname, parts.port
         except ValueError:
             host, port = None, None
         if not host or not port or not parts.scheme.startswith("rerun"):
             raise OutputError(
-                f'"{self.url}" is not the address of a viewer; it looks like '
+                f'"{url}" is not the address of a viewer; it looks like '
                 "rerun+http://127.0.0.1:9876/proxy"
             )
-        self._address = (host, port)
-        if not _speaks_http2(*self._address):
+        if not _speaks_http2(host, port):
             raise OutputError(
-                f"no viewer listens at {self.url}; start one with `rerun --port {port}`"
-                " or leave the recording in a file"
+                f"no viewer listens at {url}; start one with `rerun --port {port}` or "
+                "leave the recording in a file"
+                if at_first
+                else f"the viewer at {url} is gone; start it again, or record to a file"
             )
-        self.stream.set_sinks(rr.GrpcSink(self.url))
 
-    def flush(self) -> None:
-        """Wait until the viewer has everything."""
-        if not _speaks_http2(*self._address):  # rerun would go on as if it were there
-            raise OutputError(
-                f"the viewer at {self.url} is gone; start it again, or record to a file"
-            )
-        super().flush()
+    return LiveOutput(stream, f"the viewer at {url}", check, lambda: rr.GrpcSink(url))
+
+
+def check_notebook(at_first: bool) -> None:
+    """Raise `OutputError` if notebooks cannot show recordings."""
+    if find_spec("rerun_notebook") is None:
+        raise OutputError(
+            "a notebook shows recordings by the package rerun-notebook, which is not "
+            'installed; install it with: pip install "spherekit-mechanisms[notebook]", '
+            "or write a file with save(path)"
+        )
 
 
 def _speaks_http2(host: str, port: int) -> bool:
@@ -340,3 +283,99 @@ def _reason(error: BaseException) -> str:
     """Return the innermost words of an error, in one line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return lines[-1] if lines else type(error).__name__
+
+
+class Outputs:
+    """Places that all get the same.
+
+    `entities` and `rows` are those logged so far; `seen` the paths that came up.
+    """
+
+    def __init__(self, places: Iterable[Output]) -> None:
+        self.places = list(places)
+        self.entities: set[str] = set()
+        self.seen: set[str] = set()
+        self.rows = 0
+
+    @property
+    def live(self) -> list[Output]:
+        """The places where somebody may look on."""
+        return [place for place in self.places if not isinstance(place, FileOutput)]
+
+    def cost(self, finished: bool) -> dict[str, int]:
+        """Return entities and rows logged, and the bytes of a file that is finished."""
+        files = [place.path for place in self.places if isinstance(place, FileOutput)]
+        whole = sum(path.stat().st_size for path in files) if finished else 0
+        return {"entities": len(self.entities), "rows": self.rows, "bytes": whole}
+
+    def open(self) -> None:
+        """Open all places, or none."""
+        opened: list[Output] = []
+        try:
+            for place in self.places:
+                place.open()
+                opened.append(place)
+        except OutputError:
+            for place in opened:
+                place.close(keep=False)
+            raise
+
+    def close(self, error: BaseException | None) -> None:
+        """Let go of all places, and note on an error what was kept."""
+        for place in self.places:
+            left = place.close(keep=self.rows > 0)
+            if left and error is not None:
+                error.add_note(left)
+
+    def name(self, name: str, properties: Mapping[str, Any]) -> None:
+        """Send the name of the recording, and what is to be known of the run."""
+        for place in self.places:
+            place.stream.send_recording_name(name)
+            if properties:
+                place.stream.send_property("run", rr.AnyValues(False, **properties))
+
+    def first(self, path: str) -> bool:
+        """Return whether a path comes up for the first time."""
+        new = path not in self.seen
+        self.seen.add(path)
+        return new
+
+    def still(
+        self,
+        path: str,
+        archetype: rr.AsComponents,
+        outputs: Sequence[Output] | None = None,
+    ) -> None:
+        """Log what does not move, to some places or to all."""
+        self.entities.add(path)
+        for output in self.places if outputs is None else outputs:
+            output.stream.log(path, archetype, static=True)
+
+    def columns(
+        self,
+        path: str,
+        times: Sequence[rr.TimeColumn],
+        columns: Iterable[rr.ComponentColumn],
+        rows: int,
+    ) -> None:
+        """Log rows of what moves."""
+        if rows == 0:
+            return
+        columns = list(columns)
+        for output in self.places:
+            output.stream.send_columns(path, times, columns)
+        self.entities.add(path)
+        self.rows += rows
+
+    def each(self, action: Callable[[Output], None]) -> None:
+        """Do something with each place; a lost viewer does not stop a file."""
+        for output in tuple(self.places):
+            try:
+                action(output)
+            except OutputError as error:
+                kept = any(isinstance(other, FileOutput) for other in self.places)
+                if isinstance(output, FileOutput) or not kept:
+                    raise
+                warnings.warn(f"{error}; the file goes on", stacklevel=3)
+                self.places.remove(output)
+                output.close(keep=False)

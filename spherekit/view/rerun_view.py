@@ -57,13 +57,14 @@ from spherekit.view.blueprint import (
 )
 from spherekit.view.charts import Chart, Curve
 from spherekit.view.names import Name, Names, labels_of_arrows
-from spherekit.view.output_group import Outputs
 from spherekit.view.outputs import (
-    AbstractOutput,
     FileOutput,
-    NotebookOutput,
-    ServedOutput,
-    ViewerOutput,
+    LiveOutput,
+    Output,
+    Outputs,
+    check_notebook,
+    served,
+    viewer_at,
 )
 from spherekit.view.sdk import rr
 from spherekit.view.sight import Sight
@@ -143,7 +144,7 @@ class Charts:
             Plot(scene.page, where, title, answers, charts.bounds(), compared)
         )
 
-    def draw(self, outputs: Sequence[AbstractOutput]) -> None:
+    def draw(self, outputs: Sequence[Output]) -> None:
         """Draw all curves and maps as far as they are known, and those of all modes."""
         for where, chart in self.charts.items():
             base = where.partition("/charts/")[0]
@@ -236,8 +237,10 @@ class RerunRecorder:
 
         """
         self.name = name
+        self.url = None if port is None else f"rerun+http://127.0.0.1:{port}/proxy"
+        """Address at which the recording is served, if it is."""
         self.root = "/" + (re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "m")
-        outputs: list[AbstractOutput] = []
+        outputs: list[Output] = []
         application = f"spherekit-{self.root[1:]}"  # a viewer keeps one layout for each
         recording = str(uuid.uuid4())
 
@@ -247,11 +250,11 @@ class RerunRecorder:
         if path is not None:
             outputs.append(FileOutput(stream(), Path(path)))
         if port is not None:
-            outputs.append(ServedOutput(stream(), port))
+            outputs.append(served(stream(), port))
         if url is not None:
-            outputs.append(ViewerOutput(stream(), url))
+            outputs.append(viewer_at(stream(), url))
         if notebook:
-            outputs.append(NotebookOutput(stream()))
+            outputs.append(LiveOutput(stream(), "the notebook", check_notebook))
         if not outputs:
             raise ValueError("a recorder needs a path, a port, a url or a notebook")
         self._outputs = Outputs(outputs)
@@ -265,11 +268,6 @@ class RerunRecorder:
         self._live_drawn = 0.0
         self._laid_out = 0
         self._finished = False
-
-    @property
-    def url(self) -> str | None:
-        """Address at which the recording is served, if it is."""
-        return self._outputs.url
 
     @property
     def cost(self) -> dict[str, int]:
