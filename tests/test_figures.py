@@ -20,7 +20,7 @@ from spherekit.cli.main import main
 from spherekit.errors import AnalysisError
 from spherekit.figures import style
 from spherekit.figures.contents import figures_of
-from spherekit.figures.curves import EQUAL_AREA, STEREOGRAPHIC, centre_of
+from spherekit.figures.curves import EQUAL_AREA, STEREOGRAPHIC, View, centre_of, opposite
 from spherekit.markup import html_table
 
 CAP = 0.4
@@ -145,26 +145,26 @@ POLES = np.random.default_rng(1).normal(size=(6, 3))
 
 @pytest.mark.parametrize("pole", POLES)
 def test_the_lambert_map_keeps_the_area_of_a_cap(pole):
-    x, y = centre_of(pole[None]).placed(circle(pole, CAP), EQUAL_AREA).T
+    x, y = View(centre_of(pole[None]), EQUAL_AREA, np.pi).placed(circle(pole, CAP)).T
     area = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
     assert area == pytest.approx(2.0 * np.pi * (1.0 - np.cos(CAP)), rel=1e-5)
 
 
 @pytest.mark.parametrize("pole", POLES)
 def test_the_stereographic_map_keeps_angles_and_circles(pole):
-    centre = centre_of(pole[None])
+    view = View(centre_of(pole[None]), STEREOGRAPHIC, np.pi)
     u = pole / np.linalg.norm(pole)
     a = np.cross(u, [0.3, -0.8, 0.5])
     b = np.cross(u, a) + 0.7 * a
     step = 1e-6
     moved = np.stack([u + step * v for v in (a, b)] + [u - step * v for v in (a, b)])
     moved /= np.linalg.norm(moved, axis=1)[:, None]
-    p = centre.placed(moved, STEREOGRAPHIC)
+    p = view.placed(moved)
     s, t = p[0] - p[2], p[1] - p[3]
     angle = np.arctan2(s[0] * t[1] - s[1] * t[0], s @ t)
     wanted = np.arctan2(u @ np.cross(a, b), a @ b)  # seen from outside: the same sense
     assert angle == pytest.approx(wanted, abs=1e-8)
-    ring = centre.placed(circle(pole, CAP), STEREOGRAPHIC)
+    ring = view.placed(circle(pole, CAP))
     middle = np.mean([ring.max(axis=0), ring.min(axis=0)], axis=0)
     assert np.ptp(np.linalg.norm(ring - middle, axis=1)) < 1e-5
 
@@ -172,13 +172,14 @@ def test_the_stereographic_map_keeps_angles_and_circles(pole):
 def test_a_centre_is_an_axis_of_the_ground_and_its_sides_point_along_others():
     for out in range(3):
         for positive in (True, False):
-            centre = centre_of(np.eye(3)[[out]] * (1.0 if positive else -1.0))
-            assert np.linalg.det(centre.frame) == pytest.approx(1.0)
-            right, up = ("xyz".index(name) for name in centre.sides)
+            frame = centre_of(np.eye(3)[[out]] * (1.0 if positive else -1.0))
+            view = View(frame)
+            assert np.linalg.det(frame) == pytest.approx(1.0)
+            right, up = ("xyz".index(name) for name in view.sides)
             for axis, to in ((right, (1.0, 0.0)), (up, (0.0, 1.0))):
-                place = centre.placed(np.eye(3)[[axis]], EQUAL_AREA)[0]
+                place = view.placed(np.eye(3)[[axis]])[0]
                 assert place == pytest.approx(np.sqrt(2.0) * np.array(to))
-            assert centre.opposite.opposite.name == centre.name
+            assert np.array_equal(opposite(opposite(frame)), frame)
 
 
 def series(values, unit="rad", label="a", group="angle"):
@@ -301,8 +302,8 @@ def test_the_border_of_a_workspace_is_on_both_maps(tmp_path):
     for panel in maps:
         name = panel.get_title().split("about ")[1].replace("−", "-")
         sign = 1.0 if name[0] == "+" else -1.0
-        centre = centre_of(sign * np.eye(3)[["xyz".index(name[1])]])
-        angles = centre.angles(border)
+        view = View(centre_of(sign * np.eye(3)[["xyz".index(name[1])]]))
+        angles = view.angles(border)
         radius = (
             2.0 * np.sin(angles / 2)
             if "Lambert" in panel.get_title()

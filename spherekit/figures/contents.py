@@ -8,6 +8,7 @@ A quantity over a grid of two inputs: a map for each mode, zeros drawn as lines.
 """
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from html import escape
 from typing import Any, TypeVar
@@ -35,14 +36,13 @@ from spherekit.arrays import Floats
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
 from spherekit.figures import style
-from spherekit.figures.curves import Curve, OnSphere, draw_curves, draw_paths, draw_sphere
-from spherekit.figures.plane import Plane, draw_plane
+from spherekit.figures.curves import Curve, draw_curves, draw_paths, draw_sphere, focus_of
+from spherekit.figures.plane import draw_plane, is_path
 from spherekit.figures.sdk import Axes, Figure, Normalize, Poly3DCollection
 from spherekit.figures.sheet import (
     Sheet,
     as_data_url,
     colour_bar,
-    line_between,
     name_points,
     stroke,
     ticks_of,
@@ -56,7 +56,7 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
     meshed = [item for item in surfaces if len(item.triangles)]
     clouds = [item for item in surfaces if not len(item.triangles)]
     entries = [
-        (item.label, stroke(style.tone_colour(item.tone), width=4.0)) for item in meshed
+        (item.label, stroke(style.tone_look(item.tone), width=4.0)) for item in meshed
     ]
     with style.look():
         figure = sheet.figure(1, min(sheet.width, 4.5), entries)
@@ -95,12 +95,12 @@ FAR = 0.5
 """Steps of a path longer than this part of the frame lead through infinity."""
 
 
-def draw_diagrams(items: Sequence[tuple[Page, Diagram]], sheet: Sheet) -> Figure:
+def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figure:
     """Return a figure of the paths of points, each named where it starts."""
     with style.look():
         figure, panels, across = sheet.panels(len(items), RATIO)
-        for place, (panel, (page, item)) in enumerate(zip(panels, items, strict=True)):
-            panel.set_title(sheet.title(page))
+        for place, (panel, (scene, item)) in enumerate(zip(panels, items, strict=True)):
+            panel.set_title(sheet.title(scene.page))
             panel.set_xlim(*item.x_range)
             panel.set_ylim(*item.y_range)
             panel.set_aspect("equal")
@@ -109,20 +109,19 @@ def draw_diagrams(items: Sequence[tuple[Page, Diagram]], sheet: Sheet) -> Figure
             if place % across == 0:
                 panel.set_ylabel(item.y_label)
             for k, name in enumerate(item.names):
-                colour, dashes = _look(item, k)
-                look = {"color": colour, "linestyle": dashes, "label": name}
-                line_between(panel, _joined(item.places[:, k], item), look)
+                path = _joined(item.places[:, k], item)
+                panel.plot(*path.T, label=name, **_look(item, k))
         figure.draw_without_rendering()
         for panel, (_, item) in zip(panels, items, strict=True):
             _label(panel, item)
     return figure
 
 
-def _look(item: Diagram, number: int) -> tuple[str, Any]:
-    """Return colour and dashes of a path: of a tone in ink, or one of its own."""
+def _look(item: Diagram, number: int) -> dict[str, Any]:
+    """Return how a path is drawn: of a tone in ink, or one of its own."""
     tones = item.tones
     if tones[number] == 0:
-        return style.INK, "-"
+        return {"color": style.INK}
     return style.series_look(sum(tone != 0 for tone in tones[:number]))
 
 
@@ -142,7 +141,7 @@ def _label(panel: Axes, item: Diagram) -> None:
     if not len(shown):
         return
     starts = item.places[np.argmax(seen, axis=0)[shown], shown]
-    tints = [_look(item, k)[0] for k in shown.tolist()]
+    tints = [_look(item, k)["color"] for k in shown.tolist()]
     for start, tint in zip(starts, tints, strict=True):
         panel.plot(*start, "o", color=tint, markersize=2.5)
     name_points(panel, [item.names[k] for k in shown.tolist()], starts, tints)
@@ -182,11 +181,11 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
 
     With more inputs at the first, the middle and the last value of the others.
     """
-    grid = ticks(maps[0].over)
+    grid = ticks(maps[0][0].over)
     assert grid is not None
-    panels_of = [(item, at) for item in maps for at in _slices(grid[2:])]
-    first = maps[0].series
-    values = np.concatenate([item.series.values for item in maps])
+    panels_of = [(*item, at) for item in maps for at in _slices(grid[2:])]
+    first = maps[0][1]
+    values = np.concatenate([item.values for _, item in maps])
     scale = scale_of(values, first.unit)
     low, high = plotted_range(values, scale, first.resolution, "colours")
     signed = low < 0.0 < high and np.nanmin(values) < 0.0 < np.nanmax(values)
@@ -196,25 +195,17 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
         figure, panels, across = sheet.panels(len(panels_of), RATIO)
         tint = Normalize(low, high)
         colours = SIGNED if signed else style.HEAT
-        for k, (panel, (input_map, at)) in enumerate(zip(panels, panels_of, strict=True)):
-            shape = [len(axis) for axis in grid]
-            table = np.moveaxis(input_map.series.values.reshape(shape), (0, 1), (-2, -1))[
-                at
-            ]
-            panel.pcolormesh(
-                grid[0],
-                grid[1],
-                table.T,
-                norm=tint,
-                cmap=colours,
-                shading="nearest",
-                rasterized=True,
-            )
+        shape = [len(axis) for axis in grid]
+        look: dict[str, Any] = {"norm": tint, "cmap": colours, "rasterized": True}
+        for k, (panel, (scene, item, at)) in enumerate(zip(panels, panels_of, strict=True)):
+            table = np.moveaxis(item.values.reshape(shape), (0, 1), (-2, -1))[at]
+            panel.pcolormesh(grid[0], grid[1], table.T, shading="nearest", **look)
             if signed:
                 _zeros(panel, grid[0], grid[1], table, high - low)
-            panel.set_title(_title(input_map, grid, at, sheet), color=_ink(input_map.page))
-            _axes(panel, input_map.over, k % across == 0, k + across >= len(panels))
-        words = titled(first.group, first.unit)
+            ink = style.page_look(scene.page)["color"]
+            panel.set_title(_title(scene, grid, at, sheet), color=ink)
+            _axes(panel, scene.over, k % across == 0, k + across >= len(panels))
+        words = first.heading
         if first.label != first.group:
             words = f"{first.label}: {words}"
         colour_bar(figure, panels, values, tint, colours, wrapped(words, 42))
@@ -255,17 +246,11 @@ def _slices(rest: Sequence[Floats]) -> list[tuple[int, ...]]:
     return chosen
 
 
-def _title(
-    input_map: Curve, grid: Sequence[Floats], at: Sequence[int], sheet: Sheet
-) -> str:
-    words = [sheet.title(input_map.page)] if isinstance(input_map.page, int) else []
-    for axis, values, k in zip(input_map.over[2:], grid[2:], at, strict=True):
+def _title(scene: Scene, grid: Sequence[Floats], at: Sequence[int], sheet: Sheet) -> str:
+    words = [sheet.title(scene.page)] if isinstance(scene.page, int) else []
+    for axis, values, k in zip(scene.over[2:], grid[2:], at, strict=True):
         words.append(f"{axis.label} = {values[k]:.4g} {axis.unit}")
     return "\n".join(words)
-
-
-def _ink(page: Page) -> Any:
-    return style.mode_colour(page) if isinstance(page, int) else style.INK
 
 
 MOST_PANELS = 12
@@ -377,25 +362,25 @@ def _series(
         over = lines[0][0].over
         if len(over) > 1 and ticks(over) is not None:
             for label in dict.fromkeys(item.label for _, item in lines):
-                maps = [Curve(s.page, i, s.over) for s, i in lines if i.label == label]
+                maps = [(scene, item) for scene, item in lines if item.label == label]
                 subject = name if label == name else f"{name}: {label}"
-                yield from _parted(subject, maps, _each_page, draw_maps, sheet)
+                yield from _parted(subject, maps, _page, draw_maps, sheet)
             continue
-        curves = [Curve(scene.page, item, _axis(scene.over)) for scene, item in lines]
+        curves = [(replace(s, over=_axis(s.over)), item) for s, item in lines]
         marks = _marks(every, over)
 
         def draw(some: Sequence[Curve], sheet: Sheet, marks: Any = marks) -> Figure:
             return draw_curves(some, marks, sheet)
 
-        yield from _parted(name, curves, lambda curve: curve.series.label, draw, sheet)
+        yield from _parted(name, curves, lambda curve: curve[1].label, draw, sheet)
 
 
 def _axis(over: tuple[Axis, ...]) -> tuple[Axis, ...]:
     return over if len(over) == 1 else (along_path(over),)
 
 
-def _each_page(item: Curve) -> Hashable:
-    return item.page
+def _page(item: tuple[Scene, Any]) -> Hashable:
+    return item[0].page
 
 
 def _parted(
@@ -434,11 +419,10 @@ def _planes(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Dra
     )
     of_modes = {name for page, name in groups if not page}
     for (page, name), items in groups.items():
-        planes = [Plane(scene.page, item, scene.over) for scene, item in items]
         if page and name in of_modes:  # the same once more, for a page of its own
             continue
-        if any(plane.shows for plane in planes):
-            yield name, partial(draw_plane, planes, sheet)
+        if any(plane[1].curves or plane[1].marks or is_path(plane) for plane in items):
+            yield name, partial(draw_plane, items, sheet)
 
 
 def _spheres(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
@@ -454,11 +438,14 @@ def _spheres(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Dr
                 curves.setdefault(item.path, item)
             elif isinstance(item, SphereMap):
                 maps.setdefault(item.path, item)
-        shown = OnSphere(list(maps.values()), list(curves.values()))
-        if len(shown.focus()) and shown.content not in seen:
-            seen.add(shown.content)
+        shown = list(maps.values()), list(curves.values())
+        parts = [item.values for item in shown[0]]
+        parts += [np.asarray(curve) for item in shown[1] for curve in item.curves]
+        content = b"".join(part.tobytes() for part in parts)
+        if len(focus_of(*shown)) and content not in seen:
+            seen.add(content)
             title = f"{name[:1].lower()}{name[1:]} on the sphere".strip()
-            yield title, partial(draw_sphere, shown, sheet)
+            yield title, partial(draw_sphere, *shown, sheet)
 
 
 def _surfaces(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
@@ -472,7 +459,7 @@ def _surfaces(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, D
 def _paths(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
     """Yield the paths of axes of modes; over several inputs there are no paths."""
     arrows = [
-        (scene.page, item)
+        (scene, item)
         for scene in of_source
         for item in scene.primitives
         if isinstance(item, Arrow)
@@ -482,13 +469,9 @@ def _paths(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw
         and isinstance(scene.page, int)
         and len(scene.over) == 1
     ]
-    yield from (
-        _parted(
-            "paths of the axes", arrows, lambda entry: entry[1].label, draw_paths, sheet
-        )
-        if arrows
-        else ()
-    )
+    if arrows:
+        title = "paths of the axes"
+        yield from _parted(title, arrows, lambda x: x[1].label, draw_paths, sheet)
 
 
 def _axodes(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
@@ -501,7 +484,7 @@ def _axodes(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Dra
         ]
         if curves and isinstance(scene.page, int):
             title = f"axodes, {sheet.title(scene.page)}"
-            yield title, partial(draw_sphere, OnSphere([], curves), sheet)
+            yield title, partial(draw_sphere, [], curves, sheet)
 
 
 def _diagrams(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
@@ -509,9 +492,9 @@ def _diagrams(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, D
         of_source, Diagram, lambda scene, item: (_kind(scene.page), item.label)
     )
     for (page, label), items in groups.items():
-        diagrams = [(scene.page, item) for scene, item in items if len(scene.over) == 1]
+        diagrams = [x for x in items if len(x[0].over) == 1]
         if diagrams and not page:
-            yield from _parted(label, diagrams, lambda item: item[0], draw_diagrams, sheet)
+            yield from _parted(label, diagrams, _page, draw_diagrams, sheet)
 
 
 def _kind(page: Page) -> str:

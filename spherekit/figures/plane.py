@@ -1,18 +1,15 @@
 """One quantity against another: input-output curves, phase portraits, singular curves."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from spherekit.analysis.plotted import MOST_KINDS, TURNS
-from spherekit.analysis.scene import Axis, Page, Portrait, titled
+from spherekit.analysis.scene import Portrait, Scene, titled
 from spherekit.figures import style
-from spherekit.figures.curves import page_look
 from spherekit.figures.sdk import Axes, Figure, Line2D, LogLocator, NullFormatter
 from spherekit.figures.sheet import (
     Sheet,
-    line_between,
     name_points,
     spot,
     spot_look,
@@ -26,48 +23,37 @@ FEW_DECADES = 1e3
 """An axis shorter than that has ticks at 1, 2 and 5."""
 
 
-@dataclass(frozen=True)
-class Plane:
-    """A portrait of a page, and what its rows run over."""
+Plane = tuple[Scene, Portrait]
+"""A portrait of a scene."""
 
-    page: Page
-    portrait: Portrait
-    over: tuple[Axis, ...]
 
-    @property
-    def is_path(self) -> bool:
-        """Whether its rows follow each other, and are not those of a grid or single."""
-        return len(self.portrait.x) > 1 and len(self.over) < 2
-
-    @property
-    def shows(self) -> bool:
-        """Whether there is anything to be drawn."""
-        return bool(self.portrait.curves or self.portrait.marks or self.is_path)
+def is_path(plane: Plane) -> bool:
+    """Return whether its rows follow each other, and are not those of a grid or single."""
+    scene, portrait = plane
+    return len(portrait.x) > 1 and len(scene.over) < 2
 
 
 def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     """Return one figure of a portrait in all pages: their curves, marks and rows."""
-    first = planes[0].portrait
-    curves = {
-        curve.points.tobytes(): curve for item in planes for curve in item.portrait.curves
-    }
+    first = planes[0][1]
+    curves = {curve.points.tobytes(): curve for _, item in planes for curve in item.curves}
     marks = {
         (mark.label, mark.place.tobytes()): mark
-        for item in planes
-        for mark in item.portrait.marks
+        for _, item in planes
+        for mark in item.marks
     }
     kinds = {mark.label: mark.tone for mark in marks.values()}
     entries: list[tuple[str, Line2D]] = []
-    traced = [item for item in planes if item.is_path]
+    traced = [plane for plane in planes if is_path(plane)]
     if len(traced) > 1:
-        entries += [(sheet.title(e.page), stroke(*page_look(e.page))) for e in traced]
+        entries += [sheet.entry(scene.page) for scene, _ in traced]
     named = {
         curve.label: (curve.tone, len(curve.points) == 1)
         for curve in curves.values()
         if curve.label
     }
     entries += [
-        (label, spot(tone) if is_spot else stroke(style.tone_colour(tone)))
+        (label, spot(tone) if is_spot else stroke(style.tone_look(tone)))
         for label, (tone, is_spot) in named.items()
     ]
     if len(kinds) <= MOST_KINDS:
@@ -75,10 +61,10 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     with style.look():
         figure, (panel,), _ = sheet.panels(1, RATIO, entries)
         for curve in curves.values():
-            look = {"color": style.tone_colour(curve.tone), "label": curve.label or "_"}
-            line_between(panel, curve.points, look | {"linewidth": 0.9, "zorder": 1.5})
+            look = style.tone_look(curve.tone) | {"label": curve.label or "_"}
+            panel.plot(*curve.points.T, linewidth=0.9, zorder=1.5, **look)
         for plane in traced:
-            _trace(panel, plane)
+            _trace(panel, *plane)
         for mark in marks.values():
             panel.plot(*mark.place, zorder=4.0, **spot_look(mark.tone))
         _frame(panel, first)
@@ -93,22 +79,19 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     return figure
 
 
-def _trace(panel: Axes, plane: Plane) -> None:
+def _trace(panel: Axes, scene: Scene, portrait: Portrait) -> None:
     """Draw the rows of a page in its colour, from a dot on."""
-    portrait = plane.portrait
-    colour, dashes = page_look(plane.page)
     line = np.stack([portrait.x, portrait.y], axis=1)
     for column, unit in ((0, portrait.x_unit), (1, portrait.y_unit)):
         turn = TURNS.get(unit)
         if turn is not None:
             jumps = np.abs(np.diff(line[:, column])) >= 0.5 * turn
             line = np.insert(line, np.nonzero(jumps)[0] + 1, np.nan, axis=0)
-    look = {"color": colour, "linestyle": dashes, "linewidth": 1.4, "zorder": 2.5}
-    drawn = line_between(panel, line, look)
-    drawn.set_gid(f"mode {plane.page}" if isinstance(plane.page, int) else None)
+    look = style.page_look(scene.page)
+    panel.plot(*line.T, linewidth=1.4, zorder=2.5, **look)
     finite = line[np.isfinite(line).all(axis=1)]
     if len(finite) and not portrait.curves:
-        panel.plot(*finite[0], "o", color=colour, markersize=4.0, zorder=3.0)
+        panel.plot(*finite[0], "o", color=look["color"], markersize=4.0, zorder=3.0)
 
 
 def _frame(panel: Axes, portrait: Portrait) -> None:

@@ -96,6 +96,11 @@ class Sheet:
             )
         return page or ""
 
+    def entry(self, page: Page) -> tuple[str, Line2D]:
+        """Return what a legend has of a page."""
+        look = style.page_look(page)
+        return self.title(page), stroke({k: look[k] for k in ("color", "linestyle")})
+
     def grid(self, count: int, longest: int = 0) -> tuple[int, int]:
         """Return rows and columns of so many panels, with titles of so many letters."""
         most = style.PANELS[self.columns]
@@ -141,9 +146,9 @@ class Sheet:
         return figure, axes[:count], across
 
 
-def stroke(colour: str, dashes: Any = "-", width: float = 1.1) -> Line2D:
-    """Return what a legend shows of a curve."""
-    return Line2D([], [], color=colour, linestyle=dashes, linewidth=width)
+def stroke(look: Mapping[str, Any], width: float = 1.1) -> Line2D:
+    """Return what a legend shows of a curve that is drawn so."""
+    return Line2D([], [], linewidth=width, **look)
 
 
 def spot(tone: int) -> Line2D:
@@ -233,12 +238,6 @@ def ticks_of(panel: Axes, unit: str, which: str, most: int = 6) -> None:
         most = max(3, min(most, int(width / TICK)))
     steps = DEGREE_STEPS if in_turns else (1, 2, 2.5, 5, 10)
     getattr(panel, f"{which}axis").set_major_locator(MaxNLocator(nbins=most, steps=steps))
-
-
-def line_between(panel: Axes, points: Floats, look: Mapping[str, Any]) -> Line2D:
-    """Draw a polyline (n, 2), with gaps where it is NaN, in a look of matplotlib."""
-    (line,) = panel.plot(points[:, 0], points[:, 1], **look)
-    return line
 
 
 def wrapped(words: str, most: int = 30) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from typing import Any, Literal
 
+from spherekit.analysis.scene import Page
 from spherekit.figures.sdk import style
 
 Columns = Literal[1, 2]
@@ -76,24 +77,35 @@ def look() -> AbstractContextManager[None]:
     return style.context(["default", dict(LOOK)])
 
 
-def mode_colour(number: int) -> str:
-    """Return the colour of an assembly mode."""
-    return MODES[number % len(MODES)]
+def page_look(page: Page) -> dict[str, Any]:
+    """Return how the curves of a mode are drawn, or those of a page of its own.
+
+    Of modes with the same colour the first has a stroke, the others have dashes.
+    """
+    if not isinstance(page, int):
+        return {"color": INK, "linestyle": "-"}
+    dashes = DASHES[page // len(MODES) % len(DASHES)]
+    return {
+        "color": MODES[page % len(MODES)],
+        "linestyle": dashes,
+        "gid": f"mode {page}",
+    }
 
 
-def mode_dashes(number: int) -> Any:
-    """Return the dashes of an assembly mode: a stroke for the first of its colour."""
-    return DASHES[number // len(MODES) % len(DASHES)]
-
-
-def series_look(position: int) -> tuple[str, Any]:
-    """Return colour and dashes of the quantity at a position in its panel."""
-    return SERIES[position % len(SERIES)], DASHES[position // len(SERIES) % len(DASHES)]
+def series_look(position: int) -> dict[str, Any]:
+    """Return how the quantity at a position in its panel is drawn."""
+    dashes = DASHES[position // len(SERIES) % len(DASHES)]
+    return {"color": SERIES[position % len(SERIES)], "linestyle": dashes}
 
 
 def tone_colour(number: int) -> str:
     """Return the colour of a kind of curve or mark."""
     return TONES[number % len(TONES)]
+
+
+def tone_look(number: int) -> dict[str, Any]:
+    """Return how curves of a kind are drawn."""
+    return {"color": tone_colour(number)}
 
 
 def tone_marker(number: int) -> str:
