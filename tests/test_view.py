@@ -44,7 +44,7 @@ from spherekit.view.names import Names
 from spherekit.view.pictures import screenshot
 from spherekit.view.rerun_view import RerunRecorder
 from spherekit.view.shapes import path_on_sphere
-from spherekit.view.sight import Sight
+from spherekit.view.sight import facing, seen
 
 SAMPLES = np.arange(361)
 INPUTS = np.radians(SAMPLES)
@@ -539,17 +539,17 @@ def test_picture_of_a_file_that_is_not_there(tmp_path: Path) -> None:
 def test_names_of_links_do_not_cover_each_other() -> None:
     motion = PositionAnalysis(sk.load("two_dof_spm"), samples=1).motion()
     bodies = link_bodies(motion.mechanism, motion.rotations[:1])
-    sight = Sight.facing(None)
+    sight = facing(None)
     given = Names(sight).give(bodies)
-    words = [name.words for names in given.values() for name in names]
+    words = [text for names in given.values() for text, *_ in names]
     assert len(words) == len(set(words))
     assert {"32, 9_2", "11_8", "87", "2", "11"} <= set(words)
     boxes = []
     for body in bodies:
         turn = Rotation.from_quat(body.quaternions[0]).as_matrix()
-        for name in given[body.path]:
-            middle = sight.seen(turn @ name.place)
-            boxes.append((middle, np.array([0.016 * (len(name.words) + 1), 0.045])))
+        for text, place, _ in given[body.path]:
+            middle = seen(sight, turn @ place)
+            boxes.append((middle, np.array([0.016 * (len(text) + 1), 0.045])))
     for k, (middle, half) in enumerate(boxes):
         for other, size in boxes[:k]:
             assert np.any(np.abs(middle - other) >= half + size)

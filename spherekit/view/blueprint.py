@@ -4,7 +4,7 @@ The timelines: the sample number, and the input in whole units of an angle, or t
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -106,26 +106,14 @@ def slug(title: str) -> str:
 
 @dataclass(frozen=True)
 class Plot:
-    """What stands beside the sphere as the layout sees it: a chart, or a space."""
+    """What stands beside the sphere as the layout sees it, a chart or a space."""
 
     page: Page
     path: str
-    label: str
     answers: bool
-    bounds: Bounds | None
-    """What of the plane is seen; None for a space."""
+    view: Callable[[], rrb.View]
     compared: str = ""
     """Path of the chart that it is compared by with those of other modes."""
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One graph or text as the layout sees it."""
-
-    page: Page
-    path: str
-    label: str
-    graph: bool
 
 
 @dataclass
@@ -137,19 +125,19 @@ class Layout:
     step: float
     span: tuple[float, float] | None
     """First and last time on the timeline, if known; in s on the timeline of time."""
-
+    sight: Sight
     pages: dict[int | str, str] = field(default_factory=dict)
     solids: list[tuple[Page, str]] = field(default_factory=list)
     overrides: list[tuple[Page, str, Any]] = field(default_factory=list)
     """What is seen otherwise than from now on: hidden, or for the last samples."""
-    sight: Sight = field(default_factory=lambda: Sight.facing(None))
     answered: list[Page] = field(default_factory=list)
     """The pages with what was asked for, in the order in which it came."""
     plots: list[Plot] = field(default_factory=list)
     scales: list[tuple[Page, str]] = field(default_factory=list)
     compared: dict[str, str] = field(default_factory=dict)
     """Titles of the charts in which modes are compared, by their paths."""
-    panels: list[Panel] = field(default_factory=list)
+    panels: list[tuple[Page, Callable[[], rrb.View]]] = field(default_factory=list)
+    """Graphs and texts."""
 
     def base(self, page: Page) -> str:
         """Return the path of a page."""
@@ -193,10 +181,9 @@ class Layout:
     def _page(self, page: Page, title: str) -> rrb.Container:
         on_page = [plot for plot in self.plots if plot.page in (None, page)]
         on_page.sort(key=lambda plot: not plot.answers)
-        plots = [self._plot(plot) for plot in on_page]
-        ordered = _of(self.panels, page)
-        ordered.sort(key=lambda panel: panel.page is None)
-        panels = [self._panel(panel) for panel in ordered]
+        plots = [plot.view() for plot in on_page]
+        ordered = sorted(self.panels, key=lambda panel: panel[0] is None)
+        panels = [view() for owner, view in ordered if owner in (None, page)]
         rows: list[rrb.View | rrb.Container] = [*plots[:1]]
         if len(plots) > 1:
             rows.append(_tabs(plots[1:]))
@@ -209,14 +196,19 @@ class Layout:
             return rrb.Horizontal(
                 rows[0], *beside, column_shares=[11, 9][: len(beside) + 1], name=title
             )
-        space: rrb.View | rrb.Container = self._space(page, title)
+        solids: rrb.View | rrb.Container = self._space(page, title)
         scale = next((path for owner, path in self.scales if owner == page), None)
         if scale is not None:
-            space = rrb.Vertical(space, self._scale(scale), row_shares=[7, 1], name=title)
+            solids = rrb.Vertical(
+                solids,
+                plane(scale, "Scale", charts.SCALE_BOUNDS),
+                row_shares=[7, 1],
+                name=title,
+            )
         if not rows:
-            return rrb.Horizontal(space, name=title)
+            return rrb.Horizontal(solids, name=title)
         shares = [11, 9] if plots else [2, 1]
-        return rrb.Horizontal(space, rrb.Vertical(*rows), column_shares=shares, name=title)
+        return rrb.Horizontal(solids, rrb.Vertical(*rows), column_shares=shares, name=title)
 
     def _space(self, page: Page, title: str) -> rrb.Spatial3DView:
         def here(owner: Page) -> bool:
@@ -233,11 +225,7 @@ class Layout:
             name=title,
             background=colours.BACKGROUND,
             line_grid=False,
-            eye_controls=rrb.EyeControls3D(
-                position=tuple(self.sight.eye),
-                look_target=tuple(self.sight.target),
-                eye_up=tuple(self.sight.up),
-            ),
+            eye_controls=_eye(*map(tuple, self.sight)),
             overrides=overrides,
         )
 
@@ -261,57 +249,52 @@ class Layout:
         """Return a place on a timeline as the viewer takes it."""
         return {"seconds": value} if timeline == TIME else {"seq": round(value)}
 
-    def _plot(self, plot: Plot) -> rrb.View:
-        if plot.bounds is None:
-            return rrb.Spatial3DView(
-                origin=plot.path,
-                name=plot.label,
-                background=colours.BACKGROUND,
-                line_grid=False,
-                eye_controls=rrb.EyeControls3D(
-                    position=SPACE_EYE, look_target=(0, 0, -0.15), eye_up=(0, 0, 1)
-                ),
-            )
-        return _plane(plot.path, plot.label, plot.bounds, [plot.path])
-
-    def _scale(self, path: str) -> rrb.View:
-        return _plane(path, "Scale", charts.SCALE_BOUNDS, [path])
-
     def _comparison(self) -> rrb.Container:
         """Return the charts of all modes, each with the cursor of the first mode's."""
         views = []
         for path, title in self.compared.items():
             first = next(plot for plot in self.plots if plot.compared == path)
-            paths = [path, f"{first.path}/cursor"]
-            views.append(_plane(path, title, charts.bounds(), paths))
+            views.append(plane(path, title, charts.bounds(), [f"{first.path}/cursor"]))
         return rrb.Grid(*views, grid_columns=1 if len(views) < 3 else 2, name="Compare")
 
-    def _panel(self, panel: Panel) -> rrb.View:
-        if panel.graph:
-            return rrb.GraphView(
-                origin=panel.path,
-                name=panel.label,
-                background=rrb.archetypes.GraphBackground(color=colours.BACKGROUND),
-                visual_bounds=rrb.VisualBounds2D(
-                    x_range=(-70.0, entities.GRAPH_SIZE[0] + 70.0),
-                    y_range=(-40.0, entities.GRAPH_SIZE[1] + 40.0),
-                ),
-            )
-        return rrb.TextDocumentView(origin=panel.path, name=panel.label)
+
+def _eye(position: Any, target: Any, up: Any) -> rrb.EyeControls3D:
+    return rrb.EyeControls3D(position=position, look_target=target, eye_up=up)
 
 
-def _plane(path: str, name: str, seen: Bounds, paths: Sequence[str]) -> rrb.View:
+def space(path: str, name: str) -> rrb.View:
+    """Return the view of a space of its own."""
+    return rrb.Spatial3DView(
+        origin=path,
+        name=name,
+        background=colours.BACKGROUND,
+        line_grid=False,
+        eye_controls=_eye(SPACE_EYE, (0, 0, -0.15), (0, 0, 1)),
+    )
+
+
+def plane(path: str, name: str, seen: Bounds, more: Sequence[str] = ()) -> rrb.View:
+    """Return the view of a plane, of which a part is seen, and of `more` paths there."""
     return rrb.Spatial2DView(
         origin=path,
         name=name,
-        contents=[f"+ {shown}/**" for shown in paths],
+        contents=[f"+ {shown}/**" for shown in (path, *more)],
         background=colours.BACKGROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=seen[0], y_range=seen[1]),
     )
 
 
-def _of(entries: Sequence[Panel], page: Page) -> list[Panel]:
-    return [entry for entry in entries if entry.page in (None, page)]
+def graph(path: str, name: str) -> rrb.View:
+    """Return the view of a graph."""
+    wide, high = entities.GRAPH_SIZE
+    return rrb.GraphView(
+        origin=path,
+        name=name,
+        background=rrb.archetypes.GraphBackground(color=colours.BACKGROUND),
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=(-70.0, wide + 70.0), y_range=(-40.0, high + 40.0)
+        ),
+    )
 
 
 def _tabs(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:

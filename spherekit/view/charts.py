@@ -153,7 +153,7 @@ class Chart:
         resolution = max(curve.resolution for curve, _, _ in curves)
         every = np.concatenate([values for _, _, values in curves])
         span = plotted_range(every, scale_of(every, unit), resolution)
-        yield from frame(self.width, Side.of(self.over[0]), Side("", span, unit == "deg"))
+        yield from frame(self.width, side_of(self.over[0]), side("", span, unit == "deg"))
         for number, (curve, rows, values) in enumerate(curves):
             line = np.stack([self.across(rows[0]), values], axis=1)
             line = cut(broken(line, span, TURNS.get(unit)), span)
@@ -196,13 +196,13 @@ class Chart:
     def _map(self) -> Iterator[Drawn]:
         (curve,) = self.curves.values()
         x, y, cells = gridded(*curve.whole)
-        first, second = (Side.of(axis) for axis in self.over[:2])
-        yield from frame(self.width, first, second, lined=False)
+        first, second = self.over[:2]
+        yield from frame(self.width, side_of(first), side_of(second), lined=False)
         low, high = plotted_range(
             cells, scale_of(cells, curve.unit), curve.resolution, "colours"
         )
-        across = _nearest(x, first.span, round(self.width))
-        down = _nearest(y, second.span, round(FRAME_HEIGHT))[::-1]
+        across = _nearest(x, first.extent, round(self.width))
+        down = _nearest(y, second.extent, round(FRAME_HEIGHT))[::-1]
         shown = cells[np.ix_(across, down)].T
         part = np.clip(_part(np.nan_to_num(shown), low, high), 0.0, 1.0)
         size = len(down), len(across) + round(sum(BAR)), 3
@@ -264,30 +264,27 @@ def legend_style(
     )
 
 
-@dataclass(frozen=True)
-class Side:
-    """An axis of a frame: its words, its span, and whether that is of degrees."""
+Side = tuple[str, Sequence[tuple[float, str]]]
+"""The words of an axis of a frame, and the places from 0 to 1 of its ticks with theirs."""
 
-    words: str
-    span: tuple[float, float]
-    degrees: bool
-    logarithmic: bool = False
 
-    def ticks(self) -> Iterator[tuple[float, str]]:
-        """Yield the places of ticks from 0 to 1, and their words."""
-        if self.logarithmic:
-            low, high = np.log10(self.span)
-            for power in range(int(np.ceil(low - 1e-9)), int(np.floor(high + 1e-9)) + 1):
-                yield (power - low) / max(high - low, 1e-300), f"1e{power}"
-            return
-        step, values = ticks(*self.span, self.degrees)
-        for value, part in zip(values, _part(values, *self.span), strict=True):
-            yield float(part), written(value, step)
+def side(
+    words: str, span: tuple[float, float], degrees: bool, logarithmic: bool = False
+) -> Side:
+    """Return an axis with a span, perhaps of degrees."""
+    if logarithmic:
+        low, high = np.log10(span)
+        powers = range(int(np.ceil(low - 1e-9)), int(np.floor(high + 1e-9)) + 1)
+        wide = max(high - low, 1e-300)
+        return words, [((power - low) / wide, f"1e{power}") for power in powers]
+    step, values = ticks(*span, degrees)
+    places = zip(_part(values, *span).tolist(), values, strict=True)
+    return words, [(part, written(value, step)) for part, value in places]
 
-    @classmethod
-    def of(cls, axis: Axis) -> "Side":
-        """Return the side of a chart over an axis."""
-        return cls(axis.words, axis.extent, axis.unit == "deg")
+
+def side_of(axis: Axis) -> Side:
+    """Return the side of a chart over an axis."""
+    return side(axis.words, axis.extent, axis.unit == "deg")
 
 
 def frame(width: float, x: Side, y: Side, lined: bool = True) -> Iterator[Drawn]:
@@ -295,16 +292,16 @@ def frame(width: float, x: Side, y: Side, lined: bool = True) -> Iterator[Drawn]
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)
     lines = [corners * [width, FRAME_HEIGHT]]
     words: list[tuple[float, float, str]] = []
-    for part, text in x.ticks():
+    for part, text in x[1]:
         lines.append(np.array([[width * part, 0.0], [width * part, FRAME_HEIGHT]]))
         words.append((width * part, FRAME_HEIGHT + 4.0, text))
-    words.append((0.5 * width, FRAME_HEIGHT + 27.0, x.words))
-    for part, text in y.ticks():
+    words.append((0.5 * width, FRAME_HEIGHT + 27.0, x[0]))
+    for part, text in y[1]:
         level = FRAME_HEIGHT * (1.0 - part)
         lines.append(np.array([[0.0, level], [width, level]]))
         words.append((-0.5 * LEFT, level - LABEL, text))
-    if y.words:
-        words.append((0.2 * width, -TOP, f"up: {y.words}"))
+    if y[0]:
+        words.append((0.2 * width, -TOP, f"up: {y[0]}"))
     yield (
         "frame",
         rr.LineStrips2D(
@@ -328,7 +325,7 @@ def roomy(item: Portrait) -> Portrait:
 def portrait(item: Portrait) -> Iterator[Drawn]:
     """Yield the frame of a portrait, its curves and marks."""
     sides = [
-        Side(titled(label, unit), span, unit.startswith("deg"), item.logarithmic)
+        side(titled(label, unit), span, unit.startswith("deg"), item.logarithmic)
         for label, unit, span in (
             (item.x_label, item.x_unit, item.x_range),
             (item.y_label, item.y_unit, item.y_range),

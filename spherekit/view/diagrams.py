@@ -22,8 +22,8 @@ Moving = tuple[str, Iterable[rr.ComponentColumn]]
 def still(item: Diagram) -> Iterator[Still]:
     """Yield the frame with its ticks, and the looks of points and lines."""
     width = _width(item)
-    x = charts.Side(item.x_label, item.x_range, False)
-    yield from charts.frame(width, x, charts.Side(item.y_label, item.y_range, False))
+    x = charts.side(item.x_label, item.x_range, False)
+    yield from charts.frame(width, x, charts.side(item.y_label, item.y_range, False))
     yield "points", rr.Points2D.from_fields(radii=rr.Radius.ui_points(4.0))
     yield "names", rr.Points2D.from_fields(radii=0.0, show_labels=True)
     for name, colour, size in (

@@ -269,9 +269,9 @@ def _still_body(body: Body, names: Sequence[Name]) -> Iterator[Still]:
     yield (
         "labels",
         rr.Points3D.from_fields(
-            positions=np.reshape([name.place for name in names], (-1, 3)),
-            labels=[name.words for name in names],
-            colors=[colours.PALE if name.of_pair else colour for name in names],
+            positions=np.reshape([place for _, place, _ in names], (-1, 3)),
+            labels=[words for words, *_ in names],
+            colors=[colours.PALE if of_pair else colour for *_, of_pair in names],
             radii=POINT,
             show_labels=True if body.quaternions is None else None,
         ),

@@ -4,7 +4,6 @@ Labels of arrows that cover each other: one for all, as none could be read.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -14,7 +13,7 @@ from spherekit.analysis.scene import Arrow, Body, Primitive
 from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.sphere.rotation import from_quaternion
-from spherekit.view.sight import Sight
+from spherekit.view.sight import Sight, seen
 
 HEIGHT = 1.09
 LINK_HEIGHT = 1.15
@@ -46,30 +45,17 @@ _Taken = tuple[float, Floats, Floats]
 """What covering a box costs; its middles (n, 2) on the pictures; half its sides (2,)."""
 
 
-@dataclass(frozen=True)
-class Name:
-    """A name, and its place (3,) in the axes of its link."""
+Name = tuple[str, Floats, bool]
+"""A name, its place (3,) in the axes of its link, and whether it is that of a pair."""
 
-    words: str
-    place: Floats
-    of_pair: bool
+_Wanted = tuple[str, str, bool, Floats, Floats]
+"""The path of a link, a name of it or of a pair, which is said, that looks for its place
+among some (k, 3), the best first, and the middles of its box on the pictures (n, k, 2)."""
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """A name that looks for its place among some (k, 3), the best first."""
-
-    link: str
-    words: str
-    places: Floats
-    seen: Floats
-    """The middles of its box on the pictures (n, k, 2)."""
-    of_pair: bool
-
-    @property
-    def half(self) -> Floats:
-        """Half the width and height of its box."""
-        return np.array([LETTER * (len(self.words) + 1), LINE])
+def _half(words: str) -> Floats:
+    """Return half the width and height of a name's box."""
+    return np.array([LETTER * (len(words) + 1), LINE])
 
 
 class Names:
@@ -97,17 +83,21 @@ class Names:
         wanted: list[_Wanted] = []
         for body, turn in zip(bodies, _rotations(bodies), strict=True):
             for axis in body.joints:
-                dot = self._sight.seen(np.einsum("nij,j->ni", turn, axis))
+                dot = seen(self._sight, np.einsum("nij,j->ni", turn, axis))
                 self._taken.append((DOT_WEIGHT, dot, np.full(2, DOT)))
             wanted += self._of_pairs(body, turn) + self._of_link(body, turn)
         names: dict[str, list[Name]] = {body.path: [] for body in bodies}
-        for name in sorted(wanted, key=lambda name: -len(name.words)):
-            cost = FARTHER * np.arange(len(name.places))
-            for weight, *box in self._taken:
-                cost += weight * _covered(name, *box)
+        wanted.sort(key=lambda name: -len(name[1]))
+        for path, words, of_pair, places, middles in wanted:
+            cost = FARTHER * np.arange(len(places))
+            for weight, taken, half in self._taken:
+                near = np.abs(middles - taken[:, None]) < _half(words) + half
+                covers = np.all(near, axis=-1)
+                part = FIRST * covers[0] + (1.0 - FIRST) * np.mean(covers, axis=0)
+                cost += weight * part
             k = int(np.argmin(cost))
-            self._taken.append((1.0, name.seen[:, k], name.half))
-            names[name.link].append(Name(name.words, name.places[k], name.of_pair))
+            self._taken.append((1.0, middles[:, k], _half(words)))
+            names[path].append((words, places[k], of_pair))
         return names
 
     def _of_pairs(self, body: Body, turn: Floats) -> list[_Wanted]:
@@ -125,7 +115,7 @@ class Names:
                 words.append(label)
         around = [HEIGHT * _around(axis, body.joints) for axis in axes]
         return [
-            _Wanted(body.path, text, places, self._middles(turn, places), True)
+            (body.path, text, True, places, self._middles(turn, places))
             for text, places in zip(words, around, strict=True)
         ]
 
@@ -134,18 +124,12 @@ class Names:
             return []
         longest = np.asarray(max(body.curves, key=_length))
         places = LINK_HEIGHT * longest[np.round(ALONG * (len(longest) - 1)).astype(int)]
-        return [_Wanted(body.path, body.label, places, self._middles(turn, places), False)]
+        return [(body.path, body.label, False, places, self._middles(turn, places))]
 
     def _middles(self, turn: Floats, places: Floats) -> Floats:
         """Return where names at places (k, 3) of a link are on the pictures (n, k, 2)."""
-        seen = self._sight.seen(np.einsum("nij,kj->nki", turn, places))
-        return seen - np.array([0.0, DROP])
-
-
-def _covered(name: _Wanted, middles: Floats, half: Floats) -> Floats:
-    """Return in what part of the pictures a name covers a box, for each of its places."""
-    covers = np.all(np.abs(name.seen - middles[:, None]) < name.half + half, axis=-1)
-    return FIRST * covers[0] + (1.0 - FIRST) * np.mean(covers, axis=0)
+        turned = np.einsum("nij,kj->nki", turn, places)
+        return seen(self._sight, turned) - np.array([0.0, DROP])
 
 
 def _rotations(bodies: Sequence[Body]) -> list[Floats]:

@@ -49,11 +49,13 @@ from spherekit.view.blueprint import (
     TIME,
     InputTimeline,
     Layout,
-    Panel,
     Plot,
     asked_for,
+    graph,
     input_timeline,
+    plane,
     slug,
+    space,
 )
 from spherekit.view.charts import Chart, Curve
 from spherekit.view.names import Name, Names, labels_of_arrows
@@ -66,8 +68,8 @@ from spherekit.view.outputs import (
     served,
     viewer_at,
 )
-from spherekit.view.sdk import rr
-from spherekit.view.sight import Sight
+from spherekit.view.sdk import rr, rrb
+from spherekit.view.sight import facing
 
 
 class Charts:
@@ -140,9 +142,8 @@ class Charts:
         if isinstance(scene.page, int) and len(self.charts[where].over) == 1:
             compared = f"{self.layout.root}/compare/{where.rsplit('/', 1)[1]}"
         answers = asked_for(scene)
-        self.layout.plots.append(
-            Plot(scene.page, where, title, answers, charts.bounds(), compared)
-        )
+        view = partial(plane, where, title, charts.bounds())
+        self.layout.plots.append(Plot(scene.page, where, answers, view, compared))
 
     def draw(self, outputs: Sequence[Output]) -> None:
         """Draw all curves and maps as far as they are known, and those of all modes."""
@@ -302,29 +303,28 @@ class RerunRecorder:
 
     def start(self, head: RecordingHead) -> None:
         """Begin the recording with all that does not move."""
-        times, inputs = head.times, head.inputs
+        times, inputs, sight = head.times, head.inputs, facing(head.focus)
         if times is not None and len(times) > 0:
             self._span = span = float(times[0]), float(times[-1])
             step = (span[1] - span[0]) / max(len(times) - 1, 1)
-            layout = Layout(self.root, TIME, step, span)
+            layout = Layout(self.root, TIME, step, span, sight)
             words = f"`{TIME}` is the time."
         elif inputs is not None and len(inputs) > 0:
             self._input = line = input_timeline(inputs)
             degrees = np.degrees([np.min(inputs), np.max(inputs)])
             self._span = float(degrees[0]), float(degrees[1])
             ticks = max(1, round((line.last - line.first) / max(len(inputs) - 1, 1)))
-            layout = Layout(self.root, line.name, ticks, (line.first, line.last))
+            layout = Layout(self.root, line.name, ticks, (line.first, line.last), sight)
             words = line.describe()
         else:
-            layout = Layout(self.root, SAMPLE, 1, None)
+            layout = Layout(self.root, SAMPLE, 1, None, sight)
             words = ""
         if "logged" in head.properties:
             words += f" This recording has {head.properties['logged']}."
         self._layout = layout
         self._charts = Charts(layout, self._outputs)
         self._row = head.row
-        layout.sight = Sight.facing(head.focus)
-        self._names[None] = Names(layout.sight)
+        self._names[None] = Names(sight)
         for number, title in head.assembly_modes.items():
             layout.pages[number] = title
         self._outputs.name(self.name, head.properties)
@@ -533,19 +533,22 @@ class RerunRecorder:
                 if shown and path_shown and not primary:
                     layout.overrides.append((page, f"{path}/trail", layout.recent))
             case Portrait() | Diagram() | Surface():
-                seen = None if isinstance(primitive, Surface) else charts.bounds()
+                view: Callable[[], rrb.View] = partial(space, path, primitive.label)
                 if isinstance(primitive, Diagram):
-                    seen = diagrams.bounds(primitive)
-                layout.plots.append(Plot(page, path, primitive.label, answers, seen))
+                    view = partial(plane, path, primitive.label, diagrams.bounds(primitive))
+                elif isinstance(primitive, Portrait):
+                    view = partial(plane, path, primitive.label, charts.bounds())
+                layout.plots.append(Plot(page, path, answers, view))
                 if isinstance(primitive, Portrait) and not primitive.curves:
                     self._whole[path] = _portrait, []
             case InputMarks():
                 assert self._charts is not None
                 self._charts.marks.setdefault(layout.base(page), []).append(primitive)
             case Graph():
-                layout.panels.append(Panel(page, path, "Links and pairs", True))
+                layout.panels.append((page, partial(graph, path, "Links and pairs")))
             case Text(label=label):
-                layout.panels.append(Panel(page, path, label, False))
+                view = partial(rrb.TextDocumentView, origin=path, name=label)
+                layout.panels.append((page, view))
 
     def _place_scale(self, page: Page, span: tuple[float, float], label: str) -> None:
         """Log the colours of a map below the sphere, once for a page."""

@@ -1,8 +1,5 @@
 """From where the sphere is seen at first."""
 
-from dataclasses import dataclass
-from typing import Self
-
 import numpy as np
 
 from spherekit.arrays import Floats
@@ -15,32 +12,29 @@ STEEP = 0.8
 """A focus nearer to the z axis than this cosine is seen with x up instead of z."""
 
 
-@dataclass(frozen=True)
-class Sight:
-    """An eye, the point that it looks at, and what is up for it, each (3,)."""
+Sight = tuple[Floats, Floats, Floats]
+"""An eye, the point that it looks at, and what is up for it, each (3,)."""
 
-    eye: Floats
-    target: Floats
-    up: Floats
 
-    @classmethod
-    def facing(cls, focus: Floats | None) -> Self:
-        """Face the mechanism a little from the side, with z up where that is possible."""
-        focus = np.array(DEFAULT_FOCUS if focus is None else focus)
-        focus = focus / np.linalg.norm(focus)
-        up = np.array([0.0, 0.0, 1.0] if abs(focus[2]) < STEEP else [-1.0, 0.0, 0.0])
-        right = np.cross(focus, up)
-        right /= np.linalg.norm(right)
-        eye = focus + ASIDE * (0.8 * right + 0.6 * np.cross(right, focus))
-        return cls(DISTANCE * eye / np.linalg.norm(eye), 0.1 * focus, up)
+def facing(focus: Floats | None) -> Sight:
+    """Return what faces the mechanism a little from the side, with z up where possible."""
+    focus = np.array(DEFAULT_FOCUS if focus is None else focus)
+    focus = focus / np.linalg.norm(focus)
+    up = np.array([0.0, 0.0, 1.0] if abs(focus[2]) < STEEP else [-1.0, 0.0, 0.0])
+    right = np.cross(focus, up)
+    right /= np.linalg.norm(right)
+    eye = focus + ASIDE * (0.8 * right + 0.6 * np.cross(right, focus))
+    return DISTANCE * eye / np.linalg.norm(eye), 0.1 * focus, up
 
-    def seen(self, points: Floats) -> Floats:
-        """Return where points (..., 3) are on the picture (..., 2), as long as there."""
-        way = self.target - self.eye
-        distance = np.linalg.norm(way)
-        forward = way / distance
-        right = np.cross(forward, self.up)
-        right /= np.linalg.norm(right)
-        across = np.stack([right, np.cross(right, forward)], axis=-1)
-        from_eye = points - self.eye
-        return distance * (from_eye @ across) / (from_eye @ forward)[..., None]
+
+def seen(sight: Sight, points: Floats) -> Floats:
+    """Return where points (..., 3) are on the picture (..., 2), as long as there."""
+    eye, target, up = sight
+    way = target - eye
+    distance = np.linalg.norm(way)
+    forward = way / distance
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    across = np.stack([right, np.cross(right, forward)], axis=-1)
+    from_eye = points - eye
+    return distance * (from_eye @ across) / (from_eye @ forward)[..., None]
