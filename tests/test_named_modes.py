@@ -18,7 +18,7 @@ CROSSED = {"p0": {"21": 60.0, "41": -97.1}, "p1": {"21": 60.0, "41": 52.8}}
 
 def made(modes, **options):
     """Return the shipped four-bar with other names."""
-    text = dumps(replace(sk.load("four_bar"), modes=()))
+    text = dumps(replace(sk.load("four_bar"), modes={}))
     lines = [
         line
         for name, values in modes.items()

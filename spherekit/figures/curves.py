@@ -385,7 +385,7 @@ def _entries(shown: Sequence[SphereCurves]) -> list[tuple[str, Line2D]]:
 def _graticule(panel: Axes, view: View) -> Circle:
     """Draw circles about the centre, named by their angles, and axes of the ground."""
 
-    def write(words: str, x: float, y: float, **look: Any) -> None:
+    def _write(words: str, x: float, y: float, **look: Any) -> None:
         panel.annotate(words, (x, y), ha="center", va="center", **look)
 
     size = float(view.radius(view.rim))
@@ -403,13 +403,13 @@ def _graticule(panel: Axes, view: View) -> Circle:
         outline = withStroke(linewidth=1.5, foreground="white", alpha=0.7)
         look = {"fontsize": 6.0, "color": "#555555", "zorder": 5.0}
         words = f"{np.degrees(angle):.0f}°"
-        write(words, radius * right, radius * down, path_effects=[outline], **look)
+        _write(words, radius * right, radius * down, path_effects=[outline], **look)
     rim = Circle((0.0, 0.0), size, fill=False, edgecolor=style.INK, linewidth=0.6)
     panel.add_patch(rim)
     for name, x, y in zip(view.sides, (1.08, 0.0), (0.0, 1.08), strict=True):
-        write(name, size * x, size * y, fontsize=7.0)
+        _write(name, size * x, size * y, fontsize=7.0)
     words = f"{np.degrees(view.rim):.0f}°"
-    write(words, 1.07 * size * right, -1.05 * size, fontsize=6.0, color="#777777")
+    _write(words, 1.07 * size * right, -1.05 * size, fontsize=6.0, color="#777777")
     return rim
 
 
