@@ -30,7 +30,7 @@ def recorded(path, name, *args, **options):
     with RerunRecorder(name, path=path) as recorder:
         result = sk.run(name, *args, recorder=recorder, **options)
         recorder.finish()
-        pages = recorder._layout.blueprint().root_container.contents
+        pages = recorder._charts.layout.blueprint().root_container.contents
     return result, [page.name for page in pages]
 
 

@@ -23,6 +23,7 @@ from spherekit.arrays import Floats, Integers
 from spherekit.conventions import listing
 from spherekit.sphere.rotation import nans
 from spherekit.view import colours, shapes
+from spherekit.view.outputs import Still
 from spherekit.view.sdk import rr
 
 WIDTH, HEIGHT = 930.0, 372.0
@@ -50,9 +51,6 @@ ANGLE_STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 
 
 SCALE_BOUNDS = ((-40.0, WIDTH + 40.0), (-46.0, 62.0))
 """What a view of a scale of colours shows."""
-
-Drawn = tuple[str, rr.AsComponents]
-"""Path below the chart, and what is logged there."""
 
 
 def _line(count: int) -> float:
@@ -143,7 +141,7 @@ class Chart:
                 tints.append(curve.colour)
         return np.array(places).reshape(-1, 2), tints
 
-    def drawn(self, marks: Sequence[InputMarks] = ()) -> Iterator[Drawn]:
+    def drawn(self, marks: Sequence[InputMarks] = ()) -> Iterator[Still]:
         """Yield what stands still: the frame, the curves or the map, marks, words."""
         if self.is_map:
             yield from self._map()
@@ -167,7 +165,7 @@ class Chart:
         if self.over[0].unit == "deg":
             yield from self._marked(marks)
 
-    def _marked(self, marks: Sequence[InputMarks]) -> Iterator[Drawn]:
+    def _marked(self, marks: Sequence[InputMarks]) -> Iterator[Still]:
         """Yield a line at each place on the axis where something is, with its name."""
         for number, mark in enumerate(marks):
             if mark.inputs.shape[1:] != (1,):
@@ -193,7 +191,7 @@ class Chart:
                 ),
             )
 
-    def _map(self) -> Iterator[Drawn]:
+    def _map(self) -> Iterator[Still]:
         (curve,) = self.curves.values()
         x, y, cells = gridded(*curve.whole)
         first, second = self.over[:2]
@@ -287,7 +285,7 @@ def side_of(axis: Axis) -> Side:
     return side(axis.words, axis.extent, axis.unit == "deg")
 
 
-def frame(width: float, x: Side, y: Side, lined: bool = True) -> Iterator[Drawn]:
+def frame(width: float, x: Side, y: Side, lined: bool = True) -> Iterator[Still]:
     """Yield the box with its lines, and the words at its axes."""
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)
     lines = [corners * [width, FRAME_HEIGHT]]
@@ -322,7 +320,7 @@ def roomy(item: Portrait) -> Portrait:
     return replace(item, y_range=(low - around, high + around))
 
 
-def portrait(item: Portrait) -> Iterator[Drawn]:
+def portrait(item: Portrait) -> Iterator[Still]:
     """Yield the frame of a portrait, its curves and marks."""
     sides = [
         side(titled(label, unit), span, unit.startswith("deg"), item.logarithmic)
@@ -376,7 +374,7 @@ def _marked(places: Floats, marks: Sequence[Mark], written: bool) -> rr.Points2D
     )
 
 
-def horizontal_scale(low: float, high: float, label: str) -> Iterator[Drawn]:
+def horizontal_scale(low: float, high: float, label: str) -> Iterator[Still]:
     """Yield a scale of colours from left to right, `WIDTH` long, with its words."""
     picture = np.empty((24, round(WIDTH), 3), dtype=np.uint8)
     picture[:] = colours.heat(np.linspace(0.0, 1.0, round(WIDTH)))
@@ -431,11 +429,14 @@ def written(value: float, step: float) -> str:
     return f"{value:.{digits}f}".replace("-", "\u2212")
 
 
-def legend_words(curves: Sequence[tuple[str, Floats, float]]) -> list[str]:
-    """Return the names with their values, row after row, of (label, values, resolution)."""
+def legend_words(curves: Sequence[Curve]) -> list[str]:
+    """Return the names with their values, row after row of the last blocks."""
     columns = [
-        [f"{_short(label)}  {_number(value, resolution)}" for value in values.tolist()]
-        for label, values, resolution in curves
+        [
+            f"{_short(curve.label)}  {_number(value, curve.resolution)}"
+            for value in curve.values[-1].tolist()
+        ]
+        for curve in curves
     ]
     return [words for row in zip(*columns, strict=True) for words in row]
 

@@ -8,6 +8,7 @@ from spherekit.analysis.plotted import placed_labels
 from spherekit.analysis.scene import Diagram
 from spherekit.arrays import Floats
 from spherekit.view import charts, colours
+from spherekit.view.outputs import Still
 from spherekit.view.sdk import rr
 
 MOST_LISTED = 14
@@ -15,7 +16,6 @@ LETTER = 20.0
 BELOW = 46.0
 """From the frame to the words of a step."""
 
-Still = tuple[str, rr.AsComponents]
 Moving = tuple[str, Iterable[rr.ComponentColumn]]
 
 

@@ -35,10 +35,8 @@ from spherekit.region.mesh import sphere_mesh
 from spherekit.sphere.rotation import frame_from, perpendicular, quaternion
 from spherekit.view import charts, colours, diagrams, shapes
 from spherekit.view.names import Name
+from spherekit.view.outputs import Still
 from spherekit.view.sdk import rr
-
-Still = tuple[str, rr.AsComponents]
-"""Path below the primitive, and what is logged there once."""
 
 Moving = tuple[str, Iterable[rr.ComponentColumn]]
 """Path below the primitive, and its columns for one block of samples."""
@@ -71,14 +69,8 @@ def world() -> Iterator[Still]:
             albedo_factor=colours.SPHERE,
         ),
     )
-    yield (
-        "sphere/graticule",
-        rr.LineStrips3D(
-            [GRATICULE_LIFT * line for line in shapes.graticule()],
-            colors=colours.GRATICULE,
-            radii=rr.Radius.ui_points(0.6),
-        ),
-    )
+    lines = _curves(shapes.graticule(), GRATICULE_LIFT, colours.GRATICULE, 0.6)
+    yield "sphere/graticule", lines
 
 
 def still(primitive: Primitive, names: Sequence[Name] = ()) -> Iterator[Still]:
@@ -195,22 +187,45 @@ def present(rows: Floats) -> Bools:
     return np.asarray(np.isfinite(rows).all(axis=1))
 
 
-def path_lines(lines: list[Floats], primary: bool, grid: bool = False) -> rr.LineStrips3D:
-    """Return the whole path that a pole leaves on the sphere, or its paths over a grid."""
-    colour = colours.SILVER if primary else colours.BRONZE if grid else colours.GOLD
+def drawn_whole(primitive: Primitive) -> Floats | None:
+    """Return the rows of a primitive of which something is drawn in the end, if any."""
+    match primitive:
+        case Trace(directions=rows) | Arrow(directions=rows, path_shown=True):
+            return rows
+        case Portrait(curves=curves) if not curves:
+            return primitive.placed()
+    return None
+
+
+def whole(primitive: Primitive, rows: Floats, row: int | None) -> Iterator[Still]:
+    """Yield what stands still of all rows of a primitive, in a grid of rows so long.
+
+    The path that a pole leaves on the sphere, that of a direction in the axes of a link,
+    and the curve of a portrait.
+    """
+    if isinstance(primitive, Portrait):
+        if shapes.unbroken(rows):
+            yield "curve", charts.portrait_line(rows, colours.TONES[1])
+        return
+    lines = shapes.path_on_sphere(rows, row)
+    if lines and isinstance(primitive, Trace):
+        colour = colours.link_colour(primitive.number)
+        yield "curve", _curves(lines, 1.006, colour, 1.8)
+    elif lines and isinstance(primitive, Arrow):
+        thin = primitive.primary or row is not None
+        colour = colours.GOLD if row is None else colours.BRONZE
+        colour = colours.SILVER if primitive.primary else colour
+        yield "path", _curves(lines, 1.003, colour, 0.7 if thin else 1.2)
+
+
+def _curves(
+    lines: Iterable[Floats], lift: float, colour: colours.Colour, width: float
+) -> rr.LineStrips3D:
+    """Return curves just outside of the sphere, so many points wide."""
     return rr.LineStrips3D(
-        [1.003 * line for line in lines],
+        [lift * np.asarray(line) for line in lines],
         colors=colour,
-        radii=rr.Radius.ui_points(0.7 if primary or grid else 1.2),
-    )
-
-
-def trace_lines(lines: list[Floats], number: int) -> rr.LineStrips3D:
-    """Return the whole path of a direction in the axes of a link."""
-    return rr.LineStrips3D(
-        [1.006 * line for line in lines],
-        colors=colours.link_colour(number),
-        radii=rr.Radius.ui_points(1.8),
+        radii=rr.Radius.ui_points(width),
     )
 
 
@@ -280,14 +295,7 @@ def _still_body(body: Body, names: Sequence[Name]) -> Iterator[Still]:
 
 def _still_curves(item: SphereCurves) -> Iterator[Still]:
     if item.curves:
-        yield (
-            "",
-            rr.LineStrips3D(
-                [1.006 * curve for curve in item.curves],
-                colors=colours.tone(item.tone),
-                radii=rr.Radius.ui_points(1.6),
-            ),
-        )
+        yield "", _curves(item.curves, 1.006, colours.tone(item.tone), 1.6)
     if item.marks:
         yield (
             "marks",
@@ -340,14 +348,7 @@ def _still_surface(surface: Surface) -> Iterator[Still]:
             tints = colours.heat(np.clip((surface.values - least) / (most - least), 0, 1))
         yield "", rr.Points3D(places, colors=tints, radii=rr.Radius.ui_points(3.0))
     ends = np.array([low - middle, high - middle]) * scale
-    yield (
-        "axes",
-        rr.LineStrips3D(
-            shapes.box(*ends),
-            colors=colours.GRATICULE,
-            radii=rr.Radius.ui_points(0.8),
-        ),
-    )
+    yield "axes", _curves(shapes.box(*ends), 1.0, colours.GRATICULE, 0.8)
     where, words = [], []
     for axis, name in enumerate(surface.axes):
         corner = np.where([axis == 1, False, False], ends[1], ends[0])

@@ -285,6 +285,15 @@ def _reason(error: BaseException) -> str:
     return lines[-1] if lines else type(error).__name__
 
 
+Still = tuple[str, rr.AsComponents]
+"""Path below something, and what is logged there once."""
+
+
+def below(path: str, suffix: str) -> str:
+    """Return a path below another one, or that itself without a suffix."""
+    return f"{path}/{suffix}" if suffix else path
+
+
 class Outputs:
     """Places that all get the same.
 
@@ -334,22 +343,23 @@ class Outputs:
             if properties:
                 place.stream.send_property("run", rr.AnyValues(False, **properties))
 
-    def first(self, path: str) -> bool:
-        """Return whether a path comes up for the first time."""
+    def first(self, path: str, drawn: Iterable[Still]) -> bool:
+        """Log what does not move when a path comes up first; return whether it does."""
         new = path not in self.seen
-        self.seen.add(path)
+        if new:
+            self.seen.add(path)
+            self.still(path, drawn)
         return new
 
     def still(
-        self,
-        path: str,
-        archetype: rr.AsComponents,
-        outputs: Sequence[Output] | None = None,
+        self, path: str, drawn: Iterable[Still], places: Sequence[Output] | None = None
     ) -> None:
-        """Log what does not move, to some places or to all."""
-        self.entities.add(path)
-        for output in self.places if outputs is None else outputs:
-            output.stream.log(path, archetype, static=True)
+        """Log what does not move below a path, to some places or to all."""
+        for suffix, archetype in drawn:
+            entity = below(path, suffix)
+            self.entities.add(entity)
+            for place in self.places if places is None else places:
+                place.stream.log(entity, archetype, static=True)
 
     def columns(
         self,

@@ -6,7 +6,7 @@ The charts of a recording: cursors and legends block by block, curves in the end
 import re
 import time
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -41,7 +41,7 @@ from spherekit.analysis.scene import (
 from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats, Integers
 from spherekit.errors import OutputError
-from spherekit.view import charts, colours, diagrams, entities, shapes
+from spherekit.view import charts, diagrams, entities
 from spherekit.view.blueprint import (
     HIDDEN,
     MOST_COMPARED,
@@ -57,13 +57,14 @@ from spherekit.view.blueprint import (
     slug,
     space,
 )
-from spherekit.view.charts import Chart, Curve
+from spherekit.view.charts import Chart
 from spherekit.view.names import Name, Names, labels_of_arrows
 from spherekit.view.outputs import (
     FileOutput,
     LiveOutput,
     Output,
     Outputs,
+    below,
     check_notebook,
     served,
     viewer_at,
@@ -88,15 +89,17 @@ class Charts:
         touched: dict[str, list[str]],
     ) -> bool:
         """Add a block of a series to its chart, now `touched`; return if that is new."""
-        title = item.heading
-        if len(over) > 1:
-            title = f"{item.label}: {title}"
-        where = f"{self.layout.base(scene.page)}/charts/{slug(title)}"
+        layout = self.layout
+        title = item.heading if len(over) == 1 else f"{item.label}: {item.heading}"
+        where = f"{layout.base(scene.page)}/charts/{slug(title)}"
         is_new = where not in self.charts
         if is_new:
             self.charts[where] = Chart(title, over)
-            self._place_chart(scene, where, title)
-        path = self.layout.path(scene.page, item)
+            alike = isinstance(scene.page, int) and len(over) == 1
+            compared = f"{layout.root}/compare/{slug(title)}" if alike else ""
+            view = partial(plane, where, title, charts.bounds())
+            layout.plots.append(Plot(scene.page, where, asked_for(scene), view, compared))
+        path = layout.path(scene.page, item)
         curve = self.charts[where].add(path, item)
         curve.values.append(np.array(item.values))
         curve.places.append(tuple(axis.values for axis in over))
@@ -111,76 +114,37 @@ class Charts:
         count: int,
     ) -> None:
         """Log the cursors and legends of charts that got a block of some series."""
-        rows = [axis.values for axis in over]
         for where, paths in touched.items():
-            chart = self.charts[where]
-            if self.outputs.first(f"{where}/cursor"):
-                self.outputs.still(f"{where}/cursor", charts.cursor_style(chart))
-            self.outputs.columns(f"{where}/cursor", lines, chart.cursor(rows), count)
-            curves = [chart.curves[path] for path in paths]
-            self._log_legend(f"{where}/legend", chart, paths, curves, lines)
+            chart, cursor, legend = self.charts[where], f"{where}/cursor", f"{where}/legend"
+            self.outputs.first(cursor, [("", charts.cursor_style(chart))])
+            columns = chart.cursor([axis.values for axis in over])
+            self.outputs.columns(cursor, lines, columns, count)
+            self.outputs.first(legend, [("", charts.legend_style(*chart.legend(paths)))])
+            words = charts.legend_words([chart.curves[path] for path in paths])
+            columns = rr.Points2D.columns(labels=words).partition([len(paths)] * count)
+            self.outputs.columns(legend, lines, columns, count)
 
-    def _log_legend(
-        self,
-        path: str,
-        chart: Chart,
-        paths: Sequence[str],
-        curves: Sequence[Curve],
-        lines: Sequence[rr.TimeColumn],
-    ) -> None:
-        """Log the names of curves with their values at each row."""
-        places, tints = chart.legend(paths)
-        if self.outputs.first(path):
-            self.outputs.still(path, charts.legend_style(places, tints))
-        words = charts.legend_words([(c.label, c.values[-1], c.resolution) for c in curves])
-        rows = len(curves[0].values[-1])
-        columns = rr.Points2D.columns(labels=words).partition([len(curves)] * rows)
-        self.outputs.columns(path, lines, columns, rows)
-
-    def _place_chart(self, scene: Scene, where: str, title: str) -> None:
-        compared = ""
-        if isinstance(scene.page, int) and len(self.charts[where].over) == 1:
-            compared = f"{self.layout.root}/compare/{where.rsplit('/', 1)[1]}"
-        answers = asked_for(scene)
-        view = partial(plane, where, title, charts.bounds())
-        self.layout.plots.append(Plot(scene.page, where, answers, view, compared))
-
-    def draw(self, outputs: Sequence[Output]) -> None:
+    def draw(self, places: Sequence[Output]) -> None:
         """Draw all curves and maps as far as they are known, and those of all modes."""
         for where, chart in self.charts.items():
             base = where.partition("/charts/")[0]
-            for suffix, archetype in chart.drawn(self.marks.get(base, ())):
-                self.outputs.still(f"{where}/{suffix}", archetype, outputs)
-        for path, plots in self._compared().items():
-            whole = charts.compared([self.charts[plot.path] for plot in plots])
-            self.layout.compared[path] = whole.title
-            for suffix, archetype in whole.drawn():
-                self.outputs.still(f"{path}/{suffix}", archetype, outputs)
-            places, tints = whole.legend(list(self.charts[plots[0].path].curves))
-            names = [curve.label for curve in self.charts[plots[0].path].curves.values()]
-            self.outputs.still(
-                f"{path}/legend", charts.legend_style(places, tints, names), outputs
-            )
-
-    def _compared(self) -> dict[str, list[Plot]]:
-        """Return the charts of several modes that are alike, if not of too many curves."""
-        alike: dict[str, list[Plot]] = {}
+            self.outputs.still(where, chart.drawn(self.marks.get(base, ())), places)
+        alike: dict[str, list[Chart]] = {}
         for plot in self.layout.plots:
             if plot.compared:
-                alike.setdefault(plot.compared, []).append(plot)
-        return {
-            path: plots
-            for path, plots in alike.items()
-            if len(plots) > 1
-            and sum(len(self.charts[plot.path].curves) for plot in plots) <= MOST_COMPARED
-        }
+                alike.setdefault(plot.compared, []).append(self.charts[plot.path])
+        for path, of_modes in alike.items():
+            curves = sum(len(chart.curves) for chart in of_modes)
+            if len(of_modes) > 1 and curves <= MOST_COMPARED:
+                whole, first = charts.compared(of_modes), of_modes[0].curves
+                self.layout.compared[path] = whole.title
+                names = [curve.label for curve in first.values()]
+                style = charts.legend_style(*whole.legend(list(first)), names)
+                self.outputs.still(path, [*whole.drawn(), ("legend", style)], places)
 
 
 SOLID = (Body, GreatCircle, SphereCurves, SphereMap, Trace, Arrow)
 """What is seen with the sphere."""
-
-Draw = Callable[[Floats], Iterable[entities.Still]]
-"""Draws what stands still from all rows of a primitive, when these are known."""
 
 LIVE_SECONDS = 0.5
 """A viewer that looks on gets the curves anew that often."""
@@ -259,12 +223,12 @@ class RerunRecorder:
         if not outputs:
             raise ValueError("a recorder needs a path, a port, a url or a notebook")
         self._outputs = Outputs(outputs)
-        self._layout: Layout | None = None
         self._input: InputTimeline | None = None
         self._span: tuple[float, float] | None = None
         self._names: dict[Page, Names] = {}
         self._row: int | None = None
-        self._whole: dict[str, tuple[Draw, list[Floats]]] = {}
+        self._whole: dict[str, tuple[Primitive, list[Floats]]] = {}
+        """What is drawn of all rows of a primitive, by its path, with these so far."""
         self._charts: Charts | None = None
         self._live_drawn = 0.0
         self._laid_out = 0
@@ -276,10 +240,10 @@ class RerunRecorder:
         return self._outputs.cost(self._finished)
 
     @property
-    def _started(self) -> Layout:
-        if self._layout is None:
-            raise ValueError("call start first")
-        return self._layout
+    def _started(self) -> Charts:
+        if self._charts is None or self._finished:
+            raise ValueError("log is called after start and before the end")
+        return self._charts
 
     def __enter__(self) -> Self:
         """Open all places."""
@@ -321,22 +285,21 @@ class RerunRecorder:
             words = ""
         if "logged" in head.properties:
             words += f" This recording has {head.properties['logged']}."
-        self._layout = layout
         self._charts = Charts(layout, self._outputs)
         self._row = head.row
         self._names[None] = Names(sight)
         for number, title in head.assembly_modes.items():
             layout.pages[number] = title
         self._outputs.name(self.name, head.properties)
-        self._outputs.still(self.root, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        for suffix, archetype in entities.world():
-            self._outputs.still(f"{self.root}/{suffix}", archetype)
+        upright = "", rr.ViewCoordinates.RIGHT_HAND_Z_UP
+        self._outputs.still(self.root, [upright, *entities.world()])
         for scene in map(in_degrees, head.scenes):
             named = self._links_named(scene)
             for primitive in scene.primitives:
                 self._introduce(scene.page, primitive, False, named.get(primitive.path, ()))
         if head.scenes or layout.pages:
-            self._introduce(None, Text("notes", "About", _about(self.name, words)))
+            words = NOTES.format(name=self.name, timeline=words, compared=MOST_COMPARED)
+            self._introduce(None, Text("notes", "About", words))
         if layout.pages:
             self._lay_out()
 
@@ -361,9 +324,7 @@ class RerunRecorder:
             Times; required if `start` got any.
 
         """
-        layout, plotted = self._layout, self._charts
-        if layout is None or plotted is None or self._finished:
-            raise ValueError("log is called after start and before the end")
+        plotted, layout = self._started, self._started.layout
         scene = in_degrees(scene)
         roomy = [
             charts.roomy(p) if isinstance(p, Portrait) else p for p in scene.primitives
@@ -391,20 +352,21 @@ class RerunRecorder:
         plotted.log(touched, lines, over, len(samples))
         labels = labels_of_arrows(scene.primitives)
         for primitive in scene.primitives:
-            path = self._started.path(scene.page, primitive)
+            path = layout.path(scene.page, primitive)
             for suffix, columns in entities.moving(primitive, labels.get(primitive.path)):
-                self._outputs.columns(_below(path, suffix), lines, columns, len(samples))
-            if path in self._whole and isinstance(primitive, Trace | Arrow):
-                self._whole[path][1].append(np.array(primitive.directions))
-            if path in self._whole and isinstance(primitive, Portrait):
-                self._whole[path][1].append(primitive.placed())
+                self._outputs.columns(below(path, suffix), lines, columns, len(samples))
+            rows = entities.drawn_whole(primitive)
+            if rows is not None:
+                self._whole.setdefault(path, (primitive, []))[1].append(np.array(rows))
             if isinstance(primitive, Body) and primitive.quaternions is not None:
                 failed |= ~entities.present(primitive.quaternions)
         if any(isinstance(item, Body) for item in scene.primitives):
-            where = f"{self._started.base(scene.page)}/status"
-            fresh.append(self._introduce_status(scene.page, where))
+            status = f"{layout.base(scene.page)}/status"
+            if self._outputs.first(status, [("", entities.failure_label())]):
+                layout.solids.append((scene.page, status))
+                fresh.append(True)
             columns = entities.failure_columns(failed)
-            self._outputs.columns(where, lines, columns, len(samples))
+            self._outputs.columns(status, lines, columns, len(samples))
         if any(fresh):
             self._lay_out()
         live = self._outputs.live
@@ -418,7 +380,7 @@ class RerunRecorder:
     ) -> list[rr.TimeColumn]:
         """Return where rows are on the timelines."""
         lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
-        if self._started.timeline == TIME:
+        if self._started.layout.timeline == TIME:
             if times is None or len(times) != len(samples):
                 raise ValueError("each sample needs its time")
             lines.append(rr.TimeColumn(TIME, duration=times))
@@ -447,26 +409,15 @@ class RerunRecorder:
             return
         if self._charts is not None:
             self._charts.draw(self._outputs.places)
-        if self._laid_out != len(self._outputs.seen) or (
-            self._layout and self._layout.compared
-        ):
-            self._lay_out(final=True)
+            compared = bool(self._charts.layout.compared)
+            if compared or self._laid_out != len(self._outputs.seen):
+                self._lay_out(final=True)
         self._finished = True
-        for path, (draw, blocks) in self._whole.items():
-            for suffix, drawn in draw(np.concatenate(blocks)) if blocks else ():
-                self._outputs.still(f"{path}/{suffix}", drawn)
+        for path, (primitive, blocks) in self._whole.items():
+            drawn = entities.whole(primitive, np.concatenate(blocks), self._row)
+            self._outputs.still(path, drawn)
         rows = self._outputs.rows
         self._outputs.each(lambda output: output.complete(rows))
-
-    def _trace(self, number: int, directions: Floats) -> Iterator[entities.Still]:
-        lines = shapes.path_on_sphere(directions, self._row)
-        if lines:
-            yield "curve", entities.trace_lines(lines, number)
-
-    def _path(self, primary: bool, directions: Floats) -> Iterator[entities.Still]:
-        lines = shapes.path_on_sphere(directions, self._row)
-        if lines:
-            yield "path", entities.path_lines(lines, primary, self._row is not None)
 
     def serve_until_interrupted(self) -> None:
         """Finish, and keep serving until the user presses Ctrl-C."""
@@ -482,9 +433,8 @@ class RerunRecorder:
         if scene.page not in self._names:
             self._names[scene.page] = self._names[None].copy()
         bodies = [item for item in scene.primitives if isinstance(item, Body)]
-        fresh = [
-            b for b in bodies if self._started.path(scene.page, b) not in self._outputs.seen
-        ]
+        layout, seen = self._started.layout, self._outputs.seen
+        fresh = [b for b in bodies if layout.path(scene.page, b) not in seen]
         return self._names[scene.page].give(fresh)
 
     def _introduce(
@@ -495,25 +445,15 @@ class RerunRecorder:
         names: Sequence[Name] = (),
     ) -> bool:
         """Log what stays of a primitive seen for the first time; return if it was."""
-        path = self._started.path(page, primitive)
-        if not self._outputs.first(path):
-            return False
-        for suffix, archetype in entities.still(primitive, names):
-            self._outputs.still(_below(path, suffix), archetype)
-        self._place(page, path, primitive, answers)
-        return True
-
-    def _introduce_status(self, page: Page, path: str) -> bool:
-        if not self._outputs.first(path):
-            return False
-        self._outputs.still(path, entities.failure_label())
-        if self._layout is not None:
-            self._layout.solids.append((page, path))
-        return True
+        path = self._started.layout.path(page, primitive)
+        new = self._outputs.first(path, entities.still(primitive, names))
+        if new:
+            self._place(page, path, primitive, answers)
+        return new
 
     def _place(self, page: Page, path: str, primitive: Primitive, answers: bool) -> None:
         """Give a new primitive its place in the window."""
-        layout = self._started
+        layout = self._started.layout
         if page is not None:
             title = f"Assembly mode {page}" if isinstance(page, int) else page
             layout.pages.setdefault(page, title)
@@ -521,15 +461,13 @@ class RerunRecorder:
             layout.solids.append((page, path))
         match primitive:
             case SphereMap(label=label, unit=unit):
-                values = map_range(primitive.shown_values, unit)
-                self._place_scale(page, values, titled(label, unit))
-            case Trace(number=number):
-                self._whole[path] = partial(self._trace, number), []
+                span, scale = map_range(primitive.shown_values, unit), layout.base(page)
+                drawn = charts.horizontal_scale(*span, titled(label, unit))
+                if self._outputs.first(f"{scale}/scale", drawn):  # once for a page
+                    layout.scales.append((page, f"{scale}/scale"))
             case Arrow(primary=primary, shown=shown, path_shown=path_shown):
                 if not shown:
                     layout.overrides.append((page, path, HIDDEN))
-                if path_shown:
-                    self._whole[path] = partial(self._path, primary), []
                 if shown and path_shown and not primary:
                     layout.overrides.append((page, f"{path}/trail", layout.recent))
             case Portrait() | Diagram() | Surface():
@@ -539,25 +477,13 @@ class RerunRecorder:
                 elif isinstance(primitive, Portrait):
                     view = partial(plane, path, primitive.label, charts.bounds())
                 layout.plots.append(Plot(page, path, answers, view))
-                if isinstance(primitive, Portrait) and not primitive.curves:
-                    self._whole[path] = _portrait, []
             case InputMarks():
-                assert self._charts is not None
-                self._charts.marks.setdefault(layout.base(page), []).append(primitive)
+                self._started.marks.setdefault(layout.base(page), []).append(primitive)
             case Graph():
                 layout.panels.append((page, partial(graph, path, "Links and pairs")))
             case Text(label=label):
                 view = partial(rrb.TextDocumentView, origin=path, name=label)
                 layout.panels.append((page, view))
-
-    def _place_scale(self, page: Page, span: tuple[float, float], label: str) -> None:
-        """Log the colours of a map below the sphere, once for a page."""
-        path = f"{self._started.base(page)}/scale"
-        if self._layout is None or not self._outputs.first(path):
-            return
-        self._layout.scales.append((page, path))
-        for suffix, archetype in charts.horizontal_scale(*span, label):
-            self._outputs.still(f"{path}/{suffix}", archetype)
 
     def _lay_out(self, final: bool = False) -> None:
         """Send the layout to viewers; to files when it has grown fourfold, and in the end.
@@ -565,27 +491,12 @@ class RerunRecorder:
         A layout has an entity for every series of every assembly mode. One for each
         assembly mode that comes in would make a file grow with the square of their number.
         """
-        if self._layout is None:
-            return
         size = len(self._outputs.seen)
         due = final or size >= 4 * self._laid_out
         reached = self._outputs.places if due else self._outputs.live
         if due:
             self._laid_out = size
         if reached:
-            blueprint = self._layout.blueprint()
+            blueprint = self._started.layout.blueprint()
             for output in reached:
                 output.stream.send_blueprint(blueprint)
-
-
-def _portrait(placed: Floats) -> Iterator[entities.Still]:
-    if shapes.unbroken(placed):
-        yield "curve", charts.portrait_line(placed, colours.TONES[1])
-
-
-def _about(name: str, timeline: str) -> str:
-    return NOTES.format(name=name, timeline=timeline, compared=MOST_COMPARED)
-
-
-def _below(path: str, suffix: str) -> str:
-    return f"{path}/{suffix}" if suffix else path
