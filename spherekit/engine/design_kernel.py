@@ -191,7 +191,7 @@ def design_kernel(
     outputs = [quantities.of(name) for name in columns]
     if gradients:
         outputs += [slope for slopes in terms.by_sizes(outputs) for slope in slopes]
-    squares = [dyad.square for dyad in terms.dyads]
+    squares = terms.squares
     turns = terms.turns if quantities.needs_turns(columns) else {}
     angles = [quantities.angle(pair) for pair in turns]
     moving = [*terms.sample, *terms.places, *terms.handed_in, *turns.values()]

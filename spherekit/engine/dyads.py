@@ -7,7 +7,7 @@ What has been made for a mechanism, for the life of the process.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from threading import RLock
 from typing import Any, TypeVar
 from weakref import finalize, ref
@@ -29,7 +29,6 @@ from spherekit.errors import EngineError
 from spherekit.files.write import canonical_text
 from spherekit.model.gears import geometry_of
 from spherekit.model.graph import spanning
-from spherekit.model.joints import revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import numbered
 from spherekit.planning.inputs import Assembly, Group
@@ -82,25 +81,10 @@ COMPILED = Cache()
 """Kernels and equations of motion that were compiled."""
 
 
-@dataclass(frozen=True)
-class ClosedDyad:
-    """A dyad in closed form: pairs `middle`, and what says whether and how it closes.
-
-    `square` is that of its triple product, negative where its arcs do not reach;
-    `transmission_angle` is the angle in [0, pi/2] between its arcs at the middle pair.
-    """
-
-    middle: int
-    square: Expr
-    transmission_angle: Expr
-
-
-@dataclass(frozen=True)
-class ClosedPlacements:
-    """The placements of all links, and the dyads they follow from in solving order."""
-
-    links: list[LinkOrientation]
-    dyads: list[ClosedDyad]
+ClosedPlacements = tuple[list[LinkOrientation], list[Expr], dict[int, Expr]]
+"""The placements of all links; of the dyads that these follow from, in solving order, the
+squares of triple products, negative where arcs do not reach; and by middle pair the angles
+in [0, pi/2] between their arcs."""
 
 
 def place_by_inputs(
@@ -129,28 +113,28 @@ def place_by_inputs(
         variables[variable] = angle
     ways = spanning(mechanism.ends, assembly.bodies, assembly.inputs)
     within = place_by_variables(mechanism, structure.pairs, variables, ways)
-    dyads = [
-        _close(structure, group, sign, within)
-        for group, sign in zip(assembly.groups, signs, strict=True)
-    ]
+    squares: list[Expr] = []
+    angles: dict[int, Expr] = {}
+    for group, sign in zip(assembly.groups, signs, strict=True):
+        square, angles[group.middle] = _close(structure, group, sign, within)
+        squares.append(square)
     ground = within[0]
     if ground.depth:
         back = constants(ground.within.T) @ ground.basis.T
-        within = [_turned(back, placement) for placement in within]
+        within = [
+            replace(x, basis=np.asarray(back @ x.basis), depth=x.depth + 1) for x in within
+        ]
         within[0] = GROUND
-    return ClosedPlacements(within, dyads)
-
-
-def _turned(basis: Exprs, placed: LinkOrientation) -> LinkOrientation:
-    return LinkOrientation(
-        np.asarray(basis @ placed.basis), placed.within, placed.metric, placed.depth + 1
-    )
+    return within, squares, angles
 
 
 def _close(
     structure: Structure, group: Group, sign: Expr, within: list[LinkOrientation]
-) -> ClosedDyad:
-    """Place the two free bodies of a dyad in the first one."""
+) -> tuple[Expr, Expr]:
+    """Place the two free bodies of a dyad in the first one.
+
+    Return the square of its triple product, and the angle between its arcs.
+    """
     mechanism = structure.mechanism
     near, middle, far = group.dyad_places
 
@@ -179,11 +163,9 @@ def _close(
         ends = within[one].direction(outer), within[other].direction(mid)
         onto = basis @ _inverse(*ends)
         for link in links:
-            old = within[link]
-            within[link] = LinkOrientation(
-                np.asarray(onto @ old.basis), old.within, old.metric, depth
-            )
-    return ClosedDyad(group.middle, square, angle)
+            turned = np.asarray(onto @ within[link].basis)
+            within[link] = replace(within[link], basis=turned, depth=depth)
+    return square, angle
 
 
 def _frame(a: Exprs, b: Exprs) -> Exprs:
@@ -257,39 +239,26 @@ IN_LINE = 1e-16
 """Squares above this are those of dyads that are placed to 1e-8 rad at least."""
 
 
-@dataclass(frozen=True)
-class ClosedForm:
-    """The terms of configurations, by `inputs` and `signs` of the dyads.
-
-    `variables` are all variables, `squares` those of the dyads' triple products.
-    """
-
-    inputs: Sequence[ExpressionNode]
-    signs: Sequence[ExpressionNode]
-    variables: Sequence[Expr]
-    squares: Sequence[Expr]
-
-    @property
-    def given(self) -> list[ExpressionNode]:
-        """What functions of them are given."""
-        return [*self.inputs, *self.signs]
+ClosedForm = tuple[list[ExpressionNode], list[Expr], list[Expr]]
+"""The inputs with the signs of the dyads, all variables as terms of these, and the squares
+of the dyads' triple products."""
 
 
 def closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
-    """Return the terms, None where a group is no dyad."""
+    """Return the terms of configurations, None where a group is no dyad."""
     if not assembly.has_closed_form or not assembly.groups:
         return None
     inputs = symbols(f"q_{k + 1}" for k in range(len(assembly.inputs)))
     signs = symbols(f"sign_{k + 1}" for k in range(len(assembly.groups)))
     # Rates are not asked for, so no equations are chosen.
     structure = Structure(mechanism, assembly, turning_pairs(mechanism), ())
-    placed = place_by_inputs(structure, inputs, signs)
+    placed, squares, _ = place_by_inputs(structure, inputs, signs)
     driven = dict(zip(assembly.inputs, inputs, strict=True))
-    angles = [
-        driven[pair] if pair in driven else _angle(mechanism, pair, placed.links)
+    variables = [
+        driven[pair] if pair in driven else angle_of(structure, pair, placed)
         for pair, _, _ in numbered(geometry_of(mechanism).joints)
     ]
-    return ClosedForm(inputs, signs, angles, [dyad.square for dyad in placed.dyads])
+    return [*inputs, *signs], variables, squares
 
 
 def given_by(q: Floats, signs: Sequence[int], out: Floats) -> Floats:
@@ -313,10 +282,10 @@ def lost_by(squares: Floats) -> Bools:
     return lost
 
 
-def _angle(mechanism: Mechanism, pair: int, placed: Sequence[LinkOrientation]) -> Expr:
-    """Return the angle of an R pair between placed links."""
-    joint = revolute(geometry_of(mechanism).joints[pair])
-    a, b = mechanism.ends[pair]
-    ahead, beside = (placed[a].direction(joint.first[:, k]) for k in (0, 1))
-    other = placed[b].direction(joint.second[:, 0])
-    return function("atan2", beside @ other, ahead @ other)
+def angle_of(structure: Structure, pair: int, placed: Sequence[LinkOrientation]) -> Expr:
+    """Return the variable of an R pair between placed links, less its turns."""
+    chain = structure.pairs.chains[pair]
+    first, second = (placed[link] for link in structure.mechanism.ends[pair])
+    ahead, beside = (first.direction(chain.constants[0][:, k]) for k in (0, 1))
+    reached = second.direction(chain.constants[1][0])
+    return function("atan2", dot(beside, reached), dot(ahead, reached))

@@ -271,7 +271,7 @@ def _placed(
             f'{mechanism.name}: source "{source}" is not known; it is variables or input'
         )
     inputs = symbols(["q", *(f"sign_{k + 1}" for k in range(len(structure.groups)))])
-    return inputs, place_by_inputs(structure, inputs[:1], inputs[1:]).links
+    return inputs, place_by_inputs(structure, inputs[:1], inputs[1:])[0]
 
 
 def _scale(flow: CoordinateRates, coordinate: Coordinate) -> Expr:

@@ -10,7 +10,6 @@ which is measured: every way in which loops can stay open is gone by a small ste
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import islice
 from typing import Any, Literal
 
 import numpy as np
@@ -176,9 +175,9 @@ class RowKernel:
             closer = dict(zip(self.free, self._rows.closer(self._variables), strict=True))
             after = [closer.get(v, x) for v, x in enumerate(self._variables)]
             return [*after, *columns], self._variables
-        variables = self._form.variables
+        given, variables, _ = self._form
         stand_in = dict(zip(self._variables, variables, strict=True))
-        return [*variables, *substituted(columns, stand_in)], self._form.given
+        return [*variables, *substituted(columns, stand_in)], given
 
     def _made(
         self,
@@ -231,13 +230,12 @@ class RowKernel:
     @cached_property
     def by_inputs(self) -> ColumnFunction:
         """All variables and what decides about rows, of inputs and signs of dyads."""
-        form, parts = self._form, self._deciding
-        assert form is not None
-        made, given = self._from_inputs([x for items in parts.values() for x in items])
-        parts_of = iter(made)
-        sizes = {"variables": form.variables, **parts}
-        every = {key: list(islice(parts_of, len(items))) for key, items in sizes.items()}
-        return self._made(every | {"squares": form.squares}, self.in_threads, given=given)
+        assert self._form is not None
+        given, variables, squares = self._form
+        stand_in = dict(zip(self._variables, variables, strict=True))
+        parts = {key: substituted(x, stand_in) for key, x in self._deciding.items()}
+        every = {"variables": variables, **parts, "squares": squares}
+        return self._made(every, self.in_threads, given=given)
 
     @cached_property
     def whole(self) -> ColumnFunction:

@@ -16,7 +16,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN, listing, nearest
 from spherekit.engine.algebra import Exprs, cross, dot, sum_of
-from spherekit.engine.dyads import ClosedDyad, place_by_inputs
+from spherekit.engine.dyads import angle_of, place_by_inputs
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -190,8 +190,9 @@ class VariedTerms:
         The variables of `sample_names`, and the signs of dyads or the variables of pairs.
     variables
         Of pairs, where these are the places; those that follow from others as terms.
-    links, dyads
-        The links placed by these, and the dyads in closed form.
+    links, squares, transmission_angles
+        What `spherekit.engine.dyads.ClosedPlacements` are of these; the links alone where
+        there is no closed form.
     turns
         Of passive pairs whose variables loads depend on, by name: what their turns (rad)
         add to angles that places give.
@@ -204,7 +205,8 @@ class VariedTerms:
     places: tuple[ExpressionNode, ...]
     variables: tuple[Expr, ...]
     links: tuple[LinkOrientation, ...]
-    dyads: tuple[ClosedDyad, ...]
+    squares: Sequence[Expr]
+    transmission_angles: Mapping[int, Expr]
     turns: Mapping[str, ExpressionNode]
 
     @staticmethod
@@ -233,12 +235,14 @@ class VariedTerms:
         sample = symbols(sample_names(inputs))
         if closed_form is None:
             closed_form = structure.assembly.has_closed_form
-        dyads: list[ClosedDyad] = []
+        squares: list[Expr] = []
+        transmission_angles: dict[int, Expr] = {}
         variables: list[Expr] = []
         if closed_form:
             places = symbols([f"sign_{k + 1}" for k in range(len(structure.groups))])
-            placed = place_by_inputs(structure, sample[: len(inputs)], places)
-            links, dyads = placed.links, placed.dyads
+            links, squares, transmission_angles = place_by_inputs(
+                structure, sample[: len(inputs)], places
+            )
         else:
             places = symbols(mechanism.variable_names)
             following = structure.following([places[v] for v in structure.inputs])
@@ -257,7 +261,8 @@ class VariedTerms:
             places=tuple(places),
             variables=tuple(variables),
             links=tuple(links),
-            dyads=tuple(dyads),
+            squares=squares,
+            transmission_angles=transmission_angles,
             turns={
                 pair: symbols([f"turns_of_{pair}"])[0]
                 for pair in wound_pairs(structure.mechanism)
@@ -273,7 +278,7 @@ class VariedTerms:
     @property
     def closed_form(self) -> bool:
         """Whether the links are placed by the signs of dyads."""
-        return bool(self.dyads) or not self.places
+        return bool(self.squares) or not self.places
 
     @property
     def profiles(self) -> tuple[ProfileColumns, ...]:
@@ -448,18 +453,12 @@ class RowQuantities:
         if not self.terms.closed_form:
             return self.terms.variables[self._variable(pair)]
         number = self.mechanism.pair_number[pair]
-        chain = self.structure.pairs.chains[number]
-        first, second = (self.terms.links[k] for k in self.mechanism.ends[number])
-        zero = first.direction(chain.constants[0][:, 0])
-        side = first.direction(chain.constants[0][:, 1])
-        reached = second.direction(chain.constants[1][0])
-        return function("atan2", dot(side, reached), dot(zero, reached))
+        return angle_of(self.structure, number, self.terms.links)
 
     def _transmission_angle(self, pair: str) -> Expr:
         number = self.mechanism.pair_number[pair]
-        closed = {dyad.middle: dyad.transmission_angle for dyad in self.terms.dyads}
-        if number in closed:
-            return closed[number]
+        if number in self.terms.transmission_angles:
+            return self.terms.transmission_angles[number]
         groups = {g.middle: g for g in self.structure.assembly.groups if g.is_dyad}
         group = groups[number]
         near, middle, far = (self._axis(group.pairs[k]) for k in group.dyad_places)
