@@ -4,7 +4,6 @@ import operator
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from importlib.util import find_spec
 from types import ModuleType
 from typing import Any, Literal
@@ -121,41 +120,34 @@ def compile_function(
     return at
 
 
+EventKind = Literal[
+    "rest", "dead_centre", "type_2", "singularity", "coordinates", "joint_limit", "switch"
+]
+ENDING: tuple[EventKind, ...] = ("singularity", "coordinates", "joint_limit")
+"""Events at which an integration ends."""
+
+
 @dataclass(frozen=True)
 class EventFunction:
-    """A zero of an expression during an integration.
+    """A zero of an expression during an integration, about a variable or -1.
 
-    With `switch`, a parameter's number, that parameter becomes the expression's new
-    sign, and the integration restarts from there, unless `sticks`, called with the
-    state, the time and the parameters, says that it would turn back at once. Otherwise,
-    where it `stops`, the integration ends; else it is noted. With a `sense` only
-    passages to that sign count.
+    Of a switch, `switch` is a parameter's number, which becomes the expression's new
+    sign; the integration restarts from there, unless `sticks`, called with the state, the
+    time and the parameters, says that it would turn back at once. Some kinds are `ENDING`;
+    with a `sense` only passages to that sign count. Others are noted.
     """
 
     expression: Expr
-    stops: bool = False
+    kind: EventKind
+    variable: int = -1
     sense: Literal[-1, 0, 1] = 0
-    switch: int | None = None
+    switch: int = -1
     sticks: Callable[[Floats, float, Floats], bool] | None = None
 
 
-@dataclass(frozen=True)
-class Noted:
-    """An event that occurred: its number, the time, and the sense of the passage."""
-
-    event: int
-    time: float
-    sense: int
-
-
-class StepEnd(Enum):
-    """Why a step of an integrator ended where it did."""
-
-    STEP = "it was as long as the tolerance allows"
-    LIMIT = "it was as long as was allowed"
-    SWITCH = "a switch turned"
-    NOT_FINITE = "the state is not finite"
-    EVENT = "an event ends the integration"
+StepEnd = Literal["step", "limit", "switch", "not_finite", "event"]
+"""Why a step ended: it was as long as the tolerance allows, or as was allowed, a switch
+turned, the state is not finite, or an event ends the integration."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +156,7 @@ class Integrator:
 
     It computes with the type `number`.
 
-    `seen` collects what occurs in a run.
+    `seen` collects what occurs in a run: events by number, with the time.
     """
 
     adaptive: Any
@@ -172,7 +164,7 @@ class Integrator:
     events: tuple[EventFunction, ...]
     terminal: tuple[int, ...]
     outcomes: Mapping[int, StepEnd]
-    seen: list[Noted]
+    seen: list[tuple[int, float]]
 
     def start(self, state: Floats, time: float, parameters: Floats) -> None:
         """Set the state, the time and the parameters before a run."""
@@ -183,12 +175,6 @@ class Integrator:
         if self.terminal:
             self.adaptive.reset_cooldowns()
         self.seen.clear()
-
-    def go_back(self, state: Floats, time: float, parameters: Floats, seen: int) -> None:
-        """Return to an earlier state of the run, when so many events were seen."""
-        before = self.seen[:seen]
-        self.start(state, time, parameters)
-        self.seen.extend(before)
 
     @property
     def time(self) -> float:
@@ -217,11 +203,11 @@ class Integrator:
         if code in self.outcomes:
             return self.outcomes[code], float(length)
         if code >= 0:
-            return StepEnd.SWITCH, float(length)
+            return "switch", float(length)
         which = self.terminal[-code - 1]
-        if self.events[which].switch is None:
-            self.seen.append(Noted(which, self.time, 0))
-        return StepEnd.EVENT, float(length)
+        if self.events[which].kind != "switch":
+            self.seen.append((which, self.time))
+        return "event", float(length)
 
     @property
     def coefficients(self) -> Floats:
@@ -249,36 +235,35 @@ def compile_integrator(
     names |= {symbol: module.par[k] for k, symbol in enumerate(constants)}
     names[moment] = module.time
     conditions = _lowered([event.expression for event in events], names)
-    seen: list[Noted] = []
+    seen: list[tuple[int, float]] = []
 
     def note(which: int) -> Callable[[Any, Any, int], None]:
-        return lambda _, when, sense: seen.append(Noted(which, float(when), sense))
+        return lambda _, when, sense: seen.append((which, float(when)))
 
     def flip(event: EventFunction, which: int) -> Callable[[Any, int], bool]:
         def turn(running: Any, sense: int) -> bool:
             now = float(running.time)
-            seen.append(Noted(which, now, sense))
+            seen.append((which, now))
             if sense:
                 running.pars[event.switch] = number(sense)
             state, constants = running.state.astype(float), running.pars.astype(float)
-            stuck = event.sticks is not None and event.sticks(state, now, constants)
+            stuck = event.sticks and event.sticks(state, now, constants)
             return not stuck and len(seen) < MOST_SWITCHES
 
         return turn
 
     passing, ending, terminal = [], [], []
     for which, (event, expression) in enumerate(zip(events, conditions, strict=True)):
-        if event.switch is not None:
-            action = flip(event, which)
-            ending.append(module.t_event(expression, callback=action, fp_type=number))
-            terminal.append(which)
-        elif event.stops:
+        if event.kind == "switch":
+            action = {"callback": flip(event, which)}
+        elif event.kind in ENDING:
             sense = {-1: "negative", 0: "any", 1: "positive"}[event.sense]
-            direction = getattr(module.event_direction, sense)
-            ending.append(module.t_event(expression, direction=direction, fp_type=number))
-            terminal.append(which)
+            action = {"direction": getattr(module.event_direction, sense)}
         else:
             passing.append(module.nt_event(expression, note(which), fp_type=number))
+            continue
+        ending.append(module.t_event(expression, fp_type=number, **action))
+        terminal.append(which)
     rates = _lowered([rate for _, rate in equations], names)
     made = module.taylor_adaptive(
         list(zip(stated, rates, strict=True)),
@@ -299,9 +284,9 @@ def compile_integrator(
         tuple(events),
         tuple(terminal),
         {
-            int(ends.success): StepEnd.STEP,
-            int(ends.time_limit): StepEnd.LIMIT,
-            int(ends.err_nf_state): StepEnd.NOT_FINITE,
+            int(ends.success): "step",
+            int(ends.time_limit): "limit",
+            int(ends.err_nf_state): "not_finite",
         },
         seen,
     )

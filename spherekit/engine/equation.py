@@ -28,7 +28,6 @@ from spherekit.engine.kinematics import Structure
 from spherekit.engine.loads import steep_arguments
 from spherekit.engine.system import (
     MOMENT,
-    EventKind,
     ParameterLayout,
     System,
     constant,
@@ -72,8 +71,7 @@ class CompiledEquation:
     """The compiled equation of motion of a mechanism with its loads and joint limits.
 
     The state of the integrator is the pair variables less whole turns, the momenta in
-    their unit, and the work of each load in the square of that unit. `events` are the kinds
-    of the integrator's events, with the variable they are about. `tau` gives the
+    their unit, and the work of each load in the square of that unit. `tau` gives the
     homogeneous rates of all variables by each coordinate, and the measure that vanishes
     where sets of configurations cross. `conditions` gives
     what the switches depend on, then its rates by time, from the state, the time and all
@@ -86,7 +84,6 @@ class CompiledEquation:
     structure: Structure
     layout: ParameterLayout
     integrator: Integrator
-    events: tuple[tuple[EventKind, int], ...]
     tau: TermFunction
     conditions: TermFunction | None
     steep: TermFunction | None
@@ -96,7 +93,7 @@ class CompiledEquation:
     @property
     def switches(self) -> int:
         """How many switches the loads have."""
-        return sum(kind == "switch" for kind, _ in self.events)
+        return len(self.layout.conditions)
 
     def rates(self, values: Floats) -> Floats:
         """Return the homogeneous rates (n, m, variables) at variables (n, variables)."""
@@ -245,39 +242,33 @@ def _compile(
     compact: bool,
     number: type[Any],
 ) -> CompiledEquation:
-    symbols = system.symbols
-    layout, switches = symbols.layout, symbols.switches
-    equations = system.equations
+    layout, equations = system.layout, system.equations
     state = [*(variable for variable, _ in equations), MOMENT]
     arguments = dict.fromkeys(
         argument
         for load in mechanism.loads
         for argument in steep_arguments(load, system.moving)
     )
-    all_events = [*system.events, *stop_events(mechanism, symbols)]
-    events = [event for event, _, _ in all_events]
-    kinds: list[tuple[EventKind, int]] = [
-        (kind, variable) for _, kind, variable in all_events
-    ]
-    count = layout.side + len(switches.conditions)
-    parameters = [constant(k) for k in range(count)]
+    events = [*system.events, *stop_events(mechanism, layout)]
+    count = len(layout.conditions)
+    parameters = [constant(k) for k in range(layout.side + count)]
+    given = [*state, *parameters]
     conditions = None
-    if switches.conditions:
-        rates = derivatives(switches.conditions, dict(equations) | {MOMENT: 1.0})
-        outputs = [*switches.conditions, *rates]
-        conditions = compile_function(outputs, [*state, *parameters], compact=True)
-    for which, condition in enumerate(switches.conditions):
-        assert conditions is not None
-        stuck = _sticking(conditions, which, layout)
-        events.append(EventFunction(condition, switch=layout.side + which, sticks=stuck))
-        kinds.append(("switch", -1))
+    if count:
+        rates = derivatives(layout.conditions, dict(equations) | {MOMENT: 1.0})
+        conditions = compile_function([*layout.conditions, *rates], given, compact=True)
+        events += [
+            EventFunction(
+                condition,
+                "switch",
+                switch=layout.side + which,
+                sticks=_sticking(conditions, which, layout),
+            )
+            for which, condition in enumerate(layout.conditions)
+        ]
     steep = None
     if arguments and number is float:
-        steep = compile_function(
-            [*system.push, *arguments],
-            [*state, *parameters],
-            compact=True,
-        )
+        steep = compile_function([*system.push, *arguments], given, compact=True)
     homogeneous = [rate for tau in system.tau for rate in tau]
     return CompiledEquation(
         system.structure,
@@ -285,8 +276,9 @@ def _compile(
         compile_integrator(
             equations, MOMENT, parameters, tolerance, compact, events, number
         ),
-        tuple(kinds),
-        compile_function([*homogeneous, system.measure], symbols.variables, compact=True),
+        compile_function(
+            [*homogeneous, system.measure], layout.variable_terms, compact=True
+        ),
         conditions,
         steep,
         tolerance,

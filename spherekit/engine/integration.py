@@ -22,9 +22,9 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN
-from spherekit.engine.compiler import MOST_SWITCHES, Integrator, StepEnd
+from spherekit.engine.compiler import MOST_SWITCHES, EventKind, Integrator
 from spherekit.engine.equation import CompiledEquation
-from spherekit.engine.system import EventKind, ParameterLayout
+from spherekit.engine.system import ParameterLayout
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.numeric.crossings import bracketed_zeros
@@ -152,8 +152,9 @@ SHRUNK, GROWN = 0.03, 4.0
 _FULL_TURN_REST = 2.4492935982947064e-16
 """2 pi less its nearest float64."""
 
-_Mark = tuple[int, Floats]
-"""How many events were seen before a step, and the sides of the switches then."""
+_Step = tuple[float, float, Floats, int, Floats]
+"""The start of a step, its length and its series; how many events were seen before it, and
+the sides of the switches then."""
 
 RunEnd = Literal[
     "time",
@@ -271,7 +272,7 @@ class Integration:
         self.close, self.crossed = close, crossed
         self.tables = [x for x in mechanism.loads if isinstance(x, TorqueTable)]
         self.count = len(values)
-        self.momenta, self.works = equation.layout.momenta, equation.layout.works
+        self.layout = equation.layout
         self.turns, self.work = turns, np.zeros(len(mechanism.loads))
         self.time, self.drift = 0.0, gap
         self.largest = float(equation.measure(values[None])[0])
@@ -300,14 +301,13 @@ class Integration:
 
     def _run(self, targets: Sequence[float]) -> Run:
         integrator = self.equation.integrator
-        self._set_sides(self._parameters(self.time, targets[0]))
-        integrator.start(self.first, self.time, self._parameters(self.time, targets[0]))
+        self._set_sides(targets[0])
+        integrator.start(self.first, self.time, self._parameters(targets[0]))
         end: RunEnd = "time"
         steps = 0
         working = ProgressReporter("simulating")
         for target in targets:
             end = "too_many"
-            self._pass_parameters(integrator, self.time, target)
             while steps < MOST_STEPS:
                 taken, outcome = self._stretch(integrator, target, SHORTEST * targets[-1])
                 steps += taken
@@ -317,13 +317,11 @@ class Integration:
                     break
             if end != "time":
                 break
+        passed = ((t, integrator.events[which]) for which, t in integrator.seen)
         return Run(
             self.equation,
             tuple(self.stretches),
-            tuple(
-                (passed.time, *self.equation.events[passed.event])
-                for passed in integrator.seen
-            ),
+            tuple((t, event.kind, event.variable) for t, event in passed),
             end,
             self.time,
             self.drift,
@@ -338,106 +336,87 @@ class Integration:
     def _stretch(
         self, integrator: Integrator, target: float, shortest: float
     ) -> tuple[int, RunEnd | None]:
-        self._reduce(integrator)
-        starts: list[float] = []
-        lengths: list[float] = []
-        series: list[Floats] = []
-        marks: list[_Mark] = []
+        self._reduce(integrator, target)
+        steps: list[_Step] = []
         looks = self.equation.steep is not None
         right = tried = 0
         end: RunEnd | None = None
-        while end is None and len(starts) < STRETCH:
+        while end is None and len(steps) < STRETCH:
             tried += 1
-            start = integrator.time
+            start, seen = integrator.time, len(integrator.seen)
             longest = target - start
             limited = self.longest < longest
-            if looks:
-                mark = len(integrator.seen), self._sides(integrator)
-                longest = min(longest, self.longest)
-            outcome, length = integrator.step(longest)
-            if outcome is StepEnd.NOT_FINITE:
+            sides = self._constants(integrator)[self.layout.side :] if looks else self.sides
+            outcome, length = integrator.step(min(longest, self.longest))
+            if outcome == "not_finite":
                 end = "not_finite"
-            elif length > 0.0 or outcome is StepEnd.EVENT:
+            elif length > 0.0 or outcome == "event":
                 self.time = integrator.time
-                starts.append(start)
-                lengths.append(length)
-                series.append(integrator.coefficients)
-                if looks:
-                    marks.append(mark)
-            if outcome is StepEnd.LIMIT and not limited:
+                steps.append((start, length, integrator.coefficients, seen, sides))
+            if outcome == "limit" and not limited:
                 end = "time"
-            elif outcome is StepEnd.EVENT:
+            elif outcome == "event":
                 end = self._event(integrator)
-            elif length < shortest and outcome in (StepEnd.STEP, StepEnd.LIMIT):
+            elif length < shortest and outcome in ("step", "limit"):
                 end = "too_fast"
-            if not looks or not (limited or end is not None or len(starts) == STRETCH):
+            if not looks or not (limited or end is not None or len(steps) == STRETCH):
                 continue
-            steps = [np.array(column[right:]) for column in (starts, lengths, series)]
-            agree, self.longest = self._agree(integrator, steps, marks[right:])
+            agree, self.longest = self._agree(integrator, steps[right:])
             right += agree
-            if right < len(starts):
+            if right < len(steps):
                 end = None if self.longest > shortest else "too_fast"
-                self._go_back(integrator, starts[right], series[right], marks[right])
-                for records in (starts, lengths, series, marks):
-                    del records[right:]  # type: ignore[attr-defined]
-            elif limited and outcome is StepEnd.LIMIT:
+                self._go_back(integrator, steps[right])
+                del steps[right:]
+            elif limited and outcome == "limit":
                 self.longest = GROWN * length
-        if starts:
-            kept = np.array(starts), np.array(lengths), np.array(series)
-            made = self.equation.layout, *kept, self.turns, self.unit, self.work
-            self.stretches.append(Stretch(*made))
-            first = self.equation.measure(kept[2][:, : self.count, 0])
+        if steps:
+            starts, lengths, series = (
+                np.array([step[k] for step in steps]) for k in range(3)
+            )
+            kept = self.turns, self.unit, self.work
+            self.stretches.append(Stretch(self.layout, starts, lengths, series, *kept))
+            first = self.equation.measure(series[:, : self.count, 0])
             self.largest = max(self.largest, float(np.max(first)))
         return tried, end
 
     def _constants(self, integrator: Integrator) -> Floats:
         """Return the parameters, 0 for those beyond the last that occurs."""
-        parameters = np.zeros(self.equation.layout.side + len(self.sides))
+        parameters = np.zeros(self.layout.side + len(self.sides))
         given = integrator.parameters
         parameters[: len(given)] = given
         return parameters
 
-    def _sides(self, integrator: Integrator) -> Floats:
-        return self._constants(integrator)[self.equation.layout.side :]
-
-    def _go_back(
-        self, integrator: Integrator, start: float, series: Floats, mark: _Mark
-    ) -> None:
+    def _go_back(self, integrator: Integrator, step: _Step) -> None:
         """Return to the start of a step."""
-        seen, sides = mark
-        self.time, constants = start, self._constants(integrator)
-        constants[self.equation.layout.side :] = sides
-        integrator.go_back(series[:, 0], start, constants, seen)
+        self.time, _, series, count, sides = step
+        constants, seen = self._constants(integrator), integrator.seen[:count]
+        constants[self.layout.side :] = sides
+        integrator.start(series[:, 0], self.time, constants)
+        integrator.seen.extend(seen)
 
-    def _agree(
-        self, integrator: Integrator, steps: Sequence[Floats], marks: Sequence[_Mark]
-    ) -> tuple[int, float]:
+    def _agree(self, integrator: Integrator, steps: Sequence[_Step]) -> tuple[int, float]:
         """Return how many steps agree with what the loads do, and how long the next may be.
 
-        `steps` are their starts, lengths and series. After one that does not agree the next
-        is the part of it that does, otherwise of any length.
+        After one that does not agree the next is the part of it that does, otherwise of any
+        length.
         """
-        starts, lengths, series = steps
-        if not len(starts):
+        if not steps:
             return 0, np.inf
-        steep, momenta = self.equation.steep, self.momenta
-        freedoms = self.equation.layout.freedoms
+        starts, lengths, series, _, sides = (
+            np.array(column) for column in zip(*steps, strict=True)
+        )
+        steep, constants = self.equation.steep, self._constants(integrator)
         assert steep is not None
-        sides = np.array([sides for _, sides in marks])
-        constants = self._constants(integrator)
 
         def look(step: Indices, x: Floats) -> tuple[Floats, Floats]:
             h = x * lengths[step]
             states, rates = _powers(series[step], h)
-            width = states.shape[1]
-            rows = np.empty((width + 1 + len(constants), len(x)))
-            rows[:width], rows[width] = states.T, starts[step] + h
-            rows[width + 1 :] = constants[:, None]
-            rows[len(rows) - sides.shape[1] :] = sides[step].T
-            values = np.asarray(steep(rows))
-            missed = np.abs(rates[:, momenta] - values[:freedoms].T)
+            given = np.repeat(constants[: self.layout.side, None], len(x), axis=1)
+            rows = states.T, (starts[step] + h)[None], given, sides[step].T
+            values = np.split(steep(np.concatenate(rows)), [self.layout.freedoms])
+            missed = np.abs(rates[:, self.layout.momenta] - values[0].T)
             missed = np.max(missed, axis=1) * lengths[step]
-            return missed / (MISSED * self.equation.tolerance), values[freedoms:].T
+            return missed / (MISSED * self.equation.tolerance), values[1].T
 
         good = good_until(look, len(starts))
         wrong = np.flatnonzero(good < 1.0)
@@ -447,15 +426,16 @@ class Integration:
         return first, float(lengths[first] * max(good[first], SHRUNK))
 
     def _event(self, integrator: Integrator) -> RunEnd:
-        kind, _ = self.equation.events[integrator.seen[-1].event]
+        kind = integrator.events[integrator.seen[-1][0]].kind
         if kind == "switch":
             return "too_many" if len(integrator.seen) >= MOST_SWITCHES else "sticking"
-        if kind == "coordinates":
-            return "coordinates"
-        return "joint_limit" if kind == "joint_limit" else "singularity"
+        return kind if kind in ("coordinates", "joint_limit") else "singularity"
 
-    def _reduce(self, integrator: Integrator) -> None:
-        """Take whole turns off the angles, set work aside, adapt the unit of momentum."""
+    def _reduce(self, integrator: Integrator, target: float) -> None:
+        """Take whole turns off the angles, set work aside, adapt the unit of momentum.
+
+        Tables run along lines until the next knot.
+        """
         state = integrator.state
         values = state[: self.count]
         turns = np.round(values.astype(float) / TURN) * self.period
@@ -465,55 +445,40 @@ class Integration:
             values[:], gap = self.close(values.astype(float))
             self.drift = max(self.drift, gap)
         self.turns = self.turns + turns
-        self.work = self.work + state[self.works].astype(float) * self.unit**2
-        state[self.works] = 0.0
-        size = float(np.linalg.norm(state[self.momenta].astype(float)))
+        works, momenta = state[self.layout.works], state[self.layout.momenta]
+        self.work = self.work + works.astype(float) * self.unit**2
+        works[:] = 0.0
+        size = float(np.linalg.norm(momenta.astype(float)))
         if size > 1.0:
             self.unit *= size
-            for k in range(self.momenta.start, self.momenta.stop):
-                state[k] /= size
-        layout, parameters = self.equation.layout, integrator.parameters
-        for place, value in (
-            *enumerate(self.turns),
-            (layout.unit, self.unit),
-            (layout.unit + 1, 1.0 / self.unit),
-            (layout.least, self.least),
-        ):
-            if place < len(parameters):
-                parameters[place] = value
+            for k in range(len(momenta)):
+                momenta[k] /= size
+        self.sides = self._constants(integrator)[self.layout.side :]
+        given = integrator.parameters
+        given[:] = self._parameters(target)[: len(given)]
 
-    def _pass_parameters(self, integrator: Integrator, t: float, target: float) -> None:
-        """Set the lines along which tables run until the next knot."""
-        layout, parameters = self.equation.layout, integrator.parameters
-        if self.tables:
-            parameters[layout.table : layout.side] = self._lines(t, target)
-
-    def _lines(self, t: float, target: float) -> list[float]:
+    def _parameters(self, target: float) -> Floats:
         # Within the interval, for at its ends a periodic table may jump.
+        t = self.time
         inside = np.array([0.75 * t + 0.25 * target, 0.25 * t + 0.75 * target])
-        parameters = [t]
+        lines = [t]
         for table in self.tables:
             one, other = table.at(inside)
             slope = (other - one) / (inside[1] - inside[0])
-            parameters += [one - slope * (inside[0] - t), slope]
-        return parameters
-
-    def _parameters(self, t: float, target: float) -> Floats:
+            lines += [one - slope * (inside[0] - t), slope]
         units = (self.unit, 1.0 / self.unit)
-        lines = self._lines(t, target)
         return np.array([*self.turns, *units, self.least, *self.stops, *lines, *self.sides])
 
-    def _set_sides(self, parameters: Floats) -> None:
+    def _set_sides(self, target: float) -> None:
         """Find the signs of the loads' conditions at the start.
 
         Where a condition is zero, that towards which it goes; positive if it stays.
         """
-        count = len(self.sides)
         if self.equation.conditions is None:
             return
-        arguments = np.concatenate([self.first, [self.time], parameters])
+        count = len(self.sides)
         for k in range(count):
-            arguments[len(arguments) - count :] = self.sides
-            values = np.asarray(self.equation.conditions(arguments[:, None]))[:, 0]
+            given = np.concatenate([self.first, [self.time], self._parameters(target)])
+            values = np.asarray(self.equation.conditions(given[:, None]))[:, 0]
             both = values.reshape(2, count)[:, k]
             self.sides[k] = np.sign(both[0]) or np.sign(both[1]) or 1.0

@@ -57,20 +57,6 @@ class LoadState:
         return self.rates[number], self.rates[number]
 
 
-class EventFunctions:
-    """The conditions that loads switch on; `factor(k)` stands for the sign of the k-th."""
-
-    def __init__(self, factor: Callable[[int], Expr]) -> None:
-        self.factor = factor
-        self.conditions: list[Expr] = []
-
-    def __call__(self, condition: Expr) -> Expr:
-        """Return the factor of a condition."""
-        if condition not in self.conditions:
-            self.conditions.append(condition)
-        return self.factor(self.conditions.index(condition))
-
-
 def generalised_forces(load: Load, moving: LoadState) -> list[Expr]:
     """Return the power of a load per unit rate of each coordinate."""
     return forces_of(load.components(moving.mechanism), moving)

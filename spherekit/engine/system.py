@@ -41,9 +41,9 @@ so nothing is allocated on the way and intermediate values do not leave the cach
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -70,44 +70,58 @@ from spherekit.engine.kinematics import (
     InputMoments,
     Structure,
 )
-from spherekit.engine.loads import EventFunctions, LoadState, generalised_forces
-from spherekit.engine.pose import LinkOrientation, place_by_variables
+from spherekit.engine.loads import LoadState, generalised_forces
+from spherekit.engine.pose import place_by_variables
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
 
 (MOMENT,) = symbols(["moment"])
 
-EventKind = Literal[
-    "rest", "dead_centre", "type_2", "singularity", "coordinates", "joint_limit", "switch"
-]
 
-SystemEvent = tuple[EventFunction, EventKind, int]
-"""An event with its kind, and the variable that it is about or -1."""
+def constant(number: int) -> ExpressionNode:
+    """Return the variable that stands for one of the integrator's parameters."""
+    (made,) = symbols([f"constant_{number}"])
+    return made
 
 
 @dataclass(frozen=True)
 class ParameterLayout:
-    """Where what is set for each run stands among the integrator's parameters.
+    """The terms of the state, and where what is set for each run stands.
 
-    In this order: whole turns of each variable; the unit of momentum and its reciprocal;
-    the least measure of independence; low and high of each stop; the time from which
-    tables run, value and slope of each; the sides of the switches.
+    That are the integrator's parameters, in this order: whole turns of each variable; the
+    unit of momentum and its reciprocal; the least measure of independence; low and high of
+    each stop; the time from which tables run, value and slope of each; the sides of the
+    switches, which are those of `conditions` that loads switch on.
     """
 
-    variables: int
-    freedoms: int
+    variable_terms: list[ExpressionNode]
+    momentum_terms: list[ExpressionNode]
+    work_terms: list[ExpressionNode]
     stops: int
-    tables: tuple[str, ...]
+    tables: list[str]
+    conditions: list[Expr]
 
     @staticmethod
     def of(mechanism: Mechanism) -> "ParameterLayout":
         """Return the layout for a mechanism with as many freedoms as inputs."""
         return ParameterLayout(
-            len(mechanism.variable_names),
-            len(mechanism.inputs),
+            symbols(mechanism.variable_names),
+            symbols([f"momentum_{k}" for k in range(len(mechanism.inputs))]),
+            symbols([f"work_{k}" for k in range(len(mechanism.loads))]),
             len(mechanism.joint_limits),
-            tuple(load.name for load in mechanism.loads if isinstance(load, TorqueTable)),
+            [load.name for load in mechanism.loads if isinstance(load, TorqueTable)],
+            [],
         )
+
+    @property
+    def variables(self) -> int:
+        """How many variables there are."""
+        return len(self.variable_terms)
+
+    @property
+    def freedoms(self) -> int:
+        """How many momenta there are."""
+        return len(self.momentum_terms)
 
     @property
     def momenta(self) -> slice:
@@ -144,52 +158,22 @@ class ParameterLayout:
         """The side of the first switch."""
         return self.table + 1 + 2 * len(self.tables)
 
-
-def constant(number: int) -> ExpressionNode:
-    """Return the variable that stands for one of the integrator's parameters."""
-    (made,) = symbols([f"constant_{number}"])
-    return made
-
-
-@dataclass(frozen=True)
-class Symbols:
-    """The variables of the terms of a mechanism, and what loads ask for."""
-
-    layout: ParameterLayout
-    variables: list[ExpressionNode]
-    momenta: list[ExpressionNode]
-    works: list[ExpressionNode]
-    switches: EventFunctions
-
-    @staticmethod
-    def of(mechanism: Mechanism) -> "Symbols":
-        """Return those of a mechanism."""
-        layout = ParameterLayout.of(mechanism)
-        return Symbols(
-            layout,
-            symbols(mechanism.variable_names),
-            symbols([f"momentum_{k}" for k in range(layout.freedoms)]),
-            symbols([f"work_{k}" for k in range(len(mechanism.loads))]),
-            EventFunctions(lambda k: constant(layout.side + k)),
-        )
-
-    def moving(
-        self,
-        mechanism: Mechanism,
-        placed: Sequence[LinkOrientation],
-        tau: Sequence[Sequence[Expr]],
-        w: Sequence[Sequence[Exprs]],
-        rates: Sequence[Expr],
-    ) -> LoadState:
+    def moving(self, flow: CoordinateRates, rates: Sequence[Expr]) -> LoadState:
         """Return what loads see of a motion by the coordinates; see `LoadState`."""
-        turns = [constant(k) for k in range(self.layout.variables)]
-        given = self.variables, turns, rates, MOMENT, self.switches, self.table
-        return LoadState(mechanism, placed, tau, w, *given)
+        turns = [constant(k) for k in range(self.variables)]
+        given = self.variable_terms, turns, rates, MOMENT, self._switch, self._table
+        return LoadState(flow.structure.mechanism, flow.placed, flow.tau, flow.w, *given)
 
-    def table(self, name: str) -> Expr:
+    def _switch(self, condition: Expr) -> Expr:
+        """Return the factor of a condition."""
+        if condition not in self.conditions:
+            self.conditions.append(condition)
+        return constant(self.side + self.conditions.index(condition))
+
+    def _table(self, name: str) -> Expr:
         """Return the torque of a table now."""
-        place = self.layout.table + 1 + 2 * self.layout.tables.index(name)
-        since = MOMENT - constant(self.layout.table)
+        place = self.table + 1 + 2 * self.tables.index(name)
+        since = MOMENT - constant(self.table)
         return constant(place) + constant(place + 1) * since
 
 
@@ -204,38 +188,34 @@ class System:
     """
 
     structure: Structure
-    symbols: Symbols
+    layout: ParameterLayout
     rates: Sequence[Expr]
     push: Sequence[Expr]
     powers: Sequence[Expr]
     tau: Sequence[Sequence[Expr]]
     measure: Expr
-    events: Sequence[SystemEvent]
+    events: Sequence[EventFunction]
     moving: LoadState
 
     @property
     def equations(self) -> list[tuple[ExpressionNode, Expr]]:
         """Each variable of the state with its rate by time."""
-        state = self.symbols
+        state = self.layout
         return [
-            *zip(state.variables, self.rates, strict=True),
-            *zip(state.momenta, self.push, strict=True),
-            *zip(state.works, self.powers, strict=True),
+            *zip(state.variable_terms, self.rates, strict=True),
+            *zip(state.momentum_terms, self.push, strict=True),
+            *zip(state.work_terms, self.powers, strict=True),
         ]
 
 
-def stop_events(mechanism: Mechanism, state: Symbols) -> list[SystemEvent]:
-    """Return the events at which pairs reach their joint limits."""
-    events: list[SystemEvent] = []
+def stop_events(mechanism: Mechanism, state: ParameterLayout) -> Iterator[EventFunction]:
+    """Yield the events at which pairs reach their joint limits."""
     for number, stop in enumerate(mechanism.joint_limits):
         (place,) = mechanism.variables_of(mechanism.pair_number[stop.pair])
-        value = state.variables[place] + TURN * constant(place)
-        limits: tuple[tuple[int, Literal[-1, 1]], ...] = ((0, -1), (1, 1))
-        for side, sense in limits:
-            level = constant(state.layout.stop + 2 * number + side)
-            passed = EventFunction(value - level, stops=True, sense=sense)
-            events.append((passed, "joint_limit", place))
-    return events
+        value = state.variable_terms[place] + TURN * constant(place)
+        first = state.stop + 2 * number
+        yield EventFunction(value - constant(first), "joint_limit", place, -1)
+        yield EventFunction(value - constant(first + 1), "joint_limit", place, 1)
 
 
 def tensors(mechanism: Mechanism) -> dict[int, Floats]:
@@ -248,36 +228,35 @@ def tensors(mechanism: Mechanism) -> dict[int, Floats]:
 
 def one_freedom(mechanism: Mechanism) -> System:
     """Return the equation of a mechanism whose first input is the input."""
-    symbols = Symbols.of(mechanism)
+    layout = ParameterLayout.of(mechanism)
     structure = Structure.of(mechanism, mechanism.inputs[0].pair)
-    placed = place_by_variables(mechanism, structure.pairs, symbols.variables)
-    flow = CoordinateRates(structure, placed, symbols.variables)
-    (momentum,) = symbols.momenta
+    variables, (momentum,) = layout.variable_terms, layout.momentum_terms
+    placed = place_by_variables(mechanism, structure.pairs, variables)
+    flow = CoordinateRates(structure, placed, variables)
     masses = InputMoments(flow, tensors(mechanism))
     share = power(masses.unit * masses.matrix[0][0], -0.5)
-    speed = constant(symbols.layout.unit) * momentum * share
+    speed = constant(layout.unit) * momentum * share
     rates = [rate * speed for rate in flow.tau[0]]
-    moving = symbols.moving(mechanism, placed, flow.tau, flow.w, rates)
-    push = constant(symbols.layout.unit + 1) * share
+    moving = layout.moving(flow, rates)
+    push = constant(layout.unit + 1) * share
     forces = [generalised_forces(load, moving)[0] * push for load in mechanism.loads]
     tau = vector(flow.tau[0])
     square = dot(tau, tau)
-    events: list[SystemEvent] = [(EventFunction(momentum), "rest", -1)]
     driven = structure.driven
-    if varies(tau[driven]):
-        events.append((EventFunction(tau[driven]), "dead_centre", driven))
-    if varies(square):
-        crossed = square - constant(symbols.layout.least)
-        events.append((EventFunction(crossed, stops=True, sense=-1), "singularity", -1))
+    events = [
+        EventFunction(momentum, "rest"),
+        EventFunction(tau[driven], "dead_centre", driven),
+        EventFunction(square - constant(layout.least), "singularity", sense=-1),
+    ]
     return System(
         structure,
-        symbols,
+        layout,
         rates,
         [sum(forces, 0.0)],
         [force * momentum for force in forces],
         flow.tau,
         square,
-        events,
+        [event for event in events if _passes(event, layout)],
         moving,
     )
 
@@ -418,19 +397,19 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     held
         The variables of the mechanism's own inputs, for the event "type_2".
     """
-    symbols = Symbols.of(mechanism)
-    layout = symbols.layout
+    layout = ParameterLayout.of(mechanism)
     structure = Structure.of(mechanism, mechanism.input_pairs, closed=values)
-    placed = place_by_variables(mechanism, structure.pairs, symbols.variables)
-    flow = CoordinateRates(structure, placed, symbols.variables)
+    variables = layout.variable_terms
+    placed = place_by_variables(mechanism, structure.pairs, variables)
+    flow = CoordinateRates(structure, placed, variables)
     size = mass_size(mechanism)
     root = float(np.sqrt(size))
     share = 1.0 / flow.scale
-    speeds = [constant(layout.unit) * y * (1.0 / root) for y in symbols.momenta]
+    speeds = [constant(layout.unit) * y * (1.0 / root) for y in layout.momentum_terms]
     slow, rates, w = flow.moving(speeds)
     for pair, speed in zip(structure.assembly.inputs, speeds, strict=True):
         rates[mechanism.variables_of(pair)[0]] = speed
-    moving = symbols.moving(mechanism, placed, flow.tau, flow.w, rates)
+    moving = layout.moving(flow, rates)
     forces = [generalised_forces(load, moving) for load in mechanism.loads]
     masses = InputMoments(flow, tensors(mechanism), size)
     pull = masses.pull(flow.bias(rates, w), slow)
@@ -448,17 +427,17 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
         measure = measure * share
     if varies(measure):
         # heyoka's tolerance is relative to the largest of the state and of all events.
-        begun = array_function([measure], symbols.variables)(values[:, None])
+        begun = array_function([measure], variables)(values[:, None])
         measure = measure * (1.0 / float(begun[0, 0]))
     return System(
         structure,
-        symbols,
+        layout,
         rates,
         [change * back for change in changes],
         powers,
         flow.tau,
         measure,
-        _events(symbols, flow, measure, spread, held),
+        _events(layout, flow, measure, spread, held),
         moving,
     )
 
@@ -470,27 +449,27 @@ def _solved(matrix: Sequence[Sequence[Expr]], right: Exprs) -> list[Expr]:
 
 
 def _events(
-    symbols: Symbols,
+    layout: ParameterLayout,
     flow: CoordinateRates,
     measure: Expr,
     spread: Expr,
     held: Sequence[int],
-) -> list[SystemEvent]:
-    mechanism = flow.structure.mechanism
-    events: list[SystemEvent] = []
-    taken = {mechanism.variables_of(pair)[0] for pair in flow.structure.assembly.inputs}
-    if taken != set(held):
+) -> list[EventFunction]:
+    room = 1.0 - spread * (1.0 / STEEPEST)
+    events = [
+        EventFunction(measure - constant(layout.least), "singularity", sense=-1),
+        EventFunction(room, "coordinates", sense=-1),
+    ]
+    if set(flow.structure.inputs) != set(held):
         part = determinant([[tau[v] for v in held] for tau in flow.tau])
         if varies(part):
             for _ in held:
                 part = part / flow.scale
-            events.append((EventFunction(part * (1.0 / STEEPEST)), "type_2", -1))
-    if varies(measure):
-        crossed = EventFunction(
-            measure - constant(symbols.layout.least), stops=True, sense=-1
-        )
-        events.append((crossed, "singularity", -1))
-    if varies(spread):
-        room = 1.0 - spread * (1.0 / STEEPEST)
-        events.append((EventFunction(room, stops=True, sense=-1), "coordinates", -1))
-    return events
+            events.insert(0, EventFunction(part * (1.0 / STEEPEST), "type_2"))
+    return [event for event in events if _passes(event, layout)]
+
+
+def _passes(event: EventFunction, layout: ParameterLayout) -> bool:
+    """Return whether an event depends on the state."""
+    state = {*layout.variable_terms, *layout.momentum_terms}
+    return any(term in state for term in in_order([event.expression]))
