@@ -175,6 +175,21 @@ UNNOTICED = (
 """Those whose mistake no single run can see."""
 
 
+class Old(Sound):
+    """Of a contract that is no more."""
+
+    name, contract = "old", 0
+
+
+class Unfinished(AbstractAnalysis):
+    """Has nothing that it computes."""
+
+    name, version, summary, tables = "unfinished", "1", "s", ()
+
+    def needs(self, mechanism):
+        return Needs()
+
+
 @final
 @dataclass(frozen=True, kw_only=True)
 class Tuned(Asking):

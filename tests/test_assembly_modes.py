@@ -130,36 +130,6 @@ def test_dyads_before_a_triad_are_combined_with_all_its_modes():
     assert here == there
 
 
-@pytest.mark.parametrize(
-    ("chain", "driven"), [TRIAD, (BUTTERFLY, ("p1_5",)), (FLIER, ("p2_7",))]
-)
-def test_names_and_order_of_links_do_not_matter(chain, driven):
-    """Renumbered links, another ground, pairs in another order and turned round."""
-    random = np.random.default_rng(7)
-    edges = joints(chain)
-    axes = random_axes(random, len(edges))
-    count = len({link for edge in edges for link in edge})
-    solver, found = solved(made_of(chain, driven, axes))
-    placed, _ = poses(solver, found)
-    relative = np.swapaxes(placed[:, :1], 2, 3) @ placed
-    for _ in range(4):
-        number = dict(zip(range(1, count + 1), 1 + random.permutation(count), strict=True))
-        order = random.permutation(len(edges))
-        renamed = [tuple(int(number[link]) for link in edges[k]) for k in order]
-        renamed = [edge[:: random.choice([-1, 1])] for edge in renamed]
-        names = [f"p{a}_{b}" for a, b in edges]
-        again = [f"p{a}_{b}" for a, b in renamed]
-        driven_again = [again[list(order).index(names.index(name))] for name in driven]
-        other, same = solved(made_of(renamed, driven_again, axes[order]))
-        assert same.methods == found.methods
-        turned, _ = poses(other, same)
-        turned = turned[:, [number[link] - 1 for link in range(1, count + 1)]]
-        turned = np.swapaxes(turned[:, :1], 2, 3) @ turned
-        gaps = np.max(np.abs(turned[:, None] - relative[None]), axis=(2, 3, 4))
-        assert gaps.shape == (len(relative), len(relative))
-        assert np.max(np.min(gaps, axis=1)) < 1e-9
-
-
 def test_a_platform_on_three_legs_can_have_eight_real_modes():
     """C. Gosselin, J. Sefrioui and M. J. Richard (1994): the bound of eight is reached."""
     random = np.random.default_rng(8)

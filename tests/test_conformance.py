@@ -19,6 +19,10 @@ BROKEN_AT_IMPORT = {
     "raises_at_import": ("raises_at_import:Thing", "RuntimeError: not today"),
     "wrong_entry_point": ("broken_plugins:NoSuchClass", "NoSuchClass"),
     "not_an_analysis": ("broken_plugins:TABLE", "not a subclass of AbstractAnalysis"),
+    "misnamed": ("broken_plugins:Tuned", "calls itself 'tuned'"),
+    "old": ("broken_plugins:Old", "written for contract 0"),
+    "unfinished": ("broken_plugins:Unfinished", "methods missing: compute"),
+    "exits_at_import": ("exits_at_import:Thing", "SystemExit"),
 }
 
 BY_NAME = {cls.name: cls for cls in BROKEN}
@@ -28,6 +32,7 @@ BY_NAME = {cls.name: cls for cls in BROKEN}
 def installed(tmp_path, monkeypatch):
     """A folder with a distribution whose entry points lead to nothing that works."""
     (tmp_path / "raises_at_import.py").write_text('raise RuntimeError("not today")\n')
+    (tmp_path / "exits_at_import.py").write_text("raise SystemExit(3)\n")
     info = tmp_path / "broken-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
@@ -62,6 +67,13 @@ def test_what_does_not_load_fails_as_installed(name, installed):
     names, report = failing(name)
     assert names == ["installed"]
     assert BROKEN_AT_IMPORT[name][1] in report["installed"].note
+
+
+def test_what_does_not_load_is_listed_beside_the_others(installed, capsys):
+    assert main(["analyses"]) == 0
+    said = capsys.readouterr().out
+    assert all(f"BROKEN: analysis {name} of broken" in said for name in BROKEN_AT_IMPORT)
+    assert "pole axes and velocity coefficients" in said
 
 
 def test_all_failing_lines_are_raised():
@@ -103,6 +115,7 @@ def test_no_mistake_stops_a_run(broken, tmp_path, capsys):
     assert "Traceback" not in sentence and len(sentence) < 400
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", BROKEN_AT_IMPORT)
 def test_nothing_that_does_not_load_stops_a_run(name, installed, tmp_path, capsys):
     status, (sentence,) = run(name, tmp_path, capsys)

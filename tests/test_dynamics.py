@@ -11,7 +11,6 @@ import example_mechanisms
 import mpmath as mp
 import numpy as np
 import pytest
-from common import bare
 from exact_four_bar import four_bar as four_bar_at
 from newton_euler import loaded
 from refusals import TABLES, check_call
@@ -23,7 +22,6 @@ from spherekit.dynamics.start import PoseStart
 from spherekit.engine.compiler import available
 from spherekit.errors import SolveError
 from spherekit.model.dynamics import JointLimit, Mass, Spring
-from spherekit.model.parts import Profile
 from spherekit.model.study import ConstantSpeed, Start
 from spherekit.motion.motion import PositionAnalysis
 
@@ -122,13 +120,6 @@ def test_tables_1_and_2_of_the_source(tabled, exact, assembly_mode):
     assert np.max(np.abs(summed - want[8])) < 1e-12
 
 
-def test_the_laws_route_agrees_with_the_analysis(four_bar, tabled):
-    solved = sk.inverse_dynamics(four_bar, ConstantSpeed(1.0), TURN)
-    frame = tabled.frame("eksergian")
-    for name in ("B", "dB_dq", "Q", "tau"):
-        assert np.max(np.abs(frame[name].to_numpy() - getattr(solved, name))) < 1e-13
-
-
 def test_torque_at_another_pair_does_the_same_work(four_bar):
     found = sk.inverse_dynamics(four_bar, ConstantSpeed(2.0), np.linspace(0.1, 3.0, 30))
     (number,) = four_bar.variables_of(four_bar.pair_number["41"])
@@ -219,27 +210,14 @@ def test_steps_begin_anew_where_a_torque_table_has_kinks(four_bar):
 
 
 def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
-    mechanism = bare("roller_cam")
-    contact = mechanism.pair("contact")
-    centre = np.array(contact.profiles[0].centre)
-    side = np.cross(centre, [1.0, 0.0, 0.0])
-    side /= np.linalg.norm(side)
-    angle, radius = np.linspace(-2.5, 2.5, 90)[:, None], np.radians(25.0)
-    round_it = np.cos(angle) * side + np.sin(angle) * np.cross(centre, side)
-    points = np.cos(radius) * centre + np.sin(radius) * round_it
-    arc = Profile("points", points=tuple(map(tuple, points.tolist())), closed=False)
-    contact = replace(contact, profiles=(arc, contact.profiles[1]))
-    opened = replace(
-        mechanism,
-        pairs=tuple(contact if p.name == "contact" else p for p in mechanism.pairs),
-        masses=(Mass("cam", ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.15))),),
-    )
+    tensor = (0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.15)
+    opened = replace(example_mechanisms.open_cam(), masses=(Mass("2", tensor),))
     reached = sk.inverse_dynamics(
         opened, ConstantSpeed(1.0), TURN[::2], assembly_mode=0, search=False
     )
     first = reached.values[reached.status == sk.Status.OK][0]
     last = reached.q[reached.status == sk.Status.OK][-1]
-    start = PoseStart(first, "cam_shaft", 2.0)
+    start = PoseStart(first, "12", 2.0)
     found = forward.simulate(opened, start, 20.0, tolerance=1e-7)
     assert found.end.kind == "off_profile" and found.engine.name == "numpy"
     assert "points" in found.engine.reason
@@ -289,20 +267,6 @@ def test_both_engines_tell_curves_that_avoid_each_other_from_crossing_ones(
         assert on.end.kind == "time" and crossed == (end == "singularity")
 
 
-def test_what_moves_needs_the_torque_that_moved_it(four_bar):
-    """The two problems are each other's inverse; q'' of the dense output is exact."""
-
-    class Moved:
-        def at(self, t):
-            history = found.at(t)
-            return history.q, history.dq, history.ddq
-
-    found = simulate(four_bar, Start(0.3, 1.0), 5.0, torque=DRIVING, tolerance=1e-11)
-    t = np.linspace(0.0, 5.0, 41)
-    solved = sk.inverse_dynamics(four_bar, Moved(), t, assembly_mode=0)
-    assert np.max(np.abs(solved.tau - 10.0 * np.sin(2.0 * t))) < 1e-9
-
-
 # --- what is refused --------------------------------------------------------------------
 
 
@@ -314,15 +278,6 @@ def test_bad_input_is_refused_before_anything_is_integrated(call):
     check_call(call, globals(), TABLES["dynamics"][call])
 
 
-def test_samples_at_a_dead_centre_of_the_input_have_a_status_not_a_value(four_bar):
-    found = sk.inverse_dynamics(
-        four_bar, ConstantSpeed(1.0), np.linspace(0.0, 6.0, 40), input_pair="41"
-    )
-    failed = found.status != 0
-    assert np.any(failed) and not np.all(failed) and np.all(np.isnan(found.tau[failed]))
-    assert np.all(np.isfinite(found.tau[~failed]))
-
-
 @pytest.mark.parametrize("left_out", ["masses", "loads"])
 def test_totals_of_no_parts_are_empty_in_rows_that_failed(four_bar, left_out):
     """A sum over no loads, or over no masses, is 0 where a row is OK and nowhere else."""
@@ -332,7 +287,7 @@ def test_totals_of_no_parts_are_empty_in_rows_that_failed(four_bar, left_out):
     failed = (frame["status"] != "OK").to_numpy()
     solved = sk.inverse_dynamics(made, ConstantSpeed(1.0), np.linspace(0.0, 6.0, 40))
     assert np.any(failed) and not np.all(failed)
-    for name in ("B", "dB_dq", "Q"):
+    for name in ("B", "dB_dq", "Q", "tau"):
         column = frame[name].to_numpy()
         assert np.all(np.isnan(column[failed])) and np.all(np.isfinite(column[~failed]))
         column, lost = getattr(solved, name), solved.status != sk.Status.OK

@@ -14,7 +14,7 @@ pytest.importorskip("matplotlib")
 
 import spherekit as sk
 from spherekit.analysis.plotted import placed_labels
-from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Series
+from spherekit.analysis.scene import Axis, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, INPUT, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError
@@ -109,25 +109,6 @@ def test_singularities_are_marked_in_all_plots_over_the_input(four_bar):
     (panel,) = four_bar.plot("output 4/1 against the input").axes
     spots = [line.get_xdata()[0] for line in panel.lines if len(line.get_xdata()) == 1]
     assert np.sort(spots) == pytest.approx(places, abs=0.5)
-
-
-def test_rows_without_a_configuration_are_gaps():
-    made = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": 80.0})
-    result = sk.run(made, "poles", samples=73)
-    frame = result.frame("poles")
-    assert (frame["status"] != "OK").any()
-    (panel, *_) = result.plot("velocity coefficients").axes
-    link, reference = panel.get_title()[1:3]
-    for mode, points in drawn(panel).items():
-        rows = frame[
-            (frame["assembly_mode"] == mode)
-            & (frame["link"] == link)
-            & (frame["relative_to"] == reference)
-        ]
-        for (x, y), known in zip(
-            points, np.isfinite(rows["velocity_coefficient"]), strict=True
-        ):
-            assert np.isfinite(y) == known and np.isfinite(x)
 
 
 def circle(pole, angle, count=4000):
@@ -233,25 +214,6 @@ def test_a_grid_of_inputs_is_a_map_with_its_zeros():
         tuple(Axis(axis.label, axis.unit, np.sort(axis.values)) for axis in over),
     ).axes
     assert panel.get_xlabel() == "path of the inputs, deg"
-
-
-def test_a_logarithmic_portrait_names_its_marks_where_nothing_is_covered():
-    x = 10.0 ** np.linspace(-3.0, 0.0, 9)
-    marks = [Mark(f"setting {k}", np.array([t, t**2])) for k, t in enumerate(x)]
-    curve = PlaneCurve(np.stack([x, x**2], axis=1), 1, "linear")
-    chart = Portrait(
-        "chart", "work", x[:1], x[:1] ** 2, "time", "error", (1e-3, 1.0), (1e-6, 1.0),
-        x_unit="s", curves=[curve], marks=marks, logarithmic=True,
-    )  # fmt: skip
-    figure = one_figure([chart], OVER, "Trade")
-    figure.draw_without_rendering()
-    (panel,) = figure.axes
-    assert panel.get_xscale() == panel.get_yscale() == "log"
-    assert panel.get_xlabel() == "time, s"
-    boxes = [text.get_window_extent() for text in panel.texts]
-    assert len(boxes) == 9
-    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
-    assert list(legend_of(figure)) == ["linear"]
 
 
 def test_labels_of_crowded_points_do_not_cover_each_other():

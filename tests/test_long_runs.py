@@ -413,13 +413,7 @@ def test_degrees_in_files_come_back_in_rad(tmp_path):
     pd.testing.assert_frame_equal(streamed.frame(), four_bar().frame(), rtol=1e-15)
 
 
-def test_csv_gives_every_number_back(tmp_path):
-    result = sk.run(sk.load("stephenson"), "poles", samples=200, folder=tmp_path)
-    frame, types = result.frame(), {"link": str, "relative_to": str, "moving": str}
-    read = pd.read_csv(tmp_path / "poles.csv", dtype=types, engine="pyarrow")
-    for column in frame.select_dtypes(float):
-        assert np.array_equal(frame[column], read[column], equal_nan=True)
-    assert list(frame["link"]) == list(read["link"])
+def test_csv_has_no_negative_zero(tmp_path):
     sk.run("bevel_pair", "statics", samples=3, folder=tmp_path / "statics")
     rows = (tmp_path / "statics" / "statics_outputs.csv").read_text().splitlines()
     assert len(rows) > 1 and not any("-0" in row.split(",") for row in rows)

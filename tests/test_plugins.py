@@ -1,7 +1,6 @@
 """Analyses: the contract, discovery, broken plugins, declared needs."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import ClassVar, Literal, final
 
 import numpy as np
@@ -20,7 +19,6 @@ from spherekit.analysis.tables import (
     Table,
     input_columns,
 )
-from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, PluginError
 
 
@@ -222,92 +220,33 @@ def test_every_kind_of_parameter_can_be_given_on_the_command_line():
                 create(f"typed:{wrong}")
 
 
-BROKEN = {
-    "does_not_import": ("nowhere.at.all:Thing", "does not import"),
-    "raises": ("third_party:no_such_name", "does not import"),
-    "not_an_analysis": ("third_party:NotOne", "not a subclass"),
-    "misnamed": ("third_party:Misnamed", "calls itself 'other'"),
-    "old": ("third_party:Old", "written for contract 0"),
-    "unfinished": ("third_party:Unfinished", "methods missing: compute"),
-    "exits": ("third_party_exits:Thing", "SystemExit"),
-}
-
-
 @pytest.fixture
-def third_party(tmp_path: Path):
-    """A folder with an installed distribution whose analyses are all broken but one."""
-    (tmp_path / "third_party.py").write_text(
-        """
-from dataclasses import dataclass
-from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.batch import Needs
-class NotOne: pass
-class Base(AbstractAnalysis):
-    version = "1"; summary = "s"; tables = ()
-    def needs(self, mechanism): return Needs()
-    def compute(self, batch): return {}
-@dataclass(frozen=True)
-class Fine(Base): name = "fine"
-@dataclass(frozen=True)
-class Misnamed(Base): name = "other"
-@dataclass(frozen=True)
-class Old(Base): name = "old"; contract = 0
-class Unfinished(AbstractAnalysis):
-    name = "unfinished"; version = "1"; summary = "s"; tables = ()
-    def needs(self, mechanism): return Needs()
-"""
-    )
-    (tmp_path / "third_party_exits.py").write_text("raise SystemExit(3)\n")
-    info = tmp_path / "third_party-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: third-party\nVersion: 1.0\n"
-    )
-    lines = [f"{name} = {target}" for name, (target, _) in BROKEN.items()]
-    lines.append("fine = third_party:Fine")
-    (info / "entry_points.txt").write_text(
-        "[spherekit.analyses]\n" + "\n".join(lines) + "\n"
-    )
-    return tmp_path
+def installed(tmp_path, monkeypatch):
+    """Install a distribution with such entry points."""
+
+    def install(text):
+        info = tmp_path / "third_party-1.0.dist-info"
+        info.mkdir()
+        lines = "Metadata-Version: 2.1", "Name: third-party", "Version: 1.0", ""
+        (info / "METADATA").write_text("\n".join(lines))
+        (info / "entry_points.txt").write_text(text)
+        monkeypatch.syspath_prepend(str(tmp_path))
+
+    return install
 
 
-def test_broken_plugins_are_listed_with_their_reason(third_party, monkeypatch):
-    monkeypatch.syspath_prepend(str(third_party))
-    listed = {record.name: record for record in records()}
-    for name, (_, words) in BROKEN.items():
-        assert words in listed[name].error, listed[name]
-        assert listed[name].origin == "third-party"
-        with pytest.raises(PluginError):
-            load(name)
-    assert listed["fine"].error == ""
-    assert listed["poles"].error == ""
-    assert len(sk.run(sk.load("four_bar"), "poles", samples=3).frame()) == 36
-
-
-def test_broken_plugins_do_not_stop_the_command_line(third_party, monkeypatch, capsys):
-    monkeypatch.syspath_prepend(str(third_party))
-    assert main(["analyses"]) == 0
-    said = capsys.readouterr().out
-    assert "BROKEN: analysis old of third-party" in said
-    assert "pole axes and velocity coefficients" in said
-
-
-def test_the_same_name_twice_is_refused(third_party, monkeypatch):
-    (third_party / "third_party-1.0.dist-info" / "entry_points.txt").write_text(
-        "[spherekit.analyses]\npoles = third_party:Fine\n"
-    )
-    monkeypatch.syspath_prepend(str(third_party))
+def test_the_same_name_twice_is_refused(installed):
+    installed("[spherekit.analyses]\npoles = broken_plugins:Sound\n")
     with pytest.raises(PluginError, match="several distributions"):
         load("poles")
 
 
-def test_one_class_under_two_names_of_its_distribution_is_one(third_party, monkeypatch):
+def test_one_class_under_two_names_of_its_distribution_is_one(installed):
     """As where a distribution was installed before and after it was renamed."""
-    (third_party / "third_party-1.0.dist-info" / "entry_points.txt").write_text(
+    installed(
         "[spherekit.analyses]\npoles = spherekit_analyses.poles:Poles\n"
         "[spherekit.mechanisms]\nspherekit = spherekit_mechanisms\n"
     )
-    monkeypatch.syspath_prepend(str(third_party))
     assert load("poles").name == "poles"
     assert len(sk.mechanisms()) == len(set(sk.mechanisms()))
     assert sk.load("four_bar").name == "four_bar"

@@ -32,7 +32,6 @@ from spherekit.proof.curves import certified_curves
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written, structure_of
 from spherekit.proof.modes import certified_modes
-from spherekit.proof.tubes import local
 
 TURN = ("0", "360")
 
@@ -85,29 +84,6 @@ def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
         middle = repr(float(np.round(np.degrees(0.5 * (low + high)), 6)))
         modes = certified_modes(curves.written, (middle,))
         assert modes.complete and len(modes.real) == count
-
-
-def test_rates_along_pieces_are_within_their_bounds():
-    curves = over("stephenson", "16", ("0", "60"))
-    moves = np.random.default_rng(3)
-    for piece in [piece for chain in curves.chains for piece in chain.pieces][::5]:
-        bounds = rates(piece, piece.half)
-        t, normals = piece.frame[:, 0], piece.frame[:, 1:]
-        for s in moves.uniform(-piece.half, piece.half, 3):
-            y = np.zeros(normals.shape[1])
-            for _ in range(8):
-                at = local(curves.equations, piece.centre + s * t + normals @ y)
-                y -= np.linalg.solve(at.slopes @ normals, at.values)
-            assert np.max(np.abs(y)) <= piece.tight
-            inner = at.slopes @ normals
-            rate = t - normals @ np.linalg.solve(inner, at.slopes @ t)
-            bent = np.einsum("ijl,j,l->i", at.curvatures, rate, rate)
-            bend = -normals @ np.linalg.solve(inner, bent)
-            for value, low, high in (
-                (rate, bounds.low, bounds.high),
-                (bend, bounds.bend_low, bounds.bend_high),
-            ):
-                assert np.all(low <= value + 1e-12) and np.all(value <= high + 1e-12)
 
 
 @pytest.mark.many

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from closed_forms import five_bar_area
 from sphere_areas import common_area
 
 from spherekit.errors import RegionError
@@ -44,16 +43,6 @@ def test_annulus_and_its_hole():
     assert {boundary.gap for boundary in region.boundaries} == {0, 1}
 
 
-@pytest.mark.parametrize("angle", [0.05, 1.0, 3.0])
-def test_lune(angle):
-    normals = [[1, 0, 0], [-np.cos(angle), np.sin(angle), 0]]
-    region = find_region(caps(normals, [np.pi / 2] * 2, [True] * 2), 1e-7)
-    assert abs(region.area - 2.0 * angle) <= region.error < 1e-7
-    if angle > 0.25:
-        corners = region.boundaries[0].corners
-        assert np.abs(np.abs(corners) - [0, 0, 1]).max() < 1e-12
-
-
 def test_triangle_by_its_angles():
     corners = unit([[1, 0.1, 0], [0.2, 1, -0.1], [0.3, 0.2, 1]])
     normals = unit(np.cross(corners, np.roll(corners, -1, axis=0)))
@@ -65,19 +54,6 @@ def test_triangle_by_its_angles():
     gaps = np.linalg.norm(found[:, None] - corners, axis=2).min(axis=0)
     assert gaps.max() < 1e-12
     assert sorted(arc.margin for arc in region.boundaries[0].arcs) == [0, 1, 2]
-
-
-def test_two_caps():
-    """The area common to two caps by their half angles at the corners (Gauss-Bonnet)."""
-    r, s, d = 0.8, 0.6, 0.9
-    at_r = np.arccos((np.cos(s) - np.cos(d) * np.cos(r)) / (np.sin(d) * np.sin(r)))
-    at_s = np.arccos((np.cos(r) - np.cos(d) * np.cos(s)) / (np.sin(d) * np.sin(s)))
-    corner = np.arccos((np.cos(d) - np.cos(r) * np.cos(s)) / (np.sin(r) * np.sin(s)))
-    exact = 2.0 * (np.pi - corner - at_r * np.cos(r) - at_s * np.cos(s))
-    centres = [[0, 0, 1], [np.sin(d), 0, np.cos(d)]]
-    region = find_region(caps(centres, [r, s], [True, True]), 1e-12)
-    assert abs(region.area - exact) <= region.error < 1e-12
-    assert abs(exact - common_area(unit(centres), [r, s], [True, True])) < 1e-12
 
 
 def drawn(rng):
@@ -235,23 +211,6 @@ def test_nearest_point():
     assert np.abs(lune.nearest([-1, -1, 5.0]) - [0, 0, 1]).max() < 1e-12
 
 
-def test_nearest_point_of_random_regions():
-    """No point of a cloud in the region is nearer, and the margins hold."""
-    rng = np.random.default_rng(4)
-    cloud = unit(rng.normal(size=(50_000, 3)))
-    for _ in range(15):
-        margins = caps(*drawn(rng))
-        region = find_region(margins, 1e-3, most=20_000)
-        if not region.components:
-            continue
-        held = cloud[margins(cloud).min(axis=1) >= 0.0]
-        for place in unit(rng.normal(size=(3, 3))):
-            found = region.nearest(place)
-            assert margins(found[None]).min() > -1e-10
-            gap = np.linalg.norm(found - place)
-            assert not len(held) or gap < np.linalg.norm(held - place, axis=1).min() + 1e-9
-
-
 def test_undefined_margins():
     """A margin that is defined on one side only, with a smooth one beside it or alone."""
     cap = caps([[1, 2, 3]], [0.7], [True])
@@ -269,23 +228,6 @@ def test_undefined_margins():
     region = find_region(alone, 1e-3)
     assert abs(region.area - cap_area(0.7)) <= region.error < 1e-3
     assert region.boundaries[0].arcs[0].margin == -1
-
-
-def test_measure_that_ends_at_the_border():
-    """The sines of a five-bar's elbows, 0 where a leg is straight, NaN beyond."""
-    base, legs = np.deg2rad(60.0), tuple(np.deg2rad([50.0, 70.0, 40.0, 65.0]))
-    axes = np.array([[1.0, 0.0, 0.0], [np.cos(base), np.sin(base), 0.0]])
-    one, other = np.array(legs[::2]), np.array(legs[1::2])
-
-    def sines(places):
-        cosine = places @ axes.T - np.cos(one) * np.cos(other)
-        cosine /= np.sin(one) * np.sin(other)
-        return np.sqrt(np.where(np.abs(cosine) <= 1.0, 1.0 - cosine**2, np.nan))
-
-    region = find_region(sines, 1e-3)
-    assert abs(region.area - five_bar_area(base, legs)) <= region.error < 1e-3
-    assert len(region.holes) == 2
-    assert {arc.margin for each in region.boundaries for arc in each.arcs} == {-1}
 
 
 def test_margins_that_are_zero_over_an_area():

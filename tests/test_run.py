@@ -46,32 +46,6 @@ def test_frame_is_tidy_and_complete(result):
     ]  # fmt: skip
 
 
-def test_degrees_only_change_angles(result):
-    radians, degrees = result.frame(), result.frame(degrees=True)
-    assert degrees["q"].max() == pytest.approx(360.0)
-    assert np.allclose(np.radians(degrees["q"]), radians["q"])
-    assert np.array_equal(
-        degrees["acceleration_coefficient"], radians["acceleration_coefficient"]
-    )
-    assert np.array_equal(degrees["velocity_coefficient"], radians["velocity_coefficient"])
-    assert degrees.attrs["units"]["q"] == "deg"
-    assert degrees.attrs["units"]["acceleration_coefficient"] == "1/rad"
-    assert radians.attrs["units"]["acceleration_coefficient"] == "1/rad"
-
-
-def test_blocks_do_not_change_the_result(result):
-    again = sk.run(sk.load("four_bar"), "poles", samples=37, block=5)
-    pd.testing.assert_frame_equal(again.frame(), result.frame(), rtol=1e-13, atol=1e-13)
-    pd.testing.assert_frame_equal(
-        again.frame("motion"), result.frame("motion"), rtol=1e-13, atol=1e-13
-    )
-
-
-def test_running_twice_gives_the_same_bits(result):
-    again = sk.run(sk.load("four_bar"), "poles", samples=37)
-    pd.testing.assert_frame_equal(again.frame(), result.frame(), check_exact=True)
-
-
 def test_written_files_read_back_equal(result, tmp_path):
     paths = result.write(tmp_path / "new" / "folder")
     assert sorted(p.name for p in paths) == [
@@ -142,25 +116,6 @@ def test_unwritable_folder(result, tmp_path):
         result.write(folder)
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_full_disk_leaves_no_half_file(result, tmp_path, monkeypatch):
-    """Every write goes to /dev/full, which has no space."""
-    import spherekit.files.atomic as atomic
-
-    real = os.open
-
-    def full(path, flags, *rest, **more):
-        if ".part" in str(path):
-            real(path, flags, *rest, **more)
-            return real("/dev/full", os.O_WRONLY)
-        return real(path, flags, *rest, **more)
-
-    monkeypatch.setattr(atomic.os, "open", full)
-    with pytest.raises(OutputError, match="disk is full"):
-        result.write(tmp_path / "out")
-    assert list((tmp_path / "out").iterdir()) == []
-
-
 def test_scenes_come_block_by_block_while_the_run_goes_on():
     listener, order = Listener(), []
     how = {"samples": 25, "block": 10, "recorder": listener}
@@ -187,20 +142,6 @@ def test_several_inputs_are_told_apart_on_the_stage():
     assert "plots/velocity/21/4_1" in plots and "plots/velocity/51/4_1" in plots
     # links that a locked input joins have no coefficient to show
     assert "plots/velocity/21/5_1" not in plots and "plots/velocity/51/2_1" not in plots
-
-
-def test_pruned_run_gives_the_numbers_of_the_whole():
-    """The sign of a direction is a convention; rate * direction is not."""
-    made = sk.load("stephenson")
-    small = sk.run(made, "poles:only=52+64", samples=19).frame()
-    whole = sk.run(made, "poles", samples=19).frame()
-    keys = ["sample", "assembly_mode", "link", "relative_to"]
-    both = small.merge(whole, on=keys, suffixes=("", "_whole"))
-    assert len(both) == len(small) == 19 * 4 * 2
-    for axis in ("ux", "uy", "uz"):
-        ours = both[axis] * both["velocity_coefficient"]
-        theirs = both[f"{axis}_whole"] * both["velocity_coefficient_whole"]
-        assert np.max(np.abs(ours - theirs)) < 1e-11
 
 
 def test_axes_that_coincide_are_drawn_once():

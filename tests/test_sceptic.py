@@ -12,8 +12,8 @@ from spherekit.errors import SpherekitError
 from spherekit.files.library import shipped
 
 SAMPLES = 41
-DYNAMICS = ("both engines", "simulation and inverse", "energy")
-"""Checks that take more than a moment, as does `verify`."""
+DYNAMICS = "simulation and inverse"
+"""A check that takes more than a moment."""
 
 
 def findings(evidence, name):
@@ -43,7 +43,7 @@ def evidence_of(tmp_path):
 @pytest.mark.parametrize("name", ["four_bar", "roller_cam"])
 def test_nothing_contradicts_in_mechanisms_that_agree(evidence_of, name):
     evidence = evidence_of(name)
-    for check in set(CHECKS) - {*DYNAMICS, "verify"}:
+    for check in set(CHECKS) - {DYNAMICS}:
         assert not findings(evidence, check)
     assert evidence.compared > 1000
 
@@ -65,7 +65,7 @@ def test_nothing_contradicts_in_random_mechanisms(tmp_path, seed):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_dynamics_of_random_mechanisms_agree(tmp_path, seed):
     evidence = Evidence(random_suspect(seed), tmp_path)
-    assert not [each for check in DYNAMICS[1:] for each in findings(evidence, check)]
+    assert not findings(evidence, DYNAMICS)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 4, 7])
@@ -81,9 +81,6 @@ def test_random_mechanisms_are_the_same_each_time_and_move(seed):
         ("poles by default", "poles", "poles", "velocity_coefficient", np.nan),
         ("singularities by default", "singularities", "singularities", "q", 7.0),
         ("singularities by default", "singularities", "motion", "q", -1.0),
-        ("relation and poles", "poles", "poles", "velocity_coefficient", 0.123),
-        ("signs change at places", "singularities", "singularities", "reversal", ""),
-        ("distances lead to places", "singularities", "singularities", "q", 0.01),
     ],
 )
 def test_what_is_spoilt_is_found(evidence_of, check, analysis, table, column, value):
@@ -91,8 +88,6 @@ def test_what_is_spoilt_is_found(evidence_of, check, analysis, table, column, va
     evidence = evidence_of("four_bar")
     assert not findings(evidence, check)
     frame = evidence.ran(analysis).tables[table]
-    if str(frame[column].dtype) == "category":
-        frame[column] = frame[column].astype(object)
     rows = slice(None) if table == "singularities" else slice(3, 12)
     frame.loc[frame.index[rows], column] = value
     assert findings(evidence, check)

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
 from closed_forms import four_bar_coefficients
-from oracles import revolute_frames
 from singular_examples import four_bar, in_line
 
-from spherekit import load
 from spherekit.conventions import Status
 from spherekit.engine.fields import evaluate
 from spherekit.errors import SolveError
@@ -220,21 +218,6 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     assert np.max(ahead.residual) < 1e-13
 
 
-def test_an_axis_that_swings_round_is_no_zero():
-    """Links 3 and 6 of the Stephenson mechanism nearly stand still, once a lap."""
-    tracer = PositionAnalysis(load("stephenson"), samples=9)
-    (first, *_) = tracer.assembly_modes
-    values = tracer.solver.evaluate(first, np.zeros((1, 1))).values[0]
-    curve = follow_arc(tracer.solver.closure, values)
-    along = SingleFreedom(tracer, [curve], []).along[0]
-    s = np.linspace(0.0, curve.length, 5001)
-    size, _ = along.at(s).speeds((2, 5))
-    assert len(along.zeros((2, 5)).s) == 0
-    assert 1e-4 < np.min(size) < 1e-3
-    rates, _ = along.signed(s, (2, 5))
-    assert np.all(rates * rates[0] > 0.0)
-
-
 def check_slopes(arcs, crossing, q, y):
     """Compare dy/dq of both assembly modes with the limits of the source's eq. (26b)."""
     near = crossing.values[q] + np.array([-1e-4, 1e-4])
@@ -275,27 +258,6 @@ def test_no_zero_of_any_pole_is_missed_or_invented(text, seed):
         if len(zeros):
             there = along.at(zeros).w
             assert np.max(np.abs(there[:, j] - there[:, i])) < 1e-12
-
-
-def test_the_lecture_relation_of_the_four_bar_along_a_turn():
-    tracer = PositionAnalysis(load("four_bar"))
-    analysis = SingleFreedom(tracer, all_curves(tracer), ["41"])
-    assert analysis.outputs == ((3, 0),)
-    first, _ = revolute_frames(tracer.mechanism)
-    owners = [a for a, _ in tracer.mechanism.ends]
-    for number, along in enumerate(analysis.along):
-        s = np.linspace(0.0, along.curve.length, 200)
-        q, y, relations = analysis.at(number, s, 0)
-        placed = along.at(s).motion.rotations
-        axes = np.einsum("npij,pj->npi", placed[:, owners], first[:, :, 2])
-        u21, u32, u43, u41 = np.moveaxis(axes, 1, 0)
-        c = np.sum(u41 * np.cross(u43, u32), axis=1)
-        d = np.sum(u21 * np.cross(u43, u32), axis=1)
-        gap = c * y - d * q
-        assert np.max(np.abs(gap)) < 1e-12
-        for relation in relations:
-            assert np.max(np.abs(relation.c * d - relation.d * c)) < 1e-12
-            assert np.max(relation.residual(y, q)) < 1e-12
 
 
 @pytest.mark.parametrize("text", [EIGHT_BARS[1], EIGHT_BARS[10]])
@@ -347,21 +309,3 @@ def test_near_and_on_singular_points():
             slope = (ahead - behind)[3] / (2.0 * away[3])
             for zero, side in ((ahead, 1.0), (behind, -1.0)):
                 assert np.all(np.abs(zero - side * slope * away) < 1e-12 + 20.0 * away**2)
-
-
-@pytest.mark.many
-@pytest.mark.parametrize("power", range(3, 15))
-def test_four_bars_that_nearly_fold(power):
-    """Beside a folding one: ordinary points by the triangles, or an undecided crossing."""
-    arcs = np.radians([60.0, 50.0, 70.0, 40.0])
-    arcs[0] += 10.0**-power
-    tracer = PositionAnalysis(four_bar(arcs), samples=61)
-    report = SingleFreedom(tracer, curves_of(tracer), ["4/1"])
-    dead = np.array([p.values[0] for p in report.points if p.type == Type.II])
-    if not report.crossings:
-        assert power < 13
-        assert matched(dead, in_line(*arcs)) < 1e-9
-    for crossing in report.crossings:
-        assert power > 8
-        assert crossing.certain or "undecided within tolerance" in crossing.note
-        assert not crossing.certain or power > 13

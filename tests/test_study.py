@@ -100,17 +100,6 @@ def test_a_study_made_in_python_names_itself_and_the_key():
         sk.run(study)
 
 
-def test_a_study_is_run_with_what_the_file_says(tmp_path):
-    text = STUDY.replace("[analyses.tuned]", "[output.x]").split("[output.x]")[0]
-    ours = sk.run(write(tmp_path, text))
-    study = load_study(tmp_path / "x.study.toml")
-    theirs = sk.run(
-        study.mechanism, "poles:only=6/1+5/1,circles=6/1", samples=7, assembly_mode=1
-    )
-    pd.testing.assert_frame_equal(ours.frame(), theirs.frame())
-    assert ours.summary["inputs"] == {"12": [np.radians(-30), np.radians(90)]}
-
-
 def test_the_command_line_runs_a_study_and_writes_its_output(tmp_path, monkeypatch):
     text = STUDY.replace('recording = "x.rrd"\n', "")
     before, _, rest = text.partition("[analyses.tuned]")

@@ -237,22 +237,6 @@ def test_numbers_at_their_limits_have_slopes():
     assert not any(steady is None for steady in numbers.steady)
 
 
-@pytest.mark.long
-def test_a_spring_balances_better_than_random_ones():
-    path = EXAMPLES / "spring.toml"
-    found = sk.synthesize(path, designs=512, starts=2)
-    assert found.objectives[0, 0] <= random_best(path, 2048)
-    best = found.frame().iloc[0]
-    number = next(
-        m.number
-        for m in sk.trace(found.mechanism(), samples=3).assembly_modes
-        if m.label == best["mode"]
-    )
-    run = sk.run(found.mechanism(), "eksergian", samples=181, assembly_mode=number)
-    peak = run.frame("eksergian")["tau"].abs().max()
-    assert peak == pytest.approx(best["peak"], rel=1e-9)
-
-
 HEAD = 'format = 1\nmechanism = "four_bar"\nsamples = 9\nminimise = "x"\n'
 VARY = '[vary]\n"links.2.arc" = [10, 40]\n'
 LARGEST = '[figures]\nx = "max(q)"'

@@ -139,23 +139,6 @@ def test_simulation_of_a_study(study):
     assert summary["closure_drift_rad"] < 1e-10
 
 
-def test_through_dead_centres_poles_do_not_jump():
-    """The rocker drives and swings over both its dead centres."""
-    mechanism = replace(sk.load("four_bar"), loads=()).with_inputs("41")
-    how = {"start": Start(2.0, 3.0), "duration": 3.0, "samples": 601, "block": 100}
-    found = sk.run(mechanism, "poles", **how)
-    kinds = found.frame("motion", "events")["kind"]
-    assert list(kinds).count("dead_centre") >= 2
-    frame = found.frame()
-    motion = found.frame("motion")
-    assert np.any(np.diff(motion["q"]) > 0) and np.any(np.diff(motion["q"]) < 0)
-    for _, pole in frame.groupby(["link", "relative_to"], observed=True):
-        u = pole[["ux", "uy", "uz"]].to_numpy()
-        assert np.min(np.sum(u[1:] * u[:-1], axis=1)) > 0.5
-        fine = pole["status"].to_numpy() == "OK"
-        assert np.all(np.isfinite(pole["velocity_coefficient"].to_numpy()[fine]))
-
-
 def test_rates_at_a_dead_centre_are_singular_rows():
     mechanism = replace(sk.load("four_bar"), loads=()).with_inputs("41")
     start = Start(2.0, 3.0)

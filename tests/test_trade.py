@@ -12,7 +12,7 @@ from spherekit.analysis.registry import create
 from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.running.sampling import course_of
 from spherekit.cli.main import main
-from spherekit.conventions import EPS, TURN, Status
+from spherekit.conventions import EPS, Status
 from spherekit.engine.compiler import available
 from spherekit.errors import AnalysisError, SolveError
 from spherekit.model.parts import LinkSizes, PoseGeometry
@@ -22,7 +22,7 @@ from spherekit.proof.rows import exact_direction, exact_rows
 from spherekit.tradeoff.choice import WORTH, choose
 from spherekit.tradeoff.measure import deviations_of, plan_of, reference_at, tables_by
 from spherekit.tradeoff.record import MARGIN, Measured, check_tolerance, read_trade
-from spherekit.tradeoff.trade import _places_apart, trade
+from spherekit.tradeoff.trade import trade
 
 FIVE = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "two_dof_spm")
 FEW = (Setting(), Setting(route="conditioned"), Setting(engine="extended"))
@@ -250,11 +250,6 @@ def test_places_of_singularities_are_compared_with_the_nearest():
     for each in found.settings:  # they are refined between samples
         assert each.error < 1e-12 and not each.missing
     assert found.columns[0][:2] == ("singularities.q", "absolute rad")
-    few = {("I",): np.array([[0.1, 6.2], [2.0, 1.0]])}
-    more = {("I",): np.array([[0.1, 6.2 - TURN], [2.3, 1.4]]), ("II",): np.zeros((1, 2))}
-    off, _, missing = _places_apart(more, few)
-    assert np.max(off) == pytest.approx(0.5, rel=0.02) and np.min(off) < 1e-14
-    assert missing == 1
 
 
 def test_the_command_says_what_is_reached(capsys, tmp_path):

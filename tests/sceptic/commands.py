@@ -55,7 +55,7 @@ def judge_rows(evidence, name, frame, notes):
     _in_range(evidence, name, frame, notes)
     if "status" not in frame:
         return
-    status = frame["status"].astype(str).to_numpy()
+    status = frame["status"].to_numpy()
     fine = status == "OK"
     for column in FINITE.get(name, ()):
         known = np.isfinite(frame[column].to_numpy(dtype=float))
@@ -94,7 +94,7 @@ def _in_range(evidence, name, frame, notes):
     beyond = np.max(np.maximum(ends[:, 0] - q, q - ends[:, 1]), axis=1)
     told = np.zeros(len(frame), dtype=bool)
     if "inside" in frame:
-        told = frame["inside"].astype(str).to_numpy() == "no"
+        told = frame["inside"].to_numpy() == "no"
     known = np.isfinite(beyond)
     notes.judged(int(np.sum(known)))
     for wrong, words in (
@@ -129,9 +129,7 @@ def judge_counts(ran, notes):
     motion = ran.tables.get("motion")
     if motion is not None:
         for assembly_mode in ran.summary["assembly_modes"]:
-            rows = motion["status"][
-                motion["assembly_mode"] == assembly_mode["number"]
-            ].astype(str)
+            rows = motion["status"][motion["assembly_mode"] == assembly_mode["number"]]
             counted = rows.value_counts().to_dict()
             told = {k: v for k, v in assembly_mode["status"].items() if v}
             notes.contradiction(
@@ -145,8 +143,8 @@ def judge_counts(ran, notes):
     (own,) = (each for each in ran.summary["analyses"] if each["name"] == "singularities")
     told = own["findings"].get("singularities")
     if told is not None:
-        inside = found[found["inside"].astype(str) == "yes"]
-        counted = inside["kind"].astype(str).value_counts().to_dict()
+        inside = found[found["inside"] == "yes"]
+        counted = inside["kind"].value_counts().to_dict()
         notes.contradiction(
             {k: v for k, v in counted.items() if v} != told,
             f"the summary counts {told}, the table {counted}",
@@ -155,24 +153,3 @@ def judge_counts(ran, notes):
 
 for _analysis in ANALYSES:
     _asks(_analysis)
-
-
-@check("verify", "the 50 digits of --verify confirm what rows state of their errors")
-def verify(evidence, notes):
-    """Ask for a few rows in 50 digits."""
-    ran = evidence.ran("poles", "--verify", "6", "--samples", "25")
-    if ran.status:
-        return
-    found = ran.summary.get("verified")
-    if not found:
-        notes.found(f"nothing was verified: {ran.err.strip()[-120:]}", Kind.SILENT)
-        return
-    directions = found.get("directions") or {}
-    notes.judged(directions.get("count", 0))
-    if directions.get("over_bound", 0.0) > 1.0:
-        notes.found(
-            f"a direction is off by {directions['error_rad']:.2e} rad, "
-            f"{directions['over_bound']:.3g} times its bound, at sample "
-            f"{directions['sample']}, assembly mode {directions['assembly_mode']}, "
-            f"{directions['subject']}"
-        )

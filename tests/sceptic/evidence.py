@@ -10,6 +10,7 @@ from pathlib import Path
 from zlib import crc32
 
 import numpy as np
+from pandas.api.types import is_numeric_dtype
 
 import spherekit as sk
 from spherekit.analysis.frames import read_parquet
@@ -95,11 +96,6 @@ class Ran:
         """All that it printed."""
         return f"{self.out}\n{self.err}"
 
-    @property
-    def units(self):
-        """The unit of each column of each table, as its Parquet file says it."""
-        return {name: frame.attrs.get("units", {}) for name, frame in self.tables.items()}
-
 
 class Evidence:
     """A mechanism, and what its analyses say of it, each asked once."""
@@ -179,6 +175,10 @@ class Evidence:
         tables = {
             path.stem: read_parquet(path) for path in sorted(folder.glob("*.parquet"))
         }
+        for frame in tables.values():
+            for name, column in frame.items():
+                if not is_numeric_dtype(column):
+                    frame[name] = column.astype(str)
         summary = folder / "summary.json"
         told = json.loads(summary.read_text()) if summary.exists() else {}
         return Ran(status, out.getvalue(), err.getvalue(), tables, told)

@@ -14,8 +14,6 @@ SAME = 1e-6
 """Links whose orientations differ by less are in one configuration."""
 INPUTS = 6
 """At how many inputs the modes are compared."""
-NARROW = 0.01
-"""Half the range (rad) of a run around one input."""
 CLEAR = 1e4
 """Configurations of worse conditioning may come and go with rounding."""
 
@@ -95,24 +93,6 @@ def run_and_curves(evidence, notes):
         # Wheels in mesh come back to an input in another configuration.
         run = "a run", placed(tracer, values), None if rolls else tracer.claim
         compare(notes, place_of(q), ("the set of curves", on_curves, found.claim), run)
-
-
-@check("run and narrow run", "the modes at an input do not depend on the range asked for")
-def run_and_narrow_run(evidence, notes):
-    """Compare the rows of samples with those of runs that have little else."""
-    for sample in asked_inputs(evidence, 3):
-        q, values = at_sample(evidence, sample)
-        near = tuple(
-            replace(item, start=float(x) - NARROW, stop=float(x) + NARROW)
-            for item, x in zip(evidence.tracer.mechanism.inputs, q, strict=True)
-        )
-        made = replace(evidence.tracer.mechanism, inputs=near)
-        narrow = PositionAnalysis(made, samples=3)
-        motion = narrow.motion()
-        chosen = (motion.sample == 1) & (motion.status == Status.OK)
-        alone = placed(evidence.tracer, motion.values[chosen])
-        run = "a run", placed(evidence.tracer, values), evidence.tracer.claim
-        compare(notes, place_of(q), ("a narrow run", alone, narrow.claim), run)
 
 
 @check("run and forward", "forward kinematics finds the modes that a run has")

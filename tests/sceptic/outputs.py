@@ -3,15 +3,14 @@
 from functools import cached_property
 
 import numpy as np
-from sceptic.evidence import Kind, check
+from sceptic.evidence import check
 from sceptic.modes import place_of
-from scipy.spatial.transform import Rotation
 
 from spherekit.conventions import Status
 from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import from_quaternion
 from spherekit.workspace.inverse import output_kinematics
-from spherekit.workspace.rows import ClosedKinematics, OutputKinematics
+from spherekit.workspace.rows import OutputKinematics
 
 PLACES = 4
 """At how many inputs poses are compared."""
@@ -19,8 +18,6 @@ CLEAR = 0.02
 """Least measure of singularity of configurations that are compared."""
 SAME = 1e-6
 """Inputs and poses that differ by less (rad) are one."""
-STEP = 1e-6
-"""By how much (rad) a pose is turned for rates."""
 DIRECTIONS = 3000
 """Random directions by which an area is estimated."""
 DEVIATIONS = 5.0
@@ -123,83 +120,6 @@ def forward_and_inverse(evidence, notes):
         )
 
 
-@check("inverse and its rates", "rates of the inputs are slopes of the inverse")
-def inverse_and_rates(evidence, notes):
-    """Turn poses a little about each axis and compare inputs with rates."""
-    made = outputs_of(evidence)
-    if made is None:
-        return
-    poses = made.poses(made.forward)[:PLACES]
-    if not len(poses):
-        return
-    rows = made.inverse(made.solver, poses)
-    good = np.flatnonzero(clear(rows))[:12]
-    for axis in range(3):
-        ends = []
-        for sign in (1.0, -1.0):
-            turn = Rotation.from_rotvec(sign * STEP * np.eye(3)[axis]).as_matrix()
-            turned = poses @ turn.T if made.solver.points else turn @ poses
-            ends.append(made.inverse(made.solver, turned))
-        for row in good:
-            near = []
-            for end in ends:
-                own = np.flatnonzero(
-                    (end.pose == rows.pose[row]) & (end.status == Status.OK)
-                )
-                gap = apart(rows.inputs[row][None], end.inputs[own])
-                if not len(own) or not np.min(gap) < 0.01:
-                    break
-                near.append(end.inputs[own[int(np.argmin(gap))]])
-            if len(near) < 2:
-                continue
-            slope = wrap(near[0] - near[1]) / (2.0 * STEP)
-            given = rows.rates[row][:, axis]
-            off = float(np.max(np.abs(slope - given)))
-            size = max(1.0, float(np.max(np.abs(rows.rates[row]))))
-            # Beside a fold inputs go as a root, with the third derivative 12 rate^5.
-            notes.contradiction(
-                not off < 1e-6 * size**2 + 2.0 * STEP**2 * size**5,
-                f"{place_of(rows.inputs[row])}, mode {rows.mode[row]}: rates about axis "
-                f"{axis} are {given.round(6)}, the inputs change by {slope.round(6)}",
-            )
-
-
-@check("closed form and graph", "both inverse kinematics give the same inputs of a pose")
-def closed_form_and_graph(evidence, notes):
-    """Compare the inputs of some poses in the closed form and on the graph."""
-    made = outputs_of(evidence)
-    if made is None or not isinstance(made.solver, ClosedKinematics):
-        return
-    graph = output_kinematics(evidence.mechanism, graph=True)
-    if isinstance(graph, ClosedKinematics):
-        return
-    poses = made.poses(made.forward)[:3]
-    if not len(poses):
-        return
-    closed, free = made.inverse(made.solver, poses), made.inverse(graph, poses)
-    for k in range(len(poses)):
-        one, other = (
-            each.inputs[(each.pose == k) & clear(each)] for each in (closed, free)
-        )
-        other_all, one_all = (
-            each.inputs[(each.pose == k) & (each.status != Status.OUT_OF_REACH)]
-            for each in (free, closed)
-        )
-        less = int(np.sum(np.min(apart(one, other_all), axis=1, initial=np.inf) > SAME))
-        more = int(np.sum(np.min(apart(other, one_all), axis=1, initial=np.inf) > SAME))
-        notes.contradiction(
-            less > 0,
-            f"pose {k}: the graph lacks {less} of {len(one)} inputs of a closed form",
-        )
-        notes.judged()
-        if more:
-            notes.found(
-                f"pose {k}: the closed form lacks {more} of {len(other)} inputs of the "
-                f"graph",
-                Kind.SHORT,
-            )
-
-
 @check("workspace and inverse", "inside is where the inverse has inputs; areas by chance")
 def workspace_and_inverse(evidence, notes):
     """Solve poses of the table of a workspace, and estimate its areas."""
@@ -216,7 +136,7 @@ def workspace_and_inverse(evidence, notes):
         if not made.solver.points:
             places = from_quaternion(places)
         found = made.solver.inverse(places, [str(mode)])
-        inside = some["inside"].astype(str).to_numpy() == "yes"
+        inside = some["inside"].to_numpy() == "yes"
         reached = np.zeros(len(some), dtype=bool)
         solved = (found.status != Status.OUT_OF_REACH) & np.isfinite(found.inputs).all(
             axis=1
@@ -235,9 +155,7 @@ def workspace_and_inverse(evidence, notes):
             )
         if not made.solver.points:
             continue
-        own = areas[
-            (areas["working_mode"] == mode) & (areas["part"].astype(str) == "whole")
-        ]
+        own = areas[(areas["working_mode"] == mode) & (areas["part"] == "whole")]
         _area(made, str(mode), own["size"].item(), own["error"].item(), notes)
 
 
@@ -255,45 +173,3 @@ def _area(made, mode, size, error, notes):
         f"mode {mode}: the area is {size:.5g} sr, {told:.4f} of the sphere, but the "
         f"inverse reaches {share:.4f} of {DIRECTIONS} random directions",
     )
-
-
-@check("rotation and forward", "an equivalent rotation's inputs lead to its orientations")
-def rotation_and_forward(evidence, notes):
-    """Rotate between two poses and look up the poses at the inputs on the way."""
-    made = outputs_of(evidence)
-    if made is None or not len(made.forward.row):
-        return
-    start = made.inputs[made.forward.row[0]]
-    stop = start + 0.2 * evidence.random.normal(size=len(start))
-    names = [item.pair for item in evidence.mechanism.inputs]
-    words = ("start", start), ("end", stop)
-    text = ",".join(
-        f"{word}="
-        + "+".join(f"{n}={x:.9f}" for n, x in zip(names, np.degrees(q), strict=True))
-        for word, q in words
-    )
-    ran = evidence.ran(f"equivalent_rotation:{text},samples=7")
-    if ran.status:
-        return
-    frame = ran.tables["equivalent_rotation"]
-    (own,) = ran.summary["analyses"]
-    axis = np.array(own["findings"]["axis"])
-    fine = (frame["status"].astype(str) == "OK") & (frame["orientation_error"] < 1e-8)
-    rows = frame[fine.to_numpy()]
-    if len(rows) < 2:
-        return
-    turned = made.solver.forward(rows[[f"q_{name}" for name in names]].to_numpy())
-    home = turned.rotations[turned.row == 0]
-    theta = rows["theta"].to_numpy()
-    for n in range(1, len(rows)):
-        turn = Rotation.from_rotvec((theta[n] - theta[0]) * axis).as_matrix()
-        wanted = turn @ home
-        here = turned.rotations[turned.row == n]
-        gap = np.abs(wanted[:, None] - here[None])
-        off = float(np.min(np.max(gap, axis=(2, 3)), initial=np.inf))
-        notes.contradiction(
-            not off < SAME,
-            f"theta = {np.degrees(theta[n]):.6f} deg of the rotation {text}: at its "
-            f"inputs no "
-            f"orientation is the start's turned by theta, the nearest is {off:.2e} off",
-        )

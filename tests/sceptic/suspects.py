@@ -47,14 +47,6 @@ def shipped_suspects(names=()):
     return [Suspect(name, "shipped", driven_at(sk.load(name))) for name in names or every]
 
 
-def random_suspects(count, seed):
-    """Yield random mechanisms, `count` from a seed on, kinds in turn.
-
-    What cannot be assembled is drawn again, so all of them move.
-    """
-    return (random_suspect(seed + k) for k in range(count))
-
-
 def random_suspect(seed):
     """Return the mechanism of a seed."""
     kind = tuple(KINDS)[seed % len(KINDS)]
