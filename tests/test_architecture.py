@@ -239,8 +239,8 @@ def test_every_package_is_in_the_distribution():
 
 INHERITED = """
 AbstractAnalysis AnalysisError ArrayRows BearingFriction Chords
-ClosedKinematics Curve CurvePoints Curves EngineError InputMotion Joint Load MotionMeasures
-OutputKinematics Parametrised Parser PlanError Problem Recorder Sampler SpherekitError
+ClosedKinematics CurvePoints Curves EngineError InputMotion Joint Load MotionMeasures
+OutputKinematics Parser PlanError Problem Recorder Sampler SpherekitError
 Way Zone
 """
 

@@ -6,7 +6,6 @@ import pytest
 from spherekit.model.gears import TOUCHING
 from spherekit.sphere.paths import axes_about
 from spherekit.sphere.profile import (
-    Curve,
     CurvePoint,
     circle,
     fourier,
@@ -18,28 +17,18 @@ from spherekit.sphere.touching import nearest_frames
 KINDS = ("circle", "great_circle", "fourier", "points", "open")
 
 
-class Turned(Curve):
+class Turned:
     """A curve turned by a rotation matrix."""
 
     def __init__(self, curve, turn):
         self.curve, self.turn = curve, turn
         self.length, self.closed = curve.length, curve.closed
 
-    @property
-    def edges(self):
-        return self.curve.edges
-
     def at(self, s):
         place = self.curve.at(s)
         return CurvePoint(
             self.turn @ place.frame, place.curvature, place.curvature_rate, place.inside
         )
-
-    def curvature_second(self, s):
-        return self.curve.curvature_second(s)
-
-    def reversed(self):
-        return Turned(self.curve.reversed(), self.turn)
 
 
 def random_curve(random, kind):

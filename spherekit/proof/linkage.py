@@ -181,8 +181,8 @@ def _wave(axes: Array, even: Array, odd: Array) -> Path:
 
 def _spline(path: SplinePath) -> Path:
     """Return the radial projection of a quintic spline in space, by de Boor's algorithm."""
-    degree, control = int(path.spline.k), exactly(path.spline.c)  # type: ignore[union-attr]
-    places: Floats = path.spline.t  # type: ignore[union-attr]
+    degree, control = int(path.spline.k), exactly(path.spline.c)
+    places: Floats = path.spline.t
     knots = exactly(places)
 
     def at(u: Array) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ Arc length of a curve against its own parameter: measured once, inverted when as
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -19,36 +19,30 @@ from spherekit.conventions import EPS
 from spherekit.numeric import chebyshev
 from spherekit.sphere.rotation import arc, cross, frame_from, max_abs
 
-if TYPE_CHECKING:
-    from scipy.interpolate import BSpline
-
-
 UNIT_TOLERANCE = 1e-6
 """Centres and points may differ from unit length by this much; they are normalised."""
 
 
-class Spline(Protocol):
-    """A spline in space by its parameter."""
+@dataclass(frozen=True)
+class CirclePath:
+    """A circle about the third column of `axes`; its parameter is its arc length.
 
-    def __call__(self, u: Floats, order: int = 0) -> Floats:
-        """Return the derivative (..., 3) of an order at u of any shape."""
+    `sine` and `cosine` are those of its radius.
+    """
 
-
-class Parametrised(Protocol):
-    """A curve in a parameter u of its own, in any space."""
+    axes: Floats
+    sine: float
+    cosine: float
 
     def speed(self, u: Floats) -> Floats:
         """Return |dp/du| at u of any shape."""
-
-    def place(self, u: float) -> str:
-        """Return words for where u is."""
-
-
-class Path(Parametrised, Protocol):
-    """A curve on the unit sphere in a parameter u of its own."""
+        return np.ones(np.shape(u))
 
     def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
+        outward, along = turned(self.axes, u / self.sine)
+        point = (self.cosine * self.axes[:, 2, None] + self.sine * outward.T).T
+        return exact_frame(point, along), self.cosine / self.sine + 0.0 * u, 0.0 * u
 
 
 @dataclass(frozen=True)
@@ -117,10 +111,10 @@ class FourierPath:
 class SplinePath:
     """The radial projection p = x / |x| of a spline x(u) in space through points.
 
-    ``spline(u, order)`` is a derivative (..., 3) of it by u.
+    ``spline(u, order)`` is a derivative (..., 3) of it by u, as of SciPy's `BSpline`.
     """
 
-    spline: "BSpline | Spline"
+    spline: Any
     knots: Floats
     closed: bool
 
@@ -157,7 +151,11 @@ class SplinePath:
         return f"point {1 + int(np.argmin(np.abs(self.knots - u))) % count}"
 
 
-def quintic(knots: Floats, points: Floats, closed: bool) -> "BSpline":
+Path = CirclePath | FourierPath | SplinePath
+"""A curve on the unit sphere in a parameter u of its own."""
+
+
+def quintic(knots: Floats, points: Floats, closed: bool) -> Any:
     """Return the quintic spline through points (m, 3) at knots (m,), periodic if closed."""
     from scipy.interpolate import make_interp_spline
 
@@ -268,9 +266,8 @@ def checked_points(points: ArrayLike, closed: bool) -> Floats:
 def check_simple(path: SplinePath) -> None:
     """Raise ValueError if a closed curve through points crosses or touches itself.
 
-    Looks at a polyline of great-circle arcs, at least 8 between successive points.
-    Arcs can meet only where their middles are nearer than half their lengths together;
-    a tree finds those pairs, long arcs first so that each search has one radius.
+    Looks at a polyline of great-circle arcs, at least 8 between successive points. Two arcs
+    can meet only where the middle of one is nearer than the longer one's length.
     """
     from scipy.spatial import cKDTree
 
@@ -280,29 +277,21 @@ def check_simple(path: SplinePath) -> None:
     x = path.spline(u.ravel())
     a = x / np.sqrt(dot(x, x))[:, None]
     b = np.roll(a, -1, axis=0)
-    middle, length = 0.5 * (a + b), np.sqrt(dot(b - a, b - a))
-    size = np.floor(np.log2(length))
-    total = len(a)
-    for exponent in np.unique(size):
-        these, shorter = np.flatnonzero(size == exponent), np.flatnonzero(size <= exponent)
-        neighbours = cKDTree(middle[shorter]).query_ball_point(
-            middle[these], 2.0 ** (exponent + 1)
+    middle, length, total = 0.5 * (a + b), np.sqrt(dot(b - a, b - a)), len(a)
+    near = cKDTree(middle).query_ball_point(middle, length * (1.0 + 1e-9))
+    i = np.repeat(np.arange(total), [len(row) for row in near])
+    j = np.concatenate([np.asarray(row, dtype=int) for row in near])
+    apart = np.minimum((i - j) % total, (j - i) % total) > 1
+    i, j = i[apart], j[apart]
+    met = _straddle(a[i], b[i], a[j], b[j]) & _straddle(a[j], b[j], a[i], b[i])
+    if np.any(met):
+        at = int(np.argmax(met))
+        first, second = sorted((int(i[at]) // parts, int(j[at]) // parts))
+        raise ValueError(
+            f"the closed curve meets itself: between points {first + 1} and "
+            f"{(first + 1) % count + 1} and between points {second + 1} and "
+            f"{(second + 1) % count + 1}"
         )
-        i = np.repeat(these, [len(row) for row in neighbours])
-        j = shorter[np.concatenate([np.asarray(row, dtype=int) for row in neighbours])]
-        apart = np.minimum((i - j) % total, (j - i) % total) > 1
-        gap = middle[i] - middle[j]
-        close = np.sqrt(dot(gap, gap)) <= 0.5 * (length[i] + length[j]) * (1.0 + 1e-9)
-        i, j = i[apart & close], j[apart & close]
-        met = _straddle(a[i], b[i], a[j], b[j]) & _straddle(a[j], b[j], a[i], b[i])
-        if np.any(met):
-            at = int(np.argmax(met))
-            first, second = sorted((int(i[at]) // parts, int(j[at]) // parts))
-            raise ValueError(
-                f"the closed curve meets itself: between points {first + 1} and "
-                f"{(first + 1) % count + 1} and between points {second + 1} and "
-                f"{(second + 1) % count + 1}"
-            )
 
 
 def _straddle(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
@@ -423,10 +412,10 @@ class ArcLength:
         return covered, rate
 
 
-def measure(path: Parametrised, edges: Floats, rounding: Floats | None = None) -> ArcLength:
+def measure(path: FourierPath | SplinePath, edges: Floats) -> ArcLength:
     """Return the table of arc length over panels, halved until the series has ended.
 
-    The curve has to be smooth between `edges`. `rounding` as in `integrated`.
+    The curve has to be smooth between `edges`.
     """
     slowest, where = np.inf, 0.0
 
@@ -438,7 +427,7 @@ def measure(path: Parametrised, edges: Floats, rounding: Floats | None = None) -
             slowest, where = float(here[at]), float(u[at])
         return here
 
-    table = integrated(speed, edges, rounding)
+    table = integrated(speed, edges)
     speed(edges)
     if slowest < SLOWEST * table.length / (edges[-1] - edges[0]):
         raise ValueError(

@@ -4,9 +4,8 @@ A curve turns left where its geodesic curvature k is positive. Its frame, with t
 tangent t, the point p and n = p x t, obeys dp/ds = t, dt/ds = k n - p, dn/ds = -k t.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +17,7 @@ from spherekit.sphere.paths import (
     SLOWEST,
     UNIT_TOLERANCE,
     ArcLength,
+    CirclePath,
     FourierPath,
     Path,
     SplinePath,
@@ -25,10 +25,8 @@ from spherekit.sphere.paths import (
     check_colatitude,
     check_simple,
     checked_points,
-    exact_frame,
     measure,
     quintic,
-    turned,
 )
 from spherekit.sphere.rotation import all_finite, arc, slope_of, stepped
 
@@ -65,32 +63,52 @@ class CurvePoint:
     inside: Bools
 
 
-class Curve(ABC):
-    """A curve on the unit sphere with its `length` (rad), `closed` or open."""
+@dataclass(frozen=True)
+class Curve:
+    """A curve on the unit sphere with its `length` (rad), `closed` or open.
 
+    `table` is the arc length of its `path`, None where the parameter is that. A curve run
+    `backwards` keeps its point at s = 0 and has -s for s where it is closed, an open one
+    starts at the old end. t, n and k change sign, dk/ds does not.
+    """
+
+    path: Path
+    table: ArcLength | None
     length: float
     closed: bool
+    backwards: bool = False
 
     @property
-    @abstractmethod
     def edges(self) -> Floats:
         """Arc lengths (k,) from 0 to `length`, between which the curve is analytic."""
+        starts = np.array([0.0, self.length]) if self.table is None else self.table.starts
+        return self.length - starts[::-1] if self.backwards else starts
 
-    @abstractmethod
+    def _parameter(self, s: ArrayLike) -> tuple[Floats, Bools]:
+        """Return the parameters (n,) at arc lengths (n,), and whether these belong."""
+        arcs = np.asarray(s, dtype=float)
+        if self.backwards:
+            arcs = (0.0 if self.closed else self.length) - arcs
+        arcs, inside = _into(arcs, self.length, self.closed)
+        return arcs if self.table is None else self.table.invert(arcs), inside
+
     def at(self, s: ArrayLike) -> CurvePoint:
         """Return the curve at arc lengths s (n,) in rad; a closed one repeats itself."""
+        u, inside = self._parameter(s)
+        frame, curvature, rate = self.path.frame(u)
+        if self.backwards:
+            frame, curvature = frame * np.array([-1.0, -1.0, 1.0]), 0.0 - curvature
+        return CurvePoint(frame, curvature, rate, inside)
 
-    @abstractmethod
     def curvature_second(self, s: ArrayLike) -> Floats:
         """Return the second derivative (n,) of the curvature by the arc length."""
+        u, _ = self._parameter(s)
+        _, _, rate = self.path.frame(stepped(u, 1.0 / self.path.speed(u)))
+        return -slope_of(rate) if self.backwards else slope_of(rate)
 
-    @abstractmethod
     def reversed(self) -> "Curve":
-        """Return the same curve run backwards.
-
-        A closed one keeps its point at s = 0 and has -s for s, an open one starts at the
-        old end. t, n and k change sign, dk/ds does not.
-        """
+        """Return the same curve run backwards."""
+        return replace(self, backwards=not self.backwards)
 
 
 def circle(centre: ArrayLike, radius: float) -> Curve:
@@ -109,8 +127,9 @@ def circle(centre: ArrayLike, radius: float) -> Curve:
             f"the radius is {np.rad2deg(radius):.6g} deg; it has to lie between 0 and 180 "
             "deg, both excluded"
         )
-    sine, cosine = float(np.sin(radius)), float(np.cos(radius))
-    return _Circle(axes_about(centre), sine, cosine, 2.0 * np.pi * sine)
+    sine = float(np.sin(radius))
+    path = CirclePath(axes_about(centre), sine, float(np.cos(radius)))
+    return Curve(path, None, 2.0 * np.pi * sine, closed=True)
 
 
 def great_circle(centre: ArrayLike) -> Curve:
@@ -121,7 +140,7 @@ def great_circle(centre: ArrayLike) -> Curve:
     ValueError
         If the pole is not a unit vector.
     """
-    return _Circle(axes_about(centre), 1.0, 0.0, 2.0 * np.pi)
+    return Curve(CirclePath(axes_about(centre), 1.0, 0.0), None, 2.0 * np.pi, closed=True)
 
 
 def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Curve:
@@ -149,7 +168,7 @@ def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Cur
     path = FourierPath(axes_about(centre), series[0], series[1])
     check_colatitude(path)
     table = measure(path, azimuth_panels(size))
-    return _Measured(path, table, table.length, closed=True)
+    return Curve(path, table, table.length, closed=True)
 
 
 def azimuth_panels(size: int) -> Floats:
@@ -174,7 +193,7 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
     path, table = spline_through(points, closed)
     if closed:
         check_simple(path)
-    return _Measured(path, table, table.length, closed)
+    return Curve(path, table, table.length, closed)
 
 
 def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLength]:
@@ -193,95 +212,6 @@ def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, A
         table = measure(path, knots)
         yield path, table
         steps = np.diff(table.at_edge(knots))
-
-
-@dataclass(frozen=True)
-class _Circle(Curve):
-    """A circle about the third column of `axes`; sine and cosine of its radius."""
-
-    axes: Floats
-    sine: float
-    cosine: float
-    length: float
-    closed: bool = True
-
-    @property
-    def edges(self) -> Floats:
-        return np.array([0.0, self.length])
-
-    def at(self, s: ArrayLike) -> CurvePoint:
-        arcs, inside = _into(np.asarray(s, dtype=float), self.length, closed=True)
-        outward, along = turned(self.axes, arcs / self.sine)
-        point = (self.cosine * self.axes[:, 2, None] + self.sine * outward.T).T
-        one = np.where(inside, 1.0, np.nan)
-        return CurvePoint(
-            exact_frame(point, along), self.cosine / self.sine * one, 0.0 * one, inside
-        )
-
-    def curvature_second(self, s: ArrayLike) -> Floats:
-        return 0.0 * np.asarray(s, dtype=float)
-
-    def reversed(self) -> Curve:
-        return _Reversed(self, self.length, self.closed)
-
-
-@dataclass(frozen=True)
-class _Reversed(Curve):
-    """A curve run backwards."""
-
-    forward: Curve
-    length: float
-    closed: bool
-
-    @property
-    def edges(self) -> Floats:
-        return self.length - self.forward.edges[::-1]
-
-    def _back(self, s: ArrayLike) -> Floats:
-        back = -np.asarray(s, dtype=float)
-        return back if self.closed else self.length + back
-
-    def at(self, s: ArrayLike) -> CurvePoint:
-        there = self.forward.at(self._back(s))
-        return CurvePoint(
-            there.frame * np.array([-1.0, -1.0, 1.0]),
-            0.0 - there.curvature,
-            there.curvature_rate,
-            there.inside,
-        )
-
-    def curvature_second(self, s: ArrayLike) -> Floats:
-        return 0.0 - self.forward.curvature_second(self._back(s))
-
-    def reversed(self) -> Curve:
-        return self.forward
-
-
-@dataclass(frozen=True)
-class _Measured(Curve):
-    """A curve in its own parameter, with the table of its arc length."""
-
-    path: Path
-    table: ArcLength
-    length: float
-    closed: bool
-
-    @property
-    def edges(self) -> Floats:
-        return self.table.starts
-
-    def at(self, s: ArrayLike) -> CurvePoint:
-        arcs, inside = _into(np.asarray(s, dtype=float), self.length, self.closed)
-        return CurvePoint(*self.path.frame(self.table.invert(arcs)), inside)
-
-    def curvature_second(self, s: ArrayLike) -> Floats:
-        arcs, _ = _into(np.asarray(s, dtype=float), self.length, self.closed)
-        u = self.table.invert(arcs)
-        _, _, rate = self.path.frame(stepped(u, 1.0 / self.path.speed(u)))
-        return slope_of(rate)
-
-    def reversed(self) -> Curve:
-        return _Reversed(self, self.length, self.closed)
 
 
 def _into(s: Floats, length: float, closed: bool) -> tuple[Floats, Bools]:

@@ -112,12 +112,10 @@ def common_angles(equations: Numbers, involves: Bools) -> AngleSolutions:
         (t, t) as in `eliminated_degree`, whose result must not be 0.
     """
     with np.errstate(all="ignore"):
-        sampled = _Sampled.at(equations[None], involves)
-        problem = sampled.problem
+        (roots,), (excess,), (problem,) = _roots(equations[None], involves)
         if problem:
             nothing = np.empty((0, len(equations)), dtype=complex)
             return AngleSolutions(nothing, nothing[:, 0], np.inf, problem)
-        roots, excess = (part[0] for part in sampled.roots())
         angles, unmatched = _solutions(equations, roots)
     if not excess < EXCESS:
         degree = eliminated_degree(involves)
@@ -144,7 +142,8 @@ def all_angles(equations: Numbers, involves: Bools) -> Complexes:
         there, left = (rows[missing == np.isnan(angles[:, 0, 0])] for missing in (0, 1))
         if len(there) and len(left):
             beside = there[np.argmin(np.abs(there - left[:, None]), axis=1)]
-            _put(angles, left, _polished(equations[left], angles[beside]), True)
+            polished, residual, _ = _polished(equations[left], angles[beside])
+            _put(angles, left, polished, residual < CLOSED)
         _eliminate(angles, equations, involves, rows[np.isnan(angles[:, 0, 0])], 4)
     return angles
 
@@ -159,7 +158,7 @@ def _eliminate(
     """Set the solutions of some systems, from the best starts of each root, so many."""
     finite = np.zeros(0, dtype=bool)
     if len(rows):
-        roots, _ = _Sampled.at(equations[rows], involves).roots()
+        roots, _, _ = _roots(equations[rows], involves)
         finite = np.all(np.isfinite(roots) & (roots != 0.0), axis=1)
     rows = rows[finite]
     if not len(rows):
@@ -170,16 +169,14 @@ def _eliminate(
     by_root = starts.reshape(*shape, starts.shape[2])
     starts = np.take_along_axis(by_root, best[:, :, :most, None], axis=2)
     starts = starts.reshape(len(rows), -1, starts.shape[3])
-    polished = _polished(equations[rows], starts)
-    _put(angles, rows, polished, np.abs(polished.angles[..., 0] - starts[..., 0]) < CLUSTER)
+    polished, residual, _ = _polished(equations[rows], starts)
+    near = np.abs(polished[..., 0] - starts[..., 0]) < CLUSTER
+    _put(angles, rows, polished, (residual < CLOSED) & near)
 
 
-def _put(
-    angles: Complexes, rows: Indices, polished: "_Polished", near: Bools | bool
-) -> None:
-    """Set the solutions of systems whose solutions, without copies, are all there are."""
-    good = (polished.residual < CLOSED) & near
-    for row, solutions, fine in zip(rows, polished.angles, good, strict=True):
+def _put(angles: Complexes, rows: Indices, polished: Complexes, good: Bools) -> None:
+    """Set the solutions of systems whose good ones, without copies, are all there are."""
+    for row, solutions, fine in zip(rows, polished, good, strict=True):
         new = solutions[fine][_are_new(solutions[fine])]
         if len(new) == angles.shape[1]:
             angles[row] = new
@@ -232,72 +229,50 @@ def _forms(
     return forms, seconds, quadratics, weight
 
 
-@dataclass(frozen=True)
-class _Sampled:
-    """Eliminants of n systems at equally spaced values of the first angle.
+def _roots(equations: Numbers, involves: Bools) -> tuple[Complexes, Floats, list[str]]:
+    """Return all e^(ix) (n, 2 degree) of the first angle x of systems, and an excess (n,).
 
-    With n = b x c for the forms b, c in the last angle, their resultant is
-    n1^2 + n2^2 - n0^2. Its product over both zeros (1, C, S) of the form a in the second
-    angle, times (a1^2 + a2^2) to the power of its degree in them, is the eliminant.
+    The excess are the coefficients beyond the degree, relative. The last list says why a
+    system cannot be solved by them, or nothing.
 
-    `samples` (n, count), and `scales` (n, count) what these could reach by the sizes of
-    their factors; `held` (n,) says whether the first of three equations holds its angle,
-    `empty` (n,) whether one of all holds none.
+    The eliminants are sampled at equally spaced values of the first angle. With n = b x c
+    for the forms b, c in the last angle, their resultant is n1^2 + n2^2 - n0^2. Its product
+    over both zeros (1, C, S) of the form a in the second angle, times (a1^2 + a2^2) to the
+    power of its degree in them, is the eliminant.
     """
+    degree, power = eliminated_degree(involves), _power(involves)
+    count = OVERSAMPLING * degree
+    places = OFFSET + 2 * np.pi * np.arange(count) / count
+    first = np.broadcast_to(places, (len(equations), count))
+    forms, _, _, weight = _forms(equations, first)
+    normal = np.cross(forms[..., 0, :], forms[..., 1, :])
+    resultants = normal[..., 1] ** 2 + normal[..., 2] ** 2 - normal[..., 0] ** 2
+    samples = np.prod(resultants, axis=2) * weight**power
+    if np.isrealobj(equations):
+        samples = samples.real.astype(complex)
+    # What the samples could reach by the sizes of their factors.
+    sizes = np.prod(np.sum(np.abs(forms) ** 2, axis=4), axis=(2, 3))
+    scale = np.max(np.abs(weight) ** power * sizes, axis=1)
+    size = np.linalg.norm(equations.reshape(*equations.shape[:2], -1), axis=2)
+    held = max_abs(weight, axis=1) > (UNDETERMINED * size[:, 0]) ** 2
+    held &= all_finite(samples, 1)
+    many = (np.min(size, axis=1) < EMPTY) | ~(max_abs(samples, axis=1) > VANISHING * scale)
+    unsolved = "an equation of the elimination does not hold its angle"
+    endless = "there are infinitely many complex solutions"
+    problems = np.select([~held, many], [unsolved, endless], "").tolist()
 
-    degree: int
-    samples: Complexes
-    scales: Floats
-    held: Bools
-    empty: Bools
-
-    @staticmethod
-    def at(equations: Numbers, involves: Bools) -> "_Sampled":
-        degree, power = eliminated_degree(involves), _power(involves)
-        count = OVERSAMPLING * degree
-        places = OFFSET + 2 * np.pi * np.arange(count) / count
-        first = np.broadcast_to(places, (len(equations), count))
-        forms, _, _, weight = _forms(equations, first)
-        normal = np.cross(forms[..., 0, :], forms[..., 1, :])
-        resultants = normal[..., 1] ** 2 + normal[..., 2] ** 2 - normal[..., 0] ** 2
-        samples = np.prod(resultants, axis=2) * weight**power
-        sizes = np.prod(np.sum(np.abs(forms) ** 2, axis=4), axis=(2, 3))
-        size = np.linalg.norm(equations.reshape(*equations.shape[:2], -1), axis=2)
-        held = max_abs(weight, axis=1) > (UNDETERMINED * size[:, 0]) ** 2
-        empty = np.min(size, axis=1) < EMPTY
-        if np.isrealobj(equations):
-            samples = samples.real.astype(complex)
-        return _Sampled(degree, samples, np.abs(weight) ** power * sizes, held, empty)
-
-    @property
-    def problem(self) -> str:
-        """Why the only system cannot be solved by them, empty if it can."""
-        if not self.held[0] or not all_finite(self.samples):
-            return "an equation of the elimination does not hold its angle"
-        largest = max_abs(self.samples)
-        if self.empty[0] or not largest > VANISHING * np.max(self.scales):
-            return "there are infinitely many complex solutions"
-        return ""
-
-    def roots(self) -> tuple[Complexes, Floats]:
-        """Return all e^(ix) (n, 2 degree) of the first angle x, and the excess (n,).
-
-        The excess are the coefficients beyond the degree, relative.
-        """
-        degree, count = self.degree, self.samples.shape[1]
-        spectrum = np.fft.fft(self.samples, axis=1) / count
-        largest = max_abs(spectrum, axis=1)
-        beyond = np.abs(spectrum[:, degree + 1 : count - degree])
-        powers = np.concatenate(
-            [spectrum[:, degree::-1], spectrum[:, : -degree - 1 : -1]], axis=1
-        )
-        companions = np.zeros((len(powers), 2 * degree, 2 * degree), dtype=complex)
-        companions[:, 1:, :-1] = np.eye(2 * degree - 1)
-        companions[:, 0] = -powers[:, 1:] / powers[:, :1]
-        good = all_finite(companions, (1, 2))
-        roots = np.full((len(powers), 2 * degree), np.nan, dtype=complex)
-        roots[good] = np.linalg.eigvals(companions[good]) * np.exp(1j * OFFSET)
-        return roots, np.max(beyond, axis=1) / largest
+    spectrum = np.fft.fft(samples, axis=1) / count
+    beyond = np.abs(spectrum[:, degree + 1 : count - degree])
+    powers = np.concatenate(
+        [spectrum[:, degree::-1], spectrum[:, : -degree - 1 : -1]], axis=1
+    )
+    companions = np.zeros((len(powers), 2 * degree, 2 * degree), dtype=complex)
+    companions[:, 1:, :-1] = np.eye(2 * degree - 1)
+    companions[:, 0] = -powers[:, 1:] / powers[:, :1]
+    good = all_finite(companions, (1, 2))
+    roots = np.full((len(powers), 2 * degree), np.nan, dtype=complex)
+    roots[good] = np.linalg.eigvals(companions[good]) * np.exp(1j * OFFSET)
+    return roots, np.max(beyond, axis=1) / max_abs(spectrum, axis=1), problems
 
 
 def _starts(equations: Numbers, first: Complexes) -> Complexes:
@@ -317,10 +292,9 @@ def _solutions(equations: Numbers, roots: Complexes) -> tuple[Complexes, int]:
     first = first[np.abs(first.imag) < POLISHED]
     start = _starts(equations[None], first[None])
     start = start[:, _residual(equations[None], start)[0] < STARTED]
-    polished = _polished(equations[None], start)
-    good = polished.residual[0] < CLOSED
-    good &= np.abs(polished.angles[0, :, 0] - start[0, :, 0]) < CLUSTER
-    angles, flat = polished.angles[0, good], polished.flat[0, good]
+    angles, residual, flat = (part[0] for part in _polished(equations[None], start))
+    good = (residual < CLOSED) & (np.abs(angles[:, 0] - start[0, :, 0]) < CLUSTER)
+    angles, flat = angles[good], flat[good]
     new = _are_new(angles)
     angles, flat = angles[new], flat[new]
     turned = np.exp(1j * first)[:, None]
@@ -335,17 +309,11 @@ def _solutions(equations: Numbers, roots: Complexes) -> tuple[Complexes, int]:
     return angles, int(np.sum(lost & (np.abs(first.imag) < NEAR_CIRCLE)))
 
 
-@dataclass(frozen=True)
-class _Polished:
-    """Angles (n, m, t), their relative residual (n, m), and where equations are flat."""
+def _polished(equations: Numbers, angles: Complexes) -> tuple[Complexes, Floats, Bools]:
+    """Return what Newton's method makes of angles (n, m, t) of n systems.
 
-    angles: Complexes
-    residual: Floats
-    flat: Bools
-
-
-def _polished(equations: Numbers, angles: Complexes) -> _Polished:
-    """Return what Newton's method makes of angles (n, m, t) of n systems."""
+    With their relative residual (n, m), and where equations are flat.
+    """
     largest = np.inf
     for step in range(NEWTON_STEPS + 1):
         values, matrices = _jets(equations, angles)
@@ -360,7 +328,7 @@ def _polished(equations: Numbers, angles: Complexes) -> _Polished:
         angles = angles + change * np.minimum(1.0, 0.3 / np.maximum(length, 1e-300))
         largest = np.nanmax(length, initial=0.0)
     reach = np.prod(np.linalg.norm(matrices, axis=2), axis=2)
-    return _Polished(angles, _residual(equations, angles), determinant < FLAT * reach)
+    return angles, _residual(equations, angles), determinant < FLAT * reach
 
 
 def _residual(equations: Numbers, angles: Complexes) -> Floats:

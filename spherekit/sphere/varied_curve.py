@@ -7,6 +7,7 @@ is laid once more: on each panel a quintic through the points at both ends, with
 derivatives that agree where panels meet.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
@@ -28,28 +29,12 @@ from spherekit.sphere.profile import azimuth_panels, spline_fits
 from spherekit.sphere.rotation import cross, slope_of, stepped
 
 
-@dataclass(frozen=True)
-class QuinticPanels:
-    """A spline in powers of u from each knot on: `coefficients` (panels, 6, 3)."""
-
-    knots: Floats
-    coefficients: Floats
-
-    def __call__(self, u: Floats, order: int = 0) -> Floats:
-        """Return the derivative (..., 3) of an order at u of any shape."""
-        last = len(self.knots) - 2
-        inner = np.real(self.knots)
-        panel = np.clip(np.searchsorted(inner, np.real(u), side="right") - 1, 0, last)
-        x = (u - self.knots[panel])[..., None]
-        total = np.zeros((*np.shape(u), 3), dtype=self.coefficients.dtype)
-        for power in range(5, order - 1, -1):
-            factor = float(np.prod(np.arange(power - order + 1, power + 1)))
-            total = total * x + factor * self.coefficients[panel, power]
-        return total
-
-
-def quintic_panels(knots: Floats, points: Floats, closed: bool) -> QuinticPanels:
+def quintic_panels(
+    knots: Floats, points: Floats, closed: bool
+) -> Callable[[Floats, int], Floats]:
     """Return the quintic spline through points (m, 3) at knots (m,), periodic if closed.
+
+    That is its derivative (..., 3) of an order at parameters of any shape.
 
     An open one has no knots at the two points next to each end. Numbers may be complex.
     """
@@ -82,7 +67,19 @@ def quintic_panels(knots: Floats, points: Floats, closed: bool) -> QuinticPanels
     values, rows, columns = (np.array(item) for item in zip(*entries, strict=True))
     system = coo_array((values, (rows, columns)), shape=(row, row)).tocsc()
     solved = splu(system).solve(right).reshape(panels, 6, 3)
-    return QuinticPanels(knots, solved / h[:, None, None] ** np.arange(6.0)[:, None])
+    coefficients = solved / h[:, None, None] ** np.arange(6.0)[:, None]
+
+    def spline(u: Floats, order: int) -> Floats:
+        inner = np.real(knots[1:-1])
+        panel = np.searchsorted(inner, np.real(u), side="right")
+        x = (u - knots[panel])[..., None]
+        total = np.zeros((*np.shape(u), 3), dtype=points.dtype)
+        for power in range(5, order - 1, -1):
+            factor = float(np.prod(np.arange(power - order + 1, power + 1)))
+            total = total * x + factor * coefficients[panel, power]
+        return total
+
+    return spline
 
 
 def varied_spline(
