@@ -1,17 +1,26 @@
 """The half of the analysis `singularities` for mechanisms with several inputs."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from spherekit.plugin import (
+    Axis,
     Batch,
     Findings,
+    Floats,
+    Mark,
     Mechanism,
     Output,
+    PlaneCurve,
+    Portrait,
+    Primitive,
     Scene,
+    SphereCurves,
+    Surface,
     counted,
     input_columns,
     numbered,
@@ -20,6 +29,7 @@ from spherekit.plugin.rotations import wrap
 from spherekit.plugin.singularities import (
     Aspects,
     Completeness,
+    CurveSeen,
     LockedInputSection,
     LocusName,
     OutputCoefficients,
@@ -46,10 +56,14 @@ from .singular_tables import (
     RELATION,
     SELF_MOTION,
     SINGULARITIES,
-    SeveralScenes,
+    TONES,
     angle_of,
     configuration_columns,
     of_type,
+    plane,
+    relation_plots,
+    without_jumps,
+    words_of,
 )
 
 Row = dict[str, Any]
@@ -67,6 +81,8 @@ SIDES = 4.0
 """Edges that a mesh is laid with along the narrowest range of an input, and the longest."""
 HALVED = 2
 """How often edges are halved afterwards, with vertices on the surface."""
+PARTS = 8
+"""Parts of each way between two nodes of a singular curve that is drawn."""
 LONGEST_SIDE = np.radians(15.0)
 MOST_INPUTS = 3
 """The freedoms that an output has at most."""
@@ -82,13 +98,13 @@ def no_aspects(mechanism: Mechanism) -> str:
     )
 
 
-Loci = dict[str, list[SingularCurves | SingularSurface]]
-"""What is found of each output: curves of two inputs, surfaces of three."""
+Locus = SingularCurves | SingularSurface
+"""What is found of a type: curves of two inputs, surfaces of three."""
 
 
 @dataclass(frozen=True)
 class SeveralInputs:
-    """Singularities of a mechanism with several inputs, asked for once in a run.
+    """Singularities of the rows of a mechanism with several inputs.
 
     `slices` is the number of values at which each input is locked to look for singular
     curves, or surfaces where `mesh` (rad) is the length of their triangles' edges; with 0
@@ -97,25 +113,28 @@ class SeveralInputs:
     output may be free of type I, and `seconds` the processor time that all this may take.
     """
 
+    batch: Batch
     slices: int | None
     mesh: float | None
     input_grid: int | None
     near: float
     seconds: float
 
-    def slices_of(self, batch: Batch) -> int:
-        """Return the number of slices, by default what dyads of two inputs allow."""
+    @cached_property
+    def at_slices(self) -> int:
+        """The number of slices, by default what dyads of two inputs allow."""
         if self.slices is not None:
             return self.slices
-        two = len(batch.moving_inputs) == 2
-        return SLICES if two and batch.tracer.assembly.has_closed_form else 0
+        two = len(self.batch.moving_inputs) == 2
+        return SLICES if two and self.batch.tracer.assembly.has_closed_form else 0
 
-    def side_of(self, mechanism: Mechanism) -> tuple[float, int]:
-        """Return the length (rad) of the edges that a mesh is laid with, and halvings.
+    @cached_property
+    def sides(self) -> tuple[float, int]:
+        """The length (rad) of the edges that a mesh is laid with, and halvings.
 
         0 for no mesh.
         """
-        widths = [abs(item.stop - item.start) for item in mechanism.inputs]
+        widths = [abs(item.stop - item.start) for item in self.batch.mechanism.inputs]
         longest = float(min(LONGEST_SIDE, min(widths) / SIDES))
         if self.mesh is None:
             return longest, HALVED
@@ -124,45 +143,64 @@ class SeveralInputs:
         halved = int(np.clip(np.log2(longest / self.mesh), 0, HALVED))
         return self.mesh * 2**halved, halved
 
-    def points(self, batch: Batch) -> Row:
-        """Return the main table: points of singular curves or surfaces, by output."""
+    @cached_property
+    def points(self) -> Row:
+        """The main table: points of singular curves or surfaces, by output."""
         parts: list[Row] = []
-        for output in batch.mechanism.outputs:
-            met = np.zeros((0, len(batch.mechanism.variable_names)))
-            loci = self._found(batch)[0][output.name]
-            parts += [_everywhere(batch, x, output) for x in loci if x.everywhere]
-            number = 0
-            for locus in loci:
-                if isinstance(locus, SingularSurface):
-                    vertices = _rows(batch, locus.points, output, locus.claim)
+        for output in self.batch.mechanism.outputs:
+            met = np.zeros((0, len(self.batch.mechanism.variable_names)))
+            number, name = 0, named(self.batch.mechanism, output)
+            for locus in self.loci[output.name]:
+                if locus.everywhere:
+                    told = {"kind": locus.kind, "inside": "yes", "residual": 0.0}
+                    told |= {"output": name, "curve": -1}
+                    told |= {"note": "in every configuration", **_claimed(locus.claim)}
+                    parts.append(told)
+                elif isinstance(locus, SingularSurface):
+                    vertices = self._rows(locus.points, output, locus.claim)
                     vertices |= {"curve": locus.component, "note": "vertex of a surface"}
                     parts.append(vertices)
-                    continue
-                for curve in locus.curves:
-                    whole = _rows(batch, curve.points, output, locus.claim)
-                    whole |= {"curve": number, "s": curve.s}
-                    whole["note"] = "closed" if curve.closed else "open"
-                    if curve.why:
-                        whole["condition"] = curve.why
-                    away = np.abs(wrap(curve.both.values[:, None] - met))
-                    fresh = ~np.any(np.max(away, axis=2) < SAME, axis=1)
-                    both = _rows(batch, curve.both.rows(fresh), output, locus.claim)
-                    both |= {"kind": "III", "curve": number, "note": "of both types"}
-                    parts += [whole, both]
-                    met = np.concatenate([met, curve.both.values])
-                    number += 1
-        return SINGULARITIES.stacked(batch.mechanism, parts)
+                else:
+                    for curve in locus.curves:
+                        whole = self._rows(curve.points, output, locus.claim)
+                        whole |= {"curve": number, "s": curve.s}
+                        whole["note"] = "closed" if curve.closed else "open"
+                        if curve.why:
+                            whole["condition"] = curve.why
+                        away = np.abs(wrap(curve.both.values[:, None] - met))
+                        fresh = ~np.any(np.max(away, axis=2) < SAME, axis=1)
+                        both = self._rows(curve.both.rows(fresh), output, locus.claim)
+                        both |= {"kind": "III", "curve": number, "note": "of both types"}
+                        parts += [whole, both]
+                        met = np.concatenate([met, curve.both.values])
+                        number += 1
+        return SINGULARITIES.stacked(self.batch.mechanism, parts)
 
-    def relation(self, batch: Batch) -> Row:
-        """Return c_i w_i = d_i q_i' and nearness of every row, by output and input."""
-        return batch.once(
-            "relation", lambda: RELATION.stacked(batch.mechanism, self._related(batch))
+    def _rows(self, points: SingularPoints, output: Output, claim: Completeness) -> Row:
+        batch, number = self.batch, self.batch.mechanism.link_number
+        links, rest = (
+            (number[output.link], number[output.relative_to]),
+            output_of(batch.mechanism, output.name),
         )
+        motion, by_rank = batch.tracer.given(points.values), batch.tracer.by_rank
+        return {
+            "kind": [RowType(code).label for code in points.type],
+            "condition": what_vanishes(motion, rest, points.pointing, by_rank),
+            **input_columns(batch.mechanism, points.inputs),
+            **configuration_columns(batch, points.values, links, points.pointing),
+            "inside": np.where(points.inside, "yes", "no"),
+            "output": named(batch.mechanism, output),
+            "residual": points.residual,
+            **_claimed(claim),
+        }
 
-    def _related(self, batch: Batch) -> list[Row]:
+    @cached_property
+    def relation(self) -> Row:
+        """c_i w_i = d_i q_i' and nearness of every row, by output and input."""
         parts: list[Row] = []
+        batch = self.batch
         for output in batch.mechanism.outputs:
-            rows = self._coefficients(batch, output)
+            rows = self.coefficients[output.name]
             whole = {
                 "sample": batch.sample,
                 "assembly_mode": batch.assembly_mode,
@@ -174,14 +212,13 @@ class SeveralInputs:
                 "sigma": rows.hold,
                 "reciprocal_condition": rows.reciprocal_condition,
                 "status": batch.status,
-                "type": np.array(types_of(rows.type), dtype=str),
+                "type": np.array([RowType(code).label for code in rows.type], dtype=str),
                 "group": rows.group,
             }
-            speed = np.sum(rows.w * rows.u, axis=2)
             by_input = {
                 "c": rows.c,
                 "d": rows.d,
-                "velocity_coefficient": speed,
+                "velocity_coefficient": np.sum(rows.w * rows.u, axis=2),
                 "output_rate": rows.output_rate,
                 "input_rate": rows.input_rate,
             }
@@ -189,31 +226,32 @@ class SeveralInputs:
                 {**whole, "moving": pair, **{name: x[:, k] for name, x in by_input.items()}}
                 for k, pair in enumerate(batch.moving_inputs)
             ]
-        return parts
+        return RELATION.stacked(batch.mechanism, parts)
 
-    def aspect_rows(self, batch: Batch) -> Row:
-        """Return the configurations over an input grid, with the number of their aspect."""
-        _, parts = self._found(batch)
+    @property
+    def aspects(self) -> Row:
+        """The configurations over an input grid, with the number of their aspect."""
+        parts, mechanism = self.parts, self.batch.mechanism
         if parts is None:
-            return ASPECTS.stacked(batch.mechanism)
+            return ASPECTS.stacked(mechanism)
         rows = {
             "aspect": parts.label,
-            **input_columns(batch.mechanism, parts.inputs),
+            **input_columns(mechanism, parts.inputs),
             "sign_II": parts.sign_two[parts.label],
             "sign_I": parts.sign_one[parts.label],
             "assembly_modes": parts.modes[parts.label],
         }
-        return ASPECTS.stacked(batch.mechanism, [rows])
+        return ASPECTS.stacked(mechanism, [rows])
 
-    def findings(self, batch: Batch) -> Findings:
+    def findings(self) -> Findings:
         """Return curves, aspects and claims, and where rows come near a type."""
-        figures: dict[str, Any] = {"slices": self.slices_of(batch)}
+        batch, parts = self.batch, self.parts
+        figures: dict[str, Any] = {"slices": self.at_slices}
         warnings: list[str] = []
         remarks: list[str] = []
         everywhere: set[str] = set()
-        by_output, parts = self._found(batch)
         for output in batch.mechanism.outputs:
-            name, loci = named(batch.mechanism, output), by_output[output.name]
+            name, loci = named(batch.mechanism, output), self.loci[output.name]
             always = [str(locus.kind) for locus in loci if locus.everywhere]
             told = [f"{of_type(kind)} in every configuration" for kind in always]
             figures[name] = {"everywhere": sorted(always)}
@@ -224,7 +262,7 @@ class SeveralInputs:
                     key = locus.kind.replace("-", "_")
                     figures[name] |= {f"{what}_{key}": n for what, n in counts.items()}
                     told.append(f"{words}; {counts['claim']}")
-            rows = self._coefficients(batch, output)
+            rows = self.coefficients[output.name]
             throughout = {} if always else _throughout(batch, rows)
             told += [
                 f"{of_type(kind)} in every row of " + numbered("assembly mode", numbers)
@@ -260,31 +298,30 @@ class SeveralInputs:
                 remarks.append("; ".join(filter(None, [words, parts.note])))
         return Findings(figures, tuple(warnings), tuple(remarks))
 
-    def scenes(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of each mode, curves in the plane of inputs and on the sphere."""
-        return SeveralScenes(
-            batch,
-            batch.mechanism.outputs,
-            lambda output: self._found(batch)[0][output.name],
-            self.relation(batch),
-        ).pages()
+    @property
+    def loci(self) -> dict[str, list[Locus]]:
+        """What is found of each output by its name."""
+        return self._found[0]
 
-    def _found(self, batch: Batch) -> tuple[Loci, Aspects | None]:
-        return batch.once("found", lambda: self._find(batch))
+    @property
+    def parts(self) -> Aspects | None:
+        """The aspects, None where they are not asked for."""
+        return self._found[1]
 
-    def _find(self, batch: Batch) -> tuple[Loci, Aspects | None]:
-        """Find all that takes of the time: types of outputs, then self-motions, aspects.
+    @cached_property
+    def _found(self) -> tuple[dict[str, list[Locus]], Aspects | None]:
+        """All that takes of the time: types of outputs, then self-motions, aspects.
 
         Each takes an even part of the time that is left. Curves are looked for once for all
         that share their locus; what every pair moves has its self-motions on the locus of
         type II.
         """
-        mechanism, budget = batch.mechanism, TimeLimit(self.seconds)
+        mechanism, budget = self.batch.mechanism, TimeLimit(self.seconds)
         names = [output.name for output in mechanism.outputs]
         input_grid = self.input_grid
         if input_grid is None:
             input_grid = INPUT_GRID if len(mechanism.inputs) <= MOST_INPUTS else 0
-        surfaces = len(mechanism.inputs) == MOST_INPUTS and self.side_of(mechanism)[0] > 0.0
+        surfaces = len(mechanism.inputs) == MOST_INPUTS and self.sides[0] > 0.0
         sought: list[tuple[LocusName, str]] = []
         if self.slices != 0 and (len(mechanism.inputs) == 2 or surfaces):
             sought = [(kind, name) for name in names for kind in KINDS]
@@ -294,12 +331,12 @@ class SeveralInputs:
                 if locus_key(mechanism, "II", name)
                 != locus_key(mechanism, SELF_MOTION, name)
             ]
-        slices, made = self.slices_of(batch), None
+        slices, made = self.at_slices, None
         if slices and sought:
             solver, ranges = solver_of(mechanism), ranges_of(mechanism)
             made = cut(solver, ranges, slices, budget.part(FOR_SLICES, "slices"))
-        loci: Loci = {name: [] for name in names}
-        by_key: dict[tuple[object, ...], SingularCurves | SingularSurface] = {}
+        loci: dict[str, list[Locus]] = {name: [] for name in names}
+        by_key: dict[tuple[object, ...], Locus] = {}
         for number, (kind, name) in enumerate(sought):
             key = (kind, name) if surfaces else locus_key(mechanism, kind, name)
             shared = by_key.get(key)
@@ -310,7 +347,7 @@ class SeveralInputs:
                 left = len(sought) - number + (input_grid > 0)
                 what = f"{'surfaces' if surfaces else 'curves'} {of_type(kind)}"
                 share = budget.part(1.0 / left, what)
-                shared = by_key[key] = self._searched(mechanism, kind, name, made, share)
+                shared = by_key[key] = self._searched(kind, name, made, share)
             loci[name].append(shared)
         if not input_grid:
             return loci, None
@@ -319,45 +356,131 @@ class SeveralInputs:
 
     def _searched(
         self,
-        mechanism: Mechanism,
         kind: LocusName,
         output: str,
         made: LockedInputSection | None,
         budget: TimeLimit,
-    ) -> SingularCurves | SingularSurface:
+    ) -> Locus:
         """Look for a type: curves of a mid-plane architecture, or as slices find them."""
+        mechanism = self.batch.mechanism
         if len(mechanism.inputs) == MOST_INPUTS:
-            side, halved = self.side_of(mechanism)
+            side, halved = self.sides
             return singular_surface(
-                mechanism,
-                kind,
-                output,
-                side=side,
-                halved=halved,
-                slices_of_each=0,
-                made=made,
-                budget=budget,
+                mechanism, kind, output, None, side, halved, 0, made=made, budget=budget
             )
         if made is None and kind != SELF_MOTION:
             curves = mid_plane_loci(mechanism, kind, output, budget)
             if curves is not None:
                 return curves
-        return singular_curves(
-            mechanism, kind, output, slices_of_each=0, made=made, budget=budget
+        return singular_curves(mechanism, kind, output, None, 0, made=made, budget=budget)
+
+    @cached_property
+    def coefficients(self) -> dict[str, OutputCoefficients]:
+        """The rows as each output sees them, by its name."""
+        tracer, mechanism = self.batch.tracer, self.batch.mechanism
+        return {
+            output.name: coefficients(
+                self.batch.motion, output_of(mechanism, output.name), tracer.by_rank
+            )
+            for output in mechanism.outputs
+        }
+
+    def scenes(self) -> tuple[Scene, ...]:
+        """Return plots of each mode, curves in the plane of inputs and on the sphere."""
+        pages, outputs = [], self.batch.mechanism.outputs
+        surfaces = tuple(
+            Surface(
+                f"plots/surface/{output.name}/{mesh.kind}",
+                f"{words_of(mesh.kind)} of {output.name}",
+                mesh.points.inputs,
+                mesh.triangles,
+                (a, b, c),
+                TONES[mesh.kind],
+                "rad",
+            )
+            for output in outputs
+            for mesh in self.loci[output.name]
+            for a, b, c in [self.batch.moving_inputs]
+            if isinstance(mesh, SingularSurface) and len(mesh.triangles)
+        )
+        if surfaces:
+            step = Axis("surfaces", "", np.zeros(1))
+            pages.append(Scene("Singular surfaces", surfaces, (step,)))
+        for number, rows in self.batch.assembly_mode_rows().items():
+            parts: list[Primitive] = []
+            for output in outputs:
+                curves = [
+                    locus
+                    for locus in self.loci[output.name]
+                    if isinstance(locus, SingularCurves)
+                ]
+                if any(of_type.curves for of_type in curves):
+                    parts.append(self._plane(output, curves, rows))
+                    parts += self._on_sphere(output, curves)
+            parts += relation_plots(self.relation, len(self.batch), rows)
+            pages.append(Scene(number, tuple(parts)))
+        return tuple(pages)
+
+    def _plane(
+        self, output: Output, loci: Sequence[SingularCurves], rows: slice
+    ) -> Portrait:
+        """Return the singular curves in the plane of both inputs."""
+        curves = [
+            PlaneCurve(
+                without_jumps(self._dense(curve).inputs),
+                TONES[locus.kind],
+                words_of(locus.kind),
+            )
+            for locus in loci
+            for curve in locus.curves
+        ]
+        first, second = self.batch.moving_inputs
+        return plane(
+            f"plots/inputs/{output.name}",
+            f"singular curves of {output.name} in the inputs",
+            self.batch.inputs[rows],
+            (first, second),
+            curves,
+            [m for x in loci for curve in x.curves for m in _marks(curve.both.inputs)],
+            [self.batch.inputs],
         )
 
-    def _coefficients(self, batch: Batch, output: Output) -> OutputCoefficients:
-        return batch.once(
-            ("coefficients", output.name),
-            lambda: coefficients(
-                batch.motion,
-                output_of(batch.mechanism, output.name),
-                by_rank=batch.tracer.by_rank,
-            ),
-        )
+    def _on_sphere(self, output: Output, loci: Sequence[SingularCurves]) -> list[Primitive]:
+        """Return the singular curves as what the output points at, in ground axes.
+
+        The third axis of an output without a direction.
+        """
+        return [
+            SphereCurves(
+                f"singular/{output.name}/{locus.kind}",
+                f"{words_of(locus.kind)} of {output.name}",
+                [_directions(self._dense(curve)) for curve in locus.curves],
+                TONES[locus.kind],
+                [m for curve in locus.curves for m in _marks(_directions(curve.both))],
+            )
+            for locus in loci
+        ]
+
+    def _dense(self, curve: CurveSeen) -> SingularPoints:
+        return self.batch.once(("dense", id(curve)), lambda: curve.dense(PARTS))
 
 
-def _in_words(locus: SingularCurves | SingularSurface) -> tuple[dict[str, Any], str]:
+def _marks(places: Floats) -> list[Mark]:
+    return [Mark("type III", place, TONES["III"]) for place in places]
+
+
+def _directions(points: SingularPoints) -> Floats:
+    if points.pointing is not None:
+        return points.pointing
+    return points.orientation[:, :, 2]
+
+
+def _claimed(claim: Completeness) -> Row:
+    """Return what is known of a place on a locus."""
+    return {"double": "no", "certain": "yes", "guarantee": claim.guarantee.value}
+
+
+def _in_words(locus: Locus) -> tuple[dict[str, Any], str]:
     """Return what is found of a type, as figures and in words."""
     if isinstance(locus, SingularSurface):
         what, count, irregular = "surface", len(locus.points.values), locus.irregular
@@ -384,49 +507,8 @@ def _throughout(batch: Batch, rows: OutputCoefficients) -> dict[str, list[int]]:
     for number, in_mode in batch.assembly_mode_rows().items():
         kinds = set(rows.type[in_mode].tolist()) - {int(RowType.UNKNOWN)}
         if len(kinds) == 1 and kinds != {int(RowType.REGULAR)}:
-            modes.setdefault(types_of([kinds.pop()])[0], []).append(number)
+            modes.setdefault(RowType(kinds.pop()).label, []).append(number)
     return modes
-
-
-def _everywhere(
-    batch: Batch, locus: SingularCurves | SingularSurface, output: Output
-) -> Row:
-    """Return the row of an output that is of a type in every configuration."""
-    return {
-        "kind": locus.kind,
-        "inside": "yes",
-        "output": named(batch.mechanism, output),
-        "residual": 0.0,
-        "double": "no",
-        "certain": "yes",
-        "guarantee": locus.claim.guarantee.value,
-        "curve": -1,
-        "note": "in every configuration",
-    }
-
-
-def _rows(batch: Batch, points: SingularPoints, output: Output, claim: Completeness) -> Row:
-    number = batch.mechanism.link_number
-    links = number[output.link], number[output.relative_to]
-    return {
-        "kind": types_of(points.type),
-        "condition": _conditions(batch, points, output),
-        **input_columns(batch.mechanism, points.inputs),
-        **configuration_columns(batch, points.values, links, points.pointing),
-        "inside": np.where(points.inside, "yes", "no"),
-        "output": named(batch.mechanism, output),
-        "residual": points.residual,
-        "double": "no",
-        "certain": "yes",
-        "guarantee": claim.guarantee.value,
-    }
-
-
-def _conditions(batch: Batch, points: SingularPoints, output: Output) -> list[str]:
-    """Return in words what makes configurations (n,) singular."""
-    motion = batch.tracer.given(points.values)
-    rest = output_of(batch.mechanism, output.name)
-    return what_vanishes(motion, rest, points.pointing, batch.tracer.by_rank)
 
 
 def named(mechanism: Mechanism, output: Output) -> str:
@@ -434,8 +516,3 @@ def named(mechanism: Mechanism, output: Output) -> str:
     links = f"{output.link}/{output.relative_to}"
     alike = [o for o in mechanism.outputs if f"{o.link}/{o.relative_to}" == links]
     return links if len(alike) == 1 else f"{links} {output.name}"
-
-
-def types_of(codes: Iterable[int]) -> list[str]:
-    """Return the labels of `RowType`s."""
-    return [RowType(code).label for code in codes]

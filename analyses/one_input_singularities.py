@@ -1,0 +1,406 @@
+"""The half of the analysis `singularities` for mechanisms with one input."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from spherekit.plugin import (
+    Arrow,
+    Axis,
+    Batch,
+    Findings,
+    Floats,
+    GreatCircle,
+    InputMarks,
+    Mark,
+    PlaneCurve,
+    Portrait,
+    Primitive,
+    Scene,
+    Status,
+    Text,
+    counted,
+    link_bodies,
+    listing,
+    numbered,
+)
+from spherekit.plugin.singularities import (
+    RelationAt,
+    SampledSingularities,
+    SingularPoint,
+    SixPoles,
+    Type,
+    grashof,
+    near_misses,
+)
+
+from .singular_tables import (
+    ASPECTS,
+    RELATION,
+    SELF_MOTION,
+    SINGULARITIES,
+    TONES,
+    configuration_columns,
+    of_type,
+    plane,
+    relation_plots,
+    without_jumps,
+)
+from .singular_words import coming_near, least_angles, places, swings
+
+Row = dict[str, Any]
+
+RESTS = 1e-8
+"""A rate by arc length below this is none."""
+LINE_TONE = 4
+DRAWN = 721
+"""Points with which a whole configuration curve is drawn."""
+AXES = {"ir": "ir", "or_": "or", "os": "os", "io": "io", "is_": "is", "rs": "rs"}
+COINCIDE = {
+    "I": (("io", "os", "is_"), ("ir", "is_", "rs")),
+    "II": (("or_", "os", "rs"), ("io", "os", "is_")),
+}
+"""The axes of the planes that coincide in a type of singularity."""
+GALLERY = (
+    "Arrows: poles of the input link i, its reference r, the output link o and its "
+    "reference s, or the fourth link of form ii. Great circles: the planes that "
+    "coincide.\n\n"
+    "| sample | type | condition | mode | q, deg | output |\n"
+    "|---|---|---|---|---:|---|"
+)
+
+
+@dataclass(frozen=True)
+class OneInput:
+    """Singularities of the rows of a mechanism with one input.
+
+    `outputs` are the relative motions of interest, as numbers of links; `near` (degrees)
+    is the angle to a singularity below which a warning is given.
+    """
+
+    batch: Batch
+    outputs: tuple[tuple[int, int], ...]
+    near: float
+
+    @cached_property
+    def sampled(self) -> SampledSingularities:
+        """The singularities on all curves, and the rows on these."""
+        batch = self.batch
+        passed = None if batch.motion.sense is None else batch.q
+        return SampledSingularities(
+            batch.tracer, self.outputs, batch.motion.values, batch.assembly_mode, passed
+        )
+
+    @cached_property
+    def names(self) -> list[str]:
+        """The outputs by names of links."""
+        return [self._named(links) for links in self.sampled.report.outputs]
+
+    def _named(self, links: Iterable[int]) -> str:
+        return "/".join(self.sampled.tracer.mechanism.links[k] for k in links)
+
+    @cached_property
+    def points(self) -> Row:
+        """The main table: points on curves, where curves cross, then whole curves."""
+        sampled = self.sampled
+        claim = sampled.configurations.guarantee.value
+        rows: list[Row] = []
+        for point in (*sampled.report.points, *sampled.report.crossings):
+            rows += self._rows(point)
+        for whole in sampled.report.whole:
+            pieces = sampled.configurations.curves[whole.curve].pieces
+            rows.append(
+                {
+                    "kind": str(whole.type),
+                    "assembly_mode": _joined(sampled.modes_of(pieces)),
+                    "inside": "yes",
+                    "output": self._named(whole.output),
+                    "curve": whole.curve,
+                    "residual": 0.0,
+                    "certain": "yes",
+                    "note": f"at rest on the whole of curve {whole.curve}",
+                }
+            )
+        listed = [{"double": "no", "guarantee": claim, **row} for row in rows]
+        return SINGULARITIES.stacked(self.batch.mechanism, listed)
+
+    def _rows(self, point: SingularPoint) -> list[Row]:
+        """Return a row for each input of the range at which a singularity is met."""
+        sampled, ends = self.sampled, point.places
+        part = None if sampled.tracer is self.batch.tracer else sampled.tracer
+        relations: Sequence[RelationAt] = point.relations
+        if point.type is Type.III:
+            count = 0 if point.crossing is None else len(point.crossing.tangents)
+            words = [
+                f"{counted(count, 'curve')} cross" if count else "curves end",
+                "ends of curves " + _joined(sorted({curve for curve, _ in ends}), ", "),
+                point.note,
+            ]
+        else:
+            relations = [at for at in point.relations if at.agrees]
+            said = [item.words for at in relations for item in at.conditions]
+            words = [point.note, *(said or [at.note for at in point.relations])]
+        held = [item for relation in relations for item in relation.conditions]
+        labels = dict.fromkeys(h.label + ("" if h.certain else "?") for h in held)
+        turns = ["input"] * (point.input_turns and point.type is not Type.I)
+        turns += ["output"] * (point.output_turns and point.type is not Type.II)
+        whole = {
+            **configuration_columns(
+                self.batch, point.values[None], point.output, part=part
+            ),
+            "kind": str(point.type),
+            "certain": "yes" if point.certain else "no",
+            "error": point.error,
+            "reversal": " and ".join(turns),
+            "double": "yes" if point.double else "no",
+            "condition": " ".join(labels),
+            "residual": min((h.residual for h in held), default=np.nan),
+            "output": self._named(point.output),
+            "curve": point.curve,
+            "s": point.s,
+            "note": "; ".join(dict.fromkeys(filter(None, words))),
+        }
+        rows = []
+        for q in sampled.inputs_of(point.curve, point.values):
+            modes = {k for end in ends for k in sampled.assembly_modes_at(*end, q)}
+            inside = "yes" if sampled.inside(q, ends) else "no"
+            here = {"assembly_mode": _joined(sorted(modes)), "q": q, "inside": inside}
+            rows.append({**whole, **here})
+        return rows
+
+    @cached_property
+    def relation(self) -> Row:
+        """C y' = d q' and nearness of every row, by output and form."""
+        batch, sampled = self.batch, self.sampled
+        sigma, reciprocal_condition = sampled.singular_values()
+        status = np.where(batch.status == Status.OK, sampled.status, batch.status)
+        rows: list[Row] = []
+        for (output, form), columns in sampled.measures().items():
+            rates = columns["output_rate"], columns["input_rate"]
+            finite, rest = np.isfinite(rates[1]), [np.abs(rate) < RESTS for rate in rates]
+            kinds = np.select(
+                [sampled.crossed, ~finite, rest[0] & rest[1], *rest],
+                ["III", "", SELF_MOTION, "I", "II"],
+                "regular",
+            )
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratio = rates[0] / rates[1]
+            rows.append(
+                {
+                    **columns,
+                    "sample": batch.sample,
+                    "assembly_mode": batch.assembly_mode,
+                    "q": batch.q,
+                    "output": self.names[output],
+                    "form": form,
+                    "velocity_coefficient": ratio,
+                    "sigma": sigma,
+                    "reciprocal_condition": reciprocal_condition,
+                    "status": status,
+                    "moving": batch.moving_inputs[0],
+                    "type": kinds,
+                    "group": np.isin(kinds, ("I", "II", "III")).astype(np.int64),
+                }
+            )
+        return RELATION.stacked(batch.mechanism, rows)
+
+    @property
+    def aspects(self) -> Row:
+        """No rows: aspects are those of several inputs."""
+        return ASPECTS.stacked(self.batch.mechanism)
+
+    def findings(self) -> Findings:
+        """Return how many singularities there are, and where a mode comes near one."""
+        sampled, points, names = self.sampled, self.points, self.names
+        report, configurations = sampled.report, sampled.configurations
+        inside, count = points["inside"] == "yes", len(sampled.curves)
+        here, beyond = (
+            dict(sorted(Counter(points["kind"][some].tolist()).items()))
+            for some in (inside, ~inside)
+        )
+        misses = near_misses(sampled, np.radians(self.near))
+        figures: dict[str, Any] = {
+            "singularities": here,
+            "outside": beyond,
+            "configuration_curves": count,
+            "guarantee": str(configurations.claim),
+            "checks_failed": list(configurations.mismatches),
+            "notes": [*report.gaps, *report.notes],
+            "near_misses": [
+                {
+                    "type": str(miss.type),
+                    "output": names[miss.output],
+                    "assembly_modes": list(miss.assembly_modes),
+                    "q_rad": miss.q,
+                    "angle_rad": miss.angle,
+                    "velocity_coefficient": miss.velocity_coefficient,
+                }
+                for miss in misses
+            ],
+        }
+        warnings = [*report.gaps, *configurations.mismatches]
+        if report.everywhere is not None:
+            figures["freedoms_everywhere"] = report.everywhere
+            warnings.append(
+                f"to a part in a million, the mechanism has {report.everywhere} freedoms "
+                "in every configuration: it is singular everywhere, and its tables are "
+                "empty"
+            )
+        for name in dict.fromkeys(points["output"][inside & (points["kind"] == "II")]):
+            warnings.append(
+                f"output {name} meets type II in the range: the locked input does not hold "
+                "it there"
+            )
+        pair = self.batch.moving_inputs[0]
+        warnings += coming_near(misses, points, names, self.near, pair)
+        counts, elsewhere = _in_words(here) or "no singularities", _in_words(beyond)
+        if sampled.is_simulation:
+            counts += " passed" + f", {elsewhere} elsewhere" * bool(beyond)
+        elif beyond:
+            counts += f" in the range of the input, {elsewhere} outside"
+        links = sampled.tracer.mechanism.links
+        all_links = len(links) == len(self.batch.mechanism.links)
+        remarks = [
+            f"{counts} on {counted(count, 'configuration curve')}"
+            + ("" if all_links else f" of the links {listing(links)}")
+            + f"; {configurations.claim}"
+        ]
+        made = grashof(self.batch.mechanism)
+        if made is not None:
+            figures["grashof"] = made.name
+            remarks.append(str(made))
+        for name in names:
+            remarks += places(points, name, pair)
+        if report.everywhere is None:
+            remarks += swings(sampled, names)
+        remarks += least_angles(sampled, names, pair)
+        return Findings(figures, tuple(warnings), tuple(remarks))
+
+    def scenes(self) -> tuple[Scene, ...]:
+        """Return the page of singularities, if they have places, and one of each mode."""
+        pages = [self._gallery()] if np.any(np.isfinite(self.points["s"])) else []
+        for number, rows in self.batch.assembly_mode_rows().items():
+            drawn = [self._input_output(output, rows) for output in range(len(self.names))]
+            plots = relation_plots(self.relation, len(self.batch), rows)
+            pages.append(Scene(number, (*drawn, *plots, *self._marked(rows))))
+        return tuple(pages)
+
+    def _marked(self, rows: slice) -> list[Primitive]:
+        """Return the inputs at which singularities of an assembly mode are."""
+        if self.batch.timed:
+            return []
+        points, mode = self.points, str(int(self.batch.assembly_mode[rows.start]))
+        here = np.array([mode in modes.split("+") for modes in points["assembly_mode"]])
+        parts: list[Primitive] = []
+        for kind in dict.fromkeys(points["kind"][here].tolist()):
+            q = np.unique(points["q"][here & (points["kind"] == kind)])
+            q = q[np.isfinite(q), None]
+            parts.append(InputMarks(f"marks/{kind}", f"type {kind}", q, TONES[kind]))
+        return parts
+
+    def _drawn(self, curve: int, output: int) -> tuple[Floats, Floats]:
+        """Return places (k,) along a curve, and the input and the output (k, 2) there."""
+
+        def drawn() -> tuple[Floats, Floats]:
+            sampled = self.sampled
+            s = np.linspace(0.0, sampled.curves[curve].length * (1.0 - 1e-12), DRAWN)
+            q, turned = sampled.input_at(curve, s), sampled.output_angle(curve, output, s)
+            return s, np.stack([q, turned], axis=1)
+
+        return self.batch.once(("drawn", curve, output), drawn)
+
+    def _place(self, curve: int, output: int, s: float) -> Floats:
+        """Return where a place of a curve is drawn, (2,)."""
+        along, line = self._drawn(curve, output)
+        return line[int(np.argmin(np.abs(along - s)))]
+
+    def _input_output(self, output: int, rows: slice) -> Portrait:
+        """Return the output against the input, all curves drawn, singularities marked."""
+        batch, sampled, name = self.batch, self.sampled, self.names[output]
+        curves: list[PlaneCurve] = []
+        at = np.full((len(batch), 2), np.nan)
+        for number in range(len(sampled.curves)):
+            s, line = self._drawn(number, output)
+            curves.append(PlaneCurve(without_jumps(line), LINE_TONE))
+            (on_curve,) = np.nonzero(sampled.curve == number)
+            nearest = np.clip(np.searchsorted(s, sampled.s[on_curve]), 0, DRAWN - 1)
+            at[on_curve] = np.stack([batch.q[on_curve], line[nearest, 1]], axis=1)
+        marks = [
+            Mark(f"type {point.type}", place, TONES[str(point.type)])
+            for point in sampled.report.points
+            if point.output == sampled.report.outputs[output]
+            and np.all(np.isfinite(place := self._place(point.curve, output, point.s)))
+        ]
+        return plane(
+            f"plots/input_output/{name.replace('/', '_')}",
+            f"output {name} against the input",
+            at[rows],
+            (f"input {batch.moving_inputs[0]}", f"output {name}"),
+            curves,
+            marks,
+        )
+
+    def _gallery(self) -> Scene:
+        """Return a page on which row k is singularity k, with what coincides there."""
+        sampled, every = self.sampled, self.points
+        points = {k: v[np.isfinite(every["s"])] for k, v in every.items()}
+        n = len(points["kind"])
+        outputs = [self.names.index(name) for name in points["output"]]
+        places = list(zip(points["curve"].tolist(), points["s"].tolist(), strict=True))
+        six = [
+            sampled.report.at(curve, np.array([s]), output)[2][-1].poles
+            for (curve, s), output in zip(places, outputs, strict=True)
+        ]
+        turned = np.stack([sampled.configuration(*place) for place in places])
+        planes = np.stack([_planes(*at) for at in zip(six, points["kind"], strict=True)])
+        parts: list[Primitive] = [*link_bodies(sampled.tracer.mechanism, turned)]
+        for name, words in AXES.items():
+            axes = np.concatenate([getattr(poles, name) for poles in six])
+            if np.any(np.isfinite(axes)):
+                parts.append(Arrow(f"pole/{name}", words, axes, False, path_shown=False))
+        for k, which in enumerate(("one triplet", "the other")):
+            parts.append(GreatCircle(f"plane/{k}", f"plane of {which}", planes[:, k]))
+        told = ("kind", "condition", "assembly_mode", "q", "output")
+        lines = [GALLERY]
+        shown = {**points, "q": [f"{q:.4f}" for q in np.degrees(points["q"])]}
+        for k, texts in enumerate(zip(*(shown[name] for name in told), strict=True)):
+            lines.append(f"| {k} | {' | '.join(texts)} |")
+        lines += ["", "What coincides:", ""]
+        for note in dict.fromkeys(note for note in points["note"].tolist() if note):
+            (rows,) = np.nonzero(points["note"] == note)
+            lines.append(f"- {numbered('sample', rows.tolist())}: {note}")
+        parts.append(Text("list", "Singularities", "\n".join(lines)))
+        for output in range(len(self.names)):
+            at = np.full((n, 2), np.nan)
+            for row, (curve, s) in enumerate(places):
+                if outputs[row] == output:
+                    at[row] = points["q"][row], self._place(curve, output, s)[1]
+            whole = self._input_output(output, slice(None))
+            parts.append(replace(whole, x=at[:, 0], y=at[:, 1]))
+        over = Axis("singularity", "", np.arange(n, dtype=float))
+        return Scene("Singularities", tuple(parts), (over,))
+
+
+def _planes(six: SixPoles, kind: str) -> Floats:
+    """Return the normals (2, 3) of the planes that coincide in a type of singularity."""
+    planes = np.full((2, 3), np.nan)
+    for k, names in enumerate(COINCIDE["I" if kind == "I" else "II"]):
+        vectors = six.stacked(names)[0]
+        normals = np.cross(vectors, np.roll(vectors, -1, axis=0))
+        sizes = np.nan_to_num(np.linalg.norm(normals, axis=1))
+        best = int(np.argmax(sizes))
+        if sizes[best] > 0.0:
+            planes[k] = normals[best] / sizes[best]
+    return planes
+
+
+def _in_words(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{n} {of_type(kind)}" for kind, n in counts.items())
+
+
+def _joined(numbers: Iterable[int], sign: str = "+") -> str:
+    return sign.join(map(str, numbers))
