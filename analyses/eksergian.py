@@ -1,7 +1,7 @@
 """Eksergian's equation: equivalent inertia, generalised forces, driving torque."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -236,54 +236,47 @@ class Eksergian(AbstractAnalysis):
 
         With the phase portrait, where the samples are times.
         """
-        solution = self._found(batch)
-        names = [mass.link for mass in batch.mechanism.masses]
-        B, dB = (np.sum(x, axis=1) for x in (solution.B_parts, solution.dB_parts))
-        numbers = batch.mechanism.link_number
+        solution, mechanism = self._found(batch), batch.mechanism
         torques = {"tau": self._at(batch, solution.tau)}
         if batch.timed:
-            torques["B ddq"] = B * batch.ddq
-        torques["dB/dq dq²/2"] = 0.5 * dB * batch.dq**2
-        for k, load in enumerate(batch.mechanism.loads):
+            torques["B ddq"] = solution.B * batch.ddq
+        torques["dB/dq dq²/2"] = 0.5 * solution.dB_dq * batch.dq**2
+        for k, load in enumerate(mechanism.loads):
             torques[f"against {load.name}"] = -solution.Q_parts[:, 0, k]
         curves = [
             curve("torque", label, "driving torque", values, "N m")
             for label, values in torques.items()
         ]
-        B_words = "inertia", "B", "equivalent inertia", "kg m2"
-        dB_words = "derivative", "dB/dq", "derivative of the inertia", "kg m2/rad"
-        for (group, letter, title, unit), whole, parts in (
-            (B_words, B, solution.B_parts),
-            (dB_words, dB, solution.dB_parts),
-        ):
-            curves.append(curve(group, letter, title, whole, unit, 0))
-            for k, link in enumerate(names):
-                label, part = f"link {link}", parts[:, k]
-                curves.append(curve(group, label, title, part, unit, numbers[link]))
+        title, slope = "equivalent inertia", "derivative of the inertia"
+        B = "inertia", "B", title, "kg m2", solution.B, solution.B_parts
+        dB = "derivative", "dB/dq", slope, "kg m2/rad", solution.dB_dq, solution.dB_parts
+        for group, label, title, unit, whole, parts in (B, dB):
+            curves.append(curve(group, label, title, whole, unit, 0))
+            for mass, part in zip(mechanism.masses, parts.T, strict=True):
+                number = mechanism.link_number[mass.link]
+                curves.append(curve(group, f"link {mass.link}", title, part, unit, number))
         scenes = plotted(batch, curves)
         if not batch.timed:
             return scenes
-        portraits = [_phase_portrait(batch, r) for r in batch.assembly_mode_rows().values()]
+        portraits = (
+            Portrait(
+                "plots/phase_portrait",
+                "phase portrait",
+                batch.q[rows],
+                batch.dq[rows],
+                "q",
+                "dq",
+                batch.q_range,
+                batch.dq_range,
+                "rad",
+                "rad/s",
+            )
+            for rows in batch.assembly_mode_rows().values()
+        )
         return tuple(
-            Scene(scene.page, (*scene.primitives, portrait))
+            replace(scene, primitives=(*scene.primitives, portrait))
             for scene, portrait in zip(scenes, portraits, strict=True)
         )
-
-
-def _phase_portrait(batch: Batch, rows: slice) -> Portrait:
-    q, dq = batch.q[rows], batch.dq[rows]
-    return Portrait(
-        "plots/phase_portrait",
-        "phase portrait",
-        q,
-        dq,
-        "q",
-        "dq",
-        batch.q_range,
-        batch.dq_range,
-        "rad",
-        "rad/s",
-    )
 
 
 def _said(figures: Mapping[str, Any]) -> Findings:
@@ -301,15 +294,13 @@ def _solution(batch: Batch) -> InverseSolution:
     enough.
     """
     mechanism, status = batch.mechanism, batch.status.copy()
+    if Loads(mechanism).rubbing:
+        return needed_torques(as_loads_see(batch))
     lost = ~(batch.rates_loss() < USABLE_RATES)
     status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
-    forces, locked = None, np.zeros(len(batch), dtype=bool)
-    if Loads(mechanism).rubbing:
-        rubbed = needed_torques(as_loads_see(batch))
-        forces, locked = rubbed.Q_parts, rubbed.status == Status.NOT_CONVERGED
     rows = batch.sample, batch.assembly_mode, batch.inputs, batch.residual
     timing = Timing(batch.t, batch.input_rates, batch.input_accelerations)
-    return balancing(mechanism, rows, timing, _motion(batch), status, locked, forces)
+    return balancing(mechanism, rows, timing, _motion(batch), status)
 
 
 def _motion(batch: Batch) -> CoordinateMotion:

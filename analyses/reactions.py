@@ -293,28 +293,20 @@ def _peaks(batch: Batch, **values: Floats) -> dict[str, Any]:
     return made | {"at": at}
 
 
-def _joined(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+def _joined(one: Any, other: Any, key: str = "") -> Any:
     """Return the figures of two blocks of rows as those of both."""
-    made = {key: _more(key, value, other[key]) for key, value in one.items()}
-    if "at" in one:
-        more = [key for key in one["at"] if made[key] == one[key]]
-        made["at"] = other["at"] | {key: one["at"][key] for key in more}
-    return made
-
-
-def _more(key: str, one: Any, other: Any) -> Any:
-    if key == "at":
-        return one
     if isinstance(one, Mapping):
-        return _joined(one, other)
-    if isinstance(one, bool):
-        return one or other
-    if isinstance(one, list):
+        rest = {name: value for name, value in one.items() if name != "at"}
+        made = {name: _joined(value, other[name], name) for name, value in rest.items()}
+        if "at" in one:
+            more = {name: at for name, at in one["at"].items() if made[name] == one[name]}
+            made["at"] = other["at"] | more
+        return made
+    if isinstance(one, bool | list):
         return one or other
     if key.startswith("rows_"):
         return one + other
-    given = [x for x in (one, other) if x is not None]
-    return max(given) if given else None
+    return max((x for x in (one, other) if x is not None), default=None)
 
 
 def _said(figures: Mapping[str, Any]) -> Findings:

@@ -108,30 +108,21 @@ class Loads:
         bearings and N m of contacts, without which these do not rub.
         """
         laws = [part.magnitude for part in self.components]
-        sizes = self._evaluated(laws, values, value_rates, t)
+        sizes = self.evaluated(laws, values, value_rates, t)
         sizes[:, self.rubbing] *= self.grips * (0.0 if carried is None else carried)
         return sizes
 
-    def friction(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
-        """Return that of the `rubbing` (n, k), N m per unit of what they carry.
-
-        For the same as `magnitudes`.
-        """
-        laws = [self.components[k].magnitude for k in self.rubbing]
-        return self.grips * self._evaluated(laws, values, value_rates, t)
-
-    def arguments(self, values: Floats, value_rates: Floats, t: Floats) -> Floats:
-        """Return `steep` (n, arguments), for the same as `magnitudes`."""
-        return self._evaluated(self.steep, values, value_rates, t)
-
-    def _evaluated(
+    def evaluated(
         self,
         laws: Sequence[Expression | Called | TorqueTable],
         values: Floats,
         value_rates: Floats,
         t: Floats,
     ) -> Floats:
-        """Return the values of laws (n, laws), of what rubs per unit of grip and load."""
+        """Return the values of laws (n, laws), of what rubs per unit of grip and load.
+
+        For the same as `magnitudes`.
+        """
         names = {"t": t}
         names |= {f"theta_{pair}": values[:, k] for pair, k in self._angles.items()}
         names |= {f"dtheta_{pair}": value_rates[:, k] for pair, k in self._angles.items()}

@@ -60,7 +60,7 @@ def judged(
     forces: Floats,
     torques: Floats,
     rates: Floats,
-    locked: Bools,
+    locked: Bools | None,
 ) -> SmallIntegers:
     """Return the status (n,) of torques (n, m), and blank what is not known.
 
@@ -68,7 +68,8 @@ def judged(
     `forces` (n, m, loads) is no number, or bearings are `locked`, and so do other loads.
     """
     rated, status = status == Status.OK, status.copy()
-    status[rated & locked] = Status.NOT_CONVERGED
+    if locked is not None:
+        status[rated & locked] = Status.NOT_CONVERGED
     with np.errstate(over="ignore", invalid="ignore"):
         finite = np.isfinite(np.einsum("ni,nil->nl", rates, forces))
     finite &= np.all(np.isfinite(forces), axis=1)
@@ -334,9 +335,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     with np.errstate(over="ignore", invalid="ignore"):
         carried, locked, rounds = _rubbed(motion, coordinates)
-    solution = balancing(
-        mechanism, rows, timing, coordinates, status, locked, None, carried
-    )
+    solution = balancing(mechanism, rows, timing, coordinates, status, locked, carried)
     for array in (solution.values, coordinates.rates, coordinates.frames):
         array[status != Status.OK] = np.nan
     return replace(solution, rounds=rounds)
@@ -344,12 +343,12 @@ def needed_torques(motion: Motion) -> InverseSolution:
 
 def _rubbed(
     motion: Motion, coordinates: CoordinateMotion
-) -> tuple[Floats | None, Bools, int]:
+) -> tuple[Floats | None, Bools | None, int]:
     """Return what bearings that rub carry, the rows they lock, and rounds of iteration."""
     assert motion.timing is not None
     mechanism, timing, loads = motion.mechanism, motion.timing, Loads(motion.mechanism)
     if not loads.rubbing:
-        return None, np.zeros(len(motion), dtype=bool), 0
+        return None, None, 0
     still = loads.parts(coordinates, timing.dq, timing.t)
     torques = _torques(inertia(mechanism, coordinates), still, timing)
     good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
@@ -371,8 +370,7 @@ def balancing(
     timing: Timing,
     coordinates: CoordinateMotion,
     rate_status: SmallIntegers,
-    locked: Bools,
-    forces: Floats | None = None,
+    locked: Bools | None = None,
     carried: Floats | None = None,
 ) -> InverseSolution:
     """Return the torques that balance inertia and loads, given how all moves by the inputs.
@@ -383,17 +381,13 @@ def balancing(
         The samples, assembly modes, inputs (n, inputs) and residuals of the rows.
     rate_status
         (n,) the status of what does not depend on loads.
-    locked
-        Where (n,) bearings lock.
-    forces, carried
-        (n, inputs, loads) generalised forces of the loads, by default found from what
-        bearings that rub carry, see `InverseSolution`.
+    locked, carried
+        Where (n,) bearings that rub lock, and what they carry, see `InverseSolution`.
     """
     sample, assembly_mode, inputs, residual = rows
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, coordinates)
-        if forces is None:
-            forces = Loads(mechanism).parts(coordinates, timing.dq, timing.t, carried)
+        forces = Loads(mechanism).parts(coordinates, timing.dq, timing.t, carried)
         torques = _torques(masses, forces, timing)
     return InverseSolution(
         mechanism,

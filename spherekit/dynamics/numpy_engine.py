@@ -182,13 +182,15 @@ class Collocation:
                 left = target - t
                 tried = left if left < 1.05 * length else min(length, left)
                 step, error, iterations, last = self._attempt(t, tried, state, before)
+                rates = last.motion.rates
+                if error <= 1.0:
+                    orientation = step.orientation(equation.closure, rates)
+                    error = error if self._keeps(step, orientation) else np.inf
                 if error > 1.0:
                     length = min(_factor(error, iterations), 0.5) * tried
                     if length < SHORTEST * problem.until:
                         return self._stuck(step, error, last)
                     continue
-                rates = last.motion.rates
-                orientation = step.orientation(equation.closure, rates)
                 if self._refined(orientation):
                     continue
                 if len(self.path) >= MOST_STEPS:
@@ -287,9 +289,7 @@ class Collocation:
         if settled and np.all(dynamics.motion.status == Status.OK):
             left_out = np.max(np.abs(series[-3:]), axis=0) * length / TAIL
             error = float(np.max(left_out / scale)) / tolerance
-        if error <= 1.0 and not (
-            self._keeps(step, dynamics) and self._looked(step, scale, tolerance)
-        ):
+        if error <= 1.0 and not self._looked(step, scale, tolerance):
             error = np.inf
         return step, error, count, dynamics
 
@@ -318,13 +318,13 @@ class Collocation:
             frame = step.frames[nearest] if equation.freedoms == 1 else self.frame
             dynamics = equation.at(t, step.at(t), frame, self.problem.whole)
             missed = np.abs(dynamics.push - step.rate(t)[:, momenta])
-            motion = dynamics.motion
+            motion, loads = dynamics.motion, equation.loads
             seen = motion.values, rates_by_time(motion, dynamics.speed), t
-            return np.max(missed, axis=1) / enough, equation.loads.arguments(*seen)
+            return np.max(missed, axis=1) / enough, loads.evaluated(loads.steep, *seen)
 
         return bool(good_until(look, 1)[0] == 1.0)
 
-    def _keeps(self, step: Step, dynamics: Dynamics) -> bool:
+    def _keeps(self, step: Step, orientation: Floats) -> bool:
         """Return whether a step keeps to one set of configurations where sets cross.
 
         Where crossings are passed: it passes through one, ends away from any, and is on no
@@ -333,7 +333,6 @@ class Collocation:
         if not self.problem.passes:
             return True
         equation = self.equation
-        orientation = step.orientation(equation.closure, dynamics.motion.rates)
         size, side = self._sense(orientation)
         near = np.abs(orientation) < CROSSED * size
         if not np.any(orientation * side < 0.0):

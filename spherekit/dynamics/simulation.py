@@ -408,41 +408,42 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     change = float(problem.speed[0] * problem.frame[0, driven]) * step
     work = np.zeros(len(equation.loads.names))
     end = SimulationEnd("time", problem.until, OVER)
-    path: list[Step] = []
-    for number in range(count + 1):
+    states: list[Floats] = []
+    frames: list[Floats] = []
+    while True:
         motion = by_variables(closure, values[None], [driven])
         masses = inertia(equation.mechanism, motion)
         B, dB = float(masses.B[0]), float(masses.dB[0])
         seen = replace(motion, values=motion.values + problem.whole)
-        t, speed = number * step, change / step
+        number, speed = len(states), change / step
+        t = number * step
         forces = equation.loads.parts(seen, np.array([[speed]]), np.array([t]))[0, 0]
-        state = np.concatenate([values, [np.sqrt(B) * speed], work])
-        if number:
-            path[-1] = replace(path[-1], series=(state - path[-1].state)[None] / step)
+        states.append(np.concatenate([values, [np.sqrt(B) * speed], work]))
+        frames.append(motion.rates / np.linalg.norm(motion.rates))
         if number == count:
             break
-        frame = motion.rates / np.linalg.norm(motion.rates)
-        path.append(Step(t, step, state, np.zeros((1, len(state))), frame))
         work = work + step * forces * speed
         if number:
             change += (step**2 * float(np.sum(forces)) - 0.5 * dB * change**2) / B
         guess = values + motion.rates[0, 0] * change
         closed = None
-        if all_finite(guess) and frame[0, 0, driven] > STANDSTILL:
+        if all_finite(guess) and frames[-1][0, 0, driven] > STANDSTILL:
             closed = closure.solve(guess[None], [driven])
         if closed is None or not closed.gap[0] < 1e-12:
             end = SimulationEnd(
                 "singularity", t, "the input is at a dead centre, where q' is endless"
             )
-            path.pop()
             break
         values = closed.values[0]
+    path = [
+        Step(k * step, step, states[k], (states[k + 1] - states[k])[None] / step, frames[k])
+        for k in range(number)
+    ]
     if not path:
         raise cannot_leave(problem, end.message)
-    states = np.array([one.state for one in path])[:, : equation.variables]
-    drift = float(np.max(np.abs(closure.at(states).residual), initial=0.0))
-    report = EngineReport("numpy", REASON, 0.0, time.perf_counter() - started, len(path))
-    traced = through_steps(path, problem.turns, drift)
+    closures = closure.at(np.array(states)[:-1, : equation.variables])
+    report = EngineReport("numpy", REASON, 0.0, time.perf_counter() - started, number)
+    traced = through_steps(path, problem.turns, float(np.max(closures.gap)))
     return Simulation(equation, problem.driven, traced, (), end, report)
 
 

@@ -65,6 +65,7 @@ from spherekit.errors import SolveError
 from spherekit.model.load import BearingFriction
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
+from spherekit.motion.loops import Linearisation
 from spherekit.motion.motion import Timing
 from spherekit.sphere.rotation import all_finite, transpose
 
@@ -201,7 +202,8 @@ def rubbed(
         needed = accelerating(mechanism, motion, faster[:, k])
         change[..., k] = on_bearings(balance.left_by(needed, about))
     rates = rates_by_time(motion, driven.timing.dq)
-    factors = loads.friction(motion.values, rates, driven.timing.t)
+    laws = [part.magnitude for part in parts]
+    factors = loads.grips * loads.evaluated(laws, motion.values, rates, driven.timing.t)
     carried[good], settled, rounds = _solved(still, change, factors)
     locked[good] = ~settled
     return carried, locked, rounds
@@ -428,28 +430,15 @@ class EquationOfMotion:
     def closed(self, values: Floats) -> tuple[Floats, float]:
         """Return a configuration (variables,) put back among the closed ones, and its gap.
 
-        By a step of Newton's method along the normal space, so that no travel is added; the
-        gap is its residual (rad).
+        By a step of Newton's method; the gap is its residual (rad).
         """
         at = self.closure.at(values[None])
-        if not at.residual.size:
-            return values, 0.0
-        moved = np.linalg.pinv(at.jacobian[0], rcond=1e-10) @ at.residual[0]
-        return np.asarray(values - moved), float(at.gap[0])
+        return _nearer(at)[0], float(at.gap[0])
 
     def nearest_closed(self, values: Floats) -> Floats:
-        """Return configurations (n, variables) led to closed ones by Newton's method.
-
-        Each by `PROJECTIONS` steps along the normal space, no longer than `LONGEST` (rad).
-        """
+        """Return configurations (n, variables) after `PROJECTIONS` steps to closed ones."""
         for _ in range(PROJECTIONS):
-            at = self.closure.at(values)
-            if not at.residual.size:
-                return values
-            inverse = np.linalg.pinv(at.jacobian, rcond=1e-9)
-            moved = (inverse @ at.residual[..., None])[..., 0]
-            size = np.linalg.norm(moved, axis=1, keepdims=True)
-            values = values - moved * np.minimum(1.0, LONGEST / np.maximum(size, LONGEST))
+            values = _nearer(self.closure.at(values))
         return values
 
     def at(
@@ -493,3 +482,13 @@ class EquationOfMotion:
         """Return the rates of the states (n, states)."""
         rates = rates_by_time(dynamics.motion, dynamics.speed)
         return np.concatenate([rates, dynamics.push, dynamics.power], axis=1)
+
+
+def _nearer(at: Linearisation) -> Floats:
+    """Return the values (n, variables) after a step of Newton's method towards closed ones.
+
+    Along the normal space, so that no travel is added, and no longer than `LONGEST` (rad).
+    """
+    moved = (np.linalg.pinv(at.jacobian, rcond=1e-10) @ at.residual[..., None])[..., 0]
+    size = np.linalg.norm(moved, axis=1, keepdims=True)
+    return at.values - moved * np.minimum(1.0, LONGEST / np.maximum(size, LONGEST))

@@ -123,8 +123,8 @@ class ForeignTables:
         """Return the links of bodies: one of those welded, or hinged by locked joints."""
         moved = {int(self.m.jnt_bodyid[k]) for k in self.turning}
         parents = enumerate(self.m.body_parentid.tolist())
-        link = list(range(self.m.nbody))
         still = ((up, k) for k, up in parents if k and k not in moved)
+        link = list(range(self.m.nbody))
         for ends in [*still, *self.model.welds]:
             kept, other = (link[end] for end in ends)
             kept, other = (other, kept) if other == 0 else (kept, other)
