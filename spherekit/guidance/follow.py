@@ -29,6 +29,7 @@ from spherekit.guidance.rotation_path import (
     least_about,
 )
 from spherekit.model.mechanism import chosen_output
+from spherekit.motion.assembly_modes import assembled
 from spherekit.motion.loops import condition
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
@@ -175,7 +176,7 @@ class FollowedRotation(Way):
         with np.errstate(invalid="ignore", divide="ignore"):
             w = unit_rows(np.matvec(near.turning, slopes))
         lost = theta > self.reached
-        lost |= ~np.isin(status, (Status.OK, Status.AT_SINGULARITY))
+        lost |= ~assembled(status)
 
         def kept(array: Floats) -> Floats:
             array[lost] = np.nan

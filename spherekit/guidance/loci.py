@@ -53,6 +53,7 @@ from spherekit.sphere.rotation import (
     all_finite,
     arc,
     cross,
+    frame_from,
     max_abs,
     nans,
     unit_rows,
@@ -91,8 +92,6 @@ def mid_plane_form(
     joints = geometry_of(made).joints
     effector = made.link_number[end.link]
     legs = _legs(made, joints, effector)
-    if not legs:
-        raise _refusal(made, "no leg of two links joins the base to the output")
     along, carried = _along(made, joints, effector, legs)
     held = {at[1] for pair, at in along.items() if carried & {*made.ends[pair]}} - {-1}
     if len(held) < 3 or len(held) < len(legs):
@@ -106,17 +105,7 @@ def mid_plane_form(
     if others:
         names = listing(made.links[n] for n in sorted(others))
         raise _refusal(made, f"links {names} belong to no leg and hold no elbow")
-    at_base = {made.pairs[leg.base].name: k for k, leg in enumerate(legs)}
-    inputs = made.input_pairs
-    if len(inputs) != 2 or any(name not in at_base for name in inputs):
-        raise _refusal(
-            made,
-            f"the inputs are {listing(inputs)}, but two of the pairs at the base, "
-            f"{listing(at_base)}, have to be driven",
-        )
-    driven = at_base[inputs[0]], at_base[inputs[1]]
-    axes = tuple(along[pair] for pair in range(len(made.pairs)))
-    form = _assembled(made, joints, end, legs, axes, driven)
+    form = _assembled(made, joints, end, legs, along)
     gap, freedoms = form.proof()
     if not (gap < CLOSED and freedoms == 2):
         raise _refusal(
@@ -133,28 +122,31 @@ def _refusal(mechanism: Mechanism, why: str) -> ModelError:
 
 def _legs(mechanism: Mechanism, joints: Sequence[Joint], effector: int) -> tuple[Leg, ...]:
     """Return the legs of two links with equal arcs from the base to the end effector."""
-    at: dict[int, list[tuple[int, int]]] = {n: [] for n in range(len(mechanism.links))}
-    for pair, (a, b) in enumerate(mechanism.ends):
-        at[a].append((pair, b))
-        at[b].append((pair, a))
+
+    def beside(link: int) -> list[tuple[int, int]]:
+        ends = enumerate(mechanism.ends)
+        return [(pair, sum(both) - link) for pair, both in ends if link in both]
+
     legs = [
         Leg(base, elbow, tip, near, far)
-        for base, near in at[0]
-        for elbow, far in at[near]
-        for tip, end in at[far]
+        for base, near in beside(0)
+        for elbow, far in beside(near)
+        for tip, end in beside(far)
         if end == effector and not {near, far} & {0, effector}
     ]
+    if not legs:
+        raise _refusal(mechanism, "no leg of two links joins the base to the output")
     for leg in legs:
-        arcs = [
+        near, far = (
             arc(*(axis_in(mechanism, joints, pair, link) for pair in (outer, leg.elbow)))
             for outer, link in ((leg.base, leg.near), (leg.tip, leg.far))
-        ]
-        if abs(arcs[0] - arcs[1]) > SAME:
+        )
+        if abs(near - far) > SAME:
             raise _refusal(
                 mechanism,
                 f"the arcs of links {mechanism.links[leg.near]} and "
-                f"{mechanism.links[leg.far]} differ, {np.degrees(arcs[0]):.9g} and "
-                f"{np.degrees(arcs[1]):.9g} deg",
+                f"{mechanism.links[leg.far]} differ, {np.degrees(near):.9g} and "
+                f"{np.degrees(far):.9g} deg",
             )
     return tuple(legs)
 
@@ -166,36 +158,31 @@ def _along(
 
     Those links are hinged to elbows, and turn about one axis if all pairs close.
     """
-    axis = partial(axis_in, mechanism, joints)
+    axis, ends = partial(axis_in, mechanism, joints), mechanism.ends
     owner = {link: k for k, leg in enumerate(legs) for link in (leg.near, leg.far)}
     along: dict[int, PairAxis] = {}
     for k, leg in enumerate(legs):
-        for pair, what in ((leg.base, "base"), (leg.elbow, "elbow"), (leg.tip, "tip")):
-            along[pair] = what, k, 1.0
-    hinges: dict[int, PairAxis] = {}
-    about: list[int] = []
-    for pair, (a, b) in enumerate(mechanism.ends):
+        along |= {leg.base: ("base", k, 1.0), leg.tip: ("tip", k, 1.0)}
+        along[leg.elbow] = "elbow", k, 1.0
+    hinged, about = set[int](), list[int]()
+    for pair, (a, b) in enumerate(ends):
         holder, link = (a, b) if a in owner else (b, a)
-        if link in {0, effector, *owner}:
-            continue
-        if holder not in owner:
-            about += [pair] * (holder not in (0, effector))
-            continue
-        elbow = axis(legs[owner[holder]].elbow, holder)
-        hinges[pair] = "elbow", owner[holder], float(np.sign(axis(pair, holder) @ elbow))
+        if holder in owner and link not in {0, effector, *owner}:
+            elbow = axis(legs[owner[holder]].elbow, holder)
+            ahead = float(np.sign(axis(pair, holder) @ elbow))
+            along[pair] = "elbow", owner[holder], ahead
+            hinged.add(link)
+        elif not {a, b} & {0, effector, *owner}:
+            about.append(pair)
     normals: dict[int, Floats] = {}
-    if about:
-        first = mechanism.ends[about[0]][0]
-        normals[first] = axis(about[0], first)
-        for pair, link, further in spanning(mechanism.ends, [first], about):
-            ahead = float(np.sign(axis(pair, link) @ normals[link]))
-            normals[further] = ahead * axis(pair, further)
-    for pair, (link, _) in enumerate(mechanism.ends):
-        if pair not in along | hinges:
-            ahead = float(np.sign(axis(pair, link) @ normals.get(link, np.ones(3))))
-            along[pair] = "normal", -1, ahead
-    carried = {link for pair in hinges for link in mechanism.ends[pair]} & {*normals}
-    return along | hinges, carried
+    for pair, link, further in spanning(ends, ends[about[0]][:1], about) if about else ():
+        turned = np.sign(axis(pair, link) @ normals.setdefault(link, axis(pair, link)))
+        normals[further] = turned * axis(pair, further)
+    for pair in range(len(ends)):
+        link = ends[pair][0]
+        sense = float(np.sign(axis(pair, link) @ normals.get(link, np.ones(3))))
+        along.setdefault(pair, ("normal", -1, sense))
+    return along, hinged & {*normals}
 
 
 def _assembled(
@@ -203,18 +190,28 @@ def _assembled(
     joints: tuple[Joint, ...],
     output: Output,
     legs: tuple[Leg, ...],
-    along: tuple[PairAxis, ...],
-    driven: tuple[int, int],
+    along: dict[int, PairAxis],
 ) -> MidPlaneArchitecture:
+    at_base = {mechanism.pairs[leg.base].name: k for k, leg in enumerate(legs)}
+    inputs = mechanism.input_pairs
+    if len(inputs) != 2 or not {*inputs} <= {*at_base}:
+        raise _refusal(
+            mechanism,
+            f"the inputs are {listing(inputs)}, but two of the pairs at the base, "
+            f"{listing(at_base)}, have to be driven",
+        )
+    driven = at_base[inputs[0]], at_base[inputs[1]]
+    axis = partial(axis_in, mechanism, joints)
     effector = mechanism.link_number[output.link]
-    bases = np.stack([axis_in(mechanism, joints, leg.base, 0) for leg in legs])
-    tips = np.stack([axis_in(mechanism, joints, leg.tip, effector) for leg in legs])
+    bases = np.stack([axis(leg.base, 0) for leg in legs])
+    tips = np.stack([axis(leg.tip, effector) for leg in legs])
+    elbows = np.stack([axis(leg.elbow, leg.near) for leg in legs])
     first, second = bases[list(driven)]
-    if np.linalg.norm(cross(first, second)) < SAME:
+    across = cross(first, second)
+    if np.linalg.norm(across) < SAME:
         raise _refusal(mechanism, "the axes of both driven pairs lie on one line")
-    z = cross(first, second) / np.linalg.norm(cross(first, second))
-    x = (first + second) / np.linalg.norm(first + second)
-    frame = np.stack([x, cross(z, x), z], axis=1)
+    z, x = across / np.linalg.norm(across), (first + second)
+    frame = frame_from(z, x / np.linalg.norm(x))
     axes = bases @ frame
     left, _, right = np.linalg.svd(axes.T @ tips)
     image = left @ np.diag([1.0, 1.0, -np.linalg.det(left @ right)]) @ right
@@ -223,27 +220,23 @@ def _assembled(
             mechanism,
             "the axes on the end effector are not the mirror image of those on the base",
         )
-    dials, phases, senses, arcs = [], [], [], []
-    for leg in legs:
-        joint = revolute(joints[leg.base])
-        ahead = mechanism.ends[leg.base][0] == 0
-        ours, its = (joint.first, joint.second) if ahead else (joint.second, joint.first)
-        elbow = axis_in(mechanism, joints, leg.elbow, leg.near)
-        seen = its.T @ elbow
-        dials.append(frame.T @ ours)
-        phases.append(np.arctan2(seen[1], seen[0]))
-        senses.append(1.0 if ahead else -1.0)
-        arcs.append(arc(elbow, its[:, 2]))
+    ahead = np.array([mechanism.ends[leg.base][0] == 0 for leg in legs])
+    every = [revolute(joints[leg.base]) for leg in legs]
+    sides = np.array([(joint.first, joint.second) for joint in every])
+    sides[~ahead] = sides[~ahead, ::-1]
+    ours, its = np.swapaxes(sides, 0, 1)
+    seen = np.vecmat(elbows, its)
     plane = MidPlane(
         axes,
-        np.array(arcs),
+        arc(elbows, its[..., 2]),
         driven,
-        np.stack(dials),
-        np.array(phases),
-        np.array(senses),
+        frame.T @ ours,
+        np.arctan2(seen[:, 1], seen[:, 0]),
+        np.where(ahead, 1.0, -1.0),
     )
+    every_axis = tuple(along[pair] for pair in range(len(along)))
     return MidPlaneArchitecture(
-        mechanism, joints, plane, effector, frame, image, legs, along, output
+        mechanism, joints, plane, effector, frame, image, legs, every_axis, output
     )
 
 

@@ -290,7 +290,7 @@ class Solver:
             for reason in set(Status) - {Status.OK}:
                 _mark(status, why == reason, reason)
             start = predicted[:, group_variables(state, group)]
-            start = np.where(_good(status)[:, None], start, np.nan)
+            start = np.where(assembled(status)[:, None], start, np.nan)
             at = place_group(state, group, start)
             _mark(status, ~(at.gap < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
             distance = max_abs(at.values - start, axis=1)
@@ -319,7 +319,7 @@ class Solver:
         apart = max_abs(at.placed - rotations, axis=(1, 2, 3)) > AGREEING
         rotations[apart] = at.placed[apart]
         residual = at.gap
-        open_ = (residual >= CLOSURE_TOLERANCE) & (residual < POLISHED) & _good(status)
+        open_ = (residual >= CLOSURE_TOLERANCE) & (residual < POLISHED) & assembled(status)
         if np.any(open_):
             at = self.closure.solve(values[open_], self.driven)
             values[open_], residual[open_] = at.values, at.gap
@@ -331,7 +331,7 @@ class Solver:
                     flipped[open_] |= np.sign(triple) * sign < 0.0
             _mark(status, flipped, Status.MODE_LOST)
         _mark(status, ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
-        failed = ~_good(status)
+        failed = ~assembled(status)
         values[failed], rotations[failed], residual[failed] = np.nan, np.nan, np.nan
         free = [v for v in self.angles if v not in self.driven]
         values[:, free] = wrap(values[:, free])
@@ -518,12 +518,13 @@ def label_of(signs: Iterable[float]) -> str:
     return "".join("~+-"[int(sign)] for sign in signs)
 
 
-def _good(status: SmallIntegers) -> Bools:
+def assembled(status: SmallIntegers) -> Bools:
+    """Return which rows (n,) hold a configuration."""
     return (status == Status.OK) | (status == Status.AT_SINGULARITY)
 
 
 def _mark(status: SmallIntegers, where: Bools, code: Status) -> None:
-    free = (status == Status.OK) | (_good(status) & (code != Status.AT_SINGULARITY))
+    free = (status == Status.OK) | (assembled(status) & (code != Status.AT_SINGULARITY))
     status[where & free] = code
 
 

@@ -23,7 +23,7 @@ from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import TimeLaw
-from spherekit.motion.assembly_modes import AssemblyMode, Solver, named
+from spherekit.motion.assembly_modes import AssemblyMode, Solver, assembled, named
 from spherekit.motion.configuration import Configurations, configuration_curves
 from spherekit.motion.guides import ModeOverGrid
 from spherekit.motion.input_grid import given_path, sampled
@@ -290,7 +290,7 @@ class Motion(ArrayRows):
     @cached_property
     def failed(self) -> Bools:
         """(n,) rows that hold no configuration."""
-        return ~((self.status == Status.OK) | (self.status == Status.AT_SINGULARITY))
+        return ~assembled(self.status)
 
 
 def samples_in_block(assembly_modes: int) -> int:

@@ -56,11 +56,6 @@ class DyadsWithClosingLink:
     across: Floats
     direction: Floats
 
-    @property
-    def depth(self) -> int:
-        """How many dyads the dyads depend on, counted over all: the fewer the better."""
-        return sum(len(groups) for groups in self.dyads.needs)
-
     def place(self, directions: Floats, turn: Floats, signs: Signs) -> PosedMode:
         """Return the dyads with the output pointing in directions (3, n) at turns (n,)."""
         one, other = _around(directions)
@@ -237,7 +232,7 @@ def turned(wrist: VirtualOutputChain, solver: Solver) -> DyadsWithClosingLink | 
             candidates.append(
                 DyadsWithClosingLink(dyads, assembly, *ends, across, direction)
             )
-    return min(candidates, key=lambda candidate: candidate.depth, default=None)
+    return min(candidates, key=lambda x: sum(map(len, x.dyads.needs)), default=None)
 
 
 def _around(directions: Floats) -> tuple[Floats, Floats]:

@@ -70,11 +70,6 @@ class DyadPlacement:
     parity: int
     cones: DyadArcs
 
-    @property
-    def flat(self) -> float:
-        """The triple product of its axes when its two arcs are at right angles."""
-        return float(np.sin(self.cones.near) * np.sin(self.cones.far))
-
 
 class Dyads:
     """The dyads of an assembly that stand on one body, in solving order.

@@ -16,6 +16,7 @@ input leads to the pose, and half a turn of a carrier is a whole one of its side
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +28,7 @@ from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.mechanism import Mechanism, chosen_output
 from spherekit.model.parts import Output
-from spherekit.motion.assembly_modes import AssemblyMode, Evaluated, Solver
+from spherekit.motion.assembly_modes import AssemblyMode, Solver, assembled
 from spherekit.motion.elimination import assemblies
 from spherekit.motion.input_grid import given_path
 from spherekit.motion.meshes import (
@@ -126,10 +127,15 @@ class PoseSolutions:
 
 
 def pose_of(mechanism: Mechanism, output: Output, rotations: Floats) -> Floats:
-    """Return the orientations (n, 3, 3) of an output from those of all links."""
+    """Return the orientations (..., 3, 3) of an output from those of all links."""
     base = mechanism.link_number[output.relative_to]
     link = mechanism.link_number[output.link]
-    return transpose(rotations[:, base]) @ rotations[:, link]
+    return transpose(rotations[..., base, :, :]) @ rotations[..., link, :, :]
+
+
+def pointed(output: Output, turned: Floats) -> Floats | None:
+    """Return what an output of orientations (..., 3, 3) points at, None if nothing."""
+    return None if output.direction is None else turned @ np.array(output.direction)
 
 
 def solved(
@@ -166,7 +172,7 @@ def solved(
         told.reduced(every[:, driven]),
         every[:, :count],
         turned,
-        None if output.direction is None else turned @ np.array(output.direction),
+        pointed(output, turned),
         tuple(signs),
         complete,
     )
@@ -221,21 +227,21 @@ class ForwardKinematics:
                 "by row, or trace the mechanism along a path"
             )
         q = given_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
-        if modes is None:
-            modes = _signs(len(self.solver.assembly.groups))
-        rotations, status = [], []
-        for number, signs in enumerate(modes):
-            evaluated = self.solver.evaluate(AssemblyMode(number, tuple(signs)), q)
-            rotations.append(pose_of(self.mechanism, self.output, evaluated.rotations))
-            status.append(evaluated.status)
-        turned = np.stack(rotations)
-        direction = self.output.direction
-        return Forward(
-            tuple(tuple(signs) for signs in modes),
-            turned,
-            None if direction is None else turned @ np.array(direction),
-            np.stack(status),
-        )
+        signs = self._modes if modes is None else tuple(map(tuple, modes))
+        _, rotations, status = self._evaluated(q, signs)
+        turned = pose_of(self.mechanism, self.output, rotations)
+        return Forward(signs, turned, pointed(self.output, turned), status)
+
+    @property
+    def _modes(self) -> tuple[tuple[int, ...], ...]:
+        """The signs of all modes of dyads."""
+        return tuple(product((1, -1), repeat=len(self.solver.assembly.groups)))
+
+    def _evaluated(self, q: Floats, modes: Sequence[tuple[int, ...]]) -> list[Any]:
+        """Return variables, rotations of links and status (m, n, ...) at inputs."""
+        made = [self.solver.evaluate(AssemblyMode(0, signs), q) for signs in modes]
+        parts = "values", "rotations", "status"
+        return [np.stack([getattr(mode, part) for mode in made]) for part in parts]
 
     @checked(SolveError)
     def solutions(self, inputs: ArrayLike) -> PoseSolutions:
@@ -247,40 +253,21 @@ class ForwardKinematics:
             If the inputs are not finite or not as many as the mechanism has.
         """
         q = given_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
-        if self.solver.assembly.has_closed_form:
-            return self._dyads(q)
-        return solved(self.solver, self.output, q)
-
-    def _dyads(self, q: Floats) -> PoseSolutions:
-        modes = _signs(len(self.solver.assembly.groups))
-        evaluated = [self.solver.evaluate(AssemblyMode(0, signs), q) for signs in modes]
-        held = np.stack([_closed(in_mode) for in_mode in evaluated], axis=1)
-        row, mode = np.nonzero(held)
-        values = np.stack([in_mode.values for in_mode in evaluated], axis=1)[row, mode]
-        rotations = np.stack([in_mode.rotations for in_mode in evaluated], axis=1)[
-            row, mode
-        ]
-        turned = pose_of(self.mechanism, self.output, rotations)
-        direction = self.output.direction
+        if not self.solver.assembly.has_closed_form:
+            return solved(self.solver, self.output, q)
+        modes = self._modes
+        values, rotations, status = self._evaluated(q, modes)
+        row, mode = np.nonzero(assembled(status).T)
+        turned = pose_of(self.mechanism, self.output, rotations[mode, row])
         return PoseSolutions(
             row,
-            wrap(values[:, list(self.solver.driven)]),
-            values,
+            wrap(values[mode, row][:, list(self.solver.driven)]),
+            values[mode, row],
             turned,
-            None if direction is None else turned @ np.array(direction),
+            pointed(self.output, turned),
             tuple(modes[k] for k in mode),
             np.ones(len(q), dtype=bool),
         )
-
-
-def _signs(groups: int) -> list[tuple[int, ...]]:
-    """Return the signs of all modes of so many dyads."""
-    return list(product((1, -1), repeat=groups))
-
-
-def _closed(evaluated: Evaluated) -> Bools:
-    status = evaluated.status
-    return (status == Status.OK) | (status == Status.AT_SINGULARITY)
 
 
 def output_rates(motion: Motion, output: Output) -> Floats:

@@ -30,7 +30,7 @@ from spherekit.model.joints import revolutes
 from spherekit.motion.assembly_modes import FLAT_DYAD, Solver, label_of
 from spherekit.motion.loops import turns_of
 from spherekit.output.closing_link import DyadsWithClosingLink, turned
-from spherekit.output.dyads import DyadPlacement, Dyads, Signs, reciprocal
+from spherekit.output.dyads import Dyads, Signs, reciprocal
 from spherekit.output.forward import PoseSolutions, solved
 from spherekit.output.posed_mode import PosedMode
 from spherekit.output.virtual_output import VirtualOutputChain, with_wrist
@@ -165,14 +165,14 @@ class InverseKinematics:
         self.driven = [
             number for pair in self.wrist.driven for number in mechanism.variables_of(pair)
         ]
-        self._dyads: Dyads | None = None
+        self.dyads: Dyads | None = None
         self._turned: DyadsWithClosingLink | None = None
         self._assembly = self.solver.assembly
         joints = revolutes(self.solver.joints)
         every = len(joints) == len(self.solver.joints)
         if every and Dyads.fit(self._assembly, self.wrist.base):
             given = self.wrist.carrier if self.wrist.points else self.wrist.link
-            self._dyads = Dyads(
+            self.dyads = Dyads(
                 self.mechanism, joints, self._assembly, self.wrist.base, given
             )
         else:
@@ -183,7 +183,7 @@ class InverseKinematics:
     @property
     def has_closed_form(self) -> bool:
         """Whether `at` needs nothing but poses: all groups are dyads on the held body."""
-        return self._dyads is not None
+        return self.dyads is not None
 
     @property
     def legs(self) -> tuple[str, ...]:
@@ -239,7 +239,7 @@ class InverseKinematics:
             If the poses are not rotations or directions, a mode does not exist, `near` is
             missing, or the groups are not dyads; then ask for `solutions`.
         """
-        if self._dyads is None and self._turned is None:
+        if self.dyads is None and self._turned is None:
             raise self.no_closed_form(
                 "ask for `solutions` row by row, or trace `InverseKinematics.mechanism` "
                 "along a path of its inputs"
@@ -305,14 +305,14 @@ class InverseKinematics:
 
         shared: dict[Hashable, Any] = {}
         for signs in modes:
-            if self._dyads is None:
+            if self.dyads is None:
                 assert self._turned is not None
                 view = _closed(self._turned, block, starts, signs)
             elif self.wrist.points:
                 axes = {self.wrist.pairs[2]: block}
-                view = PosedMode(self._dyads, signs, axes, None, shared=shared)
+                view = PosedMode(self.dyads, signs, axes, None, shared=shared)
             else:
-                view = PosedMode(self._dyads, signs, {}, block, shared=shared)
+                view = PosedMode(self.dyads, signs, {}, block, shared=shared)
             yield replace(view, driven=self.wrist.driven, measure=measure)
 
     def no_closed_form(self, advice: str) -> SolveError:
@@ -321,10 +321,6 @@ class InverseKinematics:
             "the poses of a working mode have no closed form that needs no start. With the "
             f"output held these groups are left: {'; '.join(self.legs)}; {advice}"
         )
-
-    @cached_property
-    def _own_solver(self) -> Solver:
-        return Solver(self.own, plan_assembly(self.own))
 
     @cached_property
     def _transmission(self) -> Transmission:
@@ -340,15 +336,10 @@ class InverseKinematics:
             If the poses are not rotations or directions, the mode does not exist, or
             `has_closed_form` is false.
         """
-        if self._dyads is None:
+        if self.dyads is None:
             raise self.no_closed_form("ask for `solutions` row by row")
         given, chosen = self._checked(poses), self._chosen([signs])
         return next(self._views(given, np.empty((len(given), 0)), chosen))
-
-    @property
-    def stands(self) -> tuple[DyadPlacement, ...]:
-        """The dyads in solving order, none where there is no closed form."""
-        return () if self._dyads is None else self._dyads.stands
 
     @checked(SolveError)
     def solutions(self, poses: ArrayLike) -> PoseSolutions:
@@ -368,7 +359,8 @@ class InverseKinematics:
             with np.errstate(invalid="ignore", divide="ignore"):
                 return self._every_turn(self._turned, given)
         coordinates = azimuth_tilt(given) if self.wrist.points else euler_zyz(given)
-        return solved(self.solver, self.wrist.output, coordinates, self._own_solver)
+        own = Solver(self.own, plan_assembly(self.own))
+        return solved(self.solver, self.wrist.output, coordinates, own)
 
     def _every_turn(self, turned: DyadsWithClosingLink, given: Floats) -> PoseSolutions:
         """Return the solutions of all modes at directions (n, 3), in order of rows."""

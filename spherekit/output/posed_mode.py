@@ -15,7 +15,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.conventions import REACH_SLACK, Status
-from spherekit.motion.assembly_modes import FLAT_DYAD
+from spherekit.motion.assembly_modes import FLAT_DYAD, assembled
 from spherekit.output.dyads import Dyads, Signs
 from spherekit.rates.request import cross, dot, norm
 from spherekit.sphere.dyad import middle_axis, triple_square
@@ -143,7 +143,7 @@ class PosedMode:
 
     @property
     def _held(self) -> Bools:
-        return np.isin(self.status, (Status.OK, Status.AT_SINGULARITY))
+        return assembled(self.status)
 
     @_shared(lambda dyads, _: dyads.reaching)
     def reach(self, _dyads: str) -> tuple[Floats, SmallIntegers, SmallIntegers]:
@@ -156,7 +156,8 @@ class PosedMode:
             shortest, longest = stand.cones.shortest, stand.cones.longest
             away = np.abs(base - 0.5 * (longest + shortest))
             margins.append(0.5 * (longest - shortest) - away)
-            sound.append(root >= FLAT_DYAD * stand.flat)
+            flat = np.sin(stand.cones.near) * np.sin(stand.cones.far)
+            sound.append(root >= FLAT_DYAD * flat)
         margin, limiting = margins[0], np.zeros(len(margins[0]), dtype=np.int8)
         for number, another in enumerate(margins):
             limiting[another < margin] = number

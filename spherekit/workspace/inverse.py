@@ -178,8 +178,10 @@ class DyadKinematics(ClosedKinematics):
 
     def __init__(self, kinematics: InverseKinematics) -> None:
         wrist = kinematics.wrist
+        assert kinematics.dyads is not None
         super().__init__(kinematics.own, wrist.output, wrist.points)
         self.kinematics, self.modes = kinematics, kinematics.modes
+        self.stands = kinematics.dyads.stands
         self._own = {pair: self._same_axis(pair) for pair in wrist.pairs}
         self.legs = tuple(
             "leg of "
@@ -187,7 +189,7 @@ class DyadKinematics(ClosedKinematics):
                 self.name_of(self._own.get(pair, pair))
                 for pair in (stand.near, stand.middle, stand.far)
             )
-            for stand in kinematics.stands
+            for stand in self.stands
         )
 
     def _same_axis(self, made: int) -> int:
@@ -209,7 +211,7 @@ class DyadKinematics(ClosedKinematics):
         renamed = self._own
         return tuple(
             Span(renamed.get(s.near, s.near), renamed.get(s.far, s.far), s.cones, True)
-            for s in self.kinematics.stands
+            for s in self.stands
         )
 
     def at(self, poses: Floats, signs: Signs) -> Rows:
