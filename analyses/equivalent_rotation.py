@@ -316,7 +316,24 @@ class EquivalentRotation(AbstractAnalysis):
         )
         remarks = [f"{np.degrees(turn.angle):.6g} deg about {about}"]
         if result.schedule is not None:
-            figures["schedule"] = _schedule_figures(result.schedule, self.shape)
+            most = result.schedule.binding
+            figures["schedule"] = {
+                "shape": self.shape,
+                "duration_s": result.schedule.duration,
+                "cycle_s": result.schedule.cycle,
+                "set_by": f"{most.quantity} of {most.input} at {most.t:.6g} s",
+                "extremes": [
+                    {
+                        "input": extreme.input,
+                        "quantity": extreme.quantity,
+                        "value": extreme.value,
+                        "unit": "rad/s" if extreme.quantity == "speed" else "rad/s2",
+                        "t_s": extreme.t,
+                        "theta_rad": extreme.theta,
+                    }
+                    for extreme in result.schedule.extremes
+                ],
+            }
             remarks.append(f"it takes {result.schedule.duration:.6g} s within the limits")
         return Findings(figures, tuple(_warnings(result, failed)), tuple(remarks))
 
@@ -333,7 +350,11 @@ class EquivalentRotation(AbstractAnalysis):
         finder = PoseFinder(batch.tracer.solver, output, form, batch.motion)
         inputs = batch.moving_inputs
         end = read_end(self.end, inputs, f"{self.name}: end")
-        start, number = self._start(finder, inputs)
+        try:
+            start = finder.candidates(read_pose(self.start, inputs, "start"))
+            number = start.number_of(self.mode)
+        except SolveError as problem:
+            raise SolveError(f"start: {problem}") from None
         turn = finder.rotation(start, number, end, self.end_mode)
         theta = np.linspace(0.0, turn.angle, self.samples)
         if self.theta:
@@ -368,15 +389,6 @@ class EquivalentRotation(AbstractAnalysis):
             schedule,
             unscheduled,
         )
-
-    def _start(
-        self, finder: PoseFinder, inputs: tuple[str, ...]
-    ) -> tuple[PoseCandidates, int]:
-        try:
-            start = finder.candidates(read_pose(self.start, inputs, "start"))
-            return start, start.number_of(self.mode)
-        except SolveError as problem:
-            raise SolveError(f"start: {problem}") from None
 
     def _words(self, result: FoundRotation, warnings: tuple[str, ...]) -> str:
         """Return what is to be read beside the page, as Markdown."""
@@ -449,24 +461,3 @@ def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]
 
 def _largest(values: Floats) -> float:
     return float(np.max(values[np.isfinite(values)], initial=0.0))
-
-
-def _schedule_figures(schedule: TimeScaling, shape: str) -> dict[str, Any]:
-    most = schedule.binding
-    return {
-        "shape": shape,
-        "duration_s": schedule.duration,
-        "cycle_s": schedule.cycle,
-        "set_by": f"{most.quantity} of {most.input} at {most.t:.6g} s",
-        "extremes": [
-            {
-                "input": extreme.input,
-                "quantity": extreme.quantity,
-                "value": extreme.value,
-                "unit": "rad/s" if extreme.quantity == "speed" else "rad/s2",
-                "t_s": extreme.t,
-                "theta_rad": extreme.theta,
-            }
-            for extreme in schedule.extremes
-        ],
-    }

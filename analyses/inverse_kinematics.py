@@ -48,10 +48,11 @@ from .pose_lists import (
     INVERSE,
     PAIRS,
     FoundPoses,
-    Given,
+    Poses,
     forward_rows,
     inverse_rows,
     pair_rows,
+    read_poses,
 )
 
 Row = dict[str, Any]
@@ -110,7 +111,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return nothing: poses are given, not traced. Bad parameters are refused here."""
         solver = self._solver(mechanism)
-        self._given.read(solver, self.name)
+        self._read(solver)
         self._modes(solver)
         self._pairs(mechanism)
         if self.nearest < 0:
@@ -144,8 +145,8 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         }
         if result.rows is None:
             return self._of_forward(batch.mechanism, result, figures)
-        assert result.given.poses is not None
-        rows, count = result.rows, len(result.given.poses)
+        assert result.poses is not None
+        rows, count = result.rows, len(result.poses)
         solutions = _solutions(rows, count)
         figures |= {
             "poses": count,
@@ -220,16 +221,16 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return the poses on the sphere by number of solutions, and by worst measure."""
         result = self._found(batch)
-        if result.rows is None or result.given.poses is None:
+        if result.rows is None or result.poses is None:
             return ()
-        rows, poses = result.rows, result.given.poses
+        rows, poses = result.rows, result.poses
         places = poses if result.solver.points else poses[:, :, 2]
         solutions = _solutions(rows, len(poses))
         least = np.fmin(np.min(rows.type_1, axis=1, initial=1.0), rows.type_2)
         best = np.zeros(len(poses))
         np.maximum.at(best, rows.pose, np.nan_to_num(least))
         angle = np.arcsin(np.clip(best, 0.0, 1.0))
-        triangles = _triangles(result.given.shape)
+        triangles = _triangles(result.shape)
         words = Text("legend", "Poses", self._words(result, solutions))
 
         def painted(name: str, values: Floats, unit: str) -> SphereMap:
@@ -256,9 +257,9 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
             Scene("Measure", (painted("angle to a singularity", angle, "rad"), words)),
         )
 
-    @property
-    def _given(self) -> Given:
-        return Given(self.poses, self.columns, self.file, self.window, self.unit)
+    def _read(self, solver: OutputKinematics) -> Poses:
+        given = self.poses, self.columns, self.file, self.window, self.unit
+        return read_poses(solver, self.name, *given)
 
     def _solver(self, mechanism: Mechanism) -> OutputKinematics:
         return output_kinematics(mechanism, self.output or None, self.graph)
@@ -284,16 +285,15 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
 
     def _find(self, mechanism: Mechanism) -> FoundPoses:
         solver = self._solver(mechanism)
-        given = self._given.read(solver, self.name)
-        nothing = np.zeros((0, 4)), np.zeros(0), 0
-        if given.inputs is not None:
-            forward = forward_rows(mechanism, solver, given.inputs)
-            return FoundPoses(solver, given, None, forward, *nothing)
-        assert given.poses is not None
-        rows = solver.inverse(given.poses, self._modes(solver), self._pairs(mechanism))
-        return FoundPoses(
-            solver, given, rows, None, *self._offers(solver, given.poses, rows)
-        )
+        given = poses, inputs, _ = self._read(solver)
+        if inputs is not None:
+            forward = forward_rows(mechanism, solver, inputs)
+            nothing = np.zeros((0, 4)), np.zeros(0), 0
+            return FoundPoses(solver, *given, None, forward, *nothing)
+        assert poses is not None
+        rows = solver.inverse(poses, self._modes(solver), self._pairs(mechanism))
+        offers = self._offers(solver, poses, rows)
+        return FoundPoses(solver, *given, rows, None, *offers)
 
     def _offers(
         self, solver: OutputKinematics, poses: Floats, rows: InverseRows
@@ -314,7 +314,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
 
     def _closure(self, batch: Batch, result: FoundPoses) -> float | None:
         """Return the largest rotation (rad) by which a loop of some rows is open."""
-        poses = result.given.poses
+        poses = result.poses
         assert poses is not None
         if not len(poses):
             return None
@@ -328,8 +328,8 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         self, mechanism: Mechanism, result: FoundPoses, figures: dict[str, Any]
     ) -> Findings:
         table = result.forward
-        assert table is not None and result.given.inputs is not None
-        count = len(result.given.inputs)
+        assert table is not None and result.inputs is not None
+        count = len(result.inputs)
         solved = table["status"] != Status.OUT_OF_REACH
         number = np.bincount(table["pose"][solved].astype(int), minlength=count)
         figures |= {

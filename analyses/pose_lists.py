@@ -64,183 +64,161 @@ TRIED = 7
 """Inputs at which a pose to show is looked for."""
 
 
-@dataclass(frozen=True)
-class PoseList:
-    """n poses: `poses` directions (n, 3) or rotations (n, 3, 3), or `inputs` (n, inputs).
+Poses = tuple[Floats | None, Floats | None, tuple[int, ...] | None]
+"""Directions (n, 3) or rotations (n, 3, 3), or else inputs (n, inputs) that are given; and
+the grid of a window."""
+Names = tuple[str, ...]
 
-    The other of the two is None. `shape` is the grid of a window, else None.
+
+def read_poses(
+    solver: OutputKinematics,
+    where: str,
+    poses: Sequence[str] = (),
+    columns: Names = (),
+    file: str = "",
+    window: Sequence[str] = (),
+    unit: str = "deg",
+    called: str = "poses",
+) -> Poses:
+    """Return the poses of a list, `called` so, of `columns` of a file, or of a window.
+
+    Raises
+    ------
+    AnalysisError, FileError
+        If they cannot be read, with the place in the list or the line of the file.
     """
-
-    poses: Floats | None
-    inputs: Floats | None
-    shape: tuple[int, ...] | None
-
-
-@dataclass(frozen=True)
-class Given:
-    """Where poses come from, as the analysis is told: one of the three is not empty."""
-
-    poses: tuple[str, ...]
-    columns: tuple[str, ...] = ()
-    file: str = ""
-    window: tuple[str, ...] = ()
-    unit: str = "deg"
-
-    def read(self, solver: OutputKinematics, where: str) -> PoseList:
-        """Return the poses.
-
-        Raises
-        ------
-        AnalysisError, FileError
-            If they cannot be read, with the place in the list or the line of the file.
-        """
-        told = [name for name in ("poses", "file", "window") if getattr(self, name)]
-        if len(told) != 1:
-            raise AnalysisError(
-                f"{where}: found {' and '.join(told) or 'no poses'}; give one of "
-                f"poses={_example(solver)}, file=NAME.csv and window=NAME:FROM:TO:COUNT+.."
-            )
-        if self.columns and not self.file:
-            raise AnalysisError(
-                f"{where}: columns: {listing(self.columns)} are those of a file; poses and "
-                "window say the names themselves, such as poses=azimuth=10+tilt=20"
-            )
-        try:
-            if self.file:
-                return self._from_file(solver, where)
-            if self.window:
-                return self._from_window(solver, where)
-            return self.from_text(solver, f"{where}: poses")
-        except AnalysisError:
-            if not solver.labels:
-                solver.inverse(np.zeros((0, 3, 3)), ())  # says why there is none
-            raise
-
-    def from_text(self, solver: OutputKinematics, where: str) -> PoseList:
-        """Return the poses that are told as text.
-
-        Raises
-        ------
-        AnalysisError
-            If they are none, or not all said in the same terms.
-        """
-        given = numbers_of(self.poses, where)
-        kind = _kind(_kinds(solver), tuple(given[0]), where)
-        for number, row in enumerate(given, 1):
-            if row.keys() != given[0].keys():
-                raise AnalysisError(
-                    f"{where}: number {number} has {listing(row)}, but the first "
-                    f"{listing(given[0])}; say all poses in the same terms"
-                )
-        numbers = np.array([[row[name] for name in kind] for row in given])
-        places = [f"number {k + 1}" for k in range(len(given))]
-        return self._made(solver, kind, numbers, {}, places, where, None)
-
-    def _from_file(self, solver: OutputKinematics, where: str) -> PoseList:
-        path = Path(self.file)
-        header, kinds = columns_of(path), _kinds(solver)
-        prefixed = {f"q_{name}": name for name in kinds[-1]}
-        columns = {prefixed.get(name, name): written for name, written in header.items()}
-        if self.columns:
-            missing = [name for name in self.columns if name not in columns]
-            if missing:
-                raise AnalysisError(
-                    f"{where}: {path}: it has no column {listing(missing)}; columns: "
-                    f"{listing(header)}"
-                )
-            names = _kind(kinds, self.columns, where)
-        else:
-            held = [kind for kind in kinds if set(kind) <= set(columns)]
-            held = [k for k in held if not any(set(k) < set(other) for other in held)]
-            if len(held) != 1:
-                which = "more than one of" if held else "none of"
-                raise AnalysisError(
-                    f"{where}: {path}: its columns {listing(header)} hold {which} "
-                    f"{_ways(held or kinds)}" + ("; say columns=.." if held else "")
-                )
-            names = held[0]
-        numbers = read_numbers(path, [columns[name] for name in names])
-        units = {
-            name: numbers.units[columns[name]]
-            for name in names
-            if columns[name] in numbers.units
-        }
-        return self._made(
-            solver, names, numbers.values, units, numbers.places, f"{where}: {path}", None
+    sources = {called: poses, "file": file, "window": window}
+    told = [name for name, source in sources.items() if source]
+    if len(told) != 1:
+        raise AnalysisError(
+            f"{where}: found {' and '.join(told) or 'no poses'}; give one of "
+            f"poses={_example(solver)}, file=NAME.csv and window=NAME:FROM:TO:COUNT+.."
         )
-
-    def _from_window(self, solver: OutputKinematics, where: str) -> PoseList:
-        axes: dict[str, Floats] = {}
-        for text in self.window:
-            name, *ends = text.split(":")
-            try:
-                low, high, count = float(ends[0]), float(ends[1]), int(ends[2])
-                good = len(ends) == 3 and count > 0 and np.isfinite(low + high)
-            except (ValueError, IndexError):
-                good = False
-            if not good or name in axes:
-                raise AnalysisError(
-                    f'{where}: window: "{text}" is not NAME:FROM:TO:COUNT, each name once; '
-                    "say for example azimuth:0:360:37"
-                )
-            axes[name] = np.linspace(low, high, count)
-        names = _kind(_kinds(solver), tuple(axes), where)
-        shape = tuple(len(axes[name]) for name in names)
-        _check_size(float(np.prod(shape, dtype=float)), f"{where}: window")
-        mesh = np.meshgrid(*(axes[name] for name in names), indexing="ij")
-        rows = np.stack([grid.ravel() for grid in mesh], axis=1)
-        places = [f"number {k + 1}" for k in range(len(rows))]
-        return self._made(solver, names, rows, {}, places, f"{where}: window", shape)
-
-    def _made(
-        self,
-        solver: OutputKinematics,
-        names: tuple[str, ...],
-        rows: Floats,
-        units: dict[str, str],
-        places: Sequence[str],
-        where: str,
-        shape: tuple[int, ...] | None,
-    ) -> PoseList:
-        """Return the poses of rows (n, names), refusing those that are none."""
-        driven = _kinds(solver)[-1]
+    if columns and not file:
+        raise AnalysisError(
+            f"{where}: columns: {listing(columns)} are those of a file; poses and "
+            "window say the names themselves, such as poses=azimuth=10+tilt=20"
+        )
+    units, shape = dict[str, str](), None
+    places: Sequence[str] = ()
+    where = f"{where}: {file or told[0]}"
+    try:
+        if file:
+            names, rows, units, places = _of_file(solver, where, Path(file), columns)
+        elif window:
+            names, rows, shape = _of_window(solver, where, window)
+        else:
+            names, rows = _of_text(solver, where, poses)
         _check_size(len(rows), where)
-        rows = rows.copy()
-        for k, name in enumerate(names):
-            if name in ANGLES or names == driven:
-                unit = units.get(name, self.unit)
-                rows[:, k] = np.radians(rows[:, k]) if unit == "deg" else rows[:, k]
-        if names == driven:
-            return PoseList(None, rows, shape)
-        length = np.ones(len(rows))
-        if names in (DIRECTION, QUATERNION):
-            length = np.linalg.norm(rows, axis=1)
-            _refuse(~(length > 0.0), places, where, "has no direction: all numbers are 0")
-            rows = rows / length[:, None]
-        return PoseList(self._poses(solver, names, rows, places, where), None, shape)
+    except AnalysisError:
+        if not solver.labels:
+            solver.inverse(np.zeros((0, 3, 3)), ())  # says why there is none
+        raise
+    driven = names == solver.mechanism.input_pairs
+    angles = [driven or name in ANGLES for name in names]
+    degrees = [units.get(name, unit) == "deg" for name in names]
+    rows = np.where(np.logical_and(angles, degrees), np.radians(rows), rows)
+    if driven:
+        return None, rows, shape
+    places = places or [f"number {k + 1}" for k in range(len(rows))]
+    return _posed(solver, names, rows, places, where), None, shape
 
-    def _poses(
-        self,
-        solver: OutputKinematics,
-        names: tuple[str, ...],
-        rows: Floats,
-        places: Sequence[str],
-        where: str,
-    ) -> Floats:
-        if names == MIRROR:
-            form = solver.form
-            assert form is not None and solver.output.direction is not None
-            normals = normals_of(rows[:, 0], rows[:, 1])
-            lost = np.any(~np.isfinite(normals), axis=1)
-            why = "is not a mid-plane: phi and gamma are too large"
-            _refuse(lost, places, where, why)
-            return form.orientations(normals) @ np.array(solver.output.direction)
-        made = posed(names, rows)
-        if names == MATRIX:
-            gap = np.abs(made @ np.swapaxes(made, 1, 2) - np.eye(3)).max(axis=(1, 2))
-            proper = (gap < NOT_ROTATION) & (np.linalg.det(made) > 0.0)
-            _refuse(~proper, places, where, "is not a rotation matrix")
-        return made
+
+def _of_text(
+    solver: OutputKinematics, where: str, poses: Sequence[str]
+) -> tuple[Names, Floats]:
+    given = numbers_of(poses, where)
+    kind = _kind(_kinds(solver), tuple(given[0]), where)
+    for number, row in enumerate(given, 1):
+        if row.keys() != given[0].keys():
+            raise AnalysisError(
+                f"{where}: number {number} has {listing(row)}, but the first "
+                f"{listing(given[0])}; say all poses in the same terms"
+            )
+    return kind, np.array([[row[name] for name in kind] for row in given])
+
+
+def _of_file(
+    solver: OutputKinematics, where: str, path: Path, wanted: Names
+) -> tuple[Names, Floats, dict[str, str], Sequence[str]]:
+    """Return names, rows, units of some names, and where each row is."""
+    header, kinds = columns_of(path), _kinds(solver)
+    prefixed = {f"q_{name}": name for name in kinds[-1]}
+    columns = {prefixed.get(name, name): written for name, written in header.items()}
+    missing = [name for name in wanted if name not in columns]
+    if missing:
+        raise AnalysisError(
+            f"{where}: it has no column {listing(missing)}; columns: {listing(header)}"
+        )
+    if wanted:
+        held = [_kind(kinds, wanted, where)]
+    else:
+        held = [kind for kind in kinds if set(kind) <= set(columns)]
+        held = [k for k in held if not any(set(k) < set(other) for other in held)]
+    if len(held) != 1:
+        which = "more than one of" if held else "none of"
+        raise AnalysisError(
+            f"{where}: its columns {listing(header)} hold {which} "
+            f"{_ways(held or kinds)}" + ("; say columns=.." if held else "")
+        )
+    names = held[0]
+    numbers = read_numbers(path, [columns[name] for name in names])
+    said = {name: numbers.units.get(columns[name], "") for name in names}
+    units = {name: unit for name, unit in said.items() if unit}
+    return names, numbers.values, units, numbers.places
+
+
+def _of_window(
+    solver: OutputKinematics, where: str, window: Sequence[str]
+) -> tuple[Names, Floats, tuple[int, ...]]:
+    """Return names and rows of a grid, and its shape."""
+    axes: dict[str, Floats] = {}
+    for text in window:
+        name, *ends = text.split(":")
+        try:
+            low, high, count = float(ends[0]), float(ends[1]), int(ends[2])
+            good = len(ends) == 3 and count > 0 and np.isfinite(low + high)
+        except (ValueError, IndexError):
+            good = False
+        if not good or name in axes:
+            raise AnalysisError(
+                f'{where}: "{text}" is not NAME:FROM:TO:COUNT, each name once; '
+                "say for example azimuth:0:360:37"
+            )
+        axes[name] = np.linspace(low, high, count)
+    names = _kind(_kinds(solver), tuple(axes), where)
+    shape = tuple(len(axes[name]) for name in names)
+    _check_size(float(np.prod(shape, dtype=float)), where)
+    mesh = np.meshgrid(*(axes[name] for name in names), indexing="ij")
+    return names, np.stack([grid.ravel() for grid in mesh], axis=1), shape
+
+
+def _posed(
+    solver: OutputKinematics,
+    names: Names,
+    rows: Floats,
+    places: Sequence[str],
+    where: str,
+) -> Floats:
+    """Return the poses of rows (n, names), refusing those that are none."""
+    if names == MIRROR:
+        form = solver.form
+        assert form is not None and solver.output.direction is not None
+        normals = normals_of(rows[:, 0], rows[:, 1])
+        lost = np.any(~np.isfinite(normals), axis=1)
+        why = "is not a mid-plane: phi and gamma are too large"
+        _refuse(lost, places, where, why)
+        return form.orientations(normals) @ np.array(solver.output.direction)
+    if names in (DIRECTION, QUATERNION):
+        length = np.linalg.norm(rows, axis=1)
+        _refuse(~(length > 0.0), places, where, "has no direction: all numbers are 0")
+        rows = rows / length[:, None]
+    made = posed(names, rows)
+    if names == MATRIX:
+        gap = np.abs(made @ np.swapaxes(made, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        proper = (gap < NOT_ROTATION) & (np.linalg.det(made) > 0.0)
+        _refuse(~proper, places, where, "is not a rotation matrix")
+    return made
 
 
 def _check_size(count: float, where: str) -> None:
@@ -389,10 +367,12 @@ PAIRS = Table(
 
 @dataclass(frozen=True)
 class FoundPoses:
-    """What was asked for, and what was found: one of `rows` and `forward` is None."""
+    """What was asked for, see `Poses`, and what was found: `rows` or else `forward`."""
 
     solver: OutputKinematics
-    given: PoseList
+    poses: Floats | None
+    inputs: Floats | None
+    shape: tuple[int, ...] | None
     rows: InverseRows | None
     forward: Row | None
     near: Floats
@@ -402,7 +382,7 @@ class FoundPoses:
 
 def inverse_rows(mechanism: Mechanism, result: FoundPoses, rows: InverseRows) -> Row:
     """Return the configurations of poses, with a reachable pose near by."""
-    poses = result.given.poses
+    poses = result.poses
     assert poses is not None
     directions = poses[rows.pose] if result.solver.points else None
     names = np.array([*rows.limits, ""])

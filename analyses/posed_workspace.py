@@ -238,7 +238,12 @@ def how_poses_fare(
             row: Row = {
                 "pose": place.tolist(),
                 "working_mode": label,
-                **_fares(here, limited.names),
+                "inside": "yes" if here.inside[0] else "no",
+                "margin_rad": _numbers(here.margin)[0],
+                "limiting": limited.names[int(here.limiting[0])],
+                "inputs": _numbers(here.inputs[0]),
+                "type_1": _numbers(here.type_1)[0],
+                "type_2": _numbers(here.type_2)[0],
             }
             figures.append(row)
             if row["inside"] == "yes":
@@ -262,17 +267,6 @@ def how_poses_fare(
         ]
     said = [f"{text} in mode {', '.join(modes)}" for text, modes in within.items()]
     return figures, warnings, said
-
-
-def _fares(judged: Judged, names: list[str]) -> Row:
-    return {
-        "inside": "yes" if judged.inside[0] else "no",
-        "margin_rad": _numbers(judged.margin)[0],
-        "limiting": names[int(judged.limiting[0])],
-        "inputs": _numbers(judged.inputs[0]),
-        "type_1": _numbers(judged.type_1)[0],
-        "type_2": _numbers(judged.type_2)[0],
-    }
 
 
 def _numbers(values: Floats) -> list[float | None]:

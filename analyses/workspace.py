@@ -57,7 +57,7 @@ from spherekit.plugin.workspace import (
 )
 
 from .equivalent_rotation import DIRECTION, MIRROR, MODE, PLACE, place_columns
-from .pose_lists import Given
+from .pose_lists import read_poses
 from .posed_workspace import (
     Limited,
     Row,
@@ -103,8 +103,10 @@ class WorkspaceScenes:
         at = self.limited.judge(item, places)
         margin = np.maximum(np.nan_to_num(at.margin), 0.0)
         angle = np.arcsin(np.clip(np.nan_to_num(np.fmin(at.type_1, at.type_2)), 0.0, 1.0))
-        marks = self._deepest(item)
-        inside = SphereCurves("workspace/deepest", "farthest inside", (), 0, marks)
+        judged, vertices = self.samples[item.signs]
+        best = int(np.nanargmax(judged.margin))
+        deepest = Mark(f"{np.degrees(judged.margin[best]):.3g} deg", vertices[best])
+        inside = SphereCurves("workspace/deepest", "farthest inside", (), 0, [deepest])
 
         def painted(name: str, values: Floats) -> SphereMap:
             triangles = region.surface_triangles
@@ -180,17 +182,13 @@ class WorkspaceScenes:
                 lines.setdefault(arc.margin, []).append(arc.points)
         curves: list[Primitive] = []
         for tone, (number, arcs) in enumerate(sorted(lines.items()), 1):
-            longest = max(arcs, key=_length)
+            longest = max(
+                arcs, key=lambda x: np.sum(np.linalg.norm(np.diff(x, axis=0), axis=1))
+            )
             mark = Mark(names[number].partition(" (")[0], longest[len(longest) // 2], tone)
             path = f"workspace/border/{number + 1}"
             curves.append(SphereCurves(path, names[number], arcs, tone, [mark]))
         return curves
-
-    def _deepest(self, item: DirectionWorkspace) -> list[Mark]:
-        """Return a mark at the vertex with the largest margin."""
-        judged, places = self.samples[item.signs]
-        best = int(np.nanargmax(judged.margin))
-        return [Mark(f"{np.degrees(judged.margin[best]):.3g} deg", places[best])]
 
     def _words(self, item: DirectionWorkspace) -> str:
         """Return areas and limits as Markdown."""
@@ -228,18 +226,14 @@ def sure_of(region: Region, parts: Sequence[Part]) -> list[Part]:
     return [part for part in parts if part.area > region.unresolved]
 
 
-def _length(points: Floats) -> float:
-    return float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-
-
 def given_poses(text: str, kinematics: ClosedKinematics) -> Floats:
     """Return the poses (k, 3) or (k, 4) that a text says, none of an empty one."""
     if not text:
         return np.zeros((0, 3 if kinematics.points else 4))
-    given = Given(tuple(text.split("+"))).from_text(kinematics, "workspace: pose")
-    poses = given.poses
-    if given.inputs is not None:
-        solutions = kinematics.forward(given.inputs)
+    given = text.split("+")
+    poses, inputs, _ = read_poses(kinematics, "workspace", given, called="pose")
+    if inputs is not None:
+        solutions = kinematics.forward(inputs)
         poses = solutions.directions if kinematics.points else solutions.rotations
     assert poses is not None
     places = poses if kinematics.points else quaternion(poses)
@@ -380,7 +374,20 @@ class WorkspaceAnalysis(AbstractAnalysis):
             mode = {"working_mode": label_of(item.signs)}
             rows["workspace"].append(mode | self._samples(batch, item))
             if isinstance(item, DirectionWorkspace):
-                rows["boundary"] += [mode | arc for arc in self._border(batch, item)]
+                rows["boundary"] += [
+                    {
+                        **mode,
+                        "curve": curve,
+                        "component": boundary.component,
+                        "gap": boundary.gap,
+                        "arc": number,
+                        "point": np.arange(len(arc.points)),
+                        **self._place(batch, arc.points),
+                        "constraint": self._limited(batch).names[arc.margin],
+                    }
+                    for curve, boundary in enumerate(item.region.boundaries)
+                    for number, arc in enumerate(boundary.arcs)
+                ]
                 rows["areas"].append(mode | self._areas(batch, item))
             else:
                 rows["areas"].append(mode | self._volume(batch, item))
@@ -489,22 +496,6 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "type_1": judged.type_1,
             "type_2": judged.type_2,
         }
-
-    def _border(self, batch: Batch, item: DirectionWorkspace) -> list[Row]:
-        names = self._limited(batch).names
-        return [
-            {
-                "curve": curve,
-                "component": boundary.component,
-                "gap": boundary.gap,
-                "arc": number,
-                "point": np.arange(len(arc.points)),
-                **self._place(batch, arc.points),
-                "constraint": names[arc.margin],
-            }
-            for curve, boundary in enumerate(item.region.boundaries)
-            for number, arc in enumerate(boundary.arcs)
-        ]
 
     def _areas(self, batch: Batch, item: DirectionWorkspace) -> Row:
         region = item.region

@@ -9,7 +9,7 @@ from example_mechanisms import serial
 from oracles import least_misfit
 from refusals import TABLES, check_call
 from scipy.spatial.transform import Rotation
-from spherekit_analyses.pose_lists import Given
+from spherekit_analyses.pose_lists import read_poses
 
 import spherekit as sk
 from spherekit.analysis.scene import SphereMap
@@ -177,8 +177,8 @@ def test_all_ways_to_say_an_orientation(tmp_path):
         path = tmp_path / "poses.csv"
         line = ",".join(repr(float(v)) for v in numbers)
         path.write_text(names.replace("+", ",") + f",note\n{line},7\n")
-        given = Given((), (), str(path), (), "rad").read(solver, "test")
-        rows.append(solver.inverse(given.poses, solver.labels).inputs)
+        poses, *_ = read_poses(solver, "test", file=str(path), unit="rad")
+        rows.append(solver.inverse(poses, solver.labels).inputs)
     assert np.isfinite(rows[0]).all() and len(rows[0]) == 8
     for row in rows[1:]:
         assert np.max(wrapped(row - rows[0])) < 1e-14

@@ -359,8 +359,8 @@ class InverseKinematics:
             with np.errstate(invalid="ignore", divide="ignore"):
                 return self._every_turn(self._turned, given)
         coordinates = azimuth_tilt(given) if self.wrist.points else euler_zyz(given)
-        own = Solver(self.own, plan_assembly(self.own))
-        return solved(self.solver, self.wrist.output, coordinates, own)
+        released = Solver(self.own, plan_assembly(self.own))
+        return solved(self.solver, self.wrist.output, coordinates, released)
 
     def _every_turn(self, turned: DyadsWithClosingLink, given: Floats) -> PoseSolutions:
         """Return the solutions of all modes at directions (n, 3), in order of rows."""
