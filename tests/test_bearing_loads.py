@@ -6,7 +6,6 @@ from itertools import product
 import numpy as np
 import pytest
 from chains import mechanism
-from common import bare
 from newton_euler import loaded, row_of, spatial
 from refusals import text_of
 from test_reactions import STARTS, moving
@@ -132,37 +131,6 @@ def reactions_at_speed(made, speed, q=0.4):
     return reactions(
         replace(PositionAnalysis(made, None, 0, path=path).motion(), timing=timing)
     )
-
-
-def test_the_weight_of_a_cross_bends_the_shafts_of_hookes_joint():
-    """By hand: a weight W in the centre O of the cross, arms a and b, the driven shaft s.
-
-    The second arm, the driven shaft and the arm of the first yoke float. So the force that
-    the driven yoke takes from the cross is across b and, being passed on to its shaft's
-    bearings, across s: it is along b x s, of the size that leaves nothing of W along a,
-    which the first arm cannot carry.
-    """
-    made = bare("universal_joint").with_inputs("21")
-    W = np.array([3.0, -4.0, -20.0])
-    made = made.with_loads(
-        sk.PointForce("weight", "3", (0.0, 0.0, 0.0), tuple(map(str, W))),
-        *[sk.Bearings(f"on_{k}", k, (0.1, 0.3), axial=(0, 0)) for k in ("32", "43", "41")],
-        sk.Bearings("on_21", "21", (0.1, 0.3), axial=(0.0, 1.0)),
-    )
-    found = reactions_at_speed(made, 0.0, 0.7)
-    a, b, s, first = (
-        found.frames[0, made.pair_number[k]][:, 2] for k in ("32", "43", "41", "21")
-    )
-    along = np.cross(b, s)
-    passed = (W @ a) / (along @ a) * along
-    pair = made.pair_number["41"]
-    taken = found.frames[0, pair] @ found.forces[0, pair]  # of the frame on the shaft
-    assert taken == pytest.approx(-passed, abs=1e-12)
-    pair = made.pair_number["21"]
-    held = found.frames[0, pair] @ found.forces[0, pair]
-    assert held == pytest.approx(-(W - passed), abs=1e-12)
-    on_shaft = found.on_bearings["on_21"][0]
-    assert on_shaft[:, 2] == pytest.approx([0.0, held @ first], abs=1e-12)
 
 
 def test_a_spinning_shaft_is_slowed_by_its_weight_on_the_fixed_bearing():

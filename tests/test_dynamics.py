@@ -143,7 +143,7 @@ def test_a_stored_model_gives_the_same_motion(four_bar):
         assert found.energy < 10 * tolerance and found.message == ""
 
 
-def test_a_stored_model_ends_with_its_curve_and_knows_all_loads(four_bar):
+def test_a_stored_model_ends_with_its_curve_and_knows_all_loads(tmp_path):
     mechanism, joint = loaded("four_bar", np.random.default_rng(8))
     table = sk.TorqueTable("motor_table", joint, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
     mechanism = replace(
@@ -153,7 +153,8 @@ def test_a_stored_model_ends_with_its_curve_and_knows_all_loads(four_bar):
     )
     exactly = simulate(mechanism, Start(0.3, 4.0), 2.0, tolerance=1e-11)
     assert exactly.end.kind == "joint_limit"
-    model = sk.reduced_model(mechanism, poles=())
+    sk.reduced_model(mechanism, poles=()).save(tmp_path / "loads.npz")
+    model = sk.load_reduced(tmp_path / "loads.npz")
     assert (model.heading.by, model.heading.periodic) == (("s",), False)
     (s,) = model.places("theta_21", 0.3 + 2.0 * np.pi)
     speed = 4.0 / model.value("d(theta_21)/ds", s)

@@ -10,7 +10,6 @@ from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.start import PoseStart, reduced, whole_turns
 from spherekit.engine.compiler import available
 from spherekit.errors import SolveError
-from spherekit.model.dynamics import JointLimit
 from spherekit.model.parts import Input
 from spherekit.model.study import ConstantSpeed, Start
 
@@ -60,22 +59,6 @@ def test_a_pose_many_turns_away(four_bar, engine, turns):
     one, other = here.at(TIMES), there.at(TIMES)
     assert np.max(np.abs(other.values - away - one.values)) < 1e-9
     assert np.max(other.residual) < 1e-12
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_stops_are_whole_angles(four_bar, engine):
-    away = 100 * TURN
-    ends = []
-    for shift in (0.0, away):
-        stop = JointLimit("21", shift - 1.0, shift + 0.55)
-        made = replace(four_bar, joint_limits=(stop,))
-        found = simulate(made, Start(0.3 + shift, 2.0), 5.0, engine=engine)
-        (event,) = [each for each in found.events if each.kind == "joint_limit"]
-        ends.append((found.end.t, event.q - shift))
-    assert np.allclose(ends[0], ends[1], rtol=0.0, atol=1e-9)
-    assert abs(ends[1][1] - 0.55) < 1e-9
-    with pytest.raises(SolveError, match="outside its joint limits"):
-        simulate(made, Start(0.3, 2.0), 5.0, engine=engine)
 
 
 def test_a_start_is_moved_into_a_range_of_less_than_a_turn():

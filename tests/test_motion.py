@@ -13,10 +13,7 @@ from refusals import TABLES, check_call
 import spherekit as sk
 from spherekit.errors import SolveError
 from spherekit.model.parts import LinkSizes, SizeGeometry
-from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.guides import follow
 from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.inputs import plan_assembly
 
 SHIPPED = (
     "four_bar",
@@ -84,23 +81,6 @@ def test_four_hundred_random_cranks_never_flip():
                 if np.max(gap) < 1e-9:
                     found.append((assembly_mode, p))
         assert len(found) == 2 and {p for _, p in found} == {0, 1}
-
-
-@pytest.mark.slow
-def test_following_random_cranks_stays_on_the_closed_form():
-    """The follower of irreducible groups, made to follow four-bars, keeps their mode."""
-    random = np.random.default_rng(40)
-    for _ in range(60):
-        made = four_bar(random_crank(random))
-        solver = Solver(made, plan_assembly(made))
-        tracer = PositionAnalysis(made)
-        for assembly_mode in tracer.assembly_modes:
-            start = solver.evaluate(assembly_mode, np.zeros((1, 1))).values[0]
-            curve = follow(solver.closure, solver.driven[0], start, 0.0, 2 * np.pi)
-            assert curve.ends == (sk.Status.OK, sk.Status.OK)
-            assert curve.inputs[-1] == 2 * np.pi
-            there = solver.evaluate(assembly_mode, curve.inputs[:, None]).values
-            assert np.max(np.abs(np.exp(1j * there) - np.exp(1j * curve.values))) < 1e-9
 
 
 def test_rocker_is_reported_out_of_reach_exactly_where_it_is():

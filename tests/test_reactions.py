@@ -87,35 +87,6 @@ def test_a_contact_presses_away_from_the_side_of_the_first_body(torque):
     assert presses == (found.status[0, contact] == Status.OK)
 
 
-def test_a_cam_lifts_off_where_its_follower_would_outrun_the_spring():
-    """The follower alone has inertia: no push is left where I theta'' is the torque."""
-    speed, inertia = 20.0, 0.01
-    sides = []
-    for torque in (0.5, -0.5):
-        made = pressed(str(torque))
-        q = np.linspace(0.0, 6.2, 400)
-        tracer = PositionAnalysis(made, None, 0, path=q[:, None])
-        law = {"cam_shaft": sk.ConstantSpeed(speed)}
-        found = reactions(
-            replace(tracer.motion(), timing=by_laws(["cam_shaft"], law, q / speed)[1])
-        )
-        contact, pivot = made.pair_number["contact"], made.angles["follower_pivot"]
-        h = 1e-3
-        near = [tracer.at(q + k * h).values[:, pivot] for k in (-1, 0, 1)]
-        bend = (near[0] - 2.0 * near[1] + near[2]) / h**2
-        left = inertia * bend * speed**2 - torque  # what the cam has to add
-        push = found.push[:, contact]
-        sense = np.sign(push[0] * left[0])
-        assert np.all(
-            np.sign(push[np.abs(left) > 1e-3]) * sense == np.sign(left)[np.abs(left) > 1e-3]
-        )
-        lifted = found.status[:, contact] == Status.LIFT_OFF
-        assert np.array_equal(lifted, push < 0.0)
-        sides.append((float(np.mean(lifted)), sense))
-    # A weak spring keeps contact on a part of the way only, whichever way it turns.
-    assert all(0.0 < part < 1.0 for part, _ in sides) and sides[0][1] == sides[1][1]
-
-
 def test_outputs_yield_by_what_a_moment_does_to_the_inputs():
     """Each input turned by w . m / k, the output moves by the closure itself."""
     made = sk.load("five_bar")
@@ -163,45 +134,6 @@ def test_redundant_constraints_are_named_and_left_open(capsys):
     assert table["moment_x"].isna().any() and not table["moment_z"].isna().any()
     with pytest.raises(sk.SpherekitError, match="needs one number above 0 N m/rad"):
         sk.run("five_bar", "statics:stiffness=-2", samples=3)
-
-
-@pytest.mark.parametrize("positions", [(0.8,), (0.5, 1.1)])
-def test_friction_follows_from_the_reactions_that_it_changes(positions):
-    """The torque c r n/arm |M| tanh(v'/speed), put in as a load, needs the same reactions.
-
-    It is found here by secants of one number, in each row, instead of by iteration.
-    """
-    made, _ = loaded("stephenson", np.random.default_rng(5))
-    pair, turned = "14", made.angles
-    rub = sk.Bearings("rub", pair, positions, radius=0.05, coefficient=0.3, speed=0.01)
-    motion = moving(made.with_loads(rub), (0.4,), [0.0, 0.1])
-    found = reactions(motion)
-    assert np.all(found.torques.status == Status.OK) and 1 < found.torques.rounds < 10
-    arm = positions[0] if len(positions) == 1 else positions[1] - positions[0]
-    number = made.pair_number[pair]
-    for row in range(2):
-        rate = found.torques.rates[row, :, turned[pair]] @ found.torques.input_rates[row]
-
-        def gap(torque, row=row, rate=rate):
-            given = made.with_loads(sk.PairTorque("rub", pair, repr(float(torque))))
-            across = reactions(moving(given, (0.4,), [0.0, 0.1])).across[row, number]
-            size = 0.3 * 0.05 * len(positions) / arm * across
-            return torque + size * np.tanh(rate / 0.01), across
-
-        a, b = 0.0, -0.1
-        for _ in range(30):
-            fa, fb = gap(a)[0], gap(b)[0]
-            if abs(fb) < 1e-13 or fa == fb:
-                break
-            a, b = b, b - fb * (b - a) / (fb - fa)
-        load = [each.name for each in found.torques.mechanism.loads].index("rub")
-        coefficient = found.torques.rates[row, 0, turned[pair]]
-        force = found.torques.Q_parts[row, 0, load]
-        assert force == pytest.approx(b * coefficient, rel=1e-9)
-        assert found.across[row, number] == pytest.approx(gap(b)[1], rel=1e-9)
-        assert found.couples["rub"][row] * arm == pytest.approx(found.across[row, number])
-    assert list(found.couples) == ["rub"]
-    assert np.all(np.isnan(found.on_bearings["rub"][..., 2]))
 
 
 def test_bearings_that_lock_are_refused(tmp_path):

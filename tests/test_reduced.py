@@ -18,17 +18,6 @@ from spherekit.engine.fields import evaluate
 from spherekit.errors import FileError, SolveError
 from spherekit.files.read import load
 from spherekit.files.write import dumps
-from spherekit.model.dynamics import (
-    Damper,
-    Friction,
-    Gravity,
-    Mass,
-    Moment,
-    PointForce,
-    Spring,
-    moments_of_point,
-)
-from spherekit.model.load import TorqueTable
 from spherekit.model.study import Polynomial
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import parse_pole
@@ -124,46 +113,6 @@ def test_laps_only_add_whole_turns(models):
         assert np.allclose(model.pole("3/1", x), model.pole("1/3", x % TURN), atol=1e-12)
         assert abs(model.value("theta_21", x) - x) < 1e-12 * max(1.0, abs(x))
         assert np.allclose(model.value("theta_21", np.array([x])), x, rtol=1e-14)
-
-
-def every_load(four_bar):
-    rng = np.random.default_rng(3)
-    masses = []
-    for mass in four_bar.masses:
-        centre = rng.normal(size=3) * 0.1
-        tensor = np.array(mass.tensor) + moments_of_point(2.0, centre)
-        masses.append(Mass(mass.link, tuple(map(tuple, tensor)), 2.0, tuple(centre)))
-    loads = (
-        *four_bar.loads,
-        Gravity("weight", (0.3, -1.0, -9.0)),
-        PointForce("push", "3", (0.2, 0.5, 0.1), ("1", "cos(t)", "dtheta_32"), "link"),
-        Moment("twist", "3", ("t", "0.5", "theta_41")),
-        Spring("spring", "32", 1.5, -0.25),
-        Damper("damper", "43", 0.5),
-        Friction("dry", "41", 0.3, 0.1, 0.05),
-        TorqueTable("motor", "21", (0.0, 0.7, 1.5), (3.0, -1.0, 3.0), True),
-    )
-    return replace(four_bar, masses=tuple(masses), loads=loads)
-
-
-def test_every_kind_of_load_is_kept(four_bar, tmp_path):
-    mechanism = every_load(four_bar)
-    reduced_model(mechanism, poles=()).save(tmp_path / "loads.npz")
-    model = load_reduced(tmp_path / "loads.npz")
-    t = np.linspace(0.0, 2.0, 50)
-    found = inverse_dynamics(mechanism, Polynomial((0.3, 1.0, 1.0)), t, assembly_mode=0)
-    parts = model.forces(found.q, found.dq, t)
-    assert list(parts) == [load.name for load in mechanism.loads]
-    turn = model.value("theta_32", 0.3) - found.values[0, 1]
-    assert abs(turn / TURN - round(turn / TURN)) < 1e-12
-    turns = {"spring": -1.5 * turn}  # a spring counts whole turns from where it starts
-    for number, (name, part) in enumerate(parts.items()):
-        want = found.Q_parts[:, 0, number] + turns.get(name, 0.0) * found.pair_rates[:, 1]
-        if name != "twist":
-            assert np.max(np.abs(part - want)) < 1e-12 * max(1.0, np.max(np.abs(want)))
-    one = model.torque(*(float(x[7]) for x in (found.q, found.dq, found.ddq)), float(t[7]))
-    every = model.torque(found.q, found.dq, found.ddq, t)
-    assert abs(one - every[7]) < 1e-12 * np.max(np.abs(every))
 
 
 def rocker(four_bar):

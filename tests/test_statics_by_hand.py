@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from common import bare
 from refusals import text_of
 
 import spherekit as sk
@@ -45,36 +44,6 @@ def test_the_transmitted_load_of_bevel_gears(tmp_path):
     pinion_torque = 5 * 745.7 / (600 * 2 * np.pi / 60)
     assert np.abs(found.torques.tau) == pytest.approx(pinion_torque, rel=1e-3)
     assert np.all(found.is_open[:, mesh, 0])
-
-
-def test_the_bearings_of_hookes_joint():
-    """A cross without mass transmits a moment that has no part along either of its arms.
-
-    An arm turns freely in its bearings, so the moment T of the driving yoke on the
-    cross has no part along the yoke's arm a, and passed on to the driven yoke none
-    along its arm b: T is along a x b, of the size that has the part M = 100 N m along
-    the driving shaft s. With a normal to the plane of the shafts, b lies in that plane
-    across the driven shaft, and so a x b is along the driven shaft: T = M / cos 35 =
-    122.1 N m, all of it torque there, and M tan 35 = 70.02 N m bends the driving shaft.
-    With a in the plane, across s, b is normal to the plane and a x b along s: T = M, of
-    which M cos 35 = 81.92 N m turns the driven shaft and M sin 35 = 57.36 N m bends it.
-    Bearings 0.2 m apart carry the bending moment as a couple: 350.1 N on the driving
-    shaft and none on the driven one, then none and 286.8 N.
-    """
-    made = bare("universal_joint")
-    for yoke, torque, driving, driven in (
-        (90.0, 122.077, 350.10, 0.0),
-        (0.0, 81.915, 0.0, 286.79),
-    ):
-        loads = [
-            sk.PairTorque("brake", "41", repr(-torque)),
-            sk.Bearings("front", "21", (0.1, 0.3)),
-            sk.Bearings("back", "41", (0.15, 0.35)),
-        ]
-        found = at_rest(made.with_loads(*loads), "21", [np.radians(yoke)])
-        assert found.torques.tau[0] == pytest.approx(100.0, rel=1e-4)
-        forces = [found.couples[name][0, 0] for name in ("front", "back")]
-        assert forces == pytest.approx([driving, driven], rel=1e-4, abs=1e-9)
 
 
 def test_the_thrust_of_bevel_gears(tmp_path):

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import mpmath as mp
 import numpy as np
 import pytest
 from oracles import least_misfit, misfits
@@ -150,34 +149,6 @@ def test_loops_that_lose_their_rank_are_seen_by_all(paper, distance):
         locked = {made.pair_number[item.pair] for item in made.inputs}
         held = misfits(made.ends, axes[0], locked)[:, 3:]
         assert np.linalg.svd(held, compute_uv=False)[-1] < 1e-14
-
-
-def test_near_zero_the_measure_has_its_digits():
-    """Three legs whose planes nearly share a line, against 50 digits."""
-    random = np.random.default_rng(3)
-    made = sk.load("three_rrr")
-    own = Transmission.of(made, made.outputs[0])
-    line = np.array([0.36, 0.48, 0.8])
-    order = [made.pair_number[f"{kind}{leg}"] for leg in "123" for kind in "abc"]
-    for exponent in (3, 6, 9, 12):
-        axes = random.normal(size=(9, 3))
-        for leg in range(3):
-            axes[3 * leg + 1] = random.normal(size=3)
-            axes[3 * leg + 2] = axes[3 * leg + 1] * random.normal() + line
-        axes[2] += 10.0**-exponent * np.cross(axes[1], axes[2])
-        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        with mp.workdps(50):
-            normals = mp.matrix(3, 3)
-            for leg in range(3):
-                b, c = ([*map(mp.mpf, axes[3 * leg + k])] for k in (1, 2))
-                n = [b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2] for k in range(3)]
-                size = mp.sqrt(sum(x * x for x in n))
-                for k in range(3):
-                    normals[leg, k] = n[k] / size
-            least = min(mp.svd_r(normals, compute_uv=False)) / mp.sqrt(3)
-        given = np.empty((1, 9, 3))
-        given[0, order] = axes
-        assert own.at(given)[0] == pytest.approx(float(least), rel=1e-3, abs=3e-15)
 
 
 def test_what_the_inputs_do_not_hold_has_no_transmission():

@@ -13,8 +13,6 @@ from spherekit.analysis.registry import names
 from spherekit.files.study import load_study
 
 TURN = text_of("units_turn.study")
-IN_RAD = {"rad": 1.0, "deg": np.pi / 180.0}
-"""One unit of an angle in rad."""
 
 
 @pytest.fixture(scope="module")
@@ -88,41 +86,6 @@ def test_numbers_change_as_their_units_say(folders):
                 assert new == old.replace("rad", "deg") and old.startswith("rad")
     assert {("rad", "deg"), ("rad/s", "deg/s"), ("rad/s2", "deg/s2")} <= seen
     assert {("1/rad", "1/rad"), ("kg m2/rad", "kg m2/rad"), ("N m", "N m")} <= seen
-
-
-@pytest.mark.parametrize("degrees", [False, True])
-@pytest.mark.parametrize(
-    ("table", "column", "derivative", "by"),
-    [
-        ("poles", "velocity_coefficient", "acceleration_coefficient", "q"),
-        ("eksergian", "B", "dB_dq", "q"),
-        ("eksergian_inertia", "B", "dB_dq", "q"),
-        ("eksergian", "q", "dq", "t"),
-        ("eksergian", "dq", "ddq", "t"),
-    ],
-)
-def test_derivatives_are_those_by_the_stated_units(
-    folders, degrees, table, column, derivative, by
-):
-    """Differences of columns in their own units give the derivative in its unit."""
-    units = stated(folders[degrees])[table].rename(lambda name: name.split(" [")[0])
-    frame = pd.read_csv(folders[degrees] / f"{table}.csv")
-    frame = frame.rename(columns=lambda name: name.split(" [")[0])
-    keys = [k for k in ("assembly_mode", "link", "relative_to", "moving") if k in frame]
-    checked = 0
-    for _, rows in frame.groupby(keys):
-        x, y, slope = (rows[name].to_numpy() for name in (by, column, derivative))
-        # The denominator of "1/rad", "kg m2/rad" or "deg/s2" is the unit to divide by.
-        below = units[derivative].rpartition("/")[2].rstrip("2")
-        x = x * (1.0 if by == "t" else IN_RAD[units[by]] / IN_RAD[below])
-        if by == "t":
-            assert below == "s" == units["t"]
-        found = np.gradient(y, x, edge_order=2)[5:-5]
-        size = np.max(np.abs(slope)) + np.max(np.abs(y)) * 1e-3
-        if size > 0.0:
-            assert np.max(np.abs(found - slope[5:-5])) < 0.03 * size
-            checked += 1
-    assert checked
 
 
 def test_every_column_of_every_analysis_has_a_unit_that_is_one():

@@ -21,21 +21,6 @@ AWAY = 0.3 + 6.0 * np.pi
 
 
 @pytest.fixture(scope="module")
-def gears():
-    """A bevel pair of 20 and 40 teeth, a coil on each shaft."""
-    made = sk.load("bevel_pair")
-    body = ((0.01, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.01))
-    return replace(
-        made,
-        masses=(Mass("1", body), Mass("2", body)),
-        loads=(
-            PairTorque("one", "01", "-0.3*theta_01"),
-            PairTorque("other", "02", "-2*(theta_02-0.5)"),
-        ),
-    )
-
-
-@pytest.fixture(scope="module")
 def coil():
     made = sk.load("four_bar")
     return replace(made, loads=(PairTorque("coil", "32", "-0.7*theta_32"),))
@@ -44,27 +29,6 @@ def coil():
 def torques(mechanism, speed, times, mode=0):
     law = ConstantSpeed(speed, 0.0)
     return inverse_dynamics(mechanism, law, times, assembly_mode=mode).torques[:, 0]
-
-
-def test_gears_turn_by_their_ratio_however_few_samples(gears):
-    """Half as fast as their teeth say, from the angle at zero on."""
-    q = 18.0
-    zero, beside = sk.trace(gears, path=np.array([[0.0], [0.1]])).values[:, 1]
-    ratio = (beside - zero) / 0.1
-    assert abs(ratio) == pytest.approx(0.5)
-    right = 0.3 * q + ratio * 2.0 * (zero + ratio * q - 0.5)
-    for count in (2, 9, 361):
-        assert torques(gears, 2.0, np.linspace(0.0, 9.0, count))[-1] == pytest.approx(right)
-    assert torques(gears, 2.0, [9.0])[0] == pytest.approx(right)
-    ways = {
-        "law": {"laws": {"01": ConstantSpeed(2.0, 0.0)}, "duration": 9.0, "samples": 9},
-        "start": {"start": Start(q, 2.0), "duration": 0.1, "samples": 9, "torque": right},
-    }
-    for name, way in ways.items():
-        rows = sk.run(gears, "dynamics", **way).results["dynamics"].data["dynamics"]
-        row = -1 if name == "law" else 0
-        assert rows["q"][row] == pytest.approx(q)
-        assert -rows["Q"][row] == pytest.approx(right)
 
 
 def loaded(name, pair):
@@ -146,14 +110,6 @@ def test_tables_for_controllers_count_turns():
     table = coupling_table(replace(mechanism, inputs=(away,)), assembly_mode=0)
     found = table.at(5.3 * np.pi, 0).angles[0, table.variables.index("theta_32")]
     assert found == pytest.approx(whole_at(mechanism, "32", 5.3 * np.pi, 0), abs=1e-5)
-
-
-def test_three_samples_a_turn_say_what_many_do(coil):
-    few, many = (
-        sk.run(coil, "dynamics", samples=count).results["dynamics"].data["dynamics"]
-        for count in (3, 361)
-    )
-    assert np.allclose(few["tau"], many["tau"].reshape(-1, 361)[:, ::180].ravel())
 
 
 def test_stops_of_passive_pairs_count_turns(coil):
