@@ -16,7 +16,7 @@ from spherekit.analysis.tables import SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.design import sweep_identity
 from spherekit.design.requirements import _write
-from spherekit.design.sweep import DesignSpace, listed
+from spherekit.design.sweep import DesignSpace, variation
 from spherekit.design.sweep_parts import run_sweep
 from spherekit.errors import DesignError, OutputError
 from spherekit.files.read import read
@@ -141,7 +141,7 @@ def _arcs(batch):
 
 
 def swept(vary, folder=None, **options):
-    space = DesignSpace.of([listed(*item) for item in vary.items()])
+    space = DesignSpace.of([variation(*item) for item in vary.items()])
     made = sweep_of("four_bar", space, (), [Doubled()], samples=5, tables=True)
     return run_sweep(made, folder, **options)
 

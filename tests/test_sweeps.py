@@ -22,7 +22,7 @@ from spherekit.cli.main import main
 from spherekit.design.descent import FigureGradients
 from spherekit.design.figures import DesignSamples
 from spherekit.design.held_modes import HeldMode
-from spherekit.design.sweep import DesignSpace, listed, variation
+from spherekit.design.sweep import DesignSpace, variation
 from spherekit.design.sweep_parts import run_sweep
 from spherekit.errors import ModelError, OutputError
 from spherekit.files.library import find
@@ -231,7 +231,7 @@ def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
         "links.4.arc": [42.0],
     }
     reduce = ["peak=max(abs(torque))", "mean=mean(torque)", "most=max(B)"]
-    sweep = sweep_of(path, DesignSpace.of([listed(*v) for v in vary.items()]), reduce)
+    sweep = sweep_of(path, DesignSpace.of([variation(*v) for v in vary.items()]), reduce)
     sweep = replace(sweep, samples=DesignSamples.of(Study("", sweep.mechanism, samples=19)))
     assert sweep.evaluator.kernel is not None
     found = run_sweep(sweep).frame()

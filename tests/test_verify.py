@@ -13,8 +13,8 @@ import spherekit as sk
 from spherekit.analysis import run as runner
 from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.running import evaluation, verify
-from spherekit.analysis.running.evaluation import ORDINARY, Evaluation
+from spherekit.analysis.running import summary, verify
+from spherekit.analysis.running.evaluation import ORDINARY
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.summary import RunPlan, faults, told
 from spherekit.analysis.running.verify import Verifier
@@ -115,7 +115,7 @@ def test_a_wrong_rate_is_found(monkeypatch, capsys):
         field.velocity_coefficient[(0, 3)][:] += 1e-9
         return field
 
-    monkeypatch.setattr(evaluation, "evaluate", perturbed)
+    monkeypatch.setattr(summary, "evaluate", perturbed)
     arguments = ["run", "four_bar", "--samples", "9", "--verify", "4"]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
@@ -135,7 +135,7 @@ def test_a_wrong_direction_is_outside_its_bound(monkeypatch):
         field.direction[(1, 3)][:] = turned
         return field
 
-    monkeypatch.setattr(evaluation, "evaluate", perturbed)
+    monkeypatch.setattr(summary, "evaluate", perturbed)
     verdict = verified(samples=9, verify=4)
     assert any("4 of 24 pole directions are off" in fault for fault in faults(verdict))
     directions = verdict["directions"]
@@ -148,10 +148,8 @@ def verifier_of(tracer, count):
     made = tracer.mechanism
     wanted = request(made, "21", [(0, 3)], [(0, 3)])
     course = Sampling(tracer, tracer.input_grid.q, tracer.input_grid.shape, None, False, {})
-    evaluation = Evaluation(ORDINARY, course, [wanted], Needs())
-    return wanted, Verifier(
-        RunPlan(course, (), (), {}, (wanted,), len(course), evaluation), count
-    )
+    plan = RunPlan(course, (), (), {}, (wanted,), ORDINARY, course, len(course))
+    return wanted, Verifier(plan, count)
 
 
 def test_a_wrong_configuration_has_no_reference():
@@ -267,7 +265,7 @@ def test_a_wrong_inertia_is_found(monkeypatch):
         field.w[3][:] *= 1.0 + 1e-8
         return field
 
-    monkeypatch.setattr(evaluation, "evaluate", perturbed)
+    monkeypatch.setattr(summary, "evaluate", perturbed)
     verdict = verified(analyses="eksergian", samples=9, verify=3)
     assert {"eksergian.B", "inertia.B"} <= set(verdict["beyond"])
     item = column(verdict, "inertia", "B")

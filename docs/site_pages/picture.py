@@ -21,7 +21,7 @@ def save_picture(mechanism: sk.Mechanism, path: Path) -> None:
     links = []
     for shape, rotation in zip(link_shapes(mechanism), rotations, strict=True):
         curves = [curve @ rotation.T for curve in shape.curves]
-        links.append((curves, shape.joints @ rotation.T, shape.names))
+        links.append((curves, shape.joints @ rotation.T, shape.joint_labels))
     frame = _seen_from([joints for _, joints, _ in links])
     figure, axes = plt.subplots(figsize=(5.0, 5.0), layout="constrained")
     _draw_sphere(axes, frame)

@@ -1,7 +1,7 @@
 """The stage every recording has: links turning on the sphere, the graph, the plan."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,38 +22,40 @@ SAME_PLACE = 1e-6
 """Arc (rad) below which two places on a link are drawn as one."""
 
 
-@dataclass(frozen=True)
-class Shape:
-    """What draws a link, in its own axes: curves (k, 3) each, joints (j, 3), names."""
-
-    curves: list[Floats]
-    joints: Floats
-    names: list[str]
-
-
-def link_shapes(mechanism: Mechanism) -> list[Shape]:
-    """Return the shape of every link."""
-    axes = link_axes(mechanism)
+def link_shapes(mechanism: Mechanism) -> list[Body]:
+    """Return every link in its own axes."""
     shapes = []
-    for link in mechanism.links:
-        joints = np.array(list(axes[link].values())).reshape(-1, 3)
+    for number, (link, axes) in enumerate(link_axes(mechanism).items()):
+        joints = np.array(list(axes.values())).reshape(-1, 3)
         curves = [*link_curves(joints), *profile_curves(mechanism, link, joints)]
-        shapes.append(Shape(curves, joints, list(axes[link])))
+        path = f"link/{link}"
+        shapes.append(Body(path, link, curves, joints, list(axes), number, None))
     return shapes
 
 
-def static_scene(plans: Sequence[Plan], shapes: list[Shape]) -> Scene:
+def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     """Return what does not move: the ground and the plans' Tables."""
-    return Scene(None, (_body(plans[0].mechanism, shapes, 0, None), _text(plans)))
+    return Scene(None, (shapes[0], _text(plans)))
 
 
 def graph_scene(mechanism: Mechanism) -> Scene:
     """Return the link/pair graph, which takes a second to lay out."""
-    return Scene(None, (_graph(mechanism),))
+    nodes: list[tuple[str, str, int | None]] = [
+        (f"link {name}", name if number else f"{name} (ground)", number)
+        for number, name in enumerate(mechanism.links)
+    ]
+    nodes += [(f"pair {p.name}", f"{p.type} {p.name}", None) for p in mechanism.pairs]
+    edges = [
+        (f"link {link}", f"pair {pair.name}")
+        for pair in mechanism.pairs
+        for link in pair.links
+    ]
+    places = [(x, y) for x, y in layout(mechanism).tolist()]
+    return Scene(None, (Graph("graph", nodes, edges, places),))
 
 
 def motion_scenes(
-    motion: Motion, shapes: list[Shape], timed: bool = False
+    motion: Motion, shapes: list[Body], timed: bool = False
 ) -> tuple[Scene, ...]:
     """Return the turning links of every assembly mode of a block.
 
@@ -65,7 +67,7 @@ def motion_scenes(
     for position, assembly_mode in enumerate(motion.assembly_modes):
         rows = slice(position * motion.samples, (position + 1) * motion.samples)
         bodies = [
-            _body(mechanism, shapes, link, turn[rows]) for link, turn in turns.items()
+            replace(shapes[link], quaternions=turn[rows]) for link, turn in turns.items()
         ]
         plots = _variables(motion, rows) if timed else []
         scenes.append(Scene(assembly_mode.number, (*bodies, *plots)))
@@ -74,10 +76,9 @@ def motion_scenes(
 
 def link_bodies(mechanism: Mechanism, rotations: Floats) -> list[Body]:
     """Return the moving links at configurations, rotations (n, links, 3, 3)."""
-    shapes = link_shapes(mechanism)
     return [
-        _body(mechanism, shapes, link, quaternion(rotations[:, link]))
-        for link in range(1, len(mechanism.links))
+        replace(shape, quaternions=quaternion(rotations[:, shape.number]))
+        for shape in link_shapes(mechanism)[1:]
     ]
 
 
@@ -92,15 +93,6 @@ def _variables(motion: Motion, rows: slice) -> list[Series]:
         path = f"plots/variable/{name}"
         plots.append(Series(path, name, "pair variables", shown, "rad"))
     return plots
-
-
-def _body(
-    mechanism: Mechanism, shapes: list[Shape], number: int, quaternions: Floats | None
-) -> Body:
-    link, shape = mechanism.links[number], shapes[number]
-    return Body(
-        f"link/{link}", link, shape.curves, shape.joints, shape.names, number, quaternions
-    )
 
 
 def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floats]:
@@ -165,21 +157,6 @@ def great_arc(a: Floats, b: Floats) -> Floats:
         return np.array([a, b])
     t = np.linspace(0.0, angle, max(2, int(np.ceil(angle / CURVE_STEP)) + 1))[:, None]
     return np.cos(t) * a + np.sin(t) * (across / length)
-
-
-def _graph(mechanism: Mechanism) -> Graph:
-    places = layout(mechanism)
-    nodes: list[tuple[str, str, int | None]] = [
-        (f"link {name}", name if number else f"{name} (ground)", number)
-        for number, name in enumerate(mechanism.links)
-    ]
-    nodes += [(f"pair {p.name}", f"{p.type} {p.name}", None) for p in mechanism.pairs]
-    edges = [
-        (f"link {link}", f"pair {pair.name}")
-        for pair in mechanism.pairs
-        for link in pair.links
-    ]
-    return Graph("graph", nodes, edges, [(x, y) for x, y in places.tolist()])
 
 
 def _text(plans: Sequence[Plan]) -> Text:

@@ -162,7 +162,7 @@ def executed(
         verifier = Verifier(job, study.verify) if study.verify else None
         with kept(job, place, standing, store) as after_block:
             while True:
-                blocks = job.evaluation.blocks(job.block, standing.done)
+                blocks = job.source.blocks(job.block, standing.done)
                 for motion in ledger.each("positions", blocks):
                     before = standing.done
                     fields, angles = evaluate_block(
@@ -206,7 +206,7 @@ def executed(
                 summary["verified"] = verifier.verdict(standing.failures)
                 summary["warnings"] += faults(summary["verified"])
             if execution.accuracy is not None:
-                reached = {"setting": str(job.evaluation.setting)}
+                reached = {"setting": str(job.setting)}
                 summary["accuracy"] = {**execution.accuracy, **reached}
             declared, failures = job.tables(standing.failures), standing.failures
             files = Files(study.degrees, execution.formats)
@@ -242,8 +242,8 @@ def evaluate_block(
     """
     course = job.course
     with ledger.stage(AXES):
-        fields = job.evaluation.fields(motion, standing.signs)
-        angles = job.evaluation.angles(motion, standing.angles)
+        fields = job.fields(motion, standing.signs)
+        angles = job.angles(motion, standing.angles)
     if stage is not None:
         with ledger.stage(RECORDING):
             stage.motion(motion)

@@ -2,7 +2,7 @@
 
 import argparse
 import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.run_report import megabytes
@@ -86,7 +86,7 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> dict[str, Any]
             {
                 "moving": pairs[wanted.plan.input].name,
                 "locked": [pairs[pair].name for pair in wanted.plan.locked],
-                "counts": asdict(counts_of(wanted)),
+                "counts": counts_of(wanted),
                 "links_with_rates": [wanted.plan.name(body) for body in wanted.bodies],
                 "derivatives": wanted.derivatives,
                 "steps": [describe(wanted.plan, step) for step in wanted.plan.steps],

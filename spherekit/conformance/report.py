@@ -115,7 +115,7 @@ class ConformanceCase:
         analysis then sees of it.
         """
         job = self.job
-        read = job.read(map(change, job.evaluation.blocks(size)))
+        read = job.read(map(change, job.source.blocks(size)))
         made = [
             job.batch(self.analysis, shown(motion), fields, angles)
             for motion, fields, angles in read

@@ -368,19 +368,22 @@ class Evaluator:
         if places is None or self.kernel is None:
             return None
         links, arcs = arc_function(self.varied.terms())
-        lengths = dict(zip(links, arcs(self.varied.sizes(values)[0]), strict=True))
+        of_links = (values * self.varied.scale[:, None])[self.varied.sized]
+        others = len(self.varied.nominal) - len(of_links)  # no arc is one of them
+        sizes = np.pad(of_links, ((0, others), (0, 0)))
+        lengths = dict(zip(links, arcs(sizes), strict=True))
         return class_of(*(lengths[k] for k in places))
 
     def at(self, values: Floats) -> Evaluated:
         """Return the figures of merit of designs (variables, n), in the file's units."""
         held = HELD // (len(self.figures.merits) * len(self.figures.rows))
         together = min(BLOCK, held + 1) if self._paths is None else self._followed_together
-        parts = [Evaluated.of([], self.figures.names)]
+        parts = []
         for start in range(0, values.shape[1], together):
             some = values[:, start : start + together]
             block = self._together(some) if self.kernel else self._one_by_one(some)
             parts.append(replace(block, design=block.design + start))
-        return Evaluated.in_order(parts)
+        return Evaluated.in_order(parts, self.figures.names)
 
     def part(self, count: int) -> int:
         """Return how many of so many designs pay together."""
@@ -433,7 +436,7 @@ class Evaluator:
             lost = possible[lost]
             parts.append(_numbered(made, possible))
             parts.append(_numbered(self._one_by_one(values[:, lost]), lost))
-        return Evaluated.in_order(parts)
+        return Evaluated.in_order(parts, names)
 
     def _impossible(self, values: Floats) -> NDArray[np.object_]:
         """Return why designs (n,) are impossible, OK where they are not."""
@@ -453,12 +456,11 @@ class Evaluator:
 
     def _with_others(self, parts: list[Evaluated], n: int, claim: str) -> Evaluated:
         """Return parts with a row for each of n designs that is in none of them."""
-        made = Evaluated.joined([Evaluated.of([], self.figures.names), *parts])
-        others = np.setdiff1d(np.arange(n), made.design)
-        none = Evaluated.of(
-            others, self.figures.names, status=NEVER_CLOSES, reason=NEVER, claim=claim
-        )
-        return Evaluated.in_order([made, none])
+        names = self.figures.names
+        there = [number for made in parts for number in made.design]
+        others = np.setdiff1d(np.arange(n), there)
+        none = Evaluated.of(others, names, status=NEVER_CLOSES, reason=NEVER, claim=claim)
+        return Evaluated.in_order([*parts, none], names)
 
     def _modes(self, kernel: DesignKernel, sizes: Floats) -> Evaluated:
         """Return designs (variables, n) of a kernel in all their modes."""
@@ -602,14 +604,14 @@ class Evaluator:
     # One design after the other.
 
     def _one_by_one(self, values: Floats) -> Evaluated:
-        parts = [Evaluated.of([], self.figures.names)]
+        parts = []
         for k, design in enumerate(values.T):
             try:
                 of_design = self._single(designed(self.document, self.variables, design))
             except SpherekitError as problem:
                 of_design = refused(problem, self.figures.names)
             parts.append(replace(of_design, design=of_design.design + k))
-        return Evaluated.in_order(parts)
+        return Evaluated.in_order(parts, self.figures.names)
 
     def _single(self, mechanism: Mechanism) -> Evaluated:
         if plan_assembly(mechanism.with_inputs(*self.inputs)).has_closed_form:

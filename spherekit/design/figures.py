@@ -189,9 +189,9 @@ class Evaluated(ArrayRows):
         return Evaluated(numbers, each(mode), shares, *words, merits)
 
     @staticmethod
-    def in_order(parts: "Sequence[Evaluated]") -> "Evaluated":
-        """Return several in order of design, then as they come."""
-        made = Evaluated.joined(parts)
+    def in_order(parts: "Sequence[Evaluated]", names: Sequence[str]) -> "Evaluated":
+        """Return several with figures of these names by design, then as they come."""
+        made = Evaluated.joined([Evaluated.of([], names), *parts])
         return made.rows(np.argsort(made.design, kind="stable"))
 
 

@@ -246,49 +246,41 @@ def _evolved(
     return np.atleast_2d(result.X)[np.argsort(np.atleast_2d(result.F)[:, 0], kind="stable")]
 
 
-class Cluster:
-    """The workers that a scheduler has, by its address; they see the folder of parts.
+def check_cluster() -> None:
+    """Raise `DesignError` where what speaks to clusters is not installed."""
+    if find_spec("distributed") is None:
+        raise DesignError(
+            "a cluster needs dask and distributed: "
+            'pip install "spherekit-mechanisms[cluster]"'
+        )
 
-    A lost worker's parts are computed again by others. That changes nothing: a part that
-    is there is kept, and each is written under another name first.
+
+def on_cluster(
+    address: str, sweep: Sweep, folder: str, numbers: Sequence[int]
+) -> Generator[int, None, None]:
+    """Yield the numbers of parts when the workers of a scheduler have written them.
+
+    They see the folder of parts. A lost worker's parts are computed again by others. That
+    changes nothing: a part that is there is kept, and each is written under another name
+    first.
+
+    Raises
+    ------
+    DesignError
+        If no scheduler answers at the address, or a worker has other versions.
     """
+    from dask.distributed import Client, as_completed
 
-    def __init__(self, address: str) -> None:
-        if find_spec("distributed") is None:
-            raise DesignError(
-                "a cluster needs dask and distributed: "
-                'pip install "spherekit-mechanisms[cluster]"'
-            )
-        self.address = address
-
-    def __call__(
-        self, sweep: Sweep, folder: str, numbers: Sequence[int]
-    ) -> Generator[int, None, None]:
-        """Yield the numbers of parts when they are written.
-
-        Raises
-        ------
-        DesignError
-            If no scheduler answers at the address, or a worker has other versions.
-        """
-        from dask.distributed import Client, as_completed
-
-        try:
-            client = Client(self.address, timeout="10s")
-        except (OSError, ValueError) as problem:
-            raise DesignError(f"{self.address}: no scheduler answers ({problem})") from None
-        with client:
-            (shared,) = client.scatter([sweep], broadcast=True)
-            futures = client.map(
-                _write,
-                [shared] * len(numbers),
-                [folder] * len(numbers),
-                numbers,
-                [code_identity()] * len(numbers),
-                pure=False,
-            )
-            for future in as_completed(futures):
-                yield future.result()
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError) as problem:
+        raise DesignError(f"{address}: no scheduler answers ({problem})") from None
+    with client:
+        (shared,) = client.scatter([sweep], broadcast=True)
+        count, code = len(numbers), code_identity()
+        given = [shared] * count, [folder] * count, numbers, [code] * count
+        for future in as_completed(client.map(_write, *given, pure=False)):
+            yield future.result()
 
 
 def _write(sweep: Sweep, folder: str, number: int, code: dict[str, str]) -> int:

@@ -94,11 +94,7 @@ class DesignRuns:
     def at(self, values: Floats) -> Evaluated:
         """Return the figures of merit of designs (variables, n), in the file's units."""
         made = [of_design for of_design, _ in self.runs_of(values)]
-        return Evaluated.in_order([self.none(), *made])
-
-    def none(self) -> Evaluated:
-        """Return no rows."""
-        return Evaluated.of([], self.names)
+        return Evaluated.in_order(made, self.names)
 
     def runs_of(
         self, values: Floats, worth: Callable[[Floats, Evaluated], bool] | None = None

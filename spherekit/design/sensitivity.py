@@ -520,19 +520,15 @@ class SizeDeviations:
                 "of draws not < 0"
             )
 
-    def _times(self, factor: float) -> Any:
-        made = np.array(self.size) * factor
-        return made if made.ndim else float(made)
-
     @property
     def spread(self) -> Any:
         """The standard deviation (rad), one or (sizes,)."""
-        return self._times(1.0 if self.distribution == "normal" else 1.0 / np.sqrt(3.0))
+        return np.multiply(self.size, 1.0 if self.distribution == "normal" else 3.0**-0.5)
 
     @property
     def worst(self) -> Any:
         """The deviation (rad) of the worst case, one or (sizes,)."""
-        return self._times(3.0 if self.distribution == "normal" else 1.0)
+        return np.multiply(self.size, 3.0 if self.distribution == "normal" else 1.0)
 
     def draws(self, sizes: int) -> Floats:
         """Return deviations (sizes, count), spread evenly by a Sobol sequence."""

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.analysis.contract import AbstractAnalysis, FigureOfMerit
 from spherekit.analysis.frames import PartTables, notes_of, part_tables, write_columns
+from spherekit.analysis.running.run_state import identities_of
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import AnyPath, choices, listing
 from spherekit.design.evaluate import Evaluator
@@ -54,8 +54,8 @@ class Variation:
     values: tuple[float, ...] | None = None
 
 
-def variation(key: str, text: str) -> Variation:
-    """Return the variation of ``10:40:31``, ``10:40`` or ``10,20,25``.
+def variation(key: str, given: str | Sequence[float]) -> Variation:
+    """Return the variation over a list, or of ``10:40:31``, ``10:40`` or ``10,20,25``.
 
     Raises
     ------
@@ -63,19 +63,22 @@ def variation(key: str, text: str) -> Variation:
         If it is none of these.
     """
     try:
-        if ":" in text:
-            low, high, *count = text.split(":")
-            ends = float(low), float(high)
+        if isinstance(given, str) and ":" in given:
+            low, high, *count = given.split(":")
             if not count:
-                return between(key, *ends)
+                return between(key, float(low), float(high))
             (number,) = count
-            return listed(key, np.linspace(*ends, int(number)).tolist())
-        return listed(key, [float(part) for part in text.split(",")])
+            values = np.linspace(float(low), float(high), int(number)).tolist()
+        else:
+            values = [*map(float, given.split(",") if isinstance(given, str) else given)]
     except ValueError:
         raise DesignError(
-            f"{key}={text}: write LOW:HIGH:COUNT, such as 10:40:31, a list such as "
+            f"{key}={given}: write LOW:HIGH:COUNT, such as 10:40:31, a list such as "
             "10,20,25, or LOW:HIGH for --designs"
         ) from None
+    if not values or not all_finite(values):
+        raise DesignError(f"{key}: give at least one value, and finite ones")
+    return Variation(key, min(values), max(values), tuple(values))
 
 
 def between(key: str, low: float, high: float) -> Variation:
@@ -85,13 +88,6 @@ def between(key: str, low: float, high: float) -> Variation:
             f"{key}: {low:g} to {high:g} is no range; give the lower end first"
         )
     return Variation(key, low, high)
-
-
-def listed(key: str, values: Sequence[float]) -> Variation:
-    """Return a variation over a list."""
-    if not values or not all_finite(values):
-        raise DesignError(f"{key}: give at least one value, and finite ones")
-    return Variation(key, min(values), max(values), tuple(values))
 
 
 @dataclass(frozen=True)
@@ -129,7 +125,6 @@ class DesignSpace:
                     "a grid has as many designs as combinations: leave out "
                     "the number of designs, or take sobol, latin or random"
                 )
-            counts = [len(item.values) if item.values else 0 for item in variations]
             for varied in variations:
                 if varied.values is None:
                     raise DesignError(
@@ -137,7 +132,7 @@ class DesignSpace:
                         f"{varied.key}={varied.low:g}:{varied.high:g}:11; "
                         "or give --designs N"
                     )
-            return DesignSpace(tuple(variations), chosen, math.prod(counts), seed)
+            designs = math.prod(len(item.values or ()) for item in variations)
         if designs is None or designs < 1:
             raise DesignError(f"{chosen}: give how many designs, at least 1")
         return DesignSpace(tuple(variations), chosen, designs, seed)
@@ -390,10 +385,7 @@ class Sweep:
             "where": list(self.where),
             "part": self.part_size,
             "columns": list(OWN),
-            "analyses": [
-                [item.name, item.version, as_json(asdict(item))]  # type: ignore[call-overload]
-                for item in self.analyses
-            ],
+            "analyses": identities_of(self.analyses),
             "tables": self.tables,
             "degrees": self.degrees,
         }
@@ -442,10 +434,9 @@ class Sweep:
         evaluator = self.evaluator
         if not isinstance(evaluator, DesignRuns):
             return self._meeting(self.rows(designs, rows))
-        classes = evaluator.classes(designs)
-        pieces = [self._shown(designs, rows, evaluator.none(), classes)]
+        pieces = [self._shown(designs, rows, Evaluated.of([], evaluator.names))]
         for evaluated, of_run in evaluator.runs_of(designs, self._worth_running):
-            made = self._meeting(self._shown(designs, rows, evaluated, classes))
+            made = self._meeting(self._shown(designs, rows, evaluated))
             pieces.append(made)
             if self.tables and tables is not None and len(made["design"]):
                 for stem, table, data in of_run:
@@ -464,18 +455,12 @@ class Sweep:
 
     def rows(self, designs: Floats, numbers: Indices) -> Columns:
         """Return the rows of designs (variables, n), by their numbers, in all modes."""
-        classes = self.evaluator.classes(designs)
-        return self._shown(designs, numbers, self.evaluator.at(designs), classes)
+        return self._shown(designs, numbers, self.evaluator.at(designs))
 
-    def _shown(
-        self,
-        designs: Floats,
-        numbers: Indices,
-        evaluated: Evaluated,
-        classes: NDArray[np.str_] | None,
-    ) -> Columns:
+    def _shown(self, designs: Floats, numbers: Indices, evaluated: Evaluated) -> Columns:
         """Return the rows of designs with their numbers and classes, in the file's unit."""
         design = evaluated.design
+        classes = self.evaluator.classes(designs[:, design])
         made: Columns = {"design": numbers[design], **self._numbers(designs[:, design])}
         made["mode"] = evaluated.mode
         if self.tables:
@@ -487,7 +472,7 @@ class Sweep:
         }
         if classes is not None:
             there = np.isin(evaluated.status, [OK, NEVER_CLOSES])
-            made["grashof"] = np.where(there, classes[design], "").astype(object)
+            made["grashof"] = np.where(there, classes, "").astype(object)
         made |= self._in_file_units(evaluated)
         made["reason"] = evaluated.reason
         return made

@@ -57,9 +57,7 @@ def other_code(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
 
 
 @contextmanager
-def working_folder(
-    place: Path, definition: Mapping[str, Any], resume: bool
-) -> Iterator[str]:
+def working_folder(place: Path, definition: Mapping[str, Any]) -> Iterator[str]:
     """Claim a folder for a sweep, and give one within it in which parts are made.
 
     Who holds the lock moves them to their places, so that nobody else changes these.
@@ -71,7 +69,7 @@ def working_folder(
         has made.
     """
     work = place / WORK
-    _claim(place, definition, resume)
+    _claim(place, definition)
     shutil.rmtree(work, ignore_errors=True)
     try:
         yield str(make_folder(work / os.urandom(4).hex()))
@@ -79,7 +77,7 @@ def working_folder(
         shutil.rmtree(work, ignore_errors=True)
 
 
-def _claim(place: Path, definition: Mapping[str, Any], resume: bool) -> None:
+def _claim(place: Path, definition: Mapping[str, Any]) -> None:
     """Write the definition of a sweep, or compare it with that of the parts there."""
     path = place / DEFINITION
     patterns = (DEFINITION, "designs", "tables", "tables/*", *PARTS)
@@ -97,7 +95,7 @@ def _claim(place: Path, definition: Mapping[str, Any], resume: bool) -> None:
         )
     if path.exists():
         stored = _stored(path)
-        if resume and stored == definition:
+        if stored == definition:
             return
         if _has_parts(place):
             raise OutputError(f"{place}: {_why_not(stored, definition)}")
@@ -134,10 +132,8 @@ def _why_not(stored: Mapping[str, Any], definition: Mapping[str, Any]) -> str:
             f"holds another sweep, with other {listing(rest)}; choose another folder, or "
             "remove this one"
         )
-    if other:
-        return (
-            "holds parts of this sweep whose numbers other code made "
-            f"({listing(other_code(stored, definition))}), and a data set is of one; go on "
-            "with that, choose another folder, or remove this one"
-        )
-    return "holds this sweep already; choose another folder, or remove this one"
+    return (
+        "holds parts of this sweep whose numbers other code made "
+        f"({listing(other_code(stored, definition))}), and a data set is of one; go on "
+        "with that, choose another folder, or remove this one"
+    )

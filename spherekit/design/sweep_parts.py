@@ -211,7 +211,6 @@ def run_sweep(
     sweep: Sweep,
     folder: AnyPath | None = None,
     workers: int = 1,
-    resume: bool = True,
     elsewhere: Workers | None = None,
 ) -> SweepResult:
     """Compute all parts of a sweep.
@@ -225,8 +224,6 @@ def run_sweep(
         last as long as the result.
     workers
         Processes at work.
-    resume
-        Whether parts of the same sweep that are in the folder may be taken.
     elsewhere
         What computes parts on other machines.
 
@@ -237,26 +234,24 @@ def run_sweep(
     """
     if folder is not None:
         place = make_folder(folder)
-        made = _computed(sweep, place, workers, resume, elsewhere)
+        made = _computed(sweep, place, workers, elsewhere)
         return SweepResult(sweep, place, made, place)
     place = Path(mkdtemp(prefix="spherekit-sweep-"))
     with ExitStack() as failed:
         failed.callback(shutil.rmtree, place, ignore_errors=True)
-        made = _computed(sweep, place, workers, resume, elsewhere)
+        made = _computed(sweep, place, workers, elsewhere)
         result = SweepResult(sweep, None, made, place)
         finalize(result, failed.pop_all().close)
     return result
 
 
-def _computed(
-    sweep: Sweep, place: Path, workers: int, resume: bool, elsewhere: Workers | None
-) -> int:
+def _computed(sweep: Sweep, place: Path, workers: int, elsewhere: Workers | None) -> int:
     """Compute the parts that are missing in a folder; return how many were."""
     working = ProgressReporter(f"{sweep.mechanism.name}: sweep")
     lock = locked(place / LOCK)
     if isinstance(lock, str):
         raise OutputError(f"{place}: another sweep is at work in it ({lock})")
-    with lock, working_folder(place, as_json(sweep.definition()), resume) as work:
+    with lock, working_folder(place, as_json(sweep.definition())) as work:
         files = [sweep.files_of(place, number) for number in range(sweep.parts)]
         missing = [number for number, paths in enumerate(files) if not paths]
         size = sum(path.stat().st_size for paths in files for path in paths)

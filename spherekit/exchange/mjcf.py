@@ -378,7 +378,7 @@ class MujocoModel:
             for ends in np.hstack([corners[:-1], corners[1:]]):
                 fromto = _drawn(radius * ends)
                 _add(body, "geom", fromto=fromto, rgba=rgba, **{"class": "arc"})
-        for name, axis in zip(shape.names, shape.joints, strict=True):
+        for name, axis in zip(shape.joint_labels, shape.joints, strict=True):
             if mechanism.pair(name).links[0] == link:
                 half = 0.5 * PIN_LENGTH
                 ends = _drawn(np.outer([1 - half, 1 + half], radius * axis))

@@ -6,6 +6,7 @@ A sweep from names, paths and texts.
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +23,7 @@ from spherekit.design.sweep import (
     DesignSpace,
     Scheme,
     Sweep,
-    Variation,
     between,
-    listed,
     variation,
 )
 from spherekit.design.sweep_parts import SweepResult, run_sweep
@@ -125,7 +124,7 @@ def sweep(
     """
     made = sweep_of(
         subject,
-        DesignSpace.of([_variation(*item) for item in vary.items()], designs, scheme, seed),
+        DesignSpace.of([variation(*item) for item in vary.items()], designs, scheme, seed),
         [reduce] if isinstance(reduce, str) else reduce,
         [create(name) for name in analyses],
         samples,
@@ -197,9 +196,10 @@ def perform(
         return run_sweep(sweep, folder, most)
     if folder is None:
         raise DesignError("dask: give a folder that its workers see, for their parts")
-    from spherekit.design.requirements import Cluster
+    from spherekit.design.requirements import check_cluster, on_cluster
 
-    return run_sweep(sweep, folder, elsewhere=Cluster(dask))
+    check_cluster()
+    return run_sweep(sweep, folder, elsewhere=partial(on_cluster, dask))
 
 
 def _document(mechanism: Mechanism, subject: Subject) -> Document:
@@ -212,12 +212,6 @@ def _document(mechanism: Mechanism, subject: Subject) -> Document:
             return document_of(subject)
         return document_of(mechanism, angle_unit_of(subject))
     return document_of(mechanism)
-
-
-def _variation(key: str, values: str | Sequence[float]) -> Variation:
-    if isinstance(values, str):
-        return variation(key, values)
-    return listed(key, [float(value) for value in values])
 
 
 SAMPLES, DESIGNS = 181, 16384

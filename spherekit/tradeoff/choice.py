@@ -81,7 +81,7 @@ def choose(
         kind = "short"
         for plan in plans:
             with suppress(AnalysisError, PluginError):
-                if plan.evaluation.requests:
+                if plan.requests[0].poles:
                     few = {"settings": SHORT, "checked": CHECKED, "rounds": 1}
                     trades.append(trade(study, plan.analyses[0], **few))
     setting, predicted, why = (

@@ -240,7 +240,7 @@ def tables_by(
     plan = plan_of(course, analysis, setting)
     first = time.process_time() - started
     store, tables = InMemory(), plan.tables_of(analysis)
-    for motion, fields, angles in plan.read(plan.evaluation.blocks(plan.block)):
+    for motion, fields, angles in plan.read(plan.source.blocks(plan.block)):
         if toward is not None:
             modes = np.arange(len(motion.assembly_modes)) * len(course)
             rows = motion.sample + np.repeat(modes, motion.samples)
@@ -264,7 +264,7 @@ def checked_rows(plan: RunPlan, most: int) -> tuple[list[Deviation], int]:
         shares = (np.arange(most) + (np.arange(most) * GOLDEN) % 1.0) / most
         rows = np.unique((shares * total).astype(np.intp))
     reference = reference_at(plan, plan.course.motion_at(rows))
-    ((motion, fields, angles),) = plan.read([plan.evaluation.motion_at(rows)])
+    ((motion, fields, angles),) = plan.read([plan.source.motion_at(rows)])
     fields = _toward(fields, reference, np.arange(len(motion)))
     (analysis,) = plan.analyses
     given = plan.given(analysis, plan.batch(analysis, motion, fields, angles))
@@ -294,7 +294,7 @@ def reference_at(
         if item.poles
     )
     lacking = (motion.status == Status.OK) & (exact[0].status != Status.OK)
-    angles = plan.evaluation.angles(better, AngleUnwrapping())
+    angles = plan.angles(better, AngleUnwrapping())
     tables = plan.given(analysis, plan.batch(analysis, better, fields, angles))
     return Reference(tables, fields, int(np.sum(lacking)))
 

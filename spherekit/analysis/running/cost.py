@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TypeVar
 
 from spherekit.planning.poles import BlockPoles, LinePole
@@ -18,49 +17,32 @@ TABLES = "tables"
 REST = "rest"
 
 
-@dataclass(frozen=True)
-class Counts:
-    """What one configuration costs while one input moves.
+def counts_of(wanted: Request) -> dict[str, int]:
+    """Return what a request evaluates at each configuration; nothing if it wants none.
 
-    `primary`, `secondary` and `irreducible` are pole axes taken from pairs, from two great
-    circles, and from irreducible parts; `great_circles` are all that are compared;
-    `link_rates` are the bodies whose angular velocity is found. `axis_derivatives` and
-    `rate_derivatives` count the axes and the angular velocities that are differentiated.
+    `poles` are all pole axes: `primary`, `secondary` and `irreducible` ones are taken from
+    pairs, from two great circles, and from irreducible parts. `great_circles` are all that
+    are compared, `link_rates` the bodies whose angular velocity is found;
+    `axis_derivatives` and `rate_derivatives` count the axes and the angular velocities that
+    are differentiated.
     """
-
-    primary: int
-    secondary: int
-    irreducible: int
-    great_circles: int
-    link_rates: int
-    axis_derivatives: int
-    rate_derivatives: int
-
-    @property
-    def poles(self) -> int:
-        """All pole axes."""
-        return self.primary + self.secondary + self.irreducible
-
-
-def counts_of(wanted: Request) -> Counts:
-    """Return what a request evaluates at each configuration; nothing if it wants none."""
-    if not wanted.poles:
-        return Counts(0, 0, 0, 0, 0, 0, 0)
-    steps = wanted.plan.steps
+    steps = wanted.plan.steps if wanted.poles else ()
     lines = [step for step in steps if isinstance(step, LinePole)]
-    irreducible = sum(len(step.poles) for step in steps if isinstance(step, BlockPoles))
-    blocks = sum(isinstance(step, BlockPoles) for step in steps)
-    primary = len(steps) - len(lines) - blocks
-    rates = len(wanted.bodies)
-    return Counts(
-        primary,
-        len(lines),
-        irreducible,
-        sum(len(step.via) + len(step.contacts) for step in lines),
-        rates,
-        primary + len(lines) + irreducible if wanted.derivatives else 0,
-        rates if wanted.derivatives else 0,
-    )
+    blocks = [step for step in steps if isinstance(step, BlockPoles)]
+    irreducible = sum(len(step.poles) for step in blocks)
+    primary = len(steps) - len(lines) - len(blocks)
+    poles = primary + len(lines) + irreducible
+    rates = len(wanted.bodies) if wanted.poles else 0
+    return {
+        "poles": poles,
+        "primary": primary,
+        "secondary": len(lines),
+        "irreducible": irreducible,
+        "great_circles": sum(len(step.via) + len(step.contacts) for step in lines),
+        "link_rates": rates,
+        "axis_derivatives": poles * wanted.derivatives,
+        "rate_derivatives": rates * wanted.derivatives,
+    }
 
 
 class Timer:

@@ -260,10 +260,7 @@ def identity_of(
         "assembly_modes": [
             [item.number, item.label] for item in course.tracer.assembly_modes
         ],
-        "analyses": [
-            [item.name, item.version, as_json(asdict(item))]  # type: ignore[call-overload]
-            for item in analyses
-        ],
+        "analyses": identities_of(analyses),
         "engine": None if simulation is None else simulation.engine.name,
         "tolerance": course.tolerance,
         "setting": asdict(setting),
@@ -274,6 +271,14 @@ def identity_of(
         else [_digest(timing.t), _digest(timing.dq), _digest(timing.ddq)],
         "samples_in_a_block": block,
     }
+
+
+def identities_of(analyses: Sequence[AbstractAnalysis]) -> list[list[Any]]:
+    """Return names, versions and parameters of analyses, ready for JSON."""
+    return [
+        [item.name, item.version, as_json(asdict(item))]  # type: ignore[call-overload]
+        for item in analyses
+    ]
 
 
 def _digest(values: Floats) -> str:

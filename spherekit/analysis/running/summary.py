@@ -21,9 +21,10 @@ from spherekit.analysis.folder import need_memory
 from spherekit.analysis.link_scenes import plan_notes
 from spherekit.analysis.result import MOTION, stems
 from spherekit.analysis.running.cost import RECORDING, Timer, counts_of
-from spherekit.analysis.running.evaluation import ORDINARY, Evaluation, Setting
+from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.recording import CountingRecorder, Recorder
+from spherekit.analysis.running.rows_at_once import BatchRunner
 from spherekit.analysis.running.run_state import (
     BY_EQUATIONS,
     FIELDS,
@@ -49,6 +50,8 @@ from spherekit.analysis.tables import (
 )
 from spherekit.arrays import Floats
 from spherekit.conventions import CLOSURE_TOLERANCE, listing
+from spherekit.engine.compiler import heyoka
+from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError, PluginError
 from spherekit.files.write import mechanism_hash
 from spherekit.model.mechanism import Mechanism
@@ -68,7 +71,8 @@ Read = tuple[Motion, tuple[PoleField | LazyField, ...], Mapping[str, Floats]]
 class RunPlan:
     """What a run evaluates: analyses with their needs, a request for each input.
 
-    Of `block` samples at once. Those that break the contract are `refused`, and not asked.
+    By a `setting`; the motion is that of a `source`, of `block` samples at once. Analyses
+    that break the contract are `refused`, and not asked.
     """
 
     course: Sampling
@@ -76,8 +80,9 @@ class RunPlan:
     needs: tuple[Needs, ...]
     refused: Mapping[str, str]
     requests: tuple[Request, ...]
+    setting: Setting
+    source: BatchRunner | Sampling
     block: int
-    evaluation: Evaluation
 
     @property
     def mechanism(self) -> Mechanism:
@@ -103,8 +108,25 @@ class RunPlan:
         """Yield motions that follow each other with what analyses read of them."""
         signs, memory = [SignContinuation() for _ in self.requests], AngleUnwrapping()
         for motion in motions:
-            fields = self.evaluation.fields(motion, signs)
-            yield motion, fields, self.evaluation.angles(motion, memory)
+            yield motion, self.fields(motion, signs), self.angles(motion, memory)
+
+    def fields(
+        self, motion: Motion, memories: Sequence[SignContinuation]
+    ) -> tuple[PoleField | LazyField, ...]:
+        """Return the poles of a block of the source for each input that moves."""
+        if isinstance(self.source, BatchRunner) and self.source.has_found(motion):
+            return self.source.fields(motion, memories)
+        how = self.setting.route, self.setting.engine
+        return tuple(
+            evaluate(motion, item, memory, *how)
+            for item, memory in zip(self.requests, memories, strict=True)
+            if item.poles
+        )
+
+    def angles(self, motion: Motion, memory: AngleUnwrapping) -> Mapping[str, Floats]:
+        """Return the variables that go on, by pair, at a block of the source."""
+        names = frozenset[str]().union(*(needs.continued_values for needs in self.needs))
+        return self.course.angles(motion, sorted(names), memory)
 
     def batch(
         self,
@@ -125,16 +147,15 @@ class RunPlan:
 
     def over(self, course: Sampling) -> "RunPlan":
         """Return it for a course that is known further, or has begun again."""
-        made = self.evaluation
-        evaluation = Evaluation(made.setting, course, self.requests, made.needs)
-        return replace(self, course=course, evaluation=evaluation)
+        source = source_of(self.setting, course, self.requests, self.needs)
+        return replace(self, course=course, source=source)
 
     @property
     def identity(self) -> dict[str, Any]:
         """What makes the run the one it is, ready for JSON."""
-        made, at_once = self.evaluation, self.evaluation.at_once
-        kernel = None if at_once is None else at_once.kernel.engine
-        identity = identity_of(self.course, self.analyses, self.block, made.setting)
+        source = self.source
+        kernel = source.kernel.engine if isinstance(source, BatchRunner) else None
+        identity = identity_of(self.course, self.analyses, self.block, self.setting)
         return identity | {"kernel": kernel}
 
     def tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
@@ -232,15 +253,35 @@ def job_of(
                 f"{analysis.name}: needs time, but with several inputs nothing says how "
                 "they move; give a law for every input, and a duration"
             )
-    together = reduce(Needs.union, needs, Needs())
-    wanted = requests_for(mechanism, together, tracer.by_rank)
-    evaluation = Evaluation(setting, course, wanted, together, all_links)
+    wanted = requests_for(mechanism, reduce(Needs.union, needs, Needs()), tracer.by_rank)
+    source = source_of(setting, course, wanted, needs, all_links)
     whole = at_once(analyses, refused)
     if whole:
         block = course.total
         need_memory(mechanism, block * len(tracer.assembly_modes), whole)
-    block = min(block or evaluation.block, course.total)
-    return RunPlan(course, tuple(analyses), *asked, wanted, block, evaluation)
+    block = min(block or source.block, course.total)
+    return RunPlan(course, tuple(analyses), *asked, wanted, setting, source, block)
+
+
+def source_of(
+    setting: Setting,
+    course: Sampling,
+    requests: Sequence[Request],
+    needs: Sequence[Needs],
+    all_links: bool = False,
+) -> BatchRunner | Sampling:
+    """Return what gives the motion of a course, and its poles if that is a kernel.
+
+    A kernel may stand in for the best route at every sample. See `job_of`.
+    """
+    if setting.engine == "compiled":
+        heyoka()
+    if (setting.engine, setting.route) != (ORDINARY.engine, ORDINARY.route):
+        return course
+    ahead = not any(item.tracer for item in needs)
+    timed = all_links or course.timed or any(item.time for item in needs)
+    wanted = [item for item in requests if item.poles]
+    return BatchRunner.of(course, wanted, all_links, ahead, timed) or course
 
 
 def motion_table(course: Sampling) -> Table:
@@ -408,15 +449,12 @@ def actual_cost(
     per_input = {
         job.mechanism.pairs[item.plan.input].name: counts_of(item) for item in job.requests
     }
-    every = [asdict(counts) | {"poles": counts.poles} for counts in per_input.values()]
     tables = stems(job.tables(standing.failures))
     return {
         "configurations": standing.configurations,
-        "each_configuration": {
-            moved: asdict(counts) for moved, counts in per_input.items()
-        },
+        "each_configuration": per_input,
         **{
-            name: standing.configurations * sum(counts[name] for counts in every)
+            name: standing.configurations * sum(item[name] for item in per_input.values())
             for name in ("poles", "axis_derivatives", "link_rates")
         },
         "velocity_equation_solves": standing.counts[FIELDS, BY_EQUATIONS],
