@@ -155,33 +155,28 @@ def construction(
     """
     mechanism = batch.mechanism
     primary = [step.pole for step in plan.steps if isinstance(step, PrimaryPole)]
-    stages: list[tuple[Pole, ...]] = [tuple(primary)]
-    words = [f"{len(primary)} axes of pairs are known"]
-    by_lines: dict[int, LinePole] = {}
+    stages: list[tuple[str, Sequence[Pole], LinePole | None]]
+    stages = [(f"{len(primary)} axes of pairs are known", primary, None)]
     for step in plan.steps:
         if isinstance(step, PrimaryPole):
             continue
+        passes = step.passes if isinstance(step, BlockPoles) else ()
+        later = {passed.pole for passed in passes}
+        poles = step.poles if isinstance(step, BlockPoles) else (step.pole,)
+        first = [pole for pole in poles if pole not in later]
+        by_lines = [(first, step if isinstance(step, LinePole) else None)]
+        by_lines += [([passed.pole], passed) for passed in passes]
         said = describe(plan, step).split("\n")
-        if isinstance(step, LinePole):
-            by_lines[len(stages)] = step
-        if not isinstance(step, BlockPoles):
-            stages.append((step.pole,))
-            words += said
-            continue
-        later = {passed.pole for passed in step.passes}
-        stages.append(tuple(pole for pole in step.poles if pole not in later))
-        for line_step in step.passes:
-            by_lines[len(stages)] = line_step
-            stages.append((line_step.pole,))
-        words += said
+        stages += [(text, *new) for text, new in zip(said, by_lines, strict=True)]
+    words = [text for text, *_ in stages]
     n, every = len(stages), list(plan.rounds)
     directions = np.full((n, len(every), 3), np.nan)
     circles = np.full((n, 2, 3), np.nan)
-    for number, new in enumerate(stages):
+    for number, (_, new, line) in enumerate(stages):
         for pole in new:
             directions[number:, every.index(pole)] = batch.direction(*pole)[row]
-        if number in by_lines:
-            circles[number] = _two_circles(batch, by_lines[number], row)
+        if line is not None:
+            circles[number] = _two_circles(batch, line, row)
     turned = np.stack([batch.rotation(link)[row] for link in mechanism.links])
     parts: list[Primitive] = [
         *link_bodies(mechanism, np.broadcast_to(turned, (n, *turned.shape)))
@@ -319,7 +314,7 @@ class Poles(AbstractAnalysis):
         """Return the pole whose great circles are drawn, if any is secondary."""
         if self.circles:
             return parse_pole(mechanism, self.circles)
-        primary = _primary(mechanism)
+        primary = mechanism.pole_pairs
         return next((p for p in self.poles(mechanism) if p not in primary), None)
 
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
@@ -350,7 +345,7 @@ class Poles(AbstractAnalysis):
         planes = frozenset() if shown is None else frozenset([shown])
         stepwise = self._stepwise(mechanism)
         if stepwise:
-            planes |= wanted - _primary(mechanism)
+            planes |= wanted - set(mechanism.pole_pairs)
         turned = {mechanism.links[link] for pole in drawn for link in pole}
         return Needs(
             directions=wanted,
@@ -440,7 +435,7 @@ class Poles(AbstractAnalysis):
         several = len(batch.moving_inputs) > 1
         pair = batch.moving_inputs[moved]
         home = f"{pair}/" if several else ""
-        primary = _primary(mechanism)
+        primary = mechanism.pole_pairs
         driven = pole_of(*mechanism.ends[mechanism.pair_number[pair]])
         unit = _short(mechanism, driven)
         alone = f" by {pair}" if several else ""
@@ -497,7 +492,7 @@ class Poles(AbstractAnalysis):
         """Yield a pole's great circles, and the diagram of all poles with them."""
         mechanism, pair = batch.mechanism, batch.moving_inputs[moved]
         several = len(batch.moving_inputs) > 1
-        primary, wanted = _primary(mechanism), self.poles(mechanism)
+        primary, wanted = mechanism.pole_pairs, self.poles(mechanism)
         normals = batch.planes(*shown, moved)[rows]
         first_seen = sorted(wanted, key=lambda pole: (pole in primary, pole[0] != 0))
         yield _chart(batch).diagram(
@@ -529,8 +524,3 @@ def _chart(batch: Batch) -> Chart:
 def _short(mechanism: Mechanism, pole: Pole) -> str:
     low, high = (mechanism.links[k] for k in pole)
     return f"{high}{low}" if len(low) == len(high) == 1 else f"({high},{low})"
-
-
-def _primary(mechanism: Mechanism) -> set[Pole]:
-    """Return the poles that are the axis or contact line of a pair."""
-    return set(mechanism.pole_pairs)

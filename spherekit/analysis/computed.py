@@ -76,34 +76,30 @@ def _columns(where: str, table: Table, data: Any) -> dict[str, Array | Interleav
 
 
 def _typed(where: str, column: Column, data: Any) -> Array | Interleaved:
-    if isinstance(data, Interleaved) and data.ndim == 1:
-        if data.dtype == TYPES.get(column.kind, data.dtype) and column.kind != "text":
-            return data
-        if column.kind == "text" and data.dtype.kind == "U":
-            return data
+    kind, held = column.kind, {"text": "U", "number": "fiub"}.get(column.kind, "iub")
+    if (
+        isinstance(data, Interleaved)
+        and data.ndim == 1
+        and (data.dtype.kind == "U" if kind == "text" else data.dtype == TYPES[kind])
+    ):
+        return data
     try:
         values = np.asarray(data)
     except ValueError:
         raise PluginError(f"{where} is no array of one number or text a row") from None
     if values.ndim != 1:
         raise PluginError(f"{where} has the shape {values.shape}, it needs one value a row")
-    if column.kind == "text":
-        fits = values.dtype.kind == "U" or all(isinstance(text, str) for text in values)
-        made = values if values.dtype.kind == "U" else values.astype(str)
-    elif column.kind == "number":
-        fits = values.dtype.kind in "fiub"
-        made = values.astype(float, copy=False) if fits else values
-    else:
-        fits = values.dtype.kind in "iub" or (
-            values.dtype.kind == "f" and bool(np.all(values == np.floor(values)))
-        )
-        made = values.astype(TYPES[column.kind], copy=False) if fits else values
+    fits = values.dtype.kind in held
+    if kind == "text" and not fits:
+        fits = all(isinstance(text, str) for text in values)
+    elif values.dtype.kind == "f" and not fits:
+        fits = bool(np.all(values == np.floor(values)))
     if not fits and len(values):
         raise PluginError(
-            f"{where} was declared to hold {_WORDS[column.kind]}, but holds "
+            f"{where} was declared to hold {_WORDS[kind]}, but holds "
             f"{values[0].item() if hasattr(values[0], 'item') else values[0]!r}"
         )
-    return made if fits else values.astype(TYPES.get(column.kind, str))
+    return values.astype(TYPES.get(kind, str), copy=False)
 
 
 def findings_of(

@@ -59,40 +59,35 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
     FileError
         If it cannot be read, or a cell is not a finite number, with line or row.
     """
-    values: list[list[float]] = []
-    places: list[str] = []
-    units: dict[str, str] = {}
-    bad: list[str] = []
-
-    def take(place: str, cells: Sequence[Any]) -> None:
-        row = [_number(cell) for cell in cells]
-        for name, cell, number in zip(names, cells, row, strict=True):
-            if not np.isfinite(number):
-                bad.append(f"{place}, column {name}: {_shown(cell)}")
-        values.append(row)
-        places.append(place)
-
+    rows: list[tuple[str, Sequence[Any]]] = []
     if path.suffix == PARQUET:
         frame = read_parquet(path)
         units = dict(frame.attrs.get("units", {}))
-        for number, cells in enumerate(frame[list(names)].itertuples(index=False), 1):
-            take(f"row {number}", cells)
+        cells = frame[list(names)].itertuples(index=False)
+        rows += ((f"row {number}", row) for number, row in enumerate(cells, 1))
     else:
         units = _units_beside(path)
-        with _rows(path) as rows:
-            header = _header(path, rows)
+        with _rows(path) as reader:
+            header = _header(path, reader)
             order = [header.index(name) for name in names]
-            for cells in rows:
-                if cells:
-                    picked = [cells[k] if k < len(cells) else "" for k in order]
-                    take(f"line {rows.line_num}", picked)
+            for row in filter(None, reader):
+                picked = [row[k] if k < len(row) else "" for k in order]
+                rows.append((f"line {reader.line_num}", picked))
+    values = [[_number(cell) for cell in row] for _, row in rows]
+    bad = [
+        f"{place}, column {name}: {_shown(cell)}"
+        for (place, row), numbers in zip(rows, values, strict=True)
+        for name, cell, number in zip(names, row, numbers, strict=True)
+        if not np.isfinite(number)
+    ]
     if bad:
         more = f" and {len(bad) - MOST_SHOWN} more" if len(bad) > MOST_SHOWN else ""
         raise FileError(
             f"{path}: {'; '.join(bad[:MOST_SHOWN])}{more}; every cell has to be a number"
         )
     said = {name: match[1] for name in names if (match := _NAMED.search(name))}
-    return Numbers(np.array(values).reshape(-1, len(names)), places, said | units)
+    places = [place for place, _ in rows]
+    return Numbers(np.array(values).reshape(-1, len(names)), places, units | said)
 
 
 def _units_beside(path: Path) -> dict[str, str]:

@@ -85,10 +85,13 @@ class ProvenPoles:
     """The table, and how many rows of poles are proven and of each finding."""
 
     data: TableArrays
-    proven: int
-    rows: int
     axes: Mapping[str, int]
     coefficients: Mapping[str, int]
+
+    @property
+    def proven(self) -> int:
+        """How many rows of poles are proven."""
+        return sum(self.axes.values())
 
     @property
     def exceeded(self) -> int:
@@ -103,7 +106,8 @@ class ProvenPoles:
                 ("of coefficients", self.coefficients),
             )
         ]
-        return f"proven: {self.proven} of {self.rows} rows of poles; " + "; ".join(parts)
+        rows = len(self.data["status"])
+        return f"proven: {self.proven} of {rows} rows of poles; " + "; ".join(parts)
 
     def write(self, folder: Path, wanted: Files, mechanism_hash: str) -> list[str]:
         """Write the table into a folder; return the names of the files."""
@@ -142,7 +146,7 @@ def prove_poles(
     names, links = written.structure.pairs, mechanism.links
     columns = [written.motion_columns()[pair] for pair in made.pairs]
     working = ProgressReporter("proving poles")
-    proven: dict[tuple[int, int], Enclosed] = {}
+    proven: dict[tuple[int, int, str, frozenset[str]], CertifiedPole] = {}
     with bits(PRECISION):
         equations = Equations(written, made)
         good = np.flatnonzero(np.asarray(motion["status"]) == Status.OK)
@@ -159,15 +163,24 @@ def prove_poles(
             gap[count:] = wrap(gap[count:])
             if not places or max_abs(gap) > NEAR:
                 continue
-            key = int(motion["sample"][row]), int(motion["assembly_mode"][row])
-            proven[key] = {
-                (
-                    names[pole.driven],
-                    frozenset((links[pole.first], links[pole.second])),
-                ): pole
-                for pole in enclosed_poles(equations, places)
-            }
-        return _table(mechanism, poles, proven)
+            for pole in enclosed_poles(equations, places):
+                ends = frozenset((links[pole.first], links[pole.second]))
+                sample, mode = (int(motion[c][row]) for c in ("sample", "assembly_mode"))
+                proven[sample, mode, names[pole.driven], ends] = pole
+        parts: list[dict[str, Any]] = []
+        for number in range(len(poles["sample"])):
+            given = {name: column[number] for name, column in poles.items()}
+            parts.append({name: given[name] for name in GIVEN})
+            ends = frozenset((str(given["link"]), str(given["relative_to"])))
+            place = int(given["sample"]), int(given["assembly_mode"])
+            enclosed = proven.get((*place, str(given["moving"]), ends))
+            if given["status"] == Status.OK and enclosed and enclosed.direction is not None:
+                parts[-1] |= _proven(given, enclosed.direction, enclosed.coefficient)
+    words = (
+        Counter(part[name] for part in parts if name in part)
+        for name in ("error_bound_is", "velocity_coefficient_error_bound_is")
+    )
+    return ProvenPoles(PROVEN.stacked(mechanism, parts), *words)
 
 
 def _proven_place(
@@ -209,33 +222,6 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
             "give one of the two"
         )
     construct(Written.of(mechanism).structure)
-
-
-Enclosed = Mapping[tuple[str, frozenset[str]], CertifiedPole]
-"""Poles by the input that moves and their links."""
-
-
-def _table(
-    mechanism: Mechanism,
-    poles: TableArrays,
-    enclosed: Mapping[tuple[int, int], Enclosed],
-) -> ProvenPoles:
-    parts: list[dict[str, Any]] = []
-    for row in range(len(poles["sample"])):
-        given = {name: column[row] for name, column in poles.items()}
-        part = {c.name: given[c.name] for c in PROVEN.columns if c.name in GIVEN}
-        of_row = enclosed.get((int(given["sample"]), int(given["assembly_mode"])), {})
-        links = frozenset((str(given["link"]), str(given["relative_to"])))
-        pole = of_row.get((str(given["moving"]), links))
-        if given["status"] == Status.OK and pole is not None and pole.direction is not None:
-            part |= _proven(given, pole.direction, pole.coefficient)
-        parts.append(part)
-    words = (
-        Counter(part[name] for part in parts if name in part)
-        for name in ("error_bound_is", "velocity_coefficient_error_bound_is")
-    )
-    proven = sum("u_error" in part for part in parts)
-    return ProvenPoles(PROVEN.stacked(mechanism, parts), proven, len(parts), *words)
 
 
 def _proven(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any
 
 from spherekit.analysis.arguments import given_in
 from spherekit.analysis.class_check import fault_of_class
@@ -127,16 +126,12 @@ def load(name: str) -> type[AbstractAnalysis]:
             f"analysis {name} of {_origin(entry)} does not import ({entry.value}): "
             f"{described(problem)}"
         ) from problem
-    _check(name, _origin(entry), cls)
-    return cls  # type: ignore[no-any-return]
-
-
-def _check(name: str, origin: str, cls: Any) -> None:
     fault = fault_of_class(cls)
     if not fault and cls.name != name:
         fault = f"the class calls itself {cls.name!r}"
     if fault:
-        raise PluginError(f"analysis {name} of {origin}: {fault}")
+        raise PluginError(f"analysis {name} of {_origin(entry)}: {fault}")
+    return cls  # type: ignore[no-any-return]
 
 
 def create(request: str) -> AbstractAnalysis:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 
@@ -48,19 +48,6 @@ Columns = Literal[1, 2]
 """Columns of a journal over which a figure goes."""
 
 
-class Views(Protocol):
-    """What shows a run to people; the run is gone through again for each."""
-
-    def record(self, path: Path) -> None:
-        """Write a recording."""
-
-    def show(self) -> None:
-        """Put a recording into the page of a notebook."""
-
-    def figures(self, degrees: bool, columns: Columns) -> Mapping[str, "Figure"]:
-        """Return all figures by name, to be drawn when asked for."""
-
-
 @dataclass(frozen=True)
 class AnalysisResult:
     """The tables of one analysis, as declared arrays.
@@ -87,7 +74,7 @@ class RunResult:
     failures: Mapping[str, str] = field(default_factory=dict)
     summary: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
-    views: Views | None = field(default=None, compare=False)
+    views: Any = field(default=None, compare=False)
 
     def __repr__(self) -> str:
         tables = listing(
@@ -245,10 +232,10 @@ class RunResult:
         >>> result = sk.run("four_bar", "poles", samples=91)
         >>> result.plot("velocity coefficients").savefig("coefficients.pdf")
         """
-        figures = self._views("plot").figures(degrees, columns)
+        figures: Mapping[str, Figure] = self._views("plot").figures(degrees, columns)
         return figures if subject is None else figures[subject]
 
-    def _views(self, what: str) -> Views:
+    def _views(self, what: str) -> Any:
         if self.views is None:
             raise OutputError(f"{what}: only what spherekit.run returns can be shown")
         return self.views

@@ -5,7 +5,7 @@ Work in a folder is taken up as it was left, and kept if the run is stopped.
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from typing import Any
 
@@ -46,7 +46,7 @@ from spherekit.analysis.study import Subject, chosen, study_of, takes
 from spherekit.analysis.tables import Files, Table, TableData
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.conventions import AnyPath, listing
+from spherekit.conventions import listing
 from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import AnalysisError, FileError, OutputError, SpherekitError
 from spherekit.model.study import Study
@@ -129,7 +129,8 @@ def executed(
     if execution.only_needed:
         study = replace(study, mechanism=needed_part(study, analyses))
     recorder = execution.recorder
-    with opened(execution.folder) as place:
+    folder = execution.folder
+    with nullcontext() if folder is None else RunFolder.opened(folder) as place:
         _, refused = asked = needs_of_each(analyses, study.mechanism)
         engine = engine_of(place, execution.unfinished, execution.engine)
         follow = follow or traced(study, analyses, execution)
@@ -306,16 +307,6 @@ def add_events(
         if store is not None:
             store.add(MOTION, EVENTS.of(job.mechanism), events)
         standing.add_rows(MOTION, EVENTS, events)
-
-
-@contextmanager
-def opened(folder: AnyPath | None) -> Iterator[RunFolder | None]:
-    """Give the locked folder of a run, None without one."""
-    if folder is None:
-        yield None
-        return
-    with RunFolder.opened(folder) as place:
-        yield place
 
 
 def _began(place: RunFolder | None, unfinished: Unfinished, what: str) -> Any:

@@ -5,7 +5,7 @@ import json
 import math
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -52,8 +52,6 @@ FIRST = ("installed", "metadata", "needs", "runs", "reads", "inputs", "tables", 
 
 READ_ONLY = "read-only"
 """A word in what NumPy says of an array that cannot be written to."""
-
-ASKED = ("compute", "findings", "scene")
 
 Subject = type[AbstractAnalysis] | AbstractAnalysis | str
 Check = Callable[[ConformanceCase], str]
@@ -225,6 +223,15 @@ def _ask(trial: ConformanceCase, method: str) -> None:
         getattr(trial.analysis, method)(batch)
 
 
+def _faults(trial: ConformanceCase) -> Iterator[tuple[str, SpherekitError]]:
+    """Yield what an analysis raises when it is asked, and by which method."""
+    for method in ("compute", "findings", "scene"):
+        try:
+            _ask(trial, method)
+        except SpherekitError as fault:
+            yield method, fault
+
+
 def _changed(first: Needs, again: Sequence[Needs]) -> str:
     names = [item.name for item in fields(Needs)]
     return listing(
@@ -236,13 +243,9 @@ def _changed(first: Needs, again: Sequence[Needs]) -> str:
 
 def _reads(trial: ConformanceCase) -> str:
     """Nothing is read that was not declared, nor found in another way."""
-    for method in ASKED:
-        try:
-            _ask(trial, method)
-        except UndeclaredNeed as fault:
+    for method, fault in _faults(trial):
+        if isinstance(fault, UndeclaredNeed):
             raise PluginError(f"{method}: {fault}") from fault
-        except SpherekitError:
-            pass  # another line says so
     if trial.needs.tracer:
         return "all configurations, by the tracer"
     size = len(trial.course)
@@ -257,15 +260,12 @@ def _reads(trial: ConformanceCase) -> str:
 
 def _inputs(trial: ConformanceCase) -> str:
     """What is read is left as it was."""
-    for method in ASKED:
-        try:
-            _ask(trial, method)
-        except SpherekitError as fault:
-            if READ_ONLY in str(fault):
-                raise PluginError(
-                    f"{method} writes to an array that it was given to read; copy it first "
-                    f"({fault})"
-                ) from fault
+    for method, fault in _faults(trial):
+        if READ_ONLY in str(fault):
+            raise PluginError(
+                f"{method} writes to an array that it was given to read; copy it first "
+                f"({fault})"
+            ) from fault
     return ""
 
 

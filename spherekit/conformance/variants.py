@@ -144,16 +144,14 @@ def _pairs(
 
 def _off(column: Column, one: Array, other: Array, within: float) -> int | None:
     """Return the first row in which columns differ, if there is one."""
-    if column.kind != "number":
-        wrong = one != other
-    else:
+    wrong = one != other
+    if column.kind == "number":
         scale = max(1.0, float(np.max(np.abs(one[np.isfinite(one)]), initial=0.0)))
-        with np.errstate(invalid="ignore"):
-            away = other - one
-            if column.unit == "rad":
-                away = wrap(away)
-            close = np.abs(away) <= within * scale
-        wrong = ~(close | (one == other) | (np.isnan(one) & np.isnan(other)))
+        if column.unit == "rad":
+            with np.errstate(invalid="ignore"):
+                away = wrap(other - one)
+            other = np.where(np.isfinite(away), one + away, other)
+        wrong = ~np.isclose(other, one, rtol=0.0, atol=within * scale, equal_nan=True)
     return int(np.argmax(wrong)) if np.any(wrong) else None
 
 

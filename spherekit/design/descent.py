@@ -13,8 +13,8 @@ from spherekit.design.evaluate import Evaluator
 from spherekit.design.figures import extremes, widest_swings
 from spherekit.design.held_modes import HeldMode
 from spherekit.design.requirements import MATCH, Specification
-from spherekit.design.sensitivity import DEG, DesignAt
 from spherekit.design.sweep import Columns
+from spherekit.design.varied import DEG, DesignAt
 from spherekit.engine.compiler import TermFunction
 from spherekit.engine.design_kernel import design_kernel
 from spherekit.engine.expression_graph import (

@@ -6,7 +6,7 @@ Angles of all designs are followed at once, between inputs so near that none mov
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -30,16 +30,15 @@ from spherekit.design.figures import (
 from spherekit.design.followed_modes import Modes, followed_modes
 from spherekit.design.homotopy import StartSolutions, start_set
 from spherekit.design.profile_numbers import tracks_of
-from spherekit.design.sensitivity import VariedMechanism
 from spherekit.design.variables import (
     ACTIONS,
     OK,
-    UNLIKE,
     DesignVariable,
     design_variable,
     designed,
     sizes_of,
 )
+from spherekit.design.varied import UNLIKE, VariedMechanism
 from spherekit.engine.design_kernel import (
     DesignKernel,
     PathKernel,
@@ -79,40 +78,40 @@ TOGETHER = 16384
 """Rows that are looked at together: they stay in the cache."""
 
 
+@dataclass(frozen=True)
 class KernelTurns:
     """The turns of one assembly mode of designs.
 
-    `prepared` (k, n) is what the kernel has of them, `signs` are their dyads', `width` is
-    what a sample has. Inputs go on from `anchor` (inputs,); a single one that `returns`
-    has come back to where it was after a turn.
+    `prepared` (k, n) is what the kernel has of them, `signs` (dyads,) are their dyads',
+    `width` is what a sample has. Inputs go on from `anchor` (inputs,); a single one that
+    `returns` has come back to where it was after a turn.
     """
 
-    def __init__(
-        self,
-        kernel: DesignKernel,
-        prepared: Floats,
-        signs: Sequence[float],
-        width: int,
-        anchor: Floats,
-        returns: bool,
-    ) -> None:
-        self._kernel, self._prepared, self._width = kernel, prepared, width
-        self._signs, self._anchor, self._returns = np.array(signs), anchor, returns
-        self._n = prepared.shape[1]
+    kernel: DesignKernel
+    prepared: Floats
+    signs: Floats
+    width: int
+    anchor: Floats
+    returns: bool
+
+    @property
+    def count(self) -> int:
+        """How many designs there are."""
+        return self.prepared.shape[1]
 
     def at(self, q: Floats, points: Floats) -> Floats:
         """Return turns (pairs, k + m, n), rad, to be added to the angles of the kernel.
 
         At samples (k, inputs), then at points (m, inputs).
         """
-        pairs = len(self._kernel.turning)
+        pairs = len(self.kernel.turning)
         if not pairs:
-            return np.zeros((0, len(q) + len(points), self._n))
+            return np.zeros((0, len(q) + len(points), self.count))
         with np.errstate(all="ignore"):
-            if len(self._anchor) == 1:
+            if len(self.anchor) == 1:
                 return self._along_one(np.concatenate([q, points])[:, 0])
             turns = self._along_several(q)
-            there = np.zeros((pairs, len(points), self._n))
+            there = np.zeros((pairs, len(points), self.count))
             for k, point in enumerate(points):
                 near = int(np.argmin(max_abs(q - point, axis=1)))
                 there[:, k] = self._onward(q[near], point, turns[:, near])
@@ -123,26 +122,26 @@ class KernelTurns:
 
         NaN where they do not close.
         """
-        kernel, count = self._kernel, len(self._anchor)
+        kernel, inputs = self.kernel, len(self.anchor)
         assert kernel.angles is not None
         if len(who) > TOGETHER:
             parts = range(0, len(who), TOGETHER)
             every = [slice(k, k + TOGETHER) for k in parts]
             return np.concatenate([self._angles(who[k], q[k]) for k in every], axis=1)
-        first = self._width + len(self._signs)
-        rows = np.zeros((first + len(kernel.turning) + len(self._prepared), len(who)))
-        rows[:count] = q.T
-        rows[self._width : first] = self._signs[:, None]
-        rows[first + len(kernel.turning) :] = self._prepared[:, who]
+        first = self.width + len(self.signs)
+        rows = np.zeros((first + len(kernel.turning) + len(self.prepared), len(who)))
+        rows[:inputs] = q.T
+        rows[self.width : first] = self.signs[:, None]
+        rows[first + len(kernel.turning) :] = self.prepared[:, who]
         outputs = kernel.angles(rows)
         closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
         return np.where(closed, outputs[kernel.reaches :], np.nan)
 
     def _everywhere(self, q: Floats) -> Floats:
         """Return the angles (pairs, k, n) of all designs at inputs (k, inputs)."""
-        shape = len(self._kernel.turning), len(q), self._n
-        who = np.tile(np.arange(self._n), len(q))
-        return self._angles(who, np.repeat(q, self._n, axis=0)).reshape(shape)
+        shape = len(self.kernel.turning), len(q), self.count
+        who = np.tile(np.arange(self.count), len(q))
+        return self._angles(who, np.repeat(q, self.count, axis=0)).reshape(shape)
 
     def _steps(self, q: Floats, angles: Floats) -> Floats:
         """Return by how much angles (pairs, k, n) at inputs grow to the next inputs."""
@@ -180,10 +179,10 @@ class KernelTurns:
     # One input.
 
     def _along_one(self, q: Floats) -> Floats:
-        (anchor,) = self._anchor
-        laps = np.floor((q - anchor) / TURN) if self._returns else np.zeros(len(q))
+        (anchor,) = self.anchor
+        laps = np.floor((q - anchor) / TURN) if self.returns else np.zeros(len(q))
         place = q - laps * TURN
-        ends = [anchor, *place, anchor + TURN] if self._returns else [anchor, *place]
+        ends = [anchor, *place, anchor + TURN] if self.returns else [anchor, *place]
         low, high = min(ends), max(ends)
         fill = np.linspace(low, high, 2 + int((high - low) / STRIDE))
         stations = np.unique([*ends, *fill])
@@ -197,7 +196,7 @@ class KernelTurns:
         ):
             whole[:, way] = self._followed(stations[way], angles[:, way], along)
         grown = np.zeros_like(whole[:, 0])
-        if self._returns:
+        if self.returns:
             good = all_finite(steps, 0)
             grown = np.round((whole[:, -1] - whole[:, 0]) / TURN) * TURN
             # A mode that ends goes on to either side of the anchor.
@@ -238,8 +237,8 @@ class KernelTurns:
     # Several inputs.
 
     def _along_several(self, q: Floats) -> Floats:
-        turns = np.zeros((len(self._kernel.turning), len(q), self._n))
-        before = self._anchor
+        turns = np.zeros((len(self.kernel.turning), len(q), self.count))
+        before = self.anchor
         first = -TURN * first_turns(self._everywhere(before[None])[:, 0])
         for k, there in enumerate(q):
             turns[:, k] = self._onward(before, there, turns[:, k - 1] if k else first)
@@ -253,7 +252,7 @@ class KernelTurns:
         """
         angle = self._everywhere(there[None])[:, 0]
         made = np.full_like(turns, np.nan)
-        for begin, turned_before in ((before, turns), (self._anchor, None)):
+        for begin, turned_before in ((before, turns), (self.anchor, None)):
             if not np.any(np.isnan(made) & np.isfinite(angle)):
                 break
             count = 2 + int(max_abs(there - begin) / STRIDE)
@@ -310,7 +309,7 @@ class Evaluator:
             need_tabulated(mechanism, samples.rows[:, -1])
         contacts = hinged(mechanism, self.inputs) if mechanism.has_contacts else None
         self.varied = VariedMechanism(
-            document, mechanism, variables, self.inputs, contacts, self._masses_follow
+            document, mechanism, self.variables, self.inputs, contacts, self._masses_follow
         )
         self._paths: tuple[PathKernel, StartSolutions] | None = None
         self.kernel = self._kernel()
@@ -343,7 +342,8 @@ class Evaluator:
                 closed_form=False,
             )
             return terms, np.array(contacts.numbers)
-        sizes = [design_variable(self.document, key) for key in sizes_of(self.mechanism)]
+        keys = sizes_of(self.mechanism)
+        sizes = tuple(design_variable(self.document, key) for key in keys)
         every = VariedMechanism(self.document, self.mechanism, sizes, self.inputs)
         return every.terms(False), every.nominal
 
@@ -544,7 +544,9 @@ class Evaluator:
         count, rows = len(self.inputs), self.samples.rows
         contacts = self.varied.contacts
         returns = contacts is None or contacts.train is None
-        of_mode = KernelTurns(kernel, prepared, signs, rows.shape[1], self._anchor, returns)
+        of_mode = KernelTurns(
+            kernel, prepared, np.array(signs), rows.shape[1], self._anchor, returns
+        )
         return of_mode.at(rows[:, :count], self.figures.points[:, :count])
 
     def kernel_mechanism(self, design: Floats) -> Mechanism:

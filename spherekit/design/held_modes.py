@@ -8,7 +8,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.homotopy import LONG, SAME, apart, straight, tracked
-from spherekit.design.sensitivity import DesignAt
+from spherekit.design.varied import DesignAt
 from spherekit.engine.design_kernel import PathKernel
 from spherekit.errors import SpherekitError
 from spherekit.sphere.rotation import all_finite, nans

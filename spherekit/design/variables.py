@@ -1,35 +1,28 @@
-"""What is varied: numbers of a mechanism file, and where kernels take them.
-
-Numbers of a kernel that are read from the file of each design, with its checks.
-"""
+"""What is varied: numbers of a mechanism file, and where kernels take them."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.arrays import Floats
-from spherekit.conventions import TURN, listing
+from spherekit.conventions import listing
 from spherekit.engine.algebra import DesignGeometry
-from spherekit.engine.hinges import EquivalentLinkage, hinged
-from spherekit.engine.row_quantities import ActionParameters, row_quantities
+from spherekit.engine.row_quantities import row_quantities
 from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document, KeyPath
-from spherekit.files.read import acted_on, stated
+from spherekit.files.read import stated
 from spherekit.files.schema import Limits, check, limits_of
 from spherekit.files.write import number_at, number_path, with_numbers
 from spherekit.model.dynamics import LOADS, PairTorque
-from spherekit.model.gears import COLLINEAR, ONE_LINE
+from spherekit.model.gears import COLLINEAR
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, SizeGeometry
 from spherekit.model.pose_sizes import pose_sizes
-from spherekit.sphere.rotation import nans
 
 DESIGNED = ("links", "pairs", "mass", "loads")
 """Tables of a file whose numbers make a design."""
@@ -107,18 +100,6 @@ def _slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
     return None
 
 
-def design_geometry(
-    variables: Sequence[DesignVariable], numbers: Mapping[str, Any]
-) -> DesignGeometry:
-    """Return the geometry in which variables have these numbers or terms, by name."""
-    made: dict[str, dict[Any, Any]] = {kind: {} for kind in _GEOMETRY}
-    for variable in variables:
-        if variable.slot is not None:
-            kind, place = variable.slot
-            made[kind][place] = numbers[variable.name]
-    return DesignGeometry(**made)
-
-
 def is_angle_of_load(document: Document, key: str) -> bool:
     """Return whether a number of a load is an angle, or an angle per second."""
     table, name, *rest = number_path(document, key)
@@ -138,8 +119,12 @@ def designed_pairs(
 
     What profiles are is handed in `as_columns`, or follows from circles.
     """
-    geometry = design_geometry(variables, numbers)
-    return turning_pairs(mechanism, geometry, as_columns=as_columns)
+    made: dict[str, dict[Any, Any]] = {kind: {} for kind in _GEOMETRY}
+    for variable in variables:
+        if variable.slot is not None:
+            kind, place = variable.slot
+            made[kind][place] = numbers[variable.name]
+    return turning_pairs(mechanism, DesignGeometry(**made), as_columns=as_columns)
 
 
 def designed(
@@ -159,24 +144,6 @@ def designed(
     if not all(variable.limits.allow(numbers[variable.path]) for variable in variables):
         check(changed)
     return stated(changed)
-
-
-def with_actions(
-    document: Document,
-    mechanism: Mechanism,
-    variables: Sequence[DesignVariable],
-    values: Sequence[float],
-) -> Mechanism:
-    """Return a mechanism with the masses and loads of a design, its geometry its own.
-
-    Raises
-    ------
-    FileError, ModelError
-        If there are no such masses or loads.
-    """
-    chosen = [k for k, variable in enumerate(variables) if variable.path[0] in ACTIONS]
-    numbers = {variables[k].path: float(values[k]) for k in chosen}
-    return acted_on(mechanism, with_numbers(document, numbers))
 
 
 def check_variables(document: Document, variables: Sequence[DesignVariable]) -> None:
@@ -263,10 +230,6 @@ def quantities_of(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 OK = "OK"
-UNLIKE = "its loads or contacts have another form"
-"""What sends a design to the analysis of the single one."""
-TRIED = (0.0173, -0.0311)
-"""Parts by which variables are changed to see which numbers follow them."""
 EIGHTH = (4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0)
 """Weights of central differences of the eighth order, from the nearest on."""
 ONE_SIDED = (
@@ -280,149 +243,8 @@ ONE_SIDED = (
     -0.125,
 )
 """Weights of differences of the same order from the value on, where it is a limit."""
-PARTS = np.array([1e-2, 1e-4, 1e-6])
-"""Their steps, as parts of a number: shorter ones where no design is that far."""
-SAME = 1e-14
-"""Numbers that differ by less are the same but for rounding."""
-STEADY = 1e-10
-"""Derivatives that differ by less, relative, are the same."""
 _PLACE = re.compile(r"^[^\s:]+\.toml(?::\d+)?: ", re.MULTILINE)
 """A file's name, and perhaps a line, before what is wrong."""
-
-
-class FileNumbers:
-    """What the file of a design says of masses and loads, and of contacts of circles.
-
-    `contacts` is the mechanism with links for its contacts, if it has some; `whole` says
-    that masses follow sizes, so that the whole file is read. `nominal` are all numbers of
-    the file as it is, those of contacts first (wheels may be `apart`, rad), and `differing`
-    which of them follow the variables, as far as these could be `varied`.
-    """
-
-    def __init__(
-        self,
-        document: Document,
-        mechanism: Mechanism,
-        variables: Sequence[DesignVariable],
-        inputs: Sequence[str],
-        contacts: EquivalentLinkage | None,
-        whole: bool,
-        apart: float = ONE_LINE,
-    ) -> None:
-        self.document, self.mechanism = document, mechanism
-        self.variables, self.inputs = tuple(variables), tuple(inputs)
-        self.values = np.array([variable.value for variable in variables])
-        self.apart, self.contacts = apart, contacts
-        self.whole = whole or contacts is not None
-        actions = ActionParameters.of(mechanism)
-        self._form = actions.form
-        of_contacts = contacts.numbers if contacts else []
-        self._first = len(of_contacts)
-        self.nominal = np.array([*of_contacts, *actions.numbers])
-        designs = [self.values * (1.0 + share) + share for share in TRIED]
-        every = [(design, self._possible(design)) for design in designs]
-        self._tried = [design for design, numbers in every if numbers is not None]
-        there = [numbers for _, numbers in every if numbers is not None]
-        # Some vary by whole numbers, and some only with others.
-        steps = np.concatenate([size * np.eye(len(self.values)) for size in (1.0, *TRIED)])
-        alone = (self._possible(self.values * (1.0 + step)) for step in steps)
-        self.varied = bool(there) or any(numbers is not None for numbers in alone)
-        differ = np.any([numbers != self.nominal for numbers in there], axis=0) | (
-            not there
-        )
-        self.differing = np.flatnonzero(np.broadcast_to(differ, self.nominal.shape))
-
-    @property
-    def of_contacts(self) -> list[int]:
-        """Those of the contacts that differ."""
-        return [int(k) for k in self.differing if k < self._first]
-
-    @property
-    def of_actions(self) -> list[int]:
-        """Those of the masses and loads that differ, as `ActionParameters` counts them."""
-        return [int(k) - self._first for k in self.differing if k >= self._first]
-
-    def _read(self, values: Floats) -> Floats:
-        """Return all numbers of a design (variables,); raise where there are none."""
-        numbers, contacts = list(values), []
-        if self.whole:
-            made = designed(self.document, self.variables, numbers)
-        else:
-            made = with_actions(self.document, self.mechanism, self.variables, numbers)
-        actions = ActionParameters.of(made)
-        if self.contacts is not None:
-            with_contacts = hinged(made, self.inputs, self.apart)
-            if with_contacts is None or with_contacts.form != self.contacts.form:
-                raise DesignError(UNLIKE)
-            contacts = with_contacts.numbers
-        if actions.form != self._form:
-            raise DesignError(UNLIKE)
-        return np.array([*contacts, *actions.numbers])
-
-    def _possible(self, values: Floats) -> Floats | None:
-        with suppress(SpherekitError):
-            return self._read(values)
-        return None
-
-    def _differing(self, values: Floats) -> Floats:
-        """Return the numbers that differ, where the others are those of the file."""
-        numbers = self._read(values)
-        if not np.all(np.abs(np.delete(numbers - self.nominal, self.differing)) <= SAME):
-            raise DesignError(UNLIKE)
-        return numbers[self.differing]
-
-    def at(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
-        """Return the numbers (k, n) that differ, and why designs (variables, n) are none.
-
-        Of a design whose laws have another form, or other numbers than these, `UNLIKE`.
-        """
-        made = nans((len(self.differing), values.shape[1]))
-        why = np.full(values.shape[1], OK, dtype=object)
-        for k, design in enumerate(values.T):
-            try:
-                made[:, k] = self._differing(design)
-            except SpherekitError as problem:
-                why[k] = reason_of(problem)
-        return made, why
-
-    def slopes(self, values: Floats) -> Floats:
-        """Return the derivatives (k, variables) of the numbers by values (variables,)."""
-        columns = [
-            self._slope(values, k) if steady is None else steady
-            for k, steady in enumerate(self.steady)
-        ]
-        return np.stack(columns, axis=1)
-
-    @cached_property
-    def steady(self) -> list[Floats | None]:
-        """The derivatives (k,) by each variable that are the same everywhere.
-
-        So they are where they are at the designs that were tried; without any, of none.
-        """
-        made: list[Floats | None] = []
-        for k in range(len(self.values)):
-            here, *others = (self._slope(x, k) for x in (self.values, *self._tried))
-            same = all(np.allclose(here, x, rtol=STEADY, atol=0.0) for x in others)
-            made.append(here if others and same else None)
-        return made
-
-    def _slope(self, values: Floats, k: int) -> Floats:
-        """Return the derivatives of the numbers by one of the values (variables,)."""
-        nothing = np.zeros(len(self.differing))
-        if not self.whole and self.variables[k].path[0] not in ACTIONS:
-            return nothing
-
-        def read(beside: Floats) -> Floats:
-            # Of angles whole turns do not matter: wheels are put together by them.
-            away, of_angles = self._differing(beside) - begun, len(self.of_contacts)
-            away[:of_angles] -= TURN * np.round(away[:of_angles] / TURN)
-            return away
-
-        slope = None
-        with suppress(SpherekitError):
-            begun = self._differing(values)
-            slope = slope_by(read, values, k, PARTS * (abs(values[k]) or 1.0))
-        return nans(len(nothing)) if slope is None else slope
 
 
 def slope_by(

@@ -18,7 +18,6 @@ from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath
 from spherekit.design.figures import DesignSamples
 from spherekit.design.requirements import Specification
-from spherekit.design.sensitivity import DEG
 from spherekit.design.sweep import (
     DesignSpace,
     Scheme,
@@ -28,6 +27,7 @@ from spherekit.design.sweep import (
 )
 from spherekit.design.sweep_parts import SweepResult, run_sweep
 from spherekit.design.synthesis import Synthesis, size
+from spherekit.design.varied import DEG
 from spherekit.errors import DesignError
 from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import find, is_study, named_in

@@ -63,9 +63,7 @@ def choose(
     Raises
     ------
     AnalysisError
-        If the tolerance is not a positive number.
-    PlanError, SolveError
-        See `spherekit.run`.
+        If the tolerance is not a positive number; other errors as `spherekit.run`.
     """
     check_tolerance(study.mechanism.name, tolerance)
     trades, kind = list(stored), "stored"

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from spherekit.analysis.link_scenes import (
 )
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.scene import Axis, Portrait, Primitive, RecordingHead, Scene
+from spherekit.analysis.scene import Axis, Portrait, RecordingHead, Scene
 from spherekit.arrays import Bools, Floats, Integers
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.motion import Motion
@@ -29,7 +29,11 @@ With all its poles a four-bar then takes 31 MB.
 
 
 class Recorder(Protocol):
-    """What a run tells a viewer while it goes on; see `spherekit.view`."""
+    """What a run tells a viewer while it goes on; see `spherekit.view`.
+
+    One that counts has a `finish`, which makes the recording whole, and then its `cost`:
+    entities and rows logged, and bytes of the file.
+    """
 
     def start(self, head: RecordingHead) -> None:
         """Take what is known before the first block."""
@@ -45,18 +49,6 @@ class Recorder(Protocol):
 
         What stands still, and is known after the start only, has no samples.
         """
-
-
-@runtime_checkable
-class CountingRecorder(Recorder, Protocol):
-    """A recorder that can be finished, and then says what it holds."""
-
-    def finish(self) -> None:
-        """Make the recording whole."""
-
-    @property
-    def cost(self) -> dict[str, int]:
-        """Entities and rows logged, and bytes of the file."""
 
 
 class RecordingSession:
@@ -175,7 +167,14 @@ class RecordingSession:
             ]
             self._held += [(scene, motion) for scene in held]
             scenes = [
-                scene if scene.over else replace(scene, primitives=_no_portraits(scene))
+                scene
+                if scene.over
+                else replace(
+                    scene,
+                    primitives=tuple(
+                        x for x in scene.primitives if not isinstance(x, Portrait)
+                    ),
+                )
                 for scene in scenes
             ]
         self._log(scenes, motion, source)
@@ -224,9 +223,3 @@ class RecordingSession:
                 names, motion.inputs[:k].T, self._extent.inputs.T, strict=True
             )
         )
-
-
-def _no_portraits(scene: Scene) -> tuple[Primitive, ...]:
-    return tuple(
-        primitive for primitive in scene.primitives if not isinstance(primitive, Portrait)
-    )

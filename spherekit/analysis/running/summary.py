@@ -23,7 +23,7 @@ from spherekit.analysis.result import MOTION, stems
 from spherekit.analysis.running.cost import RECORDING, Timer, counts_of
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.kernel_columns import LazyField
-from spherekit.analysis.running.recording import CountingRecorder, Recorder
+from spherekit.analysis.running.recording import Recorder
 from spherekit.analysis.running.rows_at_once import BatchRunner
 from spherekit.analysis.running.run_state import (
     BY_EQUATIONS,
@@ -442,10 +442,11 @@ def actual_cost(
     A recorder that counts is finished. Bytes of tables are added when files are written.
     """
     logged = {}
-    if isinstance(recorder, CountingRecorder):
+    counting: Any = recorder
+    if hasattr(counting, "finish"):
         with ledger.stage(RECORDING):
-            recorder.finish()
-        logged = {"recording": dict(recorder.cost)}
+            counting.finish()
+        logged = {"recording": dict(counting.cost)}
     per_input = {
         job.mechanism.pairs[item.plan.input].name: counts_of(item) for item in job.requests
     }

@@ -1,0 +1,296 @@
+"""A mechanism of which numbers of its file vary: one set of terms for all designs.
+
+Numbers of a kernel that are read from the file of each design, with its checks.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.arrays import Floats, Indices
+from spherekit.conventions import TURN
+from spherekit.design.profile_numbers import ProfileNumbers, has_other_profiles
+from spherekit.design.variables import (
+    ACTIONS,
+    OK,
+    DesignVariable,
+    designed,
+    designed_pairs,
+    reason_of,
+    slope_by,
+)
+from spherekit.engine.hinges import EquivalentLinkage, hinged
+from spherekit.engine.row_quantities import ActionParameters, VariedTerms
+from spherekit.errors import DesignError, SpherekitError
+from spherekit.files.document import Document
+from spherekit.files.read import acted_on
+from spherekit.files.write import with_numbers
+from spherekit.model.gears import ONE_LINE
+from spherekit.model.mechanism import Mechanism
+from spherekit.sphere.rotation import nans
+
+DEG = np.pi / 180.0
+UNLIKE = "its loads or contacts have another form"
+"""What sends a design to the analysis of the single one."""
+TRIED = (0.0173, -0.0311)
+"""Parts by which variables are changed to see which numbers follow them."""
+PARTS = np.array([1e-2, 1e-4, 1e-6])
+"""Steps of differences, as parts of a number: shorter ones where no design is that far."""
+SAME = 1e-14
+"""Numbers that differ by less are the same but for rounding."""
+STEADY = 1e-10
+"""Derivatives that differ by less, relative, are the same."""
+
+
+@dataclass(frozen=True)
+class DesignAt:
+    """What kernels have of a design.
+
+    `values` (variables,) in the file's units, `sizes` (k,) in rad and SI with their
+    derivatives `slopes` (k, variables) by the values, and profiles that are handed in.
+    """
+
+    values: Floats
+    sizes: Floats
+    slopes: Floats
+    profiles: ProfileNumbers | None
+
+    def by_values(self, gradients: Floats, places: Floats) -> Floats:
+        """Return derivatives (variables, c, n) from those by what kernels have.
+
+        (k and 8 profiles, c, n), at closed configurations `places` (n, w).
+        """
+        count = len(self.sizes)
+        made = np.zeros((len(self.values), *gradients.shape[1:]))
+        for variable, slopes in enumerate(self.slopes.T):
+            some = np.flatnonzero(slopes)  # others may have no derivative
+            made[variable] = np.tensordot(slopes[some], gradients[:count][some], 1)
+        if self.profiles is not None:
+            slopes = self.profiles.slopes(places)
+            made += np.einsum("kpn,pcn->kcn", slopes, gradients[count:])
+        return made
+
+
+@dataclass(frozen=True, eq=False)
+class VariedMechanism:
+    """The designs of a mechanism, by numbers of its file.
+
+    Kernels have the sizes of R pairs that vary, or with `contacts` of circles as links the
+    angles of these; then the numbers of masses and loads that follow the variables, which
+    with contacts, or where masses `follow` sizes, are read from the whole file of a design.
+    Profiles that are no circles are handed in. Wheels may be `apart` (rad).
+    """
+
+    document: Document
+    mechanism: Mechanism
+    variables: tuple[DesignVariable, ...]
+    inputs: tuple[str, ...]
+    contacts: EquivalentLinkage | None = None
+    follow: bool = False
+    apart: float = ONE_LINE
+
+    @cached_property
+    def values(self) -> Floats:
+        """What the variables are in the file, in its units."""
+        return np.array([variable.value for variable in self.variables])
+
+    @cached_property
+    def scale(self) -> Floats:
+        """What a unit of each variable is in rad and SI."""
+        unit = DEG if self.document.data["angle_unit"] == "deg" else 1.0
+        return np.array([unit if v.is_angle else 1.0 for v in self.variables])
+
+    @cached_property
+    def sized(self) -> list[int]:
+        """The variables that are sizes of kernels."""
+        sized = [k for k, v in enumerate(self.variables) if v.slot is not None]
+        return sized if self.contacts is None else []
+
+    @property
+    def _whole(self) -> bool:
+        """Whether the whole file of a design is read."""
+        return self.follow or self.contacts is not None
+
+    @cached_property
+    def is_profiled(self) -> bool:
+        """Whether profiles are no circles, and what they are is handed in."""
+        return has_other_profiles(self.mechanism)
+
+    def terms(self, closed_form: bool | None = None) -> VariedTerms:
+        """Return what kernels of all designs are written in."""
+        contacts, first = self.contacts, self._contacts
+        acting = [int(k) - first for k in self.differing if k >= first]
+        if contacts is not None:
+            names = {k: f"turned_{k}" for k in self.of_contacts}
+            return VariedTerms.of(
+                contacts.mechanism,
+                self.inputs,
+                tuple(names.values()),
+                lambda terms: contacts.pairs({k: terms[n] for k, n in names.items()}),
+                closed_form,
+                acting,
+            )
+        chosen, handed_in = [self.variables[k] for k in self.sized], self.is_profiled
+        return VariedTerms.of(
+            self.mechanism,
+            self.inputs,
+            [variable.name for variable in chosen],
+            lambda terms: designed_pairs(self.mechanism, chosen, terms, handed_in),
+            False if handed_in else closed_form,
+            acting,
+        )
+
+    @property
+    def nominal(self) -> Floats:
+        """What kernels have as sizes (k,) in the file."""
+        sizes = (self.scale * self.values)[self.sized]
+        return np.concatenate([sizes, self._stated[self.differing]])
+
+    def sizes(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
+        """Return what kernels have (k, n) of designs (variables, n) in the file's units.
+
+        In rad and SI; and why designs (n,) are none, `OK` where they are. Of a design whose
+        laws have another form, or other numbers than those that differ, `UNLIKE`.
+        """
+        numbers = nans((len(self.differing), values.shape[1]))
+        why = np.full(values.shape[1], OK, dtype=object)
+        for k, design in enumerate(values.T if self._reads else ()):
+            try:
+                numbers[:, k] = self._differing(design)
+            except SpherekitError as problem:
+                why[k] = reason_of(problem)
+        return np.concatenate([(values * self.scale[:, None])[self.sized], numbers]), why
+
+    def design_at(self, values: Floats, made: Mechanism | None = None) -> DesignAt | None:
+        """Return what kernels have of a design (variables,), None if there is none.
+
+        `made` is the mechanism, if that is known.
+        """
+        sizes, why = self.sizes(values[:, None])
+        if why[0] != OK:
+            return None
+        of_numbers = [
+            self._slope(values, k) if steady is None else steady
+            for k, steady in enumerate(self.steady)
+        ]
+        slopes = [np.diag(self.scale)[self.sized], np.stack(of_numbers, axis=1)]
+        profiles = None
+        if self.is_profiled:
+            try:
+                profiles = ProfileNumbers(self.document, self.variables, values, made)
+            except SpherekitError:
+                return None
+        return DesignAt(values, sizes[:, 0], np.concatenate(slopes), profiles)
+
+    # What the file of a design says of masses and loads, and of contacts of circles.
+
+    @property
+    def _reads(self) -> bool:
+        """Whether numbers are read from the file of each design."""
+        return self._whole or any(v.path[0] in ACTIONS for v in self.variables)
+
+    @property
+    def _contacts(self) -> int:
+        """How many numbers contacts have: these are the first that are read."""
+        return 0 if self.contacts is None else len(self.contacts.numbers)
+
+    @cached_property
+    def _stated(self) -> Floats:
+        """All numbers that are read of the file as it is."""
+        of_contacts = self.contacts.numbers if self.contacts else []
+        return np.array([*of_contacts, *ActionParameters.of(self.mechanism).numbers])
+
+    @cached_property
+    def _tried(self) -> list[tuple[Floats, Floats]]:
+        """Designs beside that of the file, and all numbers of these."""
+        designs = [self.values * (1.0 + share) + share for share in TRIED]
+        every = [(design, self._possible(design)) for design in designs]
+        return [(design, numbers) for design, numbers in every if numbers is not None]
+
+    @cached_property
+    def varies(self) -> bool:
+        """Whether the file can be read with other numbers."""
+        # Some vary by whole numbers, and some only with others.
+        steps = np.concatenate([size * np.eye(len(self.values)) for size in (1.0, *TRIED)])
+        alone = (self._possible(self.values * (1.0 + step)) for step in steps)
+        return bool(self._tried) or any(numbers is not None for numbers in alone)
+
+    @cached_property
+    def differing(self) -> Indices:
+        """Which of the numbers that are read follow the variables, all if none can vary."""
+        if not self._reads:
+            return np.zeros(0, dtype=np.intp)
+        others = [numbers != self._stated for _, numbers in self._tried]
+        differ = np.any(others, axis=0) if others else np.ones(len(self._stated), bool)
+        return np.flatnonzero(differ)
+
+    @property
+    def of_contacts(self) -> list[int]:
+        """Those of the contacts that differ."""
+        return [int(k) for k in self.differing if k < self._contacts]
+
+    def _read(self, values: Floats) -> Floats:
+        """Return all numbers of a design (variables,); raise where there are none."""
+        numbers, contacts = list(values), []
+        if self._whole:
+            made = designed(self.document, self.variables, numbers)
+        else:
+            both = zip(self.variables, map(float, values), strict=True)
+            acting = {v.path: number for v, number in both if v.path[0] in ACTIONS}
+            made = acted_on(self.mechanism, with_numbers(self.document, acting))
+        actions = ActionParameters.of(made)
+        if self.contacts is not None:
+            with_contacts = hinged(made, self.inputs, self.apart)
+            if with_contacts is None or with_contacts.form != self.contacts.form:
+                raise DesignError(UNLIKE)
+            contacts = with_contacts.numbers
+        if actions.form != ActionParameters.of(self.mechanism).form:
+            raise DesignError(UNLIKE)
+        return np.array([*contacts, *actions.numbers])
+
+    def _possible(self, values: Floats) -> Floats | None:
+        with suppress(SpherekitError):
+            return self._read(values)
+        return None
+
+    def _differing(self, values: Floats) -> Floats:
+        """Return the numbers that differ, where the others are those of the file."""
+        numbers = self._read(values)
+        if not np.all(np.abs(np.delete(numbers - self._stated, self.differing)) <= SAME):
+            raise DesignError(UNLIKE)
+        return numbers[self.differing]
+
+    @cached_property
+    def steady(self) -> list[Floats | None]:
+        """The derivatives (k,) by each variable that are the same everywhere.
+
+        So they are where they are at the designs that were tried; without any, of none.
+        """
+        made: list[Floats | None] = []
+        for k, variable in enumerate(self.variables):
+            if not self._whole and variable.path[0] not in ACTIONS:
+                made.append(np.zeros(len(self.differing)))
+                continue
+            designs = [self.values, *(design for design, _ in self._tried)]
+            here, *others = (self._slope(design, k) for design in designs)
+            same = all(np.allclose(here, x, rtol=STEADY, atol=0.0) for x in others)
+            made.append(here if others and same else None)
+        return made
+
+    def _slope(self, values: Floats, k: int) -> Floats:
+        """Return the derivatives of the numbers by one of the values (variables,)."""
+
+        def read(beside: Floats) -> Floats:
+            # Of angles whole turns do not matter: wheels are put together by them.
+            away, of_angles = self._differing(beside) - begun, len(self.of_contacts)
+            away[:of_angles] -= TURN * np.round(away[:of_angles] / TURN)
+            return away
+
+        slope = None
+        with suppress(SpherekitError):
+            begun = self._differing(values)
+            slope = slope_by(read, values, k, PARTS * (abs(values[k]) or 1.0))
+        return nans(len(self.differing)) if slope is None else slope
