@@ -77,9 +77,8 @@ def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
     for chain in curves.chains:
         for piece in chain.pieces:
             for part in (0.25, 0.5, 0.9, 1.0):
-                bounds = rates(piece, part * piece.half)
-                assert np.all(bounds.low <= bounds.high)
-                assert np.all(bounds.bend_low <= bounds.bend_high)
+                low, high = rates(piece, part * piece.half).swapaxes(0, 1)
+                assert np.all(low <= high)
     for low, high, count in curves.intervals:
         middle = repr(float(np.round(np.degrees(0.5 * (low + high)), 6)))
         modes = certified_modes(curves.written, (middle,))

@@ -9,6 +9,7 @@ All others are cut in two.
 Configuration curves as chains of pieces, each with the centre of the next one in it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -39,17 +40,9 @@ LONGER = 1.6
 """How much longer than the last the next piece is tried."""
 
 
-@dataclass(frozen=True)
-class Range:
-    """The range of the input (rad), of all turns if `whole`."""
-
-    low: float
-    high: float
-    whole: bool
-
-    def side(self, q: float, off: float = 0.0) -> int:
-        """Return 1 for inputs above it by more than `off`, -1 for those below, else 0."""
-        return 0 if self.whole else int(q > self.high + off) - int(q < self.low - off)
+Side = Callable[[float, float], int]
+"""Returns 1 for inputs above the range (rad) by more than a second number, -1 for those
+below it, else 0."""
 
 
 @dataclass(frozen=True)
@@ -82,16 +75,16 @@ class Chain:
 
 
 def chain_through(
-    equations: Equations, first: CertifiedArc, inputs: Range, crossings: Crossings
+    equations: Equations, first: CertifiedArc, side: Side, crossings: Crossings
 ) -> Chain | None:
     """Return the chain of the curve through a piece, from one of its ends to the other.
 
     Crossings that it leads to are kept; a configuration in one of these has no chain.
     """
-    made = _followed(equations, first, inputs, crossings)
+    made = _followed(equations, first, side, crossings)
     if not made.closed:
         problem, last = made.problem, _turned(made.pieces[-1])
-        made = _followed(equations, last, inputs, crossings)
+        made = _followed(equations, last, side, crossings)
         made = replace(made, problem=problem or made.problem)
     return None if crossings.may_hold(first.centre, first.miss) else made
 
@@ -119,7 +112,7 @@ def _next(equations: Equations, last: CertifiedArc) -> CertifiedArc | None:
 
 
 def _followed(
-    equations: Equations, start: CertifiedArc, inputs: Range, crossings: Crossings
+    equations: Equations, start: CertifiedArc, side: Side, crossings: Crossings
 ) -> Chain:
     """Return the chain from a piece on: round to it, or until the curve ends.
 
@@ -129,7 +122,7 @@ def _followed(
 
     def outside(piece: CertifiedArc) -> Arm | int | None:
         beyond = max(piece.tight, BEYOND)
-        return crossings.arm(piece) or inputs.side(float(piece.centre[-1]), beyond)
+        return crossings.arm(piece) or side(float(piece.centre[-1]), beyond)
 
     pieces, gone, begun = [start], 0.0, outside(start)
     while len(pieces) < MOST_PIECES:
@@ -145,7 +138,7 @@ def _followed(
         further = _next(equations, last)
         if further is None:
             if crossings.find(last.centre):
-                return _followed(equations, start, inputs, crossings)
+                return _followed(equations, start, side, crossings)
             return Chain(tuple(pieces), False, "a curve could not be followed to its end")
         gone += float(np.linalg.norm(further.centre - last.centre))
         pieces.append(further)
@@ -165,56 +158,46 @@ NEAREST, WIDER = 3.6e-10, 4.0
 """Length (rad) of a part of a curve in which a zero is shown, and the next over it."""
 
 
-@dataclass(frozen=True)
-class Rates:
-    """Bounds of the rates (v,) by s in a part of a piece, and of their derivatives."""
+def rates(piece: CertifiedArc, half: float) -> Floats:
+    """Return bounds (2, 2, v) where |s| <= half: of the rates by s and their derivatives.
 
-    low: Floats
-    high: Floats
-    bend_low: Floats
-    bend_high: Floats
-
-    def sign(self, variable: int) -> int:
-        """Return the sign that the rate of a variable has throughout, 0 if none."""
-        return int(self.low[variable] > 0.0) - int(self.high[variable] < 0.0)
-
-    def bend(self, variable: int) -> int:
-        """Return the sign that the rate's derivative has throughout, 0 if none."""
-        return int(self.bend_low[variable] > 0.0) - int(self.bend_high[variable] < 0.0)
-
-
-def rates(piece: CertifiedArc, half: float) -> Rates:
-    """Return bounds of the rates where |s| <= half."""
-    at, t, normals = piece.at, piece.frame[:, 0], piece.frame[:, 1:]
-    test = piece.test
+    Of each the lower ones come first.
+    """
+    test, t, normals = piece.test, piece.frame[:, 0], piece.frame[:, 1:]
     length = np.array(half)
-    rows = float(np.max(test.rows(length, np.array(piece.radius)))) * UP
-    tight = float(np.max(test.displacement(length))) / (1.0 - rows) * UP
+
+    def rows_within(radius: float) -> float:
+        return float(np.max(test.rows(length, np.array(radius)))) * UP
+
+    tight = float(np.max(test.displacement(length))) / (1.0 - rows_within(piece.radius))
     # the arc is in the piece; where rows come close to 1, that says more
-    tight = min(tight, piece.radius)
-    rows = float(np.max(test.rows(length, np.array(tight)))) * UP
-    spare = 1.0 - rows
-    change = test.sums(length, np.array(tight))
-    inverse = test.inverse
-    along = test.along
-    crossed = np.sum(np.abs(np.einsum("ijl,j,lc->ic", at.curvatures, t, normals)), axis=1)
-    third = 0.5 * at.constant * change**2 + at.error * (1.0 + change)
-    slope = test.moved[:, 1] + half * test.moved[:, 2]
-    slope = slope + inverse @ (crossed * tight + third * along)
+    tight = min(tight * UP, piece.radius)
+    rows = rows_within(tight)
+    spare, change = 1.0 - rows, test.sums(length, np.array(tight))
+    bent = np.einsum("ijl,j->il", test.curvatures, t)
+    third = 0.5 * test.constant * change**2 + test.error * (1.0 + change)
+    crossed = np.sum(np.abs(bent @ normals), axis=1) * tight + third * test.along
+    slope = test.moved[:, 1] + half * test.moved[:, 2] + test.size @ crossed
     across = float(np.max(slope)) / spare * UP
     spread = np.sum(np.abs(normals), axis=1) * across * UP
-    bend = -piece.inverse @ np.einsum("ijl,j,l->i", at.curvatures, t, t)
     size = np.abs(t) + spread
-    ways = at.degrees @ size
-    varied = (at.constant * change + at.error) * ways**2
-    varied = varied + np.einsum(
-        "ijl,j,l->i", np.abs(at.curvatures), np.abs(t) + size, spread
-    )
-    off = inverse @ varied + 1e-13 * (1.0 + inverse @ (at.constant * ways**2))
+    ways = test.degrees @ size
+    varied = (test.constant * change + test.error) * ways**2
+    varied += np.einsum("ijl,j,l->i", np.abs(test.curvatures), np.abs(t) + size, spread)
+    off = test.size @ varied + 1e-13 * (1.0 + test.size @ (test.constant * ways**2))
+    bend = -test.inverse @ (bent @ t)
     off = (off + rows / spare * np.max(np.abs(bend) + off)) * UP
-    middle = normals @ bend
     reach = np.abs(normals) @ off * UP + 1e-15 * (1.0 + np.abs(normals) @ np.abs(bend))
-    return Rates(t - spread, t + spread, middle - reach, middle + reach)
+    middle = normals @ bend
+    return np.array([[t - spread, t + spread], [middle - reach, middle + reach]])
+
+
+def signs(piece: CertifiedArc, half: float, variable: int) -> tuple[int, int]:
+    """Return signs that a rate and its derivative have where |s| <= half, 0 if none."""
+    rate, bend = (
+        int(low > 0.0) - int(high < 0.0) for low, high in rates(piece, half)[:, :, variable]
+    )
+    return rate, bend
 
 
 @dataclass(frozen=True)
@@ -301,20 +284,19 @@ def _part(
     at the piece returned. Parts are `short` only if that is wanted, and helps.
     """
     reach = float(piece.coordinates(goal)[0]) + off + 1e-13
-    here, start = rates(piece, min(reach, piece.half)), rates(piece, 0.0)
-    if here.sign(variable):
+    rate, bend = signs(piece, min(reach, piece.half), variable)
+    if rate:
         return None
-    least = SHORTEST_STILL
-    if here.bend(variable):
+    before, least = signs(piece, 0.0, variable), SHORTEST_STILL
+    if bend:
         there = piece_at(equations, goal, piece.tangent, 1e-3)
         same = there is not None and there.tangent @ piece.tangent > 1e-3
-        end = rates(there, 0.0).sign(variable) if there is not None and same else 0
-        before = start.sign(variable)
-        if before and end:
-            different = before != end
-            return _place(equations, piece, goal, variable, before) if different else None
+        end = signs(there, 0.0, variable)[0] if there is not None and same else 0
+        if before[0] and end:
+            once = before[0] != end
+            return _place(equations, piece, goal, variable, end) if once else None
         # an end whose sign is open stays one, however short the parts
-    elif short and (start.sign(variable) or start.bend(variable)):
+    elif short and any(before):
         least = SHORTEST_PART
     if reach >= least and depth < DEEPEST:
         middle = _middle(equations, piece, goal, 0.5 if depth % 2 else 0.47)
@@ -325,10 +307,9 @@ def _part(
     last = first + float(wrap(goal - piece.centre)[variable])
     near = piece_at(equations, piece.centre, piece.tangent, 1.5 * reach, 1.1 * reach)
     near = piece if near is None or near.half < reach else near
-    here = rates(near, min(reach, near.half))
-    rate = max(abs(float(here.low[variable])), abs(float(here.high[variable])))
+    fastest = np.max(np.abs(rates(near, min(reach, near.half))[0, :, variable]))
     spread = np.abs(near.frame[variable]) @ [reach, *[near.tight] * (len(goal) - 1)]
-    gap = min(float(spread), 1.001 * rate * reach + near.miss) + 1e-12
+    gap = min(float(spread), 1.001 * float(fastest) * reach + near.miss) + 1e-12
     return UndecidedInterval(
         piece.centre, goal, min(first - gap, last), max(first + gap, last)
     )
@@ -351,31 +332,32 @@ def _middle(
 
 
 def _place(
-    equations: Equations, piece: CertifiedArc, goal: Floats, variable: int, before: int
+    equations: Equations, piece: CertifiedArc, goal: Floats, variable: int, beyond: int
 ) -> StationaryPlace:
-    """Return the only zero of a rate from a piece's centre to a goal, near its place."""
+    """Return the only zero of a rate from a piece's centre to a goal, near its place.
+
+    `beyond` is the sign of the rate at the goal.
+    """
     way = wrap(goal - piece.centre)
     length = float(np.max(np.abs(way)))
 
     def rate(parts: Floats, _: Indices) -> Floats:
-        """Return the rate, positive at the centre, part of the way; nothing rests on it."""
+        """Return the rate, negative at the centre, part of the way; nothing rests on it."""
         place = corrected(equations, piece.centre + parts[0] * way)
         slopes = equations.real.second(turns_of(piece.centre if place is None else place))
-        frame = frame_at(slopes[1], piece.tangent)
-        return before * (np.zeros(1) if frame is None else frame[variable, :1])
+        made = frame_at(slopes[1], piece.tangent)
+        return beyond * (np.zeros(1) if made is None else made[0][variable, :1])
 
     here, there, up = np.zeros(1), np.ones(1), np.ones(1)
-    (part,), _ = bracketed_zeros(rate, here, there, up, -up, ROUNDING)
-    start, width = piece, NEAREST
-    while width < length:
-        sides = part - 0.5 * width / length, part + 0.5 * width / length
-        one, other = (_middle(equations, piece, goal, side) for side in sides)
-        if one is not None and rates(one, 0.0).sign(variable) == before:
-            start = one
-        if other is not None and rates(other, 0.0).sign(variable) == -before:
-            goal = other.centre
-        if start is not piece and other is not None and goal is other.centre:
-            break
+    (part,), _ = bracketed_zeros(rate, here, there, -up, up, ROUNDING)
+    start, width, ends = piece, NEAREST, {-beyond: False, beyond: False}
+    while width < length and not all(ends.values()):
+        for sense in ends:
+            at = part + 0.5 * sense * beyond * width / length
+            end = _middle(equations, piece, goal, at)
+            if end is not None and signs(end, 0.0, variable)[0] == sense:
+                ends[sense] = True
+                start, goal = (start, end.centre) if sense == beyond else (end, goal)
         width *= WIDER
     apart = wrap(goal - start.centre)
     longest = max(4.0 * float(np.max(np.abs(apart))), 1e-8)
@@ -384,5 +366,5 @@ def _place(
         around = start
     reach = float(np.max(np.abs(around.coordinates(goal))))
     return StationaryPlace(
-        start.centre + 0.5 * apart, reach + 2.0 * around.tight + 1e-10, before
+        start.centre + 0.5 * apart, reach + 2.0 * around.tight + 1e-10, -beyond
     )

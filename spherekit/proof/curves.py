@@ -17,7 +17,7 @@ from spherekit.conventions import TURN
 from spherekit.errors import PlanError
 from spherekit.guarantee import Completeness, Guarantee
 from spherekit.numeric.crossings import wrap
-from spherekit.proof.along import Chain, Range, Stops, stops
+from spherekit.proof.along import Chain, Stops, stops
 from spherekit.proof.balls import bits, exact, middle, pi
 from spherekit.proof.construction import Construction, construct, turned_together
 from spherekit.proof.equations import Equations
@@ -321,8 +321,12 @@ def certified_curves(
         count, turn = made.unknowns, 2 * pi()
         width = [*[turn] * count, turn if exact_turn else high - low]
         ranges = Ranges([*[exact(FIRST)] * count, low], width)
-        inputs = Range(middle(low), middle(high), exact_turn)
-        search = Search(equations, inputs)
+        start, end = middle(low), middle(high)
+
+        def side(q: float, off: float) -> int:
+            return 0 if exact_turn else int(q > end + off) - int(q < start - off)
+
+        search = Search(equations, side)
         boxes, left = paved(equations, ranges, search.covers, search.look, smallest, most)
         left = search.without_saddles(*left)
     return CertifiedCurves(
@@ -330,9 +334,9 @@ def certified_curves(
         made,
         equations,
         range_text,
-        inputs.low * made.laps,
-        inputs.high * made.laps,
-        inputs.whole,
+        start * made.laps,
+        end * made.laps,
+        exact_turn,
         tuple(search.chains),
         search.crossings,
         boxes,

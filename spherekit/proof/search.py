@@ -9,7 +9,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats
 from spherekit.conventions import TURN
 from spherekit.numeric.crossings import wrap
-from spherekit.proof.along import Chain, Range, chain_through
+from spherekit.proof.along import Chain, Side, chain_through
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import MOST_SADDLES, Arm, Crossings
 from spherekit.proof.paving import Left
@@ -32,8 +32,8 @@ TRIED = 6
 class Search:
     """Finds curves in boxes that are not decided; `chains` are those known so far."""
 
-    def __init__(self, equations: Equations, inputs: Range) -> None:
-        self.equations, self.inputs = equations, inputs
+    def __init__(self, equations: Equations, side: Side) -> None:
+        self.equations, self.side = equations, side
         self.crossings = Crossings(equations)
         self.vain = 0
         self.lost = False
@@ -82,7 +82,7 @@ class Search:
             reach = 4.0 * float(np.max(radii[row]))
             if float(np.max(np.abs(place - centres[row]))) > reach:
                 continue
-            if not self.inputs.side(float(place[-1]), OUTSIDE) and self._follow(place):
+            if not self.side(float(place[-1]), OUTSIDE) and self._follow(place):
                 self.vain = 0
         return (len(self.chains), len(self.crossings.saddles)) != before
 
@@ -112,7 +112,7 @@ class Search:
         first = piece_at(self.equations, place, None, LONGEST)
         if first is None or self._known(first.centre, first.miss):
             return False
-        chain = chain_through(self.equations, first, self.inputs, self.crossings)
+        chain = chain_through(self.equations, first, self.side, self.crossings)
         if chain is not None:
             # those that are proven to lie on a closed one are of no more use
             closed = chain.pieces if chain.closed else ()
@@ -142,7 +142,7 @@ class Search:
 
     def _within(self, chain: Chain) -> list[CertifiedArc]:
         """Return the pieces of a chain whose centre is in the range."""
-        return [p for p in chain.pieces if not self.inputs.side(float(p.centre[-1]))]
+        return [p for p in chain.pieces if not self.side(float(p.centre[-1]), 0.0)]
 
     def _known(self, place: Floats, off: float) -> bool:
         """Return whether a place, off by at most `off`, may be in a piece or a saddle."""
@@ -180,7 +180,7 @@ class Search:
             return True
         for (number, _), count, rate in self._arms():
             q = float(self.crossings.saddles[number].centre[-1])
-            away = rate * self.inputs.side(q, -OUTSIDE) > 0
+            away = rate * self.side(q, -OUTSIDE) > 0
             if count > 1 or (count == 0 and not away):
                 return True
         return False
@@ -188,13 +188,13 @@ class Search:
     def _end_arms(self) -> None:
         """Add a chain of one piece for arms that leave the range before their saddle."""
         for arm, count, rate in list(self._arms()):
-            if count or self.inputs.whole:
+            if count:
                 continue
             place = corrected(self.equations, self.crossings.saddles[arm[0]].on(arm[1]))
             piece = place is not None and piece_at(self.equations, place, None, LONGEST)
             if not piece or self.crossings.arm(piece) != arm:
                 continue
-            if rate * self.inputs.side(float(piece.centre[-1])) > 0:
+            if rate * self.side(float(piece.centre[-1]), 0.0) > 0:
                 self._keep([*self.chains, Chain((piece,), False)])
 
     def _strays(self, chain: Chain) -> bool:

@@ -8,7 +8,6 @@ ordinary place. Everything is float64 with bounds of what it is off by.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,36 +24,10 @@ SHORTEST_PIECE = 1e-7
 SHRINK = 0.7
 WIDTHS = (1.0, 0.6, 0.35, 0.2, 0.1, 0.03, 0.01)
 """Radii tried, over the half length."""
-AT_ONCE = 12
-"""Half lengths that are tried at once."""
 UP = 1.0 + 1e-12
 """More than any rounding in the sums of bounds, which have positive terms only."""
 ROUNDING = 1e-14
 """More than the relative rounding of products of matrices of up to 16 rows."""
-
-
-@dataclass(frozen=True)
-class Local:
-    """The equations at one configuration: values, slopes, curvatures, and what bounds them.
-
-    `values` (k,), `slopes` (k, v), `curvatures` (k, v, v) are off by at most `error`
-    (k,) times products of `degrees` (k, v); derivatives of order three are at most
-    `constant` (k,) times such products.
-    """
-
-    values: Floats
-    slopes: Floats
-    curvatures: Floats
-    error: Floats
-    constant: Floats
-    degrees: Floats
-
-
-def local(equations: Equations, place: Floats) -> Local:
-    """Return the equations at a configuration (variables,), float64 taken as it is."""
-    real = equations.real
-    derivatives = real.second(circle(place))
-    return Local(*derivatives, real.error, equations.bound, equations.degrees)
 
 
 @dataclass(frozen=True)
@@ -89,14 +62,12 @@ class Zone:
 class CertifiedArc(Zone):
     """A part of space with one arc in it: `frame` (v, v) has the columns t and N.
 
-    The arc is within `tight` of the axis, y = 0; at s = 0 within `miss`.
-    `inverse` is Y, `at` the equations at `centre`, `test` what proved it.
+    The arc is within `tight` of the axis, y = 0; at s = 0 within `miss`. `test` is what
+    proved it.
     """
 
     tight: float
     miss: float
-    inverse: Floats
-    at: Local
     test: "Test"
 
     @property
@@ -115,18 +86,16 @@ class CertifiedArc(Zone):
         return self.frame[:, 0]
 
 
-def frame_at(slopes: Floats, along: Floats | None) -> Floats | None:
-    """Return the frame at a configuration from slopes (k, v), None if they lose rank.
+def frame_at(slopes: Floats, along: Floats | None) -> tuple[Floats, Floats] | None:
+    """Return the frame at a configuration and Y, from slopes (k, v); None at low rank.
 
     t is the one of two senses that goes on `along` (v,).
     """
-    _, sizes, rows = np.linalg.svd(slopes)
+    left, sizes, rows = np.linalg.svd(slopes)
     if not sizes[-1] > 1e-13 * sizes[0]:
         return None
-    t = rows[-1]
-    if along is not None and t @ along < 0:
-        t = -t
-    return np.column_stack([t, rows[:-1].T])
+    t = -rows[-1] if along is not None and rows[-1] @ along < 0 else rows[-1]
+    return np.column_stack([t, rows[:-1].T]), left.T / sizes[:, None]
 
 
 def piece_at(
@@ -137,52 +106,59 @@ def piece_at(
     shortest: float = SHORTEST_PIECE,
 ) -> CertifiedArc | None:
     """Return a piece around a configuration, as long as can be proven up to `longest`."""
-    at = local(equations, centre)
-    frame = frame_at(at.slopes, along)
-    if frame is None:
+    derivatives = equations.real.second(circle(centre))
+    made = frame_at(derivatives[1], along)
+    if made is None:
         return None
-    t, normals = frame[:, 0], frame[:, 1:]
-    inverse = np.asarray(np.linalg.inv(at.slopes @ normals), dtype=float)
-    if not np.all(np.isfinite(inverse)):
-        return None
-    test = Test(at, t, normals, inverse)
-    for halves in _halves(longest, shortest):
-        inside = test.first_inside(halves)
-        if inside is not None:
-            half, radius, tight, miss = inside
-            limits = np.array([half, *[radius] * (len(centre) - 1)])
-            return CertifiedArc(centre, frame, limits, tight, miss, inverse, at, test)
-    return None
-
-
-def _halves(longest: float, shortest: float) -> Iterator[Floats]:
-    """Yield half lengths to try, longer ones first, some at once."""
+    frame, inverse = made
+    test = Test(equations, derivatives, frame, inverse)
     count = 1 + max(0, math.floor(math.log(shortest / longest) / math.log(SHRINK)))
-    powers = np.asarray(longest * SHRINK ** np.arange(count), dtype=float)
-    for start in range(0, count, AT_ONCE):
-        yield powers[start : start + AT_ONCE]
+    halves = np.asarray(longest * SHRINK ** np.arange(count), dtype=float)
+    inside = test.first_inside(halves)
+    if inside is None:
+        return None
+    half, radius, tight, miss = inside
+    limits = np.array([half, *[radius] * len(inverse)])
+    return CertifiedArc(centre, frame, limits, tight, miss, test)
 
 
 class Test:
-    """Whether for every s of a length there is exactly one y in a radius."""
+    """Whether for every s of a length there is exactly one y in a radius.
 
-    def __init__(self, at: Local, t: Floats, normals: Floats, inverse: Floats) -> None:
-        self.at, self.inverse = at, np.abs(inverse)
-        count = len(inverse)
-        self.along = at.degrees @ np.abs(t)
-        self.across = at.degrees @ np.abs(normals)
-        slope, bend = at.slopes @ t, np.einsum("ijl,j,l->i", at.curvatures, t, t)
-        size = self.inverse @ np.abs(np.stack([at.values, slope, bend], axis=1))
-        moved = np.abs(inverse @ np.stack([at.values, slope, bend], axis=1))
-        ways = at.constant * (1.0 + self.along) ** 2
-        self.moved = moved + ROUNDING * (size + (self.inverse @ ways)[:, None])
-        inner = at.slopes @ normals
-        rest = np.abs(np.eye(count) - inverse @ inner)
-        self.rest = rest + ROUNDING * (1.0 + self.inverse @ np.abs(inner))
-        mixed = np.einsum("ijl,jc->icl", at.curvatures, normals)
-        self.mixed_t = np.sum(np.abs(mixed) @ np.abs(t)[:, None], axis=(1, 2))
-        self.mixed_n = np.sum(np.abs(mixed) @ np.sum(np.abs(normals), axis=1), axis=1)
-        self.sideways = np.sum(self.across, axis=1)
+    The derivatives at the centre, values (k,), slopes (k, v) and curvatures (k, v, v), are
+    off by at most `error` (k,) times products of `degrees` (k, v); those of order three are
+    at most `constant` (k,) times such products. `inverse` is Y.
+    """
+
+    def __init__(
+        self,
+        equations: Equations,
+        derivatives: tuple[Floats, Floats, Floats],
+        frame: Floats,
+        inverse: Floats,
+    ) -> None:
+        self.error, self.constant = equations.real.error, equations.bound
+        self.degrees, self.inverse, self.size = equations.degrees, inverse, np.abs(inverse)
+        values, slopes, self.curvatures = derivatives
+        t, normals = frame[:, 0], frame[:, 1:]
+        self.along, across = self.degrees @ np.abs(t), self.degrees @ np.abs(normals)
+        bend = np.einsum("ijl,j,l->i", self.curvatures, t, t)
+        terms = np.stack([values, slopes @ t, bend], axis=1)
+        ways = self.size @ (self.constant * (1.0 + self.along) ** 2)
+        sizes = self.size @ np.abs(terms) + ways[:, None]
+        self.moved = np.abs(inverse @ terms) + ROUNDING * sizes
+        inner = slopes @ normals
+        self.rest = np.sum(
+            np.abs(np.eye(len(inner)) - inverse @ inner)
+            + ROUNDING * (1.0 + self.size @ np.abs(inner)),
+            axis=1,
+        )
+        mixed = np.abs(np.einsum("ijl,jc->icl", self.curvatures, normals))
+        self.mixed = [
+            np.sum(mixed @ side, axis=1)
+            for side in (np.abs(t), np.sum(np.abs(normals), axis=1))
+        ]
+        self.sideways = np.sum(across, axis=1)
 
     def sums(self, half: Floats, radius: Floats) -> Floats:
         """Return (..., k) by how much the angles of each equation change at most."""
@@ -190,20 +166,20 @@ class Test:
 
     def rows(self, half: Floats, radius: Floats) -> Floats:
         """Return bounds (..., k) of the sums of the rows of 1 - Y F_z N in the piece."""
-        at, change = self.at, self.sums(half, radius)
-        wide = self.mixed_t * half[..., None] + self.mixed_n * radius[..., None]
-        third = 0.5 * at.constant * change**2 + at.error * (1.0 + change + 0.5 * change**2)
-        off = (wide + third * self.sideways) @ self.inverse.T
-        return (np.sum(self.rest, axis=1) + off) * UP
+        change = self.sums(half, radius)
+        wide = self.mixed[0] * half[..., None] + self.mixed[1] * radius[..., None]
+        third = 0.5 * self.constant * change**2
+        third += self.error * (1.0 + change + 0.5 * change**2)
+        return (self.rest + (wide + third * self.sideways) @ self.size.T) * UP
 
     def displacement(self, half: Floats) -> Floats:
         """Return bounds (..., k) of Y F on the axis."""
-        at, length = self.at, half[..., None]
+        length = half[..., None]
         way = self.along * length
-        off = at.error * (1.0 + way + 0.5 * way**2) + at.constant * way**3 / 6.0
-        moved = self.moved.T
-        axis = moved[0] + length * (moved[1] + 0.5 * length * moved[2])
-        return (axis + off @ self.inverse.T) * UP
+        off = self.error * (1.0 + way + 0.5 * way**2) + self.constant * way**3 / 6.0
+        start, slope, bend = self.moved.T
+        axis = start + length * (slope + 0.5 * length * bend)
+        return (axis + off @ self.size.T) * UP
 
     def first_inside(self, halves: Floats) -> tuple[float, float, float, float] | None:
         """Return the first half length that is proven, its radius, and two distances.
