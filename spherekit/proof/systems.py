@@ -16,14 +16,13 @@ chapter 8), and the way from them to the equations of the mechanism avoids singu
 systems but for unlucky random numbers.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import permutations, product
-from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Bools, Complexes, Floats, Indices
+from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.charts import (
@@ -73,9 +72,9 @@ def solutions(made: Polynomials, seed: int) -> ChartRoots:
     out that do not come near.
     """
     ends, z = _product_of_lines(made, np.random.default_rng(seed))
-    points, n = ChartRoots.of(z, np.zeros(len(z), dtype=np.intp)), len(z)
-    t, step = np.zeros(n), np.full(n, FIRST_STEP)
-    streak, lost = np.zeros(n, dtype=int), np.zeros(n, dtype=bool)
+    points = ChartRoots.of(z, np.zeros(len(z), dtype=np.intp))
+    t, step = np.zeros(len(z)), np.full(len(z), FIRST_STEP)
+    streak, lost = np.zeros(len(z), dtype=int), np.zeros(len(z), dtype=bool)
     for _ in range(MOST_STEPS):
         going = np.flatnonzero((t < 1.0) & ~lost)
         if not len(going):
@@ -83,13 +82,17 @@ def solutions(made: Polynomials, seed: int) -> ChartRoots:
         length = np.minimum(step[going], 1.0 - t[going])
         there = t[going] + length
         ahead = _ahead(ends, points.take(going), t[going], length)
-        ahead, first, last = _corrected(ends, ahead, there)
         size = 1.0 + np.max(np.abs(ahead.z), axis=1)
-        good = (first < TRUSTED * size) & (last < 1e-8 * size)
+        off = []
+        for _ in range(3):
+            values, first, _ = _at(ends, ahead, there)
+            change = _solved(first, values)
+            ahead = replace(ahead, z=ahead.z - change)
+            off.append(np.nan_to_num(np.max(np.abs(change), axis=1), nan=np.inf) / size)
+        good = (off[0] < TRUSTED) & (off[-1] < 1e-8)
         kept, failed = going[good], going[~good]
         moved = ahead.take(good).moved(ahead.z[good])
-        points.z[kept], points.inverse[kept] = moved.z, moved.inverse
-        t[kept] = there[good]
+        points.z[kept], points.inverse[kept], t[kept] = moved.z, moved.inverse, there[good]
         streak[kept] += 1
         longer = kept[streak[kept] >= 3]
         step[longer] = np.minimum(2.0 * step[longer], LARGEST_STEP)
@@ -100,8 +103,8 @@ def solutions(made: Polynomials, seed: int) -> ChartRoots:
     return points.take((t > NEARLY) & np.all(np.isfinite(points.z), axis=1))
 
 
-Ends = list[tuple[Complexes, Complexes]]
-"""Coefficients of each equation at t = 0 and at t = 1."""
+Ends = tuple[list[Complexes], list[Complexes]]
+"""Coefficients (1, sizes) of each equation at t = 0 and at t = 1."""
 
 
 def _product_of_lines(
@@ -113,11 +116,12 @@ def _product_of_lines(
         return np.asarray(generator.normal(size=(2, count)).T @ (1.0, 1j))
 
     roots = [[random(size - 1) for size in v.shape[1:]] for v in made.values]
-    ends = []
-    for row, (goal,) in zip(roots, made.values, strict=True):
+    ends: Ends = [], []
+    for row, goal in zip(roots, made.values, strict=True):
         lines = [np.atleast_1d(np.poly(values))[::-1] for values in row]
         start = reduce(np.multiply.outer, lines) * np.exp(2j * np.pi * generator.random())
-        ends.append((start, np.linalg.norm(start) / np.linalg.norm(goal) * goal))
+        ends[0].append(start[None])
+        ends[1].append(np.linalg.norm(start) / np.linalg.norm(goal) * goal)
     # each equation gives another unknown its value
     starts = [
         np.array(values)[np.argsort(order)]
@@ -131,12 +135,11 @@ def _at(
     ends: Ends, points: ChartRoots, t: Floats
 ) -> tuple[Complexes, Complexes, Complexes]:
     """Return values (n, k), derivatives by z (n, k, k), and by t (n, k)."""
-    parts = [(t.reshape(-1, *[1] * start.ndim), start, goal) for start, goal in ends]
-    values = [(1.0 - part) * start + part * goal for part, start, goal in parts]
-    rows = ChartRoots(points.z, points.inverse, np.arange(len(t)))
-    one = ChartRoots(points.z, points.inverse, np.zeros(len(t), dtype=np.intp))
-    by_t = one.derivatives([(goal - start)[None] for start, goal in ends])
-    return rows.derivatives(values), rows.derivatives(values, 1), by_t
+    (start, first), (goal, last) = (
+        [points.derivatives(end, order) for order in (0, 1)] for end in ends
+    )
+    part, by_t = t[:, None], goal - start
+    return start + part * by_t, first + part[..., None] * (last - first), by_t
 
 
 def _ahead(ends: Ends, points: ChartRoots, t: Floats, length: Floats) -> ChartRoots:
@@ -144,24 +147,11 @@ def _ahead(ends: Ends, points: ChartRoots, t: Floats, length: Floats) -> ChartRo
     h, total = length[:, None], 0.0 * points.z
     slope = total
     for part, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
-        at = ChartRoots(points.z + part * h * slope, points.inverse, points.row)
+        at = replace(points, z=points.z + part * h * slope)
         _, first, by_t = _at(ends, at, t + part * length)
         slope = -_solved(first, by_t)
         total = total + weight * slope
-    return ChartRoots(points.z + h / 6.0 * total, points.inverse, points.row)
-
-
-def _corrected(
-    ends: Ends, points: ChartRoots, t: Floats
-) -> tuple[ChartRoots, Floats, Floats]:
-    """Return points after three Newton steps, with sizes of the first and the last."""
-    sizes = []
-    for _ in range(3):
-        values, first, _ = _at(ends, points, t)
-        change = _solved(first, values)
-        points = ChartRoots(points.z - change, points.inverse, points.row)
-        sizes.append(np.nan_to_num(np.max(np.abs(change), axis=1), nan=np.inf))
-    return points, sizes[0], sizes[-1]
+    return replace(points, z=points.z + h / 6.0 * total)
 
 
 def _solved(matrices: Complexes, right: Complexes) -> Complexes:
@@ -177,28 +167,6 @@ SAME = 1e-9
 NEAR = 1.0
 """Squared distance, as points of circles, of known roots that others are followed from."""
 MOST_KNOWN, MOST_SHOWN = 1024, 128
-
-
-@dataclass(frozen=True)
-class _Modes:
-    """Modes (n,) of the systems so far, each over the box of the number in `row`.
-
-    `angle` (n, k), `turn` (n, k, 2), `rates` (n, k, inputs) and `off` (n, k) are of all
-    unknowns, zero where not known yet: angles (rad) at the centre, their cosines and sines,
-    how they move with the inputs, and by how much more at most. Each stands for `times`
-    modes, whose angles are all within.
-    """
-
-    row: Indices
-    angle: Floats
-    turn: Floats
-    rates: Floats
-    off: Floats
-    times: Indices
-
-    def take(self, kept: Any) -> "_Modes":
-        """Return a copy of some of them."""
-        return _Modes(*(values[kept] for values in vars(self).values()))
 
 
 @dataclass(frozen=True)
@@ -247,73 +215,86 @@ class Systems:
         known nearest; where they are lost, all are found anew where it is `hard` (m,).
         """
         m, inputs = centres.shape
-        good, count = np.ones(m, dtype=bool), self.equations.unknowns
-        angle, turn, rates = (np.zeros((m, count, *size)) for size in ((), (2,), (inputs,)))
-        modes = _Modes(np.arange(m), angle, turn, rates, angle, np.ones(m, dtype=np.intp))
+        good, angles = np.ones(m, dtype=bool), (self.equations.unknowns,)
+        # modes of the systems so far, over the box of a number: angles (rad) of all
+        # unknowns at its centre, zero where not known yet, how they move with the inputs,
+        # and by how much more at most; each stands for so many modes within that
+        modes = np.zeros(
+            m,
+            [
+                ("row", np.intp),
+                ("angle", float, angles),
+                ("turn", float, (*angles, 2)),
+                ("rates", float, (*angles, inputs)),
+                ("off", float, angles),
+                ("times", np.intp),
+            ],
+        )
+        modes["row"], modes["times"] = np.arange(m), 1
         for number, system in enumerate(self.parts):
-            modes = modes.take(good[modes.row])
-            if not len(modes.row):
+            modes = modes[good[modes["row"]]]
+            if not len(modes):
                 break
-            bound, unknowns = system.bound, system.unknowns
+            bound, count = system.bound, len(system.unknowns)
             roots, proven = self._proven(system, modes, (centres, turns, half), hard)
             real, off_circle = are_real(roots, proven)
             sure = proven.good & (real | off_circle)
             apart = are_apart(roots, proven.radius, sure, bound)
-            good[modes.row[~apart]] = False
-            (kept,) = np.nonzero(real & np.repeat(good[modes.row], bound))
-            angle, *more = _angles(roots, proven, half[modes.row[roots.row]])
-            modes = modes.take(roots.row[kept])
-            solution = angle, circle(angle[kept].ravel()).reshape(*angle[kept].shape, 2)
-            modes.angle[:, unknowns], modes.turn[:, unknowns] = angle[kept], solution[1]
-            modes.rates[:, unknowns], modes.off[:, unknowns] = (
-                column[kept] for column in more
-            )
+            good[modes["row"][~apart]] = False
+            (kept,) = np.nonzero(real & np.repeat(good[modes["row"]], bound))
+            over = half[modes["row"][roots.row]]
+            angle, rates, off = (x[kept] for x in _angles(roots, proven, over))
+            modes = modes[roots.row[kept]]
+            turned = circle(angle.ravel()).reshape(-1, count, 2)
+            for name, column in zip(
+                ("angle", "turn", "rates", "off"), (angle, turned, rates, off), strict=True
+            ):
+                modes[name][:, system.unknowns] = column
             if number + 1 < len(self.parts):
                 wide = np.any(proven.reach[kept] >= WIDEST_ANGLE, axis=1)
-                good[modes.row[wide]] = False
+                good[modes["row"][wide]] = False
                 modes = self._joined(number + 1, modes, half)
-        return good, np.bincount(modes.row, modes.times, m).astype(np.intp)
+        return good, np.bincount(modes["row"], modes["times"], m).astype(np.intp)
 
-    def _joined(self, number: int, modes: _Modes, half: Floats) -> _Modes:
+    def _joined(self, number: int, modes: Array, half: Floats) -> Array:
         """Return modes of which those that systems from a number on cannot tell are one.
 
         They differ in angles that no such system has, as where a link is turned over.
         """
-        degrees = self.equations.construction.degrees
         left = [row for system in self.parts[number:] for row in system.equations]
-        used = np.any(degrees[left] > 0, axis=0)[: self.equations.unknowns]
+        degrees = self.equations.degrees[left, : self.equations.unknowns]
+        used = np.any(degrees > 0, axis=0)
+        angle, rates, off, times = (
+            modes[name] for name in ("angle", "rates", "off", "times")
+        )
         kept: dict[int, list[int]] = {}
-        for mode, row in enumerate(modes.row.tolist()):
-            for other in kept.setdefault(row, []):
-                apart = np.abs(wrap(modes.angle[mode] - modes.angle[other]))
-                drift = np.abs(modes.rates[mode] - modes.rates[other]) @ half[row]
-                spare = 1.05 * (apart + drift)
-                if np.all(spare[used] < SAME):
-                    modes.off[other] = np.maximum(modes.off[mode] + spare, modes.off[other])
-                    modes.times[other] += modes.times[mode]
-                    break
+        for mode, row in enumerate(modes["row"].tolist()):
+            others = kept.setdefault(row, [])
+            apart = np.abs(wrap(angle[mode] - angle[others]))
+            spare = 1.05 * (apart + np.abs(rates[mode] - rates[others]) @ half[row])
+            same = np.flatnonzero(np.all(spare[:, used] < SAME, axis=1))
+            if len(same):
+                other = others[same[0]]
+                off[other] = np.maximum(off[mode] + spare[same[0]], off[other])
+                times[other] += times[mode]
             else:
-                kept[row].append(mode)
-        return modes.take([mode for row_modes in kept.values() for mode in row_modes])
+                others.append(mode)
+        return modes[[mode for row_modes in kept.values() for mode in row_modes]]
 
     def _proven(
-        self, system: SolvedSystem, modes: _Modes, boxes: tuple[Floats, ...], hard: Bools
+        self, system: SolvedSystem, modes: Array, boxes: tuple[Floats, ...], hard: Bools
     ) -> tuple[ChartRoots, RootEnclosures]:
         """Return the roots of a system for all modes over their boxes, and what is proven.
 
         `boxes` has their centres, turns and half widths.
         """
         bound, earlier = system.bound, system.solved
-        centres, turns, half = (values[modes.row] for values in boxes)
+        centres, turns, half = (values[modes["row"]] for values in boxes)
         eye = np.broadcast_to(np.eye(centres.shape[1]), (*centres.shape, centres.shape[1]))
+        inputs = centres, turns, eye, 0.0 * centres
         given, turns, rates, off = (
-            np.concatenate(two, axis=1)[:, system.given]
-            for two in (
-                (modes.angle, centres),
-                (modes.turn, turns),
-                (modes.rates, eye),
-                (modes.off, 0.0 * centres),
-            )
+            np.concatenate([modes[name], values], axis=1)[:, system.given]
+            for name, values in zip(("angle", "turn", "rates", "off"), inputs, strict=True)
         )
         made = Polynomials.at(self.equations, system.equations, system.unknowns, turns)
         one = len(system.unknowns) == 1
@@ -323,7 +304,7 @@ class Systems:
             roots, ended = polished(made, rough)
             proven = tubes(made, roots, half, rates, off)
             whole = are_apart(roots, proven.radius, ended, bound)
-            lost = np.flatnonzero(~whole & hard[modes.row])
+            lost = np.flatnonzero(~whole & hard[modes["row"]])
             if not (anew and len(lost)):
                 break
             rough = roots.take(slice(None))
@@ -365,7 +346,8 @@ class Systems:
         for seed in range(SEEDS):
             roots, good = polished(made, solutions(made, seed))
             roots = roots.take(good)
-            roots = roots.take(_first_of_each(roots))
+            (gap,) = roots.gaps(len(roots.z))
+            roots = roots.take(~np.any(np.tril(gap < 1e-7, -1), axis=1))
             if len(roots.z) == system.bound:
                 return roots
         nothing = np.zeros((system.bound, len(unknowns)), dtype=complex)
@@ -389,8 +371,3 @@ def _angles(
         lost = 1e-15 * np.einsum("nkd,nd->nk", np.abs(rates), half)
     off = np.where(w < 0.5, 1.05 * off + np.abs(size - 1.0) + lost + 1e-13, np.inf)
     return np.asarray(sense * np.angle(roots.z)), rates.real, off
-
-
-def _first_of_each(roots: ChartRoots) -> Indices:
-    (gap,) = roots.gaps(len(roots.z))
-    return np.flatnonzero(~np.any(np.tril(gap < 1e-7, -1), axis=1))
