@@ -29,7 +29,7 @@ from spherekit.arrays import Array, Floats
 from spherekit.conventions import Status
 from spherekit.errors import EngineError
 from spherekit.model.expression import KINKED, ON_ARRAYS, fold
-from spherekit.model.load import LinkMoment, TorqueTable, expression_of
+from spherekit.model.load import Component, TorqueTable, expression_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.proof.balls import (
     Ball,
@@ -102,104 +102,91 @@ def inertia(
     return B, dB
 
 
-class Forces:
-    """The loads of a mechanism; numbers in their expressions are the float64 they are."""
+def knots(parts: Sequence[Component], until: float) -> list[Ball]:
+    """Return the times between 0 and `until` (s) at which tables of torques have kinks."""
+    every: list[Ball] = []
+    for table in (part.magnitude for part in parts):
+        if isinstance(table, TorqueTable):
+            times = exactly(table.times)
+            period = times[-1] - times[0]
+            farthest = until + max(abs(table.times[0]), abs(table.times[-1]))
+            turns = int(farthest / float(period)) + 1 if table.periodic else 0
+            for turn in range(-turns, turns + 1):
+                every += [(t + turn * period).mid() for t in times]
+    inside = {float(t): t for t in every if 0.0 < float(t) < until}
+    return [inside[t] for t in sorted(inside)]
 
-    def __init__(self, mechanism: Mechanism) -> None:
-        self.mechanism = mechanism
-        self.parts = [
-            part for load in mechanism.loads for part in load.components(mechanism)
-        ]
 
-    def knots(self, until: float) -> list[Ball]:
-        """Return the times between 0 and `until` (s) at which tables have kinks."""
-        knots = []
-        for table in (part.magnitude for part in self.parts):
-            if isinstance(table, TorqueTable):
-                times, turns = exactly(table.times), range(1)
-                if table.periodic:
-                    period = table.times[-1] - table.times[0]
-                    first = int(np.floor(-table.times[-1] / period))
-                    last = int(np.ceil((until - table.times[0]) / period))
-                    turns = range(first, last + 1)
-                for turn in turns:
-                    knots += [(t + turn * (times[-1] - times[0])).mid() for t in times]
-        inside = {float(t): t for t in knots if 0.0 < float(t) < until}
-        return [inside[t] for t in sorted(inside)]
+def force(
+    mechanism: Mechanism,
+    parts: Sequence[Component],
+    moving: Moving,
+    sides: Sides,
+    inside: float,
+) -> tuple[Array, list[Array]]:
+    """Return the generalised force of parts of loads (n,), and the switches' conditions.
 
-    def at(self, moving: Moving, sides: Sides, inside: float) -> tuple[Array, list[Array]]:
-        """Return the generalised force of all loads (n,), and the switches' conditions.
+    These are in the order in which expressions are evaluated; numbers in these are the
+    float64 they are. `inside` is a time (s) between the knots that the rows lie between.
+    """
+    variables, conditions = mechanism.angles, list[Array]()
+    total = exactly(np.zeros(len(moving.t)))
 
-        These are in the order in which expressions are evaluated. `inside` is a time (s)
-        between the knots that the rows lie between.
-        """
-        variables, conditions = self.mechanism.angles, list[Array]()
-        total = exactly(np.zeros(len(moving.t)))
+    def named(name: str) -> Any:
+        kind, _, pair = name.partition("_")
+        if kind == "t":
+            return moving.t
+        if kind == "theta":
+            return moving.values[:, variables[pair]]
+        return moving.rates[:, variables[pair]] * moving.speed
 
-        def named(name: str) -> Any:
-            kind, _, pair = name.partition("_")
-            if kind == "t":
-                return moving.t
-            if kind == "theta":
-                return moving.values[:, variables[pair]]
-            return moving.rates[:, variables[pair]] * moving.speed
+    def side(condition: Array) -> Any:
+        """Return the side of the next condition (n,)."""
+        conditions.append(np.atleast_1d(condition))
+        return np.sign(floats(condition)) if sides is None else sides[len(conditions) - 1]
 
-        def side(condition: Array) -> Any:
-            """Return the side of the next condition (n,)."""
-            conditions.append(np.atleast_1d(condition))
-            return (
-                np.sign(floats(condition)) if sides is None else sides[len(conditions) - 1]
-            )
+    def applied(name: str, given: Sequence[Any]) -> Any:
+        """Return a function of expressions; NaN outside its domain."""
+        if name in ("sign", "abs"):
+            return side(given[0]) * given[0] ** (name == "abs")
+        if name in KINKED:
+            upward, best = 1 if name == "max" else -1, given[0]
+            for item in given[1:]:
+                gap = best - item
+                best = (best + item + upward * side(gap) * gap) / 2
+            return best
+        if not hasattr(exact(0.0), name):
+            return ON_ARRAYS[name](*given)
+        return np.frompyfunc(lambda x, *y: getattr(x, name)(*y), len(given), 1)(*given)
 
-        def applied(name: str, given: Sequence[Any]) -> Any:
-            """Return a function of expressions; NaN outside its domain."""
-            if name in ("sign", "abs"):
-                return side(given[0]) * given[0] ** (name == "abs")
-            if name in KINKED:
-                upward = 1 if name == "max" else -1
-                best = given[0]
-                for item in given[1:]:
-                    gap = best - item
-                    best = (best + item + upward * side(gap) * gap) / 2
-                return best
-            if not hasattr(exact(0.0), name):
-                return ON_ARRAYS[name](*given)
-            called = np.frompyfunc(lambda x, *more: getattr(x, name)(*more), len(given), 1)
-            return called(*given)
-
-        for part in self.parts:
-            if isinstance(part.magnitude, TorqueTable):
-                magnitude = _of_table(part.magnitude, moving.t, inside)
-            else:
-                magnitude = fold(expression_of(part.magnitude).root, exact, named, applied)
-            if part.pair:
-                total = total + magnitude * moving.rates[:, variables[part.pair]]
-            for moment in part.moments:
-                total = total + magnitude * self._power(moment, moving)
-        return total, conditions
-
-    def _power(self, moment: LinkMoment, moving: Moving) -> Array:
-        """Return the power (n,) of a moment per unit rate of the coordinate."""
-        link = self.mechanism.link_number[moment.link]
-        w, turn = moving.w[:, link], moving.rotations[:, link]
-        if moment.arm is not None:
-            w = np.cross(w, turn @ exactly(moment.arm))
-        direction = exactly(moment.direction)
-        direction = turn @ direction if moment.axes == "link" else direction
-        return np.sum(w * direction, axis=1)
+    for part in parts:
+        if isinstance(part.magnitude, TorqueTable):
+            magnitude = _of_table(part.magnitude, moving.t, inside)
+        else:
+            magnitude = fold(expression_of(part.magnitude).root, exact, named, applied)
+        rates = [moving.rates[:, variables[part.pair]]] if part.pair else []
+        for moment in part.moments:
+            link = mechanism.link_number[moment.link]
+            w, turn = moving.w[:, link], moving.rotations[:, link]
+            if moment.arm is not None:
+                w = np.cross(w, turn @ exactly(moment.arm))
+            direction = exactly(moment.direction)
+            direction = turn @ direction if moment.axes == "link" else direction
+            rates.append(np.sum(w * direction, axis=1))
+        total = total + magnitude * sum(rates)
+    return total, conditions
 
 
 def _of_table(table: TorqueTable, t: Array, inside: float) -> Array:
     """Return a table's torque along the line that it has at the time `inside`."""
     times, torques = exactly(table.times), exactly(table.torques)
     period = times[-1] - times[0]
-    turn = 0
-    if table.periodic:
-        turn = int(np.floor((inside - table.times[0]) / float(period)))
-    within = inside - turn * float(period)
-    after = int(np.clip(np.searchsorted(table.times, within), 1, len(times) - 1))
-    slope = (torques[after] - torques[after - 1]) / (times[after] - times[after - 1])
-    return torques[after - 1] + slope * (t - turn * period - times[after - 1])
+    passed = np.floor((inside - table.times[0]) / float(period))
+    turn = int(passed) if table.periodic else 0
+    after = np.searchsorted(table.times, inside - turn * float(period))
+    k = int(np.clip(after, 1, len(times) - 1))
+    slope = (torques[k] - torques[k - 1]) / (times[k] - times[k - 1])
+    return torques[k - 1] + slope * (t - turn * period - times[k - 1])
 
 
 SWEEPS = 40
@@ -234,20 +221,6 @@ Guess = Callable[[Floats], tuple[Floats, Floats]]
 time, at times (n,) s."""
 
 EndKind = Literal["time", "joint_limit", "sticking"]
-
-
-@dataclass(frozen=True)
-class ExactStates:
-    """A simulation at n times, as balls.
-
-    `values`, `rates`, `second` (n, variables): the variables with whole turns, rad, and
-    their first and second derivative by time.
-    """
-
-    t: Array
-    values: Array
-    rates: Array
-    second: Array
 
 
 @dataclass(frozen=True)
@@ -333,7 +306,9 @@ class ExactSimulation:
         with arithmetic.within():
             self.end = exact(0.0)
             self._linkage = Linkage(mechanism)
-            self._forces = Forces(mechanism)
+            self._parts = [
+                part for load in mechanism.loads for part in load.components(mechanism)
+            ]
             self._count = count = 10 + arithmetic.digits
             arb = library().arb
             rows = [arb.legendre_p_root(count, k, weight=True) for k in range(count)[::-1]]
@@ -343,27 +318,27 @@ class ExactSimulation:
             odd = np.arange(count) + 0.5
             self._series = middles((polynomials * weights[:, None] * odd).T)
             self._integrals = middles(_value(_integral(self._series), self._nodes))
-            self._grid = np.linspace(-1.0, 1.0, GRID * count + 1)[1:]
+            self._grid = np.linspace(-1.0, 1.0, GRID * count + 1)
             self._run(driven, q, dq)
 
-    def at(self, t: Floats) -> ExactStates:
-        """Return the motion at times t (n,) s from 0 to the end.
+    def at(self, t: Floats) -> tuple[Array, Array, Array]:
+        """Return the variables and two derivatives by time, balls (n, variables).
 
-        Times after it count as the end.
+        At times t (n,) s from 0 to the end; later ones count as the end. The variables are
+        in rad, whole turns included.
         """
         t = np.asarray(t, dtype=float)
         with self.arithmetic.within():
             times = np.where(t >= float(self.end), self.end, exactly(t))
-            starts = np.array([float(step.start) for step in self._steps])
-            owner = np.searchsorted(starts, t, side="right") - 1
-            owner = np.clip(owner, 0, len(starts) - 1)
-            states = np.empty(
-                (3, len(t), len(self.mechanism.variable_owners)), dtype=object
-            )
+            starts = [float(step.start) for step in self._steps]
+            owner = np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)
+            shape = 3, len(t), len(self.mechanism.variable_owners)
+            states: Array = np.empty(shape, dtype=object)
             for number in np.unique(owner):
                 rows = owner == number
                 states[:, rows] = self._states(self._steps[number], times[rows])
-        return ExactStates(times, *states)
+        values, rates, second = states
+        return values, rates, second
 
     def _states(self, step: _Step, t: Array) -> list[Array]:
         """Return the variables and their two derivatives by time within a step."""
@@ -375,10 +350,15 @@ class ExactSimulation:
         B, dB = inertia(self.mechanism, placed, w, dw)
         speed = p / square_root(B)
         moving = Moving(values, first, w, placed, speed, t)
-        force, _ = self._forces.at(moving, step.sides, float(step.start + step.length / 2))
-        change = (force - dB * speed * speed / 2) / B
+        push, _ = self._force(moving, step.sides, float(step.start + step.length / 2))
+        change = (push - dB * speed * speed / 2) / B
         rates, square = first * speed[:, None], (speed * speed)[:, None]
         return [values, rates, first * change[:, None] + 2 * second * square]
+
+    def _force(
+        self, moving: Moving, sides: Sides, inside: float
+    ) -> tuple[Array, list[Array]]:
+        return force(self.mechanism, self._parts, moving, sides, inside)
 
     def _closed(self, t: Array, c: Array, along: int) -> Closed:
         """Return the closed configurations at times with a variable held."""
@@ -409,11 +389,11 @@ class ExactSimulation:
         return Moving(values, rates, w, placed, t, t), square_root(B), miss
 
     def _run(self, driven: int, q: float, dq: float) -> None:
-        start = exactly(np.zeros(1))
+        start, along = exactly(np.zeros(1)), driven
         values = self._closed(start, exactly([q]), driven).values
         moving, size, _ = self._moving(values, driven, start)
-        p, along = size[0] * exact(dq), driven
-        targets = [*self._forces.knots(self.until), exact(self.until)]
+        p = size[0] * exact(dq)
+        targets = [*knots(self._parts, self.until), exact(self.until)]
         sides: Sides = None
         flipped: int | None = None
         length = targets[0] / 16
@@ -426,10 +406,9 @@ class ExactSimulation:
             left = (targets[0] - self.end).mid()
             length = left if left < length else length
             step = self._solved(values[0, along], p, along, length, left, sides)
+            roots = self._roots(step)
             x, switch, at_once = min(
-                self._roots(step),
-                key=lambda root: float(root[0]),
-                default=(exact(1.0), None, False),
+                roots, key=lambda r: float(r[0]), default=(exact(1.0), None, False)
             )
             if at_once and switch == flipped:
                 self.kind = "sticking"
@@ -438,9 +417,8 @@ class ExactSimulation:
             (c,), (p,) = step.reached(np.array([x]))
             self._largest = max(self._largest, abs(float(p)))
             whole = switch is None and step.length is left
-            self.end = (
-                targets[0] if whole else (step.start + step.length * (x + 1) / 2).mid()
-            )
+            there = (step.start + step.length * (x + 1) / 2).mid()
+            self.end = targets.pop(0) if whole else there
             values = self._closed(np.array([self.end]), c, along).values
             moving, *_ = self._moving(values, along, start)
             sides, flipped = step.sides.copy(), switch
@@ -450,11 +428,9 @@ class ExactSimulation:
             if switch is not None:
                 sides[switch] = -sides[switch]
                 self.switches.append(self.end)
-            elif whole:
-                targets.pop(0)
-            factor = 0.9 * (ACCEPTED / max(step.error, 1e-3)) ** (1 / self._count)
+            factor = _shorter(step.error, self._count, 1.5)
             factor = min(factor, 0.8) if step.sweeps > FEW else factor
-            length = (step.length * float(np.clip(factor, 0.3, 1.5))).mid()
+            length = (step.length * factor).mid()
         if not self._steps:
             raise EngineError(f"{self.mechanism.name}: the motion ends where it starts")
 
@@ -469,12 +445,10 @@ class ExactSimulation:
                     f"{float(self.end):.6g} s; smooth the loads"
                 )
             step = self._picard(c, p, along, length, sides)
-            factor = 0.5
-            if step is not None:
-                if step.error <= ACCEPTED:
-                    return step
-                factor = 0.9 * (ACCEPTED / step.error) ** (1 / self._count)
-            length = (length * float(np.clip(factor, 0.1, 0.9))).mid()
+            if step is not None and step.error <= ACCEPTED:
+                return step
+            factor = 0.5 if step is None else _shorter(step.error, self._count, 0.9)
+            length = (length * factor).mid()
 
     def _picard(
         self, c: Ball, p: Ball, along: int, length: Ball, sides: Sides
@@ -493,10 +467,10 @@ class ExactSimulation:
             speed = push / size
             moving = replace(moving, speed=speed)
             if sides is None:
-                _, seen = self._forces.at(moving, None, inside)
+                _, seen = self._force(moving, None, inside)
                 sides = np.array([np.sign(float(x[0])) or 1.0 for x in seen])
-            force, conditions = self._forces.at(moving, sides, inside)
-            drive = force / size
+            load, conditions = self._force(moving, sides, inside)
+            drive = load / size
             there = middles(c + half * (self._integrals @ speed))
             pushed = middles(p + half * (self._integrals @ drive))
             values = middles(values + miss + moving.rates * (there - here)[:, None])
@@ -535,13 +509,11 @@ class ExactSimulation:
     def _roots(self, step: _Step) -> Iterator[tuple[Ball, int, bool]]:
         """Yield where in a step conditions first turn: place, switch, whether at once."""
         for switch, condition in step.signed:
-            (beyond,) = np.nonzero(_value(floats(condition), self._grid) < 0.0)
-            if not len(beyond):
+            beyond = _value(floats(condition), self._grid[1:]) < 0.0
+            if not np.any(beyond):
                 continue
-            first = int(beyond[0])
-            low, high = exactly(
-                [self._grid[first - 1] if first else -1.0, self._grid[first]]
-            )
+            first = int(np.argmax(beyond))
+            low, high = exactly(self._grid[first : first + 2])
             for _ in range(int(3.4 * self.arithmetic.digits) + 8):
                 middle = (low + high).mid() / 2
                 if _value(condition, np.array([middle]))[0].mid() < 0:
@@ -549,6 +521,11 @@ class ExactSimulation:
                 else:
                     low = middle
             yield high, switch, first == 0
+
+
+def _shorter(error: float, count: int, most: float) -> float:
+    """Return by what a step's length is to be multiplied for its error to be accepted."""
+    return float(np.clip(0.9 * (ACCEPTED / max(error, 1e-3)) ** (1 / count), 0.1, most))
 
 
 def _size(balls: Any) -> float:

@@ -490,19 +490,19 @@ def _in_many_digits(plan: RunPlan, study: Study, course: Sampling) -> Reference:
     assert course.t is not None
     exact = refined(simulation, study.start, end)
     (motion,) = course.blocks(len(course))
-    states, (driven,) = exact.at(course.t), simulation.driven
-    turns = np.round((floats(states.values) - motion.values) / TURN)
+    (states, *derived), (driven,) = exact.at(course.t), simulation.driven
+    turns = np.round((floats(states) - motion.values) / TURN)
     with exact.arithmetic.within():
-        values = floats(states.values - exactly(turns) * (2 * pi()))
-    inputs = states.values[:, [driven]]
+        values = floats(states - exactly(turns) * (2 * pi()))
+    inputs = states[:, [driven]]
     values[:, driven] = floats(inputs)[:, 0]
-    rates = [floats(x[:, [driven]]) for x in (states.rates, states.second)]
+    rates = [floats(x[:, [driven]]) for x in derived]
     if exact.kind == "sticking":
         # Dry friction jumps here, so nothing that depends on it is compared.
         stuck = course.t >= min(float(exact.end), simulation.end.t)
         for rate in rates:
             rate[stuck] = np.nan
-    timing = Timing(floats(states.t), *rates)
+    timing = Timing(np.minimum(course.t, float(exact.end)), *rates)
     motion = replace(motion, values=values, inputs=floats(inputs), timing=timing)
     return reference_at(plan_of(course, plan.analyses[0]), motion, inputs)
 
