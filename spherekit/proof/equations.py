@@ -11,7 +11,6 @@ A jet is a matrix of balls with its derivatives by some variables.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from math import prod
 from typing import Any
@@ -45,9 +44,8 @@ def _times(one: BallMatrix, other: BallMatrix) -> BallMatrix:
 
 def _cross(one: BallMatrix, other: BallMatrix) -> BallMatrix:
     """Return the vector product of columns."""
-    ax, ay, az = one.entries()
-    bx, by, bz = other.entries()
-    return matrix([[ay * bz - az * by], [az * bx - ax * bz], [ax * by - ay * bx]])
+    first, second = (np.array(column.entries()) for column in (one, other))
+    return matrix(np.cross(first, second)[:, None])
 
 
 def _dot(one: BallMatrix, other: BallMatrix) -> BallMatrix:
@@ -81,21 +79,6 @@ Rotation = tuple[BallMatrix, BallMatrix, BallMatrix]
 """How a link turns in the one before: still + cos(angle) even + sin(angle) odd."""
 
 
-@dataclass(frozen=True)
-class Placement:
-    """A link put on axes u and w of two others; `rows` take its axes to coordinates.
-
-    Its orientation is U a + W b + (U x W) n, with U and W the axes where they are and a, b,
-    n the `rows`. `cosine` is that of its arc; `sine` is a lower bound.
-    """
-
-    u: BallMatrix
-    w: BallMatrix
-    rows: Rotation
-    cosine: Ball
-    sine: float
-
-
 class Equations:
     """The equations of a mechanism in the arithmetic of balls of the present precision.
 
@@ -111,13 +94,9 @@ class Equations:
         self.variables = len(construction.pairs)
         self.frames = written.frames()
         self.offsets = self._offsets()
-        self.turning: dict[int, Rotation] = {}
-        self.putting: dict[int, Placement] = {}
-        for step in construction.steps:
-            if step.is_dyad:
-                self.putting[step.link] = self._putting(step)
-            else:
-                self.turning[step.link] = self._turning(step)
+        steps = construction.steps
+        self.turning = {x.link: self._turning(x) for x in steps if not x.is_dyad}
+        self.putting = {x.link: self._putting(x) for x in steps if x.is_dyad}
 
     def frame(self, pair: int, link: int) -> Frame:
         """Return the frame of a pair in one of its links."""
@@ -142,7 +121,13 @@ class Equations:
             even, turned = even * c + turned * s, turned * c - even * s
         return still, even, turned
 
-    def _putting(self, step: Step) -> Placement:
+    def _putting(self, step: Step) -> tuple[list[BallMatrix], Rotation, Ball, float]:
+        """Return what puts a link on axes u and w of two others, and its arc.
+
+        That is u and w in these links, and rows a, b and n for its orientation
+        U a + W b + (U x W) n, with U and W the axes where they are. Of its arc it is the
+        cosine, and a lower bound of the sine.
+        """
         a, b = (self.frame(pair, step.link)[2] for pair in step.pairs)
         normal = np.cross(a, b)
         square = normal @ normal
@@ -162,7 +147,7 @@ class Equations:
             matrix(self.frame(pair, parent)[2:].T)
             for pair, parent in zip(step.pairs, step.parents, strict=True)
         ]
-        return Placement(axes[0], axes[1], (rows[0], rows[1], rows[2]), a @ b, sine)
+        return axes, (rows[0], rows[1], rows[2]), a @ b, sine
 
     def at(self, places: Sequence[Ball] | Array, order: int = 1) -> list[Jet]:
         """Return the jets of f of each equation at balls of all variables."""
@@ -194,7 +179,6 @@ class Equations:
         self, places: Sequence[Ball] | Array, order: int
     ) -> tuple[list[Jet], dict[int, Jet]]:
         """Return the jets of f, and of links' orientations in the link that `ranks` say."""
-        turns = [complex_ball(place).sin_cos() for place in places]
         values: list[Jet] = []
         local: dict[int, Jet] = {}
 
@@ -207,18 +191,18 @@ class Equations:
 
         for step in self.construction.steps:
             if not step.is_dyad:
-                turn = turns[step.variable]
-                local[step.link] = _turned(self.turning[step.link], turn, step, order)
+                turned = _turned(self.turning[step.link], places, step)
+                local[step.link] = {k: x for k, x in turned.items() if len(k) <= order}
                 continue
-            part = self.putting[step.link]
-            _, first, second = self.construction.apart(step)
-            one, other = along(first, part.u), along(second, part.w)
+            axes, rows, cosine, _ = self.putting[step.link]
+            _, *ways = self.construction.apart(step)
+            one, other = map(along, ways, axes)
             value = dict(product(one, other, _dot, order))
-            value[()] = value[()] - part.cosine
+            value[()] = value[()] - cosine
             values.append(value)
             both = one, other, product(one, other, _cross, order)
             placed: Jet = {}
-            for jet, row in zip(both, part.rows, strict=True):
+            for jet, row in zip(both, rows, strict=True):
                 placed = product(jet, {(): row}, _times, order, placed)
             local[step.link] = placed
         return values, local
@@ -237,7 +221,7 @@ class Equations:
                 _, *ways = self.construction.apart(step)
                 one, other = (prod(factors[link] for link in way) for way in ways)
                 sums = (one + other + one * other) * (1 + 16 * UNIT)
-                factors[step.link] = sums / self.putting[step.link].sine
+                factors[step.link] = sums / self.putting[step.link][-1]
                 products.append(one * other)
         return np.array(products) * (1 + 64 * UNIT)
 
@@ -255,17 +239,10 @@ class Equations:
         )
 
 
-def _turned(parts: Rotation, turn: tuple[Ball, Ball], step: Step, order: int) -> Jet:
-    """Return the jet of a rotation at the sine and cosine of a step's variable."""
-    sine, cosine = 0 * turn[0], 0 * turn[1] + 1
-    for _ in range(abs(step.turns)):
-        sine, cosine = sine * turn[1] + cosine * turn[0], cosine * turn[1] - sine * turn[0]
-    sine = sine if step.turns > 0 else -sine
+def _turned(parts: Rotation, places: Sequence[Ball] | Array, step: Step) -> Jet:
+    """Return the jet of a rotation by a step's variable at balls of all variables."""
+    sine, cosine = (complex_ball(places[step.variable]) * step.turns).sin_cos()
     still, even, odd = parts
-    one = even * cosine + odd * sine
-    jet: dict[tuple[int, ...], Any] = {(): still + one}
-    if order > 0:
-        jet[(step.variable,)] = (odd * cosine - even * sine) * step.turns
-    if order > 1:
-        jet[(step.variable, step.variable)] = -one * step.turns**2
-    return jet
+    one, along = even * cosine + odd * sine, odd * cosine - even * sine
+    once: tuple[int, ...] = (step.variable,)
+    return {(): still + one, once: along * step.turns, 2 * once: -one * step.turns**2}

@@ -10,9 +10,8 @@ Saddles met by chains are kept here: where arms begin and end, and what is still
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from spherekit.proof.balls import (
     Ball,
     angle_of,
     exact,
+    exactly,
     matrix,
     middle,
     pi,
@@ -42,28 +42,22 @@ BALL = 1e-9
 """Half widths (rad) of balls in which the other variables are shown to be."""
 
 
-@dataclass(frozen=True)
-class Folding:
-    """The equation of a loop of four pairs with both its variables.
+Folding = tuple[int, tuple[int, int], Array, Bools]
+"""The equation of a loop of four pairs, both its variables, and where they are in line.
 
-    `values` (2, 2) are the angles (rad) of each variable in line: links on the same side,
-    and on opposite sides. `closes` (2, 2) says whether the loop closes with two of these.
-    """
-
-    equation: int
-    variables: tuple[int, int]
-    values: Array
-    closes: Bools
+These are angles (2, 2) rad of each variable: links on the same side, and on opposite sides;
+and whether the loop closes (2, 2) with two of these.
+"""
 
 
 def completed(
     equations: Equations, equation: int, given: Mapping[int, Ball], place: Floats
-) -> list[Ball] | None:
+) -> Array | None:
     """Return balls next to a place, with variables given, that solve all other equations.
 
     None if the variables given are not next to the place, or nothing is proven.
     """
-    balls = [exact(float(e)) for e in place]
+    balls = exactly(place)
     for variable, value in given.items():
         turns = np.round((place[variable] - middle(value)) / (2.0 * np.pi))
         balls[variable] = value + 2 * pi() * exact(float(turns))
@@ -75,20 +69,10 @@ def completed(
         return None
     if not free:
         return balls
-    around = [wide(ball, BALL if j in free else 0.0) for j, ball in enumerate(balls)]
-    values, slopes = equations.arrays(balls, 0)[0], equations.arrays(around)[1]
-    over = matrix(slopes[np.ix_(rows, free)])
+    (values,), around = equations.arrays(balls, 0), balls.copy()
+    around[free] = [wide(balls[j], BALL) for j in free]
+    over = matrix(equations.arrays(around)[1][np.ix_(rows, free)])
     return around if zero_within(matrix(values[rows][:, None]), over) < BALL else None
-
-
-def foldings(equations: Equations) -> list[Folding]:
-    """Return the loops of four pairs in decimal arcs, none without a tolerance of zero."""
-    written = equations.written
-    if written.tolerance or not isinstance(written.mechanism.geometry, SizeGeometry):
-        return []
-    steps = enumerate(equations.construction.equations)
-    made = (_folding(equations, number, step) for number, step in steps)
-    return [folding for folding in made if folding is not None]
 
 
 def _folding(equations: Equations, number: int, step: Step) -> Folding | None:
@@ -115,14 +99,9 @@ def _folding(equations: Equations, number: int, step: Step) -> Folding | None:
     if len(arcs) < len(links):
         return None
     places = [hinges.index(joint.pairs[0]) for joint in joints]
-    return Folding(
-        number,
-        (joints[0].variable, joints[1].variable),
-        np.array([_in_line(equations, hinges, links, k) for k in places]),
-        np.array(
-            [[_closes(arcs, places, (i, j), written) for j in (0, 1)] for i in (0, 1)]
-        ),
-    )
+    closes = [[_closes(arcs, places, (i, j), written) for j in (0, 1)] for i in (0, 1)]
+    angles = np.array([_in_line(equations, hinges, links, k) for k in places])
+    return number, (joints[0].variable, joints[1].variable), angles, np.array(closes)
 
 
 def _closes(
@@ -134,21 +113,16 @@ def _closes(
     """Return whether a loop closes in line with two of its joints folded or stretched.
 
     `arcs[k]` is that of the link before joint k, `sides` are 0 where both links of a joint
-    lie on the same side of its axis; the other two joints lie as they must, which leaves
-    the arc of the link between them.
+    lie on the same side of its axis; the other two joints lie as they must.
     """
-    free = next(k for k in range(4) if k not in places and (k + 1) % 4 not in places)
-    opposite = dict(zip(places, sides, strict=True))
-    # from the joint after the free link round to the one before it
-    sense, total = 1, Fraction(0)
-    for k in range(free + 2, free + 5):
-        total += sense * arcs[k % 4]
-        if k % 4 in opposite and not opposite[k % 4]:
-            sense = -sense
-    sums = (total + sign * arcs[(free + 1) % 4] for sign in (1, -1))
     # a number of whole turns; no sum in rad is one but 0
     in_degrees = written.document.data["angle_unit"] == "deg"
-    return any(left % 360 == 0 if in_degrees else left == 0 for left in sums)
+    for senses in product((1, -1), repeat=4):
+        left = sum(sense * arc for sense, arc in zip(senses, arcs, strict=True))
+        lie = [senses[k] == senses[(k + 1) % 4] for k in places]
+        if lie == [*map(bool, sides)] and (left % 360 if in_degrees else left) == 0:
+            return True
+    return False
 
 
 def _arc(written: Written, link: int, one: int, other: int) -> Fraction | None:
@@ -182,13 +156,10 @@ def _in_line(
     """
     pair, count = hinges[joint], len(hinges)
     azimuths = {}
-    for link, other in (
-        (links[joint], hinges[joint - 1]),
-        (links[(joint + 1) % count], hinges[(joint + 1) % count]),
-    ):
-        x, y, z = equations.frame(pair, link)
-        axis = equations.frame(other, link)[2]
-        assert upper(np.cross(x, y) @ z - 1) < NEAR
+    for k, other in ((joint, joint - 1), (joint + 1, joint + 1)):
+        link, after = links[k % count], hinges[other % count]
+        x, y, _ = equations.frame(pair, link)
+        axis = equations.frame(after, link)[2]
         azimuths[link] = angle_of(x @ axis, y @ axis)
     one, two = equations.written.structure.ends[pair]
     same = azimuths[one] - azimuths[two]
@@ -209,7 +180,12 @@ class Crossings:
 
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
-        self.loops = foldings(equations)
+        written, self.loops = equations.written, list[Folding]()
+        exact_sizes = isinstance(written.mechanism.geometry, SizeGeometry)
+        if exact_sizes and not written.tolerance:
+            steps = enumerate(equations.construction.equations)
+            made = (_folding(equations, number, step) for number, step in steps)
+            self.loops = [folding for folding in made if folding is not None]
         self.saddles: list[Saddle] = []
 
     def find(self, place: Floats) -> bool:
@@ -258,29 +234,26 @@ class Crossings:
         other variable vanish, and not all do, there is no other near by.
         """
         piece = pieces[len(pieces) // 2]
-        for loop in (loop for loop in self.loops if variable in loop.variables):
-            side = loop.variables.index(variable)
-            other = loop.variables[1 - side]
-            for value in loop.values[side][np.all(loop.closes, axis=1 - side)]:
+        for equation, variables, values, closes in self.loops:
+            if variable not in variables:
+                continue
+            side = variables.index(variable)
+            other = variables[1 - side]
+            for value in values[side][np.all(closes, axis=1 - side)]:
                 given = {variable: value, other: exact(float(piece.centre[other]))}
-                balls = completed(self.equations, loop.equation, given, piece.centre)
+                balls = completed(self.equations, equation, given, piece.centre)
                 if balls is not None:
-                    centre = np.array([middle(ball) for ball in balls])
-                    return piece.holds(centre, 2.0 * BALL)
+                    return piece.holds(np.array([*map(middle, balls)]), 2.0 * BALL)
         return False
 
     def _crosses(self, part: Saddle) -> bool:
         """Return whether a loop is proven to close in line next to a saddle's centre."""
-        reach = 1e-3 * float(np.min(part.limits))
-        for loop in self.loops:
-            for i, j in np.argwhere(loop.closes):
-                values = loop.values[0, i], loop.values[1, j]
-                given = dict(zip(loop.variables, values, strict=True))
-                balls = completed(self.equations, loop.equation, given, part.centre)
-                if balls is not None and all(
-                    upper(ball - exact(e)) < reach
-                    for ball, e in zip(balls, part.centre.tolist(), strict=True)
-                ):
+        reach, centre = 1e-3 * float(np.min(part.limits)), exactly(part.centre)
+        for equation, variables, values, closes in self.loops:
+            for i, j in np.argwhere(closes):
+                given = dict(zip(variables, (values[0, i], values[1, j]), strict=True))
+                balls = completed(self.equations, equation, given, part.centre)
+                if balls is not None and max(map(upper, balls - centre)) < reach:
                     return True
         return False
 
