@@ -103,8 +103,8 @@ def solutions(made: Polynomials, seed: int) -> ChartRoots:
     return points.take((t > NEARLY) & np.all(np.isfinite(points.z), axis=1))
 
 
-Ends = tuple[list[Complexes], list[Complexes]]
-"""Coefficients (1, sizes) of each equation at t = 0 and at t = 1."""
+Ends = list[Complexes]
+"""Coefficients (1, 2, sizes) of each equation at t = 0 and at t = 1."""
 
 
 def _product_of_lines(
@@ -116,12 +116,12 @@ def _product_of_lines(
         return np.asarray(generator.normal(size=(2, count)).T @ (1.0, 1j))
 
     roots = [[random(size - 1) for size in v.shape[1:]] for v in made.values]
-    ends: Ends = [], []
+    ends: Ends = []
     for row, goal in zip(roots, made.values, strict=True):
         lines = [np.atleast_1d(np.poly(values))[::-1] for values in row]
         start = reduce(np.multiply.outer, lines) * np.exp(2j * np.pi * generator.random())
-        ends[0].append(start[None])
-        ends[1].append(np.linalg.norm(start) / np.linalg.norm(goal) * goal)
+        scale = np.linalg.norm(start) / np.linalg.norm(goal)
+        ends.append(np.stack([start[None], scale * goal], axis=1))
     # each equation gives another unknown its value
     starts = [
         np.array(values)[np.argsort(order)]
@@ -135,11 +135,10 @@ def _at(
     ends: Ends, points: ChartRoots, t: Floats
 ) -> tuple[Complexes, Complexes, Complexes]:
     """Return values (n, k), derivatives by z (n, k, k), and by t (n, k)."""
-    (start, first), (goal, last) = (
-        [points.derivatives(end, order) for order in (0, 1)] for end in ends
-    )
-    part, by_t = t[:, None], goal - start
-    return start + part * by_t, first + part[..., None] * (last - first), by_t
+    here, first = (points.derivatives(ends, order) for order in (0, 1))
+    parts = np.stack([1.0 - t, t], axis=1)
+    values = np.einsum("nke,ne->nk", here, parts)
+    return values, np.einsum("nkle,ne->nkl", first, parts), here[..., 1] - here[..., 0]
 
 
 def _ahead(ends: Ends, points: ChartRoots, t: Floats, length: Floats) -> ChartRoots:
@@ -264,21 +263,18 @@ class Systems:
         left = [row for system in self.parts[number:] for row in system.equations]
         degrees = self.equations.degrees[left, : self.equations.unknowns]
         used = np.any(degrees > 0, axis=0)
-        angle, rates, off, times = (
-            modes[name] for name in ("angle", "rates", "off", "times")
-        )
+        angle, rates, off = modes["angle"], modes["rates"], modes["off"]
         kept: dict[int, list[int]] = {}
         for mode, row in enumerate(modes["row"].tolist()):
-            others = kept.setdefault(row, [])
-            apart = np.abs(wrap(angle[mode] - angle[others]))
-            spare = 1.05 * (apart + np.abs(rates[mode] - rates[others]) @ half[row])
-            same = np.flatnonzero(np.all(spare[:, used] < SAME, axis=1))
-            if len(same):
-                other = others[same[0]]
-                off[other] = np.maximum(off[mode] + spare[same[0]], off[other])
-                times[other] += times[mode]
+            for other in kept.setdefault(row, []):
+                apart = np.abs(wrap(angle[mode] - angle[other]))
+                spare = 1.05 * (apart + np.abs(rates[mode] - rates[other]) @ half[row])
+                if np.all(spare[used] < SAME):
+                    off[other] = np.maximum(off[mode] + spare, off[other])
+                    modes["times"][other] += modes["times"][mode]
+                    break
             else:
-                others.append(mode)
+                kept[row].append(mode)
         return modes[[mode for row_modes in kept.values() for mode in row_modes]]
 
     def _proven(
