@@ -239,17 +239,17 @@ SETTINGS += [
 ]
 
 
-def tables_of(made, analysis, setting, t, start, toward=None):
+def tables_of(made, analysis, setting, t, start):
     """Return the tables of a simulation by a setting, as an ordinary run gives them."""
     from spherekit.analysis.running.sampling import simulated_course
-    from spherekit.tradeoff.measure import Benchmark
+    from spherekit.tradeoff.measure import tables_by
 
     done = simulate(
         made, start, float(t[-1]), tolerance=setting.tolerance, engine=setting.integrator
     )
     tracer = PositionAnalysis(made, None, 0, samples=2)
     course = simulated_course(tracer, done, t, setting.tolerance)
-    return Benchmark.of(course, create(analysis)).tables(Setting())[0]
+    return tables_by(course, create(analysis), Setting())[0]
 
 
 def test_reported_errors_of_a_four_bar_are_within_a_factor_two(four_bar):
