@@ -101,7 +101,7 @@ def certified_at_inputs(
         counted += modes.counted
         complete += modes.complete
         if modes.complete:
-            exact = real_modes(made) if modes.bound == 8 else len(found.modes)
+            exact = real_modes(made) if modes.bound == 8 else len(found.values)
             wrong += len(modes.real) < exact or (
                 modes.bound == 8 and len(modes.real) > exact
             )
@@ -141,7 +141,7 @@ def _over_turns(
                 continue
             certified += 1
             found = [
-                len(assemblies(solver, np.array([0.5 * (low + high)])).modes)
+                len(assemblies(solver, np.array([0.5 * (low + high)])).values)
                 for low, high, _ in parts
             ]
             other += found != [modes for _, _, modes in parts]

@@ -79,7 +79,7 @@ def check_counts(tracer, found):
         if np.min(np.abs(np.delete(turning, k) - q), initial=1.0) < 1e-3:
             continue
         before, after = (
-            len(assemblies(solver, np.array([q + way])).modes) for way in (-2e-4, 2e-4)
+            len(assemblies(solver, np.array([q + way])).values) for way in (-2e-4, 2e-4)
         )
         assert abs(after - before) == 2
         counted += 1
@@ -164,10 +164,10 @@ def test_a_group_beside_another_does_not_see_its_modes():
     )
     found = input_turning_points(solver, 0.0, TURN)
     assert not len(found.doubtful)
-    counts = [len(assemblies(solver, np.array([q])).modes) for q in found.probes(0.1)]
+    counts = [len(assemblies(solver, np.array([q])).values) for q in found.probes(0.1)]
     for q in np.random.default_rng(5).uniform(0.0, TURN, 40):
         place = int(np.searchsorted(found.places, q))
-        assert len(assemblies(solver, np.array([q])).modes) == counts[place]
+        assert len(assemblies(solver, np.array([q])).values) == counts[place]
 
 
 LOOSE = InputTurningPoints(
@@ -206,8 +206,7 @@ def test_components_between_five_equally_spaced_inputs_are_found():
     )
     assert len(tracer.assembly_modes) == 10
     probed = TURN * (np.arange(5) + 0.5) / 5.0
-    modes = [mode for q in probed for mode in assemblies(solver, np.array([q])).modes]
-    met = np.array([values for _, values in modes])
+    met = np.concatenate([assemblies(solver, np.array([q])).values for q in probed])
     hidden = [c.curve for c in found.curves if np.all(np.isnan(c.curve.find(met)))]
     spans = [np.degrees(np.sort(turning_inputs(c, solver.single, 0.0))) for c in hidden]
     spans = sorted(span.tolist() for span in spans)

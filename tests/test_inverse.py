@@ -91,7 +91,7 @@ def test_the_wrist_keeps_the_variables_of_the_mechanism(made):
     coordinates = azimuth_tilt(poses) if kinematics.wrist.points else euler_zyz(poses)
     found = 0
     for pose, q in zip(poses, coordinates, strict=True):
-        for _, values in assemblies(kinematics.solver, q).modes:
+        for values in assemblies(kinematics.solver, q).values:
             gap, rotations = own_pose(kinematics, values[None])
             assert gap < 1e-13
             direction = kinematics.wrist.output.direction

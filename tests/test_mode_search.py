@@ -25,8 +25,7 @@ def lacking(made, solver, q, starts, random):
     """Return the modes that an independent search finds, and how many assemblies lack."""
     structure = Structure.of(made)
     ((modes, _),) = structure.modes(np.array([q]), starts, random)
-    values = np.array([values for _, values in assemblies(solver, np.array([q])).modes])
-    values = values.reshape(-1, len(made.variable_owners))
+    values = assemblies(solver, np.array([q])).values
     seen = structure.seen(made.links, solver.closure.at(values).placed)
     away = np.max(np.abs(modes[:, None] - seen[None]), axis=(2, 3, 4), initial=0.0)
     return len(modes), int(np.sum(np.min(away, axis=1, initial=np.inf) > 1e-5))
@@ -47,7 +46,7 @@ def test_the_reference_pose_is_found_whatever_the_starts(seed, monkeypatch):
     monkeypatch.setattr("spherekit.motion.search.SearchStatistics.goes_on", False)
     made = ten_bar(seed)
     solver = solver_of(made)
-    found = [values for _, values in assemblies(solver, np.zeros(1)).modes]
+    found = assemblies(solver, np.zeros(1)).values
     assert min(np.max(np.abs(values)) for values in found) < 1e-9
 
 

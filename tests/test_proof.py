@@ -58,9 +58,9 @@ def test_all_complex_modes_are_proven_and_the_real_ones_are_those_found(
     mechanism = modes.written.mechanism
     solver = Solver(mechanism, plan_assembly(mechanism))
     found = assemblies(solver, np.radians([float(value) for value in inputs]))
-    assert len(found.modes) == len(modes.real)
+    assert len(found.values) == len(modes.real)
     balls = modes.angles()
-    for _, values in found.modes:
+    for values in found.values:
         near = [
             all(
                 abs(np.remainder(middle(ball) - value + np.pi, 2 * np.pi) - np.pi) < 1e-9

@@ -84,7 +84,7 @@ def check_counts(tracer, found, analysis, points):
     for q in inputs[:INPUTS]:
         modes = assemblies(tracer.solver, np.array([q]))
         assert all(each is None or each.is_complete for each in modes.methods)
-        counts.append(len(modes.modes))
+        counts.append(len(modes.values))
     counts += found.counts.tolist()
     for q, count in zip(inputs, counts, strict=True):
         between = np.mod(places - inputs[0], 2.0 * np.pi) < np.mod(

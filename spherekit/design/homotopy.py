@@ -338,7 +338,7 @@ def _seeds(
     configurations, roots = [], 0
     for q in values[list(solver.driven)].T:
         here = assemblies(solver, q)
-        configurations += [closed for _, closed in here.modes]
+        configurations += [*here.values]
         counts = [method.roots if method else 0 for method in here.methods]
         roots = max(roots, int(np.prod(counts)))
     return np.array(configurations).reshape(-1, kernel.variables).T, roots

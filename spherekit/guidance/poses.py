@@ -178,14 +178,13 @@ class PoseFinder:
                 )
 
     def _assembled(self, inputs: Floats) -> PoseCandidates:
-        modes = assemblies(self.solver, inputs).modes
-        if not modes:
+        here = assemblies(self.solver, inputs)
+        if not here.signs:
             raise SolveError(
                 f"{self.mechanism.name} cannot be assembled at {self._shown(inputs)}"
                 f"{self._offer(AtInputs(inputs))}"
             )
-        labels = [label_of(signs) for signs, _ in modes]
-        return self._of_values(np.stack([values for _, values in modes]), labels)
+        return self._of_values(here.values, [*map(label_of, here.signs)])
 
     def _of_values(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
         placed = self.solver.closure.at(values).placed

@@ -239,6 +239,15 @@ class Solver:
             placed.values[:, list(self.meshes.variables)] = self.meshes.rolled(q)
         return place_group(state, group, placed.values[:, group_variables(state, group)])
 
+    def moved(self, values: Floats, q: Floats) -> Floats:
+        """Return configurations (n, variables) at inputs (n, k) whole periods away."""
+        at = values.copy()
+        at[:, list(self.driven)] = q
+        if self.meshes is not None:
+            grown = q - values[:, list(self.driven)]
+            at[:, list(self.meshes.variables)] += grown @ self.meshes.ratios.T
+        return at
+
     def start(self, q: Floats) -> State:
         """Return the state in which only the inputs have values q (n, inputs)."""
         return State.start(self.mechanism, self.joints, self.assembly, q)
@@ -380,19 +389,11 @@ class Unwrapping:
         sought = [v for v in self._angles if v not in settled]
         if not set(sought) & set(wanted) or not len(values):
             return turns
-        at = self._at(values, q)
+        at = self.solver.moved(values, q)
         alone = len(self._driven) == 1
         passive = self._by_pieces(mode, at) if alone else self._in_order(at, last)
         turns[:, sought] = passive[:, [self._angles.index(v) for v in sought]]
         return turns
-
-    def _at(self, values: Floats, q: Floats) -> Floats:
-        """Return configurations (n, variables) moved to inputs whole periods away."""
-        at = values.copy()
-        at[:, self._driven] = q
-        if (meshes := self.solver.meshes) is not None:
-            at[:, list(meshes.variables)] += (q - values[:, self._driven]) @ meshes.ratios.T
-        return at
 
     def _by_pieces(self, mode: int, at: Floats) -> Floats:
         (driven,) = self._driven
@@ -418,7 +419,7 @@ class Unwrapping:
         ends = [anchor, float(np.min(places)), float(np.max(places))]
         if returns:
             moved = float(into_range(values[driven], anchor, anchor + period, period))
-            values = self._at(values[None], np.array([[moved]]))[0]
+            values = self.solver.moved(values[None], np.array([[moved]]))[0]
             ends = [moved - period, moved + period]
         curve = follow(self._closure, driven, values, min(ends), max(ends))
         low, high = curve.inputs[[0, -1]]
@@ -463,7 +464,7 @@ class Unwrapping:
         """
         angles, anchor = self._angles, self.anchor
         far = whole_laps(at[:, self._driven] - anchor, self.solver.periods)
-        near = self._at(at, at[:, self._driven] - far)
+        near = self.solver.moved(at, at[:, self._driven] - far)
         goal = np.broadcast_to(anchor, far.shape)
         there, status = walk(self._closure, self._driven, near, goal)
         led = status == Status.OK

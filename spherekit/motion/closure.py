@@ -173,7 +173,7 @@ class Locked:
 
 
 def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
-    """Return a closure of constant pair frames with R pairs or rolling contacts locked.
+    """Return a closure of links with R pairs or rolling contacts locked.
 
     `held` has the value (rad) of each locked pair's variable, by the variable's number.
     Where locked pairs close a loop of their own, the last of them is taken to fit.
@@ -194,8 +194,6 @@ def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
     kept = tuple(v for v, owner in enumerate(tree.owners) if owner not in locked)
     sides = np.array([tree.ends[pair] for pair in pairs], dtype=np.intp).reshape(-1, 2).T
     leads = lift[sides]
-    if closure.leads is not None:
-        leads = leads @ np.stack([side[0][pairs] for side in closure.leads])
     ends = tuple((bodies.index(body[a]), bodies.index(body[b])) for a, b in sides.T)
     owners = tuple(pairs.index(tree.owners[variable]) for variable in kept)
     joints = tuple(closure.joints[pair] for pair in pairs)

@@ -314,13 +314,13 @@ class _CurveSearch:
     def sweep(self, drive: Solver, dead: InputTurningPoints) -> Completeness:
         """Follow the curves of all modes of `drive` between its dead inputs."""
         for q in dead.probes(STEP):
-            values, complete = _modes(drive, float(q))
-            if not complete:
+            here = assemblies(drive, np.array([q]))
+            if not here.is_complete:
                 words = "no elimination finds all modes at an input"
                 return Completeness(Guarantee.SAMPLED, words)
             if drive is self.solver:
-                self.counted.append((float(q), len(values)))
-            self.add(values)
+                self.counted.append((float(q), len(here.values)))
+            self.add(here.values)
         return dead.claim(STEP)
 
     def search(self) -> Completeness:
@@ -354,9 +354,9 @@ class _CurveSearch:
         if complete:
             parts = (np.arange(CHECKED) + 0.5) / CHECKED
             for q in self.low + parts * (self.high - self.low):
-                values, all_there = _modes(self.solver, float(q))
-                if all_there:
-                    self.counted.append((float(q), len(values)))
+                here = assemblies(self.solver, np.array([q]))
+                if here.is_complete:
+                    self.counted.append((float(q), len(here.values)))
         ends = np.array([end for part in segments for end in (*part.lowest, *part.highest)])
         crossed = np.array([end[self.solver.single] for end in _crossing_ends(self.curves)])
         for q, modes in self.counted:
@@ -381,14 +381,6 @@ class _CurveSearch:
                         f"{name} = {np.degrees(q):.6g} deg: a curve turns back, but no "
                         "modes meet"
                     )
-
-
-def _modes(solver: Solver, q: float) -> tuple[Floats, bool]:
-    """Return the variables (n, variables) of all modes at an input, and whether all."""
-    modes = assemblies(solver, np.array([q]))
-    count = len(solver.mechanism.variable_owners)
-    values = np.array([values for _, values in modes.modes]).reshape(-1, count)
-    return values, all(m is None or m.is_complete for m in modes.methods)
 
 
 def _crossing_ends(curves: Iterable[ArcCurve]) -> Iterator[Floats]:

@@ -394,14 +394,20 @@ FLAT = 1e-5
 
 @dataclass(frozen=True)
 class Assemblies:
-    """The modes at one choice of the inputs.
+    """The k modes at one choice of the inputs.
 
-    `modes` are dyad signs and variables of each, `methods[g]` says how the modes of
-    group g were found: the least complete way, None if none of the groups before closes.
+    `signs` are those of dyads, `values` (k, variables) rad; `methods[g]` says how the modes
+    of group g were found: the least complete way, None if none of the groups before closes.
     """
 
-    modes: tuple[tuple[tuple[int, ...], Floats], ...]
+    signs: tuple[tuple[int, ...], ...]
+    values: Floats
     methods: tuple[Method | None, ...]
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether no real mode can be missing."""
+        return all(method is None or method.is_complete for method in self.methods)
 
 
 def assemblies(solver: Solver, q: Floats) -> Assemblies:
@@ -413,11 +419,12 @@ def assemblies(solver: Solver, q: Floats) -> Assemblies:
     )
     if searched and solver.meshes is not None and solver.meshes.all_known:
         there = solver.meshes.modes(solver.closure, solver.driven, q)
-        modes = tuple((signs_at(solver, values), values) for values in there)
-        return Assemblies(modes, (Method(0),) * len(methods))
+        signs = tuple(signs_at(solver, values) for values in there)
+        return Assemblies(signs, there, (Method(0),) * len(methods))
     every = chains(solver, q[None], 4 * MOST_ASSEMBLY_MODES, methods)
-    modes = tuple((signs, state.values[0].copy()) for signs, state in every)
-    return Assemblies(modes, tuple(methods))
+    values = np.array([state.values[0] for _, state in every])
+    values = values.reshape(-1, len(solver.mechanism.variable_owners))
+    return Assemblies(tuple(signs for signs, _ in every), values, tuple(methods))
 
 
 def chains(

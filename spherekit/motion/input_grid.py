@@ -55,8 +55,13 @@ class InputGrid:
 
     def thinned(self, most: int) -> "InputGrid":
         """Return at most about `most` evenly chosen samples, as a path."""
-        rows = np.unique(np.linspace(0, len(self) - 1, min(most, len(self))).astype(int))
+        rows = spread_rows(len(self), most)
         return InputGrid(self.q[rows], (len(rows),))
+
+
+def spread_rows(count: int, most: int) -> Indices:
+    """Return at most so many of the numbers below a count, spread evenly."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
 
 
 def sampled(

@@ -59,8 +59,8 @@ class GearPhases:
         """Return the lengths (n, m), rad, at inputs q (n, k)."""
         return self.lengths + (q - self.anchor) @ self.ratios.T
 
-    def modes(self, closure: Closure, driven: Sequence[int], q: Floats) -> list[Floats]:
-        """Return the closed configurations (variables,) found at inputs q (k,)."""
+    def modes(self, closure: Closure, driven: Sequence[int], q: Floats) -> Floats:
+        """Return the closed configurations (n, variables) found at inputs q (k,)."""
         far, q = q, q - whole_laps(q - self.anchor, self.periods)
         held = dict(
             zip([*driven, *self.variables], [*q, *self.rolled(q[None])[0]], strict=True)
@@ -73,18 +73,9 @@ class GearPhases:
             values = np.array(distinct.values).reshape(-1, len(locked.kept))
         whole = locked.whole(values)
         closed = whole[closure.at(whole).gap < CLOSURE_TOLERANCE]
-        return [self.moved(configuration, driven, far) for configuration in closed]
-
-    def moved(self, values: Floats, driven: Sequence[int], q: Floats) -> Floats:
-        """Return the same configuration (variables,) at inputs nearest to q (k,).
-
-        The inputs grow by whole periods.
-        """
-        values, held = values.copy(), list(driven)
-        grown = whole_laps(q - values[held], self.periods)
-        values[held] += grown
-        values[list(self.variables)] += self.ratios @ grown
-        return values
+        closed[:, list(driven)] = far
+        closed[:, list(self.variables)] += self.ratios @ (far - q)
+        return closed
 
 
 def meshes_of(

@@ -36,10 +36,11 @@ from spherekit.motion.elimination import (
 )
 from spherekit.motion.groups import State, place_dyad
 from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow_each, sheets_through
-from spherekit.motion.input_grid import InputGrid
+from spherekit.motion.input_grid import InputGrid, spread_rows
 from spherekit.motion.input_turning_points import input_turning_points
 from spherekit.motion.search import SAME_MODE, STARTS, SearchStatistics
 from spherekit.motion.steps import determinant_sign
+from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import graph_mobility, inputs_to_declare
 from spherekit.progress import ProgressReporter
@@ -157,8 +158,8 @@ class ModeSearch:
         """
         if any(group.redundant for group in self.groups):
             closed = state.values[~state.lost]
-            rows = np.linspace(0, len(closed) - 1, min(len(closed), RANKED)).astype(np.intp)
-            freedoms = min(self.solver.freedoms(values) for values in closed[rows])
+            some = closed[spread_rows(len(closed), RANKED)]
+            freedoms = min(map(self.solver.freedoms, some))
             if freedoms != len(self.solver.driven):
                 raise self._other_rank(freedoms)
 
@@ -209,19 +210,15 @@ class ModeSearch:
         solver, q = self.solver, self.input_grid.q
         if (reference := solver.geometry.reference) is None:
             return
-        driven, meshes = list(solver.driven), solver.meshes
-        values = reference.copy()
-        middle = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0))
-        outside = np.abs(reference[driven] - middle) > 0.5 * np.ptp(q, axis=0)
-        if np.any(outside) and meshes is not None:
-            values = meshes.moved(reference, driven, middle)
-        elif np.any(outside):
-            turns = np.round((middle - reference[driven]) / (2 * np.pi))
-            values[driven] += np.where(outside, 2 * np.pi * turns, 0.0)
-        self._add(*self._guided(values[None])[0])
-        if not self.assembly_modes and len(driven) == 1 and meshes is not None:
-            self._add_along(values)
-        if self._freedoms and self._freedoms[0] < len(driven):
+        held = reference[list(solver.driven)]
+        away = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0)) - held
+        outside = np.abs(away) > 0.5 * np.ptp(q, axis=0)
+        far = np.where(outside, whole_laps(away, solver.periods), 0.0)
+        values = solver.moved(reference[None], held + far)
+        self._add(*self._guided(values)[0])
+        if not self.assembly_modes and len(held) == 1 and solver.meshes is not None:
+            self._add_along(values[0])
+        if self._freedoms and self._freedoms[0] < len(held):
             # Where the pose given cannot move, a search of other modes takes long and is
             # not what was asked.
             raise self._other_rank(self._freedoms[0])
@@ -368,9 +365,8 @@ class ModeSearch:
             here = assemblies(self.solver, q)
             self.probes += 1
             self.methods = list(map(least_complete, self.methods, here.methods))
-            if here.modes:
-                values = np.array([values for _, values in here.modes])
-                self._add_new(values, np.repeat(self.input_grid.nearest(q, 1), len(values)))
+            rows = np.repeat(self.input_grid.nearest(q, 1), len(here.values))
+            self._add_new(here.values, rows)
 
     def _add_new(
         self, values: Floats, rows: Indices, family: int | None = None, ahead: int = AHEAD

@@ -26,7 +26,7 @@ from spherekit.model.study import TimeLaw
 from spherekit.motion.assembly_modes import AssemblyMode, Solver, assembled, named
 from spherekit.motion.configuration import Configurations, configuration_curves
 from spherekit.motion.guides import ModeOverGrid
-from spherekit.motion.input_grid import given_path, sampled
+from spherekit.motion.input_grid import given_path, sampled, spread_rows
 from spherekit.motion.loops import Linearisation, LoopTree, condition, left_inverse
 from spherekit.motion.modes import ModeSearch
 from spherekit.numeric.zeros import ArrayRows
@@ -387,7 +387,10 @@ class PositionAnalysis:
             self.assembly_modes = self._assembled(search)
         except CountError as counted:
             self.by_rank = True
-            self.assembly_modes = self._assembled_against(counted, search)
+            try:
+                self.assembly_modes = self._assembled(search)
+            except SpherekitError:
+                raise counted from None
         self.assembly_modes, self.unnamed = named(self.solver, self.assembly_modes)
         if assembly_mode is not None:
             self.assembly_modes = (self.assembly_modes[self.place_of(assembly_mode)],)
@@ -418,15 +421,6 @@ class PositionAnalysis:
         there = ModeSearch(self.solver, self.input_grid, search)
         self.methods, self.claim, self._probes = there.methods, there.claim, there.probes
         return tuple(there.assembly_modes)
-
-    def _assembled_against(
-        self, counted: CountError, search: bool
-    ) -> tuple[AssemblyMode, ...]:
-        """Return the assembly modes of a mechanism that by counting does not move."""
-        try:
-            return self._assembled(search)
-        except SpherekitError:
-            raise counted from None
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -503,9 +497,7 @@ class PositionAnalysis:
 
     def sparse(self, most: int) -> Motion:
         """Return the motion at about `most` of the samples, spread evenly."""
-        count = len(self.input_grid)
-        rows = np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
-        return self.samples(rows)
+        return self.samples(spread_rows(len(self.input_grid), most))
 
     def samples(self, rows: Indices) -> Motion:
         """Return the motion at some of the samples, by their numbers."""

@@ -155,8 +155,8 @@ def solved(
         if not all_finite(q):
             continue
         here = assemblies(solver, q)
-        complete[number] = all(m is None or m.is_complete for m in here.methods)
-        for mode, closed in here.modes:
+        complete[number] = here.is_complete
+        for mode, closed in zip(here.signs, here.values, strict=True):
             configuration = (
                 closed if released is None else as_assembled(solver, released, closed)
             )

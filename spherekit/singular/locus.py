@@ -367,9 +367,8 @@ def configurations(solver: Solver, q: Floats) -> tuple[Floats, Indices]:
             rows.append(closed)
     else:
         for row, wanted in enumerate(q):
-            modes = assemblies(solver, wanted).modes
-            parts += [values[None] for _, values in modes]
-            rows.append(np.full(len(modes), row))
+            parts.append(assemblies(solver, wanted).values)
+            rows.append(np.full(len(parts[-1]), row))
     return np.concatenate(parts), np.concatenate(rows)
 
 

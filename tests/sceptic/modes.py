@@ -102,11 +102,9 @@ def run_and_forward(evidence, notes):
     for sample in asked_inputs(evidence, 3):
         q, values = at_sample(evidence, sample)
         here = assemblies(tracer.solver, q)
-        complete = all(m is None or m.is_complete for m in here.methods)
-        claim = Completeness(
-            Guarantee.COMPLETE if complete else Guarantee.SAMPLED, "forward kinematics"
-        )
-        alone = placed(tracer, np.array([found for _, found in here.modes]))
+        held = Guarantee.COMPLETE if here.is_complete else Guarantee.SAMPLED
+        claim = Completeness(held, "forward kinematics")
+        alone = placed(tracer, here.values)
         run = "a run", placed(tracer, values), tracer.claim
         compare(notes, place_of(q), ("forward kinematics", alone, claim), run)
 

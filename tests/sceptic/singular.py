@@ -82,8 +82,7 @@ def _at_inputs(evidence, points, notes):
     for place in places[chosen]:
         worst = 0.0
         for direction in np.concatenate([np.eye(len(names)), -np.eye(len(names))]):
-            here = assemblies(tracer.solver, place + NEAR * direction)
-            values = np.array([found for _, found in here.modes])
+            values = assemblies(tracer.solver, place + NEAR * direction).values
             if len(values):
                 worst = max(worst, float(np.nanmax(tracer.given(values).conditioning)))
         notes.contradiction(
