@@ -106,7 +106,7 @@ def ratio(times: Times, name: str, unit: str) -> float:
 
 def own_mechanisms() -> tuple[str, ...]:
     """Return the names of the mechanisms that spherekit itself ships, in order."""
-    packs = [pack for pack in shipped() if pack.package == "spherekit_mechanisms"]
+    packs = [pack for pack in shipped() if pack.name == "spherekit"]
     return tuple(sorted(name for pack in packs for name in pack.files))
 
 

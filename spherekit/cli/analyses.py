@@ -1,7 +1,7 @@
 """`spherekit analyses`: what is installed, broken plugins with their reason."""
 
-import argparse
 import json
+from argparse import Namespace
 from dataclasses import MISSING
 
 PAGE = """
@@ -18,7 +18,7 @@ examples:
 """
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """List the analyses, or describe one."""
     if options.analysis:
         return _describe(options)
@@ -50,7 +50,7 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _describe(options: argparse.Namespace) -> int:
+def _describe(options: Namespace) -> int:
     from spherekit.analysis.arguments import parameters
     from spherekit.analysis.registry import load
 

@@ -1,9 +1,9 @@
 """`spherekit certify`: prove modes, curves and singularities, and write a certificate."""
 
-import argparse
 import json
 import math
 import sys
+from argparse import Namespace
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -58,7 +58,7 @@ LARGEST = 100000
 """Largest input read."""
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Prove what can be proven; 3 if that is not all."""
     from spherekit.errors import AnalysisError
     from spherekit.files.atomic import check_file, write_text
@@ -258,7 +258,7 @@ def _clear_line(written: Any, located: Any, text: str) -> str:
 MOST_INPUTS = 2
 
 
-def _map(written: Any, options: argparse.Namespace) -> Made:
+def _map(written: Any, options: Namespace) -> Made:
     """Return lines and certificate of boxes of two inputs, and draw them if asked."""
     from spherekit.errors import AnalysisError
     from spherekit.proof.certificate import map_certificate

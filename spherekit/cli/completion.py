@@ -1,6 +1,6 @@
 """`spherekit completion`: what makes a shell complete the words of spherekit."""
 
-import argparse
+from argparse import Namespace
 
 PAGE = """
 SHELL {bash,zsh,fish}
@@ -16,7 +16,7 @@ examples:
 """
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Print the shell's code."""
     from argcomplete.shell_integration import shellcode
 

@@ -1,7 +1,7 @@
 """`spherekit explain`: what will be planned, evaluated and logged."""
 
-import argparse
 import json
+from argparse import Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +34,7 @@ examples:
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Print the closure of what the analyses need."""
     from spherekit.analysis.registry import create
     from spherekit.analysis.running.summary import needed_part

@@ -1,6 +1,6 @@
 """`spherekit export`: a mechanism for other programs."""
 
-import argparse
+from argparse import Namespace
 
 from spherekit.cli.main import note
 from spherekit.cli.study import INPUT, LOCK, with_locks
@@ -43,7 +43,7 @@ examples:
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Write the file and say what it holds."""
     from spherekit.files.read import angle_unit_of, load
     from spherekit.files.units import to_radians

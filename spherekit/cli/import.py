@@ -1,6 +1,6 @@
 """`spherekit import`: a mechanism file from a MuJoCo model or a URDF."""
 
-import argparse
+from argparse import Namespace
 from pathlib import Path
 
 from spherekit.cli.main import note
@@ -21,7 +21,7 @@ examples:
 """
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Write the file and say what it holds."""
     from spherekit.conventions import counted, listing
     from spherekit.errors import OutputError

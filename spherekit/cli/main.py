@@ -4,10 +4,10 @@ stdout carries data, stderr talk. Exit status: 0 fine, 1 bad input, 2 usage, 3 s
 samples failed under --strict, 4 an analysis failed, 128 and more stopped by a signal.
 """
 
-import argparse
 import errno
 import os
 import sys
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 
 from spherekit.cli.stopping import signal_of, stoppable
@@ -121,7 +121,7 @@ def _trace_plugins() -> None:
     log.addHandler(logging.StreamHandler())
 
 
-def note(options: argparse.Namespace, *texts: str) -> None:
+def note(options: Namespace, *texts: str) -> None:
     """Print texts that are not empty to stderr, unless errors alone are wanted."""
     for text in texts:
         if text and not options.quiet:

@@ -1,8 +1,8 @@
 """`spherekit mechanisms`: what can be named instead of a path."""
 
-import argparse
 import json
 import sys
+from argparse import Namespace
 
 PAGE = """
 --json
@@ -16,7 +16,7 @@ examples:
 """
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """List the shipped mechanisms, one a line."""
     from spherekit.errors import SpherekitError
     from spherekit.files.library import shipped

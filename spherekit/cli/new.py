@@ -1,7 +1,7 @@
 """`spherekit new`: files to start from, a mechanism or a distribution with an analysis."""
 
-import argparse
 import re
+from argparse import Namespace
 from pathlib import Path
 
 from spherekit.cli.main import note
@@ -36,7 +36,7 @@ SUFFIX, MADE = ".toml", ".in"
 _NAME = re.compile(r"^\s*name\s*=.*$", re.M)
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Write the file or the folder, and say what to do next."""
     from spherekit.errors import OutputError
     from spherekit.files.atomic import make_folder, write_text

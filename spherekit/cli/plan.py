@@ -1,7 +1,7 @@
 """`spherekit plan`: the Table of the lecture and the steps behind it."""
 
-import argparse
 import json
+from argparse import Namespace
 
 from spherekit.cli.study import LOCK, with_locks
 
@@ -32,7 +32,7 @@ examples:
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Print the plan, or one plan for each of several inputs."""
     from spherekit.errors import CountError
     from spherekit.files.read import load

@@ -1,10 +1,10 @@
 """`spherekit run`: analyses over the motion, tables to a folder, scenes to a viewer."""
 
-import argparse
 import json
 import shlex
 import sys
 import tempfile
+from argparse import Namespace
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
@@ -97,7 +97,7 @@ examples:
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Run, write, and print the summary."""
     from spherekit.analysis.study import chosen
     from spherekit.errors import SpherekitError
@@ -132,7 +132,7 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _executed(
-    study: "Study", analyses: "Sequence[AbstractAnalysis]", options: argparse.Namespace
+    study: "Study", analyses: "Sequence[AbstractAnalysis]", options: Namespace
 ) -> tuple["RunResult", int]:
     """Run, tell and draw; return the result, and how many proven bounds are exceeded."""
     from spherekit.analysis.run import run
@@ -184,7 +184,7 @@ def _exit_status(result: "RunResult", exceeded: int, strict: bool) -> int:
     return FAILED_SAMPLES if strict and failed else 0
 
 
-def _prove(options: argparse.Namespace, study: "Study", result: "RunResult") -> int:
+def _prove(options: Namespace, study: "Study", result: "RunResult") -> int:
     """Prove the poles of a run, write and tell; return how many bounds are exceeded."""
     from spherekit.analysis.proven_poles import prove_poles
     from spherekit.analysis.tables import Files
@@ -199,7 +199,7 @@ def _prove(options: argparse.Namespace, study: "Study", result: "RunResult") -> 
     return proven.exceeded
 
 
-def _tell(options: argparse.Namespace, study: "Study", result: "RunResult") -> None:
+def _tell(options: Namespace, study: "Study", result: "RunResult") -> None:
     """Print the summary to stdout, and what else there is to say to stderr."""
     from spherekit.analysis.faults import failed
     from spherekit.analysis.tables import COLUMNS
@@ -245,7 +245,7 @@ def _leave_no_empty(folder: Path | None) -> None:
             folder.rmdir()
 
 
-def _check_effect(study: "Study", options: argparse.Namespace) -> None:
+def _check_effect(study: "Study", options: Namespace) -> None:
     """Refuse flags that would do nothing without another one.
 
     Raises
@@ -274,13 +274,13 @@ def _check_effect(study: "Study", options: argparse.Namespace) -> None:
             raise AnalysisError(f"{flag} does nothing without {hint}")
 
 
-def _unfinished(options: argparse.Namespace) -> "Unfinished":
+def _unfinished(options: Namespace) -> "Unfinished":
     if options.resume:
         return "resume"
     return "discard" if options.restart else "refuse"
 
 
-def _add_hint(error: BaseException, study: "Study", options: argparse.Namespace) -> None:
+def _add_hint(error: BaseException, study: "Study", options: Namespace) -> None:
     """Add the command by which a stopped run goes on, if there is one."""
     from spherekit.analysis.folder import has_unfinished
 
@@ -292,7 +292,7 @@ def _add_hint(error: BaseException, study: "Study", options: argparse.Namespace)
 
 
 def _accuracy(
-    study: "Study", analyses: "Sequence[AbstractAnalysis]", options: argparse.Namespace
+    study: "Study", analyses: "Sequence[AbstractAnalysis]", options: Namespace
 ) -> dict[str, Any]:
     """Return the setting for a tolerance of tables, and what it reaches."""
     from spherekit.errors import AnalysisError
@@ -319,14 +319,14 @@ def _by_choice(study: "Study", chosen: dict[str, Any]) -> "Study":
     return study if tolerance is None else replace(study, tolerance=tolerance)
 
 
-def _engine(options: argparse.Namespace, chosen: dict[str, Any]) -> Any:
+def _engine(options: Namespace, chosen: dict[str, Any]) -> Any:
     """Return what solves a simulation: as chosen by a trade, or as said."""
     if chosen and chosen["setting"].tolerance is not None:
         return chosen["setting"].integrator
     return options.engine
 
 
-def _wanted(options: argparse.Namespace) -> "Study":
+def _wanted(options: Namespace) -> "Study":
     """Return the study in which the flags given explicitly replace what the file says."""
     more = {
         "folder": options.output,
@@ -342,13 +342,13 @@ def _wanted(options: argparse.Namespace) -> "Study":
     return study
 
 
-def _records(options: argparse.Namespace, study: "Study") -> bool:
+def _records(options: Namespace, study: "Study") -> bool:
     """Return whether a recording is made, for a file or for viewers."""
     wanted = (study.recording, options.serve, options.connect)
     return any(where is not None for where in wanted)
 
 
-def _recorder(options: argparse.Namespace, study: "Study") -> Any:
+def _recorder(options: Namespace, study: "Study") -> Any:
     if not _records(options, study):
         return nullcontext(None)
     from spherekit.view.rerun_view import RerunRecorder
@@ -361,7 +361,7 @@ def _recorder(options: argparse.Namespace, study: "Study") -> Any:
     )
 
 
-def _draw(collector: Any, folder: Path, options: argparse.Namespace) -> None:
+def _draw(collector: Any, folder: Path, options: Namespace) -> None:
     """Draw all figures of what a run has told into a folder of its folder."""
     from spherekit.figures.contents import figures_of
     from spherekit.figures.write import write_figures
@@ -371,7 +371,7 @@ def _draw(collector: Any, folder: Path, options: argparse.Namespace) -> None:
     note(options, f"{counted(len(paths), 'figure')} in {folder / 'figures'}")
 
 
-def _keep_serving(options: argparse.Namespace, recorder: Any) -> None:
+def _keep_serving(options: Namespace, recorder: Any) -> None:
     note(
         options,
         f"serving at {recorder.url}; open it with: rerun {recorder.url}",

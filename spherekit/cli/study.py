@@ -1,6 +1,6 @@
 """The study that the flags of `run`, `trade` and `explain` make of a file."""
 
-import argparse
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -85,7 +85,7 @@ def with_locks(
     return lock(mechanism, pairs, angle_unit=angle_unit_of_mechanism(file))
 
 
-def study_from(options: argparse.Namespace, more: Mapping[str, Any] = NONE) -> "Study":
+def study_from(options: Namespace, more: Mapping[str, Any] = NONE) -> "Study":
     """Return the study in which the flags given explicitly replace what the file says.
 
     `more` are other fields of it, those that are not None.

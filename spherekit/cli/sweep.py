@@ -1,8 +1,8 @@
 """`spherekit sweep`: figures of merit of many designs, and their tables."""
 
-import argparse
 import json
 import sys
+from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.main import note
@@ -63,7 +63,7 @@ REASONS = 5
 """Reasons that are printed of designs without figures, the most frequent first."""
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Compute, and print the first rows."""
     from dataclasses import replace
 

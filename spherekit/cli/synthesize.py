@@ -1,7 +1,7 @@
 """`spherekit synthesize`: sizes for a wanted function, from a file."""
 
-import argparse
 import sys
+from argparse import Namespace
 
 from spherekit.cli.main import note
 from spherekit.conventions import counted, with_units
@@ -29,7 +29,7 @@ SHOWN = 5
 """Designs that are printed."""
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Find sizes, and print the best designs."""
     import numpy as np
 

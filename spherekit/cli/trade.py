@@ -1,7 +1,7 @@
 """`spherekit trade`: the measured speed and accuracy of an analysis's settings."""
 
-import argparse
 import json
+from argparse import Namespace
 from importlib.util import find_spec
 from typing import Any
 
@@ -34,7 +34,7 @@ examples:
 )
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Measure, print, and write."""
     from spherekit.analysis.registry import create
     from spherekit.analysis.study import analyses_of
@@ -68,7 +68,7 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _check_places(options: argparse.Namespace) -> None:
+def _check_places(options: Namespace) -> None:
     """Refuse what cannot be written before minutes are spent on measuring it."""
     from pathlib import Path
 
@@ -85,7 +85,7 @@ def _check_places(options: argparse.Namespace) -> None:
         check_own(place / "trade.png", MARK.encode())
 
 
-def _write(result: Any, options: argparse.Namespace) -> None:
+def _write(result: Any, options: Namespace) -> None:
     from spherekit.files.atomic import MARK, make_folder, write_text
     from spherekit.tradeoff.record import as_csv
 
@@ -102,7 +102,7 @@ def _write(result: Any, options: argparse.Namespace) -> None:
     note(options, f"{files} in {folder}")
 
 
-def _record(result: Any, options: argparse.Namespace) -> None:
+def _record(result: Any, options: Namespace) -> None:
     from pathlib import Path
 
     import numpy as np

@@ -1,8 +1,8 @@
 """`spherekit validate`: read files, check freedoms, and assemble once."""
 
-import argparse
 import json
 import sys
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -32,7 +32,7 @@ COARSE = 37
 """Samples over which a mechanism with several inputs is assembled."""
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Check every file; 1 if any is bad, after all were looked at."""
     bad = 0
     for name in options.file:

@@ -1,9 +1,9 @@
 """`spherekit view`: a recording or a mechanism in the viewer, or as a picture."""
 
-import argparse
 import shutil
 import sys
 import tempfile
+from argparse import Namespace
 from pathlib import Path
 
 from spherekit.cli.main import note
@@ -39,7 +39,7 @@ examples:
 """
 
 
-def execute(options: argparse.Namespace) -> int:
+def execute(options: Namespace) -> int:
     """Open the viewer, or write the picture."""
     from spherekit.files.library import STUDY_SUFFIX
 
@@ -69,7 +69,7 @@ def is_mechanism(name: str) -> bool:
     return any(name in pack.files for pack in shipped()) and not path.exists()
 
 
-def _of_mechanism(options: argparse.Namespace) -> int:
+def _of_mechanism(options: Namespace) -> int:
     """Show a mechanism as its file has it, without a run."""
     from spherekit.files.read import load
     from spherekit.view.viewer import has_display, preview
@@ -93,7 +93,7 @@ def _of_mechanism(options: argparse.Namespace) -> int:
             shutil.rmtree(folder)
 
 
-def _of_recording(path: Path, options: argparse.Namespace) -> int:
+def _of_recording(path: Path, options: Namespace) -> int:
     if options.web:
         from spherekit.view.viewer import serve_web
 

@@ -26,12 +26,9 @@ class Pack:
     """An installed pack of mechanism files; a broken one has a fault and no files."""
 
     name: str
-    package: str
-    distribution: str
-    version: str
     files: Mapping[str, Path] = field(default_factory=dict)
-    fault: str = ""
     studies: Mapping[str, Path] = field(default_factory=dict)
+    fault: str = ""
 
     def path(self, name: str) -> Path | None:
         """Return the file with a name, a mechanism before a study."""
@@ -120,11 +117,8 @@ def _is_name(word: str) -> bool:
 
 
 def _pack(entry: EntryPoint) -> Pack:
-    distribution = entry.dist.name if entry.dist else "unknown"
-    version = entry.dist.version if entry.dist else ""
-
     def broken(fault: str) -> Pack:
-        return Pack(entry.name, entry.value, distribution, version, fault=fault)
+        return Pack(entry.name, fault=fault)
 
     try:
         spec = find_spec(entry.value)
@@ -148,7 +142,7 @@ def _pack(entry: EntryPoint) -> Pack:
             (studies if is_study(path) else files).setdefault(name, path)
     if not files:
         return broken(f"{entry.value} holds no {_SUFFIX} files")
-    return Pack(entry.name, entry.value, distribution, version, files, studies=studies)
+    return Pack(entry.name, files, studies)
 
 
 def _not_found(path: Path, packs: tuple[Pack, ...]) -> str:
