@@ -135,21 +135,19 @@ def _at(written: Any, text: str, with_poles: bool) -> Made:
     certificate = modes_certificate(modes)
     if with_poles:
         certificate["poles"] = pole_table(modes, certified_poles(modes))
-        lines += [_pole_line(row) for row in certificate["poles"]]
+        lines += map(_pole_line, certificate["poles"])
     return lines, certificate, modes.complete
 
 
 def _pole_line(row: dict[str, Any]) -> str:
     """Return one line for a pole."""
-    coefficient = (
-        f"{row['velocity_coefficient']:.12g} to {row['velocity_coefficient_off']:.0e}"
-    )
-    name = f"{row['link']}/{row['relative_to']}"
-    start = f"  mode {row['mode']}, {row['moving']} moving, {name}: "
-    if row["direction"] is None:
-        return f"{start}may rest, coefficient {coefficient}"
-    axis = ", ".join(f"{entry:.12f}" for entry in row["direction"])
-    return f"{start}axis {axis} to {row['direction_off']:.0e}, coefficient {coefficient}"
+    where = "may rest"
+    if row["direction"] is not None:
+        axis = ", ".join(f"{entry:.12f}" for entry in row["direction"])
+        where = f"axis {axis} to {row['direction_off']:.0e}"
+    line = "  mode {mode}, {moving} moving, {link}/{relative_to}: {where}, coefficient "
+    line += "{velocity_coefficient:.12g} to {velocity_coefficient_off:.0e}"
+    return line.format(where=where, **row)
 
 
 def _decimal(option: str, text: str) -> str:
@@ -177,14 +175,14 @@ def _mode_lines(modes: Any) -> list[str]:
 
     from spherekit.proof.balls import middle, upper
 
-    names = modes.written.structure.pairs
     lines = []
     for number, angles in enumerate(modes.angles()):
         degrees = np.degrees([middle(angle) for angle in angles])
         wrapped = 180.0 - np.remainder(180.0 - degrees, 360.0)
-        shown = (f"{name} {angle:.9f}" for name, angle in zip(names, wrapped, strict=True))
+        named = zip(modes.written.structure.pairs, wrapped, strict=True)
+        shown = ", ".join(f"{name} {angle:.9f}" for name, angle in named)
         off = max(np.degrees(upper(angle - angle.mid())) for angle in angles)
-        lines.append(f"  mode {number}, deg: {', '.join(shown)}; each to {off:.0e}")
+        lines.append(f"  mode {number}, deg: {shown}; each to {off:.0e}")
     for centre, half in modes.clusters:
         place = ", ".join(f"{angle:.6f}" for angle in np.degrees(centre))
         width = np.degrees(2.0 * np.max(half))
@@ -217,8 +215,11 @@ def _wheels(written: Any) -> Made:
 
 def _over(written: Any, given: list[str] | None, clear_of: str | None) -> Made:
     """Return lines and certificate of the curves over the range of the only input."""
+    import numpy as np
+
     from spherekit.errors import AnalysisError
     from spherekit.guarantee import Guarantee
+    from spherekit.proof.balls import bits, middle
     from spherekit.proof.certificate import (
         curves_certificate,
         output_pairs,
@@ -238,21 +239,15 @@ def _over(written: Any, given: list[str] | None, clear_of: str | None) -> Made:
     located = singularities(curves)
     lines = [f"{mechanism.name}: {curves.claim}", *_curve_lines(curves, located)]
     if clear_of is not None:
-        lines.append(_clear_line(written, located, clear_of))
+        with bits(80):
+            q = middle(written.input_angle(_decimal("--clear-of", clear_of)))
+        free = f"{np.degrees(located.clearance(q)):.9f}"
+        lines.append(
+            f"  within {free} deg of {clear_of} there is no singularity, in any mode"
+        )
     certificate = {**curves_certificate(curves), "singularities": singular_table(located)}
     complete = curves.claim.guarantee is Guarantee.CERTIFIED and not located.undecided
     return lines, certificate, complete
-
-
-def _clear_line(written: Any, located: Any, text: str) -> str:
-    import numpy as np
-
-    from spherekit.proof.balls import bits, middle
-
-    with bits(80):
-        q = middle(written.input_angle(_decimal("--clear-of", text)))
-    free = np.degrees(located.clearance(q))
-    return f"  within {free:.9f} deg of {text} there is no singularity, in any mode"
 
 
 MOST_INPUTS = 2
@@ -293,16 +288,14 @@ def _draw(boxes: Any, names: list[str], path: str) -> None:
     from spherekit.figures import certified_map
     from spherekit.proof.paving import CONTAINS, REGULAR, UNDECIDED
 
-    centres, half = np.degrees(boxes.centres), np.degrees(boxes.radii)
-    counts = sorted(boxes.counts)
-    regular = boxes.kind == REGULAR
+    counts, kind = sorted(boxes.counts), boxes.kind
+    of = {str(n): (kind == REGULAR) & (boxes.modes == n) for n in counts}
+    of[certified_map.CONTAINS] = kind == CONTAINS
+    of[certified_map.UNDECIDED] = kind == UNDECIDED
     areas = {
-        str(n): (centres[regular & (boxes.modes == n)], half[regular & (boxes.modes == n)])
-        for n in counts
+        word: (np.degrees(boxes.centres[here]), np.degrees(boxes.radii[here]))
+        for word, here in of.items()
     }
-    words = {CONTAINS: certified_map.CONTAINS, UNDECIDED: certified_map.UNDECIDED}
-    for kind, word in words.items():
-        areas[word] = centres[boxes.kind == kind], half[boxes.kind == kind]
     certified_map.draw_certified_map(areas, counts, names).savefig(path)
 
 

@@ -19,7 +19,6 @@ from spherekit.conventions import counted
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
-    from spherekit.analysis.folder import Unfinished
     from spherekit.analysis.result import RunResult
     from spherekit.analysis.tables import Format
     from spherekit.model.study import Study
@@ -119,7 +118,9 @@ def execute(options: Namespace) -> int:
     try:
         result, exceeded = _executed(study, analyses, options)
     except (SpherekitError, KeyboardInterrupt) as stop:
-        _leave_no_empty(study.folder if made else None)
+        if made and study.folder is not None:
+            with suppress(OSError):  # there is something in it
+                study.folder.rmdir()
         _add_hint(stop, study, options)
         raise
     if study.recording is not None:
@@ -140,29 +141,44 @@ def _executed(
 
     with _recorder(options, study) as recorder:
         collector = None if options.figures is None else Collector()
-        setting = _accuracy(study, analyses, options)
+        both = (
+            Both(collector, recorder) if collector and recorder else collector or recorder
+        )
+        chosen, engine = _accuracy(study, analyses, options), options.engine
+        if chosen and chosen["setting"].tolerance is not None:  # of a simulation
+            study = replace(study, tolerance=chosen["setting"].tolerance)
+            engine = chosen["setting"].integrator
         result = run(
-            _by_choice(study, setting),
+            study,
             analyses,
             folder=study.folder,
-            unfinished=_unfinished(options),
+            unfinished="resume"
+            if options.resume
+            else "discard"
+            if options.restart
+            else "refuse",
             formats=FORMATS.get(options.format),
-            engine=_engine(options, setting),
+            engine=engine,
             only_needed=options.only_needed,
             tables=options.prove,
-            recorder=Both(collector, recorder)
-            if collector and recorder
-            else collector or recorder,
+            recorder=both,
             log_every=options.log_every,
             progress=progress(options.quiet),
-            **setting,
+            **chosen,
         )
         if collector is not None and study.folder is not None:
-            _draw(collector, study.folder, options)
+            from spherekit.figures.contents import figures_of
+            from spherekit.figures.write import write_figures
+
+            figures = figures_of(collector.scenes(), collector.titles)
+            paths = write_figures(figures, study.folder / "figures", options.figures)
+            note(options, f"{counted(len(paths), 'figure')} in {study.folder / 'figures'}")
         _tell(options, study, result)
         exceeded = _prove(options, study, result) if options.prove else 0
         if options.serve is not None:
-            _keep_serving(options, recorder)
+            served = f"serving at {recorder.url}; open it with: rerun {recorder.url}"
+            note(options, served, "stop with Ctrl-C")
+            recorder.serve_until_interrupted()
     return result, exceeded
 
 
@@ -238,13 +254,6 @@ def _tell(options: Namespace, study: "Study", result: "RunResult") -> None:
         )
 
 
-def _leave_no_empty(folder: Path | None) -> None:
-    """Remove a folder that was made for a run that left nothing in it."""
-    if folder is not None:
-        with suppress(OSError):
-            folder.rmdir()
-
-
 def _check_effect(study: "Study", options: Namespace) -> None:
     """Refuse flags that would do nothing without another one.
 
@@ -272,12 +281,6 @@ def _check_effect(study: "Study", options: Namespace) -> None:
     for needed, given, flag, hint in without:
         if given and not needed:
             raise AnalysisError(f"{flag} does nothing without {hint}")
-
-
-def _unfinished(options: Namespace) -> "Unfinished":
-    if options.resume:
-        return "resume"
-    return "discard" if options.restart else "refuse"
 
 
 def _add_hint(error: BaseException, study: "Study", options: Namespace) -> None:
@@ -313,19 +316,6 @@ def _accuracy(
     return {"setting": setting, "accuracy": accuracy}
 
 
-def _by_choice(study: "Study", chosen: dict[str, Any]) -> "Study":
-    """Return a study with the step tolerance that was chosen, if one was."""
-    tolerance = chosen["setting"].tolerance if chosen else None
-    return study if tolerance is None else replace(study, tolerance=tolerance)
-
-
-def _engine(options: Namespace, chosen: dict[str, Any]) -> Any:
-    """Return what solves a simulation: as chosen by a trade, or as said."""
-    if chosen and chosen["setting"].tolerance is not None:
-        return chosen["setting"].integrator
-    return options.engine
-
-
 def _wanted(options: Namespace) -> "Study":
     """Return the study in which the flags given explicitly replace what the file says."""
     more = {
@@ -359,22 +349,3 @@ def _recorder(options: Namespace, study: "Study") -> Any:
         port=options.serve,
         url=options.connect,
     )
-
-
-def _draw(collector: Any, folder: Path, options: Namespace) -> None:
-    """Draw all figures of what a run has told into a folder of its folder."""
-    from spherekit.figures.contents import figures_of
-    from spherekit.figures.write import write_figures
-
-    figures = figures_of(collector.scenes(), collector.titles)
-    paths = write_figures(figures, folder / "figures", options.figures)
-    note(options, f"{counted(len(paths), 'figure')} in {folder / 'figures'}")
-
-
-def _keep_serving(options: Namespace, recorder: Any) -> None:
-    note(
-        options,
-        f"serving at {recorder.url}; open it with: rerun {recorder.url}",
-        "stop with Ctrl-C",
-    )
-    recorder.serve_until_interrupted()

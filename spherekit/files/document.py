@@ -102,14 +102,6 @@ def _entered(
     return path
 
 
-def line_of(lines: Mapping[KeyPath, int], path: KeyPath) -> int:
-    """Return the line of a key path, or that of the nearest table around it."""
-    for length in range(len(path), 0, -1):
-        if path[:length] in lines:
-            return lines[path[:length]]
-    return 1
-
-
 def _unquoted(key: str) -> str:
     if not key.startswith('"'):
         return key.strip("'")
@@ -175,7 +167,8 @@ class Document:
 
     def line(self, path: KeyPath) -> int:
         """Return the line of a key path, or that of the nearest table around it."""
-        return line_of(self.lines, path)
+        starts = (path[:length] for length in range(len(path), 0, -1))
+        return next((self.lines[start] for start in starts if start in self.lines), 1)
 
     def sentence(self, path: KeyPath, message: str) -> str:
         """Return ``file:line: key.path: message``."""

@@ -218,7 +218,7 @@ class Mechanism:
         >>> half = driven.with_inputs(ranges={"41": (0, 90)}, angle_unit="deg")
         """
         driven = {item.pair: item for item in self.inputs}
-        names = pairs or tuple(driven)
+        before, names = set(driven), pairs or tuple(driven)
         if ranges and angle_unit is None:
             raise ModelError('with_inputs: ranges need angle_unit="deg" or "rad"')
         for name, (start, stop) in (ranges or {}).items():
@@ -227,15 +227,11 @@ class Mechanism:
                     f"with_inputs: ranges: {name} is not an input; inputs: {listing(names)}"
                 )
             driven[name] = Input(name, *(in_radians(x, angle_unit) for x in (start, stop)))
-        inputs = (
-            driven.get(name, Input(self.pair(name).name, 0.0, 2.0 * math.pi))
-            for name in names
-        )
-        made = tuple(inputs)
+        whole = (Input(self.pair(name).name, 0.0, 2.0 * math.pi) for name in names)
+        made = tuple(driven.get(item.pair, item) for item in whole)
         if made == self.inputs:
             return self
-        before, after = ({item.pair for item in items} for items in (self.inputs, made))
-        as_named = before in (set(), after)
+        as_named = before in (set(), set(names))
         return replace(self, inputs=made, modes=self.modes if as_named else {})
 
     def _need_none(self, form: str, **given: object) -> None:
@@ -544,18 +540,15 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
         for place, arc in enumerate(sizes.arcs):
             if not (0.0 <= arc <= math.pi or (sizes.signed and math.isfinite(arc))):
                 raise ModelError(f"{key}.arcs[{place}]: {_no_arc(arc)}")
-        count = len(sizes.axes)
-        arcs, angles = max(count - 1, 0), max(count - 2, 0)
-        if len(sizes.arcs) != arcs:
-            raise ModelError(
-                f"{key}.arcs: has {counted(len(sizes.arcs), 'value')}, needs {arcs}: the "
-                "arcs from the first axis to each of the others"
-            )
-        if len(sizes.angles) != angles:
-            raise ModelError(
-                f"{key}.angles: has {counted(len(sizes.angles), 'value')}, needs {angles}: "
-                "at the first axis, from the first arc to each further arc"
-            )
+        for kind, fewer, what in (
+            ("arcs", 1, "the arcs from the first axis to each of the others"),
+            ("angles", 2, "at the first axis, from the first arc to each further arc"),
+        ):
+            has, needs = len(getattr(sizes, kind)), max(len(sizes.axes) - fewer, 0)
+            if has != needs:
+                raise ModelError(
+                    f"{key}.{kind}: has {counted(has, 'value')}, needs {needs}: {what}"
+                )
 
 
 def _no_arc(arc: float) -> str:

@@ -281,7 +281,7 @@ Locate = Callable[[tuple[str | int, ...], str], SpherekitError]
 """Makes the error to raise about a key, given by its path, with file and line."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Study:
     """A mechanism with the inputs it is driven at, and what is to be run on it.
 
@@ -344,7 +344,7 @@ class Study:
     degrees: bool = False
     folder: Path | None = None
     recording: Path | None = None
-    locate: Locate | None = field(default=None, repr=False)
+    locate: Locate | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if isinstance(self.start, str | Mapping):
@@ -356,16 +356,6 @@ class Study:
             )
         if self.path is not None:
             object.__setattr__(self, "path", np.array(self.path, dtype=np.float64))
-
-    def __eq__(self, other: object) -> bool:
-        """Return whether another study says the same, whatever file it is from."""
-        return isinstance(other, Study) and all(
-            np.array_equal(getattr(self, item.name), getattr(other, item.name))
-            for item in fields(self)
-            if item.name != "locate"
-        )
-
-    __hash__ = None  # type: ignore[assignment]
 
     @property
     def driving_torque(self) -> str | Mapping[str, str] | None:

@@ -202,10 +202,9 @@ class Chart:
         across = _nearest(x, first.extent, round(self.width))
         down = _nearest(y, second.extent, round(FRAME_HEIGHT))[::-1]
         shown = cells[np.ix_(across, down)].T
-        part = np.clip(_part(np.nan_to_num(shown), low, high), 0.0, 1.0)
         size = len(down), len(across) + round(sum(BAR)), 3
         picture = np.full(size, colours.BACKGROUND, dtype=np.uint8)
-        body = colours.heat(part.ravel()).reshape(*shown.shape, 3)
+        body = colours.heat_of(shown.ravel(), low, high).reshape(*shown.shape, 3)
         body[~np.isfinite(shown)] = colours.BACKGROUND
         picture[:, : len(across)] = body
         scale = colours.heat(np.linspace(1.0, 0.0, len(down)))

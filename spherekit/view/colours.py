@@ -55,6 +55,12 @@ def heat(parts: Floats) -> NDArray[np.uint8]:
     return np.round(np.stack(columns, axis=1)).astype(np.uint8)
 
 
+def heat_of(values: Floats, low: float, high: float) -> NDArray[np.uint8]:
+    """Return the colours (n, 3) of values (n,) on a scale from low to high."""
+    parts = (np.nan_to_num(values) - low) / (high - low if high > low else 1.0)
+    return heat(np.clip(parts, 0.0, 1.0))
+
+
 def tone(number: int) -> Colour:
     """Return the colour of a kind of curve or mark."""
     return TONES[number % len(TONES)]

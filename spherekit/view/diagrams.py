@@ -97,14 +97,9 @@ def clipped(item: Diagram) -> tuple[Floats, np.ndarray]:
         foot = -np.stack([a, b], axis=-1) * (c / length**2)[..., None]
         along = np.stack([-b, a], axis=-1) / length[..., None]
         bounds = np.array([[left, right], [low, high]])
-        t = (bounds - foot[..., None]) / along[..., None]
-        t = np.where(along[..., None] == 0.0, [-np.inf, np.inf], t)
-        first = np.max(np.min(t, axis=-1), axis=-1)
-        last = np.min(np.max(t, axis=-1), axis=-1)
-        ends = (
-            foot[..., None, :]
-            + np.stack([first, last], -1)[..., None] * along[..., None, :]
-        )
+        t = np.sort((bounds - foot[..., None]) / along[..., None], axis=-1)
+        first, last = np.max(t[..., 0], axis=-1), np.min(t[..., 1], axis=-1)
+        ends = np.stack([foot + t[..., None] * along for t in (first, last)], axis=-2)
     return ends, (first < last) & np.isfinite(ends).all(axis=(-1, -2))
 
 

@@ -310,9 +310,8 @@ def _still_curves(item: SphereCurves) -> Iterator[Still]:
 
 
 def _still_map(item: SphereMap) -> Iterator[Still]:
-    low, high = map_range(item.shown_values, item.unit)
-    parts = np.clip((np.nan_to_num(item.values) - low) / (high - low), 0.0, 1.0)
-    places, tints = MAP_LIFT * item.vertices, colours.heat(parts)
+    tints = colours.heat_of(item.values, *map_range(item.shown_values, item.unit))
+    places = MAP_LIFT * item.vertices
     if len(item.triangles):
         seen: rr.AsComponents = rr.Mesh3D(
             vertex_positions=places,
@@ -344,8 +343,8 @@ def _still_surface(surface: Surface) -> Iterator[Still]:
     else:
         tints: NDArray[np.uint8] | colours.Colour = colours.tone(surface.tone)
         if surface.values is not None:
-            least, most = map_range(surface.values, surface.values_unit)
-            tints = colours.heat(np.clip((surface.values - least) / (most - least), 0, 1))
+            span = map_range(surface.values, surface.values_unit)
+            tints = colours.heat_of(surface.values, *span)
         yield "", rr.Points3D(places, colors=tints, radii=rr.Radius.ui_points(3.0))
     ends = np.array([low - middle, high - middle]) * scale
     yield "axes", _curves(shapes.box(*ends), 1.0, colours.GRATICULE, 0.8)
