@@ -1,8 +1,9 @@
 """`spherekit analyses`: what is installed, broken plugins with their reason."""
 
-import json
 from argparse import Namespace
 from dataclasses import MISSING
+
+from spherekit.cli.main import print_json
 
 PAGE = """
 [ANALYSIS]
@@ -29,20 +30,13 @@ def execute(options: Namespace) -> int:
         summary = "" if record.error else load(record.name).summary
         rows.append((record, summary))
     if options.json:
-        print(
-            json.dumps(
-                [
-                    {
-                        "name": record.name,
-                        "origin": record.origin,
-                        "target": record.target,
-                        "summary": summary,
-                        "error": record.error or None,
-                    }
-                    for record, summary in rows
-                ],
-                indent=2,
-            )
+        keys = ("name", "origin", "target")
+        print_json(
+            [
+                {key: getattr(record, key) for key in keys}
+                | {"summary": summary, "error": record.error or None}
+                for record, summary in rows
+            ]
         )
         return 0
     for record, summary in rows:
@@ -57,25 +51,16 @@ def _describe(options: Namespace) -> int:
     cls = load(options.analysis)
     allowed = parameters(cls)
     if options.json:
-        print(
-            json.dumps(
-                {
-                    "name": cls.name,
-                    "version": cls.version,
-                    "summary": cls.summary,
-                    "cites": cls.cites,
-                    "parameters": {key: shown for key, (shown, _) in allowed.items()},
-                    "tables": {
-                        table.name: [
-                            {"name": c.name, "unit": c.unit, "meaning": c.meaning}
-                            for c in table.columns
-                        ]
-                        for table in cls.tables
-                    },
-                },
-                indent=2,
-            )
-        )
+        facts = {key: getattr(cls, key) for key in ("name", "version", "summary", "cites")}
+        facts["parameters"] = {key: shown for key, (shown, _) in allowed.items()}
+        facts["tables"] = {
+            table.name: [
+                {key: getattr(column, key) for key in ("name", "unit", "meaning")}
+                for column in table.columns
+            ]
+            for table in cls.tables
+        }
+        print_json(facts)
         return 0
     print(f"{cls.name} {cls.version}: {cls.summary}")
     for text in cls.cites:

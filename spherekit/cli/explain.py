@@ -1,6 +1,5 @@
 """`spherekit explain`: what will be planned, evaluated and logged."""
 
-import json
 from argparse import Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,8 @@ from spherekit.conventions import counted
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
     from spherekit.model.study import Study
+
+from spherekit.cli.main import print_json
 
 PAGE = (
     STUDY
@@ -48,7 +49,7 @@ def execute(options: Namespace) -> int:
     if options.recording and facts["predicted"].get("assembly_modes"):
         facts["predicted"]["recording"] = _recording(study, analyses)
     if options.json:
-        print(json.dumps(facts, indent=2, ensure_ascii=False))
+        print_json(facts)
     else:
         _tell(facts, len(study.mechanism.links))
         print("\n".join(_predicted(facts["predicted"], options.recording)))

@@ -5,10 +5,12 @@ samples failed under --strict, 4 an analysis failed, 128 and more stopped by a s
 """
 
 import errno
+import json
 import os
 import sys
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from spherekit.cli.stopping import signal_of, stoppable
 
@@ -126,6 +128,11 @@ def note(options: Namespace, *texts: str) -> None:
     for text in texts:
         if text and not options.quiet:
             print(text, file=sys.stderr)
+
+
+def print_json(facts: Any) -> None:
+    """Print what a program reads to stdout."""
+    print(json.dumps(facts, indent=2, ensure_ascii=False))
 
 
 def _say(text: str) -> None:

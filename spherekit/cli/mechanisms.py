@@ -1,8 +1,9 @@
 """`spherekit mechanisms`: what can be named instead of a path."""
 
-import json
 import sys
 from argparse import Namespace
+
+from spherekit.cli.main import print_json
 
 PAGE = """
 --json
@@ -36,7 +37,7 @@ def execute(options: Namespace) -> int:
             rows.append((name, len(mechanism.links), len(mechanism.pairs), source))
     if options.json:
         keys = ("name", "links", "pairs", "source")
-        print(json.dumps([dict(zip(keys, row, strict=True)) for row in rows], indent=2))
+        print_json([dict(zip(keys, row, strict=True)) for row in rows])
         return 0
     studies = [(name, "study") for pack in shipped() for name in sorted(pack.studies)]
     width = max((len(row[0]) for row in rows), default=0)

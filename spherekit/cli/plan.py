@@ -1,8 +1,8 @@
 """`spherekit plan`: the Table of the lecture and the steps behind it."""
 
-import json
 from argparse import Namespace
 
+from spherekit.cli.main import print_json
 from spherekit.cli.study import LOCK, with_locks
 
 PAGE = (
@@ -55,7 +55,7 @@ def execute(options: Namespace) -> int:
     if options.json:
         facts = [as_dict(made) for made in planned]
         shown = facts[0] if len(facts) == 1 else facts
-        print(json.dumps(shown, indent=2, ensure_ascii=False))
+        print_json(shown)
         return 0
     for number, input_plan in enumerate(planned):
         if input_plan.locked:

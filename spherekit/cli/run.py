@@ -1,6 +1,5 @@
 """`spherekit run`: analyses over the motion, tables to a folder, scenes to a viewer."""
 
-import json
 import shlex
 import sys
 import tempfile
@@ -11,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, note
+from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, note, print_json
 from spherekit.cli.run_progress import progress
 from spherekit.cli.run_report import report
 from spherekit.cli.study import STUDY, TIMED, study_from
@@ -229,7 +228,7 @@ def _tell(options: Namespace, study: "Study", result: "RunResult") -> None:
             f"{angles}; the unit of every column is in {COLUMNS}",
         )
     if options.json:
-        print(json.dumps(summary, indent=2, ensure_ascii=False))
+        print_json(summary)
     elif not options.quiet:
         print(report(summary))
     sys.stdout.flush()

@@ -5,7 +5,7 @@ from argparse import Namespace
 from importlib.util import find_spec
 from typing import Any
 
-from spherekit.cli.main import note
+from spherekit.cli.main import note, print_json
 from spherekit.cli.study import STUDY, TIMED, study_from
 
 PAGE = (
@@ -62,7 +62,7 @@ def execute(options: Namespace) -> int:
     if options.save is not None:
         _record(result, options)
     if options.json:
-        print(json.dumps(result.as_dict(options.tol), indent=2, ensure_ascii=False))
+        print_json(result.as_dict(options.tol))
     else:
         print(as_text(result, options.tol))
     return 0

@@ -254,7 +254,7 @@ class Layout:
         views = []
         for path, title in self.compared.items():
             first = next(plot for plot in self.plots if plot.compared == path)
-            views.append(plane(path, title, charts.bounds(), [f"{first.path}/cursor"]))
+            views.append(plane(path, title, charts.BOUNDS, [f"{first.path}/cursor"]))
         return rrb.Grid(*views, grid_columns=1 if len(views) < 3 else 2, name="Compare")
 
 

@@ -49,6 +49,8 @@ MOST_COLUMNS = 2
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 ANGLE_STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 360.0)
 
+BOUNDS = (-LEFT, WIDTH - LEFT), (-TOP, HEIGHT - TOP)
+"""What of the plane a view of a chart shows."""
 SCALE_BOUNDS = ((-40.0, WIDTH + 40.0), (-46.0, 62.0))
 """What a view of a scale of colours shows."""
 
@@ -158,10 +160,7 @@ class Chart:
             line[:, 1] = FRAME_HEIGHT * (1.0 - _part(line[:, 1], *span))
             lines = shapes.unbroken(line)
             if lines:
-                strips = rr.LineStrips2D(
-                    lines, colors=curve.colour, radii=rr.Radius.ui_points(1.0)
-                )
-                yield f"curves/{number}", strips
+                yield f"curves/{number}", strips(lines, curve.colour)
         if self.over[0].unit == "deg":
             yield from self._marked(marks)
 
@@ -174,22 +173,10 @@ class Chart:
             x = x[(x >= 0.0) & (x <= self.width)]
             tint = colours.tone(mark.tone)
             lines = [np.array([[at, 0.0], [at, FRAME_HEIGHT]]) for at in x]
-            yield (
-                f"marks/{number}",
-                rr.LineStrips2D(lines, colors=tint, radii=rr.Radius.ui_points(0.9)),
-            )
-            yield (
-                f"marks/{number}/words",
-                rr.Points2D(
-                    np.stack(
-                        [x, np.full_like(x, LINE * (number % 2) - 0.4 * LINE)], axis=1
-                    ),
-                    labels=[mark.label] * len(x),
-                    colors=tint,
-                    radii=0.0,
-                    show_labels=len(x) <= MOST_LABELS,
-                ),
-            )
+            yield f"marks/{number}", strips(lines, tint, 0.9)
+            y = LINE * (number % 2) - 0.4 * LINE
+            names = [(at, y, mark.label) for at in x]
+            yield f"marks/{number}/words", _words(names, tint, len(x) <= MOST_LABELS)
 
     def _map(self) -> Iterator[Still]:
         (curve,) = self.curves.values()
@@ -210,15 +197,11 @@ class Chart:
         scale = colours.heat(np.linspace(1.0, 0.0, len(down)))
         picture[:, -round(BAR[1]) :] = scale[:, None]
         yield "map", rr.Image(picture)
-        step, values = ticks(low, high, False)
         edge = self.width + sum(BAR) + 40.0
-        down_to = FRAME_HEIGHT * (1.0 - _part(values, low, high)) - LABEL
-        yield (
-            "scale",
-            _words(
-                [(edge, y, written(v, step)) for y, v in zip(down_to, values, strict=True)]
-            ),
-        )
+        _, marked = side("", (low, high), False)
+        down_to = [FRAME_HEIGHT * (1.0 - part) - LABEL for part, _ in marked]
+        words = [(edge, y, text) for y, (_, text) in zip(down_to, marked, strict=True)]
+        yield "scale", _words(words)
 
 
 def compared(modes: Sequence[Chart]) -> Chart:
@@ -299,14 +282,7 @@ def frame(width: float, x: Side, y: Side, lined: bool = True) -> Iterator[Still]
         words.append((-0.5 * LEFT, level - LABEL, text))
     if y[0]:
         words.append((0.2 * width, -TOP, f"up: {y[0]}"))
-    yield (
-        "frame",
-        rr.LineStrips2D(
-            lines if lined else lines[:1],
-            colors=colours.GRATICULE,
-            radii=rr.Radius.ui_points(0.5),
-        ),
-    )
+    yield "frame", strips(lines if lined else lines[:1], colours.GRATICULE, 0.5)
     yield "words", _words(words)
 
 
@@ -349,11 +325,14 @@ def portrait(item: Portrait) -> Iterator[Still]:
 
 def portrait_line(placed: Floats, colour: colours.Colour) -> rr.LineStrips2D:
     """Return a curve of a portrait from its placed points (n, 2)."""
-    return rr.LineStrips2D(
-        [in_frame(line) for line in shapes.unbroken(placed)],
-        colors=colour,
-        radii=rr.Radius.ui_points(1.0),
-    )
+    return strips([in_frame(line) for line in shapes.unbroken(placed)], colour)
+
+
+def strips(
+    lines: Sequence[Floats], colour: colours.Colour, width: float = 1.0
+) -> rr.LineStrips2D:
+    """Return polylines (k, 2), so many points wide."""
+    return rr.LineStrips2D(lines, colors=colour, radii=rr.Radius.ui_points(width))
 
 
 def in_frame(placed: Floats) -> Floats:
@@ -378,11 +357,7 @@ def horizontal_scale(low: float, high: float, label: str) -> Iterator[Still]:
     picture = np.empty((24, round(WIDTH), 3), dtype=np.uint8)
     picture[:] = colours.heat(np.linspace(0.0, 1.0, round(WIDTH)))
     yield "bar", rr.Image(picture)
-    step, values = ticks(low, high, False)
-    words = [
-        (WIDTH * (value - low) / max(high - low, 1e-300), 26.0, written(value, step))
-        for value in values
-    ]
+    words = [(WIDTH * part, 26.0, text) for part, text in side("", (low, high), False)[1]]
     yield "words", _words([*words, (0.5 * WIDTH, -44.0, label)])
 
 
@@ -447,11 +422,6 @@ def along(over: Sequence[Axis]) -> Axis:
     return replace(first, label=f"input {first.label} with {others}")
 
 
-def bounds() -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return what of the plane a view of a chart shows."""
-    return (-LEFT, WIDTH - LEFT), (-TOP, HEIGHT - TOP)
-
-
 def _short(label: str) -> str:
     return label if len(label) <= LONGEST else f"{label[: LONGEST - 1]}…"
 
@@ -464,13 +434,17 @@ def _number(value: float, resolution: float) -> str:
     return f"{value:.4g}".replace("-", "\u2212")
 
 
-def _words(words: Sequence[tuple[float, float, str]]) -> rr.Points2D:
+def _words(
+    words: Sequence[tuple[float, float, str]],
+    colour: colours.Colour = colours.PALE,
+    shown: bool = True,
+) -> rr.Points2D:
     return rr.Points2D(
-        [place[:2] for place in words],
-        labels=[place[2] for place in words],
-        colors=colours.PALE,
+        np.reshape([(x, y) for x, y, _ in words], (-1, 2)),
+        labels=[text for *_, text in words],
+        colors=colour,
         radii=0.0,
-        show_labels=True,
+        show_labels=shown,
     )
 
 

@@ -106,7 +106,7 @@ def clipped(item: Diagram) -> tuple[Floats, np.ndarray]:
 def bounds(item: Diagram) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return what of the plane a view of a diagram shows."""
     beside = charts.LEFT if item.readings is None else charts.LEGEND
-    _, (top, bottom) = charts.bounds()
+    _, (top, bottom) = charts.BOUNDS
     return (-charts.LEFT, _width(item) + beside), (top, bottom + charts.LABEL)
 
 

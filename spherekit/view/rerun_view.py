@@ -97,7 +97,7 @@ class Charts:
             self.charts[where] = Chart(title, over)
             alike = isinstance(scene.page, int) and len(over) == 1
             compared = f"{layout.root}/compare/{slug(title)}" if alike else ""
-            view = partial(plane, where, title, charts.bounds())
+            view = partial(plane, where, title, charts.BOUNDS)
             layout.plots.append(Plot(scene.page, where, asked_for(scene), view, compared))
         path = layout.path(scene.page, item)
         curve = self.charts[where].add(path, item)
@@ -475,7 +475,7 @@ class RerunRecorder:
                 if isinstance(primitive, Diagram):
                     view = partial(plane, path, primitive.label, diagrams.bounds(primitive))
                 elif isinstance(primitive, Portrait):
-                    view = partial(plane, path, primitive.label, charts.bounds())
+                    view = partial(plane, path, primitive.label, charts.BOUNDS)
                 layout.plots.append(Plot(page, path, answers, view))
             case InputMarks():
                 self._started.marks.setdefault(layout.base(page), []).append(primitive)
