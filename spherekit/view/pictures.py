@@ -1,15 +1,12 @@
 """Pictures of a recording, taken by a viewer without a window."""
 
 import io
-import os
-import socket
 import subprocess
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any, Literal
 
@@ -20,9 +17,9 @@ from spherekit.conventions import listing, nearest
 from spherekit.errors import OutputError
 from spherekit.files.atomic import check_file, write_bytes
 from spherekit.view.blueprint import SAMPLE, TIME, input_scale
+from spherekit.view.program import HOST, free_ports, listens, program
 from spherekit.view.sdk import RrdReader, ViewerClient
 
-START_TIMEOUT = 30.0
 LOAD_TIMEOUT = 60.0
 FRAMES = 20
 AROUND_SPACE = (7, 71)
@@ -313,45 +310,18 @@ def _loaded(client: ViewerClient, recording: Path) -> dict[str, int]:
 @contextmanager
 def _viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
     """Run a viewer without a window for a while."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    command = [
-        str(_program()),
-        "--headless",
-        "--hide-welcome-screen",
-        "--bind=127.0.0.1",
-        f"--port={port}",
-        f"--window-size={size[0]}x{size[1]}",
-    ]
-    # Silent, since log messages would appear in the picture; panics are still heard.
-    environment = os.environ | {"RERUN_APP_ONLY": "true", "RUST_LOG": "error"}
-    with tempfile.TemporaryFile() as messages:
-        process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=messages, env=environment
-        )
+    (port,) = free_ports(1)
+    words = ["--headless", "--hide-welcome-screen", f"--bind={HOST}", f"--port={port}"]
+    words.append(f"--window-size={size[0]}x{size[1]}")
+    with tempfile.TemporaryFile() as messages, program(*words, messages=messages) as viewer:
+        if not listens(viewer, port):
+            ended = viewer.poll() is not None
+            reason = "it ended at once" if ended else "it did not start"
+            raise OutputError(_complaint(viewer, messages, reason))
         try:
-            _wait_for(process, port, messages)
-            yield ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            yield ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
         except (RuntimeError, ConnectionError) as error:
-            raise OutputError(_complaint(process, messages, str(error))) from error
-        finally:
-            process.kill()
-            process.wait()
-
-
-def _wait_for(process: subprocess.Popen[bytes], port: int, messages: IO[bytes]) -> None:
-    deadline = time.monotonic() + START_TIMEOUT
-    while time.monotonic() < deadline:
-        if process.poll() is not None:
-            raise OutputError(_complaint(process, messages, "it ended at once"))
-        try:
-            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
-        except OSError:
-            time.sleep(0.05)
-        else:
-            return
-    raise OutputError(_complaint(process, messages, "it did not start"))
+            raise OutputError(_complaint(viewer, messages, str(error))) from error
 
 
 def _complaint(process: subprocess.Popen[bytes], messages: IO[bytes], reason: str) -> str:
@@ -364,11 +334,3 @@ def _complaint(process: subprocess.Popen[bytes], messages: IO[bytes], reason: st
     if any(word in said for word in lost) and process.poll() is not None:
         return NO_VULKAN
     return f"the viewer could not take a picture: {reason}"
-
-
-def _program() -> Path:
-    """Return the viewer that belongs to the installed package, whatever the PATH."""
-    spec = find_spec("rerun_cli")
-    if spec is None or spec.origin is None:
-        raise OutputError("the viewer is missing; install the package rerun-sdk")
-    return Path(spec.origin).parent / ("rerun.exe" if os.name == "nt" else "rerun")
