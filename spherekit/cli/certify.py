@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from spherekit.cli.main import Facts
 from spherekit.cli.study import INPUT, LOCK, with_locks
 
 PAGE = (
@@ -113,7 +114,7 @@ def execute(options: Namespace) -> int:
     return 0 if complete else INCOMPLETE
 
 
-Made = tuple[list[str], dict[str, Any], bool]
+Made = tuple[list[str], Facts, bool]
 
 
 def _at(written: Any, text: str, with_poles: bool) -> Made:
@@ -139,7 +140,7 @@ def _at(written: Any, text: str, with_poles: bool) -> Made:
     return lines, certificate, modes.complete
 
 
-def _pole_line(row: dict[str, Any]) -> str:
+def _pole_line(row: Facts) -> str:
     """Return one line for a pole."""
     where = "may rest"
     if row["direction"] is not None:

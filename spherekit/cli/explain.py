@@ -2,7 +2,7 @@
 
 from argparse import Namespace
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from spherekit.cli.run_report import megabytes
 from spherekit.cli.study import STUDY, study_from
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
     from spherekit.model.study import Study
 
-from spherekit.cli.main import print_json
+from spherekit.cli.main import Facts, print_json
 
 PAGE = (
     STUDY
@@ -56,7 +56,7 @@ def execute(options: Namespace) -> int:
     return 0
 
 
-def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> dict[str, Any]:
+def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
     """Return what analyses ask for, and what that takes."""
     from spherekit.analysis.folder import memory_at_once
     from spherekit.analysis.running.cost import counts_of
@@ -105,7 +105,7 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> dict[str, Any]
     }
 
 
-def _tell(facts: dict[str, Any], links: int) -> None:
+def _tell(facts: Facts, links: int) -> None:
     from spherekit.analysis.folder import size_text
 
     inputs, at_once = facts["inputs"], facts["at_once"]
@@ -131,7 +131,7 @@ def _tell(facts: dict[str, Any], links: int) -> None:
         print("asked of the samples: no poles")
 
 
-def _print_plans(facts: dict[str, Any], every: int) -> None:
+def _print_plans(facts: Facts, every: int) -> None:
     asked = facts["asked"]
     print(f"asked: {len(asked)} of {counted(every, 'pole')}: {', '.join(asked)}")
     for entry in facts["plans"]:
@@ -149,7 +149,7 @@ def _print_plans(facts: dict[str, Any], every: int) -> None:
         print(f"rates of links {', '.join(entry['links_with_rates'])}, {orders}")
 
 
-def _predicted(sizes: dict[str, Any], recording: bool) -> list[str]:
+def _predicted(sizes: Facts, recording: bool) -> list[str]:
     """Return the sizes in lines for people; perhaps those of a `recording` were asked."""
     if "reason" in sizes:
         return [f"sizes: not predicted; {sizes['reason']}"]

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, note, print_json
+from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, Facts, note, print_json
 from spherekit.cli.run_progress import progress
 from spherekit.cli.run_report import report
 from spherekit.cli.study import STUDY, TIMED, study_from
@@ -295,7 +295,7 @@ def _add_hint(error: BaseException, study: "Study", options: Namespace) -> None:
 
 def _accuracy(
     study: "Study", analyses: "Sequence[AbstractAnalysis]", options: Namespace
-) -> dict[str, Any]:
+) -> Facts:
     """Return the setting for a tolerance of tables, and what it reaches."""
     from spherekit.errors import AnalysisError
 

@@ -5,8 +5,8 @@ import sys
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
+from spherekit.cli.main import Facts
 from spherekit.cli.study import LOCK, with_locks
 from spherekit.conventions import counted
 from spherekit.errors import SolveError, SpherekitError
@@ -51,7 +51,7 @@ def execute(options: Namespace) -> int:
     return bad
 
 
-def check(name: str, locks: Sequence[str] | None = None) -> dict[str, Any]:
+def check(name: str, locks: Sequence[str] | None = None) -> Facts:
     """Return what a mechanism or study file holds, having planned and assembled it."""
     import numpy as np
 
@@ -66,7 +66,7 @@ def check(name: str, locks: Sequence[str] | None = None) -> dict[str, Any]:
     study = load_study(name)
     study = replace(study, mechanism=with_locks(study.mechanism, locks, name))
     mechanism = study.mechanism
-    facts: dict[str, Any] = {
+    facts: Facts = {
         "name": mechanism.name,
         "links": len(mechanism.links),
         "pairs": len(mechanism.pairs),
@@ -93,7 +93,7 @@ def check(name: str, locks: Sequence[str] | None = None) -> dict[str, Any]:
     return facts
 
 
-def _mobility(facts: dict[str, Any]) -> str:
+def _mobility(facts: Facts) -> str:
     """Return the mobility by the graph, and that by rank where it differs."""
     rank = facts.get("rank_mobility", facts["mobility"])
     if rank == facts["mobility"]:
@@ -101,7 +101,7 @@ def _mobility(facts: dict[str, Any]) -> str:
     return f"{facts['mobility']} by the graph and {rank} by rank"
 
 
-def line(facts: dict[str, Any]) -> str:
+def line(facts: Facts) -> str:
     """Return one line that says what a good file holds."""
     text = f"{facts['name']}: ok"
     if "study" in facts:

@@ -15,8 +15,9 @@ from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
 from spherekit.engine.expression_graph import Expr, expression_terms
 from spherekit.engine.pose import LinkOrientation
 from spherekit.model.expression import Expression
-from spherekit.model.load import Called, Component, Load, TorqueTable, Vector, expression_of
+from spherekit.model.load import Called, Component, Load, TorqueTable, expression_of
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import Vector
 
 
 @dataclass(frozen=True)

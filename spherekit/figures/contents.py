@@ -48,7 +48,7 @@ from spherekit.figures.sheet import (
     ticks_of,
     wrapped,
 )
-from spherekit.figures.style import Columns
+from spherekit.figures.style import Columns, Look
 
 
 def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
@@ -76,7 +76,7 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
                 panel.scatter(*surface.vertices.T, c=style.tone_colour(surface.tone), s=3.0)
                 continue
             tint = Normalize(*map_range(surface.values, surface.values_unit))
-            look: dict[str, Any] = {"c": surface.values, "norm": tint, "cmap": style.HEAT}
+            look: Look = {"c": surface.values, "norm": tint, "cmap": style.HEAT}
             panel.scatter(*surface.vertices.T, s=3.0, **look)
             words = titled(surface.label, surface.values_unit)
             colour_bar(figure, panel, surface.values, tint, style.HEAT, words, 0.12)
@@ -117,7 +117,7 @@ def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figur
     return figure
 
 
-def _look(item: Diagram, number: int) -> dict[str, Any]:
+def _look(item: Diagram, number: int) -> Look:
     """Return how a path is drawn: of a tone in ink, or one of its own."""
     tones = item.tones
     if tones[number] == 0:
@@ -196,7 +196,7 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
         tint = Normalize(low, high)
         colours = SIGNED if signed else style.HEAT
         shape = [len(axis) for axis in grid]
-        look: dict[str, Any] = {"norm": tint, "cmap": colours, "rasterized": True}
+        look: Look = {"norm": tint, "cmap": colours, "rasterized": True}
         for k, (panel, (scene, item, at)) in enumerate(zip(panels, panels_of, strict=True)):
             table = np.moveaxis(item.values.reshape(shape), (0, 1), (-2, -1))[at]
             panel.pcolormesh(grid[0], grid[1], table.T, shading="nearest", **look)
@@ -256,7 +256,10 @@ def _title(scene: Scene, grid: Sequence[Floats], at: Sequence[int], sheet: Sheet
 MOST_PANELS = 12
 """A figure with more is parted in several."""
 
+Scenes = Sequence[Scene]
 Draw = Callable[[], Figure]
+Drawn = Iterator[tuple[str, Draw]]
+"""Figures by their names, each drawn when it is asked for."""
 Item = TypeVar("Item")
 
 
@@ -312,7 +315,7 @@ class Figures(Mapping[str, Figure]):
 
 
 def figures_of(
-    scenes: Sequence[Scene],
+    scenes: Scenes,
     titles: Mapping[int, str],
     degrees: bool = True,
     columns: Columns = 2,
@@ -333,9 +336,7 @@ def figures_of(
     return Figures(drawn)
 
 
-def _of_source(
-    of_source: Sequence[Scene], every: Sequence[Scene], sheet: Sheet
-) -> Iterator[tuple[str, Draw]]:
+def _of_source(of_source: Scenes, every: Scenes, sheet: Sheet) -> Drawn:
     yield from _planes(of_source, sheet)
     yield from _spheres(of_source, sheet)
     yield from _series(of_source, every, sheet)
@@ -345,9 +346,7 @@ def _of_source(
     yield from _diagrams(of_source, sheet)
 
 
-def _series(
-    of_source: Sequence[Scene], every: Sequence[Scene], sheet: Sheet
-) -> Iterator[tuple[str, Draw]]:
+def _series(of_source: Scenes, every: Scenes, sheet: Sheet) -> Drawn:
     groups = _grouped(
         of_source, Series, lambda scene, item: (_kind(scene.page), item.group)
     )
@@ -389,7 +388,7 @@ def _parted(
     panel: Callable[[Item], Hashable],
     draw: Callable[[Sequence[Item], Sheet], Figure],
     sheet: Sheet,
-) -> Iterator[tuple[str, Draw]]:
+) -> Drawn:
     """Yield one figure of items, or several of as many panels as are readable."""
     panels = list(dict.fromkeys(panel(item) for item in items))
     parts = -(-len(panels) // MOST_PANELS)
@@ -401,7 +400,7 @@ def _parted(
         yield title, partial(draw, some, sheet)
 
 
-def _marks(scenes: Sequence[Scene], over: Sequence[Axis]) -> list[tuple[Page, InputMarks]]:
+def _marks(scenes: Scenes, over: Sequence[Axis]) -> list[tuple[Page, InputMarks]]:
     """Return what is marked on the axis of plots over one, whatever analysis says it."""
     return [
         (scene.page, item)
@@ -413,7 +412,7 @@ def _marks(scenes: Sequence[Scene], over: Sequence[Axis]) -> list[tuple[Page, In
     ]
 
 
-def _planes(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+def _planes(of_source: Scenes, sheet: Sheet) -> Drawn:
     groups = _grouped(
         of_source, Portrait, lambda scene, item: (_kind(scene.page), item.label)
     )
@@ -425,7 +424,7 @@ def _planes(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Dra
             yield name, partial(draw_plane, items, sheet)
 
 
-def _spheres(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+def _spheres(of_source: Scenes, sheet: Sheet) -> Drawn:
     pages: dict[str, list[Scene]] = {}
     seen: set[bytes] = set()
     for scene in of_source:
@@ -448,7 +447,7 @@ def _spheres(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Dr
             yield title, partial(draw_sphere, *shown, sheet)
 
 
-def _surfaces(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+def _surfaces(of_source: Scenes, sheet: Sheet) -> Drawn:
     groups = _grouped(of_source, Surface, lambda scene, item: item.axes)
     for number, items in enumerate(groups.values()):
         surfaces = list({item.path: item for _, item in items}.values())
@@ -456,7 +455,7 @@ def _surfaces(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, D
         yield name, partial(draw_surfaces, surfaces, sheet)
 
 
-def _paths(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+def _paths(of_source: Scenes, sheet: Sheet) -> Drawn:
     """Yield the paths of axes of modes; over several inputs there are no paths."""
     arrows = [
         (scene, item)
@@ -474,7 +473,7 @@ def _paths(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw
         yield from _parted(title, arrows, lambda x: x[1].label, draw_paths, sheet)
 
 
-def _axodes(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+def _axodes(of_source: Scenes, sheet: Sheet) -> Drawn:
     """Yield for each mode the paths of directions in links, as these stand at first."""
     for scene in of_source:
         traces = [trace for trace in scene.primitives if isinstance(trace, Trace)]
@@ -487,7 +486,7 @@ def _axodes(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Dra
             yield title, partial(draw_sphere, [], curves, sheet)
 
 
-def _diagrams(of_source: Sequence[Scene], sheet: Sheet) -> Iterator[tuple[str, Draw]]:
+def _diagrams(of_source: Scenes, sheet: Sheet) -> Drawn:
     groups = _grouped(
         of_source, Diagram, lambda scene, item: (_kind(scene.page), item.label)
     )
@@ -503,7 +502,7 @@ def _kind(page: Page) -> str:
 
 
 def _grouped(
-    scenes: Sequence[Scene],
+    scenes: Scenes,
     kind: type[Item],
     key: Callable[[Scene, Item], Hashable],
 ) -> dict[Any, list[tuple[Scene, Item]]]:

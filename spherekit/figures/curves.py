@@ -47,6 +47,7 @@ from spherekit.figures.sheet import (
     ticks_of,
     wrapped,
 )
+from spherekit.figures.style import Look
 
 MOST_IN_ONE = 7
 """Quantities of one mode that share a panel."""
@@ -55,7 +56,7 @@ DASH = 5.0
 """Length of a dash of curves that lie on each other, in widths of their lines."""
 ALIKE = 0.003
 """Curves nearer to each other than this part of the frame lie on each other."""
-RULE: dict[str, Any] = {"linestyle": (0, (1, 1.5)), "linewidth": 0.8, "zorder": 1.0}
+RULE: Look = {"linestyle": (0, (1, 1.5)), "linewidth": 0.8, "zorder": 1.0}
 
 
 Curve = tuple[Scene, Series]
@@ -227,7 +228,7 @@ BEYOND = np.radians(12.0)
 MOST_WHOLE = 12
 """Most whole numbers that have colours of their own."""
 MOST_NAMED = 6
-NET: dict[str, Any] = {"color": "#909090", "alpha": 0.55, "linewidth": 0.4, "zorder": 1.4}
+NET: Look = {"color": "#909090", "alpha": 0.55, "linewidth": 0.4, "zorder": 1.4}
 """How the graticule is drawn."""
 
 
@@ -423,7 +424,7 @@ def _tint(values: Floats, unit: str) -> Normalize:
 
 def _map(panel: Axes, view: View, item: SphereMap, tint: Normalize, rim: Circle) -> None:
     places = view.placed(item.vertices)
-    look: dict[str, Any] = {"norm": tint, "cmap": style.HEAT, "zorder": 1.0}
+    look: Look = {"norm": tint, "cmap": style.HEAT, "zorder": 1.0}
     if len(item.triangles):
         drawable = np.asarray(np.isfinite(places).all(axis=1))
         near = item.triangles[drawable[item.triangles].all(axis=1)]

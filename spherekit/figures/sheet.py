@@ -21,6 +21,7 @@ from spherekit.figures.sdk import (
     Normalize,
     ScalarMappable,
 )
+from spherekit.figures.style import Look
 
 P = ParamSpec("P")
 
@@ -156,7 +157,7 @@ def spot(tone: int) -> Line2D:
     return Line2D([], [], **spot_look(tone))
 
 
-def spot_look(tone: int) -> dict[str, Any]:
+def spot_look(tone: int) -> Look:
     """Return how marks of a kind are drawn."""
     return {
         "linestyle": "none",

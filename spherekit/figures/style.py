@@ -12,6 +12,8 @@ from spherekit.analysis.scene import Page
 from spherekit.figures.sdk import style
 
 Columns = Literal[1, 2]
+Look = dict[str, Any]
+"""How matplotlib draws something."""
 
 WIDTHS: Mapping[int, float] = {1: 3.5, 2: 7.2}
 """Inches: one column of a journal, and two."""
@@ -77,7 +79,7 @@ def look() -> AbstractContextManager[None]:
     return style.context(["default", dict(LOOK)])
 
 
-def page_look(page: Page) -> dict[str, Any]:
+def page_look(page: Page) -> Look:
     """Return how the curves of a mode are drawn, or those of a page of its own.
 
     Of modes with the same colour the first has a stroke, the others have dashes.
@@ -92,7 +94,7 @@ def page_look(page: Page) -> dict[str, Any]:
     }
 
 
-def series_look(position: int) -> dict[str, Any]:
+def series_look(position: int) -> Look:
     """Return how the quantity at a position in its panel is drawn."""
     dashes = DASHES[position // len(SERIES) % len(DASHES)]
     return {"color": SERIES[position % len(SERIES)], "linestyle": dashes}
@@ -103,7 +105,7 @@ def tone_colour(number: int) -> str:
     return TONES[number % len(TONES)]
 
 
-def tone_look(number: int) -> dict[str, Any]:
+def tone_look(number: int) -> Look:
     """Return how curves of a kind are drawn."""
     return {"color": tone_colour(number)}
 

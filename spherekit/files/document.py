@@ -21,6 +21,9 @@ from spherekit.errors import FileError, ModelError
 KeyPath = tuple[str | int, ...]
 """A path into the parsed data: keys, and positions within arrays."""
 
+Table = Mapping[str, Any]
+"""A table of a file, or the whole of it."""
+
 _STRING = (
     r'"""(?:[^\\"]|\\[\s\S]|"(?!""))*"{3,5}'
     r"|'''(?:[^']|'(?!''))*'{3,5}"
@@ -158,7 +161,7 @@ class Document:
 
     name: str
     text: str | None
-    data: Mapping[str, Any]
+    data: Table
 
     @cached_property
     def lines(self) -> Mapping[KeyPath, int]:
@@ -320,7 +323,7 @@ def _decoded(data: bytes, name: str) -> str:
         ) from None
 
 
-def values_in(data: Mapping[str, Any]) -> Iterator[tuple[KeyPath, Any]]:
+def values_in(data: Table) -> Iterator[tuple[KeyPath, Any]]:
     """Yield everything in tables and arrays, these too, with its path."""
     waiting: list[tuple[KeyPath, Any]] = [((key,), item) for key, item in data.items()]
     while waiting:

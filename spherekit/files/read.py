@@ -13,10 +13,10 @@ import numpy as np
 from spherekit.argument_validation import checked
 from spherekit.conventions import TURN, AnyPath, choices, nearest
 from spherekit.errors import FileError, ModelError
-from spherekit.files.document import Document, KeyPath, parse, read_text
+from spherekit.files.document import Document, KeyPath, Table, parse, read_text
 from spherekit.files.library import find, is_study
 from spherekit.files.schema import check
-from spherekit.files.units import Table, Vector, converted, made
+from spherekit.files.units import converted, made
 from spherekit.model.dynamics import (
     LOADS,
     JointLimit,
@@ -37,6 +37,7 @@ from spherekit.model.gears import (
     start_of_phase,
     touching_angles,
 )
+from spherekit.model.joints import Links
 from spherekit.model.load import Load, vector_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import (
@@ -49,6 +50,7 @@ from spherekit.model.parts import (
     Profile,
     SizeGeometry,
     Source,
+    Vector,
 )
 
 Given = TypeVar("Given")
@@ -337,7 +339,7 @@ class _Reader:
         return _vector(item)
 
     @cached_property
-    def joined(self) -> dict[str, tuple[str, str]]:
+    def joined(self) -> dict[str, Links]:
         """Return the two links of every pair with an axis: R, and P about its pole."""
         given = self.data["pairs"].items()
         return {name: item["links"] for name, item in given if item["type"] in _TURNING}

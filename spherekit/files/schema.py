@@ -20,7 +20,7 @@ import numpy as np
 
 from spherekit.conventions import MAX_NAME_LENGTH, choices, listing, nearest
 from spherekit.errors import FileError
-from spherekit.files.document import Document, KeyPath, spelt, values_in
+from spherekit.files.document import Document, KeyPath, Table, spelt, values_in
 
 FORMAT = 1
 """The format of mechanism and study files that this version reads and writes."""
@@ -47,10 +47,10 @@ _TYPES = {
 
 
 @cache
-def schema(kind: Kind = "mechanism") -> Mapping[str, Any]:
+def schema(kind: Kind = "mechanism") -> Table:
     """Return the JSON Schema of a kind of file: every key, its limits and unit."""
     resource = files("spherekit.files") / _SCHEMAS[kind]
-    declaration: Mapping[str, Any] = json.loads(resource.read_text(encoding="utf-8"))
+    declaration: Table = json.loads(resource.read_text(encoding="utf-8"))
     return declaration
 
 
@@ -140,7 +140,7 @@ Leaves = Mapping[str, Callable[[KeyPath, Any], Any]]
 """What becomes of values, by the name or the type that the schema gives them."""
 
 
-def walked(data: Mapping[str, Any], leaves: Leaves, kind: Kind = "mechanism") -> Any:
+def walked(data: Table, leaves: Leaves, kind: Kind = "mechanism") -> Any:
     """Return data that fit the format, with what leaves make of values at their paths.
 
     Arrays become tuples; what the schema leaves free stays as it is.
@@ -175,7 +175,7 @@ def _walked(part: Any, value: Any, path: KeyPath, leaves: Leaves, named: Any) ->
     return float(value) if part.get("type") == "number" else int(value)
 
 
-def _holds(condition: Mapping[str, Any], value: Mapping[str, Any]) -> bool:
+def _holds(condition: Table, value: Table) -> bool:
     """Return whether keys have the words of which a condition of the schema consists."""
     needed = condition.get("required", ())
     return all(
@@ -257,7 +257,7 @@ def _check_format(document: Document) -> None:
     raise document.fault(("format",), f"found {shown(version)}, needs {FORMAT}")
 
 
-def _not_numbers(data: Mapping[str, Any]) -> Iterator[_Fault]:
+def _not_numbers(data: Table) -> Iterator[_Fault]:
     for path, value in values_in({k: item for k, item in data.items() if k != "user"}):
         if isinstance(value, float) and not math.isfinite(value):
             yield path, f"found {float(value)}, needs a finite number"
@@ -320,9 +320,7 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
 _NAME_RULE = f"use 1 to {MAX_NAME_LENGTH} letters (A-Z, a-z), digits and underscores"
 
 
-def _unknown_keys(
-    path: KeyPath, value: Mapping[str, Any], declared: Mapping[str, Any]
-) -> Iterator[_Fault]:
+def _unknown_keys(path: KeyPath, value: Table, declared: Table) -> Iterator[_Fault]:
     where = f"in {spelt(path)}" if path else "at the top of the file"
     for key in value:
         if key not in declared:
@@ -330,7 +328,7 @@ def _unknown_keys(
             yield (*path, key), f"unknown key{said}"
 
 
-def _described(part: Mapping[str, Any], key: str, kind: Kind) -> str:
+def _described(part: Table, key: str, kind: Kind) -> str:
     whole = schema(kind)
     parts = (part, *whole["$defs"].values(), whole)
     declared = [
@@ -339,7 +337,7 @@ def _described(part: Mapping[str, Any], key: str, kind: Kind) -> str:
     return _in_words(next((entry for entry in declared if entry), {}))
 
 
-def _in_words(part: Mapping[str, Any]) -> str:
+def _in_words(part: Table) -> str:
     """Return what a part of the schema says of itself, to end a message with."""
     text = str(part.get("description", ""))
     return f": {text[0].lower()}{text[1:].rstrip('.')}" if text else ""

@@ -11,11 +11,11 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.conventions import DEFAULT_SAMPLES, AnyPath, choices, listing
 from spherekit.errors import FileError, ModelError
-from spherekit.files.document import Document, KeyPath, parse, read_text
+from spherekit.files.document import Document, KeyPath, Table, parse, read_text
 from spherekit.files.library import STUDY_SUFFIX, find, is_study, named_in
 from spherekit.files.read import angle_unit_of, load
 from spherekit.files.schema import check
-from spherekit.files.units import Table, converted, made
+from spherekit.files.units import converted, made
 from spherekit.model.locking import lock
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import AngleUnit, Input

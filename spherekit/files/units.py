@@ -15,14 +15,21 @@ from typing import Any, TypeVar
 import numpy as np
 
 from spherekit.conventions import EPS
-from spherekit.files.document import Document, KeyPath, LiteralNumber
+from spherekit.files.document import Document, KeyPath, LiteralNumber, Table
 from spherekit.files.schema import Kind, Leaves, walked
 from spherekit.files.toml_text import Literal
 from spherekit.model.dynamics import JointLimit, Mass
-from spherekit.model.parts import AngleUnit, Input, LinkSizes, Output, Pair, Profile, Source
+from spherekit.model.parts import (
+    AngleUnit,
+    Input,
+    LinkSizes,
+    Output,
+    Pair,
+    Profile,
+    Source,
+    Vector,
+)
 from spherekit.model.study import ConstantSpeed, Cycloidal, Polynomial, Tabulated
-
-Vector = tuple[float, float, float]
 
 LENGTH_TOLERANCE = 1e-3
 """How far from 1 the length of a unit vector may be in a file: three digits given."""
@@ -138,7 +145,6 @@ def _decimal_text(number: Decimal) -> str:
 
 
 Part = TypeVar("Part")
-Table = Mapping[str, Any]
 
 
 def _same(names: str) -> dict[str, str]:

@@ -22,6 +22,7 @@ from spherekit.files.document import (
     Document,
     KeyPath,
     LiteralNumber,
+    Table,
     parse,
     spelt,
     values_in,
@@ -135,7 +136,7 @@ def _pair(mechanism: Mechanism, pair: Pair) -> _Table:
     table: _Table = {"type": pair.type, "links": pair.links}
     geometry = mechanism.geometry
     if isinstance(geometry, PoseGeometry):
-        where: Mapping[str, Mapping[str, Any]]
+        where: Mapping[str, Table]
         where = {"xyz": geometry.axes, "value": geometry.values}
     else:
         where = {"zero": geometry.zeros}

@@ -21,19 +21,19 @@ from spherekit.model.load import (
     BearingFriction,
     Called,
     Component,
+    Components,
     LinkMoment,
     Load,
     Loaded,
     TorqueFunction,
     TorqueTable,
-    Vector,
     acting,
     need_angle,
     need_at_least_zero,
     number_text,
     vector_of,
 )
-from spherekit.model.parts import need_finite
+from spherekit.model.parts import Numbers, Vector, need_finite
 from spherekit.sphere.rotation import cross, frame_from, max_abs
 
 PARALLEL = 1e-9
@@ -131,11 +131,11 @@ class Bearings(BearingFriction):
 
     name: str
     pair: str
-    positions: tuple[float, ...]
+    positions: Numbers
     radius: float = 0.0
     coefficient: float = 0.0
     speed: float = 1e-3
-    axial: tuple[float, ...] | None = None
+    axial: Numbers | None = None
 
     @property
     def floats(self) -> bool:
@@ -195,7 +195,7 @@ class Bearings(BearingFriction):
                     "too; give both positions in one of them"
                 )
 
-    def _check_axial(self, key: str, axial: tuple[float, ...]) -> None:
+    def _check_axial(self, key: str, axial: Numbers) -> None:
         for part in axial:
             need_at_least_zero(key, part, "")
         whole = abs(sum(axial) - 1.0) < 1e-9
@@ -207,7 +207,7 @@ class Bearings(BearingFriction):
                 "its axis"
             )
 
-    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> Components:
         """See `Load`."""
         text = f"-tanh(dtheta_{self.pair}/{number_text(self.speed)})"
         return acting(mechanism, text if self.grip > 0.0 else "0", self.pair, rubs=self)
@@ -240,7 +240,7 @@ class ContactFriction(BearingFriction):
         """Return the push (..., 1, 3) N m, see `BearingFriction`."""
         return (moments * [1.0, 0.0, 0.0])[..., None, :]
 
-    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> Components:
         """See `Load`."""
         if not self.grip > 0.0:
             return (Component(parse("0", [])),)
@@ -311,7 +311,7 @@ class PairTorque(Load):
     pair: str
     torque: str | TorqueFunction
 
-    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> Components:
         if isinstance(self.torque, str):
             return acting(mechanism, self.torque, self.pair)
         return (Component(Called(self.pair, self.torque), self.pair),)
@@ -344,7 +344,7 @@ class Gravity(Load):
                 f"[mass.LINK] lacks them for link {listing(lacking)}"
             )
 
-    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> Components:
         weights = []
         for mass in mechanism.masses:
             if mass.link == mechanism.ground:
@@ -377,7 +377,7 @@ class PointForce(Load):
     force: Expressions
     axes: Axes = "ground"
 
-    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> Components:
         return _on_link(mechanism, self, self.force, vector_of(self.point))
 
 
@@ -398,7 +398,7 @@ class Moment(Load):
     moment: Expressions
     axes: Axes = "ground"
 
-    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> Components:
         return _on_link(mechanism, self, self.moment, None)
 
 
@@ -418,7 +418,7 @@ class Spring(Load):
     stiffness: float
     rest: float = 0.0
 
-    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> Components:
         away = f"(theta_{self.pair} - {number_text(self.rest)})"
         return acting(mechanism, f"-{number_text(self.stiffness)}*{away}", self.pair)
 
@@ -438,7 +438,7 @@ class Damper(Load):
     pair: str
     damping: float
 
-    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> Components:
         torque = f"-{number_text(self.damping)}*dtheta_{self.pair}"
         return acting(mechanism, torque, self.pair)
 
@@ -464,7 +464,7 @@ class Friction(Load):
     viscous: float
     speed: float
 
-    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> Components:
         rate = f"dtheta_{self.pair}"
         dry = f"{number_text(self.torque)}*tanh({rate}/{number_text(self.speed)})"
         torque = f"-({dry} + {number_text(self.viscous)}*{rate})"
@@ -499,7 +499,7 @@ def _on_link(
     load: PointForce | Moment,
     texts: Expressions,
     arm: Vector | None,
-) -> tuple[Component, ...]:
+) -> Components:
     return tuple(
         part
         for text, axis in zip(texts, _UNITS, strict=True)

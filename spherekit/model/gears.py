@@ -14,14 +14,23 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import EPS, choices, listing
 from spherekit.errors import ModelError
-from spherekit.model.joints import Joint, Revolute, Rolling, Sliding
+from spherekit.model.joints import Ends, Joint, Links, Revolute, Rolling, Sliding
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, Profile, SizeGeometry
+from spherekit.model.parts import (
+    Angles,
+    LinkSizes,
+    Pair,
+    PoseGeometry,
+    Profile,
+    SizeGeometry,
+    Vector,
+)
 from spherekit.sphere.profile import Curve, circle, fourier, great_circle, through
 from spherekit.sphere.rotation import about_z, arc, cross, frame_from, perpendicular
 from spherekit.sphere.touching import nearest_frames
 
-Vector = tuple[float, float, float]
+Frames = dict[str, Floats]
+"""Frames (3, 3) of R pairs in one of their links, or axes (3,), by name."""
 
 SAME_AXIS = 16 * EPS
 """Sine below which two axes of a link are one: rounding of their arcs and angles."""
@@ -110,7 +119,7 @@ def _curve(profile: Profile) -> Curve:
 
 def touching(
     mechanism: Mechanism, pair: Pair, curves: tuple[Curve, Curve], apart: float
-) -> tuple[float, float]:
+) -> Ends:
     """Return the arc lengths (rad) at which two profiles touch with links aligned."""
     s, miss = nearest_frames(*curves)
     if not miss < apart:
@@ -124,7 +133,7 @@ def touching(
 
 def link_axes(mechanism: Mechanism) -> "LinkAxes":
     """Return the unit axis (3,) of every R pair in each of its links, by names."""
-    axes: dict[str, dict[str, Floats]] = {link: {} for link in mechanism.links}
+    axes: dict[str, Frames] = {link: {} for link in mechanism.links}
     first, second = pair_frames(mechanism)
     for pair in mechanism.pairs:
         if pair.kind.has_axis:
@@ -133,7 +142,7 @@ def link_axes(mechanism: Mechanism) -> "LinkAxes":
     return axes
 
 
-def pair_frames(mechanism: Mechanism) -> tuple[dict[str, Floats], dict[str, Floats]]:
+def pair_frames(mechanism: Mechanism) -> tuple[Frames, Frames]:
     """Return the frames (3, 3) of R pairs in their first and their second link, by name."""
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
@@ -189,9 +198,7 @@ def arc_pole(first: Vector, second: Vector) -> Vector:
     return float(x), float(y), float(z)
 
 
-def frames_of_sizes(
-    pairs: Sequence[Pair], geometry: SizeGeometry
-) -> tuple[dict[str, Floats], dict[str, Floats]]:
+def frames_of_sizes(pairs: Sequence[Pair], geometry: SizeGeometry) -> tuple[Frames, Frames]:
     """Return the frames (3, 3) of every R pair in its first and its second link, by name.
 
     The first is turned by the pair's zero.
@@ -210,9 +217,9 @@ def frames_of_sizes(
     return first, second
 
 
-def axes_from_sizes(sizes: LinkSizes) -> dict[str, Floats]:
+def axes_from_sizes(sizes: LinkSizes) -> Frames:
     """Return the unit axes (3,) of a link in its own frame, in the order listed."""
-    axes: dict[str, Floats] = {}
+    axes: Frames = {}
     for position, name in enumerate(sizes.axes):
         if position == 0:
             axes[name] = np.array([0.0, 0.0, 1.0])
@@ -248,7 +255,7 @@ ROUNDING = 8 * EPS
 
 def pitch_angles(
     teeth: tuple[int, int], shaft_angle: float, contact: Literal["external", "internal"]
-) -> tuple[float, float]:
+) -> Ends:
     """Return the half angles (rad) of the pitch cones of two bevel gears.
 
     Parameters
@@ -287,7 +294,7 @@ def touching_angles(
     half_angles: Sequence[float],
     shaft_angle: float,
     contact: Literal["external", "internal"],
-) -> tuple[float, float]:
+) -> Ends:
     """Return the half angles (rad) of two cones that touch along a line.
 
     Parameters
@@ -342,10 +349,10 @@ def touching_angles(
 
 
 def carrier_of(
-    joined: Mapping[str, tuple[str, str]],
+    joined: Mapping[str, Links],
     axes: LinkAxes,
-    links: tuple[str, str],
-    pairs: tuple[str, str],
+    links: Links,
+    pairs: Links,
 ) -> tuple[str, list[tuple[str, int]], float]:
     """Return the link that carries the axes of two gears, by which R pairs, at what angle.
 
@@ -439,9 +446,7 @@ def _degrees(angle: float) -> str:
     return f"{math.degrees(angle):.9g}"
 
 
-def start_of_phase(
-    mechanism: Mechanism, pair: Pair, phase: Mapping[str, float]
-) -> tuple[float, float]:
+def start_of_phase(mechanism: Mechanism, pair: Pair, phase: Angles) -> Ends:
     """Return the arc lengths (rad) at which two wheels touch at values of their shafts.
 
     Parameters
@@ -500,7 +505,7 @@ def start_of_phase(
 
 
 def _shaft(
-    mechanism: Mechanism, contact: Pair, link: str, phase: Mapping[str, float]
+    mechanism: Mechanism, contact: Pair, link: str, phase: Angles
 ) -> tuple[str, str, Callable[[float], Floats]]:
     """Return the shaft of a wheel, its carrier, and what turns the wheel's axes into its.
 

@@ -23,6 +23,7 @@ from spherekit.sphere.rotation import all_finite, cross
 
 PairType = Literal["R", "Cr", "Cs"]
 Ends = tuple[float, float]
+Links = tuple[str, str]
 
 MOST_TEETH = 10_000
 """Ratios of wheels are of whole numbers up to this, or none."""
@@ -103,7 +104,7 @@ class Joint(ABC):
 
     @staticmethod
     @abstractmethod
-    def variable_names(pair: str, links: tuple[str, str]) -> list[str]:
+    def variable_names(pair: str, links: Links) -> list[str]:
         """Return the names of the variables of a pair of this name."""
 
     @property
@@ -185,7 +186,7 @@ class Revolute(Joint):
     rolled = ()
 
     @staticmethod
-    def variable_names(pair: str, links: tuple[str, str]) -> list[str]:
+    def variable_names(pair: str, links: Links) -> list[str]:
         return [f"theta_{pair}"]
 
     @classmethod
@@ -230,12 +231,12 @@ class Rolling(Joint):
 
     first: Curve
     second: Curve
-    start: tuple[float, float]
+    start: Ends
 
     rolled = (0,)
 
     @staticmethod
-    def variable_names(pair: str, links: tuple[str, str]) -> list[str]:
+    def variable_names(pair: str, links: Links) -> list[str]:
         return [f"s_{pair}"]
 
     @cached_property
@@ -306,7 +307,7 @@ class Sliding(Joint):
     rolled = ()
 
     @staticmethod
-    def variable_names(pair: str, links: tuple[str, str]) -> list[str]:
+    def variable_names(pair: str, links: Links) -> list[str]:
         return [f"s_{pair}_{link}" for link in links]
 
     @cached_property

@@ -16,9 +16,8 @@ from spherekit.arrays import Floats
 from spherekit.conventions import counted, listing
 from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
-from spherekit.model.parts import need_finite, need_increasing
+from spherekit.model.parts import Numbers, Vector, need_finite, need_increasing
 
-Vector = tuple[float, float, float]
 TorqueFunction = Callable[[float, float, float], float]
 """A torque (N m) from the time t (s), the variable q (rad) and the rate dq (rad/s)."""
 Axes = Literal["ground", "link"]
@@ -108,6 +107,8 @@ class Component:
     rubs: "BearingFriction | None" = None
 
 
+Components = tuple[Component, ...]
+
 Loaded = Any
 """A `Mechanism`, whose module imports this one: what acts on it sees it."""
 
@@ -145,7 +146,7 @@ class Load(ABC):
                 need(holds, f"{key}.{name}", value, mechanism)
 
     @abstractmethod
-    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> Components:
         """Return what it is made of: magnitudes, and what they work on."""
 
 
@@ -187,8 +188,8 @@ class TorqueTable(Load):
 
     name: str
     pair: str
-    times: tuple[float, ...]
-    torques: tuple[float, ...]
+    times: Numbers
+    torques: Numbers
     periodic: bool = False
 
     def at(self, t: ArrayLike) -> Floats:
@@ -251,7 +252,7 @@ class TorqueTable(Load):
                 f"this one has {self.torques[0]:g} and {self.torques[-1]:g} N m"
             )
 
-    def components(self, mechanism: Loaded) -> tuple[Component, ...]:
+    def components(self, mechanism: Loaded) -> Components:
         """See `Load`."""
         return (Component(self, self.pair),)
 

@@ -23,18 +23,23 @@ from spherekit.model.gears import frames_of_sizes, pair_frames
 from spherekit.model.load import Load, vector_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import (
+    Angles,
     AngleUnit,
     LinkSizes,
     Pair,
     PoseGeometry,
     Profile,
     SizeGeometry,
+    Vector,
     in_radians,
 )
 from spherekit.sphere.rotation import about_z
 
 Turns = Mapping[str, Floats]
 """Rotations (3, 3) from the old axes of links to the new ones, by link."""
+
+Words = Mapping[str, str]
+"""What stands for names."""
 
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
@@ -50,10 +55,10 @@ def turned(profile: Profile, turn: Floats, pair: Pair) -> Profile:
 def restated(
     made: Mechanism,
     *,
-    names: Mapping[str, str] = _NONE,
+    names: Words = _NONE,
     turns: Turns = _NONE,
     ground: Floats | None = None,
-    words: Mapping[str, str] = _NONE,
+    words: Words = _NONE,
     turned_profile: Callable[[Profile, Floats, Pair], Profile] = turned,
 ) -> dict[str, Any]:
     """Return pairs, outputs, masses and loads of a mechanism said otherwise.
@@ -110,10 +115,10 @@ def restated(
 
 def _load(
     item: Load,
-    names: Mapping[str, str],
+    names: Words,
     turns: Turns,
     ground: Floats | None,
-    words: Mapping[str, str],
+    words: Words,
 ) -> Load:
     """Return a load said otherwise; see `restated`."""
 
@@ -138,7 +143,7 @@ def _load(
     return replace(item, **changes)  # type: ignore[type-var]
 
 
-def turned_vector(turn: Floats, vector: ArrayLike) -> tuple[float, float, float]:
+def turned_vector(turn: Floats, vector: ArrayLike) -> Vector:
     """Return a vector (3,) turned by a rotation (3, 3)."""
     x, y, z = (turn @ np.array(vector, dtype=float)).tolist()
     return x, y, z
@@ -173,9 +178,7 @@ SAME = 1e-12
 
 
 @checked(ModelError)
-def lock(
-    mechanism: Mechanism, pairs: Mapping[str, float], *, angle_unit: AngleUnit
-) -> Mechanism:
+def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mechanism:
     """Return the mechanism with R pairs locked, the two links of each joined to one.
 
     The link that stays is the ground, or the one with contacts, or the pair's first;

@@ -26,6 +26,7 @@ from spherekit.model.dynamics import JointLimit, Mass, check_mass, check_stop
 from spherekit.model.joints import KINDS
 from spherekit.model.load import Load
 from spherekit.model.parts import (
+    Angles,
     AngleUnit,
     Input,
     LinkSizes,
@@ -40,6 +41,9 @@ from spherekit.model.parts import (
     resized,
     rows_of,
 )
+
+Named = Iterator[tuple[str, str]]
+"""Keys, and the names that these say."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,7 @@ class Mechanism:
     masses: tuple[Mass, ...] = ()
     loads: tuple[Load, ...] = ()
     joint_limits: tuple[JointLimit, ...] = ()
-    modes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    modes: Mapping[str, Angles] = field(default_factory=dict)
     source: Source | None = None
     user: Mapping[str, Any] = field(default_factory=dict)
 
@@ -249,9 +253,9 @@ class Mechanism:
         angle_unit: AngleUnit,
         arcs: Mapping[str, Sizes] | None = None,
         angles: Mapping[str, Sizes] | None = None,
-        zeros: Mapping[str, float] | None = None,
+        zeros: Angles | None = None,
         axes: Mapping[str, ArrayLike] | None = None,
-        values: Mapping[str, float] | None = None,
+        values: Angles | None = None,
     ) -> "Mechanism":
         """Return the same mechanism with other sizes, as its file states them.
 
@@ -304,9 +308,7 @@ class Mechanism:
             )
         return replace(self, geometry=geometry)
 
-    def _by_pair(
-        self, given: Mapping[str, float] | None, unit: AngleUnit
-    ) -> dict[str, float]:
+    def _by_pair(self, given: Angles | None, unit: AngleUnit) -> dict[str, float]:
         """Return angles in rad by the names of pairs, which are looked up."""
         return {self.pair(n).name: in_radians(x, unit) for n, x in (given or {}).items()}
 
@@ -432,7 +434,7 @@ def _check(mechanism: Mechanism) -> None:
             )
 
 
-def _links_named(mechanism: Mechanism) -> Iterator[tuple[str, str]]:
+def _links_named(mechanism: Mechanism) -> Named:
     """Yield the links that a mechanism names, with the keys that do."""
     yield "ground", mechanism.ground
     for pair in mechanism.pairs:
@@ -446,7 +448,7 @@ def _links_named(mechanism: Mechanism) -> Iterator[tuple[str, str]]:
         yield from (("links", link) for link in mechanism.geometry.links)
 
 
-def _pairs_named(mechanism: Mechanism) -> Iterator[tuple[str, str]]:
+def _pairs_named(mechanism: Mechanism) -> Named:
     """Yield the pairs that a mechanism names, with the keys that do."""
     for mode, values in mechanism.modes.items():
         yield from ((f"modes.{mode}", pair) for pair in values)
@@ -462,9 +464,7 @@ def _pairs_named(mechanism: Mechanism) -> Iterator[tuple[str, str]]:
     yield from (("pairs", pair) for given in of_pairs for pair in given)
 
 
-def _named_by_loads(
-    mechanism: Mechanism, what: Collection[str]
-) -> Iterator[tuple[str, str]]:
+def _named_by_loads(mechanism: Mechanism, what: Collection[str]) -> Named:
     for load in mechanism.loads:
         for key, holds in load.keys.items():
             if holds in what:

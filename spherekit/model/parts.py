@@ -14,10 +14,15 @@ from numpy.typing import ArrayLike
 
 from spherekit.conventions import choices
 from spherekit.errors import ModelError
-from spherekit.model.joints import KINDS, Kind, PairType
+from spherekit.model.joints import KINDS, Ends, Kind, Links, PairType
 
 Sizes = float | Sequence[float] | Mapping[str, float]
 """Sizes of a link: its only one, all of them, or some by the pair that they lead to."""
+
+Numbers = tuple[float, ...]
+Angles = Mapping[str, float]
+"""Angles (rad) of pairs, by their names."""
+Vector = tuple[float, float, float]
 
 AngleUnit = Literal["deg", "rad"]
 """Units that angles are stated in outside; inside they are rad."""
@@ -37,7 +42,7 @@ def rows_of(key: str, given: ArrayLike, shape: tuple[int, ...]) -> Any:
     return tuple(map(tuple, rows)) if len(shape) > 1 else tuple(rows)
 
 
-def along(key: str, given: ArrayLike) -> tuple[float, float, float]:
+def along(key: str, given: ArrayLike) -> Vector:
     """Return the unit vector along a direction (3,)."""
     x, y, z = rows_of(f"{key}.xyz", given, (3,))
     length = math.hypot(x, y, z)
@@ -53,7 +58,7 @@ def need_finite(key: str, numbers: Iterable[float]) -> None:
             raise ModelError(f"{key}: found {number}, needs a finite number")
 
 
-def need_increasing(key: str, times: tuple[float, ...]) -> None:
+def need_increasing(key: str, times: Numbers) -> None:
     """Refuse times that do not increase; `ModelError` names the first that does not."""
     for number, (one, other) in enumerate(pairwise(times)):
         if not other > one:
@@ -78,15 +83,15 @@ class Profile:
     """
 
     kind: ProfileKind
-    centre: tuple[float, float, float] | None = None
+    centre: Vector | None = None
     radius: float | None = None
-    points: tuple[tuple[float, float, float], ...] = ()
+    points: tuple[Vector, ...] = ()
     closed: bool = True
-    cosines: tuple[float, ...] = ()
-    sines: tuple[float, ...] = ()
+    cosines: Numbers = ()
+    sines: Numbers = ()
 
     @property
-    def round_axis(self) -> tuple[float, float, float] | None:
+    def round_axis(self) -> Vector | None:
         """What a circle, a great circle too, is round about; None for other curves."""
         return self.centre if self.kind in ("circle", "great_circle") else None
 
@@ -107,10 +112,10 @@ class Pair:
 
     name: str
     type: PairType
-    links: tuple[str, str]
+    links: Links
     profiles: tuple[Profile, Profile] | None = None
     contact: Literal["external", "internal"] = "external"
-    start: tuple[float, float] = (0.0, 0.0)
+    start: Ends = (0.0, 0.0)
     one_sided: bool = False
     distance: float | None = None
     pressure_angle: float | None = None
@@ -146,8 +151,8 @@ class LinkSizes:
     """
 
     axes: tuple[str, ...]
-    arcs: tuple[float, ...] = ()
-    angles: tuple[float, ...] = ()
+    arcs: Numbers = ()
+    angles: Numbers = ()
     unpaired: tuple[str, ...] = ()
     signed: bool = False
 
@@ -191,7 +196,7 @@ class SizeGeometry:
     """
 
     links: Mapping[str, LinkSizes]
-    zeros: Mapping[str, float] = field(default_factory=dict)
+    zeros: Angles = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -202,8 +207,8 @@ class PoseGeometry:
     the ground's there. `values[pair]` is the pair variable (rad) in that pose.
     """
 
-    axes: Mapping[str, tuple[float, float, float]]
-    values: Mapping[str, float] = field(default_factory=dict)
+    axes: Mapping[str, Vector]
+    values: Angles = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -218,7 +223,7 @@ class Input:
     stop: float
 
     @property
-    def range(self) -> tuple[float, float]:
+    def range(self) -> Ends:
         """The least and the greatest value (rad)."""
         return min(self.start, self.stop), max(self.start, self.stop)
 
@@ -238,7 +243,7 @@ class Output:
     name: str
     link: str
     relative_to: str
-    direction: tuple[float, float, float] | None = None
+    direction: Vector | None = None
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from spherekit.arrays import Floats
 from spherekit.conventions import DEFAULT_SAMPLES, counted
 from spherekit.errors import AnalysisError, ModelError, SpherekitError
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import need_finite, need_increasing
+from spherekit.model.parts import Numbers, need_finite, need_increasing
 
 States = tuple[Floats, Floats, Floats]
 """The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""
@@ -57,7 +57,7 @@ class ConstantSpeed:
 class Polynomial:
     """The variable as a polynomial: the sum of ``coefficients[k] t**k`` (rad/s^k)."""
 
-    coefficients: tuple[float, ...]
+    coefficients: Numbers
 
     def __post_init__(self) -> None:
         if not self.coefficients:
@@ -117,8 +117,8 @@ class Tabulated:
     and acceleration are zero at both ends instead (clamped).
     """
 
-    times: tuple[float, ...]
-    angles: tuple[float, ...]
+    times: Numbers
+    angles: Numbers
     rest_at_ends: bool = False
 
     def __post_init__(self) -> None:
@@ -187,8 +187,8 @@ class Start:
     Of several inputs one number for each, in their order; a rate of 0 is that of all.
     """
 
-    q: float | tuple[float, ...]
-    dq: float | tuple[float, ...] = 0.0
+    q: float | Numbers
+    dq: float | Numbers = 0.0
 
     def __post_init__(self) -> None:
         _need_finite_fields(self)
@@ -255,7 +255,7 @@ StartGiven = Start | str | Mapping[str, Any]
 START_SHOWN = "give q=Q,dq=W in rad and rad/s, of several inputs q=Q+Q,dq=W+W"
 
 
-def _numbers(given: Any) -> float | tuple[float, ...]:
+def _numbers(given: Any) -> float | Numbers:
     """Return a number, or those of several inputs; a text joins them by ``+``."""
     if not isinstance(given, str):
         return tuple(map(float, given)) if np.ndim(given) else float(given)

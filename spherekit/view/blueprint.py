@@ -86,7 +86,10 @@ SPACE_EYE = (1.9, -2.2, 1.3)
 """From where a space of its own is seen, whose longest side is `entities.CUBE`."""
 
 
-Bounds = tuple[tuple[float, float], tuple[float, float]]
+Span = tuple[float, float]
+Bounds = tuple[Span, Span]
+View = Callable[[], rrb.View]
+Shown = rrb.View | rrb.Container
 
 HIDDEN = rrb.EntityBehavior(visible=False)
 
@@ -111,7 +114,7 @@ class Plot:
     page: Page
     path: str
     answers: bool
-    view: Callable[[], rrb.View]
+    view: View
     compared: str = ""
     """Path of the chart that it is compared by with those of other modes."""
 
@@ -123,7 +126,7 @@ class Layout:
     root: str
     timeline: str
     step: float
-    span: tuple[float, float] | None
+    span: Span | None
     """First and last time on the timeline, if known; in s on the timeline of time."""
     sight: Sight
     pages: dict[int | str, str] = field(default_factory=dict)
@@ -136,7 +139,7 @@ class Layout:
     scales: list[tuple[Page, str]] = field(default_factory=list)
     compared: dict[str, str] = field(default_factory=dict)
     """Titles of the charts in which modes are compared, by their paths."""
-    panels: list[tuple[Page, Callable[[], rrb.View]]] = field(default_factory=list)
+    panels: list[tuple[Page, View]] = field(default_factory=list)
     """Graphs and texts."""
 
     def base(self, page: Page) -> str:
@@ -184,7 +187,7 @@ class Layout:
         plots = [plot.view() for plot in on_page]
         ordered = sorted(self.panels, key=lambda panel: panel[0] is None)
         panels = [view() for owner, view in ordered if owner in (None, page)]
-        rows: list[rrb.View | rrb.Container] = [*plots[:1]]
+        rows: list[Shown] = [*plots[:1]]
         if len(plots) > 1:
             rows.append(_tabs(plots[1:]))
         if panels:
@@ -196,7 +199,7 @@ class Layout:
             return rrb.Horizontal(
                 rows[0], *beside, column_shares=[11, 9][: len(beside) + 1], name=title
             )
-        solids: rrb.View | rrb.Container = self._space(page, title)
+        solids: Shown = self._space(page, title)
         scale = next((path for owner, path in self.scales if owner == page), None)
         if scale is not None:
             solids = rrb.Vertical(
@@ -297,5 +300,5 @@ def graph(path: str, name: str) -> rrb.View:
     )
 
 
-def _tabs(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
+def _tabs(views: Sequence[rrb.View]) -> Shown:
     return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)

@@ -4,7 +4,7 @@ A chart is `WIDTH` x `HEIGHT` units, y down, one unit a pixel of the pictures in
 frame of its axes has its upper left corner at the origin, and the legend is beside it.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from spherekit.arrays import Floats, Integers
 from spherekit.conventions import listing
 from spherekit.sphere.rotation import nans
 from spherekit.view import colours, shapes
-from spherekit.view.outputs import Still
+from spherekit.view.outputs import Columns, Stills
 from spherekit.view.sdk import rr
 
 WIDTH, HEIGHT = 930.0, 372.0
@@ -115,7 +115,7 @@ class Chart:
         """Return where values on the first axis are in the frame."""
         return self.width * _part(values, *self.over[0].extent)
 
-    def cursor(self, rows: Sequence[Floats]) -> Iterable[rr.ComponentColumn]:
+    def cursor(self, rows: Sequence[Floats]) -> Columns:
         """Return a line that moves through the plot, or a mark that moves on the map."""
         x = self.across(rows[0])
         if self.is_map:
@@ -143,7 +143,7 @@ class Chart:
                 tints.append(curve.colour)
         return np.array(places).reshape(-1, 2), tints
 
-    def drawn(self, marks: Sequence[InputMarks] = ()) -> Iterator[Still]:
+    def drawn(self, marks: Sequence[InputMarks] = ()) -> Stills:
         """Yield what stands still: the frame, the curves or the map, marks, words."""
         if self.is_map:
             yield from self._map()
@@ -164,7 +164,7 @@ class Chart:
         if self.over[0].unit == "deg":
             yield from self._marked(marks)
 
-    def _marked(self, marks: Sequence[InputMarks]) -> Iterator[Still]:
+    def _marked(self, marks: Sequence[InputMarks]) -> Stills:
         """Yield a line at each place on the axis where something is, with its name."""
         for number, mark in enumerate(marks):
             if mark.inputs.shape[1:] != (1,):
@@ -178,7 +178,7 @@ class Chart:
             names = [(at, y, mark.label) for at in x]
             yield f"marks/{number}/words", _words(names, tint, len(x) <= MOST_LABELS)
 
-    def _map(self) -> Iterator[Still]:
+    def _map(self) -> Stills:
         (curve,) = self.curves.values()
         x, y, cells = gridded(*curve.whole)
         first, second = self.over[:2]
@@ -267,7 +267,7 @@ def side_of(axis: Axis) -> Side:
     return side(axis.words, axis.extent, axis.unit == "deg")
 
 
-def frame(width: float, x: Side, y: Side, lined: bool = True) -> Iterator[Still]:
+def frame(width: float, x: Side, y: Side, lined: bool = True) -> Stills:
     """Yield the box with its lines, and the words at its axes."""
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)
     lines = [corners * [width, FRAME_HEIGHT]]
@@ -295,7 +295,7 @@ def roomy(item: Portrait) -> Portrait:
     return replace(item, y_range=(low - around, high + around))
 
 
-def portrait(item: Portrait) -> Iterator[Still]:
+def portrait(item: Portrait) -> Stills:
     """Yield the frame of a portrait, its curves and marks."""
     sides = [
         side(titled(label, unit), span, unit.startswith("deg"), item.logarithmic)
@@ -352,7 +352,7 @@ def _marked(places: Floats, marks: Sequence[Mark], written: bool) -> rr.Points2D
     )
 
 
-def horizontal_scale(low: float, high: float, label: str) -> Iterator[Still]:
+def horizontal_scale(low: float, high: float, label: str) -> Stills:
     """Yield a scale of colours from left to right, `WIDTH` long, with its words."""
     picture = np.empty((24, round(WIDTH), 3), dtype=np.uint8)
     picture[:] = colours.heat(np.linspace(0.0, 1.0, round(WIDTH)))

@@ -1,6 +1,6 @@
 """Points and straight lines that move in a plane with one scale on both axes."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from spherekit.analysis.plotted import placed_labels
 from spherekit.analysis.scene import Diagram
 from spherekit.arrays import Floats
 from spherekit.view import charts, colours
-from spherekit.view.outputs import Still
+from spherekit.view.outputs import Columns, Stills
 from spherekit.view.sdk import rr
 
 MOST_LISTED = 14
@@ -16,10 +16,10 @@ LETTER = 20.0
 BELOW = 46.0
 """From the frame to the words of a step."""
 
-Moving = tuple[str, Iterable[rr.ComponentColumn]]
+Moving = tuple[str, Columns]
 
 
-def still(item: Diagram) -> Iterator[Still]:
+def still(item: Diagram) -> Stills:
     """Yield the frame with its ticks, and the looks of points and lines."""
     width = _width(item)
     x = charts.side(item.x_label, item.x_range, False)
@@ -74,7 +74,7 @@ def moving(item: Diagram) -> Iterator[Moving]:
         yield "step", rr.Points2D.columns(positions=below, labels=list(item.words))
 
 
-def _read(item: Diagram, angles: Floats) -> Iterable[rr.ComponentColumn]:
+def _read(item: Diagram, angles: Floats) -> Columns:
     one, other = item.reading_names
     words = [
         f"{name}  {one} {_angle(a)}  {other} {_angle(b)}"

@@ -35,10 +35,10 @@ from spherekit.region.mesh import sphere_mesh
 from spherekit.sphere.rotation import frame_from, perpendicular, quaternion
 from spherekit.view import charts, colours, diagrams, shapes
 from spherekit.view.names import Name
-from spherekit.view.outputs import Still
+from spherekit.view.outputs import Columns, Stills
 from spherekit.view.sdk import rr
 
-Moving = tuple[str, Iterable[rr.ComponentColumn]]
+Moving = tuple[str, Columns]
 """Path below the primitive, and its columns for one block of samples."""
 
 LINK_RADIUS = 0.016
@@ -57,7 +57,7 @@ CUBE = 1.6
 """Side of the space that a surface fills if its axes differ."""
 
 
-def world() -> Iterator[Still]:
+def world() -> Stills:
     """Yield the sphere with its graticule."""
     vertices, triangles = sphere_mesh()
     yield (
@@ -73,7 +73,7 @@ def world() -> Iterator[Still]:
     yield "sphere/graticule", lines
 
 
-def still(primitive: Primitive, names: Sequence[Name] = ()) -> Iterator[Still]:
+def still(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
     """Yield what is logged once for a primitive; `names` are those that a link shows."""
     match primitive:
         case Body():
@@ -197,7 +197,7 @@ def drawn_whole(primitive: Primitive) -> Floats | None:
     return None
 
 
-def whole(primitive: Primitive, rows: Floats, row: int | None) -> Iterator[Still]:
+def whole(primitive: Primitive, rows: Floats, row: int | None) -> Stills:
     """Yield what stands still of all rows of a primitive, in a grid of rows so long.
 
     The path that a pole leaves on the sphere, that of a direction in the axes of a link,
@@ -239,18 +239,18 @@ def failure_label() -> rr.Points3D:
     )
 
 
-def failure_columns(failed: Bools) -> Iterable[rr.ComponentColumn]:
+def failure_columns(failed: Bools) -> Columns:
     """Return the columns that show the failure label at the failed samples only."""
     return _points(np.zeros((int(failed.sum()), 3)), failed.astype(np.int64))
 
 
-def _points(positions: Floats, count: Integers) -> Iterable[rr.ComponentColumn]:
+def _points(positions: Floats, count: Integers) -> Columns:
     return rr.Points3D.columns(positions=positions).partition(count)
 
 
 def _shared_labels(
     directions: Floats, labels: NDArray[np.object_], shown: Bools
-) -> Iterable[rr.ComponentColumn]:
+) -> Columns:
     """Return labels (n,) of arrows that cover each other, at the rows that are `shown`."""
     shown = shown & (labels != "")
     count = int(np.sum(shown))
@@ -263,14 +263,14 @@ def _shared_labels(
     ).partition(shown.astype(np.int64))
 
 
-def _turned(quaternions: Floats, good: Bools) -> Iterable[rr.ComponentColumn]:
+def _turned(quaternions: Floats, good: Bools) -> Columns:
     scale = np.where(good, 1.0, HIDDEN)[:, None] * np.ones(3)
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     turn = np.where(good[:, None], quaternions, upright)
     return rr.Transform3D.columns(quaternion=turn, scale=scale)
 
 
-def _still_body(body: Body, names: Sequence[Name]) -> Iterator[Still]:
+def _still_body(body: Body, names: Sequence[Name]) -> Stills:
     colour = colours.link_colour(body.number)
     lift = 1.0 + LIFT * (1 + body.number % LEVELS)
     if len(body.curves) > 0:
@@ -293,7 +293,7 @@ def _still_body(body: Body, names: Sequence[Name]) -> Iterator[Still]:
     )
 
 
-def _still_curves(item: SphereCurves) -> Iterator[Still]:
+def _still_curves(item: SphereCurves) -> Stills:
     if item.curves:
         yield "", _curves(item.curves, 1.006, colours.tone(item.tone), 1.6)
     if item.marks:
@@ -309,7 +309,7 @@ def _still_curves(item: SphereCurves) -> Iterator[Still]:
         )
 
 
-def _still_map(item: SphereMap) -> Iterator[Still]:
+def _still_map(item: SphereMap) -> Stills:
     tints = colours.heat_of(item.values, *map_range(item.shown_values, item.unit))
     places = MAP_LIFT * item.vertices
     if len(item.triangles):
@@ -324,7 +324,7 @@ def _still_map(item: SphereMap) -> Iterator[Still]:
     yield "", seen
 
 
-def _still_surface(surface: Surface) -> Iterator[Still]:
+def _still_surface(surface: Surface) -> Stills:
     low, high = np.min(surface.vertices, axis=0), np.max(surface.vertices, axis=0)
     scale = CUBE / np.where(high > low, high - low, 1.0)
     middle = 0.5 * (low + high)
@@ -365,7 +365,7 @@ def _still_surface(surface: Surface) -> Iterator[Still]:
     )
 
 
-def _still_graph(graph: Graph) -> Iterator[Still]:
+def _still_graph(graph: Graph) -> Stills:
     tints = [
         colours.SILVER if number is None else colours.link_colour(number)
         for _, _, number in graph.nodes

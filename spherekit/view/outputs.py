@@ -9,7 +9,7 @@ import os
 import socket
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -287,6 +287,9 @@ def _reason(error: BaseException) -> str:
 
 Still = tuple[str, rr.AsComponents]
 """Path below something, and what is logged there once."""
+Stills = Iterator[Still]
+Columns = Iterable[rr.ComponentColumn]
+"""What is logged of rows."""
 
 
 def below(path: str, suffix: str) -> str:
@@ -365,7 +368,7 @@ class Outputs:
         self,
         path: str,
         times: Sequence[rr.TimeColumn],
-        columns: Iterable[rr.ComponentColumn],
+        columns: Columns,
         rows: int,
     ) -> None:
         """Log rows of what moves."""

@@ -6,7 +6,7 @@ The charts of a recording: cursors and legends block by block, curves in the end
 import re
 import time
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -50,6 +50,7 @@ from spherekit.view.blueprint import (
     InputTimeline,
     Layout,
     Plot,
+    View,
     asked_for,
     graph,
     input_timeline,
@@ -471,7 +472,7 @@ class RerunRecorder:
                 if shown and path_shown and not primary:
                     layout.overrides.append((page, f"{path}/trail", layout.recent))
             case Portrait() | Diagram() | Surface():
-                view: Callable[[], rrb.View] = partial(space, path, primitive.label)
+                view: View = partial(space, path, primitive.label)
                 if isinstance(primitive, Diagram):
                     view = partial(plane, path, primitive.label, diagrams.bounds(primitive))
                 elif isinstance(primitive, Portrait):
