@@ -3,10 +3,10 @@
 import inspect
 from abc import ABC, abstractmethod
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,7 @@ from spherekit.arrays import Floats
 from spherekit.conventions import counted, listing
 from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
-from spherekit.model.parts import Numbers, Vector, need_finite, need_increasing
+from spherekit.model.parts import Numbers, Pair, Vector, need_finite, need_increasing
 
 TorqueFunction = Callable[[float, float, float], float]
 """A torque (N m) from the time t (s), the variable q (rad) and the rate dq (rad/s)."""
@@ -109,8 +109,36 @@ class Component:
 
 Components = tuple[Component, ...]
 
-Loaded = Any
-"""A `Mechanism`, whose module imports this one: what acts on it sees it."""
+
+class Loaded(Protocol):
+    """A mechanism as what acts on it sees it."""
+
+    @property
+    def name(self) -> str:
+        """See `Mechanism`."""
+
+    @property
+    def ground(self) -> str:
+        """See `Mechanism`."""
+
+    @property
+    def pairs(self) -> Sequence[Pair]:
+        """See `Mechanism`."""
+
+    @property
+    def masses(self) -> Sequence[Any]:
+        """See `Mechanism`."""
+
+    @property
+    def loads(self) -> "Sequence[Load]":
+        """See `Mechanism`."""
+
+    @property
+    def angles(self) -> Mapping[str, int]:
+        """See `Mechanism`."""
+
+    def pair(self, name: str) -> Pair:
+        """See `Mechanism`."""
 
 
 class Load(ABC):
