@@ -9,7 +9,7 @@ what the given input says is an independent check.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,60 +60,59 @@ SAME_INPUT = 1e-5
 
 
 @dataclass(frozen=True)
-class MonotoneSegments:
-    """The k parts of a configuration curve on which the input only rises or only falls.
+class Piece:
+    """The part of a curve from `start` to `stop` (s in rad) that is one assembly mode.
 
-    Those of a range of it, in order. Where the range is longer than what the curve returns
-    with, the same part is there again for each time that the input passes it.
-
-    `starts` and `stops` (k,) are s (rad), the last stop perhaps beyond the length of a
-    closed curve; `middles` (k, variables) their middle points, the input in the range;
-    `shifts` (k,) the whole periods by which it differs from the curve's (rad); `lowest`,
-    `highest` (k,) the input at their ends. A curve on which the input stands still is one
-    part.
+    The input only rises or only falls in it, from `lowest` to `highest`, and lies in its
+    range. `assembly_mode` is None for what the curve reaches and none of the assembly modes
+    given holds: a mode that the search for them missed, or wheels in mesh a turn later.
+    `stop` may be beyond the length of a closed curve: the piece holds the point s = 0.
+    `shift` (rad) is by how much the input is greater than on the curve: in a range of
+    several turns the same part of a curve is as many pieces. `middle` (variables,) is its
+    middle point, the input in the range.
     """
 
-    starts: Floats
-    stops: Floats
-    middles: Floats
-    shifts: Floats
-    lowest: Floats
-    highest: Floats
+    assembly_mode: int | None
+    middle: Floats
+    start: float
+    stop: float
+    shift: float
+    lowest: float
+    highest: float
 
-    @staticmethod
-    def of(
-        curve: ArcCurve, driven: int, low: float, high: float, period: float = TURN
-    ) -> "MonotoneSegments":
-        """Return those of a curve for the variable `driven` from `low` to `high` (rad).
 
-        `period` is the growth of the variable with which the same configurations return,
-        infinite where only the curve itself can say so.
-        """
-        period = curve.returns_after(driven, period)
-        ends = (curve.at_input(driven, end, period) for end in (low, high))
-        zeros = [cut.places for cut in (curve.dead_points(driven), *ends)]
-        cuts = np.unique(np.concatenate(zeros))
-        if curve.closed:
-            cuts = cuts if len(cuts) else np.zeros(1)
-            cuts = np.append(cuts, cuts[0] + curve.length)
-        else:
-            cuts = np.concatenate([[0.0], cuts, [curve.length]])
-        cuts = cuts[np.append(True, np.diff(cuts) > SHORTEST)]
-        middles = curve.at(0.5 * (cuts[:-1] + cuts[1:])).values
-        turned, which = turns_in_range(middles[:, driven], low, high, period)
-        inside = in_range(turned, low, high)
-        turned, which = turned[inside], which[inside]
-        starts, stops, middles = cuts[:-1][which], cuts[1:][which], middles[which]
-        shifts = turned - middles[:, driven]
-        middles[:, driven] = turned
-        inputs = [curve.at(cut).values[:, driven] + shifts for cut in (starts, stops)]
-        return MonotoneSegments(
-            starts, stops, middles, shifts, np.minimum(*inputs), np.maximum(*inputs)
-        )
+def monotone_pieces(
+    curve: ArcCurve, driven: int, low: float, high: float, period: float = TURN
+) -> list[Piece]:
+    """Return the parts of a curve on which an input only rises or falls, in order.
 
-    def count(self, q: float) -> int:
-        """Return how many have the input q."""
-        return int(np.sum((self.lowest < q) & (q < self.highest)))
+    Those of a range of the variable `driven`, from `low` to `high` (rad), their assembly
+    modes unknown. Where the range is longer than what the curve returns with, the same part
+    is there again for each time that the input passes it. A curve on which the input stands
+    still is one part. `period` is the growth of the variable with which the same
+    configurations return, infinite where only the curve itself can say so.
+    """
+    period = curve.returns_after(driven, period)
+    ends = (curve.at_input(driven, end, period) for end in (low, high))
+    zeros = [cut.places for cut in (curve.dead_points(driven), *ends)]
+    cuts = np.unique(np.concatenate(zeros))
+    if curve.closed:
+        cuts = cuts if len(cuts) else np.zeros(1)
+        cuts = np.append(cuts, cuts[0] + curve.length)
+    else:
+        cuts = np.concatenate([[0.0], cuts, [curve.length]])
+    cuts = cuts[np.append(True, np.diff(cuts) > SHORTEST)]
+    middles = curve.at(0.5 * (cuts[:-1] + cuts[1:])).values
+    turned, which = turns_in_range(middles[:, driven], low, high, period)
+    inside = in_range(turned, low, high)
+    turned, which = turned[inside], which[inside]
+    starts, stops, middles = cuts[:-1][which], cuts[1:][which], middles[which]
+    shifts = turned - middles[:, driven]
+    middles[:, driven] = turned
+    inputs = [curve.at(cut).values[:, driven] + shifts for cut in (starts, stops)]
+    numbers = starts, stops, shifts, np.minimum(*inputs), np.maximum(*inputs)
+    rows = zip(np.stack(numbers, axis=1).tolist(), middles, strict=True)
+    return [Piece(None, middle, *row) for row, middle in rows]
 
 
 def turning_inputs(
@@ -126,24 +125,6 @@ def turning_inputs(
     dead_points = curve.dead_points(driven)
     values = curve.at(dead_points.places[~dead_points.double]).values[:, driven]
     return np.asarray(low + np.mod(values - low, period)) if np.isfinite(period) else values
-
-
-@dataclass(frozen=True)
-class Piece:
-    """The part of a curve from `start` to `stop` (s in rad) that is one assembly mode.
-
-    The input only rises or only falls in it and lies in its range. `assembly_mode` is None
-    for what the curve reaches and none of the assembly modes given holds: a mode that the
-    search for them missed, or wheels in mesh a turn later. `stop` may be beyond the length
-    of a closed curve: the piece holds the point s = 0. `shift` (rad) is by how much the
-    input is greater than on the curve: in a range of several turns the same part of a curve
-    is as many pieces.
-    """
-
-    assembly_mode: int | None
-    start: float
-    stop: float
-    shift: float
 
 
 @dataclass(frozen=True)
@@ -225,11 +206,10 @@ def configuration_curves(
     # On some curves that cross others the input may stand still: no input leads to them.
     for end in _crossing_ends(search.curves):  # which grow on the way
         search.add(ways_out(solver.closure, end))
-    segments = [
-        MonotoneSegments.of(curve, solver.single, low, high, period)
-        for curve in search.curves
+    parts = [
+        monotone_pieces(curve, solver.single, low, high, period) for curve in search.curves
     ]
-    search.count(segments, complete)
+    search.count([part for one in parts for part in one], complete)
     if complete:
         search.compare(drive, dead)
     if search.problems:
@@ -237,12 +217,11 @@ def configuration_curves(
         words = f"{failed} failed, the first: {search.problems[0]}"
         claim = Completeness(Guarantee.SAMPLED, words)
     inputs, counts = np.array(search.counted).reshape(-1, 2).T
-    pieces = _pieces(solver, assembly_modes, search.curves, segments)
     return Configurations(
         tuple(
-            ConfigurationCurve(curve, parts)
-            for curve, parts in zip(search.curves, pieces, strict=True)
-            if parts
+            ConfigurationCurve(curve, _assigned(solver, assembly_modes, curve, pieces))
+            for curve, pieces in zip(search.curves, parts, strict=True)
+            if pieces
         ),
         claim,
         drive.mechanism.pairs[drive.assembly.input].name,
@@ -252,25 +231,22 @@ def configuration_curves(
     )
 
 
-def _pieces(
+def _assigned(
     solver: Solver,
     assembly_modes: Sequence[AssemblyMode],
-    curves: Sequence[ArcCurve],
-    segments: Sequence[MonotoneSegments],
-) -> Iterator[tuple[Piece, ...]]:
-    """Yield the parts of curves within the input range, each with its assembly mode.
-
-    That is the mode whose configuration at its middle is the curve's.
-    """
-    for curve, parts in zip(curves, segments, strict=True):
-        numbers: list[int | None] = [None] * len(parts.middles)
-        for assembly_mode in assembly_modes:
-            there = solver.evaluate(assembly_mode, parts.middles[:, [solver.single]]).values
-            gap = max_abs(curve.wrapped(there - parts.middles), axis=1)
-            for row in np.flatnonzero(gap < SAME_CONFIGURATION):
-                numbers[row] = assembly_mode.number
-        places = (part.tolist() for part in (parts.starts, parts.stops, parts.shifts))
-        yield tuple(map(Piece, numbers, *places))
+    curve: ArcCurve,
+    pieces: Sequence[Piece],
+) -> tuple[Piece, ...]:
+    """Return pieces of a curve, each with the mode whose configuration its middle is."""
+    numbers: list[int | None] = [None] * len(pieces)
+    middles = np.array([piece.middle for piece in pieces])
+    for assembly_mode in assembly_modes:
+        there = solver.evaluate(assembly_mode, middles[:, [solver.single]]).values
+        gap = max_abs(curve.wrapped(there - middles), axis=1)
+        for row in np.flatnonzero(gap < SAME_CONFIGURATION):
+            numbers[row] = assembly_mode.number
+    every = zip(pieces, numbers, strict=True)
+    return tuple(replace(piece, assembly_mode=number) for piece, number in every)
 
 
 class _CurveSearch:
@@ -346,7 +322,7 @@ class _CurveSearch:
             working.tell(lambda: census.words("curves"))
         return Completeness(Guarantee.SAMPLED, census.words("curves"))
 
-    def count(self, segments: Sequence[MonotoneSegments], complete: bool) -> None:
+    def count(self, pieces: Sequence[Piece], complete: bool) -> None:
         """Compare the number of modes with that of the curves' crossings.
 
         Where the modes at an input are complete, at inputs spread over the range too.
@@ -357,14 +333,14 @@ class _CurveSearch:
                 here = assemblies(self.solver, np.array([q]))
                 if here.is_complete:
                     self.counted.append((float(q), len(here.values)))
-        ends = np.array([end for part in segments for end in (*part.lowest, *part.highest)])
+        ends = np.array([end for piece in pieces for end in (piece.lowest, piece.highest)])
         crossed = np.array([end[self.solver.single] for end in _crossing_ends(self.curves)])
         for q, modes in self.counted:
             away = np.min(np.abs(ends - q), initial=np.inf)
             past = np.min(np.abs(wrap(crossed - q)), initial=np.inf)
             if away < NEAR_DEAD or past < NEAR_CROSSING:
                 continue
-            crossings = sum(part.count(q) for part in segments)
+            crossings = sum(piece.lowest < q < piece.highest for piece in pieces)
             if crossings < modes or (complete and crossings != modes):
                 self.problems.append(
                     f"at the input {np.degrees(q):.6g} deg there are {modes} modes, but "

@@ -19,7 +19,7 @@ from spherekit.model.parts import PoseGeometry
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import LONGEST, follow_arc
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
-from spherekit.motion.configuration import MonotoneSegments
+from spherekit.motion.configuration import monotone_pieces
 from spherekit.motion.elimination import (
     CLOSED_FORM,
     MOST_ASSEMBLY_MODES,
@@ -447,8 +447,9 @@ class ModeSearch:
             return
         self._curves.append(curve)
         given = self.solver.single, *self.input_grid.range, *self.solver.periods
-        middles = MonotoneSegments.of(curve, *given).middles
-        self._add_new(middles, np.zeros(len(middles), dtype=np.intp), family)
+        middles = [piece.middle for piece in monotone_pieces(curve, *given)]
+        values = np.array(middles).reshape(-1, curve.nodes.values.shape[1])
+        self._add_new(values, np.zeros(len(values), dtype=np.intp), family)
 
     def _search(self) -> SearchStatistics:
         """Add what random starts over the range meet, and return how often they did."""
