@@ -180,13 +180,6 @@ def _words_in(rows: "pa.Table") -> Iterator[str]:
             yield from column.chunk(0).dictionary.to_pylist()
 
 
-def pieces_of(table: Table, data: TableArrays) -> Iterator[TableArrays]:
-    """Yield the rows of a table in pieces as they are written."""
-    columns = typed(table, data)
-    for start in range(0, len(next(iter(columns.values()))), CHUNK):
-        yield {name: x[start : start + CHUNK] for name, x in columns.items()}
-
-
 def pieces_in(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:
     """Yield rows in such pieces from row groups of files that `write_columns` wrote.
 

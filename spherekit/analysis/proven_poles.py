@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from spherekit.analysis.rows import pieces_of
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     FILE_SIZE,
@@ -111,7 +112,7 @@ class ProvenPoles:
 
     def write(self, folder: Path, wanted: Files, mechanism_hash: str) -> list[str]:
         """Write the table into a folder; return the names of the files."""
-        from spherekit.analysis.frames import pieces_of, write_table
+        from spherekit.analysis.frames import write_table
 
         for kind in FILE_SIZE:
             check_own(folder / f"{PROVEN.name}.{kind}", b"proven_u")

@@ -20,7 +20,7 @@ from spherekit.analysis.folder import (
     signed,
     size_text,
 )
-from spherekit.analysis.rows import InMemory
+from spherekit.analysis.rows import InMemory, pieces_of
 from spherekit.analysis.running.cost import TABLES
 from spherekit.analysis.tables import (
     COLUMNS,
@@ -265,8 +265,6 @@ class RunResult:
             If the folder cannot be made or written, another run writes there or has left
             unfinished work, or the disk is full.
         """
-        from spherekit.analysis.frames import pieces_of
-
         declared = {name: result.tables for name, result in self.results.items()}
         rows = {
             stem: pieces_of(table, self._data(name, table.name))
@@ -336,13 +334,12 @@ def result_of(
     data: dict[str, dict[str, TableArrays]] = {name: {} for name in declared}
     summary = {**summary, "units": _units(declared, degrees=False)}
     by_stem = stems(declared)
-    if isinstance(store, InMemory):
+    if place is None and isinstance(store, InMemory):
         for name, table in by_stem.values():
             data[name][table.name] = store.table(name, table)
-    elif isinstance(store, StoredParts):
+    elif place is not None and store is not None:
         from spherekit.analysis.frames import ParquetColumns
 
-        assert place is not None
         rows = {stem: store.pieces(*key) for stem, key in by_stem.items()}
         files, summary = write_results(place, declared, rows, summary, wanted)
         for stem, (name, table) in by_stem.items():

@@ -9,6 +9,7 @@ import numpy as np
 
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
+    CHUNK,
     SAMPLE,
     TYPES,
     Table,
@@ -37,6 +38,10 @@ class InMemory:
     def clear(self) -> None:
         """Forget all rows."""
         self._blocks.clear()
+
+    def pieces(self, analysis: str, table: Table) -> Iterator[TableArrays]:
+        """Yield all rows, mode after mode, in pieces as they are written."""
+        return pieces_of(table, self.table(analysis, table))
 
     def table(self, analysis: str, table: Table) -> "JoinedBlocks":
         """Return all rows: by assembly mode, then sample, where they belong to these."""
@@ -159,3 +164,10 @@ def typed(table: Table, data: TableArrays) -> dict[str, Array]:
     if isinstance(data, JoinedBlocks):
         data.join(column.name for column in table.columns)
     return {c.name: np.asarray(data[c.name], TYPES.get(c.kind)) for c in table.columns}
+
+
+def pieces_of(table: Table, data: TableArrays) -> Iterator[TableArrays]:
+    """Yield the rows of a table in pieces as they are written."""
+    columns = typed(table, data)
+    for start in range(0, len(next(iter(columns.values()))), CHUNK):
+        yield {name: x[start : start + CHUNK] for name, x in columns.items()}

@@ -352,6 +352,8 @@ def taken_up(
         return standing, InMemory() if tables else None
     if not place.unfinished or unfinished == "discard":
         place.discard()
+        if job.is_single_block and not job.at_once:
+            return standing, InMemory()  # a block that was not whole is begun again
         return standing, StoredParts(place.work, not job.is_single_block, ())
     state = place.read()
     try:
@@ -388,7 +390,7 @@ def kept(
     store: StoredParts | InMemory | None,
 ) -> Iterator[Callable[[RunPlan], None]]:
     """Give what is called after each block; if the run is stopped, keep what was done."""
-    if place is None or not isinstance(store, StoredParts):
+    if place is None:
         yield lambda job: None
         return
     last: dict[str, Any] = {}
@@ -400,6 +402,8 @@ def kept(
         done = last["standing"]["done"]
 
     def after_block(job: RunPlan) -> None:
+        if not isinstance(store, StoredParts):
+            return
         last.update(identity=job.identity, standing=standing.state(), store=store.state())
         if place.due:
             write()

@@ -574,6 +574,8 @@ class AngleUnwrapping:
         simulation, which go on already, are those of the motion.
         """
         names = list(names)
+        if not names:
+            return {}
         mechanism, inputs = motion.mechanism, motion.assembly.inputs
         wanted = [mechanism.angles[name] for name in names if name in mechanism.angles]
         turns = np.zeros_like(motion.values)

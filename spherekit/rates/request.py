@@ -391,11 +391,11 @@ def signs_at_stops(
     is_moved = all_finite(vectors, 0) & np.any(vectors != 0.0, axis=0)
     is_moved &= is_good
     first = 0
-    sense = np.ones(len(motion)) if motion.sense is None else motion.sense
     for number, item in stops.items():
         mode, rows, here = motion.assembly_modes[number], item.rows, first
         first += len(rows)
         way, end = _way(motion, rows), (number + 1) * motion.samples
+        sense = np.ones(len(rows)) if motion.sense is None else motion.sense[rows]
         since = np.append(0, np.cumsum(item.linked))
         for j, pole in enumerate(signed):
             some = slice(here, first)
@@ -406,7 +406,7 @@ def signs_at_stops(
             if key not in memory.last:
                 home = _home(motion, mode.number, int(rows[good[0]]), memory)
                 side = -1.0 if home @ unit[:, good[0]] < 0.0 else 1.0
-            parts = [way], sense[None, rows], vectors[:, j, some], changes[:, j, some]
+            parts = [way], sense[None], vectors[:, j, some], changes[:, j, some]
             path = np.concatenate(parts)[:, good]
             chain = _chain(memory, key, side, path, since[good[1:]] > since[good[:-1]])
             signs = np.repeat(chain, np.diff(good, append=len(rows)))

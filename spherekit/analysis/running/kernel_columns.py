@@ -53,6 +53,7 @@ class ComputedColumns:
     ) -> None:
         self.kernel, self.doubtful, self.requests = kernel, doubtful, requests
         self.careful: list[PoleField] = []
+        self.was_read = False
         self._values, self._failed = motion.values.T, motion.failed
         self._odd = motion.failed.copy()
         self._odd[doubtful] = True
@@ -94,6 +95,7 @@ class ComputedColumns:
 
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
         """Have columns read, rows after rows."""
+        self.was_read = True
         places = [self.kernel.moving[k].of[name][of] for k, name, of, _ in keys]
 
         def fill(part: Part) -> None:

@@ -61,6 +61,8 @@ BYTES = 1 << 27
 """Of columns in a block, at most."""
 JUDGED = 1 << 19
 """Numbers that decide about the rows of a slice: they stay in the cache."""
+GROWTH = 8
+"""Times that a block grows at most: an analysis may begin to read arrays late."""
 MORE = 32
 """Blocks have so many times the rows of those without a kernel, at most."""
 
@@ -298,7 +300,8 @@ def stops_of(
     for mode, of_mode in enumerate(held):
         rows = np.flatnonzero(of_mode) + mode * len(of_mode)
         if len(rows):
-            at = np.flatnonzero(np.isin(rows, careful)) if len(careful) else NONE
+            low, high = np.searchsorted(careful, [rows[0], rows[-1] + 1])
+            at = np.searchsorted(rows, careful[low:high])
             for low in (at[at > 0] - 1, at[at < len(rows) - 1]):
                 gaps[mode].append(np.array([rows[low], rows[low + 1]]))
             stops[mode] = _stops(rows[[0, -1]], gaps[mode])
@@ -348,6 +351,7 @@ class BatchRunner:
     looks_ahead: bool
     with_times: bool
     _found: dict[int, _Block] = field(default_factory=dict, repr=False)
+    _last: ComputedColumns | None = None
 
     @classmethod
     def of(
@@ -386,11 +390,21 @@ class BatchRunner:
         return max(1, min(many, MORE * tracer.block))
 
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
-        """Yield the motion from sample `first` on in blocks of successive samples."""
-        whole = len(self.course)
-        starts = range(first, whole, size)
-        samples = (np.arange(start, min(start + size, whole)) for start in starts)
-        yield from in_turn(self.motion_at, samples, self.looks_ahead)
+        """Yield the motion from sample `first` on in blocks of successive samples.
+
+        Of `size`, unless that is the ordinary one: then they grow while no column is read.
+        """
+        most = GROWTH * size if size == self.block and not self.recorded else size
+
+        def samples() -> Iterator[Indices]:
+            start, count = first, size
+            while start < len(self.course):
+                yield np.arange(start, min(start + count, len(self.course)))
+                start += count
+                if self._last is not None:
+                    count = size if self._last.was_read else min(2 * count, most)
+
+        yield from in_turn(self.motion_at, samples(), self.looks_ahead)
 
     def has_found(self, motion: Motion) -> bool:
         """Return whether a motion is one that was found, whose poles were not asked."""
@@ -405,7 +419,7 @@ class BatchRunner:
         """
         block = self._found.pop(id(motion))
         asked = self.requests[: len(memories)]
-        columns = ComputedColumns(self.kernel, motion, asked, block.doubtful)
+        self._last = columns = ComputedColumns(self.kernel, motion, asked, block.doubtful)
         turned: list[Turning] = []
         for k, (memory, _) in enumerate(zip(memories, asked, strict=False)):
             if motion.is_path:
