@@ -154,11 +154,12 @@ def construction(
     Poles appear as they are found, with the two great circles that give each.
     """
     mechanism = batch.mechanism
-    primary = [step.pole for step in plan.steps if isinstance(step, PrimaryPole)]
+    axes = [x for x in plan.steps if isinstance(x, PrimaryPole) and not x.round]
+    primary = [step.pole for step in axes]
     stages: list[tuple[str, Sequence[Pole], LinePole | None]]
     stages = [(f"{len(primary)} axes of pairs are known", primary, None)]
     for step in plan.steps:
-        if isinstance(step, PrimaryPole):
+        if step in axes:
             continue
         passes = step.passes if isinstance(step, BlockPoles) else ()
         later = {passed.pole for passed in passes}

@@ -20,7 +20,6 @@ from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.plan import plans
 from spherekit.planning.poles import (
     BlockPoles,
-    CoaxialPole,
     LinePole,
     PrimaryPole,
     all_poles,
@@ -53,7 +52,7 @@ def check_plan(plan):
         if isinstance(step, LinePole):
             assert set(step.sources) <= known
         poles = step.poles if isinstance(step, BlockPoles) else (step.pole,)
-        assert isinstance(step, PrimaryPole | CoaxialPole | LinePole | BlockPoles)
+        assert isinstance(step, PrimaryPole | LinePole | BlockPoles)
         assert not known & set(poles)
         known |= set(poles)
     assert known >= {tuple(sorted(pair)) for pair in combinations(plan.bodies, 2)}

@@ -166,7 +166,9 @@ def _text(plans: Sequence[Plan]) -> Text:
         driven = mechanism.pairs[plan.input]
         locked = listing(mechanism.names_of(plan.locked))
         steps = [
-            describe(plan, step) for step in plan.steps if not isinstance(step, PrimaryPole)
+            describe(plan, step)
+            for step in plan.steps
+            if not isinstance(step, PrimaryPole) or step.round
         ]
         lines += [
             f"Input: pair {driven.name}, link {driven.links[1]} relative to "

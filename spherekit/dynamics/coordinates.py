@@ -76,8 +76,8 @@ def by_arc_length(closure: Closure, values: Floats, order: Order = 2) -> Coordin
         1 leaves out the second derivatives.
     """
     at = closure.at(values)
-    null = null_motion(closure.tree, at.vectors)
-    return _derived(at, null.rates[:, None], null.inverse[:, :, :-1], order)
+    rates, inverse = null_motion(closure.tree, at.vectors)
+    return _derived(at, rates[:, None], inverse[:, :, :-1], order)
 
 
 def by_combinations(

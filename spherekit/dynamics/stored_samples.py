@@ -36,7 +36,6 @@ from spherekit.motion.loops import Linearisation
 from spherekit.motion.motion import Motion, PositionAnalysis, going_on, motion_of
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import (
-    CoaxialPole,
     Pole,
     PrimaryPole,
 )
@@ -293,11 +292,7 @@ class AlongCurve(Sampler):
         The first looks to the side where the sum of all pair axes lies; axes that come
         back reversed make the period two laps.
         """
-        primary = {
-            step.pole
-            for step in self.plan.steps
-            if isinstance(step, PrimaryPole | CoaxialPole)
-        }
+        primary = {step.pole for step in self.plan.steps if isinstance(step, PrimaryPole)}
         self.marks: Mapping[Pole, Floats] = {}
         self.mark_count = count = MARKS
         while True:

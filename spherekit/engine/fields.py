@@ -31,7 +31,7 @@ from spherekit.engine.row_kernel import NEARLY_FLAT, RowKernel, row_kernel
 from spherekit.errors import SolveError
 from spherekit.model.gears import SAME_AXIS
 from spherekit.motion.motion import Motion
-from spherekit.planning.poles import CoaxialPole, Pole
+from spherekit.planning.poles import Pole, PrimaryPole
 from spherekit.rates.request import (
     ROUTES,
     SIGNED,
@@ -162,7 +162,11 @@ class _Rows:
         if np.any(self.wide):
             self._widen(kernel, np.flatnonzero(self.wide))
         for step in wanted.plan.steps:
-            if isinstance(step, CoaxialPole) and step.pair in wanted.plan.rounded_axes:
+            if (
+                isinstance(step, PrimaryPole)
+                and step.round
+                and step.pair in wanted.plan.rounded_axes
+            ):
                 self._round(step.pole)
         lost = np.isinf(self.loss) & (self.status == Status.OK)
         self.status[lost] = Status.AT_SINGULARITY

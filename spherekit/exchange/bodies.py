@@ -23,7 +23,7 @@ from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Profile
 from spherekit.motion.closure import Closure
-from spherekit.planning.wheels import on_carrier
+from spherekit.planning.wheels import on_carrier, rolled_angles
 from spherekit.sphere.rotation import all_finite
 
 SMALL = 1e-6
@@ -162,7 +162,7 @@ def _ratio(
     pair = mechanism.pairs[number]
     held = on_carrier(mechanism, joints, number, pairs=hinges)
     if held is not None:
-        factors = held.mesh.relation(held.sizes)
+        factors = rolled_angles(held)
         most = max(map(abs, factors.values()))
         return {mechanism.pairs[n].name: f / most for n, f in factors.items()}
     profiles = zip(pair.links, pair.profiles or (), strict=True)

@@ -278,9 +278,9 @@ def input_turning_points(
 
         smooth = SMOOTH / meetings.modes(part)
         per_group.append(crossings(function, low, high, most, smooth))
-    places = np.sort(np.concatenate([part.places for part in per_group]))
-    doubtful = np.concatenate([part.doubtful for part in per_group])
-    return InputTurningPoints(low, high, places, doubtful[np.argsort(doubtful[:, 0])])
+    places, doubtful = (np.concatenate(parts) for parts in zip(*per_group, strict=True))
+    order = np.argsort(doubtful[:, 0])
+    return InputTurningPoints(low, high, np.sort(places), doubtful[order])
 
 
 def easiest_drive(solver: Solver) -> Solver:

@@ -11,7 +11,6 @@ Angles less whole turns.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -132,29 +131,18 @@ _FITTING[[0, -1]] *= 0.5
 _CHECKING = np.cos(np.outer(np.arange(DEGREE + 1), np.arccos(_BETWEEN)))
 
 
-@dataclass(frozen=True)
-class Crossings:
-    """Where a function changes its sign, and where that could not be told.
-
-    `places` (k,) rise. `doubtful` (d, 2) are first and last places of what is left open:
-    extrema that are zero to the error of the function, and cells in which it is not
-    known or not smooth.
-    """
-
-    places: Floats
-    doubtful: Floats
-
-
 def crossings(
     function: Callable[[Floats], Floats],
     low: float,
     high: float,
     most: int = MOST_CELLS,
     smooth: float = np.inf,
-) -> Crossings:
-    """Return the changes of sign of a function (n,) -> (n,) from `low` to `high`.
+) -> tuple[Floats, Floats]:
+    """Return where a function (n,) -> (n,) changes its sign, and where that is left open.
 
-    Samples that are NaN make their cell doubtful. A pair of zeros is found if the
+    The places (k,) from `low` to `high` rise. The others (d, 2) are first and last places
+    of extrema that are zero to the error of the function, and of cells in which it is not
+    known or not smooth, as where samples are NaN. A pair of zeros is found if the
     function between them is larger than its error there. No more than about `most` cells
     of 36 samples are looked at. In a cell no wider than `smooth` the function, if it is
     smooth there, is well given by so many samples.
@@ -198,7 +186,7 @@ def crossings(
         cells = np.stack([split[:, 0], inner, inner, split[:, 1]], axis=1).reshape(-1, 2)
     exact = _polished(function, np.concatenate(places), np.concatenate(slopes))
     parts = _merged(np.concatenate(doubtful))
-    return Crossings(*(np.clip(x, low, high) for x in (np.sort(exact), parts)))
+    return np.clip(np.sort(exact), low, high), np.clip(parts, low, high)
 
 
 def _polished(

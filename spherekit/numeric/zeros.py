@@ -118,20 +118,15 @@ def _about_extrema(
     """Return the extrema that touch zero, and cells with the zeros beside the others."""
     if not cells.size:
         return np.zeros(0), cells
-    top, value, slope = _extrema(function, cells)
+    a, b, _, falls, _, rises = cells
+    top, _ = bracketed_zeros(lambda x, _: function(x)[1], a, b, falls, rises)
+    value, slope = function(top)
     touches = np.abs(value) <= floor
     left, right = cells.copy(), cells.copy()
     left[1], left[4], left[5] = top, value, slope
     right[0], right[2], right[3] = top, value, slope
     sides = np.concatenate([left[:, ~touches], right[:, ~touches]], axis=1)
     return top[touches], sides[:, _changes(sides[2], sides[4])]
-
-
-def _extrema(function: Function, cells: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the extremum in each cell, with value and slope there."""
-    a, b, _, low, _, high = cells
-    top, _ = bracketed_zeros(lambda x, _: function(x)[1], a, b, low, high)
-    return (top, *function(top))
 
 
 def _polish(function: Function, cells: Floats) -> Floats:

@@ -16,8 +16,8 @@ them, and constraints point from the link whose pebble they hold to the other li
 """
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from itertools import chain
 
 from spherekit.conventions import listing
 from spherekit.errors import CountError, PlanError
@@ -26,18 +26,6 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.planning.wheels import (
     held_meshes,
 )
-
-
-class Linked(Protocol):
-    """Links, and pairs with two of them each."""
-
-    @property
-    def links(self) -> Sequence[str]:
-        """Names of links."""
-
-    @property
-    def ends(self) -> Sequence[tuple[int, int]]:
-        """The two link numbers of every pair."""
 
 
 def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
@@ -80,7 +68,7 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
     return mechanism.with_inputs(*([names] if isinstance(names, str) else names))
 
 
-def merged(mechanism: Linked, locked: Iterable[int]) -> tuple[int, ...]:
+def merged(mechanism: Mechanism, locked: Iterable[int]) -> tuple[int, ...]:
     """Return for each link the smallest link of its body when pairs are locked."""
     return tuple(joined(len(mechanism.links), (mechanism.ends[pair] for pair in locked)))
 
@@ -434,7 +422,9 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     try:
         groups = split(mechanism, merged_links, open_pairs, meshes)
     except CountError:
-        groups = (_whole(mechanism, list(merged_links), open_pairs),)
+        # All bodies together, where constraints are redundant.
+        whole = _group(mechanism, merged_links, merged_links[0], open_pairs, True)
+        groups = (replace(whole, revolute=False),)
     return Assembly(inputs, merged_links, groups)
 
 
@@ -474,22 +464,12 @@ def split(
     groups: list[Group] = []
     while open_pairs:
         part = _smallest_part(game, open_pairs, body_of)
-        base = _base(part, body_of)
-        members = {body: _links_of(body, body_of) for body in part}
-        order = [base, *sorted(part - {base}, key=lambda body: members[body])]
-        position = {body: k for k, body in enumerate(order)}
-        between = {n: (body_of[a], body_of[b]) for n, (a, b) in open_pairs.items()}
-        inside = [n for n, (a, b) in between.items() if a in part and b in part]
+        # The body with the ground if there is one, else the largest, else the first.
+        ground = body_of[0]
+        base = min(part, key=lambda body: (body != ground, -body_of.count(body), body))
+        inside = [n for n, ends in open_pairs.items() if {body_of[k] for k in ends} <= part]
         groups.append(
-            Group(
-                bodies=tuple(members[body] for body in order),
-                pairs=tuple(inside),
-                ends=tuple(
-                    (position[a], position[b]) for a, b in map(between.__getitem__, inside)
-                ),
-                revolute=all(mechanism.pairs[n].kind.has_axis for n in inside),
-                redundant=any(n in meshes for n in inside),
-            )
+            _group(mechanism, body_of, base, inside, any(n in meshes for n in inside))
         )
         game.gather(base, 3)
         game.merge(part, base)
@@ -498,30 +478,28 @@ def split(
     return tuple(groups)
 
 
-def _whole(mechanism: Mechanism, body_of: list[int], pairs: list[int]) -> Group:
-    """Return all bodies as one group, for mechanisms with redundant constraints."""
-    bodies = sorted(set(body_of), key=lambda body: (body != body_of[0], body))
+def _group(
+    mechanism: Mechanism,
+    body_of: Sequence[int],
+    base: int,
+    pairs: Sequence[int],
+    redundant: bool,
+) -> Group:
+    """Return the group of the bodies that pairs join, `base` first."""
+    between = [(body_of[a], body_of[b]) for a, b in (mechanism.ends[n] for n in pairs)]
+    members = {
+        body: tuple(link for link, owner in enumerate(body_of) if owner == body)
+        for body in chain(*between)
+    }
+    bodies = sorted(members, key=lambda body: (body != base, members[body]))
     position = {body: k for k, body in enumerate(bodies)}
-    ends = [mechanism.ends[n] for n in pairs]
     return Group(
-        bodies=tuple(_links_of(body, body_of) for body in bodies),
+        bodies=tuple(members[body] for body in bodies),
         pairs=tuple(pairs),
-        ends=tuple((position[body_of[a]], position[body_of[b]]) for a, b in ends),
-        revolute=False,
-        redundant=True,
+        ends=tuple((position[a], position[b]) for a, b in between),
+        revolute=all(mechanism.pairs[n].kind.has_axis for n in pairs),
+        redundant=redundant,
     )
-
-
-def _links_of(body: int, body_of: list[int]) -> tuple[int, ...]:
-    return tuple(link for link, owner in enumerate(body_of) if owner == body)
-
-
-def _base(part: set[int], body_of: list[int]) -> int:
-    """The body with the ground if there is one, else the largest, else the first."""
-    ground = body_of[0]
-    if ground in part:
-        return ground
-    return min(part, key=lambda body: (-body_of.count(body), body))
 
 
 def _smallest_part(

@@ -22,7 +22,6 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Pebbles, counted_freedom, driven_pairs
 from spherekit.planning.poles import (
     BlockPoles,
-    CoaxialPole,
     LinePole,
     Plan,
     Pole,
@@ -63,7 +62,7 @@ def steps_of(chain: Plan, game: Pebbles | None) -> list[Step]:
         for pole in unknown:
             shared = next((n for mask, n in chain.coaxial if _holds(mask, *pole)), None)
             if shared is not None:
-                new_steps.append(CoaxialPole(pole, round_number, shared))
+                new_steps.append(PrimaryPole(pole, shared, round_number))
             elif _has_lines(chain, contacts, partners, pole):
                 new_steps.append(_line(contacts, partners, pole, round_number))
         if not new_steps:

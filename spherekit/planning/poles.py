@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -87,7 +87,7 @@ def cells(plan: "Plan") -> list[list[str]]:
     for k in range(len(place)):
         grid[k][k] = SELF_MARK
     for (i, j), number in plan.rounds.items():
-        mark = PRIMARY_MARK if number == 0 else roman(number)
+        mark = roman(number) or PRIMARY_MARK
         a, b = place[i], place[j]
         grid[a][b] = grid[b][a] = mark + ("*" if (i, j) in starred else "")
     return grid
@@ -99,13 +99,20 @@ Pole = tuple[int, int]
 
 @dataclass(frozen=True)
 class PrimaryPole:
-    """A pole that is the axis or contact line of a pair."""
+    """A pole that is the axis or contact line of a pair.
 
-    round: ClassVar[int] = 0
-    case: ClassVar[str] = "primary"
+    It is known from the start, or in the pass `round` as an axis that its links share with
+    coaxial R pairs.
+    """
 
     pole: Pole
     pair: int
+    round: int = 0
+
+    @property
+    def case(self) -> str:
+        """How its links have the axis."""
+        return "coaxial" if self.round else "primary"
 
 
 @dataclass(frozen=True)
@@ -133,17 +140,6 @@ class LinePole:
         """The poles that its lines are drawn through."""
         i, j = self.pole
         return tuple(source for k in self.via for source in (pole_of(i, k), pole_of(j, k)))
-
-
-@dataclass(frozen=True)
-class CoaxialPole:
-    """A pole that is the axis of R pair `pair`, which its links always share."""
-
-    case: ClassVar[str] = "coaxial"
-
-    pole: Pole
-    round: int
-    pair: int
 
 
 @dataclass(frozen=True)
@@ -175,7 +171,7 @@ class BlockPoles:
         return max((step.round for step in self.passes), default=self.round)
 
 
-Step = PrimaryPole | CoaxialPole | LinePole | BlockPoles
+Step = PrimaryPole | LinePole | BlockPoles
 
 
 @dataclass(frozen=True)
@@ -344,13 +340,9 @@ def describe(plan: Plan, step: Step) -> str:
     if isinstance(step, PrimaryPole):
         pair = plan.mechanism.pairs[step.pair]
         line = f"{pair.kind.pole_line} of {pair.type} pair {pair.name}"
-        return f"x    {pole_name(plan, step.pole)} = {line}"
-    if isinstance(step, CoaxialPole):
-        pair = plan.mechanism.pairs[step.pair]
-        return (
-            f"{roman(step.round):4s} {pole_name(plan, step.pole)} = axis of R pair "
-            f"{pair.name}, shared by coaxial pairs"
-        )
+        shared = ", shared by coaxial pairs" if step.round else ""
+        mark = roman(step.round) or PRIMARY_MARK
+        return f"{mark:4s} {pole_name(plan, step.pole)} = {line}{shared}"
     if isinstance(step, LinePole):
         i, j = step.pole
         lines = [

@@ -55,7 +55,6 @@ class GearMesh:
     """
 
     contact: int
-    carrier: int
     turned: tuple[Mapping[int, float], Mapping[int, float]]
     ways: tuple[Way, Way]
 
@@ -120,7 +119,7 @@ def mesh_of(
         one, other = tables[0][link], tables[1][link]
         touch = cosine is None or abs(float(one.line @ other.line) - cosine) <= apart
         if touch and not one_line(one.line, other.line):
-            made = GearMesh(number, link, (one.turned, other.turned), (one.way, other.way))
+            made = GearMesh(number, (one.turned, other.turned), (one.way, other.way))
             if best is None or len(made.pairs) < len(best.pairs):
                 best = made
     return best
@@ -206,33 +205,29 @@ class GearTrain:
         return [float(number) for number in both.ravel()]
 
 
-@dataclass(frozen=True)
-class RollingOnCarrier:
-    """A contact with both its wheels, on a carrier."""
+RollingOnCarrier = tuple[GearMesh, Wheel, Wheel]
+"""A contact with both its wheels, on a carrier."""
 
-    mesh: GearMesh
-    wheels: tuple[Wheel, Wheel]
 
-    @property
-    def sizes(self) -> tuple[float, float]:
-        """The sines of both radii, the second with its sense."""
-        one, other = (float(np.sin(wheel.radius)) for wheel in self.wheels)
-        return one, -other
+def rolled_angles(contact: RollingOnCarrier) -> dict[int, float]:
+    """Return the factors by pair of the sum of angles that stays the same."""
+    mesh, one, other = contact
+    return mesh.relation((float(np.sin(one.radius)), -float(np.sin(other.radius))))
 
-    def lengths(self, joints: Sequence[Joint]) -> list[float]:
-        """Return the lengths (2,) along both circles, rad, where all angles are zero."""
-        one, other = (
-            _carried(joints, wheel.centre, way)
-            for wheel, way in zip(self.wheels, self.mesh.ways, strict=True)
-        )
-        sense = np.sign(np.sin(self.wheels[0].radius - self.wheels[1].radius))
-        towards = other - (one @ other) * one, (one @ other) * other - one
-        return [
-            wheel.length(sense * _carried(joints, direction, back(way)))
-            for wheel, direction, way in zip(
-                self.wheels, towards, self.mesh.ways, strict=True
-            )
-        ]
+
+def _lengths(contact: RollingOnCarrier, joints: Sequence[Joint]) -> list[float]:
+    """Return the lengths (2,) along both circles, rad, where all angles are zero."""
+    mesh, *wheels = contact
+    one, other = (
+        _carried(joints, wheel.centre, way)
+        for wheel, way in zip(wheels, mesh.ways, strict=True)
+    )
+    sense = np.sign(np.sin(wheels[0].radius - wheels[1].radius))
+    towards = other - (one @ other) * one, (one @ other) * other - one
+    return [
+        wheel.length(sense * _carried(joints, direction, back(way)))
+        for wheel, direction, way in zip(wheels, towards, mesh.ways, strict=True)
+    ]
 
 
 def _carried(joints: Sequence[Joint], vector: Floats, way: Way) -> Floats:
@@ -282,7 +277,7 @@ def on_carrier(
         float(np.cos(one.radius - other.radius)),
         apart,
     )
-    return None if made is None else RollingOnCarrier(made, (one, other))
+    return None if made is None else (made, one, other)
 
 
 def wheel_train(
@@ -309,12 +304,10 @@ def wheel_train(
     while made:
         rows, first = np.zeros((2, len(made), len(mechanism.pairs)))
         for k, contact in enumerate(made):
-            for pair, factor in contact.mesh.relation(contact.sizes).items():
+            for pair, factor in rolled_angles(contact).items():
                 rows[k, pair] = factor
-            for pair in contact.mesh.turned[0]:
-                first[k, pair] = rows[k, pair]
-        related = set().union(*(contact.mesh.pairs for contact in made))
-        followers = sorted(related - set(driven))
+                first[k, pair] = factor * (pair in contact[0].turned[0])
+        followers = sorted({*np.flatnonzero(np.any(rows, axis=0)).tolist()} - {*driven})
         square = rows[:, followers]
         _, sizes, right = np.linalg.svd(square)
         rank = int(np.sum(sizes > SINGULAR * np.max(sizes, initial=0.0)))
@@ -351,7 +344,7 @@ def _fixed(
     if max_abs(rows[:, followers] @ ratios + rows[:, inputs]) > SINGULAR:
         return None
     length_ratios = -(by_angles @ ratios + first[:, inputs])
-    contacts = [contact.mesh.contact for contact in made]
+    contacts = [mesh.contact for mesh, _, _ in made]
     if geometry.reference is not None:
         at, turned, rolled = (
             geometry.reference[[mechanism.variables_of(pair)[0] for pair in pairs]]
@@ -359,8 +352,8 @@ def _fixed(
         )
         offsets, lengths = turned - ratios @ at, rolled - length_ratios @ at
     else:
-        unrolled = np.array([contact.lengths(geometry.joints) for contact in made])
-        laps = TURN * np.abs([contact.sizes for contact in made])
+        unrolled = np.array([_lengths(contact, geometry.joints) for contact in made])
+        laps = TURN * np.abs(np.sin([[x.radius for x in wheels] for _, *wheels in made]))
         turns = least_rolled(unrolled[basis], laps[basis], by_angles[basis], square)
         if turns is None:
             return None

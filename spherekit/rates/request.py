@@ -22,7 +22,6 @@ from spherekit.planning.plan import (
 )
 from spherekit.planning.poles import (
     BlockPoles,
-    CoaxialPole,
     Plan,
     Pole,
     PrimaryPole,
@@ -154,7 +153,7 @@ def _moving_bodies(planned: Plan) -> set[int]:
     mechanism = planned.mechanism
     used: set[int] = set()
     for step in planned.steps:
-        if isinstance(step, PrimaryPole | CoaxialPole):
+        if isinstance(step, PrimaryPole):
             used.add(step.pair)
         elif isinstance(step, BlockPoles):
             used |= set(step.pairs)
@@ -172,11 +171,7 @@ TURN_KNOWN = 1e-6
 
 def axis_pairs(plan: Plan) -> dict[Pole, int]:
     """Return the poles of bodies that are the axis or contact line of a pair, and those."""
-    return {
-        step.pole: step.pair
-        for step in plan.steps
-        if isinstance(step, PrimaryPole | CoaxialPole)
-    }
+    return {step.pole: step.pair for step in plan.steps if isinstance(step, PrimaryPole)}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,8 +9,6 @@ The best two are the one with the smallest error and then the partner that makes
 intersection most certain; both the angle between the two planes and the bound are reported.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from spherekit.arrays import Floats
@@ -19,7 +17,6 @@ from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import (
     BlockPoles,
-    CoaxialPole,
     LinePole,
     Plan,
     Pole,
@@ -49,7 +46,7 @@ class PlannedPoles:
         n = len(motion)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             for step in plan.steps:
-                if isinstance(step, PrimaryPole | CoaxialPole):
+                if isinstance(step, PrimaryPole):
                     axis = self._of_pair(step.pair)
                     self._add(step.pole, axis, np.full(n, EPS), np.ones(n))
                 elif isinstance(step, LinePole):
@@ -103,11 +100,12 @@ class PlannedPoles:
             tuple(k for k, of_pair in enumerate(owned) for _ in of_pair),
         )
         variables = [variable for of_pair in owned for variable in of_pair]
-        block = null_motion(tree, self.motion.vectors[:, variables])
-        growth = np.linalg.norm(block.inverse, axis=(1, 2))
+        vectors = self.motion.vectors[:, variables]
+        rates, inverse = null_motion(tree, vectors)
+        w, growth = tree.body_rates(vectors, rates), np.linalg.norm(inverse, axis=(1, 2))
         for pole in step.poles:
             i, j = (number[link] for link in pole)
-            vector = (block.w[:, j] - block.w[:, i]).T
+            vector = (w[:, j] - w[:, i]).T
             error = np.minimum(EPS * growth / np.maximum(norm(vector), EPS), 1.0)
             self._add(pole, _unit(vector), error, 1.0 / np.maximum(growth, 1.0))
 
@@ -160,27 +158,17 @@ def _unit(a: Floats) -> Floats:
     return a / norm(a)
 
 
-@dataclass(frozen=True)
-class NullMotion:
-    """The motion of a single-freedom part up to its scale.
+def null_motion(tree: LoopTree, vectors: Floats) -> tuple[Floats, Floats]:
+    """Return the motion of a single-freedom part up to its scale.
 
-    `rates` (n, variables) has unit length; `inverse` (n, variables, variables) is of the
-    equations bordered by them, and gives derivatives; `w` (n, bodies, 3).
+    The null vector (n, variables), of unit length, of its velocity equations, vectors
+    (n, variables, 3); and the inverse (n, variables, variables) of the equations bordered
+    by it, which gives derivatives.
     """
-
-    rates: Floats
-    inverse: Floats
-    w: Floats
-
-
-def null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
-    """Return the null vector of a part's velocity equations, vectors (n, variables, 3)."""
     jacobian = tree.jacobian(vectors)
     n, _, count = jacobian.shape
     border = np.broadcast_to(np.cos(1.0 + np.arange(count)), (n, count))
     for _ in range(2):
         inverse = left_inverse(np.concatenate([jacobian, border[:, None, :]], axis=1))
-        rates = inverse[:, :, -1]
-        rates = unit_rows(rates)
-        border = rates
-    return NullMotion(rates, inverse, tree.body_rates(vectors, rates))
+        border = rates = unit_rows(inverse[:, :, -1])
+    return rates, inverse
