@@ -28,7 +28,7 @@ from spherekit.dynamics.stored_model import (
 )
 from spherekit.errors import FileError, SolveError
 from spherekit.model.load import TorqueTable
-from spherekit.numeric.cells import LocalPolynomials, TensorChebyshev
+from spherekit.numeric.cells import LocalPolynomials, TensorCells, TensorChebyshev
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.zeros import zeros
 from spherekit.sphere.rotation import all_finite
@@ -346,7 +346,7 @@ class StoredModel:
         """Return sums of the functions of a group by factors (F, K) at one place."""
         heading, series = self.heading, self.groups[group]
         if isinstance(series, TensorChebyshev):
-            cells, cell = series.mixed(factors), self._cell
+            cells, cell = TensorCells(series, factors), self._cell
             return lambda q: cells.at(cell(q), q).tolist()  # type: ignore[no-any-return]
         size = np.array([function.largest for function in heading.groups[group]])
         mixed = PiecewiseChebyshev(series.edges, series.coefficients @ factors)

@@ -27,7 +27,7 @@ from spherekit.engine.expression_graph import (
     rewrite,
     symbols,
 )
-from spherekit.engine.row_quantities import RowQuantities, VariedTerms
+from spherekit.engine.row_quantities import VariedTerms
 from spherekit.engine.system import array_function, term_function
 
 Parts = tuple[Expr, Expr]
@@ -187,13 +187,13 @@ def design_kernel(
     EngineError
         If a column is not known.
     """
-    quantities = RowQuantities(terms)
-    outputs = [quantities.of(name) for name in columns]
+    outputs = [terms.quantity(name) for name in columns]
     if gradients:
         outputs += [slope for slopes in terms.by_sizes(outputs) for slope in slopes]
     squares = terms.squares
-    turns = terms.turns if quantities.needs_turns(columns) else {}
-    angles = [quantities.angle(pair) for pair in turns]
+    torques = any(column.split("_by_")[0] == "torque" for column in columns)
+    turns = terms.turns if torques else {}
+    angles = [terms.angle(pair) for pair in turns]
     moving = [*terms.sample, *terms.places, *terms.handed_in, *turns.values()]
     row_terms, fixed = hoisted([*squares, *outputs, *angles], moving, "design_")
     count, every = len(squares) + len(outputs), [*moving, *fixed]

@@ -332,13 +332,6 @@ def derivatives(items: Sequence[Expr], rates: Mapping[ExpressionNode, Expr]) -> 
     return [of(item) for item in items]
 
 
-def need_divisor(law: Expression, name: str, parts: Sequence[Expr]) -> None:
-    """Refuse a quotient by terms that cancel each other."""
-    if name == "/" and parts[1] == 0.0:
-        what = f'"{law.text}"' if law.text else "a load"
-        raise EngineError(f"{what} divides by what is zero everywhere")
-
-
 _BY_OPERATOR: Mapping[str, Callable[..., Expr]] = {
     "+": lambda a, b: a + b,
     "-": lambda a, b: a - b,
@@ -388,7 +381,9 @@ def expression_terms(
 
     def apply(name: str, parts: list[tuple[Expr, Expr]]) -> tuple[Expr, Expr]:
         whole, reduced = zip(*parts, strict=True)
-        need_divisor(expression, name, whole)
+        if name == "/" and whole[1] == 0.0:
+            what = f'"{expression.text}"' if expression.text else "a load"
+            raise EngineError(f"{what} divides by what is zero everywhere")
         given = reduced if name in _PERIODIC else whole
         value = made[name](*given) if name in made else function(name, *given)
         counts = name == "*" and any(isinstance(x, float) and x % 1.0 == 0.0 for x in whole)

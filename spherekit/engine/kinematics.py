@@ -78,12 +78,6 @@ class Structure:
         return tuple(pair for pair in self.assembly.inputs if pair not in followers)
 
     @property
-    def driven(self) -> int:
-        """The number of the only input's variable."""
-        pair = self.input_pairs[0] if (len(self.input_pairs) == 1) else self.assembly.input
-        return self.mechanism.variables_of(pair)[0]
-
-    @property
     def inputs(self) -> tuple[int, ...]:
         """The numbers of the inputs' variables."""
         owned = self.mechanism.variables_of

@@ -28,44 +28,8 @@ from spherekit.model.graph import joined, spanning
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Assembly, Group
 
-
-@dataclass(frozen=True)
-class Loop:
-    """A closed way through the bodies of a group.
-
-    `passes` lists (pair number within the group, sense), in order; sense +1 goes from
-    the pair's first link to its second. `private` are the two variables eliminated from
-    its equations, or none.
-    """
-
-    passes: tuple[tuple[int, int], ...]
-    private: tuple[int, ...]
-
-
-def eliminate(
-    group: Group, variables: Sequence[Sequence[int]]
-) -> tuple[tuple[Loop, ...], tuple[int, ...]]:
-    """Return a group's loops, and the variables that remain to be solved together.
-
-    `variables[pair]` are those of the mechanism's pairs.
-    """
-    owned = [tuple(variables[pair]) for pair in group.pairs]
-    ways = _ways(group, _leaves(group), owned)
-    crossed = [pair for way in ways for pair, _ in way]
-    loops: list[Loop] = []
-    gone: set[int] = set()
-    for way in ways:
-        columns = [
-            variable
-            for pair, _ in reversed(way)
-            if crossed.count(pair) == 1
-            for variable in owned[pair]
-        ]
-        private = tuple(columns[:2]) if len(columns) > 1 else ()
-        loops.append(Loop(way, private))
-        gone |= set(private)
-    unknowns = [v for of_pair in owned for v in of_pair if v not in gone]
-    return tuple(loops), tuple(unknowns)
+Way = tuple[tuple[int, int], ...]
+"""Pairs with senses, in order; sense +1 goes from a pair's first link to its second."""
 
 
 def _leaves(group: Group) -> dict[int, tuple[int, int]]:
@@ -101,7 +65,7 @@ def _connected(group: Group, without: set[int]) -> bool:
 
 def _ways(
     group: Group, leaves: dict[int, tuple[int, int]], owned: Sequence[tuple[int, ...]]
-) -> list[tuple[tuple[int, int], ...]]:
+) -> list[Way]:
     """Return a loop for each leaf, then for each chord of the other bodies' tree.
 
     The pairs that close a loop come last, sliding contacts among them if possible.
@@ -141,12 +105,16 @@ COINCIDENT = 1e-9
 class GroupRows:
     """A group with its loops and unknowns, or the rows to use where equations repeat.
 
-    `chosen` lists (loop, variable): the loop's equation along the vector of a variable.
+    `ways[loop]` lists pairs by their number within the group; `private[loop]` are the two
+    variables eliminated from its equations, or none; `unknowns` remain to be solved
+    together. `chosen` lists (loop, variable): the loop's equation along the vector of a
+    variable.
     """
 
     group: Group
-    loops: tuple[Loop, ...]
-    unknowns: tuple[int, ...]
+    ways: Sequence[Way]
+    private: Sequence[tuple[int, ...]]
+    unknowns: Sequence[int]
     chosen: tuple[tuple[int, int], ...] | None = None
 
 
@@ -168,11 +136,19 @@ def group_rows(
     owned = [mechanism.variables_of(pair) for pair in range(len(mechanism.pairs))]
     made = []
     for group in assembly.groups:
-        rows = GroupRows(group, *eliminate(group, owned))
+        of_pairs = [owned[pair] for pair in group.pairs]
+        ways = _ways(group, _leaves(group), of_pairs)
+        crossed = [pair for loop in ways for pair, _ in loop]
+        private: list[tuple[int, ...]] = []
+        for loop in ways:
+            once = (pair for pair, _ in reversed(loop) if crossed.count(pair) == 1)
+            columns = [variable for pair in once for variable in of_pairs[pair]]
+            alone = len(columns) > 1 and not group.redundant
+            private.append(tuple(columns[:2]) if alone else ())
+        gone = {v for both in private for v in both}
+        unknowns = [v for variables in of_pairs for v in variables if v not in gone]
+        rows = GroupRows(group, ways, private, unknowns)
         if group.redundant:
-            loops = tuple(Loop(loop.passes, ()) for loop in rows.loops)
-            every = tuple(v for pair in group.pairs for v in owned[pair])
-            rows = GroupRows(group, loops, every)
             chosen = _independent(mechanism, assembly, rows, pose_vectors())
             rows = replace(rows, chosen=chosen)
         count = len(rows.unknowns)
@@ -198,7 +174,7 @@ def _independent(
     owners = mechanism.variable_owners
     driven = [mechanism.variables_of(pair)[0] for pair in assembly.inputs]
     candidates: dict[tuple[int, int], Floats] = {}
-    for number, loop in enumerate(group_rows.loops):
+    for number, loop in enumerate(group_rows.ways):
         senses = np.zeros(len(mechanism.pairs))
         for pair, sign, enters, leaves in _passed(mechanism, group_rows.group, loop):
             senses[pair] = sign
@@ -225,25 +201,23 @@ def _independent(
 
 
 def _passed(
-    mechanism: Mechanism, group: Group, loop: Loop
+    mechanism: Mechanism, group: Group, loop: Way
 ) -> Iterator[tuple[int, int, int, int]]:
     """Yield each pair of a loop with its sense, the link that it leads to, the next from.
 
     The two links are of one body.
     """
-    onward = (*loop.passes[1:], loop.passes[0])
-    for (pair, sense), (after, following) in zip(loop.passes, onward, strict=True):
+    onward = (*loop[1:], loop[0])
+    for (pair, sense), (after, following) in zip(loop, onward, strict=True):
         number = group.pairs[pair]
         enters = mechanism.ends[number][1 if sense > 0 else 0]
         leaves = mechanism.ends[group.pairs[after]][0 if following > 0 else 1]
         yield number, sense, enters, leaves
 
 
-def way(
-    ends: Sequence[tuple[int, int]], pairs: Sequence[int], start: int, end: int
-) -> tuple[tuple[int, int], ...]:
+def way(ends: Sequence[tuple[int, int]], pairs: Sequence[int], start: int, end: int) -> Way:
     """Return the pairs, with senses, that lead from a body to another; empty if none do."""
-    ways: dict[int, tuple[tuple[int, int], ...]] = {start: ()}
+    ways: dict[int, Way] = {start: ()}
     for pair, old, new in spanning(ends, [start], pairs):
         ways[new] = (*ways[old], (pair, 1 if ends[pair][0] == old else -1))
     return ways.get(end, ())
@@ -291,7 +265,7 @@ class HomogeneousRates:
                 total = total - self.misfits[pair] * (self.scale * float(sense))
         return total
 
-    def _loop(self, group: Group, loop: Loop) -> tuple[dict[int, Exprs], Exprs]:
+    def _loop(self, group: Group, loop: Way) -> tuple[dict[int, Exprs], Exprs]:
         """Return the columns of a loop's equation by variable, and what is known of it."""
         columns: dict[int, Exprs] = {}
         rest: Exprs = vector([0.0, 0.0, 0.0])
@@ -308,7 +282,7 @@ class HomogeneousRates:
     def close(self, rows: GroupRows) -> None:
         """Find the rates of a group's variables; those found before are scaled."""
         group, unknowns = rows.group, rows.unknowns
-        loops = [self._loop(group, loop) for loop in rows.loops]
+        loops = [self._loop(group, loop) for loop in rows.ways]
         matrix: list[list[Expr]] = []
         right: list[Expr] = []
         for number, directions in self._directions(rows, loops):
@@ -324,23 +298,12 @@ class HomogeneousRates:
             variable: -1.0 * dot(vector(right), vector([row[k] for row in shares]))
             for k, variable in enumerate(unknowns)
         }
-        for loop, (columns, rest) in zip(rows.loops, loops, strict=True):
-            if loop.private:
-                self._check_span(*loop.private)
-                self._private(loop.private, columns, rest, scale, rates)
+        for private, (columns, rest) in zip(rows.private, loops, strict=True):
+            if private:
+                self._private(private, columns, rest, scale, rates)
         self.rates = {v: rate * scale for v, rate in self.rates.items()} | rates
         self.scale = self.scale * scale
         self.closed += group.pairs
-
-    def _check_span(self, a: int, b: int) -> None:
-        square = self.span(a, b)
-        if isinstance(square, float) and square < COINCIDENT**2:
-            names = [self.mechanism.variable_names[v] for v in (a, b)]
-            raise EngineError(
-                f"{self.mechanism.name}: the axes of {names[0]} and {names[1]} coincide in "
-                "a link, so these two cannot be told apart",
-                WITHOUT_EXPRESSIONS,
-            )
 
     def _directions(
         self, rows: GroupRows, loops: Sequence[tuple[dict[int, Exprs], Exprs]]
@@ -349,10 +312,10 @@ class HomogeneousRates:
         if rows.chosen is not None:
             return [(number, [self.vectors[v]]) for number, v in rows.chosen]
         made = []
-        for number, loop in enumerate(rows.loops):
+        for number, private in enumerate(rows.private):
             columns, _ = loops[number]
-            if loop.private:
-                a, b = loop.private
+            if private:
+                a, b = private
                 made.append((number, [cross(columns[a], columns[b])]))
             else:
                 axes = [vector(list(map(float, row))) for row in np.eye(3)]
@@ -369,6 +332,14 @@ class HomogeneousRates:
     ) -> None:
         """Find the two variables that were eliminated from a loop: S + x A + y B = 0."""
         a, b = private
+        square = self.span(a, b)
+        if isinstance(square, float) and square < COINCIDENT**2:
+            names = [self.mechanism.variable_names[v] for v in private]
+            raise EngineError(
+                f"{self.mechanism.name}: the axes of {names[0]} and {names[1]} coincide in "
+                "a link, so these two cannot be told apart",
+                WITHOUT_EXPRESSIONS,
+            )
         others = [v for v in columns if v not in private]
         if len(rates) == 1 and len(others) == 1:
             # The bac-cab rule: no division, and no cancellation of S.
@@ -380,7 +351,6 @@ class HomogeneousRates:
         for variable in others:
             rest = rest + columns[variable] * rates[variable]
         normal = cross(columns[a], columns[b])
-        square = self.span(a, b)
         share = 1.0 / (dot(normal, normal) if square is None else square)
         # In this order what multiplies the rest is the same for all right-hand sides.
         rates[a] = dot(cross(normal, columns[b]) * share, rest)

@@ -172,13 +172,16 @@ def _quantities(
     return made
 
 
+BENDS = 200
+"""Rows of a table of torques that a kernel may have."""
+
 Geometry = Callable[[Mapping[str, Expr]], TurningPairs]
 """The pairs in which sizes, by name, are terms."""
 
 
 @dataclass(frozen=True)
 class VariedTerms:
-    """What kernels of a topology are written in.
+    """What kernels of a topology are written in, and their quantities.
 
     Attributes
     ----------
@@ -317,29 +320,29 @@ class VariedTerms:
             made.append(total)
         return made
 
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism."""
+        return self.structure.mechanism
 
-BENDS = 200
-"""Rows of a table of torques that a kernel may have."""
+    @cached_property
+    def inputs(self) -> list[str]:
+        """The names of the inputs' pairs."""
+        return list(self.mechanism.names_of(self.structure.input_pairs))
 
-
-class RowQuantities:
-    """The quantities of a row as expressions, each formed when it is asked for.
-
-    Rates are those of one input while the others rest; with one input it is that.
-    """
-
-    def __init__(self, terms: VariedTerms) -> None:
-        self.terms, self.structure, self._flow = terms, terms.structure, terms.flow
-        mechanism = self.mechanism = terms.structure.mechanism
-        self.inputs = mechanism.names_of(terms.structure.input_pairs)
-        self.sample = dict(zip(sample_names(self.inputs), terms.sample, strict=True))
+    @cached_property
+    def _named(self) -> dict[str, ExpressionNode]:
+        return dict(zip(sample_names(self.inputs), self.sample, strict=True))
 
     @cached_property
     def _moments(self) -> InputMoments:
-        return InputMoments(self._flow, self.terms.actions.by_link(self.mechanism))
+        return InputMoments(self.flow, self.actions.by_link(self.mechanism))
 
-    def of(self, name: str) -> Expr:
-        """Return a quantity by its name; `EngineError` if there is none of it."""
+    def quantity(self, name: str) -> Expr:
+        """Return one of `row_quantities` by its name, `EngineError` if there is none of it.
+
+        Rates are of an input while the others rest.
+        """
         middle = _middles(self.mechanism, self.structure.assembly.groups)
         quantities = _quantities(self.mechanism, self.inputs, middle)
         if name not in quantities:
@@ -348,8 +351,8 @@ class RowQuantities:
                 f'{self.mechanism.name}: "{name}" is no quantity of a configuration{hint} '
                 f"Quantities: {listing(quantities)}"
             )
-        if name in self.sample:
-            return self.sample[name]
+        if name in self._named:
+            return self._named[name]
         stem, moving = self._split(name)
         for prefix, make in (
             ("theta_", self.angle),
@@ -364,7 +367,7 @@ class RowQuantities:
             return 2.0 * self._moments.resistance(0, [1.0], [0.0])
         if stem.startswith("rate_"):
             variable = self._variable(stem.removeprefix("rate_"))
-            return self._flow.tau[moving][variable] / self._flow.scale
+            return self.flow.tau[moving][variable] / self.flow.scale
         kind, _, text = stem.partition("_coefficient_")
         if kind == stem:
             one = stem.removeprefix("B").removeprefix("_")
@@ -383,7 +386,7 @@ class RowQuantities:
 
     def _coefficient(self, kind: str, text: str, moving: int) -> Expr:
         """Return a coefficient of two links: along the axis of a pair, or its size."""
-        flow, mechanism = self._flow, self.mechanism
+        flow, mechanism = self.flow, self.mechanism
         link, other = (mechanism.link(name) for name in self._two_links(text))
         share = 1.0 / flow.scale
         rates = [rate * share for rate in flow.tau[moving]]
@@ -406,8 +409,8 @@ class RowQuantities:
 
     def _torque(self, moving: int) -> Expr:
         """Return the torque of an input: what links resist less what loads do."""
-        mechanism, flow = self.mechanism, self._flow
-        count, sample = len(self.inputs), list(self.sample.values())
+        mechanism, flow = self.mechanism, self.flow
+        count, sample = len(self.inputs), self.sample
         speeds, accelerations = sample[count : 2 * count], sample[2 * count : 3 * count]
         name = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
         figure = "eksergian.eksergian: abs(tau)" if count == 1 else name
@@ -416,19 +419,17 @@ class RowQuantities:
         angles = self._angles()
         state = LoadState(
             mechanism,
-            self.terms.links,
+            self.links,
             flow.tau,
             flow.w,
             angles,
             [0.0] * len(angles),
             flow.moving(speeds)[1],
-            self.sample["t"],
+            self._named["t"],
             sign_of,
             self._table,
         )
-        force = sum_of(
-            forces_of(parts, state)[moving] for parts in self.terms.actions.loads
-        )
+        force = sum_of(forces_of(parts, state)[moving] for parts in self.actions.loads)
         return self._moments.resistance(moving, speeds, accelerations) - force / flow.scale
 
     def _angles(self) -> list[Expr]:
@@ -436,29 +437,25 @@ class RowQuantities:
         angles: list[Expr] = [0.0] * len(self.mechanism.variable_owners)
         for pair, variable in self.mechanism.angles.items():
             if pair in self.inputs:
-                angles[variable] = self.terms.sample[self.inputs.index(pair)]
+                angles[variable] = self.sample[self.inputs.index(pair)]
             else:
-                angles[variable] = self.angle(pair) + self.terms.turns.get(pair, 0.0)
+                angles[variable] = self.angle(pair) + self.turns.get(pair, 0.0)
         return angles
-
-    def needs_turns(self, columns: Sequence[str]) -> bool:
-        """Return whether some of these depend on how often pairs have turned."""
-        return any(column.split("_by_")[0] == "torque" for column in columns)
 
     def _variable(self, pair: str) -> int:
         return self.mechanism.variables_of(self.mechanism.pair_number[pair])[0]
 
     def angle(self, pair: str) -> Expr:
         """Return the variable of an R pair, less its turns in closed form."""
-        if not self.terms.closed_form:
-            return self.terms.variables[self._variable(pair)]
+        if not self.closed_form:
+            return self.variables[self._variable(pair)]
         number = self.mechanism.pair_number[pair]
-        return angle_of(self.structure, number, self.terms.links)
+        return angle_of(self.structure, number, self.links)
 
     def _transmission_angle(self, pair: str) -> Expr:
         number = self.mechanism.pair_number[pair]
-        if number in self.terms.transmission_angles:
-            return self.terms.transmission_angles[number]
+        if number in self.transmission_angles:
+            return self.transmission_angles[number]
         groups = {g.middle: g for g in self.structure.assembly.groups if g.is_dyad}
         group = groups[number]
         near, middle, far = (self._axis(group.pairs[k]) for k in group.dyad_places)
@@ -469,7 +466,7 @@ class RowQuantities:
 
     def _axis(self, pair: int) -> Exprs:
         (variable,) = self.mechanism.variables_of(pair)
-        return self._flow.vectors[variable]
+        return self.flow.vectors[variable]
 
     def _two_links(self, text: str) -> tuple[str, str]:
         names = self.mechanism.links
@@ -491,7 +488,7 @@ class RowQuantities:
                 f"torques cannot be part of a kernel, one of {BENDS} can; write the torque "
                 "as an expression"
             )
-        start, t = table.times[0], self.sample["t"]
+        start, t = table.times[0], self._named["t"]
         if table.periodic:
             period = table.times[-1] - start
             angle = (t - start) * (TURN / period) - np.pi

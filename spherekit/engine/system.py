@@ -242,7 +242,7 @@ def one_freedom(mechanism: Mechanism) -> System:
     forces = [generalised_forces(load, moving)[0] * push for load in mechanism.loads]
     tau = vector(flow.tau[0])
     square = dot(tau, tau)
-    driven = structure.driven
+    (driven,) = structure.inputs
     events = [
         EventFunction(momentum, "rest"),
         EventFunction(tau[driven], "dead_centre", driven),

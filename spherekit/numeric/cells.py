@@ -146,10 +146,6 @@ class TensorChebyshev:
             values[rows] = _products(place, degree) @ flat
         return values
 
-    def mixed(self, factors: Floats) -> "TensorCells":
-        """Return K sums of the functions, by factors (F, K), for single places."""
-        return TensorCells(self, factors)
-
     @cached_property
     def _tree(self) -> list[tuple[int, float, int, int]]:
         return [(int(a), b, int(c), int(d)) for a, b, c, d in self.splits.tolist()]
