@@ -101,13 +101,6 @@ def mid_plane_area() -> float:
     return float(area)
 
 
-def mid_plane_angles(points: Floats) -> tuple[Floats, Floats]:
-    """Return phi and |gamma| (n,) of [2] in rad, from P, by its eqs. (2) and (18)."""
-    phi = np.arccos(points[:, 0])
-    sine = points[:, 1] / np.hypot(points[:, 1], points[:, 2])
-    return phi, np.abs(2.0 * np.arcsin(sine * np.cos(0.5 * phi)))
-
-
 def five_bar_area(base: float, legs: Arcs) -> float:
     """Return the area (sr) that a spherical five-bar can point to, by quadrature.
 

@@ -4,18 +4,17 @@ from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 from special_mechanisms import special_mechanism
 
 from spherekit.conventions import Status
 from spherekit.engine.fields import evaluate
 from spherekit.errors import SpherekitError
-from spherekit.motion.motion import Motion, PositionAnalysis
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.proof.balls import FEWEST, Digits, exactly, floats
 from spherekit.proof.gears import Written
 from spherekit.proof.rows import exact_direction, exact_field, exact_rows_by_input
-from spherekit.rates.request import PoleField, Request, request
+from spherekit.rates.request import request
 from spherekit.sphere.rotation import Floats
 
 TINY = 1e-300
@@ -45,18 +44,18 @@ class Stated:
     many: int = 0
     silent: int = 0
 
-    def of(self, kind: str) -> tuple[Floats, Floats]:
+    def of(self, kind):
         """Return errors (n,) and bounds (n,) of a kind."""
         nothing = [np.empty(0)]
         error, bound = self.error[kind] or nothing, self.bound[kind] or nothing
         return np.concatenate(error), np.concatenate(bound)
 
-    def parts(self, kind: str) -> Floats:
+    def parts(self, kind):
         """Return (n,) errors over their bounds."""
         error, bound = self.of(kind)
         return error / np.maximum(bound, TINY)
 
-    def add(self, other: "Stated") -> None:
+    def add(self, other):
         """Count another one's numbers too."""
         for kind in KINDS:
             self.error[kind] += other.error[kind]
@@ -65,7 +64,7 @@ class Stated:
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
 
-def judged_special(seed: int) -> tuple[str, Stated]:
+def judged_special(seed):
     """Return the family of a seed, and what is stated for its mechanism."""
     family, made, path = special_mechanism(seed)
     found = Stated()
@@ -78,7 +77,7 @@ def judged_special(seed: int) -> tuple[str, Stated]:
     return family, found
 
 
-def stated(tracer: PositionAnalysis, as_written: bool = False, every: int = 0) -> Stated:
+def stated(tracer, as_written=False, every=0):
     """Return errors and statements of the rows that are OK and have a reference.
 
     With `as_written` they are judged a second time, by the decimal numbers of a file; of
@@ -105,7 +104,7 @@ def stated(tracer: PositionAnalysis, as_written: bool = False, every: int = 0) -
     return found
 
 
-def _silent(field: PoleField, good: NDArray[np.bool_]) -> int:
+def _silent(field, good):
     """Return how many numbers of rows that are OK are missing."""
     count = 0
     for pole, codes in field.pole_status.items():
@@ -123,14 +122,7 @@ def _silent(field: PoleField, good: NDArray[np.bool_]) -> int:
     return count
 
 
-def _judge(
-    found: Stated,
-    motion: Motion,
-    field: PoleField,
-    wanted: Request,
-    good: NDArray[np.bool_],
-    how: tuple[int, bool, int],
-) -> None:
+def _judge(found, motion, field, wanted, good, how):
     driven, written, every = how
     errors, bounds, known = _compared(
         motion, field, wanted, good, (driven, written), Digits(FEWEST)
@@ -158,17 +150,7 @@ def _judge(
         found.bound[kind].append(bounds[kind][stands])
 
 
-Judged = dict[str, Floats]
-
-
-def _compared(
-    motion: Motion,
-    field: PoleField,
-    wanted: Request,
-    rows: NDArray[np.bool_],
-    which: tuple[int, bool],
-    numbers: Digits,
-) -> tuple[Judged, Judged, NDArray[np.bool_]]:
+def _compared(motion, field, wanted, rows, which, numbers):
     """Return errors and bounds by kind, (rows,) or (poles, rows), and which rows stand."""
     driven, written = which
     with numbers.within():

@@ -17,7 +17,6 @@ from spherekit.motion.input_turning_points import (
     InputTurningPoints,
     easiest_drive,
     input_turning_points,
-    meetings_of,
 )
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.numeric.crossings import crossings
@@ -66,23 +65,6 @@ def check_against_search(chain, axes, driven, inputs, starts, random):
             assert np.min(gaps) < 1e-5
         here, there = here + len(values), there + len(searched)
     return here, there
-
-
-def check_counts(tracer, found):
-    """Check that the modes, found on their own, change by two where curves turn back."""
-    solver = tracer.solver
-    turning = [turning_inputs(c.curve, solver.single, 0.0) for c in found.curves]
-    turning = np.sort(np.concatenate(turning))
-    counted = 0
-    for k, q in enumerate(turning):
-        if np.min(np.abs(np.delete(turning, k) - q), initial=1.0) < 1e-3:
-            continue
-        before, after = (
-            len(assemblies(solver, np.array([q + way])).values) for way in (-2e-4, 2e-4)
-        )
-        assert abs(after - before) == 2
-        counted += 1
-    return counted
 
 
 def test_sign_changes_of_a_function_without_its_derivative():
@@ -143,16 +125,6 @@ def test_dead_inputs_of_a_four_bar_are_where_its_links_are_stretched():
         assert np.allclose(found.places, np.sort(true), rtol=0, atol=1e-9)
     crank = PositionAnalysis(sk.load("four_bar")).solver
     assert not len(input_turning_points(crank, 0.0, TURN).places)
-
-
-def test_the_function_of_a_triad_has_the_degree_of_its_discriminant():
-    """Three quadrics touch in a hypersurface of degree 16 in each of them."""
-    random = np.random.default_rng(3)
-    solver = solver_of(mechanism(STEPHENSON, random_axes(random, 7), "p5_6"))
-    meetings = meetings_of(solver)
-    values = meetings(0, TURN * np.arange(64) / 64)
-    size = np.abs(np.fft.rfft(values))
-    assert np.max(size[17:]) < 1e-9 * np.max(size)
 
 
 def test_a_group_beside_another_does_not_see_its_modes():
@@ -255,18 +227,6 @@ def test_curves_of_all_eight_bars_have_every_mode_that_a_search_finds(number):
     axes = random_axes(random, 10)
     here, there = check_against_search(chain, axes, f"p{a}_{b}", 50, 96, random)
     assert here >= there > 0.85 * here
-
-
-@pytest.mark.parametrize(
-    ("chain", "driven", "seed"), [(STEPHENSON, "p5_6", 5), (WATT, "p1_2", 14)]
-)
-def test_modes_change_by_two_where_a_curve_turns_back(chain, driven, seed):
-    axes = random_axes(np.random.default_rng(seed), len(joints(chain)))
-    tracer, found = with_curves(chain, axes, driven)
-    assert check_counts(tracer, found) >= 2
-    pieces = [piece for c in found.curves for piece in c.pieces]
-    for q, count in zip(found.inputs, found.counts, strict=True):
-        assert sum(piece.lowest < q < piece.highest for piece in pieces) == count
 
 
 def test_a_mechanism_with_a_hard_input_is_searched_at_another_pair():

@@ -500,22 +500,6 @@ def test_contact_pairs_follow_too():
     assert np.all(np.isnan(around.second_rates))
 
 
-def test_an_output_relative_to_a_moving_link():
-    """The same rotation, seen from the other side: base and end effector exchanged."""
-    made, _, values = configuration("three_rrr")
-    other = replace(
-        made, outputs=(replace(made.outputs[0], link="base", relative_to="platform"),)
-    )
-    closure = Closure.of(made, geometry_of(made).joints)
-    placed = closure.at(values[None]).placed
-    start = placed[0, made.link_number["platform"]]
-    axis = np.array([0.4, -1.0, 0.3]) / np.linalg.norm([0.4, -1.0, 0.3])
-    one = sk.follow_rotation(made, values, axis, 0.2).at([0.1, 0.2])
-    seen = sk.follow_rotation(other, values, -(start.T @ axis), 0.2).at([0.1, 0.2])
-    assert np.max(np.abs(one.inputs - seen.inputs)) < 1e-12
-    assert np.max(np.abs(one.second_rates - seen.second_rates)) < 1e-9
-
-
 # --- schedules ----------------------------------------------------------------------------
 
 

@@ -103,38 +103,3 @@ def test_files_that_branch_on_the_kind_of_a_pair_are_few_and_listed():
     assert section is not None
     listed = re.findall(r"^\| `([\w/]+\.py)` \|", section[1], re.M)
     assert sorted(f"spherekit/{name}" for name in listed) == sorted(asking)
-
-
-@pytest.mark.parametrize(
-    "code",
-    [
-        "isinstance(joint, Revolute)",
-        "isinstance(joints[k], (Sliding, int))",
-        "isinstance(joint, Rolling | Sliding)",
-        "isinstance(joint, joints.Revolute)",
-        "type(joint) is Revolute",
-        'pair.type == "R"',
-        '"Cr" != kind',
-        'pair.type in ("R", "Cs")',
-        'TURNING = ("R", "P")\nkind in TURNING',
-        'made = {"R": 1}',
-        "made = {Revolute: 1}",
-        "start = joint.start if joint.rolling else 0.0",
-        "match joint:\n    case Revolute():\n        pass",
-        'match pair.type:\n    case "R" | "Cr":\n        pass',
-        "@chain.register\ndef _(joint: Sliding):\n    pass",
-        "chain.register(Sliding)(made)",
-        'profile.kind == "points"',
-    ],
-)
-def test_no_way_to_ask_for_a_kind_is_overlooked(code):
-    classes = {kind.__name__ for kind in KINDS.values()}
-    assert asks(ast.parse(code), classes)
-
-
-@pytest.mark.parametrize(
-    "code",
-    ["pair.kind.has_axis", "joint.tracks", 'Pair("a", "R", links)', "Revolute(a, b)"],
-)
-def test_what_is_asked_of_the_joint_is_none(code):
-    assert not asks(ast.parse(code), {kind.__name__ for kind in KINDS.values()})

@@ -140,15 +140,6 @@ def test_closed_curves_repeat_and_open_ones_stop(curve):
         np.testing.assert_array_equal(early.frame[0], once.frame[0])
 
 
-def test_many_at_once_equal_one_by_one(curve):
-    s = np.random.default_rng(5).uniform(-0.2, 1.4, 60) * curve.length
-    together = curve.at(s)
-    for name in ("frame", "curvature", "curvature_rate", "inside"):
-        single = np.concatenate([getattr(curve.at(each[None]), name) for each in s])
-        np.testing.assert_array_equal(getattr(together, name), single)
-    assert curve.at(np.zeros(0)).frame.shape == (0, 3, 3)
-
-
 def test_not_a_number_stays_one_without_a_warning(curve):
     got = curve.at([np.nan, 0.1, np.inf])
     assert got.inside.tolist() == [False, True, False]
@@ -171,29 +162,6 @@ def test_total_curvature_and_area_make_a_full_turn(cosines, sines):
     assert turned == pytest.approx(2 * np.pi - area, abs=1e-12)
 
 
-@pytest.mark.parametrize("uneven", [0.0, 0.3])
-@pytest.mark.parametrize("closed", [True, False])
-def test_curves_through_points_of_a_circle_converge_fast(closed, uneven):
-    radius, errors = 0.7, []
-    counts = (20, 40, 80) if closed else (16, 32, 64)
-    for count in counts:
-        a = np.arange(count) * (2 * np.pi / count if closed else 4.0 / (count - 1))
-        a = a + uneven * np.sin(a)
-        made = profile.through(spherical(a, np.pi / 2 - radius + 0 * a), closed)
-        s = np.linspace(0.0, 1.0, 777) * made.length
-        got = made.at(s)
-        place = np.abs(arc(got.frame[:, :, 2], np.array([[0.0, 0.0, 1.0]])) - radius)
-        error = [
-            place,
-            np.abs(got.curvature - 1 / np.tan(radius)),
-            np.abs(got.curvature_rate),
-        ]
-        errors.append([np.max(each) for each in error])
-    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-    assert np.all(orders[-1] > np.array([5.5, 3.6, 2.6])), (errors, orders)
-    assert errors[-1][1] < 5e-5
-
-
 def test_curves_through_points_meet_them_and_converge_to_the_curve_they_are_from():
     made, errors = cam(), []
     for count in (40, 80, 160):
@@ -206,13 +174,6 @@ def test_curves_through_points_meet_them_and_converge_to_the_curve_they_are_from
         k = spline.at(s * spline.length).curvature - made.at(s * made.length).curvature
         errors.append(np.max(np.abs(k)))
     assert np.log2(errors[1] / errors[2]) > 3.6, errors
-
-
-def test_curvature_rate_is_continuous_through_the_points():
-    made = profile.through(lobes(np.arange(40) * (2 * np.pi / 40)))
-    knots = made.table.at_edge(made.path.knots)[:-1]
-    before, after = made.at(knots - 1e-9), made.at(knots + 1e-9)
-    np.testing.assert_allclose(before.curvature_rate, after.curvature_rate, atol=1e-4)
 
 
 def eight(count, shift):

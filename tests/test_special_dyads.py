@@ -76,26 +76,6 @@ def test_two_bars_that_can_turn_together_are_singular_and_not_out_of_reach(arcs,
     assert np.array_equal(held[1:], reach[1:] > 0.0)
 
 
-@pytest.mark.parametrize(
-    ("arcs", "pairs"),
-    [
-        ((60, 40, 40, 60), ("drive", "hinge")),
-        pytest.param((50, 65, 65, 50), PAIRS, marks=pytest.mark.slow),
-    ],
-)
-def test_configuration_curves_do_not_depend_on_the_pair_driven(arcs, pairs):
-    """With the rocker driven the curves on which it stands still were missing."""
-    lengths = []
-    for driven in pairs:
-        found = PositionAnalysis(four_bar(arcs, driven), samples=13).configurations
-        lengths.append(sorted(each.curve.length for each in found.curves))
-        # the two bars that turn together keep the other two pairs still
-        moving = [np.ptp(each.curve.nodes.values, axis=0) for each in found.curves]
-        assert sum(int(np.sum(way < 1e-5) == 2) for way in moving) == 2
-    assert all(len(each) == 4 for each in lengths)
-    assert np.allclose(lengths, lengths[0], rtol=0.0, atol=1e-4)
-
-
 def dead_pose(chain, driven, random):
     """Return random axes of a chain at a dead centre of a pair: a determinant is zero."""
     while True:

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.descent import FigureGradients
@@ -207,55 +206,9 @@ def test_several_objectives_need_dyads(tmp_path):
         sk.synthesize(path, designs=4, starts=1)
 
 
-CAM = "pairs.contact.profiles.cam."
-HARMONICS = {
-    f"{CAM}cosines.1": [2.0, 6.0],
-    f"{CAM}cosines.2": [1.0, 5.0],
-    f"{CAM}sines.2": [-1.0, 3.0],
-}
-OTHER_CAM = [4.9, 1.7, 0.4]
-
-
-def law_of_another(path):
-    """Write the synthesis of a cam for the law of another's follower, in its first mode."""
-    points = {f"p{k}": f"at(theta_follower_pivot, {q})" for k, q in enumerate(TURNED)}
-    row = of_design("shaped_cam", HARMONICS, OTHER_CAM, points, 13).iloc[0]
-    wanted = [float(row[name]) for name in points]
-    match = '[match]\nquantity = "theta_follower_pivot"\n'
-    match += f"at = {TURNED.tolist()}\nvalues = {wanted}\n"
-    figures = {"steep": "max(abs(rate_follower_pivot))"}
-    where = ["closes > 0.999", "steep < 1"]
-    return written(path, "shaped_cam", "match", HARMONICS, figures, 13, where, match)
-
-
-@pytest.mark.slow
-def test_a_cam_gets_the_law_of_another(tmp_path):
-    found = sk.synthesize(law_of_another(tmp_path / "law.toml"), designs=8, starts=2)
-    assert found.before[0] > 0.1 and found.objectives[0, 0] < 1e-9
-    assert found.values[0] == pytest.approx(OTHER_CAM, abs=1e-8)
-
-
 def test_rollers_on_other_profiles_are_swept(tmp_path):
     figures = {"a": "rms(rate_follower_pivot)"}
     vary = {"pairs.contact.follower.roller": [10.0, 14.0]}
     path = written(tmp_path / "roller.toml", "shaped_cam", "a", vary, figures, 9)
     with pytest.raises(DesignError, match="sweep it instead"):
         sk.synthesize(path, designs=4, starts=1)
-
-
-POINTED = """kind = "points"
-points = [[0.0, 58.0], [37.0, 62.0], [85.0, 66.0], [120.0, 68.0], [165.0, 66.0],
-    [200.0, 63.5], [243.0, 61.0], [280.0, 60.0], [325.0, 58.5]]
-"""
-ACTED = text_of("synthesis_followed_acted")
-
-
-@pytest.mark.slow
-def test_gradients_by_points_of_a_profile_are_those_of_differences(tmp_path):
-    text = find("shaped_cam").read_text()
-    first = text.index('kind = "fourier"')
-    last = text.index("[inputs.cam_shaft]")
-    (tmp_path / "pointed.toml").write_text(text[:first] + POINTED + text[last:] + ACTED)
-    vary = {f"{CAM}points.3.latitude": [66.0, 70.0], f"{CAM}points.6.longitude": [240, 246]}
-    figures = "rms(rate_follower_pivot); rms(torque); mean(B)"
-    check_gradients(tmp_path, "pointed.toml", vary, 13, figures)

@@ -3,14 +3,12 @@
 import resource
 import socket
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from closed_forms import (
     FOUR_BAR_ARCS,
     Arcs,
-    Floats,
     four_bar_angles,
     four_bar_axes,
     four_bar_coefficients,
@@ -55,7 +53,7 @@ NAMES = ("1 frame", "2 crank", "3 coupler", "4 rocker")
 ENDS = (("41", "21"), ("21", "32"), ("32", "43"), ("43", "41"))
 
 
-def quaternions(matrices: Floats) -> Floats:
+def quaternions(matrices):
     """Return (n, 4) xyzw of rotation matrices, NaN where these are."""
     found = np.full((len(matrices), 4), np.nan)
     good = np.isfinite(matrices).all(axis=(1, 2))
@@ -63,7 +61,7 @@ def quaternions(matrices: Floats) -> Floats:
     return found
 
 
-def link(number: int, arcs: Arcs, turn: Floats | None) -> Body:
+def link(number, arcs, turn):
     """Return link `number` of the four-bar, along its arc from z towards y."""
     angle = np.linspace(0.0, arcs[number - 1], 24)
     curve = np.stack([np.zeros_like(angle), np.sin(angle), np.cos(angle)], axis=-1)
@@ -78,7 +76,7 @@ def link(number: int, arcs: Arcs, turn: Floats | None) -> Body:
     )
 
 
-def resting(arcs: Arcs) -> Scene:
+def resting(arcs):
     """Return what does not move: the frame, the graph, the plan."""
     pairs = [("R " + name, (0.5 * x, 0.5 * y)) for name, x, y in PAIR_PLACES]
     nodes = [(name[0], name, k) for k, name in enumerate(NAMES)]
@@ -97,7 +95,7 @@ PLAN = """```
 ```"""
 
 
-def block(mode: int, samples: np.ndarray, arcs: Arcs = FOUR_BAR_ARCS) -> Scene:
+def block(mode, samples, arcs=FOUR_BAR_ARCS):
     """Return the moving four-bar at some samples."""
     q = INPUTS[samples]
     frames = four_bar_frames(q, arcs, mode)
@@ -123,7 +121,7 @@ def block(mode: int, samples: np.ndarray, arcs: Arcs = FOUR_BAR_ARCS) -> Scene:
     return Scene(mode, tuple(parts))
 
 
-def part(scene: Scene, rows: np.ndarray) -> Scene:
+def part(scene, rows):
     """Return some rows of a scene."""
     names = ("quaternions", "directions", "normals", "values")
     parts = []
@@ -133,9 +131,7 @@ def part(scene: Scene, rows: np.ndarray) -> Scene:
     return Scene(scene.page, tuple(parts))
 
 
-def record(
-    path: Path, blocks: int | list[int] = 1, arcs: Arcs = FOUR_BAR_ARCS, **places: object
-) -> Path:
+def record(path, blocks=1, arcs=FOUR_BAR_ARCS, **places):
     """Record both modes of a four-bar."""
     with RerunRecorder("four bar", path=path, **places) as recorder:
         titles = {0: "Mode 0", 1: "Mode 1"}
@@ -147,7 +143,7 @@ def record(
     return path
 
 
-def columns(path: Path) -> dict[tuple[str, str], list[object]]:
+def columns(path):
     """Return the rows of every component that moves, and of the timelines."""
     found: dict[tuple[str, str], list[object]] = {}
     chunks = [chunk for chunk in RrdReader(path).stream() if not chunk.is_static]
@@ -162,26 +158,26 @@ def columns(path: Path) -> dict[tuple[str, str], list[object]]:
     return found
 
 
-def differences(one: Path, other: Path) -> list[tuple[str, str]]:
+def differences(one, other):
     """Return the components that two recordings do not share, NaN equal to NaN."""
     a, b = columns(one), columns(other)
     return sorted(k for k in a.keys() | b.keys() if repr(a.get(k)) != repr(b.get(k)))
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory):
     """The four-bar of the paper, in one block."""
     return record(tmp_path_factory.mktemp("view") / "four_bar.rrd")
 
 
 @pytest.fixture(scope="module")
-def partial(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def partial(tmp_path_factory):
     """A four-bar that closes on part of the turn, in four blocks."""
     path = tmp_path_factory.mktemp("view") / "no_crank.rrd"
     return record(path, 4, NO_CRANK)
 
 
-def test_series_keep_every_digit_and_both_timelines(recording: Path) -> None:
+def test_series_keep_every_digit_and_both_timelines(recording):
     found = columns(recording)
     for mode in (0, 1):
         entity = f"/four_bar/assembly_mode_{mode}/plots/velocity/w41"
@@ -192,7 +188,7 @@ def test_series_keep_every_digit_and_both_timelines(recording: Path) -> None:
             assert found[entity, timeline] == SAMPLES.tolist()
 
 
-def test_poles_and_links_are_where_they_belong(recording: Path) -> None:
+def test_poles_and_links_are_where_they_belong(recording):
     found = columns(recording)
     vectors = np.array(found["/four_bar/assembly_mode_1/pole/31", "Arrows3D:vectors"])
     u31 = four_bar_poles(INPUTS, FOUR_BAR_ARCS, 1)["31"]
@@ -204,7 +200,7 @@ def test_poles_and_links_are_where_they_belong(recording: Path) -> None:
     np.testing.assert_allclose(np.array(found[entity, "Transform3D:scale"]), 1.0)
 
 
-def test_what_stays_is_logged_once(partial: Path) -> None:
+def test_what_stays_is_logged_once(partial):
     still = [
         (chunk.entity_path, name)
         for chunk in RrdReader(partial).stream()
@@ -221,14 +217,12 @@ def test_what_stays_is_logged_once(partial: Path) -> None:
 
 @pytest.mark.many
 @pytest.mark.parametrize("blocks", [5, [*range(1, 40), 200, *range(350, 361)]])
-def test_block_size_does_not_matter(
-    recording: Path, tmp_path: Path, blocks: int | list[int]
-) -> None:
+def test_block_size_does_not_matter(recording, tmp_path, blocks):
     """Five like blocks, and blocks of one sample before and behind long ones."""
     assert differences(record(tmp_path / "b.rrd", blocks), recording) == []
 
 
-def of_assembly_modes(path: Path, count: int) -> Path:
+def of_assembly_modes(path, count):
     """Record five samples of so many assembly modes."""
     samples = SAMPLES[:5]
     with RerunRecorder("x", path=path) as recorder:
@@ -240,7 +234,7 @@ def of_assembly_modes(path: Path, count: int) -> Path:
     return path
 
 
-def test_files_grow_with_the_branches_and_not_with_their_square(tmp_path: Path) -> None:
+def test_files_grow_with_the_branches_and_not_with_their_square(tmp_path):
     sizes = [
         of_assembly_modes(tmp_path / f"{count}.rrd", count).stat().st_size
         for count in (1, 4, 16)
@@ -248,9 +242,7 @@ def test_files_grow_with_the_branches_and_not_with_their_square(tmp_path: Path) 
     assert sizes[2] - sizes[0] < 1.6 * 15 / 3 * (sizes[1] - sizes[0])
 
 
-def test_curves_have_the_colours_of_their_plot_and_compare_is_legible(
-    tmp_path: Path,
-) -> None:
+def test_curves_have_the_colours_of_their_plot_and_compare_is_legible(tmp_path):
     found, entities = {}, set()
     for chunk in RrdReader(of_assembly_modes(tmp_path / "few.rrd", 2)).stream():
         if chunk.is_static and chunk.entity_path.startswith("/x"):
@@ -270,7 +262,7 @@ def test_curves_have_the_colours_of_their_plot_and_compare_is_legible(
     assert {path.split("/")[3] for path in compared} == {"position"}
 
 
-def test_failed_samples_leave_nothing_on_the_screen(partial: Path) -> None:
+def test_failed_samples_leave_nothing_on_the_screen(partial):
     found = columns(partial)
     failed = np.isnan(four_bar_angles(INPUTS, NO_CRANK, 0))
     assert 0 < failed.sum() < len(failed)
@@ -290,7 +282,7 @@ def test_failed_samples_leave_nothing_on_the_screen(partial: Path) -> None:
     assert np.array_equal(np.isnan(values), failed)
 
 
-def test_arrows_that_cover_each_other_share_a_label(tmp_path: Path) -> None:
+def test_arrows_that_cover_each_other_share_a_label(tmp_path):
     """Row 0: all apart. Row 1: the first two together. Row 2: one of them is missing."""
     x, y, z = np.eye(3)
     near = Rotation.from_rotvec([0.0, 0.0, np.radians(0.5)]).apply(x)
@@ -310,7 +302,7 @@ def test_arrows_that_cover_each_other_share_a_label(tmp_path: Path) -> None:
     said = columns(path)
     base = "/four_bar/assembly_mode_0/pole"
 
-    def shown(name: str, label: str) -> list[int]:
+    def shown(name, label):
         rows = said[f"{base}/{name}/{label}", "Points3D:positions"]
         return [len(row or []) for row in rows]
 
@@ -323,7 +315,7 @@ def test_arrows_that_cover_each_other_share_a_label(tmp_path: Path) -> None:
     assert (f"{base}/36/shared", "Points3D:labels") not in said
 
 
-def test_input_timeline_uses_the_coarsest_whole_unit() -> None:
+def test_input_timeline_uses_the_coarsest_whole_unit():
     for degrees, name in [
         ([0.0, 90.0, 360.0], "input_deg"),
         ([0.0, 0.5], "input_deg_x10"),
@@ -340,7 +332,7 @@ def test_input_timeline_uses_the_coarsest_whole_unit() -> None:
     assert input_scale("sample") is None
 
 
-def test_shapes() -> None:
+def test_shapes():
     normals = np.array([[0, 0, 1.0], [0, 0, -1.0], [0.6, 0, -0.8], [0, 1.0, 0]])
     x, y, z, w = quaternion(frame_from(normals, perpendicular(normals))).T
     turned = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
@@ -360,7 +352,7 @@ def test_shapes() -> None:
     assert [len(path_on_sphere(grid, row)) for row in (None, 4)] == [1, 2]
 
 
-def test_places_that_cannot_be_written(tmp_path: Path) -> None:
+def test_places_that_cannot_be_written(tmp_path):
     folder = tmp_path / "folder.rrd"
     folder.mkdir()
     for path, words in [
@@ -377,7 +369,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("room", [0, 400_000])
-def test_disk_that_fills_keeps_the_old_file(room: int, tmp_path: Path) -> None:
+def test_disk_that_fills_keeps_the_old_file(room, tmp_path):
     path = tmp_path / "a.rrd"
     path.write_text("the recording of yesterday")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -391,7 +383,7 @@ def test_disk_that_fills_keeps_the_old_file(room: int, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_interrupted_run_keeps_its_part(tmp_path: Path) -> None:
+def test_interrupted_run_keeps_its_part(tmp_path):
     path = tmp_path / "a.rrd"
     with (
         pytest.raises(KeyboardInterrupt) as caught,
@@ -406,7 +398,7 @@ def test_interrupted_run_keeps_its_part(tmp_path: Path) -> None:
     assert len(columns(part)["/four_bar/assembly_mode_0/link/2", "sample"]) == 50
 
 
-def test_wrong_number_of_rows(tmp_path: Path) -> None:
+def test_wrong_number_of_rows(tmp_path):
     with (
         pytest.raises(ValueError, match="link/2 has 50 rows, the block has 49"),
         RerunRecorder("four bar", path=tmp_path / "a.rrd") as recorder,
@@ -415,7 +407,7 @@ def test_wrong_number_of_rows(tmp_path: Path) -> None:
         recorder.log(block(0, SAMPLES[:50]), SAMPLES[:49], INPUTS[:49])
 
 
-def test_no_viewer_listens(tmp_path: Path) -> None:
+def test_no_viewer_listens(tmp_path):
     for url in ("127.0.0.1", "http://x:1/", "rerun+http://127.0.0.1/proxy"):
         with pytest.raises(OutputError, match="looks like"), RerunRecorder("x", url=url):
             pass
@@ -433,14 +425,14 @@ def test_no_viewer_listens(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def free_port() -> int:
+def free_port():
     """Return a port that nothing listens at."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
-def test_port_in_use() -> None:
+def test_port_in_use():
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
@@ -452,7 +444,7 @@ def test_port_in_use() -> None:
             pass
 
 
-def test_file_and_live_together(tmp_path: Path, recording: Path) -> None:
+def test_file_and_live_together(tmp_path, recording):
     port = free_port()
     with RerunRecorder("server", port=port) as server:
         assert server.url == f"rerun+http://127.0.0.1:{port}/proxy"
@@ -460,7 +452,7 @@ def test_file_and_live_together(tmp_path: Path, recording: Path) -> None:
     assert differences(path, recording) == []
 
 
-def test_lost_viewer_does_not_stop_the_file(tmp_path: Path, recording: Path) -> None:
+def test_lost_viewer_does_not_stop_the_file(tmp_path, recording):
     port = free_port()
     server = RerunRecorder("server", port=port)
     url = f"rerun+http://127.0.0.1:{port}/proxy"
@@ -477,7 +469,7 @@ def test_lost_viewer_does_not_stop_the_file(tmp_path: Path, recording: Path) -> 
     assert differences(tmp_path / "a.rrd", recording) == []
 
 
-def picture(recording: Path, path: Path, **options: object) -> np.ndarray:
+def picture(recording, path, **options):
     """Return a screenshot as an array, or skip the test where none can be taken."""
     try:
         screenshot(recording, path, **options)
@@ -491,7 +483,7 @@ def picture(recording: Path, path: Path, **options: object) -> np.ndarray:
 
 
 @pytest.mark.viewer
-def test_picture_shows_the_mechanism(recording: Path, tmp_path: Path) -> None:
+def test_picture_shows_the_mechanism(recording, tmp_path):
     first = picture(recording, tmp_path / "a.png", input_deg=60.0, size=(1200, 800))
     again = picture(recording, tmp_path / "b.png", sample=60, size=(1200, 800))
     assert first.shape[1] % 1200 == 0
@@ -507,7 +499,7 @@ COLOURS = ((86, 180, 233), (238, 108, 52), (32, 190, 142), (255, 196, 0))
 
 @pytest.mark.slow
 @pytest.mark.viewer
-def test_picture_starts_where_the_mechanism_closes(tmp_path: Path) -> None:
+def test_picture_starts_where_the_mechanism_closes(tmp_path):
     path, turned = tmp_path / "a.rrd", np.roll(SAMPLES, -180)
     whole = block(0, SAMPLES, NO_CRANK)
     with RerunRecorder("four bar", path=path) as recorder:
@@ -522,21 +514,19 @@ def test_picture_starts_where_the_mechanism_closes(tmp_path: Path) -> None:
 
 
 @pytest.mark.viewer
-def test_picture_without_graphics_names_the_package(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_picture_without_graphics_names_the_package(recording, tmp_path, monkeypatch):
     monkeypatch.setenv("VK_DRIVER_FILES", "/nonexistent")
     monkeypatch.setenv("VK_ICD_FILENAMES", "/nonexistent")
     with pytest.raises(OutputError, match="mesa-vulkan-drivers"):
         screenshot(recording, tmp_path / "a.png")
 
 
-def test_picture_of_a_file_that_is_not_there(tmp_path: Path) -> None:
+def test_picture_of_a_file_that_is_not_there(tmp_path):
     with pytest.raises(OutputError, match="does not exist"):
         screenshot(tmp_path / "none.rrd", tmp_path / "a.png")
 
 
-def test_names_of_links_do_not_cover_each_other() -> None:
+def test_names_of_links_do_not_cover_each_other():
     motion = PositionAnalysis(sk.load("two_dof_spm"), samples=1).motion()
     bodies = link_bodies(motion.mechanism, motion.rotations[:1])
     sight = facing(None)
