@@ -1,4 +1,4 @@
-"""Bounds of directions, rates and derivatives, against many digits where numbers are round."""
+"""Bounds of directions, rates and derivatives, against digits where numbers are round."""
 
 import numpy as np
 import pytest

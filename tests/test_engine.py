@@ -4,7 +4,6 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-import mpmath
 import numpy as np
 import pytest
 from closed_forms import (
@@ -14,20 +13,17 @@ from closed_forms import (
     four_bar_frames,
     four_bar_poles,
 )
-from exact_four_bar import angle as exact_angle
 from example_mechanisms import four_bar
 from newton_euler import body, loaded
 from refusals import TABLES, check_call
 from scipy.integrate import solve_ivp
 
 import spherekit as sk
-from spherekit.dynamics.path import on_curve, through_runs
-from spherekit.dynamics.start import PoseStart, prepare
-from spherekit.engine.compiler import available, heyoka
+from spherekit.dynamics.start import PoseStart
+from spherekit.engine.compiler import available
 from spherekit.engine.dyads import Cache
 from spherekit.engine.equation import compiled_equation
 from spherekit.engine.fields import evaluate
-from spherekit.engine.integration import Integration
 from spherekit.engine.kernels import kernel
 from spherekit.engine.system import BLOCK
 from spherekit.errors import EngineError, EngineMissing, SolveError
@@ -153,25 +149,6 @@ def test_a_kernel_of_arrays_gives_each_column_alone():
     more = wide(some[:, 3:5].astype(np.longdouble))
     assert more.dtype == np.longdouble
     assert np.allclose(more, out[: len(more), 3:5], 1e-13, 1e-13)
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("mode", [0, 1])
-def test_third_order_of_the_paper_in_50_digits(engine, mode):
-    made, q = load("four_bar"), np.array([0.3, 1.1, 2.9, 4.4])
-    found = kernel(made, "21", [(0, 3)], source="input", derivatives=2, engine=engine)
-    with mpmath.workdps(50):
-        arcs = list(map(mpmath.mpf, FOUR_BAR_ARCS))
-        series = [mpmath.taylor(lambda x: exact_angle(arcs, x, mode), x, 3) for x in q]
-        expected = np.array([[a[1], 2 * a[2], 6 * a[3]] for a in series], dtype=float)
-    gaps = []
-    for sign in (1.0, -1.0):
-        x = found.values(np.vstack([q, np.full(4, sign)]))
-        columns = x.velocity_coefficient, x.acceleration_coefficient
-        columns = *columns, x.acceleration_coefficient_dq
-        gap = np.stack([each[0, 3] for each in columns], axis=1) - expected
-        gaps.append(np.max(np.abs(gap) / (1.0 + np.abs(expected))))
-    assert min(gaps) < 1e-14 < 1e-3 < max(gaps)
 
 
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "roller_cam"])
@@ -340,36 +317,6 @@ def test_forward_dynamics_of_the_paper_against_a_runge_kutta_code(engine, assemb
     assert np.max(np.abs(inertia - [model.at(q)[0] for q in history.q])) < tolerance
 
 
-def reference_path(made, assembly_mode):
-    """Return q at 101 times in quadruple precision, or with the tightest tolerance."""
-    problem = prepare(made, Start(0.3, 1.0), 10.0, DRIVING, assembly_mode=assembly_mode)
-    mechanism = problem.equation.mechanism
-    number, tolerance = float, 1e-17
-    if hasattr(heyoka(), "real128"):
-        number, tolerance = heyoka().real128, 1e-22
-    exact, _ = compiled_equation(mechanism, tolerance, number=number)
-    momentum = problem.equation.state(problem.values, problem.speed, problem.frame)
-    momentum = momentum[len(problem.values)]
-    sense = np.sign(exact.rates(problem.values[None])[0, 0] @ problem.frame[0])
-    start = problem.values, problem.turns, np.array([sense * momentum])
-    found = Integration(exact, mechanism, *start, 1.0, problem.equation.closed).run([10.0])
-    path = through_runs([found], [on_curve(found.equation)])
-    traced = path.at(np.linspace(0.0, 10.0, 101))
-    return (traced.states[:, :4] + 2.0 * np.pi * traced.turns)[:, problem.driven[0]]
-
-
-@compiled
-@pytest.mark.parametrize("assembly_mode", [0, 1])
-def test_the_tolerance_is_the_error_reached(assembly_mode):
-    made = load("four_bar")
-    exact, times = reference_path(made, assembly_mode), np.linspace(0.0, 10.0, 101)
-    for engine, tolerances in (("compiled", (1e-9, 1e-13)), ("numpy", (1e-9,))):
-        for tolerance in tolerances:
-            how = {"torque": DRIVING, "assembly_mode": assembly_mode, "engine": engine}
-            found = sk.simulate(made, Start(0.3, 1.0), 10.0, tolerance=tolerance, **how)
-            assert np.max(np.abs(found.at(times).q - exact)) < tolerance, engine
-
-
 def with_all_loads(name):
     """Return a shipped mechanism with masses and loads of every kind."""
     made, pair = loaded(name, np.random.default_rng(3))
@@ -442,24 +389,6 @@ def test_a_change_point_ends_both_engines_at_any_tolerance(arcs, assembly_mode):
         assert abs(found.at([found.end.t]).q[0] - np.pi) < 0.01
     assert abs(ends[0].at([ends[0].end.t]).q[0] - np.pi) < 1e-4
     assert abs(ends[0].end.t - ends[1].end.t) < 1e-6
-
-
-@compiled
-def test_loads_that_are_not_smooth_restart_the_integration():
-    text = "4*max(0, sin(3*t), 0.2) - 2*abs(theta_41) - sign(sin(theta_21))"
-    text += " - min(dtheta_21, 1)"
-    made = with_torque(load("four_bar"), "21", text)
-    times = np.linspace(0.0, 6.0, 13)
-    found = run(made, Start(0.3, 1.0), 6.0)
-
-    def torque(t, q, dq, angle, turning, w):
-        drive = 4.0 * max(0.0, np.sin(3.0 * t), 0.2) - 2.0 * abs(angle)
-        return drive - np.sign(np.sin(q)) - min(dq, 1.0)
-
-    model = PaperModel(paper_mode(made, start_of(made, 0.3)))
-    expected = model.solve(torque, 0.3, 1.0, times)
-    assert np.max(np.abs(found.at(times).q - expected)) < 1e-9
-    assert any(each.kind == "switch" for each in found.events)
 
 
 @compiled
@@ -540,18 +469,6 @@ def test_a_load_beyond_its_domain_or_bounds_ends_the_motion(text, engine):
     assert "/" not in text or "smooth it" in found.end.message
     assert (0.9 if "/" in text else 1.0 - 1e-6) < found.end.t <= 1.0 + 1e-6
     assert np.isfinite(found.at([found.end.t]).q[0])
-
-
-@compiled
-def test_a_gear_pair_under_a_constant_torque():
-    made = with_torque(with_masses(load("bevel_pair")), "02", "3")
-    found = run(made, Start(0.0, 0.0), 5.0, tolerance=1e-12)
-    # Both links turn about fixed axes, wheel 2 at half the speed in the other sense.
-    own = {mass.link: np.array(mass.tensor) for mass in made.masses}
-    inertia = own["1"][2, 2] + 0.25 * own["2"][2, 2]
-    t = np.linspace(0.0, 5.0, 6)
-    expected = -0.5 * 3.0 / inertia * 0.5 * t**2
-    assert np.max(np.abs(found.at(t).q - expected)) < 1e-12
 
 
 def geared_five_bar():

@@ -364,31 +364,6 @@ def test_three_freedoms_follow_any_axis(name):
         assert np.max(np.abs(error)) < 1e-7 * max(1.0, size)
 
 
-def test_where_the_reach_ends():
-    """A leg of the 3-RRR stretches: its three axes fall into one plane."""
-    made, _, values = configuration("three_rrr")
-    axis = np.array([0.4461, -0.0865, 0.0])
-    turn = None
-    for axis in np.random.default_rng(1).normal(size=(2, 3)):
-        turn = sk.follow_rotation(made, values, axis, 0.9)
-        if turn.end != sk.Status.OK:
-            break
-    assert turn.end == sk.Status.OUT_OF_REACH
-    found = turn.at(np.linspace(0.0, 0.9, 10))
-    beyond = found.theta > turn.reached
-    assert np.all(found.status[beyond] == sk.Status.OUT_OF_REACH)
-    assert np.all(np.isnan(found.inputs[beyond]))
-    assert np.all(found.status[~beyond] == sk.Status.OK)
-    last = turn.at([turn.reached]).values
-    closure = Closure.of(made, geometry_of(made).joints)
-    axes = closure.at(last).vectors[0]
-    flat = [
-        np.linalg.det(axes[[made.pair_number[f"{letter}{leg}"] for letter in "abc"]])
-        for leg in (1, 2, 3)
-    ]
-    assert min(np.abs(flat)) < 1e-3
-
-
 def test_two_freedoms_depart_as_little_as_they_can():
     """Five-bar: least angle against a search over both inputs, and exact rates."""
     made, _, values = configuration("five_bar")

@@ -253,34 +253,6 @@ def test_axodes_touch_and_the_gnomonic_chart_has_the_poles():
     assert drawn == pytest.approx(expected, rel=1e-9)
 
 
-def test_the_border_of_a_workspace_is_on_both_maps(tmp_path):
-    result = sk.run(
-        "five_bar", "workspace:near=15,working_mode=++,tolerance=0.1", samples=2
-    )
-    figure = result.plot("workspace on the sphere")
-    border = result.frame("workspace", "boundary")[["x", "y", "z"]].to_numpy()
-    maps = [panel for panel in figure.axes if "about" in panel.get_title()]
-    assert len(maps) == 4
-    for panel in maps:
-        name = panel.get_title().split("about ")[1].replace("−", "-")
-        sign = 1.0 if name[0] == "+" else -1.0
-        view = View(centre_of(sign * np.eye(3)[["xyz".index(name[1])]]))
-        angles = view.angles(border)
-        radius = (
-            2.0 * np.sin(angles / 2)
-            if "Lambert" in panel.get_title()
-            else (2.0 * np.tan(angles / 2))
-        )
-        own = np.concatenate([line.get_xydata() for line in panel.lines])
-        sizes = np.sort(np.hypot(*own.T))
-        inside = radius[angles < np.radians(90.0)]
-        above = np.clip(np.searchsorted(sizes, inside), 1, len(sizes) - 1)
-        near = np.abs(sizes[np.stack([above - 1, above])] - inside)
-        assert np.max(np.min(near, axis=0)) < 0.02
-    assert figure.axes[-1].get_ylabel() == "margin, deg"
-    assert any("at least 15 deg" in label for label in legend_of(figure))
-
-
 @dataclass(frozen=True)
 class Bare(Asking):
     """An analysis that says nothing of what is to be seen."""

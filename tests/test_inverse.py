@@ -16,7 +16,6 @@ from spherekit.files.write import dumps
 from spherekit.model.gears import geometry_of
 from spherekit.model.parts import LinkSizes, Output
 from spherekit.motion.assembly_modes import AssemblyMode
-from spherekit.motion.elimination import assemblies
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.output.virtual_output import with_wrist
 from spherekit.sphere.rotation import (
@@ -38,19 +37,6 @@ def random_rotations(count, seed):
 def poses_for(kinematics, count, seed):
     rotations = random_rotations(count, seed)
     return rotations[:, :, 2] if kinematics.wrist.points else rotations
-
-
-def own_pose(kinematics, values):
-    """The residual of a mechanism's own loops, and the output's pose, at its variables."""
-    made = kinematics.own
-    solver = ForwardKinematics(made).solver
-    values = values[:, : len(made.variable_owners)]
-    at = solver.closure.at(values)
-    placed = at.placed
-    output = kinematics.wrist.output
-    base, link = (made.link_number[n] for n in (output.relative_to, output.link))
-    rotations = np.swapaxes(placed[:, base], 1, 2) @ placed[:, link]
-    return np.max(at.gap, initial=0.0), rotations
 
 
 MADE = {
@@ -84,23 +70,6 @@ def test_tilt_and_torsion():
     assert np.max(np.abs(pointing(azimuth_tilt(directions)) - directions)) < 1e-15
 
 
-def test_the_wrist_keeps_the_variables_of_the_mechanism(made):
-    """Its configurations are the mechanism's own, with the pose asked for."""
-    kinematics = sk.InverseKinematics(made)
-    poses = poses_for(kinematics, 3, 2)
-    coordinates = azimuth_tilt(poses) if kinematics.wrist.points else euler_zyz(poses)
-    found = 0
-    for pose, q in zip(poses, coordinates, strict=True):
-        for values in assemblies(kinematics.solver, q).values:
-            gap, rotations = own_pose(kinematics, values[None])
-            assert gap < 1e-13
-            direction = kinematics.wrist.output.direction
-            got = rotations[0] @ direction if kinematics.wrist.points else rotations[0]
-            assert np.max(np.abs(got - pose)) < 1e-13
-            found += 1
-    assert found
-
-
 def test_vectors_agree_with_the_positions_of_all_links(made):
     """Closed form of axes against rotation matrices and pair variables, every mode."""
     kinematics = sk.InverseKinematics(made)
@@ -122,33 +91,6 @@ def input_frames(made):
     """Frames of all pairs in both links, by name."""
     joints = geometry_of(made).joints
     return {p.name: (j.first, j.second) for p, j in zip(made.pairs, joints, strict=True)}
-
-
-def test_forward_of_inverse_and_inverse_of_forward_for_unlike_legs():
-    """All assembly modes by elimination hold the pose, all working modes the inputs."""
-    made = unlike_legs()
-    kinematics, forward = sk.InverseKinematics(made), ForwardKinematics(made)
-    poses = random_rotations(400, 8)
-    inverse = kinematics.at(poses)
-    assert len(inverse.modes) == 16
-    tried = 0
-    for k in range(16):
-        good = np.flatnonzero((inverse.status[k] == Status.OK) & (inverse.type_2[k] > 0.05))
-        for row in good[:3]:
-            back = forward.solutions(inverse.inputs[k, row][None])
-            gap = np.max(np.abs(back.rotations - poses[row]), axis=(1, 2))
-            assert np.min(gap) * inverse.type_2[k, row] < 2e-14
-            tried += 1
-    assert tried > 30
-    found = forward.solutions(np.random.default_rng(3).uniform(-3, 3, (20, 3)))
-    assert len(found.row) > 10
-    again = kinematics.at(found.rotations)
-    q = np.random.default_rng(3).uniform(-3, 3, (20, 3))[found.row]
-    gap = np.max(np.abs(np.angle(np.exp(1j * (again.inputs - q)))), axis=2)
-    gap = np.where(again.status == Status.OK, gap, np.inf)
-    assert np.all(np.sum(gap < 1e-8, axis=0) == 1)
-    flat = np.min(again.type_1, axis=2)
-    assert np.nanmax(np.where(gap < 1e-8, gap * flat, 0.0)) < 1e-13
 
 
 def arc_between(a, b):

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from common import Listener
-from example_mechanisms import serial
 from oracles import least_misfit
 from refusals import TABLES, check_call
 from scipy.spatial.transform import Rotation
@@ -220,19 +219,6 @@ def test_forward_of_one_freedom():
     assert len(table) == 72 and (table["tilt"] - np.radians(35.0)).abs().max() < 1e-14
     turned = np.tan(table["torsion"] - 0.5 * np.pi) * np.cos(np.radians(35.0))
     assert np.max(np.abs(turned - np.tan(table["q"]))) < 1e-12
-
-
-def test_open_chains():
-    """Two and three links in series, against the product of their rotations."""
-    for count in (2, 3):
-        solver = output_kinematics(serial(count))
-        poses = poses_for(solver, 30)
-        rows = solver.inverse(poses, solver.labels, range(count))
-        good = rows.status == sk.Status.OK
-        found = solver.forward(rows.inputs[good])
-        assert np.array_equal(found.row, np.arange(np.sum(good)))
-        got = found.directions if solver.points else found.rotations
-        assert np.max(np.abs(got - poses[rows.pose[good]])) < 1e-13
 
 
 def test_rows_out_of_reach_offer_the_nearest_pose():

@@ -24,14 +24,12 @@ import spherekit as sk
 from spherekit.analysis import folder as store
 from spherekit.analysis import frames
 from spherekit.analysis.folder import WORK, RunFolder
-from spherekit.analysis.frames import read_parquet
 from spherekit.analysis.running import rows_at_once
 from spherekit.analysis.scene import Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.engine.compiler import available
 from spherekit.errors import AnalysisError, OutputError
-from spherekit.files.plain import locked
 
 try:
     import resource
@@ -298,32 +296,6 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path, capsys):
     four_bar(tmp_path)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs signals")
-def test_the_lock_of_a_killed_run_locks_nothing(tmp_path):
-    code = (
-        "import os, sys; from pathlib import Path; from spherekit.files.plain import "
-        "locked; lock = locked(Path(sys.argv[1])); print('ready', flush=True); "
-        "sys.stdin.read()"
-    )
-    path = tmp_path / "lock"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, str(path)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    )
-    assert process.stdout.readline() == b"ready\n"
-    assert locked(path).startswith(f"process {process.pid} on ")
-    process.kill()
-    process.communicate()
-    lock = locked(path)
-    assert lock.is_locked
-    assert locked(path).startswith(f"process {os.getpid()} on ")
-    lock.release()
-    again = locked(path)
-    assert again.is_locked
-    again.release()
-
-
 def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         four_bar(tmp_path, progress=interrupt(2))
@@ -397,20 +369,6 @@ def test_memory_and_folder_give_the_same_bits(job, tmp_path):
                     streamed.frame(name, table.name, degrees),
                     check_exact=True,
                 )
-
-
-def test_degrees_in_files_come_back_in_rad(tmp_path):
-    streamed = four_bar(tmp_path, degrees=True)
-    written = pd.read_csv(tmp_path / "poles.csv")
-    assert written["q [deg]"].max() == 360.0
-    assert "acceleration_coefficient" in written  # 1/rad in any case
-    assert list(written) == list(read_parquet(tmp_path / "poles.parquet"))
-    listed = pd.read_csv(tmp_path / "columns.csv").query("table == 'poles'")
-    assert list(listed["column"]) == list(written)
-    summary = json.loads((tmp_path / "summary.json").read_text("utf-8"))
-    assert list(summary["units"]["poles"]) == list(written)
-    assert summary["units"]["poles"]["q [deg]"] == "deg"
-    pd.testing.assert_frame_equal(streamed.frame(), four_bar().frame(), rtol=1e-15)
 
 
 def test_csv_has_no_negative_zero(tmp_path):
@@ -521,20 +479,6 @@ def test_the_engine_that_began_goes_on(tmp_path):
         swinging(tmp_path, engine="numpy", progress=interrupt(1))
     result = swinging(tmp_path, engine="auto", unfinished="resume")
     assert result.summary["simulation"]["engine"]["name"] == "numpy"
-
-
-def test_a_new_run_replaces_the_files_of_the_older_one_only(tmp_path):
-    sk.run(sk.load("four_bar"), ["poles", "eksergian"], samples=5, folder=tmp_path)
-    (tmp_path / "mine.csv").write_text("mine")
-    four_bar(tmp_path, formats=("parquet",))
-    names = ["columns.csv", "mine.csv", "motion.parquet", "poles.parquet", "summary.json"]
-    assert names_in(tmp_path) == names
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    summary["files"] += ["mine.csv"]
-    (tmp_path / "summary.json").write_text(json.dumps(summary))
-    with pytest.raises(OutputError, match="no run has made"):
-        four_bar(tmp_path)
-    assert names_in(tmp_path) == names
 
 
 def test_whole_batches_are_not_resumed_and_need_memory(tmp_path, monkeypatch, capsys):

@@ -168,21 +168,6 @@ def test_tables_of_runs_give_figures_of_what_no_kernel_knows():
         assert most == pytest.approx(own, rel=1e-10)
 
 
-def test_a_cone_rolls_by_the_ratio_of_sines_and_impossible_ones_are_rows():
-    vary = {"links.arm.arc": [70.0, 75.0], "pairs.contact.half_angles.1": [20.0, 25.0]}
-    reduce = "ratio=mean(rate_roller_axis)"
-    found = sk.sweep("rolling_cones", vary, reduce, samples=5).frame()
-    for _, row in found.iterrows():
-        radius = row["pairs_contact_half_angles_1"]
-        if row["links_arm_arc"] == 50.0 + radius:
-            ratio = np.sin(np.radians(50.0)) / np.sin(np.radians(radius))
-            assert row["status"] == "OK"
-            assert abs(row["ratio"]) == pytest.approx(ratio, rel=1e-12)
-        else:
-            assert row["status"] != "OK" and np.isnan(row["ratio"]) and row["mode"] == ""
-    assert len(found) == 4
-
-
 def test_designs_that_cannot_be_are_rows_with_their_reason():
     vary = {"links.2.arc": [20.0, 0.0, 190.0], "links.3.arc": [70.0, 5.0]}
     found = sk.sweep("four_bar", vary, "max(q)", samples=9).frame()
