@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import (
     ASSEMBLY_MODE,
@@ -204,6 +203,8 @@ def construction(
     return Scene("Construction", tuple(parts), (over,))
 
 
+COEFFICIENTS = ("velocity_coefficient", "acceleration_coefficient")
+
 MANY = 6
 """With more poles than this, those to the ground and the shown one are seen at first."""
 
@@ -367,46 +368,20 @@ class Poles(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the table `poles`."""
-        mechanism = batch.mechanism
-        poles = self.poles(mechanism)
+        poles, by_input = self.poles(batch.mechanism), batch.inputs.T
         inputs = range(len(batch.moving_inputs))
         wanted = [(*pole, moved) for moved in inputs for pole in poles]
-        n, k = len(batch), len(wanted)
-        by_input = batch.inputs.T
-
-        per_pole = batch.interleaved
-
-        def per_row(values: NDArray[Any]) -> Any:
-            return per_pole([values] * k)
-
-        def named(names: Sequence[str]) -> Any:
-            return per_pole([np.broadcast_to(np.array(name), n) for name in names])
-
-        of = batch.of_poles(wanted)
+        of, made = batch.of_poles(wanted), dict[str, Any](batch.pole_columns(wanted))
+        made["q"] = batch.interleaved([by_input[moved] for *_, moved in wanted])
+        made |= {f"du{axis}_dq": of("direction_dq", c) for c, axis in enumerate("xyz")}
         numbers = (
-            "velocity_coefficient",
-            "acceleration_coefficient",
             "conditioning",
             "error_bound",
-            "velocity_coefficient_error_bound",
-            "acceleration_coefficient_error_bound",
+            *(f"{c}_error_bound" for c in COEFFICIENTS),
         )
-        links, pairs = mechanism.links, batch.moving_inputs
-        return {
-            "poles": {
-                "sample": per_row(batch.sample),
-                "assembly_mode": per_row(batch.assembly_mode),
-                "q": per_pole([by_input[moved] for *_, moved in wanted]),
-                "link": named([links[j] for _, j, _ in wanted]),
-                "relative_to": named([links[i] for i, *_ in wanted]),
-                **{f"u{axis}": of("direction", c) for c, axis in enumerate("xyz")},
-                **{f"du{axis}_dq": of("direction_dq", c) for c, axis in enumerate("xyz")},
-                **{name: of(name, None) for name in numbers},
-                "residual": per_row(batch.residual),
-                "status": of("pole_status", None),
-                "moving": named([pairs[moved] for *_, moved in wanted]),
-            }
-        }
+        made |= {name: of(name, None) for name in numbers}
+        (table,) = self.tables
+        return {"poles": {column.name: made[column.name] for column in table.columns}}
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return arrows along the poles, great circles of one, coefficient plots."""

@@ -52,7 +52,7 @@ def test_columns_of_times_end_at_the_right():
     assert len(rows) == 12 and len({len(line) for line in rows}) == 1
     assert "error of poles.velocity_coefficient: relative to all (1.5)" in lines
     assert "error of poles.q: absolute rad" in lines
-    assert "does not apply: numpy t 32, 64, 4096: no curve closes" in lines
+    assert "does not apply: numpy t 32, numpy t 64, numpy t 4096: no curve closes" in lines
     assert "does not apply: compiled: no heyoka" in lines
 
 

@@ -235,6 +235,32 @@ class Batch:
 
         return column
 
+    def pole_columns(self, poles: Sequence[tuple[int, int, int]]) -> dict[str, Interleaved]:
+        """Return columns of a table with a row for each pole at every row, see `of_poles`.
+
+        Which sample, mode, links and moving input; axis, coefficients, residual, status.
+        """
+        of, links, pairs = self.of_poles(poles), self.mechanism.links, self.moving_inputs
+        words = {
+            "link": [links[j] for _, j, _ in poles],
+            "relative_to": [links[i] for i, *_ in poles],
+            "moving": [pairs[moved] for *_, moved in poles],
+        }
+        names = ("velocity_coefficient", "acceleration_coefficient")
+        return {
+            **{
+                name: Interleaved([getattr(self, name)] * len(poles))
+                for name in ("sample", "assembly_mode", "residual")
+            },
+            **{
+                name: Interleaved([np.broadcast_to(np.array(x), len(self)) for x in texts])
+                for name, texts in words.items()
+            },
+            **{f"u{axis}": of("direction", k) for k, axis in enumerate("xyz")},
+            **{name: of(name, None) for name in names},
+            "status": of("pole_status", None),
+        }
+
     def _column(
         self, quantity: str, i: int, j: int, moved: int, component: int | None
     ) -> Array | LazyColumn:

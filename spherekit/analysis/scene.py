@@ -29,7 +29,8 @@ SYMBOLS = frozenset(
 
 _EXPONENT = re.compile(r"(?<=[A-Za-z])\d")
 _RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
-_POWER = re.compile(r"([A-Za-z]+|1)(\d?)")
+_PRODUCT = rf"({'|'.join(SYMBOLS)})\d?( ({'|'.join(SYMBOLS)})\d?)*"
+_UNIT = re.compile(rf"{_PRODUCT}(/{_PRODUCT})?")
 
 
 def is_unit(text: str) -> bool:
@@ -37,22 +38,12 @@ def is_unit(text: str) -> bool:
 
     Several by ``or`` are units of one column whose rows differ in kind.
     """
-    return not text or all(_is_single(unit) for unit in text.split(" or "))
+    return not text or all(_UNIT.fullmatch(unit) for unit in text.split(" or "))
 
 
 def in_signs(unit: str) -> str:
     """Return a unit as people print it: ``kg m2`` as ``kg m²``."""
     return _EXPONENT.sub(lambda digit: digit[0].translate(_RAISED), unit)
-
-
-def _is_single(text: str) -> bool:
-    parts = [part.split() for part in text.split("/")]
-    matches = [_POWER.fullmatch(symbol) for part in parts for symbol in part]
-    return (
-        len(parts) <= 2
-        and all(parts)
-        and all(match is not None and match[1] in SYMBOLS for match in matches)
-    )
 
 
 TINY = 1e-300
@@ -385,12 +376,13 @@ ROWS: Mapping[type, tuple[str, ...]] = {
 """The fields of primitives that have a row for each sample."""
 
 MEASURED: Mapping[type, Mapping[str, tuple[str, ...]]] = {
+    Axis: {"unit": ("values", "span")},
     Series: {"unit": ("values",)},
     SphereMap: {"unit": ("values",)},
     Surface: {"unit": ("vertices",), "values_unit": ("values",)},
     Portrait: {"x_unit": ("x", "x_range"), "y_unit": ("y", "y_range")},
 }
-"""The fields of primitives that say a unit, and what is in it."""
+"""The fields of primitives and axes that say a unit, and what is in it."""
 
 Page = int | str | None
 """The number of a mode, the title of a page of its own, or None for every page."""
@@ -424,45 +416,37 @@ def titled(label: str, unit: str) -> str:
 
 def in_degrees(scene: Scene) -> Scene:
     """Return a scene whose angles, their rates and accelerations are in degrees."""
-    factors = [_degrees(axis.unit) for axis in scene.over]
-    along = np.array([factor for factor, _ in factors] or [np.degrees(1.0)])
-    return replace(
-        scene,
-        primitives=tuple(_in_degrees(item, along) for item in scene.primitives),
-        over=tuple(
-            replace(
-                axis,
-                values=factor * axis.values,
-                unit=unit,
-                span=None
-                if axis.span is None
-                else (factor * axis.span[0], factor * axis.span[1]),
-            )
-            for axis, (factor, unit) in zip(scene.over, factors, strict=True)
-        ),
+    along = [_degrees(axis.unit)[0] for axis in scene.over] or [np.degrees(1.0)]
+    parts, over = (
+        tuple(_in_degrees(item, np.array(along)) for item in items)
+        for items in (scene.primitives, scene.over)
     )
+    return replace(scene, primitives=parts, over=over)
 
 
-def _in_degrees(primitive: Primitive, along: Floats) -> Primitive:
-    """Return a primitive in degrees; `along` (axes,) are the factors of what it is over."""
-    if isinstance(primitive, InputMarks):
-        return replace(primitive, inputs=along * primitive.inputs)
+def _in_degrees(shown: Any, along: Floats) -> Any:
+    """Return a primitive or an axis in degrees.
+
+    `along` (axes,) are the factors of what a primitive is over.
+    """
+    if isinstance(shown, InputMarks):
+        return replace(shown, inputs=along * shown.inputs)
     changes: dict[str, Any] = {}
     factors = []
-    for unit, names in MEASURED.get(type(primitive), {}).items():
-        factor, changes[unit] = _degrees(getattr(primitive, unit))
+    for unit, names in MEASURED.get(type(shown), {}).items():
+        factor, changes[unit] = _degrees(getattr(shown, unit))
         factors.append(factor)
         for name in names:
-            values = getattr(primitive, name)
+            values = getattr(shown, name)
             if isinstance(values, tuple):
                 changes[name] = tuple(factor * value for value in values)
             elif values is not None:
                 changes[name] = factor * values
-    if isinstance(primitive, Portrait):
-        both, curves = np.array(factors), primitive.curves
-        changes["curves"] = [replace(e, points=both * e.points) for e in curves]
-        changes["marks"] = [replace(e, place=both * e.place) for e in primitive.marks]
-    return replace(primitive, **changes)
+    if isinstance(shown, Portrait):
+        both = np.array(factors)
+        changes["curves"] = [replace(e, points=both * e.points) for e in shown.curves]
+        changes["marks"] = [replace(e, place=both * e.place) for e in shown.marks]
+    return replace(shown, **changes)
 
 
 def _degrees(unit: str) -> tuple[float, str]:

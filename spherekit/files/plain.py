@@ -4,6 +4,7 @@ A lock on a file: one program at a time, let go by the system when the program e
 """
 
 import errno
+import math
 import os
 import socket
 import time
@@ -30,6 +31,11 @@ def as_json(value: Any) -> Any:
     if isinstance(value, float):
         return float(value)  # numbers of files remember how they are written
     return value if isinstance(value, str | int | None) else repr(value)
+
+
+def finite(value: float) -> float | None:
+    """Return a number as JSON has it, None where there is none."""
+    return float(value) if math.isfinite(value) else None
 
 
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)

@@ -23,7 +23,7 @@ from spherekit.analysis.tables import (
     input_columns,
 )
 from spherekit.argument_validation import checked
-from spherekit.arrays import Array, Floats, Integers, SmallIntegers
+from spherekit.arrays import Floats, Integers, SmallIntegers
 from spherekit.conventions import Status, counted, listing, nearest
 from spherekit.dynamics.start import into_range, reaching, traced
 from spherekit.engine.fields import evaluate as evaluate_poles
@@ -201,32 +201,13 @@ class Kinematics:
 
         With `degrees` inputs are in degrees; coefficients stay as they are.
         """
-        batch, links = self._batch, self.mechanism.links
+        batch, inputs = self._batch, input_columns(self.mechanism, self.inputs)
         poles = [self._pole(pole) for pole in self.poles]
         wanted = [(*pole, k) for k in range(len(self.input_pairs)) for pole in poles]
-        of = batch.of_poles(wanted)
-
-        def spread(values: Array) -> Any:
-            return batch.interleaved([values] * len(wanted))
-
-        def named(names: list[str]) -> Array:
-            return np.tile(names, len(self))
-
-        inputs = input_columns(self.mechanism, self.inputs)
-        data: dict[str, Any] = {
-            "sample": spread(self.sample),
-            "assembly_mode": spread(self.assembly_mode),
-            **{key: spread(column) for key, column in inputs.items()},
-            "link": named([links[j] for _, j, _ in wanted]),
-            "relative_to": named([links[i] for i, *_ in wanted]),
-            "moving": named([self.input_pairs[moved] for *_, moved in wanted]),
-            **{f"u{axis}": of("direction", k) for k, axis in enumerate("xyz")},
-            "velocity_coefficient": of("velocity_coefficient", None),
-            "acceleration_coefficient": of("acceleration_coefficient", None),
-            "residual": spread(self.residual),
-            "status": of("pole_status", None),
-        }
-        return to_frame(TABLE.of(self.mechanism), data, degrees)
+        data: dict[str, Any] = batch.pole_columns(wanted)
+        data |= {key: batch.interleaved([x] * len(wanted)) for key, x in inputs.items()}
+        table = TABLE.of(self.mechanism)
+        return to_frame(table, {c.name: data[c.name] for c in table.columns}, degrees)
 
     def _link(self, name: str) -> str:
         return self.mechanism.links[self.mechanism.link(name)]

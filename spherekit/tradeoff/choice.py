@@ -12,6 +12,7 @@ from spherekit.analysis.running.sampling import course_of
 from spherekit.argument_validation import checked
 from spherekit.conventions import listing
 from spherekit.errors import AnalysisError, PluginError
+from spherekit.files.plain import finite
 from spherekit.model.study import Study
 from spherekit.tradeoff.measure import (
     Deviation,
@@ -25,7 +26,6 @@ from spherekit.tradeoff.record import (
     Trade,
     check_run,
     check_tolerance,
-    finite,
     read_trade,
     recommended,
     run_of,

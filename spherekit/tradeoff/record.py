@@ -27,7 +27,7 @@ from spherekit.argument_validation import checked as judged
 from spherekit.arrays import Floats
 from spherekit.conventions import AnyPath, without_numbers
 from spherekit.errors import AnalysisError
-from spherekit.files.plain import as_json
+from spherekit.files.plain import as_json, finite
 from spherekit.files.write import mechanism_hash
 from spherekit.model.study import Study
 from spherekit.planning.inputs import driven_at
@@ -221,11 +221,6 @@ def check_tolerance(mechanism: str, tolerance: float) -> None:
         )
 
 
-def finite(value: float) -> float | None:
-    """Return a number ready for JSON, None where there is none."""
-    return float(value) if np.isfinite(value) else None
-
-
 def _row(measured: Measured, samples: int, pareto: bool) -> dict[str, Any]:
     return {
         "name": measured.name,
@@ -244,11 +239,6 @@ def _row(measured: Measured, samples: int, pareto: bool) -> dict[str, Any]:
         "compile_seconds": measured.compile,
         "pareto": pareto,
     }
-
-
-def gathered(names: Sequence[tuple[str, str, float]]) -> tuple[tuple[str, str, float], ...]:
-    """Return columns once each, as first met."""
-    return tuple({name: (name, how, scale) for name, how, scale in names}.values())
 
 
 FILE = "trade.json"
@@ -483,34 +473,13 @@ def _not_applying(trade: Trade) -> list[str]:
 
     Reasons are one that differ in numbers, or in the name of their setting, only.
     """
-    alike: dict[str, list[Measured]] = {}
+    alike: dict[str, tuple[str, list[str]]] = {}
     for measured in trade.settings:
         if measured.reason:
-            alike.setdefault(without_numbers(_unnamed(measured)), []).append(measured)
-    lines = []
-    for every in alike.values():
-        first, *others = every
-        why = _unnamed(first) if others else first.reason
-        names = ", ".join(_shortened([measured.name for measured in every]))
-        lines.append(f"does not apply: {names}: {why.removeprefix(f'{trade.mechanism}: ')}")
-    return lines
-
-
-def _unnamed(measured: Measured) -> str:
-    """Return why a setting does not apply, without its name."""
-    return measured.reason.replace(f" {measured.name} ", " ")
-
-
-def _shortened(names: list[str]) -> list[str]:
-    """Return names, of those that differ in the last number only the first in full.
-
-    ``linear 32, linear 64, linear 128`` is ``linear 32, 64, 128``.
-    """
-    heads = [name.rpartition(" ") for name in names]
-    return [
-        last if k and last.isdecimal() and before == heads[k - 1][0] else name
-        for k, (name, (before, _, last)) in enumerate(zip(names, heads, strict=True))
-    ]
+            why = measured.reason.replace(f" {measured.name} ", " ")
+            why = why.removeprefix(f"{trade.mechanism}: ")
+            alike.setdefault(without_numbers(why), (why, []))[1].append(measured.name)
+    return [f"does not apply: {', '.join(names)}: {why}" for why, names in alike.values()]
 
 
 FRONT, EVALUATED, TOLERANCE = 1, 0, 5

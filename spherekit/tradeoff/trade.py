@@ -46,7 +46,7 @@ from spherekit.tradeoff.measure import (
     tables_by,
     timing_loop,
 )
-from spherekit.tradeoff.record import Measured, Trade, gathered, run_of
+from spherekit.tradeoff.record import Measured, Trade, run_of
 
 PEAKS = 8
 """Places of worst conditioning around which more samples are taken, in every step."""
@@ -237,7 +237,7 @@ def _trade(plan: RunPlan, study: Study, result: Found) -> Trade:
         words,
         floor,
         int(plan.needs[0].derivatives),
-        gathered(columns),
+        tuple(columns),
         tuple(measures),
         run_of(study, analysis),
     )
@@ -248,7 +248,7 @@ def _of_parameters(
 ) -> Trade:
     """Return the values of an analysis's own parameters against the most accurate."""
     every: list[Measured] = []
-    columns: list[tuple[str, str, float]] = []
+    columns: dict[str, tuple[str, float]] = {}
     for sweep in sweeps:
         estimates: dict[str, float] = {}
         ways = [
@@ -264,7 +264,7 @@ def _of_parameters(
         ]
         (same,) = judge(reference)
         words = "absolute rad" if sweep.places else "over the largest"
-        columns.append((same.column, words, same.scale))
+        columns.setdefault(same.column, (words, same.scale))
     errors = [result.error for result in every if np.isfinite(result.error)]
     return Trade(
         study.mechanism.name,
@@ -275,7 +275,7 @@ def _of_parameters(
         "the tightest: " + ", ".join(_named(sweep, sweep.values[-1]) for sweep in sweeps),
         min(errors, default=EPS),
         None,
-        gathered(columns),
+        tuple((name, *how) for name, how in columns.items()),
         tuple(every),
         run_of(study, analysis),
     )

@@ -32,6 +32,7 @@ from spherekit.analysis.tables import (
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
 from spherekit.errors import AnalysisError, SpherekitError
+from spherekit.files.plain import finite
 from spherekit.motion.motion import Motion
 from spherekit.numeric.crossings import wrap
 from spherekit.numeric.zeros import ArrayRows
@@ -152,14 +153,15 @@ class Verifier:
         compared = list(zip(exact, self._wanted, fields, strict=False))
         nearest = tuple(exact_field(*triple) for triple in compared)
         better = exact_motion(motion, every, exact[0])
-        rows = _Rows(motion, status == Status.OK, exact[0].condition, _allowed(motion))
+        rows = _Rows(motion, status == Status.OK, exact[0].condition)
         alone = self._kept, _Read(better, nearest, _as_far(better, self._kept.angles))
         motions = [motion_rows(self._course, read.motion, read.fields) for read in alone]
         pairs: list[_Pair]
         pairs = [(MOTION, motion_table(self._course), motions[0], motions[1])]
         for analysis, needs in self._analyses:
             try:
-                if analysis.name in failed or not _reads_rows(needs):
+                rowless = needs.tracer or needs == Needs(time=needs.time)
+                if analysis.name in failed or rowless:
                     raise AnalysisError("it failed, or reads other rows")
                 pairs += self._pairs(analysis, alone, rows)
             except SpherekitError:
@@ -172,7 +174,7 @@ class Verifier:
                     "sample": int(motion.sample[row]),
                     "assembly_mode": int(motion.assembly_mode[row]),
                     "status": Status(int(status[row])).name,
-                    "distance_rad": _number(exact[0].distance[row]),
+                    "distance_rad": finite(exact[0].distance[row]),
                 }
                 for row in np.flatnonzero(~rows.has_reference)
             ],
@@ -206,16 +208,21 @@ _Pair = tuple[str, Table, TableData, TableData]
 
 @dataclass(frozen=True)
 class _Rows:
-    """The rows compared.
-
-    Whether each has a reference, its conditioning, and how many roundings times that a
-    number may be off.
-    """
+    """The rows compared, whether each has a reference, and its conditioning."""
 
     motion: Motion
     has_reference: Bools
     condition: Floats
-    allowed: Floats
+
+    @property
+    def allowed(self) -> Floats:
+        """How many roundings, times its conditioning, a number of each row may be off.
+
+        Rows of a simulation close no better than its tolerance; those are not faults.
+        """
+        residual = self.motion.residual
+        simulated = residual > CLOSURE_TOLERANCE
+        return BEYOND + np.where(simulated, OPEN * residual / EPS, 0.0)
 
     def of(self, data: Mapping[str, Any]) -> Indices:
         """Return the row that each row of a table belongs to, -1 if none."""
@@ -228,11 +235,6 @@ def _places(data: Mapping[str, Any]) -> Iterator[tuple[int, int]]:
     """Yield the sample and the assembly mode of each row."""
     columns = (np.asarray(data[column.name]) for column in (SAMPLE, ASSEMBLY_MODE))
     return zip(*(values.tolist() for values in columns), strict=True)
-
-
-def _reads_rows(needs: Needs) -> bool:
-    """Return whether an analysis reads rows of the motion, and no others."""
-    return not needs.tracer and needs != Needs(time=needs.time)
 
 
 def _replaced(whole: _Read, rows: _Rows, better: _Read) -> _Read:
@@ -253,15 +255,6 @@ def _as_far(better: Motion, angles: Mapping[str, Floats]) -> Mapping[str, Floats
         value = better.values[:, number]
         turned[name] = value + TURN * np.round((angle - value) / TURN)
     return turned
-
-
-def _allowed(motion: Motion) -> Floats:
-    """Return (n,) how many roundings a number may be off.
-
-    Rows of a simulation close no better than its tolerance; those are not faults.
-    """
-    simulated = motion.residual > CLOSURE_TOLERANCE
-    return BEYOND + np.where(simulated, OPEN * motion.residual / EPS, 0.0)
 
 
 def _compared(
@@ -295,8 +288,8 @@ def _compared(
             {
                 **{name: int(first[name][at]) for name in ("sample", "assembly_mode")},
                 "subject": {name: str(first[name][at]) for name in subjects},
-                "value": _number(one[at]),
-                "reference": _number(other[at]),
+                "value": finite(one[at]),
+                "reference": finite(other[at]),
             }
             for at in (int(np.nanargmax(x)) if compared else 0 for x in (off, share))
         )
@@ -395,7 +388,3 @@ def _within(
 
 def _largest(values: Floats) -> float:
     return float(np.nanmax(values, initial=0.0))
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
