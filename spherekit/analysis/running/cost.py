@@ -46,13 +46,12 @@ def counts_of(wanted: Request) -> dict[str, int]:
 
 
 class Timer:
-    """Seconds that each stage took by itself, by the clock on the wall."""
+    """Seconds that each stage took, by the clock on the wall."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self.before: dict[str, float] = {}
-        self._open: list[str] = []
-        self._started = self._since = time.perf_counter()
+        self._started = time.perf_counter()
 
     def closed(self) -> dict[str, float]:
         """Return the seconds of all stages until now, with those of none as the rest.
@@ -69,15 +68,12 @@ class Timer:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Add the time of a block to a stage; a stage within it is not counted twice."""
-        self._turn()
-        self._open.append(name)
-        self.seconds.setdefault(name, 0.0)
+        """Add the time of a block to a stage."""
+        before, started = self.seconds.setdefault(name, 0.0), time.perf_counter()
         try:
             yield
         finally:
-            self._turn()
-            self._open.pop()
+            self.seconds[name] = before + time.perf_counter() - started
 
     def each(self, name: str, items: Iterable[Item]) -> Iterator[Item]:
         """Yield items, and add the time that each takes to come to a stage."""
@@ -89,9 +85,3 @@ class Timer:
                 except StopIteration:
                     return
             yield item
-
-    def _turn(self) -> None:
-        now = time.perf_counter()
-        if self._open:
-            self.seconds[self._open[-1]] += now - self._since
-        self._since = now

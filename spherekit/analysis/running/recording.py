@@ -68,14 +68,13 @@ class RecordingSession:
     ) -> None:
         """Start the recording of samples from `first` on."""
         mechanism, is_grid = course.tracer.mechanism, len(course.shape) > 1
-        self._recorder, self._total = recorder, course.total
+        self._recorder, self._course, self._first = recorder, course, first
         self._every = every or -(-course.total // MOST_LOGGED)
         self._row = course.shape[-1] if is_grid else None
-        self._timed, self._first, self._extent = course.timed, first, course.extent
         self._shapes = link_shapes(mechanism)
         self._seen, self._logged_to = first, 0
-        self._held: list[tuple[Scene, Motion]] = []
-        self._going_on, self._has_graph = course.going_on, False
+        self._held: list[tuple[Portrait, Scene, Motion]] = []
+        self._has_graph = False
         logged = np.flatnonzero(self._is_logged(np.arange(course.total)))
         inputs, times = course.inputs, course.every_t
         single = inputs.shape[1] == 1 and times is None
@@ -108,8 +107,7 @@ class RecordingSession:
 
         Otherwise samples that were logged stay, also where another run solves them.
         """
-        self._total = course.total
-        self._going_on = course.going_on
+        self._course = course
         self._logged_to = 0 if again else self._seen
         if again:
             self._held.clear()
@@ -117,14 +115,10 @@ class RecordingSession:
     def finish(self) -> None:
         """Log the portraits that waited for the extent of the whole motion."""
         ranges: dict[tuple[object, str], list[Floats]] = {}
-        for scene, _ in self._held:
-            (portrait,) = scene.primitives
-            assert isinstance(portrait, Portrait)
+        for portrait, scene, _ in self._held:
             span = np.array([portrait.x_range, portrait.y_range])
             ranges.setdefault((scene.page, portrait.path), []).append(span)
-        for scene, motion in self._held:
-            (portrait,) = scene.primitives
-            assert isinstance(portrait, Portrait)
+        for portrait, scene, motion in self._held:
             spans = np.array(ranges[scene.page, portrait.path])
             low, high = np.min(spans[:, :, 0], axis=0), np.max(spans[:, :, 1], axis=0)
             x_range, y_range = zip(low.tolist(), high.tolist(), strict=True)
@@ -145,7 +139,7 @@ class RecordingSession:
             return
         if not np.all(shown):
             motion = replace(motion.rows(chosen), samples=int(np.sum(shown)))
-        self._log(motion_scenes(motion, self._shapes, self._timed), motion, MOTION)
+        self._log(motion_scenes(motion, self._shapes, self._course.timed), motion, MOTION)
         if not self._has_graph:  # after the first rows, which should not wait for it
             self._has_graph = True
             still = replace(motion, samples=0)
@@ -158,14 +152,13 @@ class RecordingSession:
         if not np.all(shown):
             motion = replace(motion.rows(chosen), samples=int(np.sum(shown)))
             scenes = [scene.thinned(shown) for scene in scenes]
-        if self._going_on or self._held:
-            held = [
-                replace(scene, primitives=(primitive,), source=source)
+        if self._course.going_on or self._held:
+            self._held += [
+                (primitive, replace(scene, source=source), motion)
                 for scene in scenes
                 for primitive in scene.primitives
                 if isinstance(primitive, Portrait) and not scene.over
             ]
-            self._held += [(scene, motion) for scene in held]
             scenes = [
                 scene
                 if scene.over
@@ -186,8 +179,8 @@ class RecordingSession:
 
     def _is_logged(self, sample: Integers) -> Bools:
         """Return (n,) whether samples (n,) are logged."""
-        last = (sample == self._total - 1) & (self._row is None)
-        return (sample % (self._row or self._total) % self._every == 0) | last
+        last = (sample == self._course.total - 1) & (self._row is None)
+        return (sample % (self._row or self._course.total) % self._every == 0) | last
 
     def _log(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         for scene in scenes:
@@ -204,8 +197,12 @@ class RecordingSession:
 
     def _log_block(self, scene: Scene, motion: Motion, source: str) -> None:
         k, timing = motion.samples, motion.timing
-        inputs = motion.q[:k] if (motion.inputs.shape[1] == 1 and not self._timed) else None
-        times = timing.t[:k] if timing is not None and self._timed else None
+        inputs = (
+            motion.q[:k]
+            if (motion.inputs.shape[1] == 1 and not self._course.timed)
+            else None
+        )
+        times = timing.t[:k] if timing is not None and self._course.timed else None
         shown = replace(scene, over=self._axes(motion), source=source)
         self._recorder.log(shown, motion.sample[:k], inputs, times)
 
@@ -220,6 +217,6 @@ class RecordingSession:
         return tuple(
             Axis(label.format(name), "rad", values, (float(low), float(high)))
             for name, values, (low, high) in zip(
-                names, motion.inputs[:k].T, self._extent.inputs.T, strict=True
+                names, motion.inputs[:k].T, self._course.extent.inputs.T, strict=True
             )
         )
