@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Collection, Iterable, Mapping
 from enum import IntEnum
+from typing import Any
 
 TURN = 2.0 * math.pi
 
@@ -109,6 +110,12 @@ def counted(number: object, noun: str) -> str:
     """Return a number with its noun, ``1 row`` or ``2 rows``; grids are ``41x21 rows``."""
     return f"{number} {noun}" if str(number) == "1" else f"{number} {noun}s"
 
+
+Facts = dict[str, Any]
+"""What is said, by name, ready for JSON."""
+
+Names = tuple[str, ...]
+"""Names, or words, in their order."""
 
 AnyPath = str | os.PathLike[str]
 """Where a file or folder is."""

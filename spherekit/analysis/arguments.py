@@ -6,7 +6,7 @@ from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from spherekit.argument_validation import Style, in_words, read_as
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import Facts, Names, listing, nearest
 from spherekit.errors import AnalysisError, SpherekitError
 
 _SWITCHES = {"true": True, "1": True, "false": False, "0": False}
@@ -41,9 +41,9 @@ def given(
     name: str,
     items: Mapping[str, Any],
     read: Callable[[str, Any, Any], Any],
-    fault: Callable[[tuple[str, ...], str], SpherekitError],
+    fault: Callable[[Names, str], SpherekitError],
     words: Mapping[str, str] | None = None,
-) -> dict[str, Any]:
+) -> Facts:
     """Return the fields of a dataclass that items give.
 
     Parameters
@@ -61,7 +61,7 @@ def given(
     """
     field = {(words or {}).get(key, key): key for key in parameters(cls)}
     declared, hints = parameters(cls), get_type_hints(cls)
-    made: dict[str, Any] = {}
+    made: Facts = {}
     for key, value in items.items():
         if key not in field:
             allowed = listing(f"{k}={declared[item][0]}" for k, item in field.items())
@@ -80,7 +80,7 @@ def given(
 
 def given_in(
     text: str, cls: type, name: str, words: Mapping[str, str] | None = None
-) -> dict[str, Any]:
+) -> Facts:
     """Return the fields of a dataclass that a text gives; lists are ``a+b+c``.
 
     Raises
@@ -89,7 +89,7 @@ def given_in(
         For unknown keys, unreadable values and missing fields, with what is allowed.
     """
 
-    def fault(_: tuple[str, ...], message: str) -> AnalysisError:
+    def fault(_: Names, message: str) -> AnalysisError:
         return AnalysisError(f"{name}: {message}")
 
     def read(key: str, value: str, hint: Any) -> Any:

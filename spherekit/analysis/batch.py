@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.running.kernel_columns import LazyField
-from spherekit.analysis.scene import Primitive, Scene, Series
+from spherekit.analysis.scene import Primitive, Range, Scene, Series
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     INPUTS,
@@ -23,9 +23,10 @@ from spherekit.analysis.tables import (
     Column,
     Table,
     TableData,
+    Tables,
 )
 from spherekit.arrays import Array, Floats, Integers, SmallIntegers
-from spherekit.conventions import Status, listing
+from spherekit.conventions import Names, Status, listing
 from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Extent, Motion, PositionAnalysis, Timing
@@ -75,6 +76,12 @@ class Needs:
         )
 
 
+Fields = Sequence[PoleField | LazyField]
+"""The poles of a motion, for each input that moves."""
+
+Angles = Mapping[str, Floats]
+"""Variables that go on from sample to sample, by pair."""
+
 Values = TypeVar("Values", bound=Array)
 Made = TypeVar("Made")
 
@@ -98,8 +105,8 @@ class Batch:
     plans: tuple[Plan, ...]
     needs: Needs
     _motion: Motion
-    _fields: tuple[PoleField | LazyField, ...] = field(repr=False)
-    _angles: Mapping[str, Floats] = field(default_factory=dict, repr=False)
+    _fields: Fields = field(repr=False)
+    _angles: Angles = field(default_factory=dict, repr=False)
     timed: bool = False
     _tracer: PositionAnalysis | None = field(default=None, repr=False)
     _extent: Callable[[], Extent] | None = field(default=None, repr=False)
@@ -114,7 +121,7 @@ class Batch:
         return _sealed(self._motion.sample)
 
     @property
-    def moving_inputs(self) -> tuple[str, ...]:
+    def moving_inputs(self) -> Names:
         """Names of the driven pairs, in the order that `moved` counts."""
         return self.mechanism.input_pairs
 
@@ -159,13 +166,13 @@ class Batch:
         return _sealed(self._timing.ddq)
 
     @property
-    def q_range(self) -> tuple[float, float]:
+    def q_range(self) -> Range:
         """Least and greatest q of the whole run, rad; `SolveError` with several inputs."""
         low, high = self._single(self._whole.inputs).tolist()
         return low, high
 
     @property
-    def dq_range(self) -> tuple[float, float]:
+    def dq_range(self) -> Range:
         """Least and greatest dq of the whole run, rad/s; `SolveError` likewise."""
         self._check("time", "time")
         low, high = self._single(self._whole.rates).tolist()
@@ -472,7 +479,7 @@ def _sealed(values: Values) -> Values:
     return seen
 
 
-def run_status(motion: Motion, fields: Sequence[PoleField | LazyField]) -> SmallIntegers:
+def run_status(motion: Motion, fields: Fields) -> SmallIntegers:
     """Return (n,) status codes of a motion, or of the first input that says more."""
     status = motion.status
     for pole_field in fields:
@@ -485,9 +492,7 @@ MOST_SUBJECTS = 60
 """A table with more rows at a sample is not drawn."""
 
 
-def table_scenes(
-    tables: Sequence[Table], data: Mapping[str, TableData], batch: Batch
-) -> tuple[Scene, ...]:
+def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> tuple[Scene, ...]:
     """Return the numbers of tables with rows at the samples, over these, by mode.
 
     Rows that belong to one sample are told apart by what their columns of text say.

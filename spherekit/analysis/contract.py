@@ -11,14 +11,14 @@ Figures of merit: one number of a design in an assembly mode, from its rows.
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 from spherekit.analysis.batch import Batch, Needs
 from spherekit.analysis.scene import Scene
-from spherekit.analysis.tables import Table, TableArrays, TableData
-from spherekit.conventions import choices, listing
+from spherekit.analysis.tables import Table, TableArrays, Tables, Units
+from spherekit.conventions import Names, choices, listing
 from spherekit.errors import AnalysisError, ModelError, PluginError
 from spherekit.model.expression import Expression, parse
 from spherekit.model.mechanism import Mechanism
@@ -97,7 +97,7 @@ class FigureOfMerit:
         analysis, _, table = self.table.partition(".")
         return analysis, table
 
-    def parsed(self, names: dict[str, str]) -> Expression:
+    def parsed(self, names: Units) -> Expression:
         """Return the expression, of quantities with units by name.
 
         Raises
@@ -110,7 +110,7 @@ class FigureOfMerit:
         except ModelError as problem:
             raise AnalysisError(f"{self.name}: {problem}") from None
 
-    def unit(self, names: dict[str, str]) -> str:
+    def unit(self, names: Units) -> str:
         """Return its unit where the expression is a quantity or its size, else nothing."""
         if self.reduction.startswith("arg"):
             return names.get(f"q_{self.place}" if self.place else "q", "")
@@ -194,7 +194,7 @@ class Sweep:
     values: tuple[Any, ...]
     table: str
     column: str
-    match: tuple[str, ...]
+    match: Names
     error: str = ""
     places: bool = False
     beside: tuple[tuple[str, Any], ...] = ()
@@ -214,8 +214,8 @@ class Findings:
     """
 
     figures: Mapping[str, Any] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
+    warnings: Names = ()
+    remarks: Names = ()
 
 
 class AbstractAnalysis(ABC):
@@ -225,7 +225,7 @@ class AbstractAnalysis(ABC):
     version: ClassVar[str]
     contract: ClassVar[int] = CONTRACT
     summary: ClassVar[str]
-    cites: ClassVar[tuple[str, ...]] = ()
+    cites: ClassVar[Names] = ()
     tables: ClassVar[tuple[Table, ...]]
     rowwise: ClassVar[bool] = False
     """Whether a row depends only on what the batch says of it: then blocks are given as
@@ -246,7 +246,7 @@ class AbstractAnalysis(ABC):
         """Return what will be read; cheap, and `AnalysisError` for bad parameters."""
 
     @abstractmethod
-    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+    def compute(self, batch: Batch) -> Tables:
         """Return the declared tables by name for all rows of the batch."""
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
@@ -285,6 +285,9 @@ class AbstractAnalysis(ABC):
                 "next; define joined(), which says what holds for both"
             )
         return now
+
+
+Analyses = Sequence[AbstractAnalysis]
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,13 @@
 import logging
 import sysconfig
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from spherekit.conventions import counted
+from spherekit.conventions import Facts, counted
 from spherekit.errors import ArgumentError, PluginError, SpherekitError
 
 LOG = logging.getLogger("spherekit.plugins")
@@ -21,7 +20,7 @@ STANDARD = sysconfig.get_path("stdlib")
 INSTALLED = sysconfig.get_path("purelib")
 
 
-def failed_rows(summary: Mapping[str, Any]) -> list[str]:
+def failed_rows(summary: Facts) -> list[str]:
     """Return what rows of analyses failed where their configurations did not."""
     return [
         f"{analysis['name']}: {counted(sum(statuses.values()), 'row')} of table {table} "

@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from spherekit.analysis.scene import Body, Graph, Scene, Series, Text
 from spherekit.arrays import Floats
-from spherekit.conventions import listing
+from spherekit.conventions import Facts, listing
 from spherekit.model.gears import geometry_of, link_axes
 from spherekit.model.graph import layout
 from spherekit.model.mechanism import Mechanism
@@ -187,7 +186,7 @@ def _text(plans: Sequence[Plan]) -> Text:
     return Text("plan", "Plan", "\n".join(lines))
 
 
-def plan_notes(plan: Plan) -> dict[str, Any]:
+def plan_notes(plan: Plan) -> Facts:
     """Return the plan's key figures for the summary."""
     return {
         "passes": max(plan.rounds.values(), default=0),

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from spherekit.analysis.scene import Range
 from spherekit.arrays import Floats
 from spherekit.sphere.rotation import nans
 
@@ -41,7 +42,7 @@ def plotted_range(
     scale: float,
     resolution: float = 1e-9,
     shown_by: Literal["curves", "colours"] = "curves",
-) -> tuple[float, float]:
+) -> Range:
     """Return the least and greatest value that a plot of values (n,) shows.
 
     Changes below the `resolution`, over the scale of the quantity, are rounding. About
@@ -63,7 +64,7 @@ def plotted_range(
     return low - margin, high + margin
 
 
-def map_range(values: Floats, unit: str) -> tuple[float, float]:
+def map_range(values: Floats, unit: str) -> Range:
     """Return the least and greatest value that the colours of a map of values (n,) show.
 
     Whole numbers are counts: their colours begin at zero.
@@ -74,7 +75,7 @@ def map_range(values: Floats, unit: str) -> tuple[float, float]:
     return plotted_range(finite, scale_of(finite, unit), MAP_RESOLUTION, "colours")
 
 
-def broken(line: Floats, frame: tuple[float, float], turn: float | None) -> Floats:
+def broken(line: Floats, frame: Range, turn: float | None) -> Floats:
     """Return points (n, 2) with a gap (NaN) where the curve is not what a stroke says.
 
     There it passes from one side of the frame to the other through infinity, or y or x
@@ -90,7 +91,7 @@ def broken(line: Floats, frame: tuple[float, float], turn: float | None) -> Floa
     return np.insert(line, places + 1, np.nan, axis=0)
 
 
-def cut(line: Floats, frame: tuple[float, float]) -> Floats:
+def cut(line: Floats, frame: Range) -> Floats:
     """Return points (n, 2) that end where the curve leaves the frame, NaN beyond it."""
     for level in frame:
         above = line[:, 1] - level

@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from spherekit.analysis.tables import (
     TableArrays,
 )
 from spherekit.arrays import Floats
-from spherekit.conventions import Status
+from spherekit.conventions import Facts, Status
 from spherekit.errors import AnalysisError
 from spherekit.files.atomic import check_own
 from spherekit.model.mechanism import Mechanism
@@ -168,7 +167,7 @@ def prove_poles(
                 ends = frozenset((links[pole.first], links[pole.second]))
                 sample, mode = (int(motion[c][row]) for c in ("sample", "assembly_mode"))
                 proven[sample, mode, names[pole.driven], ends] = pole
-        parts: list[dict[str, Any]] = []
+        parts: list[Facts] = []
         for number in range(len(poles["sample"])):
             given = {name: column[number] for name, column in poles.items()}
             parts.append({name: given[name] for name in GIVEN})
@@ -225,9 +224,7 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
     construct(Written.of(mechanism).structure)
 
 
-def _proven(
-    given: Mapping[str, Any], direction: Sequence[Ball], coefficient: Ball
-) -> dict[str, Any]:
+def _proven(given: Facts, direction: Sequence[Ball], coefficient: Ball) -> Facts:
     """Return what is proven of a row of poles."""
     u = np.array([float(given[f"u{axis}"]) for axis in "xyz"])
     axis = np.array([middle(ball) for ball in direction])
@@ -239,7 +236,7 @@ def _proven(
     spare = upper(coefficient - exact(size))
     gap = abs(abs(float(given["velocity_coefficient"])) - size)
     slack = 2.0**-52 * size
-    made: dict[str, Any] = {f"proven_u{k}": x for k, x in zip("xyz", axis, strict=True)} | {
+    made: Facts = {f"proven_u{k}": x for k, x in zip("xyz", axis, strict=True)} | {
         "proven_u_off": off,
         "proven_velocity_coefficient": size,
         "proven_velocity_coefficient_off": spare,

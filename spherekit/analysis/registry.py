@@ -12,7 +12,7 @@ from spherekit.analysis.arguments import given_in
 from spherekit.analysis.class_check import fault_of_class
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.faults import LOG, described, faults_of
-from spherekit.conventions import choices, listing
+from spherekit.conventions import Names, choices, listing
 from spherekit.errors import AnalysisError, PluginError
 
 GROUP = "spherekit.analyses"
@@ -75,7 +75,7 @@ def origin_of(name: str) -> str:
     return listing(_origin(entry) for entry in _entries().get(name, ()))
 
 
-def names() -> tuple[str, ...]:
+def names() -> Names:
     """Return the names of all installed analyses, broken ones too, sorted."""
     return tuple(sorted({*_entries(), *_added}))
 

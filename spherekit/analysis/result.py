@@ -25,13 +25,14 @@ from spherekit.analysis.running.cost import TABLES
 from spherekit.analysis.tables import (
     COLUMNS,
     FILE_SIZE,
+    Declared,
     Files,
     Format,
     Table,
     TableArrays,
 )
 from spherekit.argument_validation import checked
-from spherekit.conventions import choices, counted, listing
+from spherekit.conventions import Facts, choices, counted, listing
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.atomic import make_folder, write_bytes
 from spherekit.markup import html_list, html_table
@@ -72,7 +73,7 @@ class RunResult:
 
     results: Mapping[str, AnalysisResult]
     failures: Mapping[str, str] = field(default_factory=dict)
-    summary: Mapping[str, Any] = field(default_factory=dict)
+    summary: Facts = field(default_factory=dict)
     files: tuple[Path, ...] = ()
     views: Any = field(default=None, compare=False)
 
@@ -293,15 +294,13 @@ def _first_rows(analysis: str, table: Table, data: TableArrays) -> str:
     return html_table(header, rows, f"{name}: {counted(count, 'row')}")
 
 
-def file_names(
-    declared: Mapping[str, Sequence[Table]], formats: Sequence[Format] | None
-) -> list[str]:
+def file_names(declared: Declared, formats: Sequence[Format] | None) -> list[str]:
     """Return the names that the files of tables may get."""
     kinds = formats or FILE_SIZE
     return [*(f"{stem}.{kind}" for stem in stems(declared) for kind in kinds), COLUMNS]
 
 
-def stems(declared: Mapping[str, Sequence[Table]]) -> dict[str, tuple[str, Table]]:
+def stems(declared: Declared) -> dict[str, tuple[str, Table]]:
     """Return what files are called without their ending: whose, and of which table."""
     return {
         f"{name}_{table.name}" if number else name: (name, table)
@@ -310,17 +309,17 @@ def stems(declared: Mapping[str, Sequence[Table]]) -> dict[str, tuple[str, Table
     }
 
 
-def _units(declared: Mapping[str, Sequence[Table]], degrees: bool) -> dict[str, Any]:
+def _units(declared: Declared, degrees: bool) -> Facts:
     """Return the unit of every column of tables by the stems of their files."""
     return {stem: table.units(degrees) for stem, (_, table) in stems(declared).items()}
 
 
 def result_of(
-    declared: Mapping[str, Sequence[Table]],
+    declared: Declared,
     failures: Mapping[str, str],
     store: StoredParts | InMemory | None,
     place: RunFolder | None,
-    summary: dict[str, Any],
+    summary: Facts,
     wanted: Files,
 ) -> RunResult:
     """Return the tables declared by name of analysis, written if there is a folder.
@@ -355,11 +354,11 @@ def result_of(
 
 def write_results(
     folder: RunFolder,
-    declared: Mapping[str, Sequence[Table]],
+    declared: Declared,
     rows: Mapping[str, Iterator[Mapping[str, Any]]],
-    summary: Mapping[str, Any],
+    summary: Facts,
     wanted: Files,
-) -> tuple[list[Path], dict[str, Any]]:
+) -> tuple[list[Path], Facts]:
     """Write the tables of analyses, and the summary with their names and the time.
 
     `rows` are their pieces by the stems of their files. Return the paths and that summary.

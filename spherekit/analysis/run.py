@@ -4,14 +4,14 @@ Work in a folder is taken up as it was left, and kept if the run is stopped.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from typing import Any
 
-from spherekit.analysis.batch import Batch, table_scenes
+from spherekit.analysis.batch import Angles, Batch, Fields, table_scenes
 from spherekit.analysis.computed import findings_of, scenes_of
-from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.contract import AbstractAnalysis, Analyses
 from spherekit.analysis.execution import Execution
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.folder import (
@@ -25,7 +25,6 @@ from spherekit.analysis.result import MOTION, RunResult, file_names, result_of
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.cost import AXES, RECORDING, SEARCH, SIMULATION, Timer
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
-from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.recording import RecordingSession
 from spherekit.analysis.running.run_state import RunState
 from spherekit.analysis.running.sampling import EVENTS, courses_of
@@ -43,15 +42,14 @@ from spherekit.analysis.running.summary import (
 )
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.study import Subject, chosen, study_of, takes
-from spherekit.analysis.tables import Files, Table, TableData
+from spherekit.analysis.tables import Files, Table, Tables
 from spherekit.argument_validation import checked
-from spherekit.arrays import Floats
-from spherekit.conventions import listing
+from spherekit.conventions import Facts, listing
 from spherekit.engine.kernels import ENGINES, Engine
 from spherekit.errors import AnalysisError, FileError, OutputError, SpherekitError
 from spherekit.model.study import Study
 from spherekit.motion.motion import Motion
-from spherekit.rates.request import PoleField, SignContinuation
+from spherekit.rates.request import SignContinuation
 
 
 @takes(Execution)
@@ -108,7 +106,7 @@ def run(
 
 def executed(
     study: Study,
-    analyses: Sequence[AbstractAnalysis],
+    analyses: Analyses,
     execution: Execution,
     follow: bool = False,
 ) -> RunResult:
@@ -214,9 +212,7 @@ def executed(
             return result_of(declared, failures, store, place, summary, files)
 
 
-def traced(
-    study: Study, analyses: Sequence[AbstractAnalysis], execution: Execution
-) -> bool:
+def traced(study: Study, analyses: Analyses, execution: Execution) -> bool:
     """Return whether anything asks for the motion of a run."""
     return (
         execution.recorder is not None
@@ -235,7 +231,7 @@ def evaluate_block(
     store: StoredParts | InMemory | None,
     stage: RecordingSession | None,
     ledger: Timer,
-) -> tuple[tuple[PoleField | LazyField, ...], Mapping[str, Floats]]:
+) -> tuple[Fields, Angles]:
     """Evaluate a block for all analyses, and hand over what they make of it.
 
     Return its poles for each input, and the variables that go on. An analysis that fails
@@ -288,7 +284,7 @@ def _show(
     stage: RecordingSession,
     analysis: AbstractAnalysis,
     declared: Sequence[Table],
-    tables: Mapping[str, TableData],
+    tables: Tables,
     batch: Batch,
     motion: Motion,
 ) -> None:
@@ -393,7 +389,7 @@ def kept(
     if place is None:
         yield lambda job: None
         return
-    last: dict[str, Any] = {}
+    last: Facts = {}
     done = standing.done
 
     def write() -> None:

@@ -20,6 +20,7 @@ import numpy as np
 from spherekit.analysis.tables import IN_DEGREES
 from spherekit.argument_validation import checked_class
 from spherekit.arrays import Bools, Floats, Integers
+from spherekit.conventions import Facts, Names
 from spherekit.errors import OutputError
 from spherekit.sphere.rotation import from_quaternion
 
@@ -49,6 +50,10 @@ def in_signs(unit: str) -> str:
 TINY = 1e-300
 
 
+Range = tuple[float, float]
+"""The least and the greatest value."""
+
+
 @dataclass(frozen=True)
 class Axis:
     """What rows run over: an input, the time, or a quantity of an analysis."""
@@ -58,11 +63,11 @@ class Axis:
     """SI, rad, or empty for pure numbers."""
     values: Floats
     """(n,)"""
-    span: tuple[float, float] | None = None
+    span: Range | None = None
     """Least and greatest value of all blocks, if these are not all values."""
 
     @property
-    def extent(self) -> tuple[float, float]:
+    def extent(self) -> Range:
         """Least and greatest value, of all blocks if that is said."""
         if self.span is not None:
             return self.span
@@ -219,9 +224,9 @@ class Portrait:
     """(n,)"""
     x_label: str
     y_label: str
-    x_range: tuple[float, float]
+    x_range: Range
     """Least and greatest x of all blocks, which the frame spans."""
-    y_range: tuple[float, float]
+    y_range: Range
     x_unit: str = ""
     y_unit: str = ""
     curves: Sequence[PlaneCurve] = ()
@@ -310,8 +315,8 @@ class Diagram:
     label: str
     x_label: str
     y_label: str
-    x_range: tuple[float, float]
-    y_range: tuple[float, float]
+    x_range: Range
+    y_range: Range
     names: Sequence[str]
     """Of the points (k,)."""
     places: Floats
@@ -335,7 +340,7 @@ class Graph:
     nodes: Sequence[tuple[str, str, int | None]]
     """(identifier, label, link number or None for a pair)."""
     edges: Sequence[tuple[str, str]]
-    positions: Sequence[tuple[float, float]]
+    positions: Sequence[Range]
     """Layout in the unit square, one per node."""
 
 
@@ -364,7 +369,7 @@ Primitive = (
     | Text
 )
 
-ROWS: Mapping[type, tuple[str, ...]] = {
+ROWS: Mapping[type, Names] = {
     Body: ("quaternions",),
     Arrow: ("directions",),
     Trace: ("directions", "quaternions"),
@@ -375,7 +380,7 @@ ROWS: Mapping[type, tuple[str, ...]] = {
 }
 """The fields of primitives that have a row for each sample."""
 
-MEASURED: Mapping[type, Mapping[str, tuple[str, ...]]] = {
+MEASURED: Mapping[type, Mapping[str, Names]] = {
     Axis: {"unit": ("values", "span")},
     Series: {"unit": ("values",)},
     SphereMap: {"unit": ("values",)},
@@ -431,7 +436,7 @@ def _in_degrees(shown: Any, along: Floats) -> Any:
     """
     if isinstance(shown, InputMarks):
         return replace(shown, inputs=along * shown.inputs)
-    changes: dict[str, Any] = {}
+    changes: Facts = {}
     factors = []
     for unit, names in MEASURED.get(type(shown), {}).items():
         factor, changes[unit] = _degrees(getattr(shown, unit))
@@ -456,14 +461,14 @@ def _degrees(unit: str) -> tuple[float, str]:
     return float(np.degrees(1.0)), IN_DEGREES[unit]
 
 
-def rows_of(primitive: Primitive) -> dict[str, Any]:
+def rows_of(primitive: Primitive) -> Facts:
     """Return the fields of a primitive that have a row for each sample, by name."""
     fields = {name: getattr(primitive, name) for name in ROWS.get(type(primitive), ())}
     return {name: rows for name, rows in fields.items() if rows is not None}
 
 
 def _thinned(primitive: Primitive, chosen: Bools) -> Primitive:
-    kept: dict[str, Any] = {
+    kept: Facts = {
         name: rows[chosen]
         if isinstance(rows, np.ndarray)
         else [row for row, is_in in zip(rows, chosen, strict=False) if is_in]

@@ -15,12 +15,12 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 from spherekit.analysis.arguments import given
 from spherekit.analysis.batch import Needs
-from spherekit.analysis.contract import AbstractAnalysis, BrokenAnalysis
+from spherekit.analysis.contract import AbstractAnalysis, Analyses, BrokenAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.registry import create, load
 from spherekit.argument_validation import Style, in_words, read_as
-from spherekit.conventions import choices, listing
+from spherekit.conventions import Facts, Names, choices, listing
 from spherekit.errors import AnalysisError, PluginError, SpherekitError
 from spherekit.files.schema import mismatch, shown
 from spherekit.files.study import Subject as Subject
@@ -107,10 +107,8 @@ def _located(study: Study, name: str) -> Iterator[None]:
         raise study.fault(("analyses", name), str(problem)) from None
 
 
-def _given(
-    study: Study, cls: type[AbstractAnalysis], values: Mapping[str, Any]
-) -> dict[str, Any]:
-    def fault(path: tuple[str, ...], message: str) -> SpherekitError:
+def _given(study: Study, cls: type[AbstractAnalysis], values: Mapping[str, Any]) -> Facts:
+    def fault(path: Names, message: str) -> SpherekitError:
         return study.fault(("analyses", cls.name, *path), message)
 
     def read(key: str, value: Any, hint: Any) -> Any:
@@ -147,7 +145,7 @@ GIVEN = ("name", "mechanism", "analyses", "folder", "recording", "locate")
 
 
 def study_of(
-    function: str, subject: Subject, options: Mapping[str, Any], second: type[Second]
+    function: str, subject: Subject, options: Facts, second: type[Second]
 ) -> tuple[Study, Second]:
     """Return a study changed by options, and an object that has the others as fields.
 
@@ -230,7 +228,7 @@ def _keyword(name: str, hint: Any, default: Any) -> inspect.Parameter:
     return inspect.Parameter(name, kind, default=default, annotation=hint)
 
 
-def needs_of(mechanism: Mechanism, analyses: Sequence[AbstractAnalysis]) -> Needs:
+def needs_of(mechanism: Mechanism, analyses: Analyses) -> Needs:
     """Return what several analyses need together; see `declared` for what it raises."""
     return reduce(Needs.union, (declared(x, mechanism) for x in analyses), Needs())
 

@@ -203,6 +203,15 @@ TableArrays = Mapping[str, Array]
 TableData = Mapping[str, Array | Interleaved]
 """A table's columns, and these as an analysis may give them."""
 
+Tables = Mapping[str, TableData]
+"""Tables by name, as an analysis may give them."""
+
+Declared = Mapping[str, Sequence[Table]]
+"""The tables that are declared, by the name of their analysis."""
+
+Units = Mapping[str, str]
+"""Units by the names of columns or quantities."""
+
 
 def arrays(data: TableData) -> dict[str, Array]:
     """Return all columns as arrays."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from spherekit.analysis.tables import Column, Table, TableArrays
 from spherekit.arrays import Array, Floats
+from spherekit.conventions import Names
 from spherekit.model.gears import pair_frames
 from spherekit.model.locking import restated, sizes_by_frames, turned_vector
 from spherekit.model.locking import turned as turned_profile
@@ -35,7 +36,7 @@ def turned(mechanism: Mechanism, rotation: Floats) -> Mechanism:
         If the origin of a profile's arc length follows from the axes.
     """
     given = mechanism.geometry
-    links: tuple[str, ...] = (mechanism.ground,)
+    links: Names = (mechanism.ground,)
     if isinstance(given, PoseGeometry):
         links = mechanism.links
         axes = {name: turned_vector(rotation, axis) for name, axis in given.axes.items()}

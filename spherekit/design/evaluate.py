@@ -9,14 +9,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.contract import FigureOfMerit
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import TURN
+from spherekit.conventions import TURN, Facts
 from spherekit.design.figures import (
     BLOCK,
     IMPOSSIBLE,
@@ -358,7 +357,7 @@ class Evaluator:
     @property
     def _masses_follow(self) -> bool:
         """Whether figures read masses, which the file states by sizes of links."""
-        masses: Mapping[str, Mapping[str, Any]] = self.document.data.get("mass", {})
+        masses: Mapping[str, Facts] = self.document.data.get("mass", {})
         follow = any("tensor" not in mass for mass in masses.values())
         return self.figures.read_inertia and follow
 

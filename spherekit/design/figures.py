@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spherekit.analysis.contract import FigureOfMerit
 from spherekit.analysis.running.sampling import UNIT_SPEED, check_time
 from spherekit.arrays import Array, Floats, Indices, Integers
-from spherekit.conventions import counted, listing
+from spherekit.conventions import Names, counted, listing
 from spherekit.design.profile_numbers import columns_of
 from spherekit.design.variables import OK, reason_of
 from spherekit.engine.design_kernel import DesignKernel
@@ -53,7 +53,7 @@ class DesignSamples:
     the time. `shape` counts the samples along a path, or along each axis of a grid.
     """
 
-    inputs: tuple[str, ...]
+    inputs: Names
     rows: Floats
     shape: tuple[int, ...]
 
@@ -89,9 +89,7 @@ class DesignSamples:
         return DesignSamples.at(names, lattice.q, start, sense, lattice.shape)
 
     @staticmethod
-    def _timed(
-        study: Study, mechanism: Mechanism, names: tuple[str, ...]
-    ) -> "DesignSamples":
+    def _timed(study: Study, mechanism: Mechanism, names: Names) -> "DesignSamples":
         if not isinstance(study.samples, int):
             raise DesignError(f"{study.name}: over a time give one number of samples")
         assert study.duration is not None

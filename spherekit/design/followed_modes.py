@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices, Integers
+from spherekit.conventions import Names
 from spherekit.design.homotopy import (
     LONG,
     Equations,
@@ -56,7 +57,7 @@ class Modes:
 
     design: Indices
     values: Floats
-    labels: tuple[str, ...]
+    labels: Names
     lost: Indices
 
 

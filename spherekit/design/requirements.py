@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Array, Floats, Indices
-from spherekit.conventions import counted, listing
+from spherekit.conventions import Names, counted, listing
 from spherekit.design.figures import NEVER_CLOSES
 from spherekit.design.sweep import Columns, Sweep
 from spherekit.design.sweep_identity import code_identity, other_code
@@ -45,8 +45,8 @@ class Specification:
     """
 
     sweep: Sweep
-    minimise: tuple[str, ...]
-    matched: tuple[str, ...] = ()
+    minimise: Names
+    matched: Names = ()
 
     def __post_init__(self) -> None:
         _ = self.objectives

@@ -2,18 +2,18 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.analysis.contract import AbstractAnalysis, FigureOfMerit
+from spherekit.analysis.contract import Analyses, FigureOfMerit
 from spherekit.analysis.execution import Execution
 from spherekit.analysis.result import MOTION, RunResult, stems
 from spherekit.analysis.run import executed
-from spherekit.analysis.tables import Table, TableArrays
+from spherekit.analysis.tables import Table, TableArrays, Units
 from spherekit.arrays import Floats
-from spherekit.conventions import Status, choices, counted, listing
+from spherekit.conventions import Facts, Status, choices, counted, listing
 from spherekit.design.evaluate import SINGLY, Evaluator
 from spherekit.design.figures import IMPOSSIBLE, Evaluated, reduced, refused
 from spherekit.design.variables import OK, DesignVariable, designed
@@ -68,7 +68,7 @@ class DesignRuns:
         study: Study,
         variables: Sequence[DesignVariable],
         merits: Sequence[FigureOfMerit],
-        analyses: Sequence[AbstractAnalysis],
+        analyses: Analyses,
         tables: bool,
         kernel_figures: Evaluator | None,
     ) -> None:
@@ -189,9 +189,7 @@ class DesignRuns:
             made[ASSEMBLY] = np.array(numbers)
         return made
 
-    def _place(
-        self, rows: Evaluated, mode: Mode, assembled: Mapping[str, Any]
-    ) -> int | None:
+    def _place(self, rows: Evaluated, mode: Mode, assembled: Facts) -> int | None:
         """Return the row of the kernel that a mode of the run is, None if none is."""
         made = self.kernel_figures
         column, number = mode
@@ -257,9 +255,7 @@ def _tables(run: RunResult) -> tuple[RunTable, ...]:
     )
 
 
-def _units(
-    merit: FigureOfMerit, analyses: Sequence[AbstractAnalysis], study: Study
-) -> dict[str, str]:
+def _units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Units:
     """Return the unit of each column of numbers in the table of a figure."""
     analysis, table = merit.of_table
     if analysis == MOTION:

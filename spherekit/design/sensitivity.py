@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import TURN, choices, listing, nearest
+from spherekit.conventions import TURN, Names, choices, listing, nearest
 from spherekit.design.homotopy import SHORT, Profiles, straight, tracked
 from spherekit.design.profile_numbers import APART, has_other_profiles
 from spherekit.design.variables import (
@@ -109,7 +109,7 @@ class Sensitivity:
                     "velocity_coefficient_LINK_OTHER"
                 )
 
-    def _of_profiles(self) -> tuple[str, ...]:
+    def _of_profiles(self) -> Names:
         """Return the keys of radii and harmonics."""
         made = []
         for pair, table in self.document.data["pairs"].items():
@@ -123,7 +123,7 @@ class Sensitivity:
         return tuple(made)
 
     @property
-    def left_out(self) -> tuple[str, ...]:
+    def left_out(self) -> Names:
         """The links with two axes on one line, whose sizes are none by default."""
         geometry = self.mechanism.geometry
         if not isinstance(geometry, SizeGeometry):
@@ -242,7 +242,7 @@ class Sensitivity:
         return numbers | (acting_links(self.mechanism) if acting else frozenset())
 
     @property
-    def wound(self) -> tuple[str, ...]:
+    def wound(self) -> Names:
         """The pairs whose turns count: loads that matter depend on their variables."""
         if not any(name.split("_by_")[0] == "torque" for name in self.quantities):
             return ()

@@ -8,7 +8,7 @@ import json
 import math
 import re
 import warnings
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,8 +19,9 @@ import numpy as np
 from spherekit.analysis.contract import AbstractAnalysis, FigureOfMerit
 from spherekit.analysis.frames import PartTables, notes_of, part_tables, write_columns
 from spherekit.analysis.running.run_state import identities_of
+from spherekit.analysis.tables import Units
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.conventions import AnyPath, choices, listing
+from spherekit.conventions import AnyPath, Facts, Names, choices, listing
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.figures import NEVER_CLOSES, DesignSamples, Evaluated
 from spherekit.design.runs import ASSEMBLY, DesignRuns
@@ -177,6 +178,9 @@ class DesignSpace:
         return np.asarray(generator.random((stop - start, size)).T)
 
 
+Columns = dict[str, Any]
+"""The columns of rows by name."""
+
 _COMPARED = re.compile(r"(<=|>=|<|>)")
 
 _HOLDS = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal}
@@ -196,16 +200,16 @@ class Condition:
         """What it depends on."""
         return self.left.names | self.right.names
 
-    def _sides(self, columns: Mapping[str, Any]) -> Iterator[Any]:
+    def _sides(self, columns: Columns) -> Iterator[Any]:
         for side in (self.left, self.right):
             yield side.evaluate({name: columns[name] for name in side.names})
 
-    def holds(self, columns: Mapping[str, Any]) -> Bools:
+    def holds(self, columns: Columns) -> Bools:
         """Return for which rows it holds, from columns (n,) by name."""
         with np.errstate(invalid="ignore"):
             return np.asarray(_HOLDS[self.sign](*self._sides(columns)))
 
-    def slack(self, columns: Mapping[str, Any]) -> Floats:
+    def slack(self, columns: Columns) -> Floats:
         """Return by how much it holds (n,): negative where it does not."""
         left, right = self._sides(columns)
         return np.asarray(right - left if self.sign.startswith("<") else left - right)
@@ -254,8 +258,6 @@ GONE_THROUGH = (
 DESIGNS, TABLES = "designs", "tables"
 """Folders of the table of designs, where there are others, and of these."""
 
-Columns = dict[str, Any]
-
 
 @dataclass(frozen=True)
 class Sweep:
@@ -284,7 +286,7 @@ class Sweep:
     document: Document
     space: DesignSpace
     merits: tuple[FigureOfMerit, ...]
-    where: tuple[str, ...] = ()
+    where: Names = ()
     study: Study | None = None
     analyses: tuple[AbstractAnalysis, ...] = ()
     tables: bool = False
@@ -310,7 +312,7 @@ class Sweep:
             )
         _ = self.conditions
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> Facts:
         return {**self.__dict__, "_kept": {}}  # compiled kernels stay in their process
 
     @cached_property
@@ -368,7 +370,7 @@ class Sweep:
         """How many parts there are."""
         return -(-self.space.count // self.part_size)
 
-    def definition(self) -> dict[str, Any]:
+    def definition(self) -> Facts:
         """Return what the sweep is of, as it stands in its folder."""
         text = json.dumps(as_json(self.document.data), sort_keys=True)
         return code_identity() | {
@@ -413,7 +415,7 @@ class Sweep:
             return merit.unit(evaluator.units[merit.name])
         return merit.unit(row_quantities(self.mechanism))
 
-    def units(self) -> dict[str, str]:
+    def units(self) -> Units:
         """Return the unit of every column that has one."""
         made = {
             variable.name: self.angle for variable in self.variables if variable.is_angle

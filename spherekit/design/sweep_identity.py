@@ -5,16 +5,15 @@ import os
 import platform
 import re
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from spherekit.analysis.folder import foreign
-from spherekit.conventions import listing
+from spherekit.conventions import Facts, listing
 from spherekit.errors import OutputError
 from spherekit.files.atomic import make_folder, write_text
 from spherekit.version import __version__
@@ -47,7 +46,7 @@ def code_identity() -> dict[str, str]:
     }
 
 
-def other_code(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
+def other_code(there: Facts, here: Facts) -> list[str]:
     """Return in words what differs: ``numpy 2.3.1 there, 2.4.0 here``."""
     return [
         f"{name} {there.get(name, 'not stated')} there, {here[name]} here"
@@ -57,7 +56,7 @@ def other_code(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
 
 
 @contextmanager
-def working_folder(place: Path, definition: Mapping[str, Any]) -> Iterator[str]:
+def working_folder(place: Path, definition: Facts) -> Iterator[str]:
     """Claim a folder for a sweep, and give one within it in which parts are made.
 
     Who holds the lock moves them to their places, so that nobody else changes these.
@@ -77,7 +76,7 @@ def working_folder(place: Path, definition: Mapping[str, Any]) -> Iterator[str]:
         shutil.rmtree(work, ignore_errors=True)
 
 
-def _claim(place: Path, definition: Mapping[str, Any]) -> None:
+def _claim(place: Path, definition: Facts) -> None:
     """Write the definition of a sweep, or compare it with that of the parts there."""
     path = place / DEFINITION
     patterns = (DEFINITION, "designs", "tables", "tables/*", *PARTS)
@@ -102,7 +101,7 @@ def _claim(place: Path, definition: Mapping[str, Any]) -> None:
     write_text(path, json.dumps(definition, indent=2) + "\n")
 
 
-def _stored(path: Path) -> Mapping[str, Any]:
+def _stored(path: Path) -> Facts:
     """Return a definition that a sweep has written; `OutputError` if it is none."""
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
@@ -120,7 +119,7 @@ def _has_parts(place: Path) -> bool:
     return any(part for pattern in PARTS for part in place.glob(pattern))
 
 
-def _why_not(stored: Mapping[str, Any], definition: Mapping[str, Any]) -> str:
+def _why_not(stored: Facts, definition: Facts) -> str:
     other = [
         name
         for name in (*definition, *(name for name in stored if name not in definition))

@@ -19,7 +19,7 @@ from weakref import finalize
 from spherekit.analysis.folder import need_disk
 from spherekit.analysis.frames import columns_of_files, frame_of, frame_of_parts
 from spherekit.argument_validation import checked
-from spherekit.conventions import AnyPath, counted, listing, nearest
+from spherekit.conventions import AnyPath, Names, counted, listing, nearest
 from spherekit.design.sweep import DESIGNS, TABLES, Sweep
 from spherekit.design.sweep_identity import working_folder
 from spherekit.errors import DesignError, OutputError
@@ -148,7 +148,7 @@ class SweepResult:
         return frame_of(columns_of_files(paths), {"units": self.sweep.units()})
 
     @property
-    def table_names(self) -> tuple[str, ...]:
+    def table_names(self) -> Names:
         """The tables there are, as files of runs are called: motion, poles, ..."""
         return tuple(self._tables())
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import counted
+from spherekit.conventions import Names, counted
 from spherekit.design.descent import BESIDE, Descent, LocalOptimum, unbeaten
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.held_modes import HeldMode, every_mode, held_modes
@@ -66,7 +66,7 @@ class Synthesis:
 
     synthesis: Specification
     values: Floats
-    modes: tuple[str, ...]
+    modes: Names
     objectives: Floats
     figures: Mapping[str, Floats]
     explored: int

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import listing
+from spherekit.conventions import Names, listing
 from spherekit.engine.algebra import DesignGeometry
 from spherekit.engine.row_quantities import row_quantities
 from spherekit.engine.turns import TurningPairs, turning_pairs
@@ -178,7 +178,7 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
     return made
 
 
-def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
+def sizes_of(mechanism: Mechanism) -> Names:
     """Return the keys of all arcs and angles, or of all axes in a reference pose.
 
     Without those of links with two axes on one line, which no small size parts.
@@ -200,7 +200,7 @@ def sizes_of(mechanism: Mechanism) -> tuple[str, ...]:
     )
 
 
-def coaxial_links(geometry: SizeGeometry) -> tuple[str, ...]:
+def coaxial_links(geometry: SizeGeometry) -> Names:
     """Return the links with an axis on one line with the first."""
     return tuple(
         link
@@ -209,7 +209,7 @@ def coaxial_links(geometry: SizeGeometry) -> tuple[str, ...]:
     )
 
 
-def quantities_of(mechanism: Mechanism) -> tuple[str, ...]:
+def quantities_of(mechanism: Mechanism) -> Names:
     """Return the angles that say where outputs are, else those of all passive pairs.
 
     Without any, how outputs turn while the inputs move.

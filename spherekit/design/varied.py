@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import TURN
+from spherekit.conventions import TURN, Names
 from spherekit.design.profile_numbers import ProfileNumbers, has_other_profiles
 from spherekit.design.variables import (
     ACTIONS,
@@ -87,7 +87,7 @@ class VariedMechanism:
     document: Document
     mechanism: Mechanism
     variables: tuple[DesignVariable, ...]
-    inputs: tuple[str, ...]
+    inputs: Names
     contacts: EquivalentLinkage | None = None
     follow: bool = False
     apart: float = ONE_LINE

@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from spherekit.analysis.contract import FigureOfMerit, parse_merit
 from spherekit.analysis.registry import create
 from spherekit.argument_validation import checked
-from spherekit.conventions import AnyPath
+from spherekit.conventions import AnyPath, Facts
 from spherekit.design.figures import DesignSamples
 from spherekit.design.requirements import Specification
 from spherekit.design.sweep import (
@@ -285,9 +285,7 @@ def specification_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Sp
     return Specification(sweep, objectives, tuple(missed))
 
 
-def _missed(
-    document: Document, match: Mapping[str, Any] | None, degrees: bool
-) -> dict[str, str]:
+def _missed(document: Document, match: Facts | None, degrees: bool) -> dict[str, str]:
     """Return the figures that say by how much each precision point is missed."""
     if match is None:
         return {}

@@ -24,7 +24,7 @@ from spherekit.analysis.tables import (
 )
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Integers, SmallIntegers
-from spherekit.conventions import Status, counted, listing, nearest
+from spherekit.conventions import Facts, Names, Status, counted, listing, nearest
 from spherekit.dynamics.start import into_range, reaching, traced
 from spherekit.engine.fields import evaluate as evaluate_poles
 from spherekit.engine.fields import vouched_field
@@ -73,14 +73,14 @@ class Kinematics:
     """
 
     mechanism: Mechanism
-    poles: tuple[str, ...]
+    poles: Names
     _read: Callable[[], Batch] = field(repr=False)
 
     @cached_property
     def _batch(self) -> Batch:
         return self._read()
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> Facts:
         return {**vars(self), "_batch": self._batch, "_read": None}
 
     @property
@@ -101,7 +101,7 @@ class Kinematics:
         )
 
     @property
-    def input_pairs(self) -> tuple[str, ...]:
+    def input_pairs(self) -> Names:
         """Names of the driven pairs, in the order of the columns of `inputs`."""
         return self._batch.moving_inputs
 
@@ -204,7 +204,7 @@ class Kinematics:
         batch, inputs = self._batch, input_columns(self.mechanism, self.inputs)
         poles = [self._pole(pole) for pole in self.poles]
         wanted = [(*pole, k) for k in range(len(self.input_pairs)) for pole in poles]
-        data: dict[str, Any] = batch.pole_columns(wanted)
+        data: Facts = batch.pole_columns(wanted)
         data |= {key: batch.interleaved([x] * len(wanted)) for key, x in inputs.items()}
         table = TABLE.of(self.mechanism)
         return to_frame(table, {c.name: data[c.name] for c in table.columns}, degrees)

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from spherekit.argument_validation import checked
-from spherekit.conventions import AnyPath, counted, listing
+from spherekit.conventions import AnyPath, Names, counted, listing
 from spherekit.dynamics.tabulate import reduced_grid_model, reduced_model
 from spherekit.errors import OutputError, PlanError
 from spherekit.exchange.coupling import CouplingTable, header, write_csv, write_npz
@@ -29,7 +29,7 @@ from spherekit.planning.poles import Plan, Pole
 
 Kind = Literal["model", "mjcf", "coupling", "file"]
 
-SUFFIXES: Mapping[Kind, tuple[str, ...]] = {
+SUFFIXES: Mapping[Kind, Names] = {
     "model": (".npz",),
     "mjcf": (".xml",),
     "file": (".toml",),
@@ -53,7 +53,7 @@ class Exported:
 
     path: Path
     holds: str
-    notes: tuple[str, ...] = ()
+    notes: Names = ()
 
 
 @checked(OutputError)

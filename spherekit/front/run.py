@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import TYPE_CHECKING, ParamSpec
 
 from spherekit.analysis import run as analysis
 from spherekit.analysis.result import Columns, RunResult
+from spherekit.conventions import Facts
 from spherekit.figures.collector import Collector
 from spherekit.tradeoff import trade as measured
 from spherekit.tradeoff.record import Trade
@@ -73,7 +74,7 @@ def _visible(function: Callable[P, RunResult]) -> Callable[P, RunResult]:
     @wraps(function)
     def _run(*args: P.args, **kwargs: P.kwargs) -> RunResult:
         result = function(*args, **kwargs)
-        again: dict[str, Any] = {k: v for k, v in kwargs.items() if k not in ONCE}
+        again: Facts = {k: v for k, v in kwargs.items() if k not in ONCE}
 
         def go(recorder: "Recorder") -> None:
             again.update(recorder=recorder, tables=False)

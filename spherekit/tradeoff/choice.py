@@ -2,15 +2,14 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.contract import Analyses
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.sampling import course_of
 from spherekit.argument_validation import checked
-from spherekit.conventions import listing
+from spherekit.conventions import Facts, listing
 from spherekit.errors import AnalysisError, PluginError
 from spherekit.files.plain import finite
 from spherekit.model.study import Study
@@ -48,10 +47,10 @@ SHORT = (ORDINARY, Setting(route="conditioned"), Setting(engine="compiled"))
 @checked(AnalysisError)
 def choose(
     study: Study,
-    analyses: Sequence[AbstractAnalysis],
+    analyses: Analyses,
     tolerance: float,
     stored: Sequence[Trade] = (),
-) -> tuple[Setting, dict[str, Any]]:
+) -> tuple[Setting, Facts]:
     """Return the cheapest setting with errors within a tolerance, and what it reaches.
 
     Trades that are `stored` decide, if there are any. Else with fewer than `WORTH` samples
@@ -109,9 +108,7 @@ def choose(
     }
 
 
-def stored_for(
-    study: Study, analyses: Sequence[AbstractAnalysis], places: Sequence[str]
-) -> list[Trade]:
+def stored_for(study: Study, analyses: Analyses, places: Sequence[str]) -> list[Trade]:
     """Return the trades of the analyses of a study's run, read from folders or files.
 
     Raises

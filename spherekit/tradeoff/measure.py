@@ -14,17 +14,17 @@ from typing import ClassVar
 
 import numpy as np
 
+from spherekit.analysis.batch import Fields
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.evaluation import ENGINES, ORDINARY, Integrator, Setting
-from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.sampling import Sampling, simulated_course
 from spherekit.analysis.running.summary import RunPlan, job_of, links_of
 from spherekit.analysis.tables import Column, Table, TableData, arrays
 from spherekit.argument_validation import check_fields
 from spherekit.arrays import Array, Floats, Indices
-from spherekit.conventions import EPS, TURN, Status
+from spherekit.conventions import EPS, TURN, Names, Status
 from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.reference import refined
 from spherekit.engine.compiler import available
@@ -56,7 +56,7 @@ class Effort:
     `rounds` for its time, and after `guarantee` seconds no round begins.
     """
 
-    unused: ClassVar[tuple[str, ...]] = ("tolerance", "verify", "degrees")
+    unused: ClassVar[Names] = ("tolerance", "verify", "degrees")
 
     settings: Sequence[Setting] | None = None
     checked: int | None = None
@@ -304,9 +304,7 @@ def deviations_of(plan: RunPlan, given: Tables, reference: Tables) -> list[Devia
     return deviations(plan.tables_of(plan.analyses[0]), given, reference)
 
 
-def _toward(
-    fields: Sequence[PoleField | LazyField], reference: Reference, rows: Indices
-) -> tuple[PoleField, ...]:
+def _toward(fields: Fields, reference: Reference, rows: Indices) -> tuple[PoleField, ...]:
     """Return fields with directions on the side of a reference's at these rows of it."""
     made = tuple(field.made for field in fields)
     for field, other in zip(made, reference.fields, strict=True):

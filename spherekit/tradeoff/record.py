@@ -14,7 +14,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Text
 from spherekit.argument_validation import checked as judged
 from spherekit.arrays import Floats
-from spherekit.conventions import AnyPath, without_numbers
+from spherekit.conventions import AnyPath, Facts, Names, without_numbers
 from spherekit.errors import AnalysisError
 from spherekit.files.plain import as_json, finite
 from spherekit.files.write import mechanism_hash
@@ -117,7 +117,7 @@ class Trade:
     derivatives: int | None
     columns: tuple[tuple[str, str, float], ...]
     settings: tuple[Measured, ...]
-    made_for: Mapping[str, Any]
+    made_for: Facts
     draw: "Callable[[Trade, float | None, Columns], Figure] | None" = field(
         default=None, compare=False
     )
@@ -184,7 +184,7 @@ class Trade:
             raise AnalysisError("plot: only what spherekit.trade returns can be drawn")
         return self.draw(self, tolerance, columns)
 
-    def as_dict(self, tolerance: float | None = None) -> dict[str, Any]:
+    def as_dict(self, tolerance: float | None = None) -> Facts:
         """Return everything ready for JSON."""
         chosen = None if tolerance is None else self.cheapest(tolerance)
         names = {measured.name for measured in self.pareto}
@@ -221,7 +221,7 @@ def check_tolerance(mechanism: str, tolerance: float) -> None:
         )
 
 
-def _row(measured: Measured, samples: int, pareto: bool) -> dict[str, Any]:
+def _row(measured: Measured, samples: int, pareto: bool) -> Facts:
     return {
         "name": measured.name,
         "what": "" if measured.setting is None else measured.setting.describe(),
@@ -244,7 +244,7 @@ def _row(measured: Measured, samples: int, pareto: bool) -> dict[str, Any]:
 FILE = "trade.json"
 
 
-def run_of(study: Study, analysis: AbstractAnalysis) -> dict[str, Any]:
+def run_of(study: Study, analysis: AbstractAnalysis) -> Facts:
     """Return what a trade for a study's run depends on, ready for JSON."""
     mechanism, path = driven_at(study.mechanism), study.path
     values = None
@@ -300,7 +300,7 @@ def read_trade(path: AnyPath) -> Trade:
         ) from None
 
 
-def check_run(stored: Trade, now: Mapping[str, Any], where: str) -> None:
+def check_run(stored: Trade, now: Facts, where: str) -> None:
     """Raise `AnalysisError` unless a trade was made for a run, see `run_of`."""
     differs = differences(stored.made_for, now)
     if differs:
@@ -311,7 +311,7 @@ def check_run(stored: Trade, now: Mapping[str, Any], where: str) -> None:
         )
 
 
-def _trade(data: Mapping[str, Any]) -> Trade:
+def _trade(data: Facts) -> Trade:
     rows = data["settings"]
     return Trade(
         mechanism=data["mechanism"],
@@ -331,7 +331,7 @@ def _trade(data: Mapping[str, Any]) -> Trade:
     )
 
 
-def _measured(row: Mapping[str, Any], samples: int) -> Measured:
+def _measured(row: Facts, samples: int) -> Measured:
     first = _number(row["first_seconds"])
     return Measured(
         name=row["name"],
@@ -360,7 +360,7 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
     """Return the table for people, the columns' scales, and the recommendation."""
     lines = [_heading(trade)]
     front = {measured.name for measured in trade.pareto}
-    rows: list[tuple[str, ...]] = [HEADINGS]
+    rows: list[Names] = [HEADINGS]
     for candidate in trade.settings:
         if not candidate.reason:
             rows.append(_cells(trade, candidate, candidate.name in front))
@@ -436,7 +436,7 @@ def as_csv(trade: Trade) -> str:
     return stream.getvalue()
 
 
-def _cells(trade: Trade, measured: Measured, front: bool) -> tuple[str, ...]:
+def _cells(trade: Trade, measured: Measured, front: bool) -> Names:
     return (
         "*" if front else "",
         measured.name,

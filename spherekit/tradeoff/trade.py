@@ -22,7 +22,7 @@ from spherekit.analysis.study import Subject, study_of, takes
 from spherekit.analysis.tables import TableData
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import EPS
+from spherekit.conventions import EPS, Names
 from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
@@ -323,7 +323,7 @@ def _compared(sweep: Sweep, reference: Tables, given: Tables) -> list[Deviation]
     return [Deviation(name, error, scale, len(off) + missing, missing)]
 
 
-ByKey = Mapping[tuple[str, ...], Floats]
+ByKey = Mapping[Names, Floats]
 """Numbers (n, columns) by the texts that match."""
 
 
@@ -332,7 +332,7 @@ def _by_key(sweep: Sweep, data: TableData) -> ByKey:
     names = [x for x in data if x == sweep.column or x.startswith(f"{sweep.column}_")]
     numbers = np.stack([np.asarray(data[name], dtype=float) for name in names], axis=1)
     texts = [np.asarray(data[name]).astype(str) for name in sweep.match]
-    made: dict[tuple[str, ...], list[Floats]] = {}
+    made: dict[Names, list[Floats]] = {}
     for number, *key in zip(numbers, *texts, strict=True):
         if all_finite(number):
             made.setdefault(tuple(key), []).append(number)

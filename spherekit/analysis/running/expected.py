@@ -4,18 +4,19 @@ A run of few samples writes its files, and one of twice as many: all sizes grow 
 from one to the other.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.contract import Analyses
 from spherekit.analysis.execution import Execution
 from spherekit.analysis.run import executed, traced
 from spherekit.analysis.running.recording import MOST_LOGGED
 from spherekit.analysis.tables import FILE_SIZE
+from spherekit.conventions import Facts
 from spherekit.model.study import Study
 from spherekit.motion.motion import samples_in_block
 from spherekit.planning.inputs import Assembly
@@ -30,9 +31,7 @@ SHORT = 16
 """Samples of the shortest recording that is made."""
 
 
-def expected(
-    study: Study, analyses: Sequence[AbstractAnalysis], assembly: Assembly
-) -> dict[str, Any]:
+def expected(study: Study, analyses: Analyses, assembly: Assembly) -> Facts:
     """Return what a run of the study will evaluate and write, ready for JSON.
 
     Where all groups are dyads the assembly modes are found, as the run will; otherwise the
@@ -85,9 +84,7 @@ def expected(
     }
 
 
-def _summary(
-    study: Study, analyses: Sequence[AbstractAnalysis], samples: int, follow: bool
-) -> Any:
+def _summary(study: Study, analyses: Analyses, samples: int, follow: bool) -> Any:
     """Return the summary of a run of so many samples that writes all files."""
     with TemporaryDirectory() as folder:
         execution = Execution(folder=folder, formats=tuple(FILE_SIZE))
@@ -104,7 +101,7 @@ def shortened(study: Study, samples: int) -> Study:
 
 def extrapolated_recording(
     study: Study,
-    analyses: Sequence[AbstractAnalysis],
+    analyses: Analyses,
     made: Callable[[int], Any],
 ) -> dict[str, int]:
     """Return the entities, rows and bytes that the recording of a study will have.

@@ -3,26 +3,26 @@
 import hashlib
 import platform
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
 import numpy as np
 
-from spherekit.analysis.batch import Batch, run_status
-from spherekit.analysis.contract import AbstractAnalysis, Findings
+from spherekit.analysis.batch import Batch, Fields, run_status
+from spherekit.analysis.contract import Analyses, Findings
 from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.tables import Table, TableData
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
-from spherekit.conventions import STATUS_MEANING, Status
+from spherekit.conventions import STATUS_MEANING, Facts, Names, Status
 from spherekit.files.plain import as_json
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.loops import rank_mobility, redundancy
 from spherekit.motion.motion import AngleUnwrapping, Motion, PositionAnalysis
 from spherekit.numeric.unread import Interleaved
-from spherekit.rates.request import PoleField, SignContinuation
+from spherekit.rates.request import SignContinuation
 from spherekit.version import __version__
 
 Counts = dict[str, int]
@@ -59,17 +59,17 @@ class RunState:
     failures: dict[str, str] = field(default_factory=dict)
     findings: dict[str, Findings] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
-    counts: Counter[tuple[str, ...]] = field(default_factory=Counter)
+    counts: Counter[Names] = field(default_factory=Counter)
     largest: dict[str, float] = field(default_factory=dict)
     rank: int | None = None
-    redundant: dict[str, Any] | None = None
+    redundant: Facts | None = None
 
     def begin_again(self, refused: Mapping[str, str]) -> None:
         """Forget what was done, but for the time it took and what is `refused`."""
         fresh = RunState([SignContinuation() for _ in self.signs], failures=dict(refused))
         vars(self).update(vars(fresh), seconds=self.seconds)
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> Facts:
         """Return it ready for JSON."""
         return vars(self) | {
             "signs": [memory.state() for memory in self.signs],
@@ -80,7 +80,7 @@ class RunState:
         }
 
     @classmethod
-    def restored(cls, state: Mapping[str, Any]) -> Self:
+    def restored(cls, state: Facts) -> Self:
         """Return the standing that `state` gave."""
         findings = {
             name: Findings(item["figures"], tuple(item["warnings"]), tuple(item["remarks"]))
@@ -100,7 +100,7 @@ class RunState:
         self,
         tracer: PositionAnalysis,
         motion: Motion,
-        fields: Sequence[PoleField | LazyField],
+        fields: Fields,
     ) -> None:
         """Count a block."""
         status = run_status(motion, fields)
@@ -138,7 +138,7 @@ class RunState:
             count, pairs = redundancy(tree, vectors)
             self.redundant = {"count": count, "pairs": motion.mechanism.names_of(pairs)}
 
-    def _count(self, key: tuple[str, ...], counts: Counts, often: int = 1) -> None:
+    def _count(self, key: Names, counts: Counts, often: int = 1) -> None:
         self.counts.update({(*key, name): often * n for name, n in counts.items()})
 
     def _note(self, name: str, values: Floats) -> None:
@@ -189,7 +189,7 @@ class RunState:
         tables = dict.fromkeys(k[2] for k in self.counts if k[:2] == (FAILED, name))
         return {table: self.counted(FAILED, name, table) for table in tables}
 
-    def statuses(self) -> dict[str, Any]:
+    def statuses(self) -> Facts:
         """Return the counts of samples and pole axes, and what their statuses mean."""
         met = {key[-1] for key in self.counts if key[0] in (MODE, POLES, FAILED)}
         return {
@@ -236,8 +236,8 @@ def _counted_once(arrays: Iterable[Array]) -> Iterable[tuple[Array, int]]:
 
 
 def identity_of(
-    course: Sampling, analyses: Sequence[AbstractAnalysis], block: int, setting: Setting
-) -> dict[str, Any]:
+    course: Sampling, analyses: Analyses, block: int, setting: Setting
+) -> Facts:
     """Return what makes a run the one it is, ready for JSON.
 
     Two runs with the same identity give the same bits on one machine.
@@ -273,7 +273,7 @@ def identity_of(
     }
 
 
-def identities_of(analyses: Sequence[AbstractAnalysis]) -> list[list[Any]]:
+def identities_of(analyses: Analyses) -> list[list[Any]]:
     """Return names, versions and parameters of analyses, ready for JSON."""
     return [
         [item.name, item.version, as_json(asdict(item))]  # type: ignore[call-overload]

@@ -13,16 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.batch import Batch, Needs, run_status
+from spherekit.analysis.batch import Angles, Batch, Fields, Needs, run_status
 from spherekit.analysis.computed import computed
-from spherekit.analysis.contract import AbstractAnalysis, Findings
+from spherekit.analysis.contract import AbstractAnalysis, Analyses, Findings
 from spherekit.analysis.declared import declared
 from spherekit.analysis.folder import need_memory
 from spherekit.analysis.link_scenes import plan_notes
 from spherekit.analysis.result import MOTION, stems
 from spherekit.analysis.running.cost import RECORDING, Timer, counts_of
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
-from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.recording import Recorder
 from spherekit.analysis.running.rows_at_once import BatchRunner
 from spherekit.analysis.running.run_state import (
@@ -48,8 +47,7 @@ from spherekit.analysis.tables import (
     TableData,
     input_columns,
 )
-from spherekit.arrays import Floats
-from spherekit.conventions import CLOSURE_TOLERANCE, listing
+from spherekit.conventions import CLOSURE_TOLERANCE, Facts, listing
 from spherekit.engine.compiler import heyoka
 from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError, PluginError
@@ -60,10 +58,10 @@ from spherekit.motion.motion import AngleUnwrapping, Motion
 from spherekit.planning.inputs import driven_at, graph_mobility
 from spherekit.planning.part import part_for
 from spherekit.planning.poles import Plan
-from spherekit.rates.request import PoleField, Request, SignContinuation
+from spherekit.rates.request import Request, SignContinuation
 from spherekit.version import __version__
 
-Read = tuple[Motion, tuple[PoleField | LazyField, ...], Mapping[str, Floats]]
+Read = tuple[Motion, Fields, Angles]
 """A motion, its poles for each input, and the variables that go on, by pair."""
 
 
@@ -110,9 +108,7 @@ class RunPlan:
         for motion in motions:
             yield motion, self.fields(motion, signs), self.angles(motion, memory)
 
-    def fields(
-        self, motion: Motion, memories: Sequence[SignContinuation]
-    ) -> tuple[PoleField | LazyField, ...]:
+    def fields(self, motion: Motion, memories: Sequence[SignContinuation]) -> Fields:
         """Return the poles of a block of the source for each input that moves."""
         if isinstance(self.source, BatchRunner) and self.source.has_found(motion):
             return self.source.fields(motion, memories)
@@ -123,7 +119,7 @@ class RunPlan:
             if item.poles
         )
 
-    def angles(self, motion: Motion, memory: AngleUnwrapping) -> Mapping[str, Floats]:
+    def angles(self, motion: Motion, memory: AngleUnwrapping) -> Angles:
         """Return the variables that go on, by pair, at a block of the source."""
         names = frozenset[str]().union(*(needs.continued_values for needs in self.needs))
         return self.course.angles(motion, sorted(names), memory)
@@ -132,8 +128,8 @@ class RunPlan:
         self,
         analysis: AbstractAnalysis,
         motion: Motion,
-        fields: Sequence[PoleField | LazyField],
-        angles: Mapping[str, Floats],
+        fields: Fields,
+        angles: Angles,
     ) -> Batch:
         """Return what an analysis may read of a block."""
         course, read = self.course, (motion, tuple(fields), angles)
@@ -151,7 +147,7 @@ class RunPlan:
         return replace(self, course=course, source=source)
 
     @property
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> Facts:
         """What makes the run the one it is, ready for JSON."""
         source = self.source
         kernel = source.kernel.engine if isinstance(source, BatchRunner) else None
@@ -195,9 +191,11 @@ class RunPlan:
         }
 
 
-def needs_of_each(
-    analyses: Sequence[AbstractAnalysis], mechanism: Mechanism
-) -> tuple[tuple[Needs, ...], Mapping[str, str]]:
+Asked = tuple[tuple[Needs, ...], Mapping[str, str]]
+"""What each analysis needs, and by name why those that break the contract go."""
+
+
+def needs_of_each(analyses: Analyses, mechanism: Mechanism) -> Asked:
     """Return what each analysis needs, and by name why those that break the contract go.
 
     All that can be said against them and their parameters has been said then. Errors as
@@ -222,15 +220,15 @@ def needs_of_each(
     return tuple(needs), refused
 
 
-def at_once(analyses: Sequence[AbstractAnalysis], refused: Collection[str]) -> list[str]:
+def at_once(analyses: Analyses, refused: Collection[str]) -> list[str]:
     """Return the names of the analyses that look at all samples at once."""
     return [x.name for x in analyses if x.name not in refused and x.at_once]
 
 
 def job_of(
     course: Sampling,
-    analyses: Sequence[AbstractAnalysis],
-    asked: tuple[tuple[Needs, ...], Mapping[str, str]],
+    analyses: Analyses,
+    asked: Asked,
     block: int | None = None,
     setting: Setting = ORDINARY,
     all_links: bool = False,
@@ -308,12 +306,10 @@ def motion_table(course: Sampling) -> Table:
     ).of(mechanism)
 
 
-def motion_rows(
-    course: Sampling, motion: Motion, fields: Sequence[PoleField | LazyField]
-) -> TableArrays:
+def motion_rows(course: Sampling, motion: Motion, fields: Fields) -> TableArrays:
     """Return the rows of a block of a course whose poles were found."""
     mechanism = course.tracer.mechanism
-    rows: dict[str, Any] = {"sample": motion.sample, "assembly_mode": motion.assembly_mode}
+    rows: Facts = {"sample": motion.sample, "assembly_mode": motion.assembly_mode}
     if course.timed and motion.timing is not None:
         rows["t"] = motion.timing.t
     rows |= input_columns(mechanism, motion.inputs)
@@ -334,7 +330,7 @@ def links_of(mechanism: Mechanism, needs: Needs) -> frozenset[int]:
     )
 
 
-def needed_part(study: Study, analyses: Sequence[AbstractAnalysis]) -> Mechanism:
+def needed_part(study: Study, analyses: Analyses) -> Mechanism:
     """Return the mechanism of a study without what no analysis needs.
 
     Raises
@@ -367,7 +363,7 @@ def needed_part(study: Study, analyses: Sequence[AbstractAnalysis]) -> Mechanism
     return part_for(mechanism, wanted)
 
 
-def left_out(whole: Mechanism, part: Mechanism) -> dict[str, Any]:
+def left_out(whole: Mechanism, part: Mechanism) -> Facts:
     """Return what a part lacks, with the fingerprint of the whole, ready for JSON."""
     names = {pair.name for pair in part.pairs}
     return {
@@ -377,7 +373,7 @@ def left_out(whole: Mechanism, part: Mechanism) -> dict[str, Any]:
     }
 
 
-def summary_of(job: RunPlan, standing: RunState) -> dict[str, Any]:
+def summary_of(job: RunPlan, standing: RunState) -> Facts:
     """Return what is to be said of a run that is done, ready for JSON."""
     course, mechanism = job.course, job.mechanism
     tracer, findings = course.tracer, standing.findings
@@ -436,7 +432,7 @@ def summary_of(job: RunPlan, standing: RunState) -> dict[str, Any]:
 
 def actual_cost(
     job: RunPlan, standing: RunState, ledger: Timer, recorder: Recorder | None
-) -> dict[str, Any]:
+) -> Facts:
     """Return what was evaluated, made and logged, ready for JSON.
 
     A recorder that counts is finished. Bytes of tables are added when files are written.
@@ -480,7 +476,7 @@ BOUNDED = {
 """What has an error bound, by its name in a verdict."""
 
 
-def told(verdict: Mapping[str, Any]) -> list[str]:
+def told(verdict: Facts) -> list[str]:
     """Return a verdict in lines for people."""
     if "problem" in verdict:
         return [f"not verified: {verdict['problem']}"]
@@ -526,7 +522,7 @@ def told(verdict: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def faults(verdict: Mapping[str, Any]) -> list[str]:
+def faults(verdict: Facts) -> list[str]:
     """Return what of a verdict is wrong beyond rounding, in sentences."""
     sentences = []
     if "problem" in verdict:
@@ -551,6 +547,6 @@ def faults(verdict: Mapping[str, Any]) -> list[str]:
     return sentences
 
 
-def _place(item: Mapping[str, Any]) -> str:
+def _place(item: Facts) -> str:
     subject = "".join(f", {key} {name}" for key, name in item.get("subject", {}).items())
     return f"sample {item['sample']}, assembly mode {item['assembly_mode']}{subject}"

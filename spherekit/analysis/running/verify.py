@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.batch import Needs
+from spherekit.analysis.batch import Angles, Fields, Needs
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.result import MOTION
-from spherekit.analysis.running.kernel_columns import LazyField
 from spherekit.analysis.running.run_state import BOUNDS
 from spherekit.analysis.running.summary import BOUNDED, RunPlan, motion_rows, motion_table
 from spherekit.analysis.tables import (
@@ -30,7 +29,7 @@ from spherekit.analysis.tables import (
     arrays,
 )
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Facts, Status
 from spherekit.errors import AnalysisError, SpherekitError
 from spherekit.files.plain import finite
 from spherekit.motion.motion import Motion
@@ -66,7 +65,7 @@ class _Read(ArrayRows):
 
     motion: Motion
     fields: tuple[PoleField, ...]
-    angles: Mapping[str, Floats]
+    angles: Angles
 
     def chosen(self, count: int, samples: int) -> "_Read":
         """Return the worst rows, and as many others as fit, spread, by mode and sample.
@@ -107,8 +106,8 @@ class Verifier:
     def see(
         self,
         motion: Motion,
-        poles: Sequence[PoleField | LazyField],
-        angles: Mapping[str, Floats],
+        poles: Fields,
+        angles: Angles,
     ) -> None:
         """Take a block of the run, and keep the rows of it that may be verified.
 
@@ -126,7 +125,7 @@ class Verifier:
             both = [new] if self._kept is None else [self._kept, new]
             self._kept = _Read.joined(both).chosen(*count)
 
-    def verdict(self, failed: Collection[str] = ()) -> dict[str, Any]:
+    def verdict(self, failed: Collection[str] = ()) -> Facts:
         """Return what is to be said of the rows, ready for JSON.
 
         Analyses that `failed` in the run, or now, are not verified.
@@ -138,7 +137,7 @@ class Verifier:
         where that is too much to be rounding.
         """
         started = time.perf_counter()
-        verdict: dict[str, Any] = {"digits": DIGITS, "rows": 0, "not_verified": []}
+        verdict: Facts = {"digits": DIGITS, "rows": 0, "not_verified": []}
         if self._kept is None:
             return verdict
         motion, fields = self._kept.motion, self._kept.fields
@@ -247,7 +246,7 @@ def _replaced(whole: _Read, rows: _Rows, better: _Read) -> _Read:
     return replace(made, motion=replace(made.motion, samples=motion.samples))
 
 
-def _as_far(better: Motion, angles: Mapping[str, Floats]) -> Mapping[str, Floats]:
+def _as_far(better: Motion, angles: Angles) -> Angles:
     """Return the variables of better rows, after as many turns as continued ones made."""
     turned = {}
     for name, angle in angles.items():
@@ -259,7 +258,7 @@ def _as_far(better: Motion, angles: Mapping[str, Floats]) -> Mapping[str, Floats
 
 def _compared(
     rows: _Rows, analysis: str, table: Table, given: TableData, reference: TableData
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[Facts]:
     """Yield for each column of numbers the place where it deviates most."""
     if not table.in_assembly_modes:
         return
@@ -308,12 +307,12 @@ def _compared(
         }
 
 
-def _of_columns(columns: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _of_columns(columns: Sequence[Facts]) -> Facts:
     """Return what is to be said of columns that were compared, and of the others."""
     told = [item for item in columns if item["compared"]]
     worst = max(told, key=lambda item: float(item["in_roundings"]))
 
-    def name(item: Mapping[str, Any]) -> str:
+    def name(item: Facts) -> str:
         return f"{item['table']}.{item['column']}"
 
     return {
@@ -332,7 +331,7 @@ def _within_bounds(
     rows: _Rows,
     compared: Sequence[tuple[ExactRows, Request, PoleField]],
     references: Sequence[PoleField],
-) -> dict[str, dict[str, Any]]:
+) -> dict[str, Facts]:
     """Return how many directions, rates and derivatives lie within their bounds.
 
     With the worst of each.
@@ -362,7 +361,7 @@ def _within(
     rows: _Rows,
     subjects: Sequence[Mapping[str, str]],
     numbers: Sequence[tuple[Floats, Floats]],
-) -> dict[str, Any]:
+) -> Facts:
     """Return how many numbers lie within their bounds, and the worst, of all subjects."""
     if not numbers:
         return {"count": 0, "within_bound": 0, "over_bound": 0.0}
