@@ -15,8 +15,9 @@ from spherekit.conventions import Status
 from spherekit.model.parts import Output
 from spherekit.motion.closure import lock
 from spherekit.motion.motion import PositionAnalysis, motion_of
+from spherekit.singular import curves, surface
 from spherekit.singular.aspects import aspects
-from spherekit.singular.curves import singular_curves, trace_curves
+from spherekit.singular.curves import singular_curves
 from spherekit.singular.locus import SingularityLocus, solver_of
 from spherekit.singular.several import RowType, coefficients
 from spherekit.singular.stationarity import InputsLocked, output_of
@@ -203,6 +204,12 @@ def five_bar():
     return made.with_inputs(ranges={"21": (0.5, 2.5), "51": (0.5, 2.5)}, angle_unit="rad")
 
 
+def whole(made):
+    """Return a mechanism whose inputs run through a turn."""
+    turn = {item.pair: (-np.pi, np.pi) for item in made.inputs}
+    return made.with_inputs(ranges=turn, angle_unit="rad")
+
+
 def with_flat_chain(kind):
     """Return the four-bars that singular curves are motions of.
 
@@ -229,7 +236,7 @@ def test_five_bar_type_one_curves_are_the_borders_of_the_annuli():
     Those of the stretched legs meet where both legs are stretched: there four curves end.
     """
     made = five_bar()
-    found = singular_curves(made, "I", pointing="43", slices_of_each=2, whole_turn=True)
+    found = singular_curves(whole(made), "I", pointing="43", slices_of_each=2)
     stretched, folded = with_flat_chain("I")[:2], with_flat_chain("I")[2:]
     assert sum(each.closed for each in found.curves) == sum(map(components, folded))
     assert [components(bars) for bars in stretched] == [1, 1]
@@ -255,7 +262,7 @@ def test_five_bar_type_one_curves_are_the_borders_of_the_annuli():
 
 def test_five_bar_type_two_curves_have_coplanar_distal_axes():
     made = five_bar()
-    found = singular_curves(made, "II", pointing="43", slices_of_each=5, whole_turn=True)
+    found = singular_curves(whole(made), "II", pointing="43", slices_of_each=5)
     assert len(found.curves) == sum(map(components, with_flat_chain("II")))
     assert not len(found.stray)
     for each in found.curves:
@@ -291,7 +298,7 @@ def elbows(first, second):
 
 def test_type_three_points_lie_on_both_kinds_of_curves():
     made = five_bar()
-    found = singular_curves(made, "II", slices_of_each=2, pointing="43", whole_turn=True)
+    found = singular_curves(whole(made), "II", slices_of_each=2, pointing="43")
     both = [each.both for each in found.curves if len(each.both.values)]
     assert both
     solver = solver_of(made)
@@ -301,7 +308,7 @@ def test_type_three_points_lie_on_both_kinds_of_curves():
         assert np.all(seen.type == RowType.III)
 
 
-def test_cusps_of_a_three_rrr_with_one_input_locked():
+def test_cusps_of_a_three_rrr_with_one_input_locked(monkeypatch):
     """At a cusp the curve turns back in the plane of the inputs: their tangent vanishes."""
     tracer = PositionAnalysis(sk.load("three_rrr"), samples=3)
     motion = tracer.motion()
@@ -311,7 +318,8 @@ def test_cusps_of_a_three_rrr_with_one_input_locked():
     locked = lock(solver.closure, {three: values[three]})
     driven = (locked.kept.index(one), locked.kept.index(two))
     locus = SingularityLocus(locked.closure, 2, InputsLocked(driven))
-    (curve,) = trace_curves(locus, values[None, list(locked.kept)], longest=20.0)
+    monkeypatch.setattr(curves, "LONGEST", 20.0)
+    (curve,) = curves.trace_curves(locus, values[None, list(locked.kept)])
     assert curve is not None
     cusps = curve.cusps()
     assert len(cusps) >= 2
@@ -321,20 +329,15 @@ def test_cusps_of_a_three_rrr_with_one_input_locked():
 
 
 def test_aspects_of_a_five_bar_against_a_flood_fill():
-    """Each sign of the dyad has the parts of the torus in which the elbows are in reach."""
+    """Each sign of the dyad has the parts of the square where the elbows are in reach."""
     made = five_bar()
-    found = aspects(made, 24, whole_turn=True)
-    angles = -np.pi + 2.0 * np.pi * np.arange(240) / 240
-    first, second = np.meshgrid(angles, angles, indexing="ij")
+    found = aspects(whole(made), 25)
+    first, second = np.meshgrid(*[np.linspace(-np.pi, np.pi, 241)] * 2, indexing="ij")
     _, (_, coupler), (_, far) = SIZES
     cosine = elbows(first, second)
     low, high = np.cos(np.radians(coupler + far)), np.cos(np.radians(coupler - far))
     inside = (cosine > low) & (cosine < high)
-    label, _ = ndimage.label(np.tile(inside, (3, 3)))
-    tiles = label[240:480, 240:480]
-    count = len(np.unique(tiles[inside]))
-    for one_end, other_end in ((tiles[0], tiles[-1]), (tiles[:, 0], tiles[:, -1])):
-        assert np.all(one_end[(one_end > 0) & (other_end > 0)] > 0)
+    _, count = ndimage.label(inside)
     big = found.sizes > 2
     assert np.sum(big) == 2 * count
     assert set(found.sign_two[big]) == {1, -1} and np.all(found.modes == 1)
@@ -350,12 +353,11 @@ def test_aspects_free_of_both_types_split_by_signs():
     assert len(found.sizes) == 8  # each leg bent to either side, for each sign of the dyad
 
 
-def test_surface_of_type_two_in_a_three_rrr():
+def test_surface_of_type_two_in_a_three_rrr(monkeypatch):
     """Vertices: distal planes of the legs with a common line. Edges: two triangles each."""
     made = sk.load("three_rrr")
-    mesh = singular_surface(
-        made, "II", slices_of_each=1, side=0.3, whole_turn=True, most=80
-    )
+    monkeypatch.setattr(surface, "MOST_VERTICES", 80)
+    mesh = singular_surface(whole(made), "II", slices_of_each=1, side=0.3)
     assert mesh.full and len(mesh.points.values) >= 80
     assert np.max(mesh.points.residual) < 1e-12
     axes = axes_at(made, mesh.points.values)

@@ -96,7 +96,6 @@ def aspects(
     free_of: Sequence[TypeName] = ("II",),
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
-    whole_turn: bool = False,
     budget: TimeLimit | None = None,
 ) -> Aspects:
     """Return the aspects of a mechanism with any number of inputs.
@@ -111,9 +110,6 @@ def aspects(
         Which types divide aspects: type II always does, type I if it is named.
     output, pointing
         Which output type I is about; see `spherekit.singular.stationarity.output_of`.
-    whole_turn
-        Whether every input runs through one turn, its ends joined, and not through its
-        declared range.
     budget
         Time after which no more configurations are joined, unlimited by default.
 
@@ -139,32 +135,12 @@ def aspects(
             "always move while it rests: no aspect is free of type I; leave that out"
         )
     counts = list(samples) if isinstance(samples, Sequence) else [samples] * count
-    input_grid, beside = _lattice(mechanism, counts, whole_turn)
-    budget = budget or TimeLimit()
-    spread = _Spread(solver, input_grid, beside, rest, "I" in free_of, budget)
+    input_grid, budget = grids.grid(mechanism.inputs, counts), budget or TimeLimit()
+    spread = _Spread(solver, input_grid, rest, "I" in free_of, budget)
     if budget.goes_on("modes at samples of the input grid"):
         spread.add(*_starts(solver, input_grid))
     spread.run()
     return spread.labelled(("II", "I") if "I" in free_of else ("II",))
-
-
-def _lattice(
-    mechanism: Mechanism, samples: list[int], whole_turn: bool
-) -> tuple[InputGrid, Indices]:
-    """Return the input grid and its neighbours (2 axes, n), over whole turns."""
-    if not whole_turn:
-        made = grids.grid(mechanism.inputs, samples)
-        return made, made.neighbours()
-    axes = [-np.pi + 2.0 * np.pi * np.arange(count) / count for count in samples]
-    mesh = np.meshgrid(*axes, indexing="ij")
-    made = InputGrid(np.stack([axis.ravel() for axis in mesh], axis=1), tuple(samples))
-    number = np.arange(len(made)).reshape(made.shape)
-    rolled = [
-        np.roll(number, shift, axis).ravel()
-        for axis in range(len(samples))
-        for shift in (-1, 1)
-    ]
-    return made, np.stack(rolled)
 
 
 def _starts(solver: Solver, input_grid: InputGrid) -> tuple[Floats, Indices]:
@@ -214,13 +190,13 @@ class _Spread:
         self,
         solver: Solver,
         input_grid: InputGrid,
-        beside: Indices,
         output: OutputStationary | None,
         divides: bool,
         budget: TimeLimit,
     ) -> None:
         self.budget = budget
-        self.solver, self.input_grid, self.beside = solver, input_grid, beside
+        self.solver, self.input_grid = solver, input_grid
+        self.beside = beside = input_grid.neighbours()
         self.driven = list(solver.driven)
         self.periods = periods_of(solver.closure)
         self.output, self.divides, self.signed = output, divides, False

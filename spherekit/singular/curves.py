@@ -197,6 +197,8 @@ def _plain(points: LocusPoints) -> CurvePoints:
 
 LARGEST_STEP = 0.3
 """Longest step (rad of arc length)."""
+LONGEST = 200.0
+"""Length (rad) after which a curve that does not close is ended in each sense."""
 FREEDOMS = 2
 """Loci of mechanisms with so many are curves."""
 FIRST_STEP = 0.05
@@ -210,8 +212,6 @@ SAME_MOTION = 0.8
 def trace_curves(
     locus: SingularityLocus,
     values: Floats,
-    longest: float = 200.0,
-    step: float = LARGEST_STEP,
     budget: TimeLimit | None = None,
 ) -> list[SingularCurve | None]:
     """Return the curves of a locus through configurations (n, V) near it, side by side.
@@ -222,9 +222,6 @@ def trace_curves(
         Singular configurations of a mechanism with two freedoms.
     values
         Where to start; Newton's method leads onto the curves.
-    longest, step
-        Length (rad) after which a curve that does not close is ended in each sense, and
-        the longest step.
     budget
         Time after which curves are ended, MODE_LOST, unlimited by default.
 
@@ -243,7 +240,7 @@ def trace_curves(
     both = LocusPoints.joined([starts, _turned(starts, -1.0)])
     still, inside = np.zeros(both.values.shape), np.ones(2 * count, dtype=bool)
     start = _Nodes(both.values, both.tangents[:, :, 0], still, both.residual, both, inside)
-    given = periods_of(locus.closure), longest, step, locus, budget or TimeLimit()
+    given = periods_of(locus.closure), LONGEST, LARGEST_STEP, locus, budget or TimeLimit()
     paths = _LocusCurves(start, *given)
     paths.follow(FIRST_STEP)
     curves: list[SingularCurve | None] = [None] * len(values)
@@ -466,8 +463,6 @@ def singular_curves(
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
     slices_of_each: int = 12,
-    whole_turn: bool = False,
-    step: float = LARGEST_STEP,
     made: LockedInputSection | None = None,
     budget: TimeLimit | None = None,
 ) -> SingularCurves:
@@ -481,13 +476,12 @@ def singular_curves(
     output, pointing
         Which output, and which direction of it if not the link's orientation; see
         `spherekit.singular.stationarity.output_of`.
-    slices_of_each, whole_turn
-        Values at which each input is locked, evenly spread over its declared range, or over
-        one turn. With 0 the locus is looked for from random closed configurations instead:
-        quicker, with the claim "sampled", and only curves that meet the declared ranges.
-    step, made, budget
-        Longest step (rad) along a curve, slices that are there already, and the time to
-        spend, unlimited by default.
+    slices_of_each
+        Values at which each input is locked, evenly spread over its range. With 0 the
+        locus is looked for from random closed configurations instead: quicker, with the
+        claim "sampled", and only curves that meet the declared ranges.
+    made, budget
+        Slices that are there already, and the time to spend, unlimited by default.
 
     Raises
     ------
@@ -501,18 +495,18 @@ def singular_curves(
             "configurations are those of a mechanism with two"
         )
     view, budget = SingularityReport.of(solver, rest, kind), budget or TimeLimit()
-    source = StartPoints(view, whole_turn, made, slices_of_each, budget)
+    source = StartPoints(view, made, slices_of_each, budget)
     none = np.zeros((0, len(mechanism.variable_owners)))
     if source.everywhere:
         return SingularCurves(kind, (), EVERYWHERE, none, everywhere=True)
     traced: list[SingularCurve] = []
     stray = [none]
     for points in source.batches():
-        if source.cut is None and not whole_turn:
+        if source.cut is None:
             points = points.rows(view.points(points).inside)
         irregular = points.reciprocal_condition < NEARLY_FLAT
         stray.append(points.values[irregular])
-        stray += _followed(source, points.rows(~irregular), traced, step)
+        stray += _followed(source, points.rows(~irregular), traced)
     return SingularCurves(
         kind,
         tuple(part for curve in traced for part in _parts(curve, view)),
@@ -523,7 +517,7 @@ def singular_curves(
 
 
 def _followed(
-    source: StartPoints, points: LocusPoints, traced: list[SingularCurve], step: float
+    source: StartPoints, points: LocusPoints, traced: list[SingularCurve]
 ) -> list[Floats]:
     """Follow curves from points that lie on none traced yet; return those none leaves."""
     left, stray = np.ones(len(points), dtype=bool), []
@@ -533,7 +527,7 @@ def _followed(
     while np.any(left) and budget.goes_on(f"curve {len(traced) + 1} of type {kind}"):
         (rows,) = np.nonzero(left)
         rows = rows[:: -(-len(rows) // TOGETHER)]
-        curves = trace_curves(locus, points.values[rows], step=step, budget=budget)
+        curves = trace_curves(locus, points.values[rows], budget)
         for row, new_curve in zip(rows.tolist(), curves, strict=True):
             if not left[row]:
                 continue

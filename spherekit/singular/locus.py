@@ -327,15 +327,9 @@ TOGETHER = 12
 """Slices of dyads that are followed side by side."""
 
 
-@dataclass(frozen=True)
-class Slice:
-    """One curve of configurations with all inputs but one locked.
-
-    `locked` leads back to all variables.
-    """
-
-    locked: Locked
-    curve: ArcCurve
+Slice = tuple[Locked, ArcCurve]
+"""A curve of configurations with all inputs but one locked, and the way to all variables.
+"""
 
 
 def solver_of(mechanism: Mechanism) -> Solver:
@@ -429,7 +423,7 @@ def _together(
             todo[k] = todo[k][1:]
             if curve is not None:
                 todo[k] = todo[k][~curve.passes(todo[k])]
-                yield Slice(locked[k], curve)
+                yield locked[k], curve
 
 
 @dataclass(frozen=True)
@@ -484,18 +478,15 @@ def _spread_out(count: int) -> Indices:
     return np.array(order, dtype=np.intp)
 
 
-def seeds(section: Slice, locus: SingularityLocus) -> LocusPoints:
+def seeds(locked: Locked, curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:
     """Return the singular configurations on a slice."""
 
     def along(points: CurvePoints) -> tuple[Floats, Floats]:
-        space = locus.space(section.locked.whole(points.values))
-        measure = locus.measure(space)
-        ways = (
-            np.swapaxes(space.basis, 1, 2)
-            @ section.locked.rates(points.tangents)[..., None]
-        )
-        return measure.value, np.sum(measure.gradient * ways[..., 0], axis=1)
+        space = locus.space(locked.whole(points.values))
+        measure, rates = locus.measure(space), locked.rates(points.tangents)
+        ways = np.einsum("nvg,nv->ng", space.basis, rates)
+        return measure.value, np.sum(measure.gradient * ways, axis=1)
 
-    places = section.curve.locate(along).places
-    locus_points = locus.onto(section.locked.whole(section.curve.at(places).values))
+    places = curve.locate(along).places
+    locus_points = locus.onto(locked.whole(curve.at(places).values))
     return locus_points.rows(np.flatnonzero(locus_points.good))

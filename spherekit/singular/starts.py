@@ -50,8 +50,6 @@ class StartPoints:
     ----------
     view
         The mechanism, and what is looked for.
-    whole_turn
-        Whether over one turn of each input, and not over its declared range.
     made
         The slices that are there already.
     slices_of_each
@@ -68,13 +66,12 @@ class StartPoints:
     def __init__(
         self,
         view: SingularityReport,
-        whole_turn: bool,
         made: LockedInputSection | None,
         slices_of_each: int,
         budget: TimeLimit,
     ) -> None:
         self.view, self.budget, self.cut = view, budget, made
-        self.ranges = ranges_of(view.solver.mechanism, whole_turn)
+        self.ranges = ranges_of(view.solver.mechanism)
         self.everywhere = everywhere(view)
         if made is None and slices_of_each and not self.everywhere:
             share = budget.part(FOR_SLICES)
@@ -84,6 +81,11 @@ class StartPoints:
 
     def batches(self) -> Iterator[LocusPoints]:
         """Yield points of the locus, as long as that is worth the time."""
+        for points in self._batches():
+            self.hits += len(points)
+            yield points
+
+    def _batches(self) -> Iterator[LocusPoints]:
         if self.cut is not None:
             every = self.cut.slices
             for first in range(0, len(every), SECTIONS):
@@ -91,8 +93,7 @@ class StartPoints:
                     return
                 some = every[first : first + SECTIONS]
                 self.searched += len(some)
-                parts = [seeds(section, self.view.locus) for section in some]
-                yield self._counted(LocusPoints.joined(parts))
+                yield LocusPoints.joined([seeds(*one, self.view.locus) for one in some])
             return
         random, solver = np.random.default_rng(SEED), self.view.solver
         ranges = np.array(self.ranges)
@@ -103,16 +104,12 @@ class StartPoints:
             values = closed_configurations(solver, ranges, STARTS, random)
             self.starts += STARTS
             self._dry += 1
-            yield self._counted(points_from(self.view.locus, values, solver.driven))
+            yield points_from(self.view.locus, values, solver.driven)
 
     def met(self, news: bool) -> None:
         """Say whether the last batch, or a part of it, had news."""
         if news:
             self._dry = 0
-
-    def _counted(self, points: LocusPoints) -> LocusPoints:
-        self.hits += len(points)
-        return points
 
     def claim(self, what: str) -> Completeness:
         """Return what is known of curves or surfaces (`what`) that were not found."""
@@ -133,10 +130,8 @@ class StartPoints:
         return Completeness(Guarantee.SAMPLED, "; ".join(filter(None, [reason, notes])))
 
 
-def ranges_of(mechanism: Mechanism, whole_turn: bool = False) -> list[tuple[float, float]]:
+def ranges_of(mechanism: Mechanism) -> list[tuple[float, float]]:
     """Return the lowest and highest value (rad) of each input that is looked at."""
-    if whole_turn:
-        return [(-np.pi, np.pi)] * len(mechanism.inputs)
     return [item.range for item in mechanism.inputs]
 
 

@@ -199,6 +199,8 @@ HALVING = 0.25
 """Time that a vertex takes which halving adds, in that of one that is laid."""
 AHEAD = 32
 """Edges for which new vertices are corrected at once."""
+MOST_VERTICES = 20_000
+"""Vertices at which a mesh ends, before halving."""
 FLAT = 1e-4
 """A point whose equations have this reciprocal condition is where surfaces cross."""
 
@@ -262,8 +264,6 @@ def singular_surface(
     side: float = 0.15,
     halved: int = 0,
     slices_of_each: int = 4,
-    whole_turn: bool = False,
-    most: int = 20_000,
     made: LockedInputSection | None = None,
     budget: TimeLimit | None = None,
 ) -> SingularSurface:
@@ -277,8 +277,6 @@ def singular_surface(
     side, halved
         Length (rad, in the variables) of the edges of the triangles that are laid, and how
         often each is halved afterwards, at a point of the surface.
-    whole_turn, most
-        Whether to mesh more than the declared ranges, and most vertices before halving.
 
     Raises
     ------
@@ -296,8 +294,8 @@ def singular_surface(
     if wrong:
         raise AnalysisError(mechanism.name + wrong)
     view, budget = SingularityReport.of(solver, rest, kind), budget or TimeLimit()
-    source = StartPoints(view, whole_turn, made, slices_of_each, budget)
-    front = _Front(view, whole_turn, side, most, budget)
+    source = StartPoints(view, made, slices_of_each, budget)
+    front = _Front(view, side, budget)
     if halved:
         source.budget = front.budget = budget.part(1.0 / (1.0 + HALVING * 4**halved))
     irregular = 0 if source.everywhere else front.grow_all(source)
@@ -311,7 +309,7 @@ def singular_surface(
         side / 2**halved,
         EVERYWHERE if source.everywhere else source.claim("surface"),
         irregular,
-        len(front.values) >= most,
+        len(front.values) >= MOST_VERTICES,
         source.everywhere,
     )
 
@@ -329,13 +327,10 @@ class _Front:
     def __init__(
         self,
         view: SingularityReport,
-        whole_turn: bool,
         side: float,
-        most: int,
         budget: TimeLimit,
     ) -> None:
-        self.locus, self.view, self.whole_turn = view.locus, view, whole_turn
-        self.side, self.most, self.budget = side, most, budget
+        self.locus, self.view, self.side, self.budget = view.locus, view, side, budget
         self.periods = periods_of(self.locus.closure)
         self.parts: list[LocusPoints] = []
         self.values = np.zeros((0, len(self.periods)))
@@ -362,9 +357,8 @@ class _Front:
             budget.tell(f"halving the edges of {len(mesh.triangles)} triangles")
             mesh = mesh.split()
         solver = self.view.solver
-        if not self.whole_turn:
-            for number, item in zip(solver.driven, solver.mechanism.inputs, strict=True):
-                mesh = mesh.within(number, *item.range)
+        for number, item in zip(solver.driven, solver.mechanism.inputs, strict=True):
+            mesh = mesh.within(number, *item.range)
         return mesh.only(self.view.is_own(self.view.types(mesh.points.values)))
 
     def away(self, origin: Floats, rows: Indices | slice | list[int]) -> Floats:
@@ -381,7 +375,7 @@ class _Front:
         """Mesh the surfaces through all seeds; return how many of these are irregular."""
         irregular = 0
         for points in source.batches():
-            inside = self.whole_turn | self.view.points(points).inside
+            inside = self.view.points(points).inside
             irregular += int(np.sum(inside & (points.reciprocal_condition < FLAT)))
             for row in np.flatnonzero(inside):
                 source.met(self.grow(points.rows(slice(row, row + 1))))
@@ -389,7 +383,7 @@ class _Front:
 
     def grow(self, seed: LocusPoints) -> bool:
         """Mesh the surface through a seed, unless a mesh covers it; return whether."""
-        is_full = len(self.values) >= self.most or seed.reciprocal_condition[0] < FLAT
+        is_full = len(self.values) >= MOST_VERTICES or seed.reciprocal_condition[0] < FLAT
         if is_full or len(self.near(seed.values[0], seed.motions[0], self.side)):
             return False
         if not self.budget.goes_on(f"vertex {len(self.values)} of a mesh"):
@@ -404,7 +398,7 @@ class _Front:
         queue: deque[Edge] = deque()
         a, b, c = corners
         self._join(a, b, c, queue)
-        while queue and len(self.values) < self.most:
+        while queue and len(self.values) < MOST_VERTICES:
             edge = queue.popleft()
             if not self.budget.goes_on(f"vertex {len(self.values)} of a mesh"):
                 break
@@ -425,7 +419,7 @@ class _Front:
         # The surface curves back over the end of a range between vertices beyond it.
         (low, high), room = self.view.ranges, BEYOND * self.side
         inside = in_range(self.view.inputs_of(point.values), low - room, high + room)
-        self.inside.append(self.whole_turn or bool(np.all(inside)))
+        self.inside.append(bool(np.all(inside)))
         return len(self.values) - 1
 
     def _join(self, a: int, b: int, c: int, queue: deque[Edge]) -> None:
