@@ -277,12 +277,6 @@ def test_three_inputs_have_surfaces_by_default_and_every_vertex_a_reason():
     assert sum("random starts" in each for each in remarks) == 2
 
 
-def test_the_rest_of_the_input_is_a_self_motion_for_the_input_itself():
-    """Output and input are one motion, which stands still while other links move."""
-    result = sk.run(four_bar(ROCKER), f"{NAME}:output=21", samples=9)
-    assert set(result.frame()["kind"]) == {"self-motion"}
-
-
 def test_a_driven_link_is_no_output_by_default():
     made = sk.load("four_bar").with_inputs("41")
     result = sk.run(made, NAME, samples=9)

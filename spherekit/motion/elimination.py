@@ -106,15 +106,14 @@ def eliminated(group: Group, closure: Closure) -> tuple[Floats, Bools, str]:
     if min(frames.sine(bar) for bar in bars_of(group)) < POINTLIKE:
         return values, real, "a link has an arc of about 0 or 180 deg"
     for order in orders_of(group):
-        solved = common_angles(frames.equations(order)[0], order.involves)
-        imaginary = max_abs(solved.angles.imag, axis=1, initial=0.0)
+        solved, problem = common_angles(frames.equations(order)[0], order.involves)
+        imaginary = max_abs(solved.imag, axis=1)
         tried = imaginary < NEARLY_REAL
         with np.errstate(invalid="ignore", divide="ignore"):
-            angles = frames.angles(frames.placed(order, solved.angles[None, tried].real))
+            angles = frames.angles(frames.placed(order, solved[None, tried].real))
         finite = all_finite(angles, 1)
         values = np.concatenate([values, angles[finite]])
         real = np.concatenate([real, imaginary[tried][finite] < REAL])
-        problem = solved.problem
         if not problem and not np.all(finite):
             problem = "the neighbours of a link have axes on one line"
         if not problem:

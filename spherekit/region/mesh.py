@@ -276,11 +276,6 @@ def active(rows: Floats, floor: Floats) -> Indices:
     return np.where(np.isnan(rows).any(axis=1) & ~(smallest <= 0.0), UNDEFINED, number)
 
 
-def void(rows: Floats) -> Bools:
-    """Return where (n,) a margin is NaN and none is negative."""
-    return np.isnan(rows).any(axis=-1) & ~(np.fmin.reduce(rows, axis=-1) < 0.0)
-
-
 def check_positive(sizes: Mapping[str, float]) -> None:
     """Raise `RegionError` where a size, by its name, is not positive and finite."""
     for name, size in sizes.items():
@@ -378,7 +373,7 @@ def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bo
     simple = _within_cone(corners, filled[:6, tried], error[tried], uncertain[tried])
     verdict[tried[simple]] = TriangleClass.SIMPLE
     if missing.any():
-        empty = void(rows)
+        empty = missing.any(axis=2) & ~(np.fmin.reduce(rows, axis=2) < 0.0)
         broken = empty.any(axis=0)
         verdict[broken] = TriangleClass.OPEN
         verdict[broken & np.all(missing | (rows >= 0.0), axis=(0, 2))] = (

@@ -209,18 +209,15 @@ class AlongCurve:
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.nan_to_num(np.where(resting[:, None], dw, w) / size[:, None])
 
-    def rests(self, pole: Pole) -> bool:
-        """Return whether two links move as one on the whole curve."""
-        there = self.at(self.curve.s)
-        return bool(np.all(there.speeds(pole)[0] <= AT_REST * there.rounding))
-
     def zeros(self, pole: Pole) -> Roots | None:
         """Return all s at which two links rest relative to each other, None if everywhere.
 
         They are zeros of any component of the relative rate, at which all of it vanishes.
         """
         if pole not in self._zeros:
-            self._zeros[pole] = None if self.rests(pole) else self._located(pole)
+            there = self.at(self.curve.s)
+            rest = np.all(there.speeds(pole)[0] <= AT_REST * there.rounding)
+            self._zeros[pole] = None if rest else self._located(pole)
         return self._zeros[pole]
 
     def _located(self, pole: Pole) -> Roots:

@@ -306,8 +306,8 @@ class _Spread:
             nodes.values[:, self.driven],
             label,
             sizes,
-            _signs(nodes.two, label, len(sizes)),
-            _signs(nodes.one * self.signed, label, len(sizes)),
+            _signs(nodes.two, label, sizes),
+            _signs(nodes.one * self.signed, label, sizes),
             modes,
             free_of,
             len(self.nodes) - n,
@@ -315,10 +315,7 @@ class _Spread:
         )
 
 
-def _signs(value: Floats, label: Integers, count: int) -> SmallIntegers:
+def _signs(value: Floats, label: Integers, sizes: Integers) -> SmallIntegers:
     """Return the sign that all configurations of each aspect have, or 0."""
-    signs = np.zeros(count, dtype=np.int8)
-    for number in range(count):
-        of_aspect = np.unique(np.sign(value[label == number]))
-        signs[number] = of_aspect[0] if len(of_aspect) == 1 else 0
-    return signs
+    total = np.bincount(label, np.sign(value), len(sizes))
+    return np.where(np.abs(total) == sizes, np.sign(total), 0.0).astype(np.int8)

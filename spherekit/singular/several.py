@@ -363,7 +363,7 @@ def what_vanishes(
     c, d, u = (  # some axes may be unknown there; the rates vanish with c and d
         np.where(np.isfinite(one), one, other)
         for one, other in zip(
-            relations(motion, output),
+            relations(motion, output, by_rank),
             (at.input_rate, at.output_rate, at.alone),
             strict=True,
         )

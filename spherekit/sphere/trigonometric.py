@@ -17,7 +17,6 @@ analytic while they do has to be known on both. Products here are bilinear, a . 
 a_k b_k without conjugation, so a formula for real unit vectors holds word for word.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -61,22 +60,6 @@ STILL = 1e-9
 """Newton's method ends when no angle changed by more than this (rad)."""
 
 
-@dataclass(frozen=True)
-class AngleSolutions:
-    """What the elimination of all angles but the first found.
-
-    `angles` (k, t) complex, rad: solutions whose first angle is near the real axis.
-    `roots` (2 degree,) complex: all values of e^(ix) of the first angle x. `excess`: the
-    coefficients beyond the degree, relative. `problem` says why real solutions may be
-    missing; empty if none can be.
-    """
-
-    angles: Complexes
-    roots: Complexes
-    excess: float
-    problem: str
-
-
 def eliminated_degree(involves: Bools) -> int:
     """Return the degree in the first angle of the eliminant, 0 if there is none.
 
@@ -101,8 +84,11 @@ def _power(involves: Bools) -> int:
     return 2 * int(np.sum(involves[1:, 1])) if len(involves) == 3 else 0
 
 
-def common_angles(equations: Numbers, involves: Bools) -> AngleSolutions:
+def common_angles(equations: Numbers, involves: Bools) -> tuple[Complexes, str]:
     """Return the solutions of a system of two or three equations in as many angles.
+
+    Angles (k, t) complex, rad: those whose first angle is near the real axis. And why real
+    solutions may be missing; empty if none can be.
 
     Parameters
     ----------
@@ -114,15 +100,14 @@ def common_angles(equations: Numbers, involves: Bools) -> AngleSolutions:
     with np.errstate(all="ignore"):
         (roots,), (excess,), (problem,) = _roots(equations[None], involves)
         if problem:
-            nothing = np.empty((0, len(equations)), dtype=complex)
-            return AngleSolutions(nothing, nothing[:, 0], np.inf, problem)
+            return np.empty((0, len(equations)), dtype=complex), problem
         angles, unmatched = _solutions(equations, roots)
     if not excess < EXCESS:
         degree = eliminated_degree(involves)
         problem = f"the eliminant has coefficients {excess:.1g} beyond degree {degree}"
     elif unmatched:
         problem = f"{unmatched} roots of the eliminant lost solutions"
-    return AngleSolutions(angles, roots, float(excess), problem)
+    return angles, problem
 
 
 def all_angles(equations: Numbers, involves: Bools) -> Complexes:
