@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
 from itertools import combinations
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -71,13 +71,21 @@ LABELS = {
 
 
 @dataclass(frozen=True)
-class MotionMeasures:
-    """n rows of a motion with g inputs, by the motions that close the loops.
+class OutputCoefficients:
+    """n rows of a motion with g inputs, with each moved alone, and all together.
 
     NaN where the motion failed.
 
     Attributes
     ----------
+    w
+        (n, g, 3) angular velocity of the output per unit rate of each input, in ground
+        axes; NaN where that is infinite or undetermined.
+    u
+        (n, g, 3) unit vectors along the pole axes of the output, with the signs that
+        `spherekit.engine.fields` gives them; finite on singularities too.
+    c, d
+        (n, g) of c w_i = d q_i', from the pole axes, at most 1 in size.
     input_rate, output_rate
         (n, g) of the unit motion in which input i moves alone: its rate, which vanishes
         with c_i and has the sign of det N_a, and the size of the output's, which vanishes
@@ -102,6 +110,10 @@ class MotionMeasures:
         regular configurations.
     """
 
+    w: Floats
+    u: Floats
+    c: Floats
+    d: Floats
     input_rate: Floats
     output_rate: Floats
     alone: Floats
@@ -111,28 +123,6 @@ class MotionMeasures:
     reciprocal_condition: Floats
     type: SmallIntegers
     group: SmallIntegers
-
-
-@dataclass(frozen=True)
-class OutputCoefficients(MotionMeasures):
-    """Rows with each input moved alone, and all together.
-
-    Attributes
-    ----------
-    w
-        (n, g, 3) angular velocity of the output per unit rate of each input, in ground
-        axes; NaN where that is infinite or undetermined.
-    u
-        (n, g, 3) unit vectors along the pole axes of the output, with the signs that
-        `spherekit.engine.fields` gives them; finite on singularities too.
-    c, d
-        (n, g) of c w_i = d q_i', from the pole axes, at most 1 in size.
-    """
-
-    w: Floats
-    u: Floats
-    c: Floats
-    d: Floats
 
     @property
     def triples(self) -> Floats:
@@ -170,7 +160,7 @@ def coefficients(
         c, d, u = _with_motions(motion, output, made)
         c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
         measured = by_motions(motion, output, tolerance)
-    return OutputCoefficients(**vars(measured), w=np.stack(w, axis=1), u=u, c=c, d=d)
+    return OutputCoefficients(np.stack(w, axis=1), u, c, d, **measured)
 
 
 def relations(
@@ -278,8 +268,8 @@ def _held(motion: Motion) -> list[int]:
 
 def by_motions(
     motion: Motion, output: OutputStationary, tolerance: float = SINGULAR
-) -> MotionMeasures:
-    """Return what the motions that close the loops say."""
+) -> dict[str, Any]:
+    """Return those of `OutputCoefficients` that the motions that close the loops say."""
     held, closure = _held(motion), Closure.of(motion.mechanism, motion.joints)
     space = SingularityLocus(closure, len(held), output).space(motion.values)
     inputs, moving = space.basis[:, held], output.equations(space.at) @ space.basis
@@ -316,20 +306,21 @@ def by_motions(
     ).astype(np.int8)
     alone_singular = np.any(~(np.abs(np.stack(rates)) > ALONE * tolerance), axis=(0, 2))
     singular = (kind > 0) & (kind <= RowType.III)
-    return MotionMeasures(
-        *rates,
-        turning / np.where(turns, speed, np.nan),
-        two,
-        hold_of(closure.tree, held, vectors)[0],
-        np.where(np.isfinite(two), one, np.nan),
-        condition,
-        kind,
-        np.where(singular, np.where(alone_singular, 1, 2), 0).astype(np.int8),
-    )
+    return {
+        "input_rate": rates[0],
+        "output_rate": rates[1],
+        "alone": turning / np.where(turns, speed, np.nan),
+        "type_two": two,
+        "hold": hold_of(closure.tree, held, vectors)[0],
+        "type_one": np.where(np.isfinite(two), one, np.nan),
+        "reciprocal_condition": condition,
+        "type": kind,
+        "group": np.where(singular, np.where(alone_singular, 1, 2), 0).astype(np.int8),
+    }
 
 
 def _type_one(inputs: Floats, output: Floats, tolerance: float) -> tuple[Floats, Bools]:
-    """Return `MotionMeasures.type_one` (n,), and where there are self-motions (n,).
+    """Return `OutputCoefficients.type_one` (n,), and where there are self-motions (n,).
 
     From rates of g inputs (n, g, g) and of the output (n, m, g) in g motions. Of these an
     orthonormal basis is made, in which motions that move neither are lost.
@@ -364,7 +355,7 @@ def what_vanishes(
         np.where(np.isfinite(one), one, other)
         for one, other in zip(
             relations(motion, output, by_rank),
-            (at.input_rate, at.output_rate, at.alone),
+            (at["input_rate"], at["output_rate"], at["alone"]),
             strict=True,
         )
     )
@@ -375,7 +366,7 @@ def what_vanishes(
     parallel = np.linalg.norm(crossed, axis=2)
     widest = np.max(parallel, axis=1, keepdims=True)
     volumes = np.linalg.det(u[:, np.array(three, dtype=int).reshape(-1, 3)])
-    said = [
+    first = [
         (c, [f"c_{pair}=0" for pair in pairs]),
         (d, [f"d_{pair}=0" for pair in pairs]),
         (widest, [f"u of {', '.join(pairs)} coincide"]),
@@ -384,37 +375,32 @@ def what_vanishes(
             [f"u of {', '.join(pairs[k] for k in triplet)} coplanar" for triplet in three],
         ),
     ]
-    tiers = [said, [(parallel, [f"{both} along one line" for both in named])]]
+    tiers = [first, [(parallel, [f"{both} along one line" for both in named])]]
     if pointing is not None:
         turned = motion.rotations[:, output.relative_to]
         direction = np.einsum("nij,nj->ni", turned, pointing)
         off = np.linalg.norm(cross(u, direction[:, None]), axis=2)
-        said.insert(2, (off, [f"u_{pair} along the direction" for pair in pairs]))
+        first.insert(2, (off, [f"u_{pair} along the direction" for pair in pairs]))
         flat = np.einsum("npi,ni->np", crossed, direction)
         tiers.append([(flat, [f"{both} coplanar with the direction" for both in named])])
     words: list[list[str]] = [[] for _ in motion.values]
     for tier in tiers:
+        said = [text for _, texts in tier for text in texts]
+        small = np.abs(np.concatenate([sizes for sizes, _ in tier], axis=1)) < VANISHES
         for row, phrases in enumerate(words):
-            words[row] = phrases or [
-                texts[k]
-                for sizes, texts in tier
-                for k in np.flatnonzero(np.abs(sizes[row]) < VANISHES)
-            ]
-    for row in np.flatnonzero(at.type == RowType.SELF_MOTION).tolist():
+            words[row] = phrases or [said[k] for k in np.flatnonzero(small[row])]
+    for row in np.flatnonzero(at["type"] == RowType.SELF_MOTION).tolist():
         words[row] = [_what_moves(motion.rows(slice(row, row + 1)), output)]
     for row, phrases in enumerate(words):
         if not phrases:
-            phrases.append(_else(at.reciprocal_condition[row], u[row], c[row], d[row]))
+            if at["reciprocal_condition"][row] < VANISHES:
+                phrases.append("the loops lose rank")
+            elif not all_finite(u[row]):
+                phrases.append("pole axes not known")
+            else:
+                least = np.min(np.abs([c[row], d[row]]))
+                phrases.append(f"motions alone: no c, d below {least:.1e}")
     return [" ".join(listed) for listed in words]
-
-
-def _else(condition: float, u: Floats, c: Floats, d: Floats) -> str:
-    """Return what makes a row singular of whose c, d (g,) none vanishes."""
-    if condition < VANISHES:
-        return "the loops lose rank"
-    if not all_finite(u):
-        return "pole axes not known"
-    return f"motions alone: no c, d below {np.min(np.abs([c, d])):.1e}"
 
 
 def _what_moves(motion: Motion, output: OutputStationary) -> str:
@@ -523,7 +509,7 @@ class SingularityReport:
 
     def types(self, values: Floats) -> SmallIntegers:
         """Return the types (n,) of configurations for the output."""
-        return by_motions(motion_of(self.solver, values), self.output).type
+        return by_motions(motion_of(self.solver, values), self.output)["type"]
 
     def is_own(self, types: SmallIntegers) -> Bools:
         """Return which types (n,) are those of the locus."""
