@@ -400,8 +400,8 @@ class SeveralInputs:
             )
             for output in outputs
             for mesh in self.loci[output.name]
-            for a, b, c in [self.batch.moving_inputs]
             if isinstance(mesh, SingularSurface) and len(mesh.triangles)
+            for a, b, c in [self.batch.moving_inputs]
         )
         if surfaces:
             step = Axis("surfaces", "", np.zeros(1))
