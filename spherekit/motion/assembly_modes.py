@@ -103,10 +103,6 @@ FLAT_DYAD = 1e-6
 """A dyad straighter than this sine loses half its digits: its rates are not given."""
 FLAT_GROUP = 1e-6
 """The same for the smallest relative singular value of an irreducible group."""
-AGREEING = 1e-9
-"""Orientations from the groups and from the variables differ by less."""
-POLISHED = 1e-6
-"""Residuals (rad) up to this, of dyads between nearly parallel axes, are taken out."""
 SMALLEST_SPREAD = 1e-9
 """Axes that differ by less are taken to be parallel."""
 FAR_FROM_NAMED = np.radians(10.0)
@@ -277,7 +273,14 @@ class Solver:
                     _mark(status, sine < FLAT_DYAD, Status.AT_SINGULARITY)
                 else:
                     self._place(assembly_mode, number, q, rows, state, status)
-            return self._finish(assembly_mode, state, status)
+            at = self.closure.at(state.values)
+            values, rotations, residual = at.values, at.placed, at.gap
+            _mark(status, ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
+            failed = ~assembled(status)
+            values[failed], rotations[failed], residual[failed] = np.nan, np.nan, np.nan
+            free = [v for v in self.angles if v not in self.driven]
+            values[:, free] = wrap(values[:, free])
+            return Evaluated(values, rotations, status, residual)
 
     def _place(
         self,
@@ -296,8 +299,8 @@ class Solver:
         else:
             assert assembly_mode.guide is not None
             predicted, spread, why = assembly_mode.guide.at(q, rows)
-            for reason in set(Status) - {Status.OK}:
-                _mark(status, why == reason, reason)
+            lost = assembled(status) & (why != Status.OK)
+            status[lost] = why[lost]
             start = predicted[:, group_variables(state, group)]
             start = np.where(assembled(status)[:, None], start, np.nan)
             at = place_group(state, group, start)
@@ -314,37 +317,6 @@ class Solver:
         _mark(status, ~np.all(at.states.inside, axis=1), Status.OFF_PROFILE)
         joints = [self.joints[pair] for pair in group.pairs]
         _mark(status, penetrates(joints, at.states), Status.CURVATURE)
-
-    def _finish(
-        self, assembly_mode: AssemblyMode, state: State, status: SmallIntegers
-    ) -> Evaluated:
-        values = state.values
-        links = range(len(self.mechanism.links))
-        ground = np.swapaxes(state.within[0], -1, -2)
-        rotations = np.stack([ground @ state.within[link] for link in links], axis=1)
-        at = self.closure.at(values)
-        # The links of a dyad without length have no orientation of their own; that which
-        # belongs to the variables is the one that closes.
-        apart = max_abs(at.placed - rotations, axis=(1, 2, 3)) > AGREEING
-        rotations[apart] = at.placed[apart]
-        residual = at.gap
-        open_ = (residual >= CLOSURE_TOLERANCE) & (residual < POLISHED) & assembled(status)
-        if np.any(open_):
-            at = self.closure.solve(values[open_], self.driven)
-            values[open_], residual[open_] = at.values, at.gap
-            rotations[open_], axes = at.placed, at.axes
-            flipped = np.zeros(len(values), dtype=bool)
-            for group, sign in zip(self.assembly.groups, assembly_mode.signs, strict=True):
-                if sign:
-                    triple = np.linalg.det(axes[:, list(group.pairs)])
-                    flipped[open_] |= np.sign(triple) * sign < 0.0
-            _mark(status, flipped, Status.MODE_LOST)
-        _mark(status, ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
-        failed = ~assembled(status)
-        values[failed], rotations[failed], residual[failed] = np.nan, np.nan, np.nan
-        free = [v for v in self.angles if v not in self.driven]
-        values[:, free] = wrap(values[:, free])
-        return Evaluated(values, rotations, status, residual)
 
     @property
     def angles(self) -> list[int]:
