@@ -58,12 +58,9 @@ def vector_sum(parts: Iterable[Exprs]) -> Exprs:
 
 def constants(matrix: Floats | Exprs) -> Exprs:
     """Return numbers as entries, those within rounding of 0, 1, -1 made exact."""
-    made: Exprs = np.empty(matrix.shape, dtype=object)
-    for index in np.ndindex(*matrix.shape):
-        item: Any = matrix[index]
-        if isinstance(item, ExpressionNode):
-            made[index] = item
-        else:
+    made: Exprs = np.array(matrix, dtype=object)
+    for index, item in np.ndenumerate(made):
+        if not isinstance(item, ExpressionNode):
             near = round(float(item)) + 0.0
             made[index] = near if abs(item - near) < SNAP else float(item)
     return made
@@ -80,9 +77,9 @@ def cross(a: Exprs, b: Exprs) -> Exprs:
     )
 
 
-def dot(a: Exprs, b: Exprs) -> Expr:
-    """Return a . b."""
-    return sum_of([x * y for x, y in zip(a, b, strict=True)])
+def dot(a: Iterable[Any], b: Iterable[Expr]) -> Any:
+    """Return a . b, the sum of products; those of vectors with numbers or terms too."""
+    return sum_of(x * y for x, y in zip(a, b, strict=True))
 
 
 def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:

@@ -26,7 +26,6 @@ from spherekit.conventions import EPS, EQUAL_CURVATURE
 from spherekit.engine.algebra import Exprs, cross, dot, sum_of, vector, vector_sum
 from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.engine.pose import (
-    LinkOrientation,
     along_ways,
     carried_vectors,
     largest,
@@ -224,8 +223,7 @@ class RowTerms:
             a, b = self.tree.ends[chord]
             chain = self.pairs.chains[chord]
             around = placed_by(chain, self.placed[a], variables)
-            near = [vector(list(around.basis[:, k])) for k in range(3)]
-            other = [_along(self.placed[b], axis) for axis in chain.constants[-1]]
+            near, other = around.basis.T, self.placed[b].direction(chain.constants[-1].T).T
             turns = [cross(y, x) for x, y in zip(near, other, strict=True)]
             self.gaps.append((turns[0] + turns[1] + turns[2]) * 0.5)
             for k in (0, 2):
@@ -279,11 +277,6 @@ class RowTerms:
         for pair, parent, child in self.tree.placements:
             sums[child] = sums[parent] + sum_of(parts[v] for v in self.owned[pair])
         return sums
-
-    def off_line(self, variable: int) -> Expr:
-        """Return what the contact line of a rolling contact's variable is off by."""
-        moved = self.turns[self.carried[variable].link] + self.moved.get(variable, 0.0)
-        return moved * self.open + self.numbers
 
     def closer(self, variables: Sequence[ExpressionNode]) -> list[Expr]:
         """Return the free variables after a step of Newton's method."""
@@ -459,7 +452,8 @@ class MovingTerms:
             line = rows.lines[pair]
             unit = line.vector
             turned = line.change(self._w[line.link], self._rates[variable])
-            off = rows.off_line(variable)
+            moved = rows.turns[line.link] + rows.moved.get(variable, 0.0)
+            off = moved * rows.open + rows.numbers
         if {i, j} == {first, second} and pair not in rows.lines:
             sense = 1.0 if i == first else -1.0
             rate, change = sense * self._rates[variable], sense * self._change[variable]
@@ -509,10 +503,6 @@ def curved(rows: RowTerms) -> list[Expr]:
 
 def _errors(*bounds: Expr) -> dict[str, Sequence[Expr]]:
     return {name: [bound] for name, bound in zip(ERRORS, bounds, strict=True)}
-
-
-def _along(placed: LinkOrientation, axis: Floats) -> Exprs:
-    return vector(list(placed.direction(axis)))
 
 
 def _sizes(items: Mapping[int, Expr]) -> dict[int, Expr]:

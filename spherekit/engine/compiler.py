@@ -115,7 +115,7 @@ def compile_function(
     )
 
     def at(given: Array, out: Array | None = None) -> Any:
-        return made(given) if out is None else made(given, outputs=out)
+        return made(np.ascontiguousarray(given), outputs=out)
 
     return at
 

@@ -155,7 +155,7 @@ class DesignKernel:
         With the columns of profiles that are handed in, and turns (pairs, n) rad, if any.
         """
         n = samples.shape[1]
-        prepared = self.prepare(np.ascontiguousarray(sizes))
+        prepared = self.prepare(sizes)
         parts = [samples, places, *([] if columns is None else [columns])]
         parts.append(np.zeros((len(self.turning), n)) if turns is None else turns)
         parts.append(np.broadcast_to(prepared, (len(prepared), n)))
@@ -279,7 +279,7 @@ class PathKernel:
         if np.iscomplexobj(values) and self.complex is not None:
             columns = self.complex(values, prepared)
         else:
-            columns = self.real(np.ascontiguousarray(np.concatenate([values, prepared])))
+            columns = self.real(np.concatenate([values, prepared]))
         v, k = self.variables, len(self.driven)
         rates = columns[v : (k + 1) * v].reshape(k, v, values.shape[1])
         return At(columns[:v], rates, columns[-2], columns[-1])

@@ -97,13 +97,13 @@ class CompiledEquation:
 
     def rates(self, values: Floats) -> Floats:
         """Return the homogeneous rates (n, m, variables) at variables (n, variables)."""
-        columns: Floats = np.asarray(self.tau(np.ascontiguousarray(values.T)))
+        columns: Floats = self.tau(values.T)
         shape = len(values), self.layout.freedoms, self.layout.variables
         return columns[:-1].T.reshape(shape)
 
     def measure(self, values: Floats) -> Floats:
         """Return (n,) what vanishes where sets of configurations cross."""
-        columns: Floats = np.asarray(self.tau(np.ascontiguousarray(values.T)))
+        columns: Floats = self.tau(values.T)
         return columns[-1]
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Floats
 from spherekit.conventions import listing
-from spherekit.engine.algebra import cross, dot, vector
+from spherekit.engine.algebra import cross, dot
 from spherekit.engine.compiler import TermFunction, available
 from spherekit.engine.dyads import COMPILED, place_by_inputs
 from spherekit.engine.expression_graph import Expr, ExpressionNode, function, symbols
@@ -283,7 +283,7 @@ def _scale(flow: CoordinateRates, coordinate: Coordinate) -> Expr:
             f'{flow.structure.mechanism.name}: coordinate "{coordinate}" is not known; it '
             "is input or arc"
         )
-    tau = vector(flow.tau[0])
+    tau = flow.tau[0]
     return 1.0 / function("sqrt", dot(tau, tau))
 
 

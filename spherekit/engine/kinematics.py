@@ -25,7 +25,6 @@ with w_ji the angular velocity of link j per unit rate of input i.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -251,11 +250,10 @@ class CoordinateRates:
             first, second = structure.mechanism.ends[pair]
             chain = structure.pairs.chains[pair]
             there = placed_by(chain, self.placed[first], self._variables)
-            here, beyond = (
-                np.stack([placed.direction(axis) for axis in np.eye(3)], axis=1)
-                for placed in (self.placed[second], there)
+            made[pair] = (
+                self.placed[second].direction(np.eye(3)),
+                there.direction(np.eye(3)),
             )
-            made[pair] = here, beyond
         return made
 
     @property
@@ -320,8 +318,8 @@ class CoordinateRates:
     def moving(self, speeds: Sequence[Expr]) -> tuple[list[Expr], list[Expr], list[Exprs]]:
         """Return rates of inputs over `scale`, those of all variables, and w of links."""
         slow = [speed * (1.0 / self.scale) for speed in speeds]
-        rates = [along(column, slow) for column in zip(*self.tau, strict=True)]
-        return slow, rates, [along(column, slow) for column in zip(*self.w, strict=True)]
+        rates = [dot(column, slow) for column in zip(*self.tau, strict=True)]
+        return slow, rates, [dot(column, slow) for column in zip(*self.w, strict=True)]
 
     def bias(self, rates: Sequence[Expr], w: Sequence[Exprs]) -> list[Exprs]:
         """Return the angular accelerations (3,) of links while no input accelerates.
@@ -351,14 +349,6 @@ class CoordinateRates:
                 for v in variables
             ]
         )
-
-
-def along(parts: Sequence[Any], rates: Sequence[Expr]) -> Any:
-    """Return the sum of numbers, terms or vectors times rates."""
-    total = parts[0] * rates[0]
-    for part, rate in zip(parts[1:], rates[1:], strict=True):
-        total = total + part * rate
-    return total
 
 
 class InputMoments:
@@ -412,7 +402,7 @@ class InputMoments:
         pulls: list[Expr] = [0.0] * count
         turned: list[list[Expr]] = [[0.0] * count for _ in range(count)]
         for link, placed, seen, momenta in self._links:
-            acceleration, momentum = placed.seen(bias[link]), along(momenta, slow)
+            acceleration, momentum = placed.seen(bias[link]), dot(momenta, slow)
             for i in range(count):
                 pulls[i] = pulls[i] + dot(momenta[i], acceleration)
             if not np.array_equal(placed.metric, np.eye(3)):
@@ -439,5 +429,5 @@ class InputMoments:
         share = 1.0 / self.flow.scale
         slow, rates, w = self.flow.moving(speeds)
         pull = self.pull(self.flow.bias(rates, w), slow)[moving]
-        push = along(self.matrix[moving], [x * share for x in accelerations])
+        push = dot(self.matrix[moving], [x * share for x in accelerations])
         return (push + pull) * share * self.unit

@@ -15,7 +15,7 @@ from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
 from spherekit.engine.expression_graph import Expr, expression_terms
 from spherekit.engine.pose import LinkOrientation
 from spherekit.model.expression import Expression
-from spherekit.model.load import Called, Component, Load, TorqueTable, expression_of
+from spherekit.model.load import Component, Load, TorqueTable, expression_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Vector
 
@@ -68,7 +68,12 @@ def forces_of(parts: Sequence[Component], moving: LoadState) -> list[Expr]:
     totals: list[Expr] = [0.0] * len(moving.tau)
     on_links: dict[tuple[str, str, Vector | None], Exprs] = {}
     for part in parts:
-        magnitude = _magnitude(part.magnitude, moving)
+        law = part.magnitude
+        magnitude = (
+            moving.table(law.name)
+            if isinstance(law, TorqueTable)
+            else expression_value(expression_of(law), moving)
+        )
         if part.pair:
             variable = moving.variable(part.pair)
             totals = [
@@ -112,12 +117,6 @@ def _moment(placed: LinkOrientation, axes: str, arm: Vector | None, along: Exprs
         return cross(placed.direction(np.array(arm) / size) * size, along)
     moment = along if arm is None else cross(vector(list(arm)), along)
     return placed.basis @ (constants(placed.within) @ moment)
-
-
-def _magnitude(law: Expression | Called | TorqueTable, moving: LoadState) -> Expr:
-    if isinstance(law, TorqueTable):
-        return moving.table(law.name)
-    return expression_value(expression_of(law), moving)
 
 
 def expression_value(law: Expression, moving: LoadState) -> Expr:

@@ -41,7 +41,7 @@ class LinkOrientation:
     depth: int
 
     def direction(self, axis: Entries) -> Exprs:
-        """Return a vector (3,) fixed in the link, in ground axes."""
+        """Return a vector (3,) fixed in the link, or columns (3, 3), in ground axes."""
         return self.basis @ constants(self.within @ axis)
 
     def fixed(self, axis: Entries) -> Exprs:
@@ -155,7 +155,7 @@ def carried_vectors(
         if pair not in pairs.sides:
             held = zip(ends, pairs.axes(pair), strict=True)
             link, axis = min(held, key=lambda end: placed[end[0]].depth)
-            carried[owned[0]] = UnitTwist(vector(list(placed[link].direction(axis))), link)
+            carried[owned[0]] = UnitTwist(placed[link].direction(axis), link)
             continue
         sides = pairs.sides[pair]
         around = [
@@ -169,7 +169,7 @@ def carried_vectors(
             carried[owned[0]] = UnitTwist(one + other, ends[0], slide=cross(one, other))
         else:
             near = 0 if placed[ends[0]].depth <= placed[ends[1]].depth else 1
-            tangent, _, point = _frame(sides[near], placed[ends[near]], variables)
+            tangent, _, point = _axes(sides[near], placed[ends[near]], variables)
             lines[pair] = UnitTwist(point, ends[near], slide=tangent)
             carried[owned[0]] = _rolling(sides, sides[near].curvature, lines[pair])
     return [carried[v] for v in sorted(carried)], lines
@@ -205,13 +205,9 @@ def largest(items: Iterable[Expr]) -> Expr:
     return most
 
 
-def _frame(
-    side: ProfileSide, placed: LinkOrientation, variables: Sequence[Expr]
-) -> tuple[Exprs, Exprs, Exprs]:
+def _axes(side: ProfileSide, placed: LinkOrientation, variables: Sequence[Expr]) -> Exprs:
     """Return the tangent, the normal and the point (3,) of a profile at the contact."""
-    there = placed_by(side.chain, placed, variables)
-    tangent, normal, point = (vector(list(there.direction(axis))) for axis in np.eye(3))
-    return tangent, normal, point
+    return placed_by(side.chain, placed, variables).direction(np.eye(3)).T
 
 
 def _rolling(
@@ -242,8 +238,8 @@ def _sliding(
     (turn,) = side.chain.turns
     if isinstance(turn, AxisRotation):
         axis = placed.direction(side.chain.constants[0][:, 2]) * (sense * turn.scale)
-        return UnitTwist(vector(list(axis)), link, abs(turn.scale))
-    _, normal, point = _frame(side, placed, variables)
+        return UnitTwist(axis, link, abs(turn.scale))
+    _, normal, point = _axes(side, placed, variables)
     k, slope = side.curvature, size_of(side.slope)
     return UnitTwist(
         np.asarray((normal + point * k) * sense),

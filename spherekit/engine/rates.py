@@ -21,7 +21,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.engine.algebra import Exprs, cofactors, cross, determinant, dot, vector
+from spherekit.engine.algebra import (
+    Exprs,
+    cofactors,
+    constants,
+    cross,
+    determinant,
+    dot,
+    vector,
+)
 from spherekit.engine.expression_graph import WITHOUT_EXPRESSIONS, Expr
 from spherekit.errors import EngineError
 from spherekit.model.graph import joined, spanning
@@ -251,17 +259,14 @@ class HomogeneousRates:
         self.scale: Expr = 1.0
         self.closed = list(driven)
 
-    def _between(self, start: int, end: int) -> Exprs | None:
-        """Return w_end - w_start of two links of one body, None if they are the same."""
-        if start == end:
-            return None
-        total: Exprs | None = None
+    def _between(self, start: int, end: int) -> Exprs:
+        """Return w_end - w_start of two links of one body."""
+        total = vector([0.0, 0.0, 0.0])
         for pair, sense in way(self.mechanism.ends, self.closed, start, end):
             for variable in self.owned[pair]:
-                part = self.vectors[variable] * self.rates[variable] * float(sense)
-                total = part if total is None else total + part
+                part = self.vectors[variable] * self.rates[variable]
+                total = total + part * float(sense)
             if pair in self.misfits:
-                assert total is not None
                 total = total - self.misfits[pair] * (self.scale * float(sense))
         return total
 
@@ -274,9 +279,7 @@ class HomogeneousRates:
                 columns[variable] = self.vectors[variable] * float(sense)
             if number in self.misfits:
                 rest = rest - self.misfits[number] * (self.scale * float(sense))
-            part = self._between(enters, leaves)
-            if part is not None:
-                rest = rest + part
+            rest = rest + self._between(enters, leaves)
         return columns, rest
 
     def close(self, rows: GroupRows) -> None:
@@ -295,7 +298,7 @@ class HomogeneousRates:
         scale = determinant(matrix)
         shares = cofactors(matrix)
         rates: dict[int, Expr] = {
-            variable: -1.0 * dot(vector(right), vector([row[k] for row in shares]))
+            variable: -1.0 * dot(right, [row[k] for row in shares])
             for k, variable in enumerate(unknowns)
         }
         for private, (columns, rest) in zip(rows.private, loops, strict=True):
@@ -318,8 +321,7 @@ class HomogeneousRates:
                 a, b = private
                 made.append((number, [cross(columns[a], columns[b])]))
             else:
-                axes = [vector(list(map(float, row))) for row in np.eye(3)]
-                made.append((number, axes))
+                made.append((number, [*constants(np.eye(3))]))
         return made
 
     def _private(

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from spherekit.arrays import Array, Bools, Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.engine.algebra import sum_of, vector, vector_sum
 from spherekit.engine.columns import (
     ERRORS,
@@ -30,7 +30,7 @@ from spherekit.engine.dyads import COMPILED, closed_form
 from spherekit.engine.expression_graph import Expr, ExpressionNode, substituted, symbols
 from spherekit.engine.pose import largest
 from spherekit.engine.system import FloatFunction, float_function, term_function
-from spherekit.engine.turns import PARTS, ProfileColumns, with_columns
+from spherekit.engine.turns import ProfileColumns, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import max_abs
@@ -294,14 +294,14 @@ class RowKernel:
         start = values.astype(quad())
         x, step = start.copy(), np.full(values.shape[1], np.inf if free else 0.0)
         for _ in range(STEPS if free else 0):
-            after = closer(self._given(x, values))
+            after = closer(with_columns(x, self._profiles, values))
             step = np.max(np.abs(after - x[free]).astype(float), axis=0)
             x[free] = after
             if not np.any(step > CLOSED):
                 break
         closed = (step <= CLOSED) & (max_abs((x - start).astype(float), axis=0) < NEAR)
         x[:, ~closed] = start[:, ~closed]
-        given = self._given(x, values)
+        given = with_columns(x, self._profiles, values)
         columns, others = whole(given).astype(float), aside(given).astype(float)
         # Along each way by a step that is imaginary (Squire and Trapp 1998).
         inverse = others[self.aside.places["inverse"]]
@@ -310,22 +310,8 @@ class RowKernel:
         x, spread = x.astype(float).astype(complex), np.zeros_like(columns)
         for way in inverse.swapaxes(0, 1):
             x.imag[free] = SMALL * way
-            spread += np.abs(slopes(self._given(x, x.real)).imag) / SMALL
+            spread += np.abs(slopes(with_columns(x, self._profiles, x.real)).imag) / SMALL
         return columns, others, spread, closed
-
-    def _given(self, x: Array, base: Floats) -> Array:
-        """Return variables with the columns of profiles, by their derivatives at `base`."""
-        if not self._profiles:
-            return x
-        made = with_columns(base, self._profiles).astype(x.dtype)
-        count, width = len(x), len(PARTS)
-        made[:count] = x
-        for k, profile in enumerate(self._profiles):
-            rows = slice(count + width * k, count + width * (k + 1))
-            at = profile.variable
-            slopes = profile.series.slopes(base[at] + profile.start)
-            made[rows] += slopes.astype(x.dtype) * (x[at] - base[at].astype(x.dtype))
-        return made
 
 
 def row_kernel(

@@ -50,11 +50,9 @@ import numpy as np
 from spherekit.arrays import Array, Floats
 from spherekit.conventions import TURN
 from spherekit.engine.algebra import (
-    Exprs,
     cofactors,
     determinant,
     dot,
-    vector,
 )
 from spherekit.engine.compiler import EventFunction, TermFunction, compile_function
 from spherekit.engine.expression_graph import (
@@ -240,7 +238,7 @@ def one_freedom(mechanism: Mechanism) -> System:
     moving = layout.moving(flow, rates)
     push = constant(layout.unit + 1) * share
     forces = [generalised_forces(load, moving)[0] * push for load in mechanism.loads]
-    tau = vector(flow.tau[0])
+    tau = flow.tau[0]
     square = dot(tau, tau)
     (driven,) = structure.inputs
     events = [
@@ -415,12 +413,15 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     pull = masses.pull(flow.bias(rates, w), slow)
     total = [sum(of_loads, 0.0) * (1.0 / size) for of_loads in zip(*forces, strict=True)]
     total = total or [0.0] * layout.freedoms
-    right = vector([a - b for a, b in zip(total, pull, strict=True)])
-    changes = _solved(masses.matrix, right)
+    right = [a - b for a, b in zip(total, pull, strict=True)]
+    matrix = masses.matrix
+    minors = cofactors(matrix)
+    reciprocal = 1.0 / dot(matrix[0], minors[0])
+    changes = [dot(row, right) * reciprocal for row in minors]
     back = constant(layout.unit + 1) * root * flow.scale
     square = constant(layout.unit + 1) * constant(layout.unit + 1)
-    powers = [dot(vector(of_load), vector(slow)) * square for of_load in forces]
-    gram = [[dot(vector(a), vector(b)) for b in flow.tau] for a in flow.tau]
+    powers = [dot(of_load, slow) * square for of_load in forces]
+    gram = [[dot(a, b) for b in flow.tau] for a in flow.tau]
     spread = sum((gram[k][k] for k in range(layout.freedoms)), 0.0) * share * share
     measure = determinant(gram)
     for _ in range(2 * layout.freedoms - 2):
@@ -440,12 +441,6 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
         _events(layout, flow, measure, spread, held),
         moving,
     )
-
-
-def _solved(matrix: Sequence[Sequence[Expr]], right: Exprs) -> list[Expr]:
-    minors = cofactors(matrix)
-    share = 1.0 / dot(vector(matrix[0]), vector(minors[0]))
-    return [dot(vector(row), right) * share for row in minors]
 
 
 def _events(

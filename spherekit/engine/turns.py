@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Array, Floats
 from spherekit.engine.algebra import DesignGeometry, Exprs, cross, revolute_frames, vector
 from spherekit.engine.expression_graph import (
     WITHOUT_EXPRESSIONS,
@@ -80,16 +80,26 @@ class ProfileColumns:
         return [*(normal * self.curvature - point), *tangent, self.slope, self.last]
 
 
-def with_columns(values: Floats, profiles: Sequence[ProfileColumns]) -> Floats:
-    """Return variables (variables, n) with the columns of profiles below them."""
+def with_columns(
+    values: Array, profiles: Sequence[ProfileColumns], base: Floats | None = None
+) -> Array:
+    """Return variables (variables, n) with the columns of profiles below them.
+
+    Near variables `base` by the derivatives of the columns there.
+    """
     if not profiles:
-        return np.ascontiguousarray(values)
+        return values
     count, width = len(values), len(PARTS)
-    made = np.empty((count + width * len(profiles), values.shape[1]))
+    made = np.empty((count + width * len(profiles), values.shape[1]), dtype=values.dtype)
     made[:count] = values
     for k, profile in enumerate(profiles):
         rows = slice(count + width * k, count + width * (k + 1))
-        made[rows] = profile.series.at(values[profile.variable] + profile.start)
+        at = profile.variable
+        place = (values if base is None else base)[at]
+        made[rows] = profile.series.at(place + profile.start)
+        if base is not None:
+            slopes = profile.series.slopes(place + profile.start).astype(values.dtype)
+            made[rows] += slopes * (values[at] - place.astype(values.dtype))
     return made
 
 
