@@ -4,7 +4,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from closed_forms import four_bar_angles
 from example_mechanisms import ARM, DEGREE, GROUND, at, cam, four_bar, open_cam
 from singular_examples import components
 
@@ -108,85 +107,6 @@ def test_one_lap_of_a_four_bar_without_a_crank(no_crank):
     assert other.length == pytest.approx(no_crank.length, abs=1e-13)
 
 
-def test_dead_points_of_a_four_bar_are_where_three_axes_are_coplanar(no_crank):
-    """At a dead point of angle k the other three axes lie in one plane.
-
-    The two links that do not meet at k are then folded or stretched: the arc D between
-    the neighbours of k is the sum or the difference of theirs, and the angle at k
-    follows from the triangle with sides D and the links at k.
-    """
-    found = 0
-    arcs = dict(zip((1, 2, 3, 4), NO_CRANK, strict=True))
-    meets = {0: (1, 2), 1: (2, 3), 2: (3, 4), 3: (4, 1)}
-    for k in range(4):
-        dead = no_crank.dead_points(k)
-        assert not np.any(dead.double)
-        points = no_crank.at(dead.places)
-        assert np.max(np.abs(points.tangents[:, k])) < 5e-15
-        axes = axes_of(no_crank, points.values)
-        rest = [i for i in range(4) if i != k]
-        assert np.max(np.abs(np.linalg.det(axes[:, rest]))) < 1e-14
-        c, d = (arcs[link] for link in meets[k])
-        a, b = (arcs[link] for link in arcs if link not in meets[k])
-        u, before, after = axes[:, k], axes[:, (k - 1) % 4], axes[:, (k + 1) % 4]
-        one, other = np.cross(u, before), np.cross(u, after)
-        angle = np.arctan2(
-            np.linalg.norm(np.cross(one, other), axis=1), np.sum(one * other, axis=1)
-        )
-        expected = []
-        for diagonal in (abs(a - b), a + b):
-            cosine = (np.cos(diagonal) - np.cos(c) * np.cos(d)) / (np.sin(c) * np.sin(d))
-            if abs(cosine) <= 1.0:
-                expected += [np.arccos(cosine)] * 2
-        assert np.max(np.abs(np.sort(angle) - np.sort(expected))) < 1e-11
-        found += len(dead.places)
-    assert found == 8
-
-
-def random_arcs(random, near_folding):
-    """Return arcs that close; within 1e-4 to 1e-9 rad of a folding four-bar if wanted."""
-    while True:
-        arcs = random.uniform(0.1, np.pi - 0.1, 4)
-        if near_folding:
-            signs = [(1, 1, -1), (1, -1, 1), (-1, 1, 1)][random.integers(3)]
-            away = random.choice([-1.0, 1.0]) * 10.0 ** random.uniform(-9, -4)
-            arcs[3] = np.dot(signs, arcs[:3]) + away
-        if 0.1 < arcs[3] < np.pi - 0.1 and components(arcs):
-            return arcs
-
-
-@pytest.mark.parametrize(
-    ("seed", "count"),
-    [
-        pytest.param(12, 25, marks=pytest.mark.slow),
-        pytest.param(400, 100, marks=pytest.mark.long),
-    ],
-)
-def test_random_four_bars_never_leave_their_curve(seed, count):
-    random = np.random.default_rng(seed)
-    for number in range(count):
-        arcs = random_arcs(random, near_folding=number % 2 == 1)
-        # the diagonal's own range, so that short intervals of the input are met too
-        inputs = np.linspace(0.0, 2 * np.pi, 73) + 1e-3
-        curves = all_curves(four_bar(arcs), inputs)
-        assert len(curves) == components(arcs), arcs
-        modes = []
-        for curve in curves:
-            assert curve.closed
-            points = curve.at(np.linspace(0.0, curve.length, 150))
-            assert np.max(points.residual) < 1e-14
-            assert np.max(np.abs(loop_gap(arcs, points.values))) < 1e-12
-            assert np.max(np.abs(np.linalg.norm(points.tangents, axis=1) - 1)) < 1e-14
-            q, p = points.values[:, 0], points.values[:, 3]
-            gaps = [
-                np.abs(np.exp(1j * four_bar_angles(q, arcs, m)) - np.exp(1j * p))
-                for m in (0, 1)
-            ]
-            modes.append({m for m in (0, 1) if np.any(gaps[m] < 1e-8)})
-        if len(curves) == 2 and all(len(c.dead_points(0).places) == 0 for c in curves):
-            assert {frozenset(m) for m in modes} == {frozenset({0}), frozenset({1})}
-
-
 def test_a_four_bar_that_can_hardly_move():
     """Links 1, 2 reach the range of links 3, 4 by 1e-6 rad: a short closed curve.
 
@@ -225,22 +145,6 @@ def test_shipped_mechanisms_close_after_one_lap(name, winding):
     lap = curve.at(np.array([0.3, 0.3 + curve.length, 0.3 - 2 * curve.length])).values
     assert np.max(np.abs(lap[1] - lap[0] - curve.rise)) < 1e-12
     assert np.max(np.abs(lap[2] - lap[0] + 2 * curve.rise)) < 1e-12
-
-
-def test_a_gear_train_runs_at_constant_rates():
-    """Planetary train 36/18/36: one turn of the carrier turns the planet and the output
-
-    by w_planet = (1 + 36/18) w_carrier on the ground, so 2 about its own axis, and
-    w_output = 2 w_carrier; the mesh travels the length of the sun gear's pitch circle.
-    """
-    curve = shipped("planetary_bevel")
-    sun = 2 * np.pi * np.sin(np.arctan2(36, 18))
-    lap = np.array([2 * np.pi, 4 * np.pi, 4 * np.pi, sun, sun])
-    assert curve.closed and np.allclose(np.abs(curve.rise), lap, rtol=0, atol=1e-12)
-    assert curve.length == pytest.approx(np.linalg.norm(lap), abs=1e-11)
-    points = curve.at(np.linspace(0.0, curve.length, 100))
-    assert np.allclose(points.tangents, curve.rise / curve.length, rtol=0, atol=1e-12)
-    assert np.max(np.abs(points.bends)) < 1e-12
 
 
 def test_cones_without_a_common_length_never_close():

@@ -162,34 +162,6 @@ def test_agile_eye_has_eight_real_modes_four_of_them_trivial():
     assert np.sum(np.all(np.array(along) > 1.0 - 1e-12, axis=0)) == 4
 
 
-def test_a_platform_with_two_coincident_axes_is_two_dyads():
-    """Its common axis is one of two points; the third leg leaves two turns about it."""
-    random = np.random.default_rng(9)
-    for _ in range(10):
-        axes = random_axes(random, 9)
-        axes[7] = axes[6]
-        solver, found = solved(made_of(*PLATFORM, axes))
-        assert str(found.methods[0]) == "elimination: all 8 complex roots"
-        placed, _ = poses(solver, found)
-        a = axes[3:6]
-        cosines = np.sum(a * axes[6:9], axis=1)
-        closed = 0
-        mix = np.linalg.solve([[1.0, a[0] @ a[1]], [a[0] @ a[1], 1.0]], cosines[:2])
-        middle = mix @ a[:2]
-        normal = np.cross(a[0], a[1])
-        height = np.sqrt((1.0 - middle @ middle) / (normal @ normal))
-        across = axes[6] @ axes[8]
-        for sign in (1.0, -1.0):
-            common = middle + sign * height * normal
-            assert abs(np.linalg.norm(common) - 1.0) < 1e-12
-            reach = np.sqrt((1 - (common @ a[2]) ** 2) * (1 - across**2))
-            if abs(cosines[2] - across * (common @ a[2])) < reach:
-                closed += 2
-                here = placed[:, 7] @ axes[6]
-                assert np.sum(np.max(np.abs(here - common), axis=1) < 1e-9) == 2
-        assert len(placed) == closed
-
-
 def test_triads_with_coaxial_sliders_have_four_finite_roots_each():
     """Two coincident axes send four of the eight common points to |q|^2 = 0."""
     solver, found = solved(sk.load("two_dof_spm"), np.radians([18.3473, 35.3131]))

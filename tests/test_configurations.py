@@ -101,32 +101,6 @@ def test_what_is_no_smooth_function_is_doubtful():
     assert np.allclose(places, [0.5, 1.5], rtol=0, atol=1e-12)
 
 
-def test_dead_inputs_of_a_four_bar_are_where_its_links_are_stretched():
-    """The arc between the outer axes is then the sum of the lengths of both links."""
-    random = np.random.default_rng(2)
-    for _ in range(5):
-        axes = random_axes(random, 4)
-        solver = solver_of(mechanism("1-2 2-3 3-4 1-4", axes, "p1_2"))
-        d, a, b, c = (
-            np.arccos(axes[i] @ axes[j]) for i, j in ((3, 0), (0, 1), (1, 2), (2, 3))
-        )
-        limits = [
-            (np.cos(reach) - np.cos(a) * np.cos(d)) / (np.sin(a) * np.sin(d))
-            for reach in (b + c, b - c)
-        ]
-        angles = [np.arccos(limit) for limit in limits if abs(limit) < 1.0]
-        normal_in, normal_out = np.cross(axes[0], axes[3]), np.cross(axes[0], axes[1])
-        start = np.arctan2(
-            axes[0] @ np.cross(normal_in, normal_out), normal_in @ normal_out
-        )
-        true = np.mod([way * q - start for q in angles for way in (1.0, -1.0)], TURN)
-        found = input_turning_points(solver, 0.0, TURN)
-        assert not len(found.doubtful)
-        assert np.allclose(found.places, np.sort(true), rtol=0, atol=1e-9)
-    crank = PositionAnalysis(sk.load("four_bar")).solver
-    assert not len(input_turning_points(crank, 0.0, TURN).places)
-
-
 def test_a_group_beside_another_does_not_see_its_modes():
     """Two dyads on the input link: the function would be a square."""
     solver = solver_of(

@@ -42,47 +42,6 @@ def four_bar(*arcs):
     )
 
 
-@pytest.mark.parametrize("kind", ["roller", "flat"])
-def test_circular_cam_is_a_four_bar(kind):
-    """Position, first and second derivatives over a turn, to 1e-11."""
-    disc = Profile("circle", at(ECCENTRICITY), DISC)
-    if kind == "roller":
-        made = cam(GROUND, disc, Profile("circle", at(ARM), ROLLER))
-        equal = four_bar(GROUND, ECCENTRICITY, DISC + ROLLER, ARM)
-    else:
-        made = cam(GROUND, disc, Profile("great_circle", at(ARM + np.pi / 2)))
-        equal = four_bar(GROUND, ECCENTRICITY, DISC + np.pi / 2, ARM + np.pi / 2)
-    motion, field = field_of(made, samples=73)
-    same, other = field_of(equal, samples=73)
-    assert np.all(same.status == sk.Status.OK)
-    found = 0
-    for assembly_mode in motion.assembly_modes:
-        rows = motion.assembly_mode == assembly_mode.number
-        if not np.all(motion.status[rows] == sk.Status.OK):
-            continue
-        psi = motion.values[rows, 1]
-        for twin in same.assembly_modes:
-            twins = same.assembly_mode == twin.number
-            if np.max(np.abs(np.exp(1j * psi) - np.exp(1j * same.values[twins, 1]))) < 1e-3:
-                found += 1
-                gap = np.exp(1j * psi) - np.exp(1j * same.values[twins, 1])
-                assert np.max(np.abs(gap)) < 1e-11
-                for name in ("velocity_coefficient", "acceleration_coefficient"):
-                    ours, theirs = getattr(field, name), getattr(other, name)
-                    assert np.max(np.abs(ours[0, 2][rows] - theirs[0, 2][twins])) < 1e-11
-                w, v = (
-                    each.velocity_coefficient[1, 2][own, None] * each.direction[1, 2][own]
-                    for each, own in ((field, rows), (other, twins))
-                )
-                assert np.max(np.abs(w - v)) < 1e-11
-                dw, dv = (
-                    each.acceleration_coefficient[1, 2][own] ** 2
-                    for each, own in ((field, rows), (other, twins))
-                )
-                assert np.max(np.abs(dw - dv)) < 1e-10
-    assert found >= 1
-
-
 SHAPE = Profile(
     "fourier",
     (0.0, 0.0, 1.0),

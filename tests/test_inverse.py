@@ -14,7 +14,7 @@ from spherekit.errors import FileError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
 from spherekit.model.gears import geometry_of
-from spherekit.model.parts import LinkSizes, Output
+from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.output.virtual_output import with_wrist
@@ -95,39 +95,6 @@ def input_frames(made):
 
 def arc_between(a, b):
     return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1))
-
-
-def test_the_margin_of_the_five_bar_is_that_of_its_two_annuli():
-    made = sk.load("five_bar")
-    made = replace(
-        made,
-        geometry=replace(
-            made.geometry,
-            links={
-                **made.geometry.links,
-                "2": LinkSizes(("21", "32"), (np.radians(50.0),)),
-                "5": LinkSizes(("51", "54"), (np.radians(125.0),)),
-            },
-        ),
-    )
-    poses = random_rotations(3000, 9)[:, :, 2]
-    inverse = sk.InverseKinematics(made).at(poses)
-    frames = input_frames(made)
-    arcs = {"21": (50.0, 75.0), "51": (125.0, 75.0)}
-    least = []
-    for pair, (crank, rod) in arcs.items():
-        base = arc_between(frames[pair][0][:, 2], poses)
-        inner, outer = abs(crank - rod), min(crank + rod, 360.0 - crank - rod)
-        least.append(np.minimum(base - np.radians(inner), np.radians(outer) - base))
-    least = np.array(least)
-    for k in range(4):
-        assert np.max(np.abs(inverse.margin[k] - least.min(axis=0))) < 1e-14
-        assert np.array_equal(inverse.limiting[k], np.argmin(least, axis=0))
-        reached = inverse.status[k] == Status.OK
-        assert np.array_equal(reached, inverse.margin[k] > 0.0)
-        assert np.all(np.isnan(inverse.inputs[k][~reached]))
-        assert np.all(np.isfinite(inverse.inputs[k][reached]))
-    assert 0.2 < np.mean(reached) < 0.8
 
 
 def test_the_margin_and_measures_of_a_three_legged_wrist():

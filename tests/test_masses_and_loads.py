@@ -11,7 +11,7 @@ import spherekit as sk
 from spherekit.errors import ModelError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
-from spherekit.model.dynamics import JointLimit, Mass, uniform_arc
+from spherekit.model.dynamics import JointLimit, Mass
 from spherekit.model.gears import link_axes
 
 LOADED = text_of("loaded")
@@ -53,34 +53,6 @@ def test_the_source_s_table_is_that_of_uniform_arcs():
     for printed, exact in zip(mechanism.masses, loads(text).masses, strict=True):
         assert printed.link == exact.link
         np.testing.assert_allclose(printed.tensor, exact.tensor, rtol=0, atol=4.4e-7)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_an_arc_is_the_integral_over_its_points(seed):
-    mpmath = pytest.importorskip("mpmath")
-    first, second = np.random.default_rng(seed).normal(size=(2, 3))
-    first, second = (each / np.linalg.norm(each) for each in (first, second))
-    mass, radius = 1.7, 0.3
-    tensor, centre = uniform_arc(first, second, mass, radius)
-    with mpmath.workdps(30):
-        u, v = (mpmath.matrix(list(map(float, each))) for each in (first, second))
-        angle = mpmath.acos((u.T * v)[0])
-
-        def point(x):
-            weights = mpmath.sin((1 - x) * angle), mpmath.sin(x * angle)
-            return radius * (weights[0] * u + weights[1] * v) / mpmath.sin(angle)
-
-        def entry(i, j):
-            def at(x):
-                p = point(x)
-                return mass * ((p.T * p)[0] * (i == j) - p[i] * p[j])
-
-            return float(mpmath.quad(at, [0, 1]))
-
-        expected = [[entry(i, j) for j in range(3)] for i in range(3)]
-        middle = [float(mpmath.quad(lambda x, i=i: point(x)[i], [0, 1])) for i in range(3)]
-    np.testing.assert_allclose(tensor, expected, rtol=0, atol=3e-16)
-    np.testing.assert_allclose(centre, middle, rtol=0, atol=3e-16)
 
 
 def test_the_arc_of_a_link_runs_between_its_axes():

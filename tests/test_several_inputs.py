@@ -12,8 +12,7 @@ from spherekit.engine.fields import evaluate
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import graph_mobility
-from spherekit.planning.plan import plans
-from spherekit.planning.poles import PrimaryPole, all_poles
+from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
 
 SHIPPED = {
@@ -71,26 +70,6 @@ def test_poles_of_every_single_freedom_mechanism(name):
                 if size > 1e-4:
                     assert off_axis(field.direction[i, j][row], vector) < 1e-9
     assert judged > 50
-
-
-def test_coincident_axes_of_the_arc_guides_are_one_pole():
-    """P_ik = P_jk: links 9, 10 and 11 turn about one axis, the mid-plane's normal."""
-    made = sk.load("two_dof_spm")
-    for planned in plans(made):
-        shared = {
-            step.pole
-            for step in planned.steps
-            if isinstance(step, PrimaryPole) and step.round
-        }
-        number = made.link_number
-        assert (number["9"], number["10"]) in shared
-    tracer = PositionAnalysis(made, samples=4)
-    motion = tracer.motion()
-    axes = {name: motion.axes[:, made.pair_number[name]] for name in ("11_9", "11_10")}
-    assert np.max(off_axis(axes["11_9"], axes["11_10"])) < 1e-14
-    for field in fields_of(tracer, motion):
-        found = field.direction[number["9"], number["10"]]
-        assert np.max(off_axis(found, axes["11_9"])) < 1e-14
 
 
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])

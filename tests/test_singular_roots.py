@@ -12,11 +12,10 @@ from singular_examples import ROCKER, axes_at, findings_of, four_bar, in_line
 import spherekit as sk
 from spherekit import progress
 from spherekit.guarantee import Guarantee, TimeLimit
-from spherekit.guidance.loci import SIDE, mid_plane_loci
+from spherekit.guidance.loci import mid_plane_loci
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.singular.curves import singular_curves
 from spherekit.singular.surface import singular_surface
-from spherekit.sphere.rotation import normal_at
 
 NAME = "singularities"
 GEARED = text_of("geared_five_bar_singular_roots")
@@ -309,35 +308,6 @@ def test_mid_plane_loci_of_type_one_are_circles_at_the_limit_of_reach(mid_plane)
         assert np.max(off) < 1e-9
         heights = np.abs(normals @ form.plane.axes[list(form.plane.driven)].T)
         assert np.max(np.min(np.abs(heights - np.sin(np.radians(40.0))), axis=1)) < 1e-9
-
-
-def test_mid_plane_loci_of_type_two_hold_the_paths_and_the_triangle(mid_plane):
-    """Where a rotation of the paper loses control, and where both driven elbows are one.
-
-    Arcs of 40 deg from base axes 60 deg apart meet at cos A = cot 40 tan 30 at both.
-    """
-    made, loci = mid_plane
-    form = sk.mid_plane_form(made)
-    start, stop = (normal_at(*np.radians(pose)) for pose in ((75, -20), (70, 20)))
-    normals = [
-        (form.normals(each.points.orientation)[0], each.modes) for each in loci["II"].curves
-    ]
-    for modes in ((-1, 1, 1), (1, 1, 1)):
-        turn = form.rotation_between(start, stop, modes=modes)
-        assert len(turn.crossings)
-        for place in form.normals(turn.at(turn.crossings).orientation)[0]:
-            away = [
-                np.min(np.arccos(np.clip(np.abs(own @ place), 0.0, 1.0)))
-                for own, signs in normals
-                if signs == modes
-            ]
-            assert min(away) < SIDE
-    corner = np.arccos(np.tan(np.radians(30.0)) / np.tan(np.radians(40.0)))
-    meeting = [each for each in loci["II"].curves if "along one line" in each.why]
-    assert meeting
-    readings = np.concatenate([each.points.inputs for each in meeting])
-    held = np.max(np.abs(np.abs(readings) - (np.pi - corner)), axis=1) < 1e-9
-    assert np.mean(held) > 0.9
 
 
 @pytest.mark.many
