@@ -124,9 +124,8 @@ def aspects(
     unknown = [kind for kind in free_of if kind not in ("I", "II")]
     if unknown:
         raise AnalysisError(f'aspects are free of "I" and "II", not of "{unknown[0]}"')
-    rest = output_of(mechanism, output, pointing) if mechanism.outputs else None
-    if rest is None and "I" in free_of:
-        rest = output_of(mechanism, output, pointing)
+    asked = mechanism.outputs or "I" in free_of
+    rest = output_of(mechanism, output, pointing) if asked else None
     solver = solver_of(mechanism)
     count = len(solver.driven)
     if rest is not None and "I" in free_of and count > rest.count:

@@ -103,11 +103,6 @@ class SingularCurve:
         lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chord.chords
         return np.concatenate([[0.0], np.cumsum(lengths)])
 
-    @property
-    def length(self) -> float:
-        """The arc length of the curve, of one lap if it is closed (rad)."""
-        return float(self.s[-1])
-
     def on(self, which: Indices, parts: Floats) -> LocusPoints:
         """Return the points whose projections divide chords `which` (n,) at parts (n,)."""
         chord, nodes, ahead = self.chord, self.nodes, which + 1

@@ -80,19 +80,16 @@ def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
     None for other mechanisms.
     """
     ends = mechanism.ends
-    if len(ends) != 4 or len(mechanism.links) != 4 or len(mechanism.inputs) != 1:
-        return None
-    if not all(pair.kind.has_axis for pair in mechanism.pairs):
-        return None
-    joined = [sum(k in links for links in ends) for k in range(4)]
-    if joined != [2, 2, 2, 2]:
+    joined = [sum(k in links for links in ends) for k in range(len(mechanism.links))]
+    turning = all(pair.kind.has_axis for pair in mechanism.pairs)
+    if not turning or joined != [2, 2, 2, 2] or len(mechanism.inputs) != 1:
         return None
     driven = mechanism.pair_number[mechanism.inputs[0].pair]
-    fixed = 0 if 0 in ends[driven] else ends[driven][0]
-    moved = next(link for link in ends[driven] if link != fixed)
-    beside = next(k for k, links in enumerate(ends) if fixed in links and k != driven)
-    output = next(link for link in ends[beside] if link != fixed)
-    return fixed, moved, ({0, 1, 2, 3} - {fixed, moved, output}).pop(), output
+    fixed, moved = ends[driven][:: -1 if ends[driven][1] == 0 else 1]
+    (output,) = (
+        sum(links) - fixed for links in ends if fixed in links and moved not in links
+    )
+    return fixed, moved, 6 - fixed - moved - output, output
 
 
 def _arc(one: Floats, other: Floats) -> float:

@@ -263,16 +263,16 @@ class SampledSingularities:
         """Return whether an input is in the range, and one of places on curves passed."""
         if not in_range(np.array(q), *self.range):
             return False
-        return self._ways is None or any(self._is_passed(*end) for end in ends)
-
-    def _is_passed(self, number: int, s: float) -> bool:
-        assert self._ways is not None
-        if number not in self._ways:
-            return False
-        (low, high), curve = self._ways[number], self.curves[number]
-        if curve.closed:
-            s = low - TOUCHES + (s - low + TOUCHES) % curve.length
-        return low - TOUCHES <= s <= high + TOUCHES
+        if self._ways is None:
+            return True
+        for number, s in ends:
+            if number in self._ways:
+                (low, high), curve = self._ways[number], self.curves[number]
+                if curve.closed:
+                    s = low - TOUCHES + (s - low + TOUCHES) % curve.length
+                if low - TOUCHES <= s <= high + TOUCHES:
+                    return True
+        return False
 
     def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:
         """Return how far (n,), rad, an output is from type I or II at places of a curve.

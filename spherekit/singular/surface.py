@@ -503,16 +503,15 @@ class _Front:
         )
         for vertex in (*near, -1, *far):
             made = self._made(edge, queue) if vertex < 0 else None
-            if vertex < 0 and (made is None or self._crowded(made, around)):
-                continue
+            if vertex < 0:
+                if made is None:
+                    continue
+                away = np.linalg.norm(self.away(made.values[0], around), axis=1)
+                if np.min(away, initial=np.inf) <= CROWDED * self.side:
+                    continue
             if self._fits(edge, vertex, place, walls):
                 self._join(a, b, vertex if made is None else self._add(made, number), queue)
                 return
-
-    def _crowded(self, made: LocusPoints, around: Indices) -> bool:
-        """Return whether a new vertex is too near to others."""
-        away = np.linalg.norm(self.away(made.values[0], around), axis=1)
-        return bool(np.min(away, initial=np.inf) <= CROWDED * self.side)
 
     def _fits(
         self, edge: Edge, vertex: int, place: dict[int, complex], walls: list[Edge]
