@@ -303,11 +303,12 @@ def construction_table(written: Written, construction: Construction) -> Mapping[
         ],
         "unknowns": [names[pair] for pair in construction.pairs[: construction.unknowns]],
         "couplers": {
-            written.mechanism.pairs[coupler.contact].name: {
-                "link": links[coupler.link],
-                "pairs": [names[pair] for pair in coupler.pairs],
+            written.mechanism.pairs[contact].name: {
+                "link": links[link],
+                "pairs": [names[pair] for pair in pairs],
             }
-            for coupler in structure.couplers
+            for number, contact in enumerate(structure.couplers)
+            for link, pairs in [structure.coupler(number)]
         },
         "follow": [names[pair] for pair in structure.followers],
     }

@@ -34,7 +34,7 @@ from spherekit.files.read import read
 from spherekit.files.write import dumps
 from spherekit.model.gears import carrier_of, link_axes
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Pair, PoseGeometry, Profile
+from spherekit.model.parts import Pair, PoseGeometry
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.wheels import GearMesh, Way, back, least_rolled, mesh_of
 from spherekit.proof.balls import (
@@ -63,23 +63,13 @@ from spherekit.proof.balls import (
 
 
 @dataclass(frozen=True)
-class EquivalentLink:
-    """The link that stands for a sliding contact, and its pairs with the two links of it.
-
-    `contact` is the number of the contact among the pairs of the mechanism.
-    """
-
-    contact: int
-    link: int
-    pairs: tuple[int, int]
-
-
-@dataclass(frozen=True)
 class Structure:
     """Links and R pairs: those of a mechanism in their order, and then those of couplers.
 
     `inputs` are the driven pairs; the angles of `followers` are fixed by the inputs through
-    wheels. `wheels` are the numbers of rolling contacts among the pairs of the mechanism.
+    wheels. `wheels` are the numbers of rolling contacts among the pairs of the mechanism,
+    and `couplers` those of sliding ones, in order: each has the last links in this order,
+    and the last two pairs, with the two links of the contact.
     """
 
     name: str
@@ -87,7 +77,7 @@ class Structure:
     pairs: tuple[str, ...]
     ends: tuple[tuple[int, int], ...]
     inputs: tuple[int, ...]
-    couplers: tuple[EquivalentLink, ...] = ()
+    couplers: tuple[int, ...] = ()
     wheels: tuple[int, ...] = ()
     followers: tuple[int, ...] = ()
 
@@ -95,6 +85,11 @@ class Structure:
     def bodies(self) -> int:
         """The number of links that are no couplers."""
         return len(self.links) - len(self.couplers)
+
+    def coupler(self, number: int) -> tuple[int, tuple[int, int]]:
+        """Return the link of a coupler and its pairs with both links of the contact."""
+        pair = len(self.pairs) - 2 * (len(self.couplers) - number)
+        return self.bodies + number, (pair, pair + 1)
 
 
 def structure_of(mechanism: Mechanism) -> Structure:
@@ -115,7 +110,7 @@ def structure_of(mechanism: Mechanism) -> Structure:
         if pair.kind.has_axis:
             continue
         profiles = zip(pair.links, pair.profiles or (), strict=True)
-        shaped = [link for link, profile in profiles if not is_circle(profile)]
+        shaped = [link for link, x in profiles if x.points or x.cosines or x.sines]
         if shaped:
             raise PlanError(
                 f"{mechanism.name}: pair {pair.name} is a contact whose profile on "
@@ -125,13 +120,11 @@ def structure_of(mechanism: Mechanism) -> Structure:
         if pair.kind.freedoms == 1:
             rolling.append(number)
             continue
+        couplers.append(number)
         links.append(_new(pair.name, links))
-        halves = []
         for link, end in zip(pair.links, two, strict=True):
-            halves.append(len(pairs))
             pairs.append(_new(f"{pair.name}_{link}", pairs))
             ends.append((end, len(links) - 1))
-        couplers.append(EquivalentLink(number, len(links) - 1, (halves[0], halves[1])))
     names = [mechanism.pairs[number].name for number in driven_pairs(mechanism)]
     return Structure(
         mechanism.name,
@@ -142,11 +135,6 @@ def structure_of(mechanism: Mechanism) -> Structure:
         tuple(couplers),
         tuple(rolling),
     )
-
-
-def is_circle(profile: Profile) -> bool:
-    """Return whether a profile is a circle, great or not, about its centre."""
-    return not (profile.points or profile.cosines or profile.sines)
 
 
 def _new(name: str, taken: list[str]) -> str:
@@ -191,6 +179,8 @@ class Touching:
         ) / sine
 
 
+AXES = {"through_xyz", "through_lonlat", "xyz", "lonlat"}
+"""Keys of pairs in files that say where their axis is."""
 PHASE = 1e-13
 """A start that the reader finds of a phase is known to this (rad)."""
 
@@ -238,9 +228,13 @@ class Written:
         """Return the frames of every pair of the structure in its two links."""
         made = self.r_frames()
         frames = [made[name] for name in self.structure.pairs if name in made]
-        for coupler in self.structure.couplers:
-            pair = self.mechanism.pairs[coupler.contact]
-            frames += _coupler_frames(self._circles(pair, made))
+        for contact in self.structure.couplers:
+            touch = self._circles(self.mechanism.pairs[contact], made)
+            # the angle of each pair is the azimuth of the contact about the centre
+            sine, cosine = touch.arc.sin_cos()
+            axes = exactly([0.0, 0.0, 1.0]), np.array([exact(0.0), sine, cosine])
+            for to, axis, ahead in zip(touch.axes, axes, touch.towards(*axes), strict=True):
+                frames.append((to, np.stack([ahead, np.cross(axis, ahead), axis])))
         return frames
 
     def given(self, inputs: Sequence[Ball]) -> list[Ball]:
@@ -371,13 +365,15 @@ class Written:
         The angles of couplers are lengths over the sines of radii there.
         """
         columns = [(f"theta_{name}", 1.0) for name in self.structure.pairs]
-        for coupler in self.structure.couplers:
-            pair = self.mechanism.pairs[coupler.contact]
-            contact = self._touching(coupler.contact)
+        for number, contact in enumerate(self.structure.couplers):
+            pair, touch = self.mechanism.pairs[contact], self._touching(contact)
+            _, both = self.structure.coupler(number)
             names = pair.kind.variable_names(pair.name, pair.links)
-            for side, sense in ((0, 1), (1, contact.sense)):
-                sine = middle(contact.radii[side].sin())
-                columns[coupler.pairs[side]] = names[side], sense / sine
+            sines = (middle(radius.sin()) for radius in touch.radii)
+            for k, name, sense, sine in zip(
+                both, names, (1, touch.sense), sines, strict=True
+            ):
+                columns[k] = name, sense / sine
         return columns
 
     def item(self, pair: str) -> Mapping[str, Any]:
@@ -444,7 +440,7 @@ class Written:
 
     def r_frames(self) -> Frames:
         """Return the frames of the R pairs, by name."""
-        given, data = self.mechanism.geometry, self.document.data
+        given = self.mechanism.geometry
         if isinstance(given, PoseGeometry):
             axes = {name: self._axis(self.item(name)) for name in given.axes}
             return frames_of_pose(given, axes, self._angles("value"))
@@ -453,7 +449,7 @@ class Written:
                 [self.angle(number) for number in item.get("arcs", [])],
                 [self.angle(number) for number in item.get("angles", [])],
             )
-            for link, item in data["links"].items()
+            for link, item in self.document.data["links"].items()
             if link in given.links
         }
         return frames_of_sizes(self.mechanism, given, sizes, self._angles("zero"))
@@ -464,18 +460,15 @@ class Written:
         return {name: self.angle(item[key]) for name, item in pairs if key in item}
 
     def _axis(self, item: Mapping[str, Any]) -> Vector:
-        for key in ("through_xyz", "through_lonlat"):
-            if key in item:
-                one, other = (
-                    self._direction(row, key.endswith("xyz")) for row in item[key]
-                )
-                return unit(np.cross(one, other))
-        key = "xyz" if "xyz" in item else "lonlat"
-        return self._direction(item[key], key == "xyz")
+        (key,) = AXES & item.keys()
+        if key.startswith("through"):
+            one, other = (self._direction(row, key) for row in item[key])
+            return unit(np.cross(one, other))
+        return self._direction(item[key], key)
 
-    def _direction(self, row: Any, is_xyz: bool) -> Vector:
+    def _direction(self, row: Any, key: str) -> Vector:
         """Return a direction of the file, by coordinates or longitude and latitude."""
-        if is_xyz:
+        if key.endswith("xyz"):
             along = unit(np.array([_number(number) for number in row]))
             return np.array([wide(entry, self.tolerance) for entry in along])
         (s, c), (up, across) = (self.angle(number).sin_cos() for number in row)
@@ -533,7 +526,7 @@ class Written:
             centre = axis(circle["axis"], link)
         else:
             key = next(key for key in circle if key.split("_")[0] in ("centre", "pole"))
-            centre = self._direction(circle[key], key.endswith("xyz"))
+            centre = self._direction(circle[key], key)
         number = circle.get("roller", circle.get("radius"))
         return centre, pi() / 2 if number is None else self.angle(number)
 
@@ -548,16 +541,3 @@ def _number(number: float) -> Ball:
     if isinstance(number, LiteralNumber):
         return decimal(number.text.replace("_", ""))
     return exact(number)
-
-
-def _coupler_frames(contact: Touching) -> list[tuple[Frame, Frame]]:
-    """Return the frames of both pairs of a coupler, in the link of the contact and in it.
-
-    The angle of each is the azimuth of the contact about the centre.
-    """
-    sine, cosine = contact.arc.sin_cos()
-    axes = exactly([0.0, 0.0, 1.0]), np.array([exact(0.0), sine, cosine])
-    return [
-        (to, np.stack([ahead, np.cross(axis, ahead), axis]))
-        for to, axis, ahead in zip(contact.axes, axes, contact.towards(*axes), strict=True)
-    ]
