@@ -16,7 +16,6 @@ from itertools import pairwise
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.errors import SolveError
 from spherekit.numeric.crossings import bracketed_zeros, wrap
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Arm, Crossings
@@ -204,45 +203,22 @@ def signs(piece: CertifiedArc, half: float, variable: int) -> tuple[int, int]:
 class StationaryPlace:
     """A configuration where one variable stops along a curve, and nowhere else near it.
 
-    `place` (v,) is off by at most `off` (rad) in every variable. `before` is the sign of
-    the rate before it, in the sense of the chain, in which it comes `after` the centre of
-    the piece of that number.
+    Or, as is said beside it, where it may stop. `place` (v,) is off by at most `off` (rad)
+    in every variable. It comes `after` the centre of the piece of that number.
     """
 
     place: Floats
     off: float
-    before: int
     after: int = 0
 
 
-@dataclass(frozen=True)
-class UndecidedInterval:
-    """A part of a chain, between two configurations, in which a variable may stop.
-
-    It lies between the centre of piece number `after` and that of the next one; the
-    variable is between `low` and `high` (rad) in it.
-    """
-
-    first: Floats
-    last: Floats
-    low: float
-    high: float
-    after: int = 0
-
-
-Stops = tuple[list[StationaryPlace], list[UndecidedInterval]]
+Stops = tuple[list[StationaryPlace], list[StationaryPlace]]
+"""Where a variable stops along a chain, and where it may stop."""
 
 
 def stops(equations: Equations, chain: Chain, variable: int) -> Stops:
-    """Return where a variable stops along a chain, and the parts that are undecided.
-
-    Raises
-    ------
-    SolveError
-        If its rate does not change its sign back from one place to the next.
-    """
-    places: list[StationaryPlace] = []
-    undecided: list[UndecidedInterval] = []
+    """Return where a variable stops along a chain, and the parts that are undecided."""
+    made: Stops = [], []
     budget = MOST_PARTS
     for number, (first, further) in enumerate(chain.links):
         budget += PARTS_EACH
@@ -250,23 +226,16 @@ def stops(equations: Equations, chain: Chain, variable: int) -> Stops:
         while waiting:
             budget -= 1
             piece, goal, off, depth = waiting.pop()
-            made = _part(equations, variable, piece, goal, off, depth, budget > 0)
-            if isinstance(made, StationaryPlace):
-                places.append(replace(made, after=number))
-            elif isinstance(made, UndecidedInterval):
-                undecided.append(replace(made, after=number))
-            elif made is not None:
+            part = _part(equations, variable, piece, goal, off, depth, budget > 0)
+            if isinstance(part, CertifiedArc):
                 waiting += [
-                    (made, goal, off, depth + 1),
-                    (piece, made.centre, made.miss, depth + 1),
+                    (part, goal, off, depth + 1),
+                    (piece, part.centre, part.miss, depth + 1),
                 ]
-    around = [*places, *(places[:1] if chain.closed else ())]
-    if not undecided and any(one.before == two.before for one, two in pairwise(around)):
-        raise SolveError(
-            f"bounds of the rate of variable {variable} contradict each other along a "
-            "curve, so nothing is certified; please report the mechanism"
-        )
-    return places, undecided
+            elif part is not None:
+                sure, place = part
+                made[not sure].append(replace(place, after=number))
+    return made
 
 
 def _part(
@@ -277,11 +246,11 @@ def _part(
     off: float,
     depth: int,
     short: bool,
-) -> StationaryPlace | UndecidedInterval | CertifiedArc | None:
+) -> tuple[bool, StationaryPlace] | CertifiedArc | None:
     """Return what a variable does from a piece's centre to a goal in it, off by `off`.
 
-    It stops once, it may stop, it does not stop, or what it does is seen in the two parts
-    at the piece returned. Parts are `short` only if that is wanted, and helps.
+    Whether it surely stops, and where; it does not stop; or what it does is seen in the two
+    parts at the piece returned. Parts are `short` only if that is wanted, and helps.
     """
     reach = float(piece.coordinates(goal)[0]) + off + 1e-13
     rate, bend = signs(piece, min(reach, piece.half), variable)
@@ -293,8 +262,9 @@ def _part(
         same = there is not None and there.tangent @ piece.tangent > 1e-3
         end = signs(there, 0.0, variable)[0] if there is not None and same else 0
         if before[0] and end:
-            once = before[0] != end
-            return _place(equations, piece, goal, variable, end) if once else None
+            if before[0] == end:
+                return None
+            return True, _place(equations, piece, goal, variable, end)
         # an end whose sign is open stays one, however short the parts
     elif short and any(before):
         least = SHORTEST_PART
@@ -302,16 +272,10 @@ def _part(
         middle = _middle(equations, piece, goal, 0.5 if depth % 2 else 0.47)
         if middle is not None and middle.holds(goal, off):
             return middle
-    # the angles along what is left, by the piece or a shorter one
-    first = float(piece.centre[variable])
-    last = first + float(wrap(goal - piece.centre)[variable])
-    near = piece_at(equations, piece.centre, piece.tangent, 1.5 * reach, 1.1 * reach)
-    near = piece if near is None or near.half < reach else near
-    fastest = np.max(np.abs(rates(near, min(reach, near.half))[0, :, variable]))
-    spread = np.abs(near.frame[variable]) @ [reach, *[near.tight] * (len(goal) - 1)]
-    gap = min(float(spread), 1.001 * float(fastest) * reach + near.miss) + 1e-12
-    return UndecidedInterval(
-        piece.centre, goal, min(first - gap, last), max(first + gap, last)
+    spread = np.abs(piece.frame) @ [reach, *[piece.tight] * (len(goal) - 1)]
+    half = 0.5 * wrap(goal - piece.centre)
+    return False, StationaryPlace(
+        piece.centre + half, float(np.max(spread + np.abs(half))) + 1e-12
     )
 
 
@@ -365,6 +329,4 @@ def _place(
     if around is None or not around.holds(goal, 1e-10):
         around = start
     reach = float(np.max(np.abs(around.coordinates(goal))))
-    return StationaryPlace(
-        start.centre + 0.5 * apart, reach + 2.0 * around.tight + 1e-10, -beyond
-    )
+    return StationaryPlace(start.centre + 0.5 * apart, reach + 2.0 * around.tight + 1e-10)

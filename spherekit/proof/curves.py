@@ -104,18 +104,19 @@ class CertifiedCurves:
         """Parts of the range (rad) at which configurations may be missing."""
         boxes = zip(*self.left, strict=True)
         parts = [(self.input_at(q - r), self.input_at(q + r)) for q, r in boxes]
-        for saddle, off in zip(self.saddles, self.open_at(self.driven), strict=True):
-            within = self.inside(self.input_at(saddle.centre))
-            if off and within is not None:
-                parts.append((within - off * self.laps, within + off * self.laps))
-        # parts of chains along which the input may stop
-        for doubt in (doubt for _, doubts in self.stopping for doubt in doubts):
-            first, width = self.laps * doubt.low, self.laps * (doubt.high - doubt.low)
-            for part in (0.0, 0.5, 1.0):
-                within = self.inside(first + part * width)
+        open_ = zip(self.saddles, self.open_at(self.driven), strict=True)
+        around: list[tuple[Floats, float, tuple[float, ...]]] = [
+            (saddle.centre, off, (0.0,)) for saddle, off in open_ if off
+        ]
+        # parts of chains along which the input may stop, that may reach into the range
+        doubts = (doubt for _, doubts in self.stopping for doubt in doubts)
+        around += [(doubt.place, doubt.off, (-1.0, 0.0, 1.0)) for doubt in doubts]
+        for place, off, ends in around:
+            half = off * self.laps
+            for end in (part * half for part in ends):
+                within = self.inside(self.input_at(place) + end)
                 if within is not None:
-                    low = within - part * width
-                    parts.append((low, low + width))
+                    parts.append((within - end - half, within - end + half))
         joined: list[tuple[float, float]] = []
         for low, high in sorted(parts):
             if joined and low <= joined[-1][1] + 1e-12:
@@ -200,8 +201,7 @@ class CertifiedCurves:
         ways = []
         parts = zip(self.chains, self.stopping, self.ends, self.still, strict=True)
         for chain, (stopped, doubts), arms, still in parts:
-            marks = [(s.after, s.place) for s in stopped]
-            marks += [(d.after, end) for d in doubts for end in (d.first, d.last)]
+            marks = [(stop.after, stop.place) for stop in (*stopped, *doubts)]
             places = []
             for number, (piece, _) in enumerate(chain.links):
                 inner = [place for after, place in marks if after == number]

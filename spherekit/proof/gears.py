@@ -260,8 +260,6 @@ class Written:
 
     def exact_ratios(self) -> list[Fraction] | None:
         """Return the rates of followers by the only input, None unless all have teeth."""
-        if not self.meshes:
-            return []
         rows, structure = self._relations(), self.structure
         if not all(factor.is_exact() for factor in rows.flat):
             return None

@@ -269,9 +269,8 @@ class _Search:
     def real_by_systems(self) -> tuple[int, tuple[SolvedSystem, ...]]:
         """The number of real roots, -1 if not proven, and the systems that show it."""
         place = np.array([[middle(ball) for ball in self.driven]])
-        none = np.zeros_like(place)
         systems = Systems(self.equations)
-        good, modes = systems.counted(place, self.turns[None], none, np.ones(1, dtype=bool))
+        good, modes = systems.counted(place, self.turns[None], 0.0 * place)
         return int(modes[0]) if good[0] else -1, tuple(systems.parts)
 
     def take(self, near: Sequence[complex]) -> None:

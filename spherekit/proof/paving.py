@@ -333,12 +333,7 @@ def _judged(
     def judged(boxes: Integers, _: int) -> Integers:
         levels, places = boxes
         radii = ranges.radii(boxes)
-        good, modes = systems.counted(
-            ranges.centres(boxes),
-            ranges.turns(boxes),
-            radii,
-            np.all(levels >= finest - 1, axis=1),
-        )
+        good, modes = systems.counted(ranges.centres(boxes), ranges.turns(boxes), radii)
         inside = np.all(levels >= cell, axis=1) & np.any(levels > cell, axis=1)
         last = np.all(levels >= finest, axis=1)
         whole = good & ~inside

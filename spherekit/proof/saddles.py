@@ -14,6 +14,7 @@ balls.
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -208,7 +209,7 @@ def saddle_near(
     the rows of F' vanishes, so that the level is 0; `fits` whether the part may be used.
     """
     best: Saddle | None = None
-    with bits(PRECISIONS[0]):
+    with bits(PRECISIONS[0]), suppress(ZeroDivisionError):
         form = _form(equations, place, farthest)
         size = WIDEST
         while form is not None and size > NARROWEST:
@@ -227,27 +228,30 @@ def saddle_near(
 
 
 def _form(equations: Equations, place: Floats, farthest: float) -> "_Form | None":
-    """Return coordinates in which the curves at a saddle are diagonals of a rectangle."""
+    """Return coordinates in which the curves at a saddle are diagonals of a rectangle.
+
+    Raises
+    ------
+    ZeroDivisionError
+        If a centre next to the place has no such coordinates.
+    """
     form = _Form.about(equations, place)
     critical = form.critical(exactly(place)) if form else None
-    if form is None or critical is None:
+    if critical is None:
         return None
     centre = floats(critical)
     form = _Form.about(equations, centre)
     if form is None or not np.max(np.abs(centre - place)) < farthest:
         return None
-    try:
-        _, residual = form.open(exactly(centre))
-        _, second = form.solved(exactly(centre), residual)
-    except ZeroDivisionError:
-        return None
+    _, residual = form.open(exactly(centre))
+    _, second = form.solved(exactly(centre), residual)
     (low, high), vectors = np.linalg.eigh(floats(second[-1, 1:, 1:]))
     if not (low < 0.0 < high and min(-low, high) > 1e-6 * max(-low, high)):
         return None
-    frame = form.frame.copy()
-    frame[:, :2] = frame[:, :2] @ vectors[:, ::-1]
+    frame, turned = form.frame.copy(), vectors[:, ::-1]
+    frame[:, :2] = frame[:, :2] @ turned
     units = np.array([high, -low]) ** -0.5
-    bent = vectors[:, ::-1].T @ floats(second[:-1, 1:, 1:]) @ vectors[:, ::-1]
+    bent = turned.T @ floats(second[:-1, 1:, 1:]) @ turned
     lifted = np.abs(np.tensordot(frame[:, 2:].T, bent, 1))
     return replace(form, frame=frame, units=units / np.max(units), lifted=lifted)
 
@@ -306,20 +310,17 @@ class _Form:
 
     def critical(self, place: Array) -> Array | None:
         """Return centres next to where the slopes of g are 0; nothing rests on them."""
-        try:
-            for _ in range(NEWTON):
-                first, second = self.solved(place, self.open(place)[1])
-                slope = middles(first[-1, 1:] + second[-1, 0, 1:])
-                flat = _real(middles(second[-1, 1:, 1:]), -slope[:, None])[:, 0]
-                change = middles(first[:-1, 0] + first[:-1, 1:] @ flat)
-                far = np.max(np.abs(floats(change)))
-                if not far < 0.5:
-                    return None
-                place = middles(place + change)
-                if far < 2.0 ** (8 - precision()):
-                    break
-        except ZeroDivisionError:
-            return None
+        for _ in range(NEWTON):
+            first, second = self.solved(place, self.open(place)[1])
+            slope = middles(first[-1, 1:] + second[-1, 0, 1:])
+            flat = _real(middles(second[-1, 1:, 1:]), -slope[:, None])[:, 0]
+            change = middles(first[:-1, 0] + first[:-1, 1:] @ flat)
+            far = np.max(np.abs(floats(change)))
+            if not far < 0.5:
+                return None
+            place = middles(place + change)
+            if far < 2.0 ** (8 - precision()):
+                break
         return place
 
     def shown(self, size: float, crosses: Crosses) -> Saddle | None:

@@ -428,8 +428,8 @@ class ExactSimulation:
             if switch is not None:
                 sides[switch] = -sides[switch]
                 self.switches.append(self.end)
-            factor = _shorter(step.error, self._count, 1.5)
-            factor = min(factor, 0.8) if step.sweeps > FEW else factor
+            longer = 0.9 * (ACCEPTED / max(step.error, 1e-3)) ** (1 / self._count)
+            factor = 0.8 if step.sweeps > FEW else min(longer, 1.5)
             length = (step.length * factor).mid()
         if not self._steps:
             raise EngineError(f"{self.mechanism.name}: the motion ends where it starts")
@@ -447,8 +447,7 @@ class ExactSimulation:
             step = self._picard(c, p, along, length, sides)
             if step is not None and step.error <= ACCEPTED:
                 return step
-            factor = 0.5 if step is None else _shorter(step.error, self._count, 0.9)
-            length = (length * factor).mid()
+            length = (length / 2).mid()
 
     def _picard(
         self, c: Ball, p: Ball, along: int, length: Ball, sides: Sides
@@ -521,11 +520,6 @@ class ExactSimulation:
                 else:
                     low = middle
             yield high, switch, first == 0
-
-
-def _shorter(error: float, count: int, most: float) -> float:
-    """Return by what a step's length is to be multiplied for its error to be accepted."""
-    return float(np.clip(0.9 * (ACCEPTED / max(error, 1e-3)) ** (1 / count), 0.1, most))
 
 
 def _size(balls: Any) -> float:

@@ -205,13 +205,13 @@ class Systems:
         ]
 
     def counted(
-        self, centres: Floats, turns: Floats, half: Floats, hard: Bools
+        self, centres: Floats, turns: Floats, half: Floats
     ) -> tuple[Bools, Indices]:
         """Return over which boxes of the inputs (m, inputs) all is proven, and the modes.
 
         Those are the numbers of real ones. `turns` (m, inputs, 2) are the cosines and sines
         of the exact centres, next to which `centres` are. Roots are followed from those
-        known nearest; where they are lost, all are found anew where it is `hard` (m,).
+        known nearest.
         """
         m, inputs = centres.shape
         good, angles = np.ones(m, dtype=bool), (self.equations.unknowns,)
@@ -235,7 +235,7 @@ class Systems:
             if not len(modes):
                 break
             bound, count = system.bound, len(system.unknowns)
-            roots, proven = self._proven(system, modes, (centres, turns, half), hard)
+            roots, proven = self._proven(system, modes, (centres, turns, half))
             real, off_circle = are_real(roots, proven)
             sure = proven.good & (real | off_circle)
             apart = are_apart(roots, proven.radius, sure, bound)
@@ -278,7 +278,7 @@ class Systems:
         return modes[[mode for row_modes in kept.values() for mode in row_modes]]
 
     def _proven(
-        self, system: SolvedSystem, modes: Array, boxes: tuple[Floats, ...], hard: Bools
+        self, system: SolvedSystem, modes: Array, boxes: tuple[Floats, ...]
     ) -> tuple[ChartRoots, RootEnclosures]:
         """Return the roots of a system for all modes over their boxes, and what is proven.
 
@@ -295,18 +295,10 @@ class Systems:
         made = Polynomials.at(self.equations, system.equations, system.unknowns, turns)
         one = len(system.unknowns) == 1
         rough = roots_of_one(made) if one else self._near(system, given)
+        roots, ended = polished(made, rough)
+        proven = tubes(made, roots, half, rates, off)
+        whole = are_apart(roots, proven.radius, ended, bound)
         parts = [slice(k * bound, (k + 1) * bound) for k in range(len(given))]
-        for anew in (not one, False):
-            roots, ended = polished(made, rough)
-            proven = tubes(made, roots, half, rates, off)
-            whole = are_apart(roots, proven.radius, ended, bound)
-            lost = np.flatnonzero(~whole & hard[modes["row"]])
-            if not (anew and len(lost)):
-                break
-            rough = roots.take(slice(None))
-            for mode in lost:
-                again = self._found(system, given[mode])
-                rough.z[parts[mode]], rough.inverse[parts[mode]] = again.z, again.inverse
         earlier += [(given[k], roots.take(parts[k])) for k in np.flatnonzero(whole)]
         del earlier[:-MOST_KNOWN]
         return roots, proven
