@@ -204,7 +204,8 @@ class StationaryPlace:
     """A configuration where one variable stops along a curve, and nowhere else near it.
 
     Or, as is said beside it, where it may stop. `place` (v,) is off by at most `off` (rad)
-    in every variable. It comes `after` the centre of the piece of that number.
+    in every variable, or in that one. It comes `after` the centre of the piece of that
+    number.
     """
 
     place: Floats
@@ -272,11 +273,13 @@ def _part(
         middle = _middle(equations, piece, goal, 0.5 if depth % 2 else 0.47)
         if middle is not None and middle.holds(goal, off):
             return middle
-    spread = np.abs(piece.frame) @ [reach, *[piece.tight] * (len(goal) - 1)]
-    half = 0.5 * wrap(goal - piece.centre)
-    return False, StationaryPlace(
-        piece.centre + half, float(np.max(spread + np.abs(half))) + 1e-12
-    )
+    # a shorter piece says more
+    near = piece_at(equations, piece.centre, piece.tangent, 1.5 * reach, 1.1 * reach)
+    near = piece if near is None or near.half < reach else near
+    fastest = np.max(np.abs(rates(near, min(reach, near.half))[0, :, variable]))
+    spread = np.abs(near.frame[variable]) @ [reach, *[near.tight] * (len(goal) - 1)]
+    off = min(float(spread), 1.001 * float(fastest) * reach + near.miss) + 1e-12
+    return False, StationaryPlace(piece.centre, off)
 
 
 def _middle(
