@@ -13,7 +13,7 @@ wheels fix is a linear function of the inputs from there on, the rest is followe
 verified steps, however far samples lie apart.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -62,41 +62,6 @@ HALF = np.pi + 1e-9
 def first_turns(angles: Floats) -> Floats:
     """Return the whole turns less which angles are in (-pi, pi]."""
     return np.ceil((angles - HALF) / TURN)
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """A mode over the inputs that it reaches without a gap.
-
-    After `period` (rad) of the input its angles have grown by `winding` (variables,) turns;
-    zero where the input cannot go round, None where they do not return. `first`
-    (variables,) are the turns of its nodes less which angles are as at the anchor.
-    """
-
-    curve: ModeCurve
-    period: float
-    winding: Floats | None
-    first: Floats
-
-    def turns(self, values: Floats, driven: int, angles: Sequence[int]) -> Floats:
-        """Return turns (n, angles) to be added at configurations (n, variables).
-
-        NaN for those that do not lie on it.
-        """
-        q, low, high = values[:, driven], *self.curve.inputs[[0, -1]]
-        laps = np.zeros(len(q))
-        if self.winding is not None:
-            laps = np.floor((q - low + BEYOND) / self.period)
-        place = q - laps * self.period if self.winding is not None else q
-        near = (place >= low - BEYOND) & (place <= high + BEYOND)
-        followed, _ = self.curve.predict(np.clip(place, low, high))
-        away = followed[:, angles] - values[:, angles]
-        turns = np.round(away / TURN)
-        near &= max_abs(away - TURN * turns, axis=1, initial=0.0) < SAME
-        turns -= self.first[angles]
-        if self.winding is not None:
-            turns += laps[:, None] * self.winding[angles]
-        return np.where(near[:, None], turns, np.nan)
 
 
 FLAT_DYAD = 1e-6
@@ -333,7 +298,7 @@ class Unwrapping:
         self._angles = sorted({*solver.angles} - {*solver.driven})
         anchor = np.zeros(len(self._driven))
         self.anchor = anchor if reference is None else reference[self._driven]
-        self._pieces: dict[int, list[_Piece]] = {}
+        self._pieces: dict[int, list[Callable[[Floats], Floats]]] = {}
 
     def turns(
         self,
@@ -376,7 +341,7 @@ class Unwrapping:
         while True:
             for piece in pieces[number:]:
                 open_ = np.isnan(turns[:, 0])
-                turns[open_] = piece.turns(at[open_], driven, self._angles)
+                turns[open_] = piece(at[open_])
             number = len(pieces)
             left = np.flatnonzero(np.isnan(turns[:, 0]) & ~tried)
             if not len(left):
@@ -384,10 +349,15 @@ class Unwrapping:
             tried[left[0]] = True
             pieces.append(self._piece(at[left[0]], at[left, driven]))
 
-    def _piece(self, values: Floats, places: Floats) -> _Piece:
-        """Return the mode about a configuration (variables,), as far as it reaches."""
+    def _piece(self, values: Floats, places: Floats) -> Callable[[Floats], Floats]:
+        """Return the turns over the inputs that a configuration reaches without a gap.
+
+        They are (n, angles), to be added at configurations (n, variables): NaN for those
+        that the mode through the one given (variables,) has not. Where the input returns
+        the angles have grown by whole turns after every lap, if they return too.
+        """
         (driven,), (period,), (anchor,) = self._driven, self.solver.periods, self.anchor
-        returns = bool(np.isfinite(period))
+        returns, angles = bool(np.isfinite(period)), self._angles
         ends = [anchor, float(np.min(places)), float(np.max(places))]
         if returns:
             moved = float(into_range(values[driven], anchor, anchor + period, period))
@@ -395,19 +365,33 @@ class Unwrapping:
             ends = [moved - period, moved + period]
         curve = follow(self._closure, driven, values, min(ends), max(ends))
         low, high = curve.inputs[[0, -1]]
-        winding = None
-        if returns:
-            winding = np.zeros(len(values))
-            if high - low > period + BEYOND:
-                grown = curve.values[-1] - curve.predict(high - np.array([period]))[0][0]
-                winding = np.round(grown / TURN)
-                away = (grown - TURN * winding)[self._angles]
-                winding = winding if max_abs(away) < SAME else None
+        lap, winding = period if returns else 0.0, np.zeros(len(angles))
+        if returns and high - low > period + BEYOND:
+            before, _ = curve.predict(high - np.array([period]))
+            grown = (curve.values[-1] - before[0])[angles]
+            winding = np.round(grown / TURN)
+            if not max_abs(grown - TURN * winding) < SAME:
+                lap, winding = 0.0, np.zeros(len(angles))
         there = anchor + period * np.arange(3) if returns else np.array([anchor])
         inside = there[(there >= low - BEYOND) & (there <= high + BEYOND)]
         nearest = low if returns else anchor
         reference = np.clip(inside[:1] if len(inside) else [nearest], low, high)
-        return _Piece(curve, period, winding, first_turns(curve.predict(reference)[0][0]))
+        first = first_turns(curve.predict(reference)[0][0])[angles]
+
+        def turns(at: Floats) -> Floats:
+            q, laps = at[:, driven], np.zeros(len(at))
+            if lap:
+                laps = np.floor((q - low + BEYOND) / lap)
+            place = q - laps * lap
+            near = (place >= low - BEYOND) & (place <= high + BEYOND)
+            followed, _ = curve.predict(np.clip(place, low, high))
+            away = (followed - at)[:, angles]
+            whole = np.round(away / TURN)
+            near &= max_abs(away - TURN * whole, axis=1, initial=0.0) < SAME
+            whole += laps[:, None] * winding - first
+            return np.where(near[:, None], whole, np.nan)
+
+        return turns
 
     def _in_order(self, at: Floats, last: Floats | None) -> Floats:
         """Return turns (n, angles) of rows that follow each other, several inputs.

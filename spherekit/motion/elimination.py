@@ -44,7 +44,13 @@ from spherekit.motion.groups import (
     group_variables,
     place_dyad,
 )
-from spherekit.motion.loops import Linearisation, LoopTree, condition, penetrates
+from spherekit.motion.loops import (
+    Linearisation,
+    LoopTree,
+    condition,
+    pair_angle,
+    penetrates,
+)
 from spherekit.motion.search import (
     POLISHING_STEPS,
     SEED,
@@ -276,8 +282,7 @@ class Frames:
             placed[0][:, [ends[side] for ends in self.group.ends]] @ self.sides[side][:, 0]
             for side in (0, 1)
         )
-        turn = transpose(one) @ other
-        return np.arctan2(turn[..., 1, 0], turn[..., 0, 0])
+        return pair_angle(one, other)
 
     def solutions(self, order: Order) -> tuple[Complexes, Complexes]:
         """Return all solutions (n, roots, t) of the tree's angles, rad, and determinants.

@@ -15,7 +15,7 @@ from spherekit.model.graph import spanning
 from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
-from spherekit.motion.loops import Linearisation, LoopTree, pair_states
+from spherekit.motion.loops import Linearisation, LoopTree, pair_angle, pair_states
 from spherekit.planning.inputs import Assembly, Group
 from spherekit.sphere.rotation import about_z, close_dyad, nans, transpose
 
@@ -87,9 +87,7 @@ class State:
             joint = revolute(self.joints[pair])
             one = self.within[a] @ joint.first
             other = self.within[b] @ joint.second
-            cosine = np.sum(one[..., 0] * other[..., 0], axis=-1)
-            sine = np.sum(one[..., 1] * other[..., 0], axis=-1)
-            self.values[:, self.variables[pair][0]] = np.arctan2(sine, cosine)
+            self.values[:, self.variables[pair][0]] = pair_angle(one, other)
 
 
 def place_dyad(state: State, group: Group, sign: Floats | float) -> Floats:

@@ -211,6 +211,12 @@ def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
     return len(jacobian) - rank, tuple(sorted(pairs))
 
 
+def pair_angle(one: Floats, other: Floats) -> Floats:
+    """Return the variable (...,) rad of an R pair by its frames (..., 3, 3) in links."""
+    cosine, sine = (np.sum(one[..., k] * other[..., 0], axis=-1) for k in (0, 1))
+    return np.asarray(np.arctan2(sine, cosine))
+
+
 def turns_of(
     ends: Sequence[tuple[int, int]], joints: Sequence[Revolute], placed: Floats
 ) -> tuple[Floats, Floats]:
@@ -222,8 +228,7 @@ def turns_of(
     values, gaps = [], []
     for (a, b), joint in zip(ends, joints, strict=True):
         one, other = placed[:, a] @ joint.first, placed[:, b] @ joint.second
-        between = transpose(one) @ other
-        values.append(np.arctan2(between[:, 1, 0], between[:, 0, 0]))
+        values.append(pair_angle(one, other))
         gaps.append(arc(one[..., 2], other[..., 2]))
     return np.stack(values, axis=1), np.stack(gaps, axis=1)
 

@@ -25,39 +25,13 @@ Signs = tuple[int, ...]
 
 
 @dataclass(frozen=True)
-class DyadArcs:
-    """The arcs (rad) of a dyad's two bodies, and what follows from them.
-
-    `near` is the arc of the body at the first axis, `far` that at the second.
-    """
-
-    near: float
-    far: float
-
-    @property
-    def shortest(self) -> float:
-        """The least arc between the outer axes at which the dyad closes."""
-        return abs(self.near - self.far)
-
-    @property
-    def longest(self) -> float:
-        """The greatest such arc."""
-        total = self.near + self.far
-        return min(total, 2.0 * np.pi - total)
-
-    @cached_property
-    def halves(self) -> tuple[HalfAngle, HalfAngle]:
-        """Both arcs by their halves."""
-        return HalfAngle.of(self.near), HalfAngle.of(self.far)
-
-
-@dataclass(frozen=True)
 class DyadPlacement:
     """A dyad on the growing body: pairs, the links they join, and its sign.
 
     `near`, `middle`, `far` are its pairs; the bodies are the links `first` (near and
     middle) and `second` (middle and far), which stand on the links `foot` and `hold`.
-    `parity` turns the sign of a mode into that of middle . (near x far).
+    `parity` turns the sign of a mode into that of middle . (near x far). `arcs` (rad) are
+    those of the first and of the second body.
     """
 
     near: int
@@ -68,7 +42,22 @@ class DyadPlacement:
     second: int
     hold: int
     parity: int
-    cones: DyadArcs
+    arcs: tuple[float, float]
+
+    @property
+    def shortest(self) -> float:
+        """The least arc (rad) between the outer axes at which the dyad closes."""
+        return abs(self.arcs[0] - self.arcs[1])
+
+    @property
+    def longest(self) -> float:
+        """The greatest such arc."""
+        return min(sum(self.arcs), 2.0 * np.pi - sum(self.arcs))
+
+    @cached_property
+    def halves(self) -> tuple[HalfAngle, HalfAngle]:
+        """Both arcs by their halves."""
+        return HalfAngle.of(self.arcs[0]), HalfAngle.of(self.arcs[1])
 
 
 class Dyads:
@@ -146,7 +135,7 @@ class Dyads:
             second,
             sum(self.ends[far]) - second,
             group.dyad_parity,
-            DyadArcs(self._arc(first, near, middle), self._arc(second, far, middle)),
+            (self._arc(first, near, middle), self._arc(second, far, middle)),
         )
 
     def needs_of(self, link: int) -> frozenset[int]:

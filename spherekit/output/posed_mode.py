@@ -153,10 +153,10 @@ class PosedMode:
             root, (u, v) = self._halves(number)[2:]
             half = np.arcsin(np.minimum(0.5 * np.sqrt(np.minimum(u, v)), 1.0))
             base = np.where(u < v, np.pi - 2.0 * half, 2.0 * half)
-            shortest, longest = stand.cones.shortest, stand.cones.longest
+            shortest, longest = stand.shortest, stand.longest
             away = np.abs(base - 0.5 * (longest + shortest))
             margins.append(0.5 * (longest - shortest) - away)
-            flat = np.sin(stand.cones.near) * np.sin(stand.cones.far)
+            flat = np.prod(np.sin(stand.arcs))
             sound.append(root >= FLAT_DYAD * flat)
         margin, limiting = margins[0], np.zeros(len(margins[0]), dtype=np.int8)
         for number, another in enumerate(margins):
@@ -215,18 +215,18 @@ class PosedMode:
 
         With them the squares of the sum and the difference of the outer axes.
         """
-        cones = self.dyads.stands[group].cones
+        stand = self.dyads.stands[group]
         a, c = self._outer(group)
         total, rest = a + c, a - c
         squares = dot(total, total), dot(rest, rest)
-        square = triple_square(*cones.halves, *squares)
+        square = triple_square(*stand.halves, *squares)
         grazes = np.abs(square) < REACH_SLACK
         if np.any(grazes):
             square[grazes] = np.maximum(square[grazes], 0.0)
         root = np.sqrt(square)
-        along, beside, height = middle_axis(*cones.halves, *squares, root)
+        along, beside, height = middle_axis(*stand.halves, *squares, root)
         level = total * along
-        if cones.near != cones.far:
+        if stand.arcs[0] != stand.arcs[1]:
             level += rest * beside
         across = cross(rest, total)  # 2 a x c, to rounding of its own size
         across *= 0.5 * height
@@ -342,8 +342,8 @@ class PosedMode:
         """
         group = self.dyads.group_of[pair]
         stand, square = self.dyads.stands[group], self.speed(pair) ** 2
-        other = stand.cones.far if pair == stand.near else stand.cones.near
-        triple = triple_square(*stand.cones.halves, *self._halves(group)[3])
+        other = stand.arcs[1 if pair == stand.near else 0]
+        triple = triple_square(*stand.halves, *self._halves(group)[3])
         beyond = np.fmin(triple / np.sin(other) ** 2, 0.0)
         return np.where(np.isnan(square), beyond, square)
 

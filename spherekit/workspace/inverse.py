@@ -24,7 +24,7 @@ from spherekit.model.parts import Input, Output
 from spherekit.motion.assembly_modes import label_of
 from spherekit.motion.loops import turns_of
 from spherekit.numeric.crossings import wrap
-from spherekit.output.dyads import DyadArcs, Signs, input_rates, rates_of_turns
+from spherekit.output.dyads import Signs, input_rates, rates_of_turns
 from spherekit.output.forward import PoseSolutions
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.virtual_output import COORDINATES
@@ -68,14 +68,10 @@ class MidPlaneKinematics(ClosedKinematics):
     @property
     def spans(self) -> tuple[Span, ...]:
         """What limits the reach: the axes of every leg at base and end effector."""
-        plane = self.form.plane
+        plane, every = self.form.plane, enumerate(self.form.legs)
+        most = (2.0 * np.minimum(plane.arcs, np.pi - plane.arcs)).tolist()
         return tuple(
-            Span(
-                leg.base, leg.tip, DyadArcs(float(arc), float(arc)), number in plane.driven
-            )
-            for number, (leg, arc) in enumerate(
-                zip(self.form.legs, plane.arcs, strict=True)
-            )
+            (leg.base, leg.tip, 0.0, most[k], k in plane.driven) for k, leg in every
         )
 
     def at(self, poses: Floats, signs: Signs) -> Rows:
@@ -208,10 +204,10 @@ class DyadKinematics(ClosedKinematics):
     @property
     def spans(self) -> tuple[Span, ...]:
         """What limits the reach: the outer axes of every dyad."""
-        renamed = self._own
+        name = self._own
         return tuple(
-            Span(renamed.get(s.near, s.near), renamed.get(s.far, s.far), s.cones, True)
-            for s in self.stands
+            (name.get(x.near, x.near), name.get(x.far, x.far), x.shortest, x.longest, True)
+            for x in self.stands
         )
 
     def at(self, poses: Floats, signs: Signs) -> Rows:
@@ -250,9 +246,13 @@ class GearedKinematics(ClosedKinematics):
         """What limits the reach of what carries the output."""
         numbers = {k: pair for pair, k in self.number.items()}
         more = len(self.mechanism.pairs) - len(numbers)
-        spans = self.carried.spans
-        ends = {k: numbers.get(k, k + more) for s in spans for k in (s.one, s.other)}
-        return tuple(replace(s, one=ends[s.one], other=ends[s.other]) for s in spans)
+        made = {
+            k: numbers.get(k, k + more) for span in self.carried.spans for k in span[:2]
+        }
+        return tuple(
+            (made[one], made[other], low, high, folds)
+            for one, other, low, high, folds in self.carried.spans
+        )
 
     def at(self, poses: Floats, signs: Signs) -> Rows:
         """Return one mode at poses."""

@@ -33,7 +33,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.motion import motion_of
 from spherekit.numeric.crossings import wrap
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.output.dyads import DyadArcs, Signs, rates_of_turns, reciprocal
+from spherekit.output.dyads import Signs, rates_of_turns, reciprocal
 from spherekit.output.forward import ForwardKinematics, PoseSolutions, output_rates
 from spherekit.output.virtual_output import with_wrist
 from spherekit.rates.transmission import Transmission
@@ -80,17 +80,9 @@ class Rows(Protocol):
         """
 
 
-@dataclass(frozen=True)
-class Span:
-    """Two pairs whose axes a leg joins, and between what angles (rad) it does.
-
-    `folds` says that the leg's two links can lie over each other there.
-    """
-
-    one: int
-    other: int
-    cones: DyadArcs
-    folds: bool
+Span = tuple[int, int, float, float, bool]
+"""Two pairs whose axes a leg joins, the least and the greatest angle (rad) between them,
+and whether the leg's two links can lie over each other there."""
 
 
 @dataclass(frozen=True)
@@ -464,11 +456,10 @@ def _between_axes(
         limits.setdefault(axes, [(0.0, np.pi, "")]).append((low, high, source))
 
     closest = _closest(mechanism, wanted)
-    for span in kinematics.spans:
-        axes, cones = (span.one, span.other), span.cones
-        limit(axes, cones.shortest, cones.longest, "the arcs of the leg")
-        if closest > 0.0 and span.folds:
-            limit(axes, closest, np.pi, "the width of the links")
+    for one, other, shortest, longest, folds in kinematics.spans:
+        limit((one, other), shortest, longest, "the arcs of the leg")
+        if closest > 0.0 and folds:
+            limit((one, other), closest, np.pi, "the width of the links")
     for item in wanted.apart:
         one, other = (_pair(mechanism, "apart", name) for name in (item.one, item.other))
         if not _holds_always(mechanism, item, one, other):
