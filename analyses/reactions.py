@@ -189,7 +189,7 @@ class ReactionAnalysis(AbstractAnalysis):
                 ],
             },
             "links_that_slide": [link for link, slides in links if slides],
-            "asks_for_forces": _asks_for_forces(batch.mechanism),
+            "asks_for_forces": any(x.axial is not None for x in _placed(batch.mechanism)),
             "largest_unbalanced_Nm": _largest(result.unbalanced),
         }
         return _said(figures)
@@ -203,21 +203,11 @@ class ReactionAnalysis(AbstractAnalysis):
         result = self._found(batch)
         curves = []
         for k, pair in enumerate(batch.mechanism.pairs):
-            title, transverse_moment = (
-                "moment across the axis",
-                result.across[:, k],
-            )
-            curves.append(
-                curve("transverse_moment", pair.name, title, transverse_moment, "N m")
-            )
+            title, moment = "moment across the axis", result.across[:, k]
+            curves.append(curve("transverse_moment", pair.name, title, moment, "N m"))
             if not pair.kind.has_axis:
-                title, contact_torque = (
-                    "push of contacts, times the radius",
-                    result.push[:, k],
-                )
-                curves.append(
-                    curve("contact_torque", pair.name, title, contact_torque, "N m")
-                )
+                title, moment = "push of contacts, times the radius", result.push[:, k]
+                curves.append(curve("contact_torque", pair.name, title, moment, "N m"))
         for load, at, couple, radial, axial in _bearing_loads(batch.mechanism, result):
             label = _named(load, at)
             whole = np.any(np.isfinite(radial))
@@ -230,10 +220,6 @@ class ReactionAnalysis(AbstractAnalysis):
 
 def _placed(mechanism: Mechanism) -> list[Bearings]:
     return [load for load in mechanism.loads if isinstance(load, Bearings)]
-
-
-def _asks_for_forces(mechanism: Mechanism) -> bool:
-    return any(load.axial is not None for load in _placed(mechanism))
 
 
 def _bearing_loads(

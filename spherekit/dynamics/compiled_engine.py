@@ -1,7 +1,7 @@
 """The direct problem by Taylor series of the compiled equation of motion."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -10,7 +10,7 @@ from spherekit.arrays import Floats
 from spherekit.conventions import STATUS_MEANING, TURN, Status
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
-    equivalent_inertia,
+    inertia_matrix,
     reciprocal_condition,
 )
 from spherekit.dynamics.forces import rates_by_time
@@ -48,7 +48,7 @@ from spherekit.engine.equation import (
 )
 from spherekit.engine.integration import CROSSED, MOST_STEPS, Integration, Run, RunEnd
 from spherekit.engine.system import STEEPEST, mass_size
-from spherekit.errors import EngineError, PlanError
+from spherekit.errors import EngineError
 from spherekit.sphere.rotation import all_finite
 
 NO_CROSSING = 1e-3
@@ -147,10 +147,13 @@ def _run(
     before: Run | None = None
     gap, most = 0.0, COARSEST
     while True:
-        made, places = _coordinates(problem, values, compiled, most)
+        coordinates = coordinates_at(problem, values)
+        made = compiled(coordinates, most)
+        pairs = coordinates.pairs if coordinates else ()
+        places = [mechanism.angles[pair] for pair in pairs]
         fine, frame = made.tolerance <= LOOSEST, np.eye(equation.variables)[places]
         if equation.freedoms == 1:
-            unit = float(np.sqrt(equivalent_inertia(mechanism, motion)[0]))
+            unit = float(np.sqrt(inertia_matrix(mechanism, motion)[0, 0, 0]))
             along = made.rates(problem.values[None])[0, 0] @ problem.frame[0]
             sense = float(np.copysign(1.0, along))
             momenta, frames = sense * unit * problem.speed, on_curve(made, sense)
@@ -186,41 +189,19 @@ def _run(
     return runs, framed
 
 
-def first_of(problem: Problem) -> Coordinates | None:
-    """Return the coordinates that a run begins with, None of one freedom."""
-    for coordinates in _candidates(problem, problem.values):
-        return coordinates
-    raise EngineError(f"{problem.equation.mechanism.name}: {NO_COORDINATES}", BY_NUMPY)
+def coordinates_at(problem: Problem, values: Floats) -> Coordinates | None:
+    """Return pair variables that say how all others move; of one freedom None, its curve.
 
+    The inputs, if they say it well enough, else R pairs whose variables do best.
 
-def _coordinates(
-    problem: Problem, values: Floats, compiled: Compiled, most: float
-) -> tuple[CompiledEquation, list[int]]:
-    """Return the equation in pair variables that say how all others move, and these."""
-    why, mechanism = NO_COORDINATES, problem.equation.mechanism
-    for coordinates in _candidates(problem, values):
-        try:
-            made = compiled(coordinates, most)
-        except PlanError as fault:
-            if coordinates is None:
-                raise
-            why = str(fault)
-            continue
-        pairs = coordinates.pairs if coordinates else ()
-        return made, [mechanism.angles[pair] for pair in pairs]
-    raise EngineError(f"{mechanism.name}: {why}", BY_NUMPY)
-
-
-def _candidates(problem: Problem, values: Floats) -> Iterator[Coordinates | None]:
-    """Yield coordinates at a configuration; of one freedom None, which is its curve.
-
-    The inputs, if they say well enough how all variables move, then R pairs whose variables
-    do, the best first.
+    Raises
+    ------
+    EngineError
+        If none do.
     """
     equation, driven = problem.equation, problem.driven
     if equation.freedoms == 1:
-        yield None
-        return
+        return None
     pairs = {v: pair for pair, v in equation.mechanism.angles.items()}
     jacobian = equation.closure.at(values[None]).jacobian[0]
     free = np.linalg.svd(jacobian)[2][-equation.freedoms :]
@@ -229,10 +210,11 @@ def _candidates(problem: Problem, values: Floats) -> Iterator[Coordinates | None
         sizes = np.linalg.svd(free[:, list(places)], compute_uv=False)
         return float(np.sum(1.0 / np.maximum(sizes, 1e-150) ** 2))
 
-    others = sorted(combinations(sorted(pairs), equation.freedoms), key=spread)
-    for places in (driven, *others):
+    best = min(combinations(sorted(pairs), equation.freedoms), key=spread)
+    for places in (driven, best):
         if spread(places) < ENOUGH * STEEPEST:
-            yield Coordinates(tuple(pairs[v] for v in places), values, driven)
+            return Coordinates(tuple(pairs[v] for v in places), values, driven)
+    raise EngineError(f"{equation.mechanism.name}: {NO_COORDINATES}", BY_NUMPY)
 
 
 def _need_stretches(problem: Problem, run: Run) -> None:

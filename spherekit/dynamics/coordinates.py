@@ -249,16 +249,6 @@ class Inertia:
         return np.sum(self.dM_parts, axis=1)
 
     @property
-    def B_parts(self) -> Floats:
-        """(n, masses) parts of the equivalent inertia, of a single coordinate."""
-        return self.M_parts[:, :, 0, 0]
-
-    @property
-    def dB_parts(self) -> Floats:
-        """(n, masses) their derivatives by that coordinate."""
-        return self.dM_parts[:, :, 0, 0, 0]
-
-    @property
     def B(self) -> Floats:
         """(n,) equivalent inertia."""
         return self.M[:, 0, 0]
@@ -296,11 +286,6 @@ def inertia_matrix(mechanism: Mechanism, motion: CoordinateMotion) -> Floats:
     """Return M (n, m, m) alone, which needs the motion to the first order only."""
     tensors, w = _in_links(mechanism, motion, motion.w)
     return np.sum(_products(_momentum(tensors, w), w), axis=1)
-
-
-def equivalent_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Floats:
-    """Return B (n,) of a single coordinate alone."""
-    return inertia_matrix(mechanism, motion)[:, 0, 0]
 
 
 def _in_links(

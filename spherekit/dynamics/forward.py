@@ -2,8 +2,8 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.conventions import listing
-from spherekit.dynamics.compiled_engine import by_taylor_series, first_of
+from spherekit.dynamics.compiled_engine import by_taylor_series, coordinates_at
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.simulation import (
     NO_SERIES,
@@ -32,37 +32,25 @@ from spherekit.model.study import Crossings, Start, StartGiven
 from spherekit.progress import tell
 from spherekit.sphere.rotation import max_abs
 
+Solving = Iterator[tuple[object, Callable[[], Simulation], float]]
+"""A simulation piece after piece, each longer or of another run, the whole last.
 
-@dataclass(frozen=True)
-class Solved:
-    """A simulation as far as it is solved.
-
-    `run` is what solves it: where another follows, what was given so far is superseded.
-    `made` gives the motion before the time `until` (s), all of it if that is infinite.
-    """
-
-    run: object
-    made: Callable[[], Simulation]
-    until: float = np.inf
-
-    @cached_property
-    def motion(self) -> Simulation:
-        """The motion so far."""
-        return self.made()
+With each comes what solves it (where another follows, what was given so far is superseded),
+what gives the motion, and the time (s) before which it does: all of it if that is infinite.
+"""
 
 
-Solving = Iterator[Solved]
-"""Piece after piece, each longer or of another run, the whole last."""
-
-
-def whole(run: object, motion: Simulation) -> Solved:
+def whole(
+    run: object, motion: Simulation
+) -> tuple[object, Callable[[], Simulation], float]:
     """Return a simulation that is solved to its end."""
-    return Solved(run, lambda: motion)
+    return run, lambda: motion, np.inf
 
 
-def last(pieces: Solving) -> Solved:
-    """Return the whole of a simulation."""
-    return deque(pieces, maxlen=1).pop()
+def last(pieces: Solving) -> tuple[object, Simulation]:
+    """Return what solves the whole of a simulation, and that."""
+    run, made, _ = deque(pieces, maxlen=1).pop()
+    return run, made()
 
 
 LEAST = {"numpy": 1e-13, "compiled": 1e-15}
@@ -176,7 +164,7 @@ def simulate(
         return by_differences(problem, step if step is not None else until / 1000.0)
     pieces = _solving(problem, tolerance, engine, compact)
     pieces = _checking(problem, pieces, tolerance, compact) if check else pieces
-    return last(pieces).motion
+    return last(pieces)[1]
 
 
 def solving(
@@ -238,14 +226,14 @@ def _checking(
     """
     for piece in pieces:
         yield piece
-    run, simulation = piece.run, piece.motion
+    run, simulation = last(iter([piece]))
     engine = simulation.engine.name
     made_for = min(tolerance, LOOSEST) if engine == "compiled" else tolerance
     least = 0.1 * LEAST[engine]
     while True:
         tighter = max(TIGHTER * made_for, least)
-        tight = last(_solving(problem, tighter, engine, compact))
-        error = _difference(simulation, tight.motion)
+        other, tight = last(_solving(problem, tighter, engine, compact))
+        error = _difference(simulation, tight)
         simulation = replace(simulation, error=error, tolerance=tolerance)
         if simulation.missed is None or tighter <= least:
             yield whole(run, simulation)
@@ -255,8 +243,8 @@ def _checking(
             f"{made_for:g} rad, so in shorter ones"
         )
         forecast = simulation.engine.forecast
-        report = replace(tight.motion.engine, reason=why, forecast=forecast)
-        run, simulation = tight.run, replace(tight.motion, engine=report)
+        report = replace(tight.engine, reason=why, forecast=forecast)
+        run, simulation = other, replace(tight, engine=report)
         made_for = tighter
 
 
@@ -286,19 +274,19 @@ def _solving(problem: Problem, tolerance: float, engine: Engine, compact: bool) 
 
 def _lifting_off(pieces: Solving) -> Solving:
     """Return a simulation that ends where a contact lifts off; what presses is yielded."""
-    run, pressed, unseen = None, 0.0, 0
-    for piece in pieces:
-        if piece.run is not run:
-            run, pressed, unseen = piece.run, 0.0, 0
+    before, pressed, unseen = None, 0.0, 0
+    for run, made, until in pieces:
+        if run is not before:
+            before, pressed, unseen = run, 0.0, 0
         unseen += 1
-        if unseen < LOOKED and np.isfinite(piece.until):
+        if unseen < LOOKED and np.isfinite(until):
             continue
-        motion = until_lift_off(piece.motion, pressed)
-        if motion.end.kind == "lift_off" or not np.isfinite(piece.until):
-            yield whole(piece.run, motion)
+        motion = until_lift_off(made(), pressed)
+        if motion.end.kind == "lift_off" or not np.isfinite(until):
+            yield whole(run, motion)
             return
-        pressed, unseen = piece.until, 0
-        yield piece
+        pressed, unseen = until, 0
+        yield run, made, until
 
 
 def _stepping(
@@ -306,8 +294,11 @@ def _stepping(
 ) -> Solving:
     """Return what NumPy finds step by step."""
     while solver.end is None and solver.advance():
-        yield Solved(solver, lambda: solver.simulation(reason), solver.reached)
+        yield solver, partial(solver.simulation, reason), solver.reached
     yield whole(solver, solver.simulation(reason, forecast))
+
+
+EXPECTED = "expected NumPy {numpy:.2g} s more, compiled {compiled:.2g} s"
 
 
 def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
@@ -321,7 +312,8 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
     try:
         if problem.passes:
             raise EngineError("only NumPy's engine passes crossings")
-        compiling = compiling_time(mechanism, tolerance, compact, first_of(problem))
+        first = coordinates_at(problem, problem.values)
+        compiling = compiling_time(mechanism, tolerance, compact, first)
         why = "it was compiled before" if compiling == 0.0 else ""
         if tolerance < LEAST["numpy"]:
             why = "NumPy does not reach the tolerance"
@@ -329,14 +321,14 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
             why = "NumPy does not find the kinks of the loads"
         forecast: Forecast | None = None
         while not why and solver.advance():
-            yield Solved(solver, lambda: solver.simulation("it began"), solver.reached)
+            yield solver, partial(solver.simulation, "it began"), solver.reached
             left = solver.left
             if left is None:
                 continue
-            now = Forecast(left, compiling + left / QUICKER)
+            now = {"numpy": left, "compiled": compiling + left / QUICKER}
             forecast = forecast or now
-            if now.compiled < now.numpy:
-                why, forecast = str(now), now
+            if now["compiled"] < left:
+                why, forecast = EXPECTED.format(**now), now
         if why:
             tell(f"compiling the equation of motion, about {compiling:.0f} s", compiling)
             simulation = by_taylor_series(problem, tolerance, compact, why, forecast)
@@ -347,8 +339,8 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
     except (EngineError, PlanError) as refused:
         why = refused.fault
     if not why:
-        forecast = forecast or Forecast(solver.seconds, compiling)
-        why = str(forecast)
+        forecast = forecast or {"numpy": solver.seconds, "compiled": compiling}
+        why = EXPECTED.format(**forecast)
     else:
         forecast = None
     yield from _stepping(solver, why, forecast)

@@ -270,21 +270,10 @@ def inverse_dynamics(
                 f"name: {listing(names)}"
             )
         laws = {names[0]: law}
-    return needed_torques(_by_laws(mechanism, laws, t, assembly_mode, search))
-
-
-def _by_laws(
-    mechanism: Mechanism,
-    laws: Mapping[str, TimeLaw],
-    t: Floats,
-    assembly_mode: int | None,
-    search: bool,
-) -> Motion:
-    """Return the motion of all inputs by laws, with angles that go on."""
     q, timing = by_laws(mechanism.input_pairs, laws, t)
     tracer, motion = at_inputs(mechanism, q, assembly_mode, search)
     motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
-    return going_on(motion, tracer.solver)
+    return needed_torques(going_on(motion, tracer.solver))
 
 
 def _ordered(mechanism: Mechanism, laws: Mapping[str, TimeLaw]) -> list[str]:

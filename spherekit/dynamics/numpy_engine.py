@@ -136,8 +136,6 @@ class Collocation:
     @property
     def left(self) -> float | None:
         """What the rest will take at the pace of the last steps (s), None before those."""
-        if self.end is not None:
-            return 0.0
         if len(self._reached) <= WINDOW + 1:
             return None
         before, started = self._reached[-WINDOW - 1]

@@ -7,6 +7,7 @@ input (Di Gregorio 2024, eqs. (30), (31)).
 """
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -154,15 +155,8 @@ def cannot_leave(problem: Problem, why: str) -> SolveError:
     return SolveError(f"{name}: the motion cannot leave its start: {why}")
 
 
-@dataclass(frozen=True)
-class Forecast:
-    """What each engine was expected to take for what is left (s), compiling included."""
-
-    numpy: float
-    compiled: float
-
-    def __str__(self) -> str:
-        return f"expected NumPy {self.numpy:.2g} s more, compiled {self.compiled:.2g} s"
+Forecast = Mapping[str, float]
+"""What each engine was expected to take for what is left (s), compiling included."""
 
 
 @dataclass(frozen=True)

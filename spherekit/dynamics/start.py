@@ -213,7 +213,7 @@ def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
                 f'{mechanism.name}: a torque is given at "{pair}", which is not an input'
                 f"{choices(pair, inputs, 'Inputs')}"
             )
-        name = drive_name(inputs, pair)
+        name = DRIVE if len(inputs) == 1 else f"{DRIVE}_{pair}"
         if name in taken:
             raise ModelError(
                 f'{mechanism.name}: a load is named "{name}", as that of the driving '
@@ -222,11 +222,6 @@ def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
         text = repr(float(given)) if isinstance(given, int | float) else given
         loads.append(PairTorque(name, pair, text))
     return loads
-
-
-def drive_name(inputs: Sequence[str], pair: str) -> str:
-    """Return the name of the load that a driving torque at an input becomes."""
-    return DRIVE if len(inputs) == 1 else f"{DRIVE}_{pair}"
 
 
 def variable_of(mechanism: Mechanism, pair: str) -> int:

@@ -33,7 +33,6 @@ that lock. Newton's step is taken where it leaves less than iteration does.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -179,8 +178,6 @@ def rubbed(
     """
     carried = np.full((len(good), len(loads.rubbing)), np.nan)
     locked = np.zeros(len(good), dtype=bool)
-    if not np.any(good):
-        return carried, locked, 0
     driven = every.rows(good)
     mechanism, motion = driven.mechanism, driven.motion
     velocities = np.swapaxes(loads.velocities(motion)[..., loads.rubbing], 1, 2)
@@ -191,7 +188,17 @@ def rubbed(
     balance = balanced(driven, any(one.asks_forces for one in bearings))
     pairs = [mechanism.pair_number[one.pair] for one in bearings]
     _need_determined(driven, balance, bearings)
-    on_bearings = partial(_on_bearings, balance, bearings, pairs)
+
+    def on_bearings(left: Floats) -> Floats:
+        """Return what is carried (n, k, 2, 3); 0 at a second place where there is none."""
+        wrenches = balance.on_pairs(balance.held(left)[0])
+        forces = np.zeros((len(left), len(pairs), 2, 3))
+        for k, (one, pair) in enumerate(zip(bearings, pairs, strict=True)):
+            through = wrenches[:, pair, 3:] if one.asks_forces else None
+            on_each = one.carried(wrenches[:, pair, :3], through)
+            forces[:, k, : on_each.shape[1]] = on_each
+        return forces
+
     still = on_bearings(balance.left)
     change = np.empty((*still.shape, len(pairs)))
     inputs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
@@ -207,22 +214,6 @@ def rubbed(
     carried[good], settled, rounds = _solved(still, change, factors)
     locked[good] = ~settled
     return carried, locked, rounds
-
-
-def _on_bearings(
-    balance: NewtonEuler,
-    bearings: Sequence[BearingFriction],
-    pairs: Sequence[int],
-    left: Floats,
-) -> Floats:
-    """Return what is carried (n, k, 2, 3); 0 at a second place where there is none."""
-    wrenches = balance.on_pairs(balance.held(left)[0])
-    forces = np.zeros((len(left), len(pairs), 2, 3))
-    for k, (one, pair) in enumerate(zip(bearings, pairs, strict=True)):
-        through = wrenches[:, pair, 3:] if one.asks_forces else None
-        on_each = one.carried(wrenches[:, pair, :3], through)
-        forces[:, k, : on_each.shape[1]] = on_each
-    return forces
 
 
 def _need_determined(

@@ -204,21 +204,6 @@ class AlongCurve(Sampler):
         self._note_senses()
         self.high = self.laps * self.lap
 
-    def along(self, assembly_mode: int) -> StoredHeading:
-        """Return the heading of the model."""
-        return self.heading(
-            assembly_mode,
-            "q" if self.by_input else "s",
-            low=(self.low,),
-            high=(self.high,),
-            rise=(self.curve.rise * self.sense * self.laps).tolist(),
-            periodic=self.periodic,
-        )
-
-    def spread(self, count: int) -> Floats:
-        """Return places (count,) over all of the coordinate, in rising order."""
-        return np.linspace(self.low, self.high, count, endpoint=not self.periodic)
-
     def columns(self, groups: Iterable[int], x: Floats) -> Floats:
         """Return the functions (n, F) of some groups: that of the motion, or of poles."""
         motion, parts = self._motion(x), []

@@ -94,10 +94,18 @@ def reduced_model(
     else:
         wanted = tuple(dict.fromkeys(parse_pole(made, text) for text in poles))
     sampler = AlongCurve(tracer, wanted)
-    heading = sampler.along(assembly_mode)
+    heading = sampler.heading(
+        assembly_mode,
+        "q" if sampler.by_input else "s",
+        low=(sampler.low,),
+        high=(sampler.high,),
+        rise=(sampler.curve.rise * sampler.sense * sampler.laps).tolist(),
+        periodic=sampler.periodic,
+    )
     every = [sampler.names(heading), *map(partial(_pole_names, heading), heading.poles)]
     names = {name: unit for group in every for name, unit in group.items()}
-    size = _sizes(list(names), sampler.columns(range(len(every)), sampler.spread(MARKS)))
+    x = np.linspace(sampler.low, sampler.high, MARKS, endpoint=not sampler.periodic)
+    size = _sizes(list(names), sampler.columns(range(len(every)), x))
     fitted, groups, at = [], [], 0
     working = ProgressReporter("fitting functions")
     for k, units in enumerate(every):

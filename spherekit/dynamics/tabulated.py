@@ -174,12 +174,12 @@ class StoredModel:
 
         `name` is LINK/RELATIVE_TO, as "3/1"; either order names the same axis. Of a curve.
         """
-        if self._is_one(x) and name in self._poles:
-            return np.array(self._poles[name](x))
+        if self._is_one(x) and name in self._singles:
+            return np.array(self._singles[name](x))
         stored = self.heading.pole(name)[0]
         names = [f"pole {stored} {axis}" for axis in "xyz"]
         if self._is_one(x):
-            self._poles[name] = self._named(*names)
+            self._singles[name] = self._named(*names)
             return self.pole(name, x)
         (q,), _, shape = self._together(x)
         rows = self._rows(self.heading.place(names[0])[0], q)
@@ -289,12 +289,7 @@ class StoredModel:
 
     @cached_property
     def _singles(self) -> dict[str, Single]:
-        """Functions at single places, by name, once asked for."""
-        return {}
-
-    @cached_property
-    def _poles(self) -> dict[str, Single]:
-        """Directions at single places, by the pole's name, once asked for."""
+        """Functions and pole axes at single places, by name, once asked for."""
         return {}
 
     def _is_one(self, x: Any) -> bool:

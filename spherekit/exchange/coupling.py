@@ -5,7 +5,6 @@ A coupling table as a C header: static arrays, and C99 that reads between them.
 
 import json
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from itertools import product
 from typing import Any
@@ -279,7 +278,10 @@ enum {{
 /* What {name}_at returns. */
 enum {{ {guard}_OK = 0, {guard}_NO_MODE = 1, {guard}_OUTSIDE = 2, {guard}_NOT_SURE = 3 }};
 
-{enums}
+/* Places of the variables in the results. */
+enum {{{enums}
+}};
+
 static const int {name}_mode[] = {{{mode_numbers}}};
 static const double {name}_start[] = {{{start}}};
 static const double {name}_step[] = {{{step}}};
@@ -422,7 +424,10 @@ def header(table: CouplingTable) -> str:
         modes=modes,
         nodes=nodes,
         cells=cells,
-        enums=_enum(name, (f"{variable}" for variable in table.variables)),
+        enums=",".join(
+            f"\n    {name}_{re.sub(r'[^A-Za-z0-9_]', '_', word)} = {k}"
+            for k, word in enumerate(table.variables)
+        ),
         mode_numbers=_row(table.modes),
         start=_row(table.start),
         step=_row(table.step),
@@ -430,15 +435,6 @@ def header(table: CouplingTable) -> str:
         periodic=_row(table.periodic.astype(int)),
         arrays="\n".join(arrays),
         turning_code=TURNING.format(**sizes) if p else "    (void)turning;\n",
-    )
-
-
-def _enum(name: str, words: Iterable[str]) -> str:
-    """Return the places of variables in the results, by name."""
-    items = [f"{name}_{re.sub(r'[^A-Za-z0-9_]', '_', word)}" for word in words]
-    lines = "".join(f"\n    {item} = {k}," for k, item in enumerate(items))
-    return (
-        f"/* Places of the variables in the results. */\nenum {{{lines.rstrip(',')}\n}};\n"
     )
 
 

@@ -425,12 +425,6 @@ class ForeignTables:
                 put(f"damper_{pair.name}", {"kind": "damper", **on, "damping": viscous})
         for name, table in self._actuators():
             put(name, table)
-        self._left_out()
-        return loads
-
-    def _left_out(self) -> None:
-        """Note what joints have that no load is."""
-        m = self.m
         for k in range(m.njnt):
             dof, name = int(m.jnt_dofadr[k]), self._joint(k)
             if m.dof_armature[dof]:
@@ -441,6 +435,7 @@ class ForeignTables:
                 self.notes.append(
                     f"joint {name}: spring or damper left out where not linear"
                 )
+        return loads
 
     def _actuators(self) -> Iterator[tuple[str, Table]]:
         """Yield actuators without control as loads; note others that drive no hinge."""
@@ -463,18 +458,19 @@ class ForeignTables:
                 terms = zip(parts, names, strict=True)
                 told = " + ".join(f"({part}){name}" for part, name in terms if part)
                 yield name, {"pair": pair, "torque": told or "0"}
-            elif transmission == kinds.mjTRN_SITE and not np.any(bias[1:]):
-                for table in self._on_site(name, gear * bias[0], first, second):
+            elif (
+                transmission == kinds.mjTRN_SITE
+                and not np.any(bias[1:])
+                and (second < 0 or m.body_weldid[m.site_bodyid[second]] == 0)
+            ):
+                for table in self._on_site(gear * bias[0], first, second):
                     yield name, table
             else:
                 self.notes.append(f"actuator {name} left out: it is no constant load")
 
-    def _on_site(self, name: str, wrench: Floats, site: int, seen: int) -> Iterator[Table]:
+    def _on_site(self, wrench: Floats, site: int, seen: int) -> Iterator[Table]:
         """Yield the force and the moment that an actuator at a site is."""
         m, d = self.m, self.d
-        if seen >= 0 and m.body_weldid[m.site_bodyid[seen]] != 0:
-            self.notes.append(f"actuator {name} left out: its axes move with another body")
-            return
         turn = d.site_xmat[site if seen < 0 else seen].reshape(3, 3)
         link = self._name(self.link[m.site_bodyid[site]])
         arm = d.site_xpos[site] - self.centre

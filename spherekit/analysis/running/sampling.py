@@ -299,24 +299,24 @@ def _simulated_courses(
     """
     most = max(FEWEST_AT_ONCE, len(t) // PORTIONS)
     course: Sampling | None = None
-    for piece in pieces:
-        if course is None or piece.run is not course.run:
+    for run, made, until in pieces:
+        if course is None or run is not course.run:
             course = None
         done = 0 if course is None else len(course)
-        if np.isfinite(piece.until):
-            ready = int(np.searchsorted(t, piece.until))
+        if np.isfinite(until):
+            ready = int(np.searchsorted(t, until))
             if ready == 0 or ready < min(2 * done, done + most):
                 continue
             times = t[:ready]
         else:
             times = t
-        extended = simulated_course(tracer, piece.motion, times, tolerance, course)
+        extended = simulated_course(tracer, made(), times, tolerance, course)
         course = replace(
             extended,
             duration=float(t[-1]),
             planned=len(t),
-            going_on=bool(np.isfinite(piece.until)),
-            run=piece.run,
+            going_on=bool(np.isfinite(until)),
+            run=run,
         )
         yield course
 
