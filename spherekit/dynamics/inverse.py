@@ -259,7 +259,14 @@ def inverse_dynamics(
     if isinstance(law, TimeScaling):
         return needed_torques(_scheduled(mechanism, law, t))
     if isinstance(law, Mapping):
-        mechanism = mechanism.with_inputs(*_ordered(mechanism, law))
+        inputs = mechanism.input_pairs
+        lacking = [pair for pair in inputs if pair not in law]
+        if len(law) < len(inputs):
+            raise SolveError(
+                f"{mechanism.name}: input {lacking[0]} has no law; give one for every "
+                f"input ({listing(inputs)})"
+            )
+        mechanism = mechanism.with_inputs(*(law if lacking else inputs))
         laws = law
     else:
         mechanism = driven_at(mechanism, input_pair)
@@ -274,20 +281,6 @@ def inverse_dynamics(
     tracer, motion = at_inputs(mechanism, q, assembly_mode, search)
     motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
     return needed_torques(going_on(motion, tracer.solver))
-
-
-def _ordered(mechanism: Mechanism, laws: Mapping[str, TimeLaw]) -> list[str]:
-    """Return the inputs that laws are of, in the order of the mechanism's own."""
-    inputs = mechanism.input_pairs
-    if sorted(inputs) == sorted(laws):
-        return list(inputs)
-    lacking = [pair for pair in inputs if pair not in laws]
-    if len(laws) < len(inputs):
-        raise SolveError(
-            f"{mechanism.name}: input {lacking[0]} has no law; give one for every input "
-            f"({listing(inputs)})"
-        )
-    return list(laws)
 
 
 def _scheduled(mechanism: Mechanism, schedule: TimeScaling, t: Floats) -> Motion:

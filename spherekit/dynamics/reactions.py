@@ -148,31 +148,28 @@ def reactions(motion: Motion) -> Reactions:
     is_open = np.zeros((*shape, 6), dtype=bool)
     slides = np.zeros((len(motion), len(mechanism.links)), dtype=bool)
     unbalanced = nans(len(motion))
+    carried = transmitted(driven.rows(good), forces=True)
+    wrenches[good], is_open[good] = carried.wrenches, carried.is_open
+    unbalanced[good], slides[good] = carried.unbalanced, carried.slides
     missing = IndeterminateForces()
-    if np.any(good):
-        carried = transmitted(driven.rows(good), forces=True)
-        wrenches[good], is_open[good] = carried.wrenches, carried.is_open
-        unbalanced[good], slides[good] = carried.unbalanced, carried.slides
-        count = np.count_nonzero(carried.is_open, axis=(1, 2))
-        if np.any(count) and not np.any(slides):
-            row = np.flatnonzero(good)[int(np.argmin(count))]
-            missing = lacking(mechanism, frames[row])
-    moments, forces = wrenches[..., :3], wrenches[..., 3:]
-    status = np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1)
-    contacts = np.array([not pair.kind.has_axis for pair in mechanism.pairs])
-    size = max_abs(np.nan_to_num(moments), axis=(1, 2))
-    with np.errstate(invalid="ignore"):
-        pulls = contacts & (moments[:, :, 0] < -ROUNDING * size[:, None])
-    status[good[:, None] & pulls] = Status.LIFT_OFF
-    return Reactions(
+    count = np.count_nonzero(carried.is_open, axis=(1, 2))
+    if np.any(count) and not np.any(slides):
+        row = np.flatnonzero(good)[int(np.argmin(count))]
+        missing = lacking(mechanism, frames[row])
+    result = Reactions(
         torques,
         frames,
-        moments,
-        forces,
+        wrenches[..., :3],
+        wrenches[..., 3:],
         is_open[..., :3],
         is_open[..., 3:],
         slides,
         missing,
         unbalanced,
-        status,
+        np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1),
     )
+    size = max_abs(np.nan_to_num(result.moments), axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        pulls = result.push < -ROUNDING * size[:, None]
+    result.status[good[:, None] & pulls] = Status.LIFT_OFF
+    return result

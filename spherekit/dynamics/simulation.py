@@ -302,12 +302,7 @@ class Simulation:
         equation, driven = self.equation, list(self.driven)
         times = np.atleast_1d(np.asarray(t, dtype=float))
         traced, dynamics = self._at(times, second=True)
-        motion, masses, speed, states = (
-            dynamics.motion,
-            dynamics.masses,
-            dynamics.speed,
-            traced.states,
-        )
+        motion, masses, speed = dynamics.motion, dynamics.masses, dynamics.speed
         assert masses is not None
         bend = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
         rates = rates_by_time(motion, speed)
@@ -323,10 +318,10 @@ class Simulation:
             speed=speed,
             M=masses.M_parts,
             Q=dynamics.forces,
-            kinetic=0.5 * np.sum(states[:, equation.momenta] ** 2, axis=1),
+            kinetic=0.5 * np.sum(traced.states[:, equation.momenta] ** 2, axis=1),
             power=dynamics.power,
-            work=states[:, equation.works],
-            residual=equation.closure.at(states[:, : equation.variables]).gap,
+            work=traced.states[:, equation.works],
+            residual=equation.closure.at(traced.states[:, : equation.variables]).gap,
         )
 
     @checked(SolveError)

@@ -7,7 +7,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,9 +15,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from spherekit.arrays import Array, Floats
-from spherekit.conventions import AnyPath, choices, listing, nearest
-from spherekit.errors import FileError, ModelError, SolveError
-from spherekit.model.dynamics import DRIVE
+from spherekit.conventions import AnyPath, choices
+from spherekit.errors import FileError, SolveError
 from spherekit.model.expression import Expression, load_names, made_of, parse
 from spherekit.model.load import TorqueTable
 from spherekit.version import __version__
@@ -216,27 +215,6 @@ class StoredHeading:
             f"{self.mechanism}: the model is asked for {self.by[0]} = {x:.9g}, but "
             f"the coordinate {allowed}"
         )
-
-    def with_torques(self, torques: str | Mapping[str, str]) -> "StoredHeading":
-        """Return the heading with torques (N m) at inputs as more loads; see the model."""
-        if isinstance(torques, str):
-            torques = {self.inputs[0]: torques}
-        loads = list(self.loads)
-        for pair, text in torques.items():
-            if pair not in self.inputs:
-                raise ModelError(
-                    f'{self.mechanism}: torque: "{pair}" is not an input'
-                    f"{nearest(pair, self.inputs) or ';'} Inputs: {listing(self.inputs)}"
-                )
-            name = DRIVE if self.alone else f"{DRIVE}_{pair}"
-            if any(load.name == name for load in loads):
-                raise ModelError(f"{self.mechanism}: torque: the model has one already")
-            try:
-                parse(text, load_names(self.angles))
-            except ModelError as error:
-                raise ModelError(f"{self.mechanism}: torque: {error}") from None
-            loads.append(StoredLoad(name, (f"theta_{pair}",), (text,)))
-        return replace(self, loads=tuple(loads))
 
 
 Made = TypeVar("Made")

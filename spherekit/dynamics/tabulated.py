@@ -6,7 +6,7 @@ evaluates it in control loops. It needs NumPy and the standard library only.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from typing import Any, TypeVar, overload
 
@@ -26,7 +26,9 @@ from spherekit.dynamics.stored_model import (
     single_states,
     write_archive,
 )
-from spherekit.errors import FileError, SolveError
+from spherekit.errors import FileError, ModelError, SolveError
+from spherekit.model.dynamics import DRIVE
+from spherekit.model.expression import load_names, parse
 from spherekit.model.load import TorqueTable
 from spherekit.numeric.cells import LocalPolynomials, TensorCells, TensorChebyshev
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
@@ -252,7 +254,24 @@ class StoredModel:
             If an expression breaks the grammar, or there is no such input, or one has a
             torque already.
         """
-        return StoredModel(self.heading.with_torques(torque), self.groups)
+        heading = self.heading
+        given = {heading.inputs[0]: torque} if isinstance(torque, str) else torque
+        loads = list(heading.loads)
+        for pair, text in given.items():
+            if pair not in heading.inputs:
+                raise ModelError(
+                    f'{heading.mechanism}: torque: "{pair}" is not an input'
+                    f"{choices(pair, heading.inputs, 'Inputs')}"
+                )
+            name = DRIVE if heading.alone else f"{DRIVE}_{pair}"
+            if any(load.name == name for load in loads):
+                raise ModelError(f"{heading.mechanism}: torque: the model has one already")
+            try:
+                parse(text, load_names(heading.angles))
+            except ModelError as error:
+                raise ModelError(f"{heading.mechanism}: torque: {error}") from None
+            loads.append(StoredLoad(name, (f"theta_{pair}",), (text,)))
+        return StoredModel(replace(heading, loads=tuple(loads)), self.groups)
 
     def save(self, path: AnyPath) -> None:
         """Write the model to a NumPy archive (.npz) that describes itself.

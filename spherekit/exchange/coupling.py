@@ -6,7 +6,7 @@ A coupling table as a C header: static arrays, and C99 that reads between them.
 import json
 import re
 from dataclasses import dataclass, fields
-from itertools import product
+from itertools import combinations_with_replacement, product
 from typing import Any
 
 import numpy as np
@@ -213,8 +213,9 @@ def columns(table: CouplingTable) -> dict[str, Floats]:
     cell that starts at the node.
     """
     modes, nodes = len(table.modes), len(table.nodes)
+    inputs = list(enumerate(table.inputs))
     arrays: dict[str, Floats] = {"assembly_mode": np.repeat(table.modes, nodes)}
-    for k, name in enumerate(table.inputs):
+    for k, name in inputs:
         arrays[f"q_{name}"] = np.tile(table.nodes[:, k], modes)
 
     def put(name: str, values: Floats) -> None:
@@ -222,16 +223,14 @@ def columns(table: CouplingTable) -> dict[str, Floats]:
 
     for v, name in enumerate(table.variables):
         put(name, table.angles[:, :, v])
-        for i, one in enumerate(table.inputs):
+        for i, one in inputs:
             put(f"{name}_by_{one}", table.coefficients[:, :, v, i])
-        for i, one in enumerate(table.inputs):
-            for j, other in list(enumerate(table.inputs))[i:]:
-                put(f"{name}_by_{one}_by_{other}", table.derivatives[:, :, v, i, j])
+        for (i, one), (j, other) in combinations_with_replacement(inputs, 2):
+            put(f"{name}_by_{one}_by_{other}", table.derivatives[:, :, v, i, j])
     for p, pole in enumerate(table.poles):
         stem = f"w_{pole.replace('/', '_')}"
-        for i, one in enumerate(table.inputs):
-            for x, axis in enumerate("xyz"):
-                put(f"{stem}_{axis}_by_{one}", table.turning[:, :, p, i, x])
+        for (i, one), (x, axis) in product(inputs, enumerate("xyz")):
+            put(f"{stem}_{axis}_by_{one}", table.turning[:, :, p, i, x])
     cells = table.error.reshape(modes, *(table.count - 1))
     wider = [(0, 0), *[(0, 1)] * len(table.count)]
     put("cell_error", np.pad(cells, wider, constant_values=np.nan))

@@ -85,13 +85,16 @@ class ForeignTables:
             )
         else:
             masses = dict(self._masses())
+        loads: Table = {}
+        for name, table in self._loads(masses):
+            loads[self._unique(name, loads)] = table
         return {
             "source": {"citation": f"imported from the {self.model.source}"},
             "links": links,
             "pairs": {pair.name: self._pair(pair) for pair in self.pairs} | contacts,
             "inputs": inputs,
             "mass": masses,
-            "loads": self._loads(masses),
+            "loads": loads,
             "joint_limits": {
                 pair.name: self._ends(*limits)
                 for pair in self.pairs
@@ -390,17 +393,12 @@ class ForeignTables:
                     )
             yield self._name(link), table
 
-    def _loads(self, masses: Table) -> Table:
-        m, loads = self.m, {}
-        names: list[str] = []
-
-        def put(name: str, table: Table) -> None:
-            names.append(self._unique(name, names))
-            loads[names[-1]] = table
-
+    def _loads(self, masses: Table) -> Iterator[tuple[str, Table]]:
+        """Yield the loads, with names that may be taken; note what no load is."""
+        m = self.m
         if self.model.gravity is not None and masses:
             acceleration = [plain(x, 1.0) for x in self.model.gravity]
-            put("gravity", {"kind": "gravity", "acceleration": acceleration})
+            yield "gravity", {"kind": "gravity", "acceleration": acceleration}
         for pair in self.pairs:
             k, on = pair.joint, {"pair": pair.name}
             if k < 0:
@@ -411,20 +409,19 @@ class ForeignTables:
             if stiffness:
                 rest = self._angle(float(m.qpos_spring[place]))
                 spring = {"stiffness": plain(stiffness, stiffness), "rest": rest}
-                put(f"spring_{pair.name}", {"kind": "spring", **on, **spring})
+                yield f"spring_{pair.name}", {"kind": "spring", **on, **spring}
             viscous = plain(damping, damping)
             if dry:
                 rubs = {"torque": plain(dry, dry), "speed": self._angle(SLOW)}
                 if damping:
                     rubs["viscous"] = viscous
-                put(f"friction_{pair.name}", {"kind": "friction", **on, **rubs})
+                yield f"friction_{pair.name}", {"kind": "friction", **on, **rubs}
                 self.notes.append(
                     f"dry friction of {pair.name} is smoothed below {SLOW:g} rad/s"
                 )
             elif damping:
-                put(f"damper_{pair.name}", {"kind": "damper", **on, "damping": viscous})
-        for name, table in self._actuators():
-            put(name, table)
+                yield f"damper_{pair.name}", {"kind": "damper", **on, "damping": viscous}
+        yield from self._actuators()
         for k in range(m.njnt):
             dof, name = int(m.jnt_dofadr[k]), self._joint(k)
             if m.dof_armature[dof]:
@@ -435,7 +432,6 @@ class ForeignTables:
                 self.notes.append(
                     f"joint {name}: spring or damper left out where not linear"
                 )
-        return loads
 
     def _actuators(self) -> Iterator[tuple[str, Table]]:
         """Yield actuators without control as loads; note others that drive no hinge."""
