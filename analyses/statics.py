@@ -1,6 +1,6 @@
 """Mechanisms at rest: holding torques, mechanical advantage and stiffness of outputs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -144,13 +144,10 @@ class Statics(AbstractAnalysis):
         """Return the tables of torques and of the outputs."""
         solution, mechanism = self._found(batch), batch.mechanism
         common, outputs = row_columns(batch), self._outputs(batch)
-        shape = (len(batch), 0)
-        held = list(outputs.values())
-        advantages = _beside(
-            [stiffness.advantage for stiffness in held], (*shape, solution.M.shape[1])
-        )
-        sizes = _beside([stiffness.stiffness for stiffness in held], (*shape, 3))
-        axes = _beside([stiffness.axes for stiffness in held], (*shape, 3, 3))
+        held, n = list(outputs.values()), len(batch)
+        advantages = _beside([x.advantage for x in held], solution.torques.shape)
+        sizes = _beside([x.stiffness for x in held], (n, 3))
+        axes = _beside([x.axes for x in held], (n, 3, 3))
         principal: dict[str, NDArray[Any]] = {}
         for number in range(3):
             principal[f"stiffness_{number + 1}"] = sizes[:, number]
@@ -224,6 +221,7 @@ def _said(largest: Mapping[str, Any], loads: bool) -> Findings:
     return Findings({"inputs": dict(largest), "loads": loads}, remarks=tuple(remarks))
 
 
-def _beside(parts: list[Floats], empty: tuple[int, ...]) -> Floats:
-    """Return arrays (n, ...) of k things as rows (n k, ...), thing after thing."""
-    return (np.stack(parts, axis=1) if parts else np.zeros(empty)).reshape(-1, *empty[2:])
+def _beside(parts: Sequence[Floats], shape: tuple[int, ...]) -> Floats:
+    """Return k arrays of one shape (n, ...) as rows (n k, ...), one of each in turn."""
+    whole = np.reshape(parts, (len(parts), *shape))
+    return whole.swapaxes(0, 1).reshape(-1, *shape[1:])

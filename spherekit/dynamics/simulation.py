@@ -224,8 +224,7 @@ class History(InputMotion):
     residual: Floats
 
     def __repr__(self) -> str:
-        span = f" from {self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else ""
-        return f"<History: {counted(len(self.t), 'time')}{span}>"
+        return f"<History: {counted(len(self.t), 'time')}>"
 
 
 @dataclass(frozen=True)

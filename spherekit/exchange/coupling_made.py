@@ -1,9 +1,10 @@
 """Making a coupling table: computed on a grid, measured between its nodes."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.dynamics.coordinates import by_variables
 from spherekit.errors import SolveError
-from spherekit.exchange.coupling import Coupled, CouplingTable
+from spherekit.exchange.coupling import CouplingTable
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import mechanism_hash
 from spherekit.model.mechanism import Mechanism
@@ -174,10 +175,16 @@ def _table(
     first = spread(np.swapaxes(parts.rates[:, :, columns], 1, 2))
     second = spread(np.moveaxis(parts.second[:, :, :, columns], 3, 1))
     low, high = [p[0] for p in poles], [p[1] for p in poles]
-    turning = spread(np.moveaxis(parts.w[:, :, high] - parts.w[:, :, low], 2, 1))
-    bent = spread(np.moveaxis(parts.dw[:, :, :, high] - parts.dw[:, :, :, low], 3, 1))
     usable = all_finite(first, (2, 3)) & all_finite(second, (2, 3, 4))
-    angles = np.where(usable[..., None], spread(parts.values[:, columns]), np.nan)
+    exact: dict[str, Any] = {
+        "angles": np.where(usable[..., None], spread(parts.values[:, columns]), np.nan),
+        "coefficients": first,
+        "derivatives": second,
+        "turning": spread(np.moveaxis(parts.w[:, :, high] - parts.w[:, :, low], 2, 1)),
+        "turning_derivatives": spread(
+            np.moveaxis(parts.dw[:, :, :, high] - parts.dw[:, :, :, low], 3, 1)
+        ),
+    }
     owned = [period for joint in motion.joints for period in joint.periods]
     periods, q = np.array(owned)[columns], tracer.input_grid.q
     thirds = (slice(None, None, PARTS),) * len(fine)
@@ -197,20 +204,17 @@ def _table(
         count=count,
         periodic=np.zeros(len(counts), dtype=bool),
         rise=np.zeros((len(modes), len(counts), len(columns))),
-        angles=angles[:, even],
-        coefficients=first[:, even],
-        derivatives=second[:, even],
-        turning=turning[:, even],
-        turning_derivatives=bent[:, even],
+        **{name: values[:, even] for name, values in exact.items()},
         error=np.zeros(cells),
         sure=np.ones(cells, dtype=bool),
         coefficient_error=0.0,
     )
-    coupled = Coupled(angles, first, second, turning)
-    return _periodic(_measured(made, coupled, fine), periods)
+    return _periodic(_measured(made, exact, fine), periods)
 
 
-def _measured(table: CouplingTable, exact: Coupled, fine: tuple[int, ...]) -> CouplingTable:
+def _measured(
+    table: CouplingTable, exact: Mapping[str, Floats], fine: tuple[int, ...]
+) -> CouplingTable:
     """Return the table with the errors of its cells.
 
     `exact` has a mode in each row, and a grid of a third of the step.
@@ -224,12 +228,9 @@ def _measured(table: CouplingTable, exact: Coupled, fine: tuple[int, ...]) -> Co
         node = np.ravel_multi_index(tuple((PARTS * every + place).T), fine)
         for number in range(len(table.modes)):
             blended = table.blended(number, every, np.broadcast_to(part, every.shape))
-            for most, ours, theirs in (
-                (error, blended.angles, exact.angles),
-                (slope, blended.coefficients, exact.coefficients),
-                (slope, blended.turning, exact.turning),
-            ):
-                off = np.abs(ours - theirs[number, node]).reshape(len(node), -1)
+            for name in ("angles", "coefficients", "turning"):
+                off = np.abs(getattr(blended, name) - exact[name][number, node])
+                most, off = error if name == "angles" else slope, off.reshape(len(node), -1)
                 most[number] = np.maximum(most[number], np.max(off, axis=1, initial=0.0))
     error *= BETWEEN
     with np.errstate(invalid="ignore"):
@@ -241,16 +242,14 @@ def _measured(table: CouplingTable, exact: Coupled, fine: tuple[int, ...]) -> Co
 def _periodic(table: CouplingTable, periods: Floats) -> CouplingTable:
     """Return the table with the inputs after a turn of which all returns."""
     shape = (len(table.modes), *table.count)
+    angles, slopes = (x.reshape(*shape, -1) for x in (table.angles, table.coefficients))
     periodic, rise = table.periodic.copy(), table.rise.copy()
     for axis, lap in enumerate(table.step * (table.count - 1)):
         if abs(lap - 2.0 * np.pi) > SAME:
             continue
         grown, change = (
             np.take(whole, -1, axis=1 + axis) - np.take(whole, 0, axis=1 + axis)
-            for whole in (
-                table.angles.reshape(*shape, -1),
-                table.coefficients.reshape(*shape, -1),
-            )
+            for whole in (angles, slopes)
         )
         grown = grown.reshape(len(table.modes), -1, len(periods))
         with np.errstate(invalid="ignore"):
