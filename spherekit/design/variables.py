@@ -10,7 +10,6 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import Names, listing
-from spherekit.engine.algebra import DesignGeometry
 from spherekit.engine.row_quantities import row_quantities
 from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import DesignError, SpherekitError
@@ -29,8 +28,6 @@ DESIGNED = ("links", "pairs", "mass", "loads")
 
 ACTIONS = ("mass", "loads")
 """Those that say nothing of where links are."""
-
-_GEOMETRY = ("arcs", "angles", "zeros", "values", "longitudes", "latitudes")
 
 
 @dataclass(frozen=True)
@@ -119,12 +116,8 @@ def designed_pairs(
 
     What profiles are is handed in `as_columns`, or follows from circles.
     """
-    made: dict[str, dict[Any, Any]] = {kind: {} for kind in _GEOMETRY}
-    for variable in variables:
-        if variable.slot is not None:
-            kind, place = variable.slot
-            made[kind][place] = numbers[variable.name]
-    return turning_pairs(mechanism, DesignGeometry(**made), as_columns=as_columns)
+    design = {x.slot: numbers[x.name] for x in variables if x.slot is not None}
+    return turning_pairs(mechanism, design, as_columns=as_columns)
 
 
 def designed(

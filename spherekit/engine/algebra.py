@@ -12,7 +12,6 @@ counts from its value there.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -116,22 +115,13 @@ def cofactors(rows: Sequence[Sequence[Expr]]) -> list[list[Expr]]:
     ]
 
 
-@dataclass(frozen=True)
-class DesignGeometry:
-    """Sizes that take the place of a mechanism's own: numbers (rad) or terms.
+DesignGeometry = Mapping[tuple[str, Any], Expr]
+"""Sizes that take the place of a mechanism's own: numbers (rad) or terms, by their kind.
 
-    `arcs`, `angles` by link and the pair they lead to (in a reference pose `pose_sizes`),
-    `zeros` and `values` by pair; in a reference pose `longitudes` and `latitudes` of axes
-    by pair, of both or none.
-    """
-
-    arcs: Mapping[tuple[str, str], Expr]
-    angles: Mapping[tuple[str, str], Expr]
-    zeros: Mapping[str, Expr]
-    values: Mapping[str, Expr]
-    longitudes: Mapping[str, Expr]
-    latitudes: Mapping[str, Expr]
-
+``arcs`` and ``angles`` by link and the pair they lead to (in a reference pose those of
+`pose_sizes`), ``zeros`` and ``values`` by pair; in a reference pose ``longitudes`` and
+``latitudes`` of axes by pair, of both or none.
+"""
 
 Frames = tuple[Exprs, Exprs]
 """The frames (3, 3) of a pair in its first and its second link."""
@@ -153,7 +143,7 @@ def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, F
         if isinstance(geometry, PoseGeometry):
             made[pair.name] = _in_pose(mechanism, geometry, design, pair)
         else:
-            zero = design.zeros.get(pair.name, geometry.zeros.get(pair.name, 0.0))
+            zero = design.get(("zeros", pair.name), geometry.zeros.get(pair.name, 0.0))
             one, other = (
                 _in_link(mechanism, geometry, design, link, pair.name)
                 for link in pair.links
@@ -166,13 +156,13 @@ def _in_pose(
     mechanism: Mechanism, geometry: PoseGeometry, design: DesignGeometry, pair: Pair
 ) -> Frames:
     x, y, z = geometry.axes[pair.name]
-    longitude = design.longitudes.get(pair.name, float(np.arctan2(y, x)))
-    latitude = design.latitudes.get(pair.name, float(np.arctan2(z, np.hypot(x, y))))
+    longitude = design.get(("longitudes", pair.name), float(np.arctan2(y, x)))
+    latitude = design.get(("latitudes", pair.name), float(np.arctan2(z, np.hypot(x, y))))
     level = cosine(latitude)
     axis = vector([level * cosine(longitude), level * sine(longitude), sine(latitude)])
     east = vector([-1.0 * sine(longitude), cosine(longitude), 0.0])
     frame = np.stack([east, cross(axis, east), axis], axis=1)
-    value = design.values.get(pair.name, geometry.values.get(pair.name, 0.0))
+    value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
     one, other = (_off(mechanism, design, link, pair.name, frame) for link in pair.links)
     return one, other @ about_z(value)
 
@@ -181,8 +171,7 @@ def _off(
     mechanism: Mechanism, design: DesignGeometry, link: str, pair: str, frame: Exprs
 ) -> Exprs:
     """Return the frame of a pair in a link whose sizes are not those of the pose."""
-    key = link, pair
-    terms = {"arcs": design.arcs.get(key), "angles": design.angles.get(key)}
+    terms = {kind: design.get((kind, (link, pair))) for kind in ("arcs", "angles")}
     if all(term is None for term in terms.values()):
         return frame
     for kind, to, value, about in pose_sizes(mechanism, link):  # arcs before angles
@@ -200,7 +189,8 @@ def _in_link(
     pair: str,
 ) -> Exprs:
     sizes = geometry.links.get(link, LinkSizes(()))
-    if link not in {named for named, _ in (*design.arcs, *design.angles)}:
+    varied = (place[0] for kind, place in design if kind in ("arcs", "angles"))
+    if link not in varied:
         frame = reference_frame(axes_from_sizes(sizes), pair)
         return np.array(frame.tolist(), dtype=object)
     place = sizes.axes.index(pair)
@@ -212,10 +202,10 @@ def _in_link(
             "derivatives; vary another size, or compare with a file of an arc that is small"
         )
     key = link, sizes.axes[leading]
-    arc = design.arcs.get(key, sizes.arcs[leading - 1])
+    arc = design.get(("arcs", key), sizes.arcs[leading - 1])
     turn: Expr = 0.0
     if leading > 1:
-        turn = design.angles.get(key, sizes.angles[leading - 2])
+        turn = design.get(("angles", key), sizes.angles[leading - 2])
     # Beyond half a turn the way to the other axis runs in the opposite direction.
     sense = 1.0 if np.sin(sizes.arcs[leading - 1]) > 0.0 else -1.0
     outward = vector([-1.0 * sine(turn), cosine(turn), 0.0])

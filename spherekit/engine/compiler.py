@@ -72,7 +72,10 @@ def _lowered(items: Sequence[Expr], variables: Mapping[ExpressionNode, Any]) -> 
             sums[term] = [x for summands in groups for x in summands]
             return module.sum(sums[term])
         if term.operation == "sign":
-            return _sign(*arguments)
+            (value,) = arguments
+            one, zero = module.expression(1.0), module.expression(0.0)
+            least = module.select(module.lt(value, zero), -one, zero)
+            return module.select(module.gt(value, zero), one, least)
         if term.operation == "maximum":
             return module.select(module.gt(*arguments), *arguments)
         if term.operation in _OPERATORS:
@@ -80,13 +83,6 @@ def _lowered(items: Sequence[Expr], variables: Mapping[ExpressionNode, Any]) -> 
         return getattr(module, term.operation)(*arguments)
 
     return rewrite(items, module.expression, apply)
-
-
-def _sign(value: Any) -> Any:
-    module = heyoka()
-    one, zero = module.expression(1.0), module.expression(0.0)
-    least = module.select(module.lt(value, zero), -one, zero)
-    return module.select(module.gt(value, zero), one, least)
 
 
 def _plain(terms: Sequence[ExpressionNode]) -> dict[ExpressionNode, Any]:

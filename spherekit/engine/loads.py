@@ -42,16 +42,12 @@ class LoadState:
     switch: Callable[[Expr], Expr]
     table: Callable[[str], Expr]
 
-    def variable(self, pair: str) -> int:
-        """Return the number of an R pair's variable."""
-        return self.mechanism.angles[pair]
-
     def named(self, name: str) -> tuple[Expr, Expr]:
         """Return what a name in an expression stands for, and that less whole turns."""
         kind, _, pair = name.partition("_")
         if kind == "t":
             return self.time, self.time
-        number = self.variable(pair)
+        number = self.mechanism.angles[pair]
         if kind == "theta":
             angle = self.variables[number]
             return angle + TURN * self.turns[number], angle
@@ -75,7 +71,7 @@ def forces_of(parts: Sequence[Component], moving: LoadState) -> list[Expr]:
             else expression_value(expression_of(law), moving)
         )
         if part.pair:
-            variable = moving.variable(part.pair)
+            variable = moving.mechanism.angles[part.pair]
             totals = [
                 total + magnitude * tau[variable]
                 for total, tau in zip(totals, moving.tau, strict=True)

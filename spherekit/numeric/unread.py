@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -15,18 +15,15 @@ Reader = Callable[[slice, Sequence[Array]], None]
 """Takes some rows and what columns hold there, which is there during the call."""
 
 
-class Source(Protocol):
-    """What makes columns (n,) when they are read."""
-
-    def read(self, keys: Sequence[Any], reader: Reader) -> None:
-        """Have columns read, rows after rows until all were, in any order or at once."""
-
-
 @dataclass(frozen=True)
 class LazyColumn:
-    """A column (n,) of numbers that `source` makes by its `key` when it is read."""
+    """A column (n,) of numbers that `source` makes by its `key` when it is read.
 
-    source: Source
+    Its `read(keys, reader)` has columns read, rows after rows until all were, in any order
+    or at once.
+    """
+
+    source: Any
     key: Hashable
     count: int
     dtype: ClassVar[np.dtype[Any]] = np.dtype(np.float64)

@@ -16,19 +16,6 @@ from spherekit.model.parts import LinkSizes, PoseGeometry, SizeGeometry
 from spherekit.planning.inputs import Assembly, plan_assembly
 
 
-def needed_groups(
-    mechanism: Mechanism, assembly: Assembly, links: Iterable[int]
-) -> tuple[int, ...]:
-    """Return which groups place these links relative to each other and to the inputs.
-
-    The ground and the links of all inputs are wanted too. Positions in `assembly.groups`,
-    in order.
-    """
-    driven = {link for pair in assembly.inputs for link in mechanism.ends[pair]}
-    groups, _ = _placing(mechanism, assembly, frozenset({0} | driven | set(links)))
-    return tuple(sorted(groups))
-
-
 def moving_pairs(
     mechanism: Mechanism, assembly: Assembly, links: Iterable[int]
 ) -> tuple[int, ...]:
@@ -105,14 +92,13 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     PlanError
         See `spherekit.planning.inputs.plan_assembly`.
     """
-    wanted = frozenset(links)
     try:
         assembly = plan_assembly(mechanism)
     except CountError:
         return mechanism
-    numbers = set(assembly.inputs)
-    for group in needed_groups(mechanism, assembly, wanted):
-        numbers |= set(assembly.groups[group].pairs)
+    driven = {link for pair in assembly.inputs for link in mechanism.ends[pair]}
+    groups, _ = _placing(mechanism, assembly, frozenset({0} | driven | set(links)))
+    numbers = {*assembly.inputs}.union(*(assembly.groups[k].pairs for k in groups))
     if len(numbers) == len(mechanism.pairs):
         return mechanism
     return of_pairs(mechanism, numbers)

@@ -60,7 +60,8 @@ def steps_of(chain: Plan, game: Pebbles | None) -> list[Step]:
         round_number += 1
         new_steps: list[Step] = []
         for pole in unknown:
-            shared = next((n for mask, n in chain.coaxial if _holds(mask, *pole)), None)
+            both = mask_of(pole)
+            shared = next((n for mask, n in chain.coaxial if mask & both == both), None)
             if shared is not None:
                 new_steps.append(PrimaryPole(pole, shared, round_number))
             elif _has_lines(chain, contacts, partners, pole):
@@ -169,10 +170,6 @@ def circles(
         left &= ~same
         circles.append(bits_of(same))
     return circles
-
-
-def _holds(mask: int, i: int, j: int) -> bool:
-    return bool(mask >> i & 1 and mask >> j & 1)
 
 
 def _smallest_block(
