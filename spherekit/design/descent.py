@@ -164,7 +164,7 @@ class FigureGradients:
             return figures, gradients, 0.0
         closed, quantities, changes = self._rows(design, mode)
         with np.errstate(all="ignore"):
-            every = self._expressions(np.ascontiguousarray(quantities))
+            every = self._expressions(quantities)
         every = every.reshape(-1, len(of.merits), len(closed))
         for k, merit in enumerate(of.merits):
             rows = of.rows_of(merit)

@@ -464,7 +464,7 @@ class Evaluator:
     def _modes(self, kernel: DesignKernel, sizes: Floats) -> Evaluated:
         """Return designs (variables, n) of a kernel in all their modes."""
         n, parts = sizes.shape[1], []
-        prepared = kernel.prepare(np.ascontiguousarray(sizes))
+        prepared = kernel.prepare(sizes)
         for signs in product((1.0, -1.0), repeat=len(kernel.places)):
             label = "".join("+" if sign > 0 else "-" for sign in signs)
             turns, places = self.turns(kernel, prepared, signs), self.places(signs, n)
@@ -486,7 +486,7 @@ class Evaluator:
         assert self._paths is not None
         claim = COMPLETE if self._paths[1].counted else SAMPLED
         modes, place = self.configurations(sizes)
-        prepared = kernel.prepare(np.ascontiguousarray(sizes[:, modes.design]))
+        prepared = kernel.prepare(sizes[:, modes.design])
         values = modes.values[:, place]
         turns = np.zeros((len(kernel.turning), *values.shape[1:]))
         for design in np.unique(modes.design) if kernel.turning else ():

@@ -116,7 +116,7 @@ def _gathered(
     keys = np.round(there - 2.0 * np.pi * np.round(there / (2.0 * np.pi)), 6)
     order = np.lexsort((*keys[::-1], first, design))
     design, values, there = design[order], values[:, :, order], there[:, order]
-    prepared = kernel.prepare(np.ascontiguousarray(sizes[:, design]))
+    prepared = kernel.prepare(sizes[:, design])
     counts = np.arange(len(design)) - np.searchsorted(design, design)
     texts = zip(counts, kernel.labels(there, prepared), strict=True)
     labels = tuple(f"{k} {text}" for k, text in texts)
@@ -142,7 +142,7 @@ class _Following:
 
     def __init__(self, kernel: PathKernel, sizes: Floats, together: int) -> None:
         self.kernel, self.sizes, self.m = kernel, sizes, together
-        self.prepared = kernel.prepare(np.ascontiguousarray(sizes))
+        self.prepared = kernel.prepare(sizes)
         self.lost = np.zeros(sizes.shape[1] // together, dtype=bool)
 
     def begun(self, start: StartSolutions, q: Floats) -> _Sample:
@@ -178,7 +178,7 @@ class _Following:
         real = off == 0.0
         near = np.flatnonzero((off < REAL) & ~real & chosen)
         if len(near):
-            start = np.ascontiguousarray(values[:, near].real)
+            start = values[:, near].real
             refined, closed = settled(self._equations(near), start)
             stays = closed & (max_abs(refined - start, axis=0) < STAYS)
             rows = near[stays]
@@ -293,7 +293,7 @@ class _Following:
         self, at: _Sample, sample: _Sample, rows: Indices, start: Floats, stop: Floats
     ) -> Iterator[tuple[int, int]]:
         """Yield rows whose real ways reach a sample, and where these end, -1 if nowhere."""
-        sizes, begun = self.sizes[:, rows], np.ascontiguousarray(at.values[:, rows].real)
+        sizes, begun = self.sizes[:, rows], at.values[:, rows].real
         way = straight((sizes, sizes), (start[:, None], stop[:, None]))
         values, reached = tracked(self.kernel, way, begun, contracts=LONG)
         for row, end in zip(rows[reached].tolist(), values[:, reached].T, strict=True):

@@ -114,7 +114,7 @@ def tracked(
 
     def at(rows: Indices, t: Floats) -> tuple[Array, Equations]:
         sizes, q = way(rows, t)
-        prepared = kernel.prepare(np.ascontiguousarray(sizes))
+        prepared = kernel.prepare(sizes)
 
         def equations(values: Array, some: Indices) -> At:
             rest = prepared[:, some]
