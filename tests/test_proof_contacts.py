@@ -172,7 +172,7 @@ LOOPS = [
 def test_wheels_in_a_loop_turn_as_in_a_run(teeth):
     document = parse(geared(teeth), "geared")
     found = compared(read(document), ["75"], 2)
-    assert found.proven == found.rows > 0 and not found.exceeded
+    assert found.proven == len(found.data["status"]) > 0 and not found.exceeded
 
 
 def test_a_sliding_contact_is_proven_over_its_whole_range(capsys):

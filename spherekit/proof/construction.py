@@ -21,8 +21,8 @@ different unless everything is back.
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import combinations, islice
-from math import lcm
+from itertools import combinations, islice, permutations
+from math import lcm, prod
 
 import numpy as np
 
@@ -169,16 +169,9 @@ def _apart(
 
 def permanent(matrix: Indices) -> int:
     """Return the sum over permutations of the products of a square matrix's entries."""
-    sums = {0: 1}
-    for row in matrix:
-        following: dict[int, int] = {}
-        for used, total in sums.items():
-            for column, entry in enumerate(row):
-                if entry and not used >> column & 1:
-                    key = used | 1 << column
-                    following[key] = following.get(key, 0) + total * int(entry)
-        sums = following
-    return sum(sums.values())
+    rows = matrix.tolist()
+    orders = permutations(range(len(rows)))
+    return sum(prod(row[k] for row, k in zip(rows, o, strict=True)) for o in orders)
 
 
 def construct(structure: Structure, wanted: Collection[int] = ()) -> Construction:
