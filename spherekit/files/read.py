@@ -25,6 +25,7 @@ from spherekit.model.dynamics import (
     axes_frame,
     check_tensor,
     moved_to_sphere_centre,
+    tensor_of,
     uniform_arc,
 )
 from spherekit.model.gears import (
@@ -38,7 +39,7 @@ from spherekit.model.gears import (
     touching_angles,
 )
 from spherekit.model.joints import Links
-from spherekit.model.load import Load, vector_of
+from spherekit.model.load import Load
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import (
     AngleUnit,
@@ -51,6 +52,7 @@ from spherekit.model.parts import (
     SizeGeometry,
     Source,
     Vector,
+    vector_of,
 )
 
 Given = TypeVar("Given")
@@ -267,10 +269,9 @@ class _Reader:
                 frame = framed("frame", axes_frame)
                 tensor = frame @ tensor @ frame.T
                 centre = None if centre is None else frame @ np.array(centre)
-        # The rounding of mirrored entries is made equal.
-        first, second, third = map(vector_of, (tensor + tensor.T) / 2)
         whole = None if centre is None else vector_of(centre)
-        return Mass(link, (first, second, third), mass, whole)
+        # The rounding of mirrored entries is made equal.
+        return Mass(link, tensor_of((tensor + tensor.T) / 2), mass, whole)
 
     def in_phase(self, stated: Mechanism, pair: Pair) -> Pair:
         """Return a pair, where the file says its phase with the start that this means."""

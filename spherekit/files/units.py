@@ -28,6 +28,7 @@ from spherekit.model.parts import (
     Profile,
     Source,
     Vector,
+    vector_of,
 )
 from spherekit.model.study import ConstantSpeed, Cycloidal, Polynomial, Tabulated
 
@@ -109,8 +110,7 @@ def unit_vector(xyz: Vector) -> Vector:
         )
     if abs(length - 1) <= _UNIT_LENGTH:
         return xyz
-    x, y, z = (component / length for component in xyz)
-    return x, y, z
+    return vector_of(component / length for component in xyz)
 
 
 def direction(longitude: float, latitude: float) -> Vector:
@@ -225,9 +225,7 @@ def converted(document: Document, data: Table, kind: Kind = "mechanism") -> Any:
         "angle": angle,
         "travel": lambda _, number: to_radians(number, unit),
         "rate": lambda _, number: to_radians(number, unit),
-        "xyz": vector(
-            lambda row: unit_vector((float(row[0]), float(row[1]), float(row[2])))
-        ),
+        "xyz": vector(lambda row: unit_vector(vector_of(row))),
         "lonlat": lonlat,
         "series": lambda _, numbers: tuple(map(float, numbers)),
     }

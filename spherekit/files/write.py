@@ -213,7 +213,7 @@ def document_of(
 
 
 def _with_lonlat(document: Document) -> Document:
-    pairs = dict(document.data["pairs"])
+    pairs = copy.deepcopy(document.data["pairs"])
     unit = math.degrees if document.data["angle_unit"] == "deg" else float
 
     def lonlat(direction: Sequence[float]) -> list[LiteralNumber]:
@@ -221,18 +221,14 @@ def _with_lonlat(document: Document) -> Document:
         angles = math.atan2(y, x), math.atan2(z, math.hypot(x, y))
         return [LiteralNumber(repr(unit(angle))) for angle in angles]
 
-    for name, pair in pairs.items():
-        made = dict(pair)
-        if "xyz" in made:
-            made["lonlat"] = lonlat(made.pop("xyz"))
-        for link, profile in made.get("profiles", {}).items():
-            of_link = dict(profile)
-            for key, given in profile.items():
+    for pair in pairs.values():
+        if "xyz" in pair:
+            pair["lonlat"] = lonlat(pair.pop("xyz"))
+        for profile in pair.get("profiles", {}).values():
+            for key, given in list(profile.items()):
                 if key.endswith("_xyz") and isinstance(given[0], Sequence):
-                    del of_link[key]
-                    of_link[key.removesuffix("_xyz")] = [lonlat(point) for point in given]
-            made["profiles"] = {**made["profiles"], link: of_link}
-        pairs[name] = made
+                    del profile[key]
+                    profile[key.removesuffix("_xyz")] = [lonlat(point) for point in given]
     return replace(document, data={**document.data, "pairs": pairs})
 
 
@@ -298,7 +294,7 @@ def number_at(document: Document, path: KeyPath) -> float:
     """Return the number at a path, 0 where the file leaves it out."""
     place: Any = document.data
     for step in path:
-        place = _within(place, step)
+        place = place[step] if isinstance(step, int) else place.get(step)
     return 0.0 if place is None else float(place)
 
 
@@ -315,9 +311,3 @@ def with_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> Docume
             place = place[step]
         place[path[-1]] = LiteralNumber(repr(float(number)))
     return replace(document, data=data)
-
-
-def _within(place: Any, step: str | int) -> Any:
-    if isinstance(step, int):
-        return place[step]
-    return place.get(step)

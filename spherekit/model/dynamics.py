@@ -31,9 +31,8 @@ from spherekit.model.load import (
     need_angle,
     need_at_least_zero,
     number_text,
-    vector_of,
 )
-from spherekit.model.parts import Numbers, Vector, need_finite
+from spherekit.model.parts import Numbers, Vector, need_finite, vector_of
 from spherekit.sphere.rotation import cross, frame_from, max_abs
 
 PARALLEL = 1e-9
@@ -273,6 +272,12 @@ def need_no_rubbing(mechanism: Loaded, what: str) -> None:
 
 Tensor = tuple[Vector, Vector, Vector]
 Expressions = tuple[str, str, str]
+
+
+def tensor_of(rows: Floats) -> Tensor:
+    """Return a tensor (3, 3) as rows of floats."""
+    first, second, third = map(vector_of, rows)
+    return first, second, third
 
 
 DRIVE = "driving_torque"

@@ -24,6 +24,7 @@ from spherekit.model.parts import (
     Profile,
     SizeGeometry,
     Vector,
+    vector_of,
 )
 from spherekit.sphere.profile import Curve, circle, fourier, great_circle, through
 from spherekit.sphere.rotation import about_z, arc, cross, frame_from, perpendicular
@@ -172,8 +173,7 @@ def given_axis(axes: LinkAxes, link: str, pair: str) -> Vector:
             f'link "{link}" has no R pair "{pair}"'
             f"{choices(pair, axes[link], 'R pairs on it')}"
         )
-    x, y, z = axes[link][pair].tolist()
-    return x, y, z
+    return vector_of(axes[link][pair])
 
 
 def arc_pole(first: Vector, second: Vector) -> Vector:
@@ -194,8 +194,7 @@ def arc_pole(first: Vector, second: Vector) -> Vector:
             f"the two directions are {which}: they define no arc; give two directions "
             "that the arc passes through, neither equal nor opposite"
         )
-    x, y, z = pole / length
-    return float(x), float(y), float(z)
+    return vector_of(pole / length)
 
 
 def frames_of_sizes(pairs: Sequence[Pair], geometry: SizeGeometry) -> tuple[Frames, Frames]:

@@ -118,24 +118,36 @@ class Joint(ABC):
         """The range of each variable from which random starts are drawn."""
 
     @property
-    @abstractmethod
     def tracks(self) -> tuple[Track, ...]:
         """The profiles of both links, none where the pair has no contact."""
+        return ()
 
     @property
-    @abstractmethod
     def laps(self) -> tuple[float, ...]:
         """Lengths of wheels: a variable that grows by one counts a turn more of it."""
+        return ()
 
     @property
-    @abstractmethod
     def rolled(self) -> tuple[int, ...]:
         """The variables, by number, that say how far wheels have rolled."""
+        return ()
 
     @classmethod
-    @abstractmethod
     def states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
-        """Return the states (n, m) of joints at values (n, m, variables)."""
+        """Return the states (n, m) of joints at values (n, m, variables): of contacts."""
+        made = PairStates.blank(len(values), len(joints))
+        finite = values if all_finite(values) else np.nan_to_num(values)
+        for k, joint in enumerate(joints):
+            one, other = (
+                track.curve.at(finite[:, k, track.variable] + track.start)
+                for track in joint.tracks
+            )
+            made.first[:, k], made.second[:, k] = one.frame, other.frame
+            for side, point in enumerate((one, other)):
+                made.curvatures[:, k, side] = point.curvature
+                made.curvature_rates[:, k, side] = point.curvature_rate
+            made.inside[:, k] = one.inside & other.inside
+        return made
 
     @staticmethod
     @abstractmethod
@@ -181,9 +193,6 @@ class Revolute(Joint):
 
     periods = (2.0 * np.pi,)
     starts = ((-np.pi, np.pi),)
-    tracks = ()
-    laps = ()
-    rolled = ()
 
     @staticmethod
     def variable_names(pair: str, links: Links) -> list[str]:
@@ -261,10 +270,6 @@ class Rolling(Joint):
         half = 0.5 * max(self.first.length, self.second.length)
         return ((-half, half),)
 
-    @classmethod
-    def states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
-        return _contact_states(joints, values)
-
     @staticmethod
     def vectors(frames: Floats, curvatures: Floats) -> Floats:
         """Return (k1 - k2) p, with p the point and k1, k2 the curvatures."""
@@ -303,9 +308,6 @@ class Sliding(Joint):
     first: Curve
     second: Curve
 
-    laps = ()
-    rolled = ()
-
     @staticmethod
     def variable_names(pair: str, links: Links) -> list[str]:
         return [f"s_{pair}_{link}" for link in links]
@@ -322,10 +324,6 @@ class Sliding(Joint):
     @property
     def starts(self) -> tuple[Ends, ...]:
         return (0.0, self.first.length), (0.0, self.second.length)
-
-    @classmethod
-    def states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
-        return _contact_states(joints, values)
 
     @staticmethod
     def vectors(frames: Floats, curvatures: Floats) -> Floats:
@@ -395,19 +393,3 @@ def revolutes(joints: Iterable[Joint]) -> list[Revolute]:
 
 def _along(vectors: Floats, directions: Floats) -> Floats:
     return np.sum(vectors * directions, axis=-1, keepdims=True)
-
-
-def _contact_states(joints: Sequence[Rolling | Sliding], values: Floats) -> PairStates:
-    made = PairStates.blank(len(values), len(joints))
-    finite = values if all_finite(values) else np.nan_to_num(values)
-    for k, joint in enumerate(joints):
-        one, other = (
-            track.curve.at(finite[:, k, track.variable] + track.start)
-            for track in joint.tracks
-        )
-        made.first[:, k], made.second[:, k] = one.frame, other.frame
-        for side, point in enumerate((one, other)):
-            made.curvatures[:, k, side] = point.curvature
-            made.curvature_rates[:, k, side] = point.curvature_rate
-        made.inside[:, k] = one.inside & other.inside
-    return made

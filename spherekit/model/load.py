@@ -3,7 +3,7 @@
 import inspect
 from abc import ABC, abstractmethod
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Protocol
@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats
-from spherekit.conventions import counted, listing
+from spherekit.conventions import listing
 from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
-from spherekit.model.parts import Numbers, Pair, Vector, need_finite, need_increasing
+from spherekit.model.parts import Numbers, Pair, Vector, need_finite, need_rows
 
 TorqueFunction = Callable[[float, float, float], float]
 """A torque (N m) from the time t (s), the variable q (rad) and the rate dq (rad/s)."""
@@ -265,15 +265,7 @@ class TorqueTable(Load):
     def check(self, key: str, mechanism: Loaded) -> None:
         """See `Load`."""
         super().check(key, mechanism)
-        if len(self.times) != len(self.torques):
-            raise ModelError(
-                f"{key}.torques: has {counted(len(self.torques), 'value')}, but times has "
-                f"{len(self.times)}"
-            )
-        if len(self.times) < 2:
-            has = counted(len(self.times), "value")
-            raise ModelError(f"{key}.times: has {has}, needs at least 2")
-        need_increasing(f"{key}.times", self.times)
+        need_rows(f"{key}.", "torques", self.times, self.torques, 2)
         if self.periodic and self.torques[0] != self.torques[-1]:
             raise ModelError(
                 f"{key}.torques: a periodic table ends with the torque it starts with, but "
@@ -370,12 +362,6 @@ def need_at_least_zero(key: str, number: float, unit: str) -> None:
         torque = "; what pushes or drives is a load of kind torque, an expression"
         hint = torque if unit.startswith("N m") else ""
         raise ModelError(f"{key}: found {number:g} {unit}, needs at least 0{hint}")
-
-
-def vector_of(numbers: Iterable[float]) -> Vector:
-    """Return three numbers as floats."""
-    x, y, z = map(float, numbers)
-    return x, y, z
 
 
 def acting(

@@ -18,9 +18,9 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
-from spherekit.model.dynamics import Mass
+from spherekit.model.dynamics import Mass, tensor_of
 from spherekit.model.gears import frames_of_sizes, pair_frames
-from spherekit.model.load import Load, vector_of
+from spherekit.model.load import Load
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import (
     Angles,
@@ -32,6 +32,7 @@ from spherekit.model.parts import (
     SizeGeometry,
     Vector,
     in_radians,
+    vector_of,
 )
 from spherekit.sphere.rotation import about_z
 
@@ -145,17 +146,15 @@ def _load(
 
 def turned_vector(turn: Floats, vector: ArrayLike) -> Vector:
     """Return a vector (3,) turned by a rotation (3, 3)."""
-    x, y, z = (turn @ np.array(vector, dtype=float)).tolist()
-    return x, y, z
+    return vector_of(turn @ np.array(vector, dtype=float))
 
 
 def _mass(mass: Mass, link: str, turn: Floats | None) -> Mass:
     if turn is None:
         return replace(mass, link=link)
     tensor = turn @ np.array(mass.tensor, dtype=float) @ turn.T
-    first, second, third = map(tuple, (0.5 * (tensor + tensor.T)).tolist())
     centre = None if mass.centre is None else turned_vector(turn, mass.centre)
-    return Mass(link, (first, second, third), mass.mass, centre)
+    return Mass(link, tensor_of(0.5 * (tensor + tensor.T)), mass.mass, centre)
 
 
 def _turned_texts(turn: Floats, texts: tuple[str, ...]) -> tuple[str, str, str]:
@@ -344,8 +343,7 @@ def _sum(one: Mass, other: Mass) -> Mass:
         weights = np.array([one.mass, other.mass])
         mass = float(np.sum(weights))
         centre = vector_of(weights @ np.array([one.centre, other.centre]) / (mass or 1.0))
-    first, second, third = map(vector_of, np.add(one.tensor, other.tensor))
-    return Mass(one.link, (first, second, third), mass, centre)
+    return Mass(one.link, tensor_of(np.add(one.tensor, other.tensor)), mass, centre)
 
 
 def sizes_by_frames(

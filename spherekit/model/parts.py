@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherekit.conventions import choices
+from spherekit.conventions import choices, counted
 from spherekit.errors import ModelError
 from spherekit.model.joints import KINDS, Ends, Kind, Links, PairType
 
@@ -58,14 +58,32 @@ def need_finite(key: str, numbers: Iterable[float]) -> None:
             raise ModelError(f"{key}: found {number}, needs a finite number")
 
 
-def need_increasing(key: str, times: Numbers) -> None:
-    """Refuse times that do not increase; `ModelError` names the first that does not."""
+def need_rows(
+    key: str, name: str, times: Numbers, values: Numbers, least: int, more: str = ""
+) -> None:
+    """Refuse a table of values at times (s) that do not increase, or too short.
+
+    `key` begins what faults say, `name` is that of the values, `more` says how fewer rows
+    than the `least` would do.
+    """
+    rows = counted(len(times), "value")
+    if len(times) != len(values):
+        has = counted(len(values), "value")
+        raise ModelError(f"{key}{name}: has {has}, but times has {len(times)}")
+    if len(times) < least:
+        raise ModelError(f"{key}times: has {rows}, needs at least {least}{more}")
     for number, (one, other) in enumerate(pairwise(times)):
         if not other > one:
             raise ModelError(
-                f"{key}: must increase, but {other:g} s follows {one:g} s at positions "
-                f"{number} and {number + 1}"
+                f"{key}times: must increase, but {other:g} s follows {one:g} s at "
+                f"positions {number} and {number + 1}"
             )
+
+
+def vector_of(numbers: Iterable[float]) -> Vector:
+    """Return three numbers as floats."""
+    x, y, z = map(float, numbers)
+    return x, y, z
 
 
 ProfileKind = Literal["circle", "great_circle", "points", "fourier"]

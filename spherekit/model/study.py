@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import check_fields, checked_class
 from spherekit.arrays import Floats
-from spherekit.conventions import DEFAULT_SAMPLES, counted
+from spherekit.conventions import DEFAULT_SAMPLES
 from spherekit.errors import AnalysisError, ModelError, SpherekitError
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Numbers, need_finite, need_increasing
+from spherekit.model.parts import Numbers, need_finite, need_rows
 
 States = tuple[Floats, Floats, Floats]
 """The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""
@@ -122,20 +122,10 @@ class Tabulated:
     rest_at_ends: bool = False
 
     def __post_init__(self) -> None:
-        if len(self.times) != len(self.angles):
-            raise ModelError(
-                f"angles: has {counted(len(self.angles), 'value')}, but times has "
-                f"{len(self.times)}"
-            )
-        least = 2 if self.rest_at_ends else SPLINE_DEGREE + 1
-        if len(self.times) < least:
-            more = "" if self.rest_at_ends else ", or 2 with rest_at_ends = true"
-            raise ModelError(
-                f"times: has {counted(len(self.times), 'value')}, needs at least "
-                f"{least}{more}"
-            )
         _need_finite_fields(self)
-        need_increasing("times", self.times)
+        least = 2 if self.rest_at_ends else SPLINE_DEGREE + 1
+        more = "" if self.rest_at_ends else ", or 2 with rest_at_ends = true"
+        need_rows("", "angles", self.times, self.angles, least, more)
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape.
