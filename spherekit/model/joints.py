@@ -99,6 +99,8 @@ class Joint(ABC):
     pole_line: ClassVar[str | None]
     """What of it is the pole of its links; None where that is only known to lie in the
     plane of the contact."""
+    axis: ClassVar[int]
+    """Which column of its frame is its axis, contact line, or normal of the contact."""
     carriers: ClassVar[int]
     """How many of its links, from the first, its axis moves with."""
 
@@ -160,11 +162,6 @@ class Joint(ABC):
 
     @staticmethod
     @abstractmethod
-    def axes(frames: Floats) -> Floats:
-        """Return the axis, contact line, or normal of the contact plane (n, m, 3)."""
-
-    @staticmethod
-    @abstractmethod
     def rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
@@ -186,6 +183,7 @@ class Revolute(Joint):
     freedoms = 1
     has_axis = True
     pole_line = "axis"
+    axis = 2
     carriers = 1
 
     first: Floats
@@ -214,10 +212,6 @@ class Revolute(Joint):
         return frames[:, :, None, :, 2]
 
     @staticmethod
-    def axes(frames: Floats) -> Floats:
-        return frames[..., 2]
-
-    @staticmethod
     def rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
@@ -236,6 +230,7 @@ class Rolling(Joint):
     freedoms = 1
     has_axis = False
     pole_line = "contact line"
+    axis = 2
     carriers = 2
 
     first: Curve
@@ -276,10 +271,6 @@ class Rolling(Joint):
         return ((curvatures[..., :1] - curvatures[..., 1:]) * frames[..., 2])[:, :, None]
 
     @staticmethod
-    def axes(frames: Floats) -> Floats:
-        return frames[..., 2]
-
-    @staticmethod
     def rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
@@ -303,6 +294,7 @@ class Sliding(Joint):
     freedoms = 2
     has_axis = False
     pole_line = None
+    axis = 0
     carriers = 2
 
     first: Curve
@@ -331,10 +323,6 @@ class Sliding(Joint):
         normal, point = frames[..., 1], frames[..., 2]
         k1, k2 = curvatures[..., :1], curvatures[..., 1:]
         return np.stack([normal + k1 * point, -(normal + k2 * point)], axis=2)
-
-    @staticmethod
-    def axes(frames: Floats) -> Floats:
-        return frames[..., 0]
 
     @staticmethod
     def rates(
