@@ -522,7 +522,7 @@ def test_picture_without_graphics_names_the_package(recording, tmp_path, monkeyp
 
 
 def test_picture_of_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(OutputError, match="does not exist"):
+    with pytest.raises(OutputError, match="no such recording"):
         screenshot(tmp_path / "none.rrd", tmp_path / "a.png")
 
 

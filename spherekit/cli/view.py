@@ -4,14 +4,12 @@ import shutil
 import sys
 import tempfile
 from argparse import Namespace
+from contextlib import suppress
 from pathlib import Path
 
 from spherekit.cli.main import note
 from spherekit.conventions import listing
 from spherekit.errors import OutputError
-
-MARK = b"RRF"
-"""What every recording of rerun starts with."""
 
 PAGE = """
 FILE|DIR
@@ -127,21 +125,12 @@ def _size(text: str) -> tuple[int, int]:
 
 def find_recording(name: str, quiet: bool = False) -> Path:
     """Return the recording that a path or a folder stands for."""
+    from spherekit.view.program import recording_at
+
     path = Path(name)
-    make = "make one: run FILE --save X.rrd"
-    try:
-        if path.is_dir():
-            path = _newest(path, quiet)
-        if not path.is_file():
-            raise OutputError(f"{name}: no such recording; {make}")
-        with path.open("rb") as stream:
-            start = stream.read(len(MARK))
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise OutputError(f"{name}: cannot be read: {reason}; {make}") from None
-    if start != MARK:
-        raise OutputError(f"{path}: is not a recording; {make}")
-    return path
+    with suppress(OSError, ValueError):  # of which the next line tells
+        path = _newest(path, quiet) if path.is_dir() else path
+    return recording_at(path)
 
 
 def _newest(folder: Path, quiet: bool) -> Path:

@@ -19,13 +19,11 @@ from urllib.parse import urlsplit
 from spherekit.errors import OutputError
 from spherekit.files.atomic import check_file, check_own
 from spherekit.files.plain import take
+from spherekit.view.program import RRD
 from spherekit.view.sdk import RrdReader, rr
 
 LIVE_TIMEOUT = 30.0
 PROBE_TIMEOUT = 2.0
-
-RRD = b"RRF"
-"""What a recording has at its beginning."""
 
 HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
 HTTP2_SETTINGS = 4

@@ -17,7 +17,7 @@ from spherekit.conventions import listing, nearest
 from spherekit.errors import OutputError
 from spherekit.files.atomic import check_file, write_bytes
 from spherekit.view.blueprint import SAMPLE, TIME, input_scale
-from spherekit.view.program import HOST, free_ports, listens, program
+from spherekit.view.program import HOST, free_ports, listens, program, recording_at
 from spherekit.view.sdk import RrdReader, ViewerClient
 
 LOAD_TIMEOUT = 60.0
@@ -72,9 +72,7 @@ def screenshot(
         Titles of pages and tabs to bring to the front, such as ``Compare``.
 
     """
-    recording, picture = Path(recording), Path(picture)
-    if not recording.is_file():
-        raise OutputError(f"{recording} does not exist")
+    recording, picture = recording_at(recording), Path(picture)
     if sample is not None and input_deg is not None:
         raise ValueError("give a sample or an input angle, not both")
     check_picture(picture, size)
@@ -122,18 +120,18 @@ def check_version(recording: Path) -> None:
     with recording.open("rb") as stream:
         head = stream.read(8)
     installed = tuple(int(part) for part in version("rerun-sdk").split(".")[:2])
-    made = (head[4], head[5]) if head[:4] == b"RRF2" and len(head) == 8 else None
-    if made is not None and OLDEST <= made <= installed:
+    made = (head[4], head[5]) if head[:4] == b"RRF2" and len(head) == 8 else (0, 0)
+    if OLDEST <= made <= installed:
         return
-    by = "an older rerun" if made is None else f"rerun {made[0]}.{made[1]}"
+    here, by = (".".join(map(str, number)) for number in (installed, made))
     what = (
         "make it again, `spherekit run FILE --save X.rrd`"
-        if made is None or made < OLDEST
-        else f"install that version, pip install rerun-sdk=={made[0]}.{made[1]}.*"
+        if made < OLDEST
+        else f"install that version, pip install rerun-sdk=={by}.*"
     )
     raise OutputError(
-        f"{recording} was made by {by}, which rerun {installed[0]}.{installed[1]} "
-        f"installed here does not read; {what}"
+        f"{recording} was made by {f'rerun {by}' if any(made) else 'an older rerun'}, "
+        f"which rerun {here} installed here does not read; {what}"
     )
 
 

@@ -10,11 +10,32 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from spherekit.conventions import AnyPath
 from spherekit.errors import OutputError
 
 HOST = "127.0.0.1"
 START_WITHIN = 30.0
 """Seconds in which the viewer has to answer."""
+
+
+RRD = b"RRF"
+"""What a recording has at its beginning."""
+
+
+def recording_at(given: AnyPath) -> Path:
+    """Return the path of a recording; `OutputError` if there is none."""
+    path, make = Path(given), "make one: run FILE --save X.rrd"
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(len(RRD))
+    except FileNotFoundError:
+        raise OutputError(f"{path}: no such recording; {make}") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise OutputError(f"{path}: cannot be read: {reason}; {make}") from None
+    if start != RRD:
+        raise OutputError(f"{path}: is not a recording; {make}")
+    return path
 
 
 def free_ports(count: int) -> list[int]:

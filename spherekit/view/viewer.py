@@ -35,7 +35,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.planning.plan import plans
 from spherekit.sphere.rotation import arc
-from spherekit.view.program import HOST, free_ports, listens, program
+from spherekit.view.program import HOST, free_ports, listens, program, recording_at
 from spherekit.view.rerun_view import RerunRecorder
 
 
@@ -53,9 +53,7 @@ def open_viewer(recording: Path | str) -> str:
     OutputError
         If there is no such recording.
     """
-    path = Path(recording)
-    if not path.is_file():
-        raise OutputError(f"{path}: no such recording")
+    path = recording_at(recording)
     if not has_display():
         return (
             f"no display here: make a picture with `spherekit view {path} --png X.png`, "
@@ -234,9 +232,7 @@ def serve_web(recording: Path | str, say: Callable[[str], None]) -> None:
 @contextmanager
 def served(recording: Path | str) -> Iterator[str]:
     """Serve a recording within the context, and give the address of its page."""
-    path = Path(recording)
-    if not path.is_file():
-        raise OutputError(f"{path}: no such recording")
+    path = recording_at(recording)
     page, data = free_ports(2)
     words = str(path.resolve()), "--serve-web", "--bind", HOST
     ports = "--web-viewer-port", str(page), "--port", str(data)
