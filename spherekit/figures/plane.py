@@ -7,7 +7,7 @@ import numpy as np
 from spherekit.analysis.plotted import MOST_KINDS, TURNS
 from spherekit.analysis.scene import Portrait, Scene, titled
 from spherekit.figures import style
-from spherekit.figures.sdk import Axes, Figure, Line2D, LogLocator, NullFormatter
+from spherekit.figures.sdk import Axes, Figure, Line2D
 from spherekit.figures.sheet import (
     Sheet,
     name_points,
@@ -19,10 +19,6 @@ from spherekit.figures.sheet import (
 
 RATIO = 0.72
 AROUND = 0.03
-FEW_DECADES = 1e3
-"""An axis shorter than that has ticks at 1, 2 and 5."""
-
-
 Plane = tuple[Scene, Portrait]
 """A portrait of a scene."""
 
@@ -104,11 +100,6 @@ def _frame(panel: Axes, portrait: Portrait) -> None:
         panel.grid(True, which="major", color="#e8e8e8", linewidth=0.5)
         panel.set_xlim(*portrait.x_range)
         panel.set_ylim(*portrait.y_range)
-        left, right = portrait.x_range
-        if right < FEW_DECADES * left:
-            panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            panel.xaxis.set_major_formatter("{x:g}")
-            panel.xaxis.set_minor_formatter(NullFormatter())
         return
     for (low, high), limit in (
         (portrait.x_range, panel.set_xlim),

@@ -12,7 +12,7 @@ try:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle, Rectangle
     from matplotlib.patheffects import withStroke
-    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+    from matplotlib.ticker import MaxNLocator
     from matplotlib.tri import Triangulation
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 except ImportError as error:
@@ -28,10 +28,8 @@ __all__ = [
     "Figure",
     "Line2D",
     "LineCollection",
-    "LogLocator",
     "MaxNLocator",
     "Normalize",
-    "NullFormatter",
     "PatchCollection",
     "Poly3DCollection",
     "Rectangle",

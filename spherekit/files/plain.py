@@ -41,9 +41,6 @@ def finite(value: float) -> float | None:
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 """What systems answer where a disk knows no locks."""
 
-TRIES = 20
-"""How often a lock is asked for again when its folder vanished in between."""
-
 
 def locked(path: Path) -> BaseFileLock | str:
     """Return the lock on a file, held until it is released, or who holds it, in words.
@@ -62,19 +59,15 @@ def locked(path: Path) -> BaseFileLock | str:
             "another folder, or move it away"
         )
     lock = FileLock(path, 0.1, fallback_to_soft=False, on_acquired=_sign)
-    for _ in range(TRIES):
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            lock.acquire(poll_interval=0.01)
-        except FileNotFoundError:  # its folder was removed in between
-            continue
-        except Timeout:
-            return _holder(path)
-        except OSError as error:
-            what = "locked" if error.errno in NO_LOCKS else "written"
-            raise refused(path.parent, what, error) from None
-        return lock
-    return "another program that comes and goes"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock.acquire(poll_interval=0.01)
+    except Timeout:
+        return _holder(path)
+    except OSError as error:
+        what = "locked" if error.errno in NO_LOCKS else "written"
+        raise refused(path.parent, what, error) from None
+    return lock
 
 
 def take(handle: int) -> bool:

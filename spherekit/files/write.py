@@ -61,8 +61,6 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
         If the format cannot express the mechanism: an axis that is not a unit vector, a
         profile with values its kind does not have, user data that TOML lacks.
     """
-    if angle_unit not in ("deg", "rad"):
-        raise OutputError(f'angle_unit is {angle_unit!r}; allowed: "deg", "rad"')
     try:
         text = canonical_text(mechanism, angle_unit)
     except (TypeError, RecursionError) as error:

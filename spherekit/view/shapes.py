@@ -47,17 +47,15 @@ def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
     return np.where(length > 0.0, summed / np.where(length > 0.0, length, 1.0), upright)
 
 
-def graticule(step_deg: int = 30) -> list[Floats]:
-    """Return the meridians and parallels every `step_deg` degrees."""
+def graticule() -> list[Floats]:
+    """Return the meridians and parallels every 30 degrees."""
     circle = unit_circle()
     lines = []
-    for longitude in np.radians(np.arange(0, 180, step_deg)):
-        east = np.array([np.cos(longitude), np.sin(longitude), 0.0])
-        north = np.array([0.0, 0.0, 1.0])
-        lines.append(circle[:, :1] * east + circle[:, 1:2] * north)
-    for latitude in np.radians(np.arange(step_deg - 90, 90, step_deg)):
-        height = np.array([0.0, 0.0, np.sin(latitude)])
-        lines.append(circle * np.cos(latitude) + height)
+    for longitude in np.radians(np.arange(0, 180, 30)):
+        east = [np.cos(longitude), np.sin(longitude), 0.0]
+        lines.append(circle[:, :2] @ np.array([east, [0.0, 0.0, 1.0]]))
+    for latitude in np.radians(np.arange(-60, 90, 30)):
+        lines.append(circle * np.cos(latitude) + [0.0, 0.0, np.sin(latitude)])
     return lines
 
 
