@@ -15,7 +15,7 @@ from common import LECTURE_TABLE
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.cli.run_progress import Bar
+from spherekit.cli.run_progress import bar
 from spherekit.cli.run_report import duration
 from spherekit.errors import ModelError
 
@@ -237,7 +237,7 @@ def test_an_output_without_legs_says_so(tmp_path):
 
 def test_progress_says_how_long_the_rest_will_take(capsys):
     clock = iter([0.0, 10.0, 14.0, 30.0])
-    show = Bar(lambda: next(clock))
+    show = bar(lambda: next(clock))
     for done in (200, 300, 1000):  # 200 were done before: 100 samples took 4 s
         show(done, 1000)
     first, second, last = capsys.readouterr().err.removesuffix("\n").split("\r")[1:]

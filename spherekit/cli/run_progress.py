@@ -16,7 +16,7 @@ def progress(quiet: bool) -> Callable[[int, int], None] | None:
     if quiet:
         return None
     if sys.stderr.isatty():
-        return Bar(time.monotonic)
+        return bar(time.monotonic)
     working = ProgressReporter("computing")
 
     def tell(done: int, total: int) -> None:
@@ -26,29 +26,26 @@ def progress(quiet: bool) -> Callable[[int, int], None] | None:
     return tell
 
 
-class Bar:
-    """A line that says how many samples are done, and how long the others will take.
+def bar(now: Callable[[], float]) -> Callable[[int, int], None]:
+    """Return what prints how many samples are done, and how long the others will take.
 
     That follows from those done since the first call; `now` gives seconds.
     """
+    started, width = now(), 0
+    first: tuple[float, int] | None = None
 
-    def __init__(self, now: Callable[[], float]) -> None:
-        self._now, self._started = now, now()
-        self._first: tuple[float, int] | None = None
-        self._width = 0
-
-    def __call__(self, done: int, total: int) -> None:
-        """Print it; `done` of `total` samples are done."""
-        now = self._now()
-        since, before = self._first = self._first or (now, done)
-        if now - self._started < 0.5 and done < total:
+    def tell(done: int, total: int) -> None:
+        nonlocal first, width
+        at = now()
+        since, before = first = first or (at, done)
+        if at - started < 0.5 and done < total:
             return
         filled = BAR * done // total
         text = f"[{'#' * filled + '.' * (BAR - filled)}] {done}/{counted(total, 'sample')}"
         if before < done < total:
-            rest = (now - since) * (total - done) / (done - before)
+            rest = (at - since) * (total - done) / (done - before)
             text += f", {duration(rest)} s left"
-        end = "\n" if done == total else ""
-        shown = text.ljust(self._width)
-        self._width = len(text)
-        print(f"\r{shown}", end=end, file=sys.stderr, flush=True)
+        shown, width = text.ljust(width), len(text)
+        print(f"\r{shown}", end="\n" * (done == total), file=sys.stderr, flush=True)
+
+    return tell
