@@ -9,8 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from spherekit.cli.main import Facts
+from spherekit.cli.main import Facts, Lines
 from spherekit.cli.study import INPUT, LOCK, with_locks
+from spherekit.conventions import counted
 
 PAGE = (
     INPUT
@@ -114,7 +115,7 @@ def execute(options: Namespace) -> int:
     return 0 if complete else INCOMPLETE
 
 
-Made = tuple[list[str], Facts, bool]
+Made = tuple[Lines, Facts, bool]
 
 
 def _at(written: Any, text: str, with_poles: bool) -> Made:
@@ -128,7 +129,7 @@ def _at(written: Any, text: str, with_poles: bool) -> Made:
     count = len(mechanism.inputs)
     if len(values) != count:
         raise AnalysisError(
-            f"--at: {mechanism.name} has {count} input{'s' * (count > 1)}, {len(values)} "
+            f"--at: {mechanism.name} has {counted(count, 'input')}, {len(values)} "
             "values were given; give one for each, with commas between them"
         )
     modes = certified_modes(written, values)
@@ -170,7 +171,7 @@ def _decimal(option: str, text: str) -> str:
     return f"{number:f}"
 
 
-def _mode_lines(modes: Any) -> list[str]:
+def _mode_lines(modes: Any) -> Lines:
     """Return one line for each mode: the angles of all pairs with proven digits."""
     import numpy as np
 
@@ -214,7 +215,7 @@ def _wheels(written: Any) -> Made:
     return lines, wheels_certificate(written, ratios), True
 
 
-def _over(written: Any, given: list[str] | None, clear_of: str | None) -> Made:
+def _over(written: Any, given: Lines | None, clear_of: str | None) -> Made:
     """Return lines and certificate of the curves over the range of the only input."""
     import numpy as np
 
@@ -274,7 +275,7 @@ def _map(written: Any, options: Namespace) -> Made:
     boxes = input_map(written, ends, cell)
     lines = [f"{mechanism.name}: {boxes.claim}"]
     lines += [
-        f"  {count} mode{'s' * (count != 1)} in {100 * share:.3f} % of the area"
+        f"  {counted(count, 'mode')} in {100 * share:.3f} % of the area"
         for count, share in boxes.counts.items()
     ]
     if options.figure is not None:
@@ -283,7 +284,7 @@ def _map(written: Any, options: Namespace) -> Made:
     return lines, map_certificate(boxes), not boxes.share(2)
 
 
-def _draw(boxes: Any, names: list[str], path: str) -> None:
+def _draw(boxes: Any, names: Lines, path: str) -> None:
     import numpy as np
 
     from spherekit.figures import certified_map
@@ -316,14 +317,12 @@ def _crossings(curves: Any) -> Iterator[str]:
             yield f"{what}{by} at {_degrees(q)} deg"
 
 
-def _curve_lines(curves: Any, located: Any) -> list[str]:
+def _curve_lines(curves: Any, located: Any) -> Lines:
     import numpy as np
 
     lines = []
     for low, high, count in curves.intervals:
-        lines.append(
-            f"  {_degrees(low)} to {_degrees(high)} deg: {count} mode{'s' * (count != 1)}"
-        )
+        lines.append(f"  {_degrees(low)} to {_degrees(high)} deg: {counted(count, 'mode')}")
     for place, number in Counter(_crossings(curves)).items():
         lines.append(f"  {place}{f', in {number} configurations' if number > 1 else ''}")
     for q in curves.still_at:

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 from spherekit.cli.run_report import megabytes
 from spherekit.cli.study import STUDY, study_from
-from spherekit.conventions import counted
+from spherekit.conventions import counted, numbered
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
     from spherekit.model.study import Study
 
-from spherekit.cli.main import Facts, print_json
+from spherekit.cli.main import Facts, Lines, print_json
 
 PAGE = (
     STUDY
@@ -110,7 +110,7 @@ def _tell(facts: Facts, links: int) -> None:
 
     inputs, at_once = facts["inputs"], facts["at_once"]
     print(
-        f"{facts['mechanism']}, input{'s' * (len(inputs) > 1)} {', '.join(inputs)}, "
+        f"{facts['mechanism']}, {numbered('input', inputs)}, "
         f"analyses: {', '.join(facts['analyses'])}"
     )
     print(f"positions, group by group:{'' if facts['positions'] else ' no loop to close'}")
@@ -149,7 +149,7 @@ def _print_plans(facts: Facts, every: int) -> None:
         print(f"rates of links {', '.join(entry['links_with_rates'])}, {orders}")
 
 
-def _predicted(sizes: Facts, recording: bool) -> list[str]:
+def _predicted(sizes: Facts, recording: bool) -> Lines:
     """Return the sizes in lines for people; perhaps those of a `recording` were asked."""
     if "reason" in sizes:
         return [f"sizes: not predicted; {sizes['reason']}"]

@@ -14,6 +14,7 @@ from typing import Any
 
 from spherekit.cli.stopping import signal_of, stoppable
 
+Lines = list[str]
 Facts = dict[str, Any]
 """What a command finds, as JSON has it."""
 

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from spherekit.conventions import counted
+from spherekit.cli.main import Lines
+from spherekit.conventions import counted, numbered
 
 
 def report(summary: Any) -> str:
@@ -46,8 +47,7 @@ def report(summary: Any) -> str:
 def _asked(summary: Any) -> str:
     """Return over what a mechanism was gone through, and its mobility."""
     mobility, count = summary["mobility"], len(summary["assembly_modes"])
-    inputs = summary["inputs"]
-    names = f"input{'s' * (len(inputs) > 1)} {', '.join(inputs)}"
+    names = numbered("input", summary["inputs"])
     if not count:
         return (
             f"{names}; no motion was traced, as no analysis reads samples; mobility "
@@ -92,7 +92,7 @@ _ERRORS = (
 """Errors that share a line, said where the first of them is known."""
 
 
-def _errors(reached: Any) -> list[str]:
+def _errors(reached: Any) -> Lines:
     return [
         "".join(
             words.format(reached[key]) for key, words in parts if reached[key] is not None
@@ -102,7 +102,7 @@ def _errors(reached: Any) -> list[str]:
     ]
 
 
-def by_equal_counts(assembly_modes: Sequence[Any]) -> list[str]:
+def by_equal_counts(assembly_modes: Sequence[Any]) -> Lines:
     """Return a line for all assembly modes whose samples have the same statuses."""
     alike: dict[str, list[Any]] = {}
     for mode in assembly_modes:
@@ -121,7 +121,7 @@ def _title(mode: Any) -> str:
     return ", ".join(filter(None, (mode["mode"], mode.get("name"))))
 
 
-def spent(cost: Any) -> list[str]:
+def spent(cost: Any) -> Lines:
     """Return what a run has cost in lines for people."""
     seconds = cost["seconds"]
     whole = sum(seconds.values())

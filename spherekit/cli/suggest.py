@@ -6,25 +6,26 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-Suggest = Callable[[str, Any], list[str]]
+Words = list[str]
+Suggest = Callable[[str, Any], Words]
 """Gives words for what is typed and what is known so far of the command line."""
 
 
-def mechanisms(prefix: str, typed: Any = None) -> list[str]:
+def mechanisms(prefix: str, typed: Any = None) -> Words:
     """Return shipped mechanisms and files."""
     from spherekit.files.library import shipped
 
     return [name for pack in shipped() for name in pack.files] + tables(prefix)
 
 
-def studies(prefix: str, typed: Any = None) -> list[str]:
+def studies(prefix: str, typed: Any = None) -> Words:
     """Return shipped mechanisms, shipped studies and files."""
     from spherekit.files.library import shipped
 
     return [name for pack in shipped() for name in pack.studies] + mechanisms(prefix)
 
 
-def analyses(prefix: str, typed: Any = None) -> list[str]:
+def analyses(prefix: str, typed: Any = None) -> Words:
     """Return the installed analyses; after a colon the parameters of one."""
     name, colon, given = prefix.partition(":")
     if not colon:  # without the registry, which loads NumPy
@@ -36,7 +37,7 @@ def analyses(prefix: str, typed: Any = None) -> list[str]:
     return [f"{before}{key}=" for key in parameters(load(name))]
 
 
-def pairs(prefix: str, typed: Any) -> list[str]:
+def pairs(prefix: str, typed: Any) -> Words:
     """Return the pairs of the mechanism that the command line names."""
     from spherekit.errors import SpherekitError
     from spherekit.files.study import load_study
@@ -46,17 +47,17 @@ def pairs(prefix: str, typed: Any) -> list[str]:
     return []
 
 
-def recordings(prefix: str, typed: Any = None) -> list[str]:
+def recordings(prefix: str, typed: Any = None) -> Words:
     """Return recordings and folders."""
     return _files(prefix, ".rrd")
 
 
-def tables(prefix: str, typed: Any = None) -> list[str]:
+def tables(prefix: str, typed: Any = None) -> Words:
     """Return TOML files and folders."""
     return _files(prefix, ".toml")
 
 
-def _files(prefix: str, suffix: str) -> list[str]:
+def _files(prefix: str, suffix: str) -> Words:
     """Return the files with a suffix, and the folders, whose paths begin so."""
     folder, _, begun = prefix.rpartition("/")
     place = f"{folder}/" if "/" in prefix else ""

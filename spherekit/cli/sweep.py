@@ -5,7 +5,7 @@ import sys
 from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.main import note
+from spherekit.cli.main import Lines, note
 from spherekit.cli.study import STUDY, TIMED, study_from
 from spherekit.conventions import counted, numbered, with_units, without_numbers
 
@@ -142,7 +142,7 @@ def _tell(result: "SweepResult") -> None:
         print(f"  {folder}", file=sys.stderr)
 
 
-def _reasons(failed: Any) -> list[str]:
+def _reasons(failed: Any) -> Lines:
     """Return why designs have no figures, a line for all that differ in numbers only."""
     alike: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for row in failed.itertuples():

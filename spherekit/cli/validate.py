@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from spherekit.cli.main import Facts
 from spherekit.cli.study import LOCK, with_locks
-from spherekit.conventions import counted
+from spherekit.conventions import counted, numbered
 from spherekit.errors import SolveError, SpherekitError
 
 PAGE = (
@@ -108,8 +108,7 @@ def line(facts: Facts) -> str:
         text = f"{facts['study']}: ok, study of {facts['name']}"
     text += (
         f", {counted(facts['links'], 'link')}, {counted(facts['pairs'], 'pair')}, mobility "
-        f"{_mobility(facts)}, {'inputs' if len(facts['inputs']) > 1 else 'input'} "
-        f"{', '.join(facts['inputs'])}"
+        f"{_mobility(facts)}, {numbered('input', facts['inputs'])}"
     )
     if "groups" in facts:
         groups = ", ".join(facts["groups"]) or "none"

@@ -347,9 +347,7 @@ def _of_source(of_source: Scenes, every: Scenes, sheet: Sheet) -> Drawn:
 
 
 def _series(of_source: Scenes, every: Scenes, sheet: Sheet) -> Drawn:
-    groups = _grouped(
-        of_source, Series, lambda scene, item: (_kind(scene.page), item.group)
-    )
+    groups = _grouped(of_source, Series, "group")
     for (_, name), items in groups.items():
         lines = [
             (scene, item)
@@ -413,9 +411,7 @@ def _marks(scenes: Scenes, over: Sequence[Axis]) -> list[tuple[Page, InputMarks]
 
 
 def _planes(of_source: Scenes, sheet: Sheet) -> Drawn:
-    groups = _grouped(
-        of_source, Portrait, lambda scene, item: (_kind(scene.page), item.label)
-    )
+    groups = _grouped(of_source, Portrait, "label")
     of_modes = {name for page, name in groups if not page}
     for (page, name), items in groups.items():
         if page and name in of_modes:  # the same once more, for a page of its own
@@ -448,11 +444,12 @@ def _spheres(of_source: Scenes, sheet: Sheet) -> Drawn:
 
 
 def _surfaces(of_source: Scenes, sheet: Sheet) -> Drawn:
-    groups = _grouped(of_source, Surface, lambda scene, item: item.axes)
-    for number, items in enumerate(groups.values()):
-        surfaces = list({item.path: item for _, item in items}.values())
+    groups: dict[Any, dict[str, Surface]] = {}
+    for (_, axes), items in _grouped(of_source, Surface, "axes").items():
+        groups.setdefault(axes, {}).update({item.path: item for _, item in items})
+    for number, surfaces in enumerate(groups.values()):
         name = "surfaces" if len(groups) == 1 else f"surfaces {number + 1}"
-        yield name, partial(draw_surfaces, surfaces, sheet)
+        yield name, partial(draw_surfaces, list(surfaces.values()), sheet)
 
 
 def _paths(of_source: Scenes, sheet: Sheet) -> Drawn:
@@ -487,9 +484,7 @@ def _axodes(of_source: Scenes, sheet: Sheet) -> Drawn:
 
 
 def _diagrams(of_source: Scenes, sheet: Sheet) -> Drawn:
-    groups = _grouped(
-        of_source, Diagram, lambda scene, item: (_kind(scene.page), item.label)
-    )
+    groups = _grouped(of_source, Diagram, "label")
     for (page, label), items in groups.items():
         diagrams = [x for x in items if len(x[0].over) == 1]
         if diagrams and not page:
@@ -502,13 +497,13 @@ def _kind(page: Page) -> str:
 
 
 def _grouped(
-    scenes: Scenes,
-    kind: type[Item],
-    key: Callable[[Scene, Item], Hashable],
-) -> dict[Any, list[tuple[Scene, Item]]]:
-    groups: dict[Any, list[tuple[Scene, Item]]] = {}
+    scenes: Scenes, kind: type[Item], key: str
+) -> dict[tuple[str, Any], list[tuple[Scene, Item]]]:
+    """Return items of a kind with their scenes, by their pages and what a field says."""
+    groups: dict[tuple[str, Any], list[tuple[Scene, Item]]] = {}
     for scene in scenes:
         for item in scene.primitives:
             if isinstance(item, kind):
-                groups.setdefault(key(scene, item), []).append((scene, item))
+                at = _kind(scene.page), getattr(item, key)
+                groups.setdefault(at, []).append((scene, item))
     return groups

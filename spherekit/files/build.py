@@ -17,6 +17,8 @@ from spherekit.model.parts import AngleUnit
 
 Tables = Mapping[Any, Any]
 """Tables by name; what is wrong with them is told with the path of the key."""
+Named = Tables | Sequence[str]
+"""Tables by name, or names alone."""
 
 
 @checked(ModelError)
@@ -25,9 +27,9 @@ def build(
     *,
     angle_unit: AngleUnit,
     ground: str,
-    links: Tables | Sequence[str],
+    links: Named,
     pairs: Tables,
-    inputs: Tables | Sequence[str] | str = (),
+    inputs: Named | str = (),
     outputs: Tables | None = None,
     mass: Tables | None = None,
     loads: Tables | None = None,
@@ -138,7 +140,7 @@ def _pair(item: Any) -> Any:
     return {"type": "R", "links": item}
 
 
-def _inputs(name: str, given: Tables | Sequence[str] | str) -> Tables:
+def _inputs(name: str, given: Named | str) -> Tables:
     """Return the tables of inputs given by their names, tables, or ends of ranges."""
     if not isinstance(given, Mapping):
         return {pair: {} for pair in ([given] if isinstance(given, str) else given)}

@@ -16,6 +16,7 @@ from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.expression import parse
+from spherekit.model.joints import Numbers
 from spherekit.model.load import (
     Axes,
     BearingFriction,
@@ -32,7 +33,7 @@ from spherekit.model.load import (
     need_at_least_zero,
     number_text,
 )
-from spherekit.model.parts import Numbers, Vector, need_finite, vector_of
+from spherekit.model.parts import Vector, need_finite, vector_of
 from spherekit.sphere.rotation import cross, frame_from, max_abs
 
 PARALLEL = 1e-9

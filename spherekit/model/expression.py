@@ -19,6 +19,8 @@ from spherekit.arrays import Floats
 from spherekit.conventions import listing, nearest
 from spherekit.errors import ModelError
 
+Names = tuple[str, ...]
+
 MAX_LENGTH = 2000
 """Longest expression (characters); a Fourier series of 50 terms fits easily."""
 
@@ -175,7 +177,7 @@ class Expression:
         return fold(self.root, _literal, names.__getitem__, _written)
 
 
-def load_names(pairs: Iterable[str]) -> tuple[str, ...]:
+def load_names(pairs: Iterable[str]) -> Names:
     """Return the names a load may use, given the names of the R pairs."""
     pairs = list(pairs)
     rates = (f"dtheta_{pair}" for pair in pairs)
@@ -194,7 +196,7 @@ def parse(text: str, names: Iterable[str]) -> Expression:
 
 
 @lru_cache(maxsize=1024)
-def _parsed(text: str, names: tuple[str, ...]) -> Expression:
+def _parsed(text: str, names: Names) -> Expression:
     if len(text) > MAX_LENGTH:
         raise ModelError(
             f"column {MAX_LENGTH + 1}: the expression has {len(text)} characters, at "
@@ -231,7 +233,7 @@ def _syntax_tree(text: str, margin: int) -> ast.expr:
         raise _fault(margin, "too deeply nested", _LEVELS) from None
 
 
-def _tree(item: ast.expr, names: tuple[str, ...], margin: int, depth: int = 1) -> Node:
+def _tree(item: ast.expr, names: Names, margin: int, depth: int = 1) -> Node:
     """Return Python's syntax tree as ours, refusing whatever is not in the grammar."""
     column = margin + item.col_offset
     if depth > MAX_DEPTH:
@@ -278,7 +280,7 @@ def _number(value: object, column: int) -> float:
     return float(value)
 
 
-def _variable(name: str, names: tuple[str, ...], column: int) -> Node:
+def _variable(name: str, names: Names, column: int) -> Node:
     if name in CONSTANTS:
         return CONSTANTS[name]
     if name in FUNCTIONS:

@@ -24,6 +24,7 @@ from spherekit.sphere.rotation import all_finite, cross
 PairType = Literal["R", "Cr", "Cs"]
 Ends = tuple[float, float]
 Links = tuple[str, str]
+Numbers = tuple[float, ...]
 
 MOST_TEETH = 10_000
 """Ratios of wheels are of whole numbers up to this, or none."""
@@ -111,7 +112,7 @@ class Joint(ABC):
 
     @property
     @abstractmethod
-    def periods(self) -> tuple[float, ...]:
+    def periods(self) -> Numbers:
         """By how much each variable grows until all returns; infinite if it never does."""
 
     @property
@@ -125,7 +126,7 @@ class Joint(ABC):
         return ()
 
     @property
-    def laps(self) -> tuple[float, ...]:
+    def laps(self) -> Numbers:
         """Lengths of wheels: a variable that grows by one counts a turn more of it."""
         return ()
 
@@ -248,11 +249,11 @@ class Rolling(Joint):
         return Track(self.first, 0, self.start[0]), Track(self.second, 0, self.start[1])
 
     @property
-    def laps(self) -> tuple[float, ...]:
+    def laps(self) -> Numbers:
         return tuple(curve.length for curve in (self.first, self.second) if curve.closed)
 
     @property
-    def periods(self) -> tuple[float, ...]:
+    def periods(self) -> Numbers:
         if self.first.closed and self.second.closed:
             ratio = self.first.length / self.second.length
             whole = Fraction(ratio).limit_denominator(MOST_TEETH)
@@ -309,7 +310,7 @@ class Sliding(Joint):
         return Track(self.first, 0, 0.0), Track(self.second, 1, 0.0)
 
     @property
-    def periods(self) -> tuple[float, ...]:
+    def periods(self) -> Numbers:
         curves = self.first, self.second
         return tuple(curve.length if curve.closed else np.inf for curve in curves)
 

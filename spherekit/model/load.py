@@ -16,7 +16,8 @@ from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.errors import EngineError, ModelError
 from spherekit.model.expression import Expression, load_names, parse
-from spherekit.model.parts import Numbers, Pair, Vector, need_finite, need_rows
+from spherekit.model.joints import Numbers
+from spherekit.model.parts import Pair, Vector, need_finite, need_rows
 
 TorqueFunction = Callable[[float, float, float], float]
 """A torque (N m) from the time t (s), the variable q (rad) and the rate dq (rad/s)."""

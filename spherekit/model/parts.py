@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike
 
 from spherekit.conventions import choices, counted
 from spherekit.errors import ModelError
-from spherekit.model.joints import KINDS, Ends, Kind, Links, PairType
+from spherekit.model.joints import KINDS, Ends, Kind, Links, Numbers, PairType
 
 Sizes = float | Sequence[float] | Mapping[str, float]
 """Sizes of a link: its only one, all of them, or some by the pair that they lead to."""
 
-Numbers = tuple[float, ...]
 Angles = Mapping[str, float]
 """Angles (rad) of pairs, by their names."""
 Vector = tuple[float, float, float]

@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import check_fields, checked_class
 from spherekit.arrays import Floats
-from spherekit.conventions import DEFAULT_SAMPLES
+from spherekit.conventions import DEFAULT_SAMPLES, counted
 from spherekit.errors import AnalysisError, ModelError, SpherekitError
+from spherekit.model.joints import Numbers
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Numbers, need_finite, need_rows
+from spherekit.model.parts import need_finite, need_rows
 
 States = tuple[Floats, Floats, Floats]
 """The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""
@@ -231,9 +232,8 @@ class Start:
                 numbers = np.zeros(len(inputs))
             if len(numbers) != len(inputs):
                 raise ModelError(
-                    f"start: {key} has {len(numbers)} "
-                    f"{'number' if len(numbers) == 1 else 'numbers'}, needs {len(inputs)}, "
-                    f"one for each input ({', '.join(inputs)})"
+                    f"start: {key} has {counted(len(numbers), 'number')}, needs "
+                    f"{len(inputs)}, one for each input ({', '.join(inputs)})"
                 )
             state.append(numbers)
         return state[0], state[1]

@@ -20,6 +20,8 @@ from spherekit.view.blueprint import SAMPLE, TIME, input_scale
 from spherekit.view.program import HOST, free_ports, listens, program, recording_at
 from spherekit.view.sdk import RrdReader, ViewerClient
 
+Size = tuple[int, int]
+
 LOAD_TIMEOUT = 60.0
 FRAMES = 20
 AROUND_SPACE = (7, 71)
@@ -50,7 +52,7 @@ def screenshot(
     sample: int | None = None,
     input_deg: float | None = None,
     view: Literal["all", "3D"] = "all",
-    size: tuple[int, int] = (1600, 1000),
+    size: Size = (1600, 1000),
     front: Sequence[str] = (),
 ) -> Path:
     """Write a PNG of a recording at one sample, or at one input angle.
@@ -101,7 +103,7 @@ def screenshot(
     return picture
 
 
-def check_picture(picture: Path, size: tuple[int, int]) -> None:
+def check_picture(picture: Path, size: Size) -> None:
     """Raise `OutputError` unless a picture of a size (width, height) can be written."""
     if picture.suffix.lower() != ".png":
         raise OutputError(
@@ -306,7 +308,7 @@ def _loaded(client: ViewerClient, recording: Path) -> dict[str, int]:
 
 
 @contextmanager
-def _viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
+def _viewer(size: Size) -> Iterator[ViewerClient]:
     """Run a viewer without a window for a while."""
     (port,) = free_ports(1)
     words = ["--headless", "--hide-welcome-screen", f"--bind={HOST}", f"--port={port}"]
