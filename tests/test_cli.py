@@ -87,6 +87,8 @@ def test_explain_says_what_will_be_computed(capsys):
     (planned,) = facts["plans"]
     assert planned["counts"]["secondary"] < 8
     assert facts["positions"][0]["group"] == "dyad"
+    _, whole, _ = run(capsys, "explain", "double_butterfly")
+    assert "evaluated: 10 primary and 18 secondary poles" in whole
     _, beside, _ = run(capsys, "explain", "stephenson", "-a", "singularities")
     assert "beside the samples, looked for by: singularities" in beside
     assert "asked of the samples: no poles" in beside

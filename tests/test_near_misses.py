@@ -71,13 +71,14 @@ def test_a_four_bar_nearly_folds_where_it_lies_in_a_plane_of_symmetry():
         assert [m for miss in misses for m in miss["assembly_modes"]] == [0, 1]
 
 
-def test_a_range_that_ends_before_a_dead_centre_is_nearest_at_its_end():
-    low, high = np.radians([20.0, 26.0])
+@pytest.mark.parametrize("low, high, nearest", [(20.0, 26.0, 26.0), (30.0, 36.0, 30.0)])
+def test_a_range_that_ends_before_a_dead_centre_is_nearest_at_its_end(low, high, nearest):
+    low, high, nearest = np.radians([low, high, nearest])
     made = replace(sk.load("four_bar"), inputs=(Input("21", low, high),))
     misses, _ = near_misses(made, 5)
     (miss,) = [miss for miss in misses if miss["type"] == "I"]
-    there = sk.evaluate(made, high, assembly_mode=1).velocity_coefficient("4/1")
-    assert miss["assembly_modes"] == [1] and abs(miss["q_rad"] - high) < 1e-9
+    there = sk.evaluate(made, nearest, assembly_mode=1).velocity_coefficient("4/1")
+    assert miss["assembly_modes"] == [1] and abs(miss["q_rad"] - nearest) < 1e-9
     assert abs(miss["velocity_coefficient"] - abs(there)) < 1e-9
 
 

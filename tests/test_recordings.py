@@ -20,6 +20,7 @@ from spherekit.cli.main import main
 from spherekit.cli.view import find_recording
 from spherekit.errors import OutputError, SolveError
 from spherekit.view.charts import FRAME_HEIGHT, gridded, ticks, written
+from spherekit.view.colours import HEAT, heat_of
 from spherekit.view.pictures import check_picture, check_version
 from spherekit.view.rerun_view import RerunRecorder
 from spherekit.view.viewer import preview
@@ -97,6 +98,11 @@ def test_noise_is_no_signal_and_ticks_are_round():
     ):
         step, values = ticks(low, high, degrees)
         assert [written(value, step) for value in values] == expected
+
+
+def test_values_of_a_map_go_from_the_first_colour_to_the_last():
+    low, high = heat_of(np.array([2.0, 5.0]), 2.0, 5.0).tolist()
+    assert (tuple(low), tuple(high)) == (HEAT[0], HEAT[-1])
 
 
 def test_what_is_to_be_seen_is_kept_after_the_first_time(tmp_path):

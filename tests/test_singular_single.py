@@ -255,6 +255,8 @@ def test_no_zero_of_any_pole_is_missed_or_invented(text, seed):
             resting += 1
             assert np.any((zeros > s[k] - 1e-9) & (zeros < s[k + 1] + 1e-9))
         assert resting == len(zeros)
+        signed, _ = along.signed(s, (i, j))
+        assert np.sum(signed[1:] * signed[:-1] < 0.0) == resting
         if len(zeros):
             there = along.at(zeros).w
             assert np.max(np.abs(there[:, j] - there[:, i])) < 1e-12
