@@ -107,24 +107,6 @@ def test_one_lap_of_a_four_bar_without_a_crank(no_crank):
     assert other.length == pytest.approx(no_crank.length, abs=1e-13)
 
 
-def test_a_four_bar_that_can_hardly_move():
-    """Links 1, 2 reach the range of links 3, 4 by 1e-6 rad: a short closed curve.
-
-    At the input's limits the diagonal is the shortest of links 3, 4, and the spherical
-    cosine law gives the angle.
-    """
-    arcs = np.radians([40.0, 20.0, 80.0, 20.0])
-    arcs[3] += 1e-6
-    (curve,) = all_curves(four_bar(arcs), np.pi + np.linspace(-1e-4, 1e-4, 3))
-    assert curve.closed and curve.length < 0.03
-    c, s = np.cos(arcs), np.sin(arcs)
-    swing = np.arccos((np.cos(arcs[2] - arcs[3]) - c[0] * c[1]) / (s[0] * s[1]))
-    limits = np.sort(curve.at(curve.dead_points(0).places).values[:, 0])
-    assert np.max(np.abs(limits - [swing, 2 * np.pi - swing])) < 1e-11
-    points = curve.at(np.linspace(0.0, curve.length, 100))
-    assert np.max(points.residual) < 1e-14
-
-
 @pytest.mark.parametrize(
     ("name", "winding"),
     [

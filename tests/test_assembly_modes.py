@@ -116,18 +116,6 @@ def test_a_search_finds_no_mode_of_seven_bodies_that_is_missing(chain, driven, r
     assert searched > 0.9 * modes >= 8
 
 
-def test_dyads_before_a_triad_are_combined_with_all_its_modes():
-    random = np.random.default_rng(6)
-    axes = random_axes(random, 10)
-    _, found = solved(made_of(FLIER, ("p1_2",), axes))
-    assert [str(method) for method in found.methods] == [
-        "closed form",
-        "elimination: all 8 complex roots",
-    ]
-    here, there = check_complete(FLIER, ("p1_2",), axes, random, 256)
-    assert here == there
-
-
 def test_a_platform_on_three_legs_can_have_eight_real_modes():
     """C. Gosselin, J. Sefrioui and M. J. Richard (1994): the bound of eight is reached."""
     random = np.random.default_rng(8)
@@ -160,18 +148,6 @@ def test_agile_eye_has_eight_real_modes_four_of_them_trivial():
         for k in (1, 2, 3)
     ]
     assert np.sum(np.all(np.array(along) > 1.0 - 1e-12, axis=0)) == 4
-
-
-def test_triads_with_coaxial_sliders_have_four_finite_roots_each():
-    """Two coincident axes send four of the eight common points to |q|^2 = 0."""
-    solver, found = solved(sk.load("two_dof_spm"), np.radians([18.3473, 35.3131]))
-    words = "elimination: all 8 complex roots"
-    assert [str(method) for method in found.methods] == [words, words]
-    placed, gaps = poses(solver, found)
-    assert 0 < len(placed) <= 4 * 4
-    assert np.max(np.abs(gaps)) < 1e-13
-    apart = np.max(np.abs(placed[:, None] - placed[None]), axis=(2, 3, 4))
-    assert np.min(apart + np.eye(len(placed))) > 1e-6
 
 
 def test_a_double_root_is_one_mode():

@@ -44,20 +44,6 @@ def many_turns():
     return PositionAnalysis(sk.load("four_bar"), path=np.linspace(0.5, -25.0, 161)[:, None])
 
 
-def test_angles_go_on_however_far_samples_lie_apart():
-    """As 361 samples a turn say, which NumPy unwraps, from zero in (-pi, pi] at zero."""
-    tracer = PositionAnalysis(
-        sk.load("four_bar"), path=np.linspace(0.0, -25.0, 1441)[:, None]
-    )
-    motion, names = tracer.motion(), ["32", "43", "41"]
-    few = PositionAnalysis(sk.load("four_bar"), path=motion.inputs[:1441:240])
-    found = AngleUnwrapping().continued(few.motion(), names, few.solver)
-    for column, name in enumerate(names, 1):
-        whole = np.unwrap(motion.values[:, column].reshape(2, 1441), axis=1)
-        assert np.max(np.abs(found[name].reshape(2, -1) - whole[:, ::240])) < 1e-12
-    assert np.min(np.ptp(found["32"].reshape(2, -1), axis=1)) > 20.0
-
-
 @pytest.mark.parametrize("size", [1, 7, 100])
 def test_blocks_go_on_where_the_one_before_ended(size):
     """Over gaps too, and through JSON; with one input, and along a path of several."""
@@ -138,21 +124,6 @@ def test_eksergian_in_blocks_and_at_once(course):
     places = [(each["at_assembly_mode"], each["at_q_rad"]) for each in (first, second)]
     assert places[0][0] == places[1][0]
     assert places[0][1] == pytest.approx(places[1][1], abs=1e-14)
-
-
-def test_wound_springs_give_back_what_was_put_in():
-    """A spring's power, integrated over the run, is the change of its energy.
-
-    Simpson's rule over three turns; each missed turn would be off by joules.
-    """
-    result = sk.run(wound(), "eksergian", samples=2001, block=64, assembly_mode=0, **BACK)
-    loads = result.frame("eksergian", "loads")
-    angle = np.unwrap(result.frame("motion")["theta_32"])
-    power = loads[loads["load"] == "at_32"]["power"].to_numpy()
-    step = 3.0 / 2000
-    work = step / 3.0 * (power[:-2:2] + 4.0 * power[1:-1:2] + power[2::2]).sum()
-    assert np.ptp(angle) > 15.0
-    assert work == pytest.approx(0.15 * (angle[0] ** 2 - angle[-1] ** 2), rel=1e-9)
 
 
 def test_a_portrait_has_one_frame_whatever_the_blocks():

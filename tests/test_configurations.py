@@ -16,7 +16,6 @@ from spherekit.motion.elimination import assemblies
 from spherekit.motion.input_turning_points import (
     InputTurningPoints,
     easiest_drive,
-    input_turning_points,
 )
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.numeric.crossings import crossings
@@ -99,19 +98,6 @@ def test_what_is_no_smooth_function_is_doubtful():
     assert doubtful.tolist() == [[0.0, 4.0]]
     places, _ = crossings(lambda x: np.abs(x - 1.0) - 0.5, 0.0, 4.0)
     assert np.allclose(places, [0.5, 1.5], rtol=0, atol=1e-12)
-
-
-def test_a_group_beside_another_does_not_see_its_modes():
-    """Two dyads on the input link: the function would be a square."""
-    solver = solver_of(
-        mechanism(EIGHT_BARS[0], random_axes(np.random.default_rng(4), 10), "p1_2")
-    )
-    found = input_turning_points(solver, 0.0, TURN)
-    assert not len(found.doubtful)
-    counts = [len(assemblies(solver, np.array([q])).values) for q in found.probes(0.1)]
-    for q in np.random.default_rng(5).uniform(0.0, TURN, 40):
-        place = int(np.searchsorted(found.places, q))
-        assert len(assemblies(solver, np.array([q])).values) == counts[place]
 
 
 LOOSE = InputTurningPoints(

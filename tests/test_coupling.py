@@ -42,19 +42,6 @@ def test_a_table_says_what_the_mechanism_does(four_bar, mode):
     assert four_bar.angle_error < 1e-6 and four_bar.coefficient_error < 1e-4
 
 
-def test_nothing_flips_or_jumps_over_many_turns(four_bar):
-    """Differences of neighbours are what the coefficients say, across the turn too."""
-    assert four_bar.periodic.tolist() == [True]
-    q = np.linspace(-7.0, 14.0, 8001)
-    for mode in four_bar.modes:
-        found = four_bar.at(q[:, None], mode)
-        slope = 0.5 * (found.coefficients[1:, :, 0] + found.coefficients[:-1, :, 0])
-        step = np.diff(found.angles, axis=0)
-        assert np.max(np.abs(step - slope * np.diff(q)[:, None])) < 1e-5
-        bend = np.diff(found.coefficients[:, :, 0], axis=0)
-        assert np.max(np.abs(bend)) < 0.02
-
-
 def test_two_inputs_on_a_grid(five_bar):
     q = np.random.default_rng(7).uniform(0.8, 2.3, (300, 2))
     found = five_bar.at(q)

@@ -1,6 +1,6 @@
 """Rotation about a fixed axis: the third paper's mechanism, any mechanism, schedules."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -13,7 +13,7 @@ from refusals import TABLES, check_call
 import spherekit as sk
 from spherekit.guidance.rotation import SHAPES, RotationSamples, time_optimal
 from spherekit.model.gears import geometry_of
-from spherekit.model.parts import Input, LinkSizes, Output, Pair, PoseGeometry, SizeGeometry
+from spherekit.model.parts import Input, Output, Pair, PoseGeometry
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.sphere.rotation import (
@@ -224,21 +224,6 @@ def test_any_symmetric_arcs_have_the_form():
         assert form.plane.arcs == pytest.approx([b, c, d], abs=1e-15)
 
 
-def test_guides_in_another_order_have_the_form(paper):
-    """The two arc-prismatic pairs may join the links 9, 10 and 11 in any order."""
-    right, angles = np.pi / 2, (0.0,)
-    sizes = dict(paper.geometry.links)
-    sizes["11"] = LinkSizes(("11_8", "11_9"), (right,))
-    sizes["9"] = LinkSizes(("9_2", "11_9", "10_9"), (right, right), angles)
-    sizes["10"] = LinkSizes(("10_6", "10_9"), (right,))
-    pairs = [p for p in paper.pairs if p.name != "11_10"] + [Pair("10_9", "R", ("10", "9"))]
-    made = replace(
-        paper, pairs=tuple(pairs), geometry=SizeGeometry(sizes, paper.geometry.zeros)
-    )
-    form = sk.mid_plane_form(made)
-    assert form.proof()[1] == 2 and form.proof()[0] < 1e-14
-
-
 # --- equivalent rotation ------------------------------------------------------------------
 
 
@@ -399,21 +384,6 @@ def test_two_freedoms_depart_as_little_as_they_can():
     ahead = turn.at(h * np.arange(5))
     slopes = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) @ ahead.rates / (12.0 * h)
     assert slopes == pytest.approx(ahead.second_rates[0], abs=1e-8)
-
-
-def test_one_freedom_about_its_own_pivot():
-    """A rocker turns about its axis: departure 0, and q' as from the four-bar's motion."""
-    made = sk.load("four_bar")
-    motion = sk.trace(made, samples=5)
-    row = 1
-    axis = motion.axes[row, made.pair_number["41"]]
-    turn = sk.follow_rotation(made, motion.values[row], axis, 0.2)
-    found = turn.at([0.0, 0.1, 0.2])
-    assert np.max(found.orientation_error) < 1e-13
-    there = sk.trace(made, path=found.inputs[:, 0])
-    rocker = made.link_number[made.outputs[0].link]
-    rows = there.assembly_mode == motion.assembly_mode[row]
-    assert np.max(np.abs(there.rotations[rows][:, rocker] - found.orientation)) < 1e-12
 
 
 def wrist():

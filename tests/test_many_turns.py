@@ -11,7 +11,7 @@ from spherekit.dynamics.start import PoseStart, reduced, whole_turns
 from spherekit.engine.compiler import available
 from spherekit.errors import SolveError
 from spherekit.model.parts import Input
-from spherekit.model.study import ConstantSpeed, Start
+from spherekit.model.study import Start
 
 TURN = 2.0 * np.pi
 TIMES = np.linspace(0.0, 1.0, 9)
@@ -80,19 +80,6 @@ def test_angles_without_digits_are_refused(four_bar, q):
     """A run from there had loops open by up to 2.5 rad, and said nothing."""
     with pytest.raises(SolveError, match=r"holds to .* rad only; allowed is up to 1e\+09"):
         simulate(four_bar, Start(q, 1.0), 0.5)
-
-
-def test_the_torque_of_a_law_many_turns_on(four_bar):
-    t = np.linspace(0.1, 3.0, 30)
-    here = sk.inverse_dynamics(four_bar, ConstantSpeed(2.0, 0.3), t)
-    away = 1_000_000 * TURN
-    there = sk.inverse_dynamics(four_bar, ConstantSpeed(2.0, 0.3 + away), t)
-    good = here.status == sk.Status.OK
-    assert np.array_equal(here.status, there.status)
-    assert np.any(good)
-    scale = np.max(np.abs(here.tau[good]))
-    assert np.max(np.abs(there.tau - here.tau)[good]) < 1e3 * np.spacing(away) * scale
-    assert np.max(there.residual[good]) < 1e-13
 
 
 def test_reduced_angles_keep_every_digit():

@@ -295,19 +295,3 @@ def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations
             )
             gap = relation.residual(output, driven)
             assert np.all(gap <= 1e-12 + 10.0 * error), (numbers, relation.form)
-
-
-def test_near_and_on_singular_points():
-    tracer = PositionAnalysis(four_bar(np.radians([100.0, 50.0, 70.0, 40.0])), samples=61)
-    analysis = SingleFreedom(tracer, curves_of(tracer), ["4/1"])
-    away = np.append(0.0, 10.0 ** -np.arange(3.0, 15.0))
-    for point in analysis.points:
-        sides = [analysis.at(point.curve, point.s + side * away, 0) for side in (1.0, -1.0)]
-        for q, y, relations in sides:
-            for relation in relations:
-                assert np.all(relation.residual(y, q) < 1e-12)
-        for both in zip(*(relations for _, _, relations in sides), strict=True):
-            ahead, behind = (one.c if point.type == Type.II else one.d for one in both)
-            slope = (ahead - behind)[3] / (2.0 * away[3])
-            for zero, side in ((ahead, 1.0), (behind, -1.0)):
-                assert np.all(np.abs(zero - side * slope * away) < 1e-12 + 20.0 * away**2)
