@@ -258,6 +258,17 @@ def inverse_dynamics(
     need_terms(mechanism)
     if isinstance(law, TimeScaling):
         return needed_torques(_scheduled(mechanism, law, t))
+    mechanism, laws = _driven(mechanism, law, input_pair)
+    q, timing = by_laws(mechanism.input_pairs, laws, t)
+    tracer, motion = at_inputs(mechanism, q, assembly_mode, search)
+    motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
+    return needed_torques(going_on(motion, tracer.solver))
+
+
+def _driven(
+    mechanism: Mechanism, law: TimeLaw | Mapping[str, TimeLaw], input_pair: str | None
+) -> tuple[Mechanism, Mapping[str, TimeLaw]]:
+    """Return a mechanism with the inputs that laws are of, and the law of each."""
     if isinstance(law, Mapping):
         inputs = mechanism.input_pairs
         lacking = [pair for pair in inputs if pair not in law]
@@ -267,20 +278,15 @@ def inverse_dynamics(
                 f"input ({listing(inputs)})"
             )
         mechanism = mechanism.with_inputs(*(law if lacking else inputs))
-        laws = law
-    else:
-        mechanism = driven_at(mechanism, input_pair)
-        names = mechanism.input_pairs
-        if len(names) > 1:
-            raise SolveError(
-                f"{mechanism.name}: has {len(names)} inputs; give a law for each by its "
-                f"name: {listing(names)}"
-            )
-        laws = {names[0]: law}
-    q, timing = by_laws(mechanism.input_pairs, laws, t)
-    tracer, motion = at_inputs(mechanism, q, assembly_mode, search)
-    motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
-    return needed_torques(going_on(motion, tracer.solver))
+        return mechanism, law
+    mechanism = driven_at(mechanism, input_pair)
+    names = mechanism.input_pairs
+    if len(names) > 1:
+        raise SolveError(
+            f"{mechanism.name}: has {len(names)} inputs; give a law for each by its "
+            f"name: {listing(names)}"
+        )
+    return mechanism, {names[0]: law}
 
 
 def _scheduled(mechanism: Mechanism, schedule: TimeScaling, t: Floats) -> Motion:

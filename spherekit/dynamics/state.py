@@ -177,20 +177,19 @@ def rubbed(
         If a reaction is open that friction follows from.
     """
     carried = np.full((len(good), len(loads.rubbing)), np.nan)
-    locked = np.zeros(len(good), dtype=bool)
-    driven = every.rows(good)
+    driven, locked = every.rows(good), np.zeros(len(good), dtype=bool)
     mechanism, motion = driven.mechanism, driven.motion
     velocities = np.swapaxes(loads.velocities(motion)[..., loads.rubbing], 1, 2)
     free = inverse is not None
     faster = velocities @ inverse[good] if inverse is not None else 0.0 * velocities
     parts = [loads.components[k] for k in loads.rubbing]
-    bearings = [part.rubs for part in parts if part.rubs is not None]
+    bearings = [x.rubs for x in parts if x.rubs is not None]
     balance = balanced(driven, any(one.asks_forces for one in bearings))
     pairs = [mechanism.pair_number[one.pair] for one in bearings]
     _need_determined(driven, balance, bearings)
 
     def on_bearings(left: Floats) -> Floats:
-        """Return what is carried (n, k, 2, 3); 0 at a second place where there is none."""
+        # (n, k, 2, 3); 0 at a second place where there is none
         wrenches = balance.on_pairs(balance.held(left)[0])
         forces = np.zeros((len(left), len(pairs), 2, 3))
         for k, (one, pair) in enumerate(zip(bearings, pairs, strict=True)):
@@ -208,8 +207,7 @@ def rubbed(
         about[:, pair] += 1.0
         needed = accelerating(mechanism, motion, faster[:, k])
         change[..., k] = on_bearings(balance.left_by(needed, about))
-    rates = rates_by_time(motion, driven.timing.dq)
-    laws = [part.magnitude for part in parts]
+    laws, rates = [x.magnitude for x in parts], rates_by_time(motion, driven.timing.dq)
     factors = loads.grips * loads.evaluated(laws, motion.values, rates, driven.timing.t)
     carried[good], settled, rounds = _solved(still, change, factors)
     locked[good] = ~settled

@@ -89,10 +89,8 @@ def coupling_table(
     mechanism = driven_at(mechanism_of(mechanism), input_pair)
     if not 0.0 < tolerance < 1.0:
         raise SolveError(f"coupling_table: tolerance is {tolerance} rad, needs 0 to 1")
-    chosen = _passive(mechanism, pairs)
     wanted = tuple(parse_pole(mechanism, text) for text in poles)
-    given = samples is not None
-    counts = _counts(mechanism, samples)
+    chosen, counts = _passive(mechanism, pairs), _counts(mechanism, samples)
     working = ProgressReporter("filling the table")
     while True:
         working.tell("x".join(map(str, counts)).__str__)
@@ -100,9 +98,19 @@ def coupling_table(
         reached = np.sum(np.isfinite(table.error))
         finer = tuple(2 * count - 1 for count in counts)
         refined = np.prod([PARTS * (count - 1) + 1 for count in finer])
-        if given or np.sum(table.sure) >= ENOUGH * reached or refined > MOST_NODES:
+        if (
+            samples is not None
+            or np.sum(table.sure) >= ENOUGH * reached
+            or refined > MOST_NODES
+        ):
             break
         counts = finer
+    _need_sure(table)
+    return table
+
+
+def _need_sure(table: CouplingTable) -> None:
+    """Raise `SolveError` where no cell is sure."""
     if not np.any(table.sure):
         errors = table.error[np.isfinite(table.error)]
         best = f"the best is to {np.min(errors):.2g}" if len(errors) else "no mode is there"
@@ -111,7 +119,6 @@ def coupling_table(
             f"sure to {table.tolerance:g} rad, {best}: ask for more samples, a larger "
             "tolerance, or narrower ranges"
         )
-    return table
 
 
 def _counts(mechanism: Mechanism, samples: int | Sequence[int] | None) -> tuple[int, ...]:
@@ -162,9 +169,8 @@ def _table(
     samples = fine if len(fine) > 1 else fine[0]
     tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=samples)
     motion = going_on(tracer.motion(), tracer.solver)
-    held = [mechanism.angles[pair] for pair in tracer.inputs]
     good, columns = np.flatnonzero(~motion.failed), list(chosen)
-    parts = by_variables(tracer.solver.closure, motion.values[good], held)
+    parts = by_variables(tracer.solver.closure, motion.values[good], tracer.solver.driven)
     modes = [mode.number for mode in tracer.assembly_modes]
 
     def spread(values: Floats) -> Floats:
