@@ -95,14 +95,10 @@ def coupling_table(
     while True:
         working.tell("x".join(map(str, counts)).__str__)
         table = _table(mechanism, assembly_mode, chosen, wanted, counts, tolerance)
-        reached = np.sum(np.isfinite(table.error))
         finer = tuple(2 * count - 1 for count in counts)
         refined = np.prod([PARTS * (count - 1) + 1 for count in finer])
-        if (
-            samples is not None
-            or np.sum(table.sure) >= ENOUGH * reached
-            or refined > MOST_NODES
-        ):
+        enough = np.sum(table.sure) >= ENOUGH * np.sum(np.isfinite(table.error))
+        if samples is not None or enough or refined > MOST_NODES:
             break
         counts = finer
     _need_sure(table)
