@@ -158,10 +158,8 @@ class Reference:
                         f'{profile.kind}", but this reference is of circles alone; '
                         "compare with spherekit.proof.rows, which knows all profiles"
                     )
-                own = curve
-                if hasattr(curve, "forward"):
-                    own, turns[which, k] = curve.forward, -1
-                frames[which, k] = own.axes  # type: ignore[attr-defined]
+                turns[which, k] = -1 if curve.backwards else 1
+                frames[which, k] = curve.path.axes  # type: ignore[union-attr]
                 radii[which, k] = profile.radius or 0.5 * np.pi
         axis = exact(frames[..., 2])
         axis = axis / length(axis)[..., None]
