@@ -29,6 +29,7 @@ from spherekit.plugin import (
     numbered,
 )
 from spherekit.plugin.singularities import (
+    NearMiss,
     RelationAt,
     SampledSingularities,
     SingularPoint,
@@ -230,17 +231,7 @@ class OneInput:
             "guarantee": str(configurations.claim),
             "checks_failed": list(configurations.mismatches),
             "notes": [*report.gaps, *report.notes],
-            "near_misses": [
-                {
-                    "type": str(miss.type),
-                    "output": names[miss.output],
-                    "assembly_modes": list(miss.assembly_modes),
-                    "q_rad": miss.q,
-                    "angle_rad": miss.angle,
-                    "velocity_coefficient": miss.velocity_coefficient,
-                }
-                for miss in misses
-            ],
+            "near_misses": [_stated(miss, names) for miss in misses],
         }
         warnings = [*report.gaps, *configurations.mismatches]
         if report.everywhere is not None:
@@ -404,3 +395,15 @@ def _in_words(counts: Mapping[str, int]) -> str:
 
 def _joined(numbers: Iterable[int], sign: str = "+") -> str:
     return sign.join(map(str, numbers))
+
+
+def _stated(miss: NearMiss, names: Sequence[str]) -> dict[str, Any]:
+    """Return a near miss as the summary has it."""
+    return {
+        "type": str(miss.type),
+        "output": names[miss.output],
+        "assembly_modes": list(miss.assembly_modes),
+        "q_rad": miss.q,
+        "angle_rad": miss.angle,
+        "velocity_coefficient": miss.velocity_coefficient,
+    }

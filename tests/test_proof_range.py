@@ -255,3 +255,23 @@ def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
         alone = certified_modes(Written.of(locked), (q,), construct(structure_of(locked)))
         assert held.complete and alone.complete
         assert len(held.real) == len(alone.real)
+
+
+def test_rates_along_pieces_are_within_their_bounds():
+    curves = over("stephenson", "16", ("0", "60"))
+    moves = np.random.default_rng(3)
+    for piece in [piece for chain in curves.chains for piece in chain.pieces][::5]:
+        bounds = rates(piece, piece.half)
+        t, normals = piece.frame[:, 0], piece.frame[:, 1:]
+        for s in moves.uniform(-piece.half, piece.half, 3):
+            y = np.zeros(normals.shape[1])
+            for _ in range(8):
+                place = circle(piece.centre + s * t + normals @ y)
+                values, slopes, curvatures = curves.equations.real.second(place)
+                y -= np.linalg.solve(slopes @ normals, values)
+            assert np.max(np.abs(y)) <= piece.tight
+            rate = t - normals @ np.linalg.solve(slopes @ normals, slopes @ t)
+            bent = np.einsum("ijl,j,l->i", curvatures, rate, rate)
+            bend = -normals @ np.linalg.solve(slopes @ normals, bent)
+            for value, (low, high) in zip((rate, bend), bounds, strict=True):
+                assert np.all(low <= value + 1e-12) and np.all(value <= high + 1e-12)

@@ -19,9 +19,8 @@ from refusals import text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.design.descent import FigureGradients
+from spherekit.design.descent import FigureGradients, HeldMode
 from spherekit.design.figures import DesignSamples
-from spherekit.design.held_modes import HeldMode
 from spherekit.design.sweep import DesignSpace, variation
 from spherekit.design.sweep_parts import run_sweep
 from spherekit.errors import ModelError, OutputError

@@ -5,8 +5,7 @@ import pytest
 from refusals import text_of
 
 import spherekit as sk
-from spherekit.design.descent import FigureGradients
-from spherekit.design.held_modes import HeldMode
+from spherekit.design.descent import FigureGradients, HeldMode
 from spherekit.design.sensitivity import Sensitivity
 from spherekit.files.read import read
 from spherekit.files.write import document_of, number_path, with_numbers

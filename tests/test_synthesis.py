@@ -7,8 +7,7 @@ import pytest
 from refusals import text_of
 
 import spherekit as sk
-from spherekit.design.descent import FigureGradients, least_greatest
-from spherekit.design.held_modes import HeldMode
+from spherekit.design.descent import FigureGradients, HeldMode, least_greatest
 from spherekit.design.requirements import nondominated
 from spherekit.design.synthesis import one_linkage
 from spherekit.errors import AnalysisError, DesignError, FileError

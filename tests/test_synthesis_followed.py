@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.design.descent import FigureGradients
-from spherekit.design.held_modes import every_mode
+from spherekit.design.descent import FigureGradients, every_mode
 from spherekit.design.variables import EIGHTH
 from spherekit.errors import DesignError
 from spherekit.files.library import find

@@ -38,11 +38,10 @@ from spherekit.errors import OutputError
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.sphere.rotation import frame_from, perpendicular, quaternion
 from spherekit.view.blueprint import input_scale, input_timeline
-from spherekit.view.names import Names
+from spherekit.view.names import Names, facing, seen
 from spherekit.view.pictures import screenshot
 from spherekit.view.rerun_view import RerunRecorder
 from spherekit.view.shapes import path_on_sphere
-from spherekit.view.sight import facing, seen
 
 SAMPLES = np.arange(361)
 INPUTS = np.radians(SAMPLES)

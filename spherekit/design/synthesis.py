@@ -9,9 +9,16 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import Names, counted
-from spherekit.design.descent import BESIDE, Descent, LocalOptimum, unbeaten
+from spherekit.design.descent import (
+    BESIDE,
+    Descent,
+    HeldMode,
+    LocalOptimum,
+    every_mode,
+    held_modes,
+    unbeaten,
+)
 from spherekit.design.evaluate import Evaluator
-from spherekit.design.held_modes import HeldMode, every_mode, held_modes
 from spherekit.design.requirements import Specification, front_of, nondominated
 from spherekit.design.sweep import Columns
 from spherekit.design.variables import ACTIONS, designed

@@ -40,8 +40,12 @@ CHECKED = 121
 CHECK_ROWS = 61
 """Samples at which what was reached is measured, spread over the run's own."""
 
-SHORT = (ORDINARY, Setting(route="conditioned"), Setting(engine="compiled"))
-"""The settings of a short trade."""
+SHORT = {
+    "settings": (ORDINARY, Setting(route="conditioned"), Setting(engine="compiled")),
+    "checked": CHECKED,
+    "rounds": 1,
+}
+"""How a short trade is made."""
 
 
 @checked(AnalysisError)
@@ -79,8 +83,7 @@ def choose(
         for plan in plans:
             with suppress(AnalysisError, PluginError):
                 if plan.requests[0].poles:
-                    few = {"settings": SHORT, "checked": CHECKED, "rounds": 1}
-                    trades.append(trade(study, plan.analyses[0], **few))
+                    trades.append(trade(study, plan.analyses[0], **SHORT))
     setting, predicted, why = (
         _of_trades(trades, tolerance, study.count, kind)
         if trades

@@ -14,8 +14,8 @@ from spherekit.analysis.result import MOTION
 from spherekit.analysis.scene import Page, Primitive, Scene
 from spherekit.arrays import Floats, Integers
 from spherekit.view import charts, colours, entities
+from spherekit.view.names import Sight
 from spherekit.view.sdk import rr, rrb
-from spherekit.view.sight import Sight
 
 SAMPLE = "sample"
 INPUT = "input_deg"

@@ -1,4 +1,6 @@
-"""Where the names of links and pairs stand on the sphere, so that none covers another.
+"""From where the sphere is seen, and where names of links and pairs stand on it.
+
+None covers another where that is possible.
 
 Labels of arrows that cover each other: one for all, as none could be read.
 """
@@ -13,7 +15,13 @@ from spherekit.analysis.scene import Arrow, Body, Primitive
 from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.sphere.rotation import from_quaternion
-from spherekit.view.sight import Sight, seen
+
+DISTANCE = 3.0
+LOOKS_ASIDE = 0.3
+"""Tangent of the angle between the eye's direction and the middle of the mechanism."""
+DEFAULT_FOCUS = (0.76, 0.47, 0.44)
+STEEP = 0.8
+"""A focus nearer to the z axis than this cosine is seen with x up instead of z."""
 
 HEIGHT = 1.09
 LINK_HEIGHT = 1.15
@@ -51,6 +59,34 @@ Name = tuple[str, Floats, bool]
 _Wanted = tuple[str, str, bool, Floats, Floats]
 """The path of a link, a name of it or of a pair, which is said, that looks for its place
 among some (k, 3), the best first, and the middles of its box on the pictures (n, k, 2)."""
+
+
+Sight = tuple[Floats, Floats, Floats]
+"""An eye, the point that it looks at, and what is up for it, each (3,)."""
+
+
+def facing(focus: Floats | None) -> Sight:
+    """Return what faces the mechanism a little from the side, with z up where possible."""
+    focus = np.array(DEFAULT_FOCUS if focus is None else focus)
+    focus = focus / np.linalg.norm(focus)
+    up = np.array([0.0, 0.0, 1.0] if abs(focus[2]) < STEEP else [-1.0, 0.0, 0.0])
+    right = np.cross(focus, up)
+    right /= np.linalg.norm(right)
+    eye = focus + LOOKS_ASIDE * (0.8 * right + 0.6 * np.cross(right, focus))
+    return DISTANCE * eye / np.linalg.norm(eye), 0.1 * focus, up
+
+
+def seen(sight: Sight, points: Floats) -> Floats:
+    """Return where points (..., 3) are on the picture (..., 2), as long as there."""
+    eye, target, up = sight
+    way = target - eye
+    distance = np.linalg.norm(way)
+    forward = way / distance
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    across = np.stack([right, np.cross(right, forward)], axis=-1)
+    from_eye = points - eye
+    return distance * (from_eye @ across) / (from_eye @ forward)[..., None]
 
 
 def _half(words: str) -> Floats:

@@ -59,7 +59,7 @@ from spherekit.view.blueprint import (
     space,
 )
 from spherekit.view.charts import Chart
-from spherekit.view.names import Name, Names, labels_of_arrows
+from spherekit.view.names import Name, Names, facing, labels_of_arrows
 from spherekit.view.outputs import (
     FileOutput,
     LiveOutput,
@@ -71,7 +71,6 @@ from spherekit.view.outputs import (
     viewer_at,
 )
 from spherekit.view.sdk import rr, rrb
-from spherekit.view.sight import facing
 
 
 class Charts:
