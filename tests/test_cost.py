@@ -15,6 +15,8 @@ from spherekit.analysis.study import needs_of, requests_for
 from spherekit.cli.main import main
 from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError
+from spherekit.files.library import find
+from spherekit.files.read import loads
 from spherekit.model.dynamics import Mass, Spring
 from spherekit.view.rerun_view import RerunRecorder
 
@@ -137,6 +139,25 @@ def test_the_part_moves_as_the_whole(twelve):
         return found
 
     assert curves(whole) == curves(part) and len(curves(part)) == 4
+
+
+def test_inputs_that_move_nothing_asked_are_left_out():
+    """Two driven links beside the four-bar, one on the other."""
+    text = find("four_bar").read_text().split("[modes.p0]")[0]
+    text = text.replace(
+        '"21"]\narcs = [60.0]', '"21", "51"]\narcs = [60.0, 30.0]\nangles = [90.0]', 1
+    )
+    for name, links, axes in (("51", '"1", "5"', '"51", "65"'), ("65", '"5", "6"', '"65"')):
+        arcs = "arcs = [20.0]" if "," in axes else ""
+        text += f"[links.{name[0]}]\naxes = [{axes}]\n{arcs}\n"
+        text += f'[pairs.{name}]\ntype = "R"\nlinks = [{links}]\n'
+        text += f"[inputs.{name}]\nfrom = 0.0\nto = 90.0\n"
+    pointed = loads(text)
+    part = sk.run(pointed, "poles:only=31", samples=5, only_needed=True)
+    assert part.summary["part_of"]["left_out_links"] == ["5", "6"]
+    assert part.summary["part_of"]["left_out_pairs"] == ["51", "65"]
+    pointer = sk.run(pointed, "poles:only=61", samples=5, only_needed=True)
+    assert pointer.summary["part_of"]["left_out_links"] == ["2", "3", "4"]
 
 
 def test_frames_and_zeros_stay_where_sizes_are_given():
