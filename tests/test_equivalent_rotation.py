@@ -1,6 +1,6 @@
 """Rotation about a fixed axis: the third paper's mechanism, any mechanism, schedules."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np

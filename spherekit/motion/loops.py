@@ -314,7 +314,7 @@ def pair_axes(joints: Sequence[Joint], frames: Floats) -> Floats:
     """Return (n, pairs, 3): axis (R), contact line (Cr), normal of contact plane (Cs)."""
     axes = np.empty(frames.shape[:-1])
     for kind, _, pairs, _ in _by_kind(tuple(joints)):
-        axes[:, pairs] = frames[:, pairs, :, kind.axis]
+        axes[:, pairs] = frames[..., kind.axis][:, pairs]
     return axes
 
 
