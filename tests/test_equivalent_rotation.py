@@ -540,4 +540,4 @@ def straight(**given):
 
 @pytest.mark.parametrize("call", TABLES["rotations"])
 def test_bad_input(call):
-    check_call(call, globals(), TABLES["rotations"][call])
+    check_call(call, {**globals(), "replace": replace}, TABLES["rotations"][call])
