@@ -18,7 +18,7 @@ from spherekit.errors import PlanError
 from spherekit.guarantee import Completeness, Guarantee
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.along import Chain, Stops, stops
-from spherekit.proof.balls import bits, exact, middle, pi
+from spherekit.proof.balls import Ball, bits, exact, middle, pi
 from spherekit.proof.construction import Construction, construct, turned_together
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Arm, Crossings
@@ -318,24 +318,14 @@ def certified_curves(
                 f"{written.mechanism.name}: {range_text[0]} to {range_text[1]} is more "
                 f"than {allowed}, after which everything returns; give at most that"
             )
-        count, turn = made.unknowns, 2 * pi()
-        width = [*[turn] * count, turn if exact_turn else high - low]
-        ranges = Ranges([*[exact(FIRST)] * count, low], width)
-        start, end = middle(low), middle(high)
-
-        def side(q: float, off: float) -> int:
-            return 0 if exact_turn else int(q > end + off) - int(q < start - off)
-
-        search = Search(equations, side)
-        boxes, left = paved(equations, ranges, search.covers, search.look, smallest, most)
-        left = search.without_saddles(*left)
+        search, boxes, left = _searched(equations, low, high, exact_turn, smallest, most)
     return CertifiedCurves(
         written,
         made,
         equations,
         range_text,
-        start * made.laps,
-        end * made.laps,
+        middle(low) * made.laps,
+        middle(high) * made.laps,
         exact_turn,
         tuple(search.chains),
         search.crossings,
@@ -343,3 +333,22 @@ def certified_curves(
         left,
         tuple(search.problems()),
     )
+
+
+def _searched(
+    equations: Equations, low: Ball, high: Ball, whole: bool, smallest: float, most: int
+) -> tuple[Search, int, Left]:
+    """Return the search between values of the input's variable, its boxes and those left.
+
+    They are a whole turn apart if `whole`.
+    """
+    count, turn, start, end = equations.unknowns, 2 * pi(), middle(low), middle(high)
+    width = [*[turn] * count, turn if whole else high - low]
+    ranges = Ranges([*[exact(FIRST)] * count, low], width)
+
+    def side(q: float, off: float) -> int:
+        return 0 if whole else int(q > end + off) - int(q < start - off)
+
+    search = Search(equations, side)
+    boxes, left = paved(equations, ranges, search.covers, search.look, smallest, most)
+    return search, boxes, search.without_saddles(*left)
