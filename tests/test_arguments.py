@@ -1,4 +1,4 @@
-"""What functions and classes of `spherekit.plugin` are called with from outside."""
+"""What public functions and classes are called with from outside: judged, and told."""
 
 import importlib
 import inspect
@@ -13,13 +13,39 @@ from typing import Literal, Union, get_args, get_origin
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from public_packages import TOPICS
 
 import spherekit as sk
-from spherekit.argument_validation import _fits, _resolved, judges
+import spherekit.engine as sk_engine
+from spherekit.argument_validation import _fits, _resolved, checked, judges
 from spherekit.errors import ArgumentError, SpherekitError
+from spherekit.model.load import Load
 
-PACKAGES = ("spherekit.plugin", *(f"spherekit.plugin.{topic}" for topic in TOPICS))
+FRONT = ("spherekit", "spherekit.engine", "spherekit.view")
+PLUGIN = ("spherekit.plugin", *(f"spherekit.plugin.{topic}" for topic in TOPICS))
+COMPUTED = "Kernel Kinematics Mechanism Motion Plan RunResult Simulation".split()
+"""Classes of the front whose objects functions of ours make."""
+INSIDE = {
+    "Bearings": "carried",
+    "ContactFriction": "carried",
+    "Digits": "within",
+    "Mechanism": "angle_between names_of variables_of",
+    "Motion": "joined put rows",
+    "Plan": "name pole",
+    "RerunRecorder": "log start",
+    "InverseKinematics": "no_closed_form",
+    "Study": "fault",
+    "TorqueTable": "knots one",
+}
+"""Methods by which parts of the library ask each other, as do all of `Load`."""
+FOUR_BAR = sk.load("four_bar")
+READY = {
+    sk.Mechanism: FOUR_BAR,
+    sk.Start: sk.Start(0.3, 1.0),
+    sk_engine.Kernel: sk_engine.kernel(FOUR_BAR, "21", engine="numpy"),
+}
+"""Objects of classes that judge by what they have."""
 ANYTHING = object()
 """Something that no type allows but those that allow anything."""
 MAY_BE_ANYTHING = ("Batch.once: key", "counted: number")
@@ -37,8 +63,8 @@ class Anyhow:
 def allowed(hint):
     """Return something that a type allows."""
     origin, inner = get_origin(hint), get_args(hint)
-    if hint in PLAIN:
-        return PLAIN[hint]
+    if hint in PLAIN or hint in READY:
+        return (PLAIN | READY)[hint]
     if origin is Literal:
         return inner[0]
     if _fits(np.zeros(1), hint):
@@ -46,7 +72,7 @@ def allowed(hint):
     if _fits(np.array(["x"]), hint):
         return np.array(["x"])
     if origin in (Union, UnionType):
-        return allowed(inner[0])
+        return allowed(next((part for part in inner if part in READY), inner[0]))
     if origin is tuple and inner[1:] != (...,):
         return tuple(allowed(item) for item in inner)
     if origin in (Sequence, Iterable, list):
@@ -68,7 +94,7 @@ def allowed(hint):
 
 
 def own(made):
-    """Every public method of a class that takes arguments, as it is to be called."""
+    """Every public method of a class that takes arguments, with what it is bound to."""
     for key in dir(made):
         if key[0] != "_" or key == "__call__":
             item = inspect.getattr_static(made, key)
@@ -76,14 +102,15 @@ def own(made):
             if inspect.isfunction(function) and not isinstance(item, property):
                 if getattr(function, "__isabstractmethod__", False):
                     continue  # plugins write it, and we call it
-                bound = () if isinstance(item, staticmethod) else (ANYTHING,)
-                bound = (made,) if isinstance(item, classmethod) else bound
-                yield f"{made.__name__}.{key}", function, bound
+                bound = (
+                    () if isinstance(item, staticmethod) else (READY.get(made, ANYTHING),)
+                )
+                yield key, function, (made,) if isinstance(item, classmethod) else bound
 
 
-def callables():
-    """Every function, class and method that plugins may call, with what it is bound to."""
-    for package in map(importlib.import_module, PACKAGES):
+def callables(packages):
+    """Every function, class and method that others may call, with what it is bound to."""
+    for package in map(importlib.import_module, packages):
         for name in package.__all__:
             value = getattr(package, name)
             if inspect.isfunction(value):
@@ -91,15 +118,20 @@ def callables():
             elif inspect.isclass(value) and not issubclass(value, Exception | Enum):
                 if getattr(value, "_is_protocol", False):
                     continue  # whoever answers to it is no class of ours
-                if "__init__" in dir(value) and inspect.isfunction(value.__init__):
-                    yield name, value.__init__, (ANYTHING,)
-                yield from own(value)
+                front = packages is FRONT
+                if inspect.isfunction(value.__init__) and not (front and name in COMPUTED):
+                    yield name, value.__init__, (allowed(value),)
+                left_out = {*INSIDE.get(name, "").split(), *dir(Load)} if front else ()
+                for key, function, bound in own(value):
+                    if key not in left_out:
+                        yield f"{name}.{key}", function, bound
 
 
-def test_every_public_callable_of_plugins_is_checked():
+@pytest.mark.parametrize(("packages", "least"), [(FRONT, 300), (PLUGIN, 800)])
+def test_every_public_callable_is_checked(packages, least):
     """Each refuses an object of no known type in each of its arguments, by its name."""
     count, missed = 0, []
-    for name, function, bound in callables():
+    for name, function, bound in callables(packages):
         parameters = list(inspect.signature(function).parameters.values())[len(bound) :]
         hints = {item.name: _resolved(function, item.annotation) for item in parameters}
         for wrong in parameters:
@@ -125,7 +157,63 @@ def test_every_public_callable_of_plugins_is_checked():
             else:
                 missed.append(f"{name}: {wrong.name} may be anything")
     assert not missed, "\n".join(missed)
-    assert count > 800
+    assert count > least
+
+
+@pytest.mark.parametrize(
+    ("named", "said"),
+    [
+        ({"analysis": "polez"}, 'did you mean "poles"'),
+        ({"analysis": 5}, "analysis is 5"),
+        ({"table": "x"}, 'no table "x"'),
+        ({"degrees": "deg"}, "True or False"),
+    ],
+)
+def test_wrong_questions_to_a_result(named, said, tmp_path):
+    result = sk.run(FOUR_BAR, samples=3)
+    with pytest.raises(SpherekitError, match=said):
+        result.frame(**named)
+    for formats in ("csv", ("xls",)):
+        with pytest.raises(SpherekitError, match="formats"):
+            result.write(tmp_path / "out", formats=formats)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_the_types_allow_passes():
+    """NumPy's numbers, lists for sequences, paths for text: nothing right is refused."""
+
+    @checked(SpherekitError)
+    def asked(
+        count: int,
+        size: float = 1.0,
+        flag: bool = False,
+        words: "tuple[str, ...] | None" = None,
+        late: "NoSuchType | None" = None,  # noqa: F821
+        numbers: ArrayLike | None = None,
+    ) -> int:
+        return count
+
+    assert asked(np.int64(3), np.float32(2), np.bool_(True), ["a", "b"], object()) == 3
+    assert asked(count=3, size=2) == 3
+    for numbers in (1, 0.5, [1, 2], [[1.0], [2.0]], np.eye(3), None):
+        assert asked(3, numbers=numbers) == 3
+    for wrong in (
+        {"count": 3.0},
+        {"count": True},
+        {"count": 3, "size": "2"},
+        {"count": 3, "numbers": "a"},
+    ):
+        with pytest.raises(SpherekitError):
+            asked(**wrong)
+    with pytest.raises(SpherekitError, match="asked: missing a required argument: 'count'"):
+        asked()
+    with pytest.raises(SpherekitError, match=r'asked: no argument is "cnt"; did you mean'):
+        asked(cnt=3)
+
+
+def test_too_many_arguments_are_told_beside_a_correct_option():
+    with pytest.raises(SpherekitError, match="run: too many positional arguments"):
+        sk.run(FOUR_BAR, "poles", "statics", samples=3)
 
 
 def test_messages_say_where_what_and_what_to_try():
@@ -159,7 +247,7 @@ def test_names_are_those_of_the_library_to_help_and_to_pickle():
     )
 
 
-INSIDE = """
+CALLS = """
 import spherekit.plugin
 from spherekit.plugin.workspace import output_kinematics
 import spherekit as sk
@@ -176,7 +264,7 @@ for name in ("outside", "spherekit.within"):
 def test_objects_judge_what_comes_from_outside_alone():
     """Also those of classes that extend an offered one and are named nowhere."""
     out = subprocess.run(
-        [sys.executable, "-c", INSIDE], capture_output=True, text=True, check=True
+        [sys.executable, "-c", CALLS], capture_output=True, text=True, check=True
     )
     outside, within = out.stdout.split()
     assert outside == "ArgumentError" and within != "ArgumentError"
