@@ -3,6 +3,7 @@
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -48,6 +49,12 @@ MECHANISMS = (
 )
 
 
+COEFFICIENTS = (
+    *("velocity_coefficient", "acceleration_coefficient"),
+    "acceleration_coefficient_dq",
+)
+
+
 def with_masses(mechanism):
     """Return a mechanism whose links have arbitrary physical tensors."""
     random = np.random.default_rng(3)
@@ -72,22 +79,19 @@ def reference(mechanism, motion):
 
 def agree(values, field, inertia, change, tolerance):
     for pole, unit in field.direction.items():
-        rate, second = (
-            field.velocity_coefficient[pole],
-            field.acceleration_coefficient[pole],
-        )
-        own = values.velocity_coefficient[pole]
+        rate, second = (getattr(field, name)[pole] for name in COEFFICIENTS[:2])
+        own = values["velocity_coefficient"][pole]
         known = np.abs(rate) > 1e-6
-        gap = values.direction[pole] * own[:, None] - unit * rate[:, None]
+        gap = values["direction"][pole] * own[:, None] - unit * rate[:, None]
         # The plan's own bound: long chains of intersections multiply rounding.
         allowed = tolerance + 40.0 * np.nan_to_num(field.error[pole])
         gap = np.max(np.abs(gap), axis=1)
         assert np.all((gap < allowed * (1.0 + np.abs(rate)))[known]), pole
-        gap = np.abs(values.acceleration_coefficient[pole] * np.sign(own * rate) - second)
+        gap = values["acceleration_coefficient"][pole] * np.sign(own * rate) - second
         scale = 1.0 + np.abs(rate) + np.abs(second)
-        assert np.all((gap < allowed * scale)[known]), pole
-    assert np.max(np.abs(values.inertia - inertia) / inertia) < tolerance
-    assert np.max(np.abs(values.inertia_dq - change) / inertia) < 40 * tolerance
+        assert np.all((np.abs(gap) < allowed * scale)[known]), pole
+    assert np.max(np.abs(values["B"] - inertia) / inertia) < tolerance
+    assert np.max(np.abs(values["dB_dq"] - change) / inertia) < 40 * tolerance
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -162,23 +166,12 @@ def test_second_derivatives_are_slopes_of_the_first(name):
     h, (low, high) = 5e-3, tracer.range
     for q in np.linspace(low + 0.3, high - 0.4, 3):
         values = found.values(tracer.at(q + h * np.arange(-4, 5)).values.T)
-        pairs = [
-            (values.inertia_dq, values.inertia_dq2),
-            (values.inertia, values.inertia_dq),
-        ]
+        chains = [[values[name] for name in ("B", "dB_dq", "d2B_dq2")]]
         for pole in found.poles:
             # A direction that turns over would turn the sign of the rate.
-            side = np.sign(values.direction[pole] @ values.direction[pole][4])
-            first, second, third = (
-                side * getattr(values, f"{name}_coefficient{by}")[pole]
-                for name, by in (
-                    ("velocity", ""),
-                    ("acceleration", ""),
-                    ("acceleration", "_dq"),
-                )
-            )
-            pairs += [(first, second), (second, third)]
-        for one, slope in pairs:
+            side = np.sign(values["direction"][pole] @ values["direction"][pole][4])
+            chains.append([side * values[name][pole] for name in COEFFICIENTS])
+        for one, slope in (both for chain in chains for both in pairwise(chain)):
             gap = abs(weights @ one / h - slope[4])
             assert gap < 1e-9 * (1.0 + np.max(np.abs(one)) + abs(slope[4]))
 
@@ -193,18 +186,18 @@ def test_rates_by_arc_length_are_those_by_the_input_times_its_rate():
         kernel(made, pair, with_inertia=True, with_tangent=True, **way).values(rows)
         for way in ({}, {"coordinate": "arc"})
     )
-    length = np.linalg.norm(by_input.tangent, axis=1)
-    assert np.max(np.abs(np.linalg.norm(found.tangent, axis=1) - 1.0)) < 1e-15
-    sense = np.sign(found.tangent[:, made.variable_names.index(f"theta_{pair}")])
-    gap = found.tangent * (sense * length)[:, None] - by_input.tangent
-    assert np.max(np.abs(gap)) < 1e-14
-    assert np.max(np.abs(found.inertia * length**2 / by_input.inertia - 1.0)) < 1e-14
+    along, tangent = by_input["tangent"], found["tangent"]
+    length = np.linalg.norm(along, axis=1)
+    assert np.max(np.abs(np.linalg.norm(tangent, axis=1) - 1.0)) < 1e-15
+    sense = np.sign(tangent[:, made.variable_names.index(f"theta_{pair}")])
+    assert np.max(np.abs(tangent * (sense * length)[:, None] - along)) < 1e-14
+    assert np.max(np.abs(found["B"] * length**2 / by_input["B"] - 1.0)) < 1e-14
     # d(B / |dv/dq|^2)/ds, with d|dv/dq|^2/dq from the derivatives of the pairs' rates.
     ends = {tuple(sorted(ends)) for ends in made.ends}
-    rates, slopes = by_input.velocity_coefficient, by_input.acceleration_coefficient
+    rates, slopes = (by_input[name] for name in COEFFICIENTS[:2])
     slope = sum(rates[pole] * slopes[pole] for pole in rates if pole in ends)
-    expected = by_input.inertia_dq - 2.0 * by_input.inertia * slope / length**2
-    assert np.max(np.abs(found.inertia_dq * sense * length**3 - expected)) < 1e-11
+    expected = by_input["dB_dq"] - 2.0 * by_input["B"] * slope / length**2
+    assert np.max(np.abs(found["dB_dq"] * sense * length**3 - expected)) < 1e-11
 
 
 @pytest.mark.parametrize("engine", ENGINES)

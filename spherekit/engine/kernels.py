@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked
-from spherekit.arrays import Array, Floats
+from spherekit.arrays import Array
 from spherekit.conventions import listing
 from spherekit.engine.algebra import cross, dot
 from spherekit.engine.compiler import TermFunction, available
@@ -33,29 +33,6 @@ MOST_DERIVATIVES = 2
 
 
 @dataclass(frozen=True)
-class KernelValues:
-    """What a kernel found at n configurations; see `Kernel`.
-
-    `direction[pole]` (n, 3); `rate[pole]`, its derivatives `acceleration_coefficient[pole]`
-    and `acceleration_coefficient_dq[pole]`, `inertia`, its derivatives `inertia_dq` and
-    `inertia_dq2` (n,); `tangent` (n, variables); `w[link]` and its first derivative
-    `dw[link]` (n, 3). What was not asked for is missing or None. Rates and derivatives are
-    by the kernel's coordinate.
-    """
-
-    direction: Mapping[Pole, Floats]
-    velocity_coefficient: Mapping[Pole, Floats]
-    acceleration_coefficient: Mapping[Pole, Floats]
-    acceleration_coefficient_dq: Mapping[Pole, Floats]
-    inertia: Floats | None
-    inertia_dq: Floats | None
-    inertia_dq2: Floats | None
-    tangent: Floats | None
-    w: Mapping[int, Floats]
-    dw: Mapping[int, Floats]
-
-
-@dataclass(frozen=True)
 class Kernel:
     """A function of configurations: poles, coefficients, generalised inertia.
 
@@ -68,8 +45,9 @@ class Kernel:
     input rates by it are not finite; by the arc length of the curve of all variables they
     are, and its sense is that of the minors (`spherekit.engine.kinematics`). Where all
     variables are NaN, or no configuration closes (input), rates and B are NaN; that given
-    variables do not close is not noticed. `places` are the columns of what `KernelValues`
-    has, by its name and pole or link; `engine` says what runs `function`.
+    variables do not close is not noticed. `places` are the columns of what `values` gives,
+    by its name and pole or link, None of what is the mechanism's; `engine` says what runs
+    `function`.
     """
 
     inputs: tuple[str, ...]
@@ -102,29 +80,22 @@ class Kernel:
         """The poles that there are, as pairs of link numbers."""
         return tuple(self.places["direction"])
 
-    def values(self, inputs: ArrayLike) -> KernelValues:
-        """Return the output by pole."""
+    def values(self, inputs: ArrayLike) -> dict[str, Any]:
+        """Return the output at n configurations by the names of `places`.
+
+        `direction`, `velocity_coefficient`, its derivatives `acceleration_coefficient` and
+        `acceleration_coefficient_dq` are by pole, `w` and its derivatives `dw` and `d2w` by
+        link: directions and angular velocities (n, 3), others (n,). `B`, its derivatives
+        `dB_dq` and `d2B_dq2` (n,) and `tangent` (n, variables) are arrays. What was not
+        asked for is missing; rates and derivatives are by the kernel's coordinate.
+        """
         rows = self(inputs)
-
-        def of(name: str) -> dict[Any, Floats]:
-            places = self.places.get(name, {})
-            return {key: rows[place].T for key, place in places.items()}
-
-        def one(name: str) -> Floats | None:
-            return of(name).get(None)
-
-        return KernelValues(
-            of("direction"),
-            of("velocity_coefficient"),
-            of("acceleration_coefficient"),
-            of("acceleration_coefficient_dq"),
-            one("B"),
-            one("dB_dq"),
-            one("d2B_dq2"),
-            one("tangent"),
-            of("w"),
-            of("dw"),
-        )
+        return {
+            name: rows[by_key[None]].T
+            if None in by_key
+            else {key: rows[place].T for key, place in by_key.items()}
+            for name, by_key in self.places.items()
+        }
 
 
 @checked(EngineError)
