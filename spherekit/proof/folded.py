@@ -34,7 +34,7 @@ from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written, text_of
 from spherekit.proof.roots import zero_within
 from spherekit.proof.saddles import Quadrant, Saddle, saddle_near
-from spherekit.proof.tubes import CertifiedArc
+from spherekit.proof.tubes import CertifiedArc, Zone
 
 NEAR = 1e-9
 """Variables (rad) that differ by less are tried as the same."""
@@ -246,7 +246,7 @@ class Crossings:
                     return piece.holds(np.array([*map(middle, balls)]), 2.0 * BALL)
         return False
 
-    def _crosses(self, part: Saddle) -> bool:
+    def _crosses(self, part: Zone) -> bool:
         """Return whether a loop is proven to close in line next to a saddle's centre."""
         reach, centre = 1e-3 * float(np.min(part.limits)), exactly(part.centre)
         for equation, variables, values, closes in self.loops:
@@ -257,11 +257,11 @@ class Crossings:
                     return True
         return False
 
-    def _fits(self, made: Saddle) -> bool:
+    def _fits(self, made: Zone) -> bool:
         return all(_disjoint(made, other) for other in self.saddles)
 
 
-def _disjoint(one: Saddle, other: Saddle) -> bool:
+def _disjoint(one: Zone, other: Zone) -> bool:
     """Return whether a face of one of two parts of space has them on both its sides."""
     apart = wrap(other.centre - one.centre)
     for first, second in ((one, other), (other, one)):

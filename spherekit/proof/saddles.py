@@ -39,103 +39,73 @@ from spherekit.proof.equations import Equations
 from spherekit.proof.tubes import Zone
 
 Quadrant = tuple[int, int]
-QUADRANTS: tuple[Quadrant, ...] = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
-@dataclass(frozen=True)
-class _Arms:
-    """Rates on arms in a rectangle, from how variables move with u and v, and from g''.
+def _slopes(bend: Array, slack: float) -> dict[int, tuple[float, float]]:
+    """Return bounds of v / u, by its sign, where the form of `bend` (2, 2) is about 0.
+
+    It is at most `slack` times the square of the larger of u and v.
+
+    Raises
+    ------
+    ZeroDivisionError
+        If there are no such bounds.
+    """
+    a, d, b = wide(bend[0, 0], slack), wide(-bend[1, 1], slack), bend[0, 1]
+    root = (b * b + a * d).sqrt()
+    made = {sign: (root + sign * b) / d for sign in (1, -1)}
+    if not (a > 0 and d > 0 and made[1] > 0 and made[-1] > 0):
+        raise ZeroDivisionError
+    return {sign: (sign * lower(size), sign * upper(size)) for sign, size in made.items()}
+
+
+def _along(
+    ways: Array, bend: Array, slope: float, off: float
+) -> tuple[list[Ball], list[int]]:
+    """Return slopes of g by u and v, and signs of the rates, in a direction (1, slope).
 
     With (u, v) the way from the saddle, g is its level and half the form of g'', and the
-    slopes of g are g'' (u, v), each with some g'' of the rectangle. A rate is linear in the
+    slopes of g are g'' (u, v), each with some g'' of `bend` (2, 2) and off by at most `off`
+    times the way. Variables move with u and v by `ways` (v, 2). A rate is linear in the
     direction, so that it has the sign in a cone that it has on both its sides.
     """
-
-    ways: Array
-    bend: Array
-    units: Floats
-
-    def slopes(self, slack: float) -> dict[int, tuple[float, float]]:
-        """Return bounds of v / u in units, by its sign, where the form of g'' is about 0.
-
-        It is at most `slack` times the square of the larger of u and v in units.
-
-        Raises
-        ------
-        ZeroDivisionError
-            If there are no such bounds.
-        """
-        one, other = self.units
-        a, d = (
-            wide(self.bend[0, 0] * one**2, slack),
-            wide(-self.bend[1, 1] * other**2, slack),
-        )
-        b = self.bend[0, 1] * one * other
-        root = (b * b + a * d).sqrt()
-        made = {sign: (root + sign * b) / d for sign in (1, -1)}
-        if not (a > 0 and d > 0 and made[1] > 0 and made[-1] > 0):
-            raise ZeroDivisionError
-        return {
-            sign: (sign * lower(size), sign * upper(size)) for sign, size in made.items()
-        }
-
-    def along(self, slope: float, off: float) -> tuple[Array, list[int]]:
-        """Return slopes of g (2,) and the signs of the rates in a direction (1, slope).
-
-        The slopes of g are off by at most `off` times the way.
-        """
-        way, most = exactly(self.units * (1.0, slope)), off * max(1.0, abs(slope))
-        by = np.array([wide(entry, most) for entry in self.bend @ way])
-        return by, [_sign(rate) for rate in self.ways @ np.array([-by[1], by[0]])]
-
-    def outward(
-        self, slack: float, off: float, limits: Floats, spare: float
-    ) -> tuple[dict[Quadrant, tuple[int, ...]], dict[Quadrant, tuple[float, ...]]]:
-        """Return the signs of all rates outward on the arms, and how far variables go.
-
-        The form of g'' is at most `slack` times the square of the way there, and the
-        slopes of g are off by at most `off` times the way. The way is within `limits`, from
-        a centre that is `spare` from the saddle at most.
-        """
-        most = 1.001 * float(np.max(limits[:2] / self.units))
-        signs, reach = {}, {}
-        slopes = self.slopes(slack)
-        for q in QUADRANTS:
-            ends = slopes[q[0] * q[1]]
-            sides = [self.along(slope, off) for slope in ends]
-            ahead = all(by[0] > 0 for by, _ in sides)
-            signs[q] = tuple(
-                q[1] * one if ahead and one == other else 0
-                for one, other in zip(*(rates for _, rates in sides), strict=True)
-            )
-            corner = np.clip(q[0] * q[1], min(ends), max(ends))
-            far = [
-                self.ways @ exactly(self.units * (1.0, slope) / max(1.0, abs(slope)))
-                for slope in (*ends, corner)
-            ]
-            reach[q] = tuple(
-                max(map(upper, row)) * most + spare for row in zip(*far, strict=True)
-            )
-        return signs, reach
-
-    def through(self, level: Ball, steep: float) -> tuple[bool, ...]:
-        """Return which rates vanish nowhere on the two arcs of a level that is not 0."""
-        (a, b), (_, d) = ([upper(e) for e in row] for row in self.bend)
-        # the way is at least what makes the form as large as the level is
-        least = float(np.sqrt(lower(level) / (a + 2.0 * b + d)))
-        slopes, off = self.slopes(4.004 * steep / least), 1.001 * steep / least
-        # one arc and its mirror image: from quadrant to quadrant over v or over u
-        side, end = (1, 0) if level > 0 else (0, 1)
-        (one, first), (other, last) = (self.along(slopes[k][end], off) for k in (1, -1))
-        turned = -1 if level > 0 else 1
-        whole = turned * one[side] > 0 and other[side] > 0
-        return tuple(
-            whole and k == turned * m != 0 for k, m in zip(first, last, strict=True)
-        )
+    most = off * max(1.0, abs(slope))
+    by_u, by_v = by = [wide(entry, most) for entry in bend @ exactly([1.0, slope])]
+    return by, [int(r > 0) - int(r < 0) for r in ways @ np.array([-by_v, by_u])]
 
 
-def _sign(ball: Ball) -> int:
-    return int(ball > 0) - int(ball < 0)
+def _outward(
+    ways: Array, bend: Array, farthest: float, slack: float, off: float, spare: float
+) -> tuple[dict[Quadrant, tuple[int, ...]], dict[Quadrant, tuple[float, ...]]]:
+    """Return the signs of all rates outward on the arms, and how far variables go.
+
+    The form of `bend` is at most `slack` times the square of the way there. The way is at
+    most `farthest`, from a centre that is `spare` from the saddle at most.
+    """
+    signs, reach = {}, {}
+    for k, ends in _slopes(bend, slack).items():
+        (one, first), (other, last) = (_along(ways, bend, end, off) for end in ends)
+        proven = one[0] > 0 and other[0] > 0
+        directions = [*ends, np.clip(k, min(ends), max(ends))]
+        sides = [np.array([1.0, slope]) / max(1.0, abs(slope)) for slope in directions]
+        far = [max(map(upper, row)) for row in ways @ exactly(sides).T]
+        for v in (1, -1):
+            rates = (m if m == n else 0 for m, n in zip(first, last, strict=True))
+            signs[k * v, v] = tuple(v * proven * rate for rate in rates)
+            reach[k * v, v] = tuple(way * farthest + spare for way in far)
+    return signs, reach
+
+
+def _passes(ways: Array, bend: Array, level: Ball, steep: float) -> tuple[bool, ...]:
+    """Return which rates vanish nowhere on the two arcs of a level that is not 0."""
+    # the way is at least what makes the form as large as the level is
+    least = float(np.sqrt(lower(level) / sum(map(upper, bend.flat))))
+    slopes, off = _slopes(bend, 4.004 * steep / least), 1.001 * steep / least
+    # one arc and its mirror image: from quadrant to quadrant over v or over u
+    turned, side, end = (-1, 1, 0) if level > 0 else (1, 0, 1)
+    (one, first), (other, last) = (_along(ways, bend, slopes[k][end], off) for k in (1, -1))
+    whole = turned * one[side] > 0 and other[side] > 0
+    return tuple(whole and k == turned * m != 0 for k, m in zip(first, last, strict=True))
 
 
 PRECISIONS = (80, 160, 320, 640)
@@ -196,12 +166,12 @@ class Saddle(Zone):
         return int(np.sign(at[0])), int(np.sign(at[1]))
 
 
-Crosses = Callable[[Saddle], bool]
-"""Says something of a saddle's part of space."""
-
-
 def saddle_near(
-    equations: Equations, place: Floats, farthest: float, crosses: Crosses, fits: Crosses
+    equations: Equations,
+    place: Floats,
+    farthest: float,
+    crosses: Callable[[Zone], bool],
+    fits: Callable[[Zone], bool],
 ) -> Saddle | None:
     """Return the saddle next to a place, None if none is proven within `farthest` (rad).
 
@@ -323,7 +293,7 @@ class _Form:
                 break
         return place
 
-    def shown(self, size: float, crosses: Crosses) -> Saddle | None:
+    def shown(self, size: float, crosses: Callable[[Zone], bool]) -> Saddle | None:
         """Return the saddle with a rectangle of a size, None if that does not prove it."""
         flat, normals = np.array([1.0, FLATTER]) * size * self.units, self.frame[:, 2:].T
         centre = exactly(self.centre)
@@ -341,30 +311,30 @@ class _Form:
             value, slope = self._there(centre, level, first[:, 0])
             if not _sides(limits, value, slope, bend):
                 return None
-            part = Saddle(self.centre, self.frame, limits, None, 0.0, 0.0 * limits, {}, {})
-            arms = _Arms(ways, bend, self.units)
-            if crosses(part):
-                rates, far = arms.outward(0.0, 0.0, limits, 1e-12)
-                return replace(part, level=0, rates=rates, reach=far)
-            level, steep = self._level(limits, value, slope)
+            part = self.centre, self.frame, limits
+            # in units, which are 1 at most
+            units = exactly(self.units)
+            arms = ways * units, bend * units * units[:, None], 1.001 * size
+            if crosses(Zone(*part)):
+                return Saddle(
+                    *part, 0, 0.0, 0.0 * limits, *_outward(*arms, 0.0, 0.0, 1e-12)
+                )
+            level, steep = self._level(limits)
+            least = min(lower(bend[0, 0]), lower(bend[1, 1]))
+            height, sign = upper(level), int(level > 0) - int(level < 0)
+            gap = float(2.0 * np.sqrt(2.0 * height / least))
+            away = FAR * gap + 1e4 * steep / least + 1e-300
+            slack, off = 2.001 * (height / away + 2.0 * steep) / away, 1.001 * steep / away
+            return Saddle(
+                *part,
+                sign or None,
+                gap,
+                4.0 * away * np.array([sum(map(upper, row)) for row in ways]) + 1e-12,
+                *_outward(*arms, slack, off, 4.0 * away),
+                _passes(*arms[:2], level, steep) if sign else (),
+            )
         except ZeroDivisionError:
             return None
-        least = min(lower(bend[0, 0]), lower(bend[1, 1]))
-        height = upper(level)
-        gap = float(2.0 * np.sqrt(2.0 * height / least))
-        away = FAR * gap + 1e4 * steep / least + 1e-300
-        slack = 2.001 * (height / away + 2.0 * steep) / away
-        spread = np.array([[upper(e) for e in row] for row in ways])
-        rates, far = arms.outward(slack, 1.001 * steep / away, limits, 4.0 * away)
-        return replace(
-            part,
-            level=_sign(level) or None,
-            gap=gap,
-            zone=4.0 * away * np.sum(spread, axis=1) + 1e-12,
-            rates=rates,
-            reach=far,
-            passes=arms.through(level, steep) if _sign(level) else (),
-        )
 
     def _over(self, limits: Floats) -> Array:
         """Return balls of all variables over a part of space, a little more than it."""
@@ -379,10 +349,13 @@ class _Form:
         (near,) = self.solved(place + moved[:-1], 0 * exactly(self.missed), 1)
         return level + moved[-1], near[-1, 1:]
 
-    def _level(self, limits: Floats, value: Ball, slope: Array) -> tuple[Ball, float]:
+    def _level(self, limits: Floats) -> tuple[Ball, float]:
         """Return the level of the saddle, and the largest slope at a place next to it.
 
-        `value` and `slope` are those of g at the centre.
+        Raises
+        ------
+        ZeroDivisionError
+            If no place next to the centre is flat.
         """
         written, made = self.equations.written, self.equations.construction
         place, most = exactly(self.centre), 2.002 * float(np.max(limits[:2]))
@@ -391,19 +364,18 @@ class _Form:
                 form = replace(self, equations=Equations(written, made))
                 critical = form.critical(place)
                 if critical is None:
-                    break
-                off = (floats(critical) - self.centre) @ self.frame
+                    raise ZeroDivisionError
+                off, place = (floats(critical) - self.centre) @ self.frame, critical
                 if not np.all(np.abs(off) < 1e-3 * limits):
-                    break
-                place = critical
+                    raise ZeroDivisionError
                 level, residual = form.open(place)
                 (first,) = form.solved(form._over(limits), residual, 1)
                 value, slope = form._there(place, level, first[:, 0])
-                steep = max(upper(e) for e in slope)
-                if not wide(value, most * steep).contains(0):
+                steep = max(map(upper, slope))
+                level = wide(value, most * steep)
+                if not level.contains(0):
                     break
-        steep = max(upper(e) for e in slope)
-        return wide(value, most * steep), steep
+        return level, steep
 
 
 def _sides(limits: Floats, value: Ball, slope: Array, bend: Array) -> bool:

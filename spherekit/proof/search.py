@@ -13,7 +13,7 @@ from spherekit.proof.along import Chain, Side, chain_through
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import MOST_SADDLES, Arm, Crossings
 from spherekit.proof.paving import Left
-from spherekit.proof.saddles import QUADRANTS, Saddle
+from spherekit.proof.saddles import Saddle
 from spherekit.proof.tubes import LONGEST, UP, CertifiedArc, corrected, piece_at
 
 NEIGHBOURS = 8
@@ -167,9 +167,9 @@ class Search:
         chains = self.chains
         ends = Counter(e for c in chains for e in self.crossings.ends(c.pieces, c.closed))
         for number, saddle in enumerate(self.crossings.saddles):
-            for quadrant in QUADRANTS:
+            for quadrant, rates in sorted(saddle.rates.items(), reverse=True):
                 arm = number, quadrant
-                yield arm, ends[arm], saddle.rates[quadrant][-1]
+                yield arm, ends[arm], rates[-1]
 
     def _unjoined(self) -> bool:
         """Return whether chains may go into crossings but on one arm at each end.
