@@ -6,7 +6,7 @@ import numpy as np
 
 import spherekit as sk
 from spherekit.model.dynamics import Mass
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.motion.closure import Closure
 
 
@@ -97,7 +97,7 @@ def links_moving(mechanism, values, dq, ddq):
     Of each pair its number, links and frame; then the equations of velocities, and what the
     inputs turn about.
     """
-    joints = geometry_of(mechanism).joints
+    joints = joints_of(mechanism)
     at = Closure.of(mechanism, joints).at(values[None])
     placed, states = at.placed, at.states
     turns, count = placed[0], len(mechanism.links)
@@ -155,7 +155,7 @@ def moments(mechanism, turns, w, angle, t, joint):
     found[last] += turns[last] @ np.array([0.3, t, 1.0])
     pair = mechanism.pair_number[joint]
     a, b = mechanism.ends[pair]
-    axis = turns[a] @ geometry_of(mechanism).joints[pair].first[:, 2]
+    axis = turns[a] @ joints_of(mechanism)[pair].first[:, 2]
     rate = (w[b] - w[a]) @ axis
     torque = 2.0 * np.cos(angle) - rate - 0.7 * (angle - 0.2) - 0.4 * rate
     torque -= 0.6 * np.tanh(rate / 0.5) + 0.1 * rate

@@ -9,7 +9,7 @@ from singular_examples import components
 
 import spherekit as sk
 from spherekit.errors import SolveError
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.parts import Profile
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
@@ -24,7 +24,7 @@ NO_CRANK = np.radians([60.0, 75.0, 40.0, 50.0])
 
 def closed_near(made, guess):
     """Return the curve through the configuration at a guessed one's input."""
-    closure = Closure.of(made, geometry_of(made).joints)
+    closure = Closure.of(made, joints_of(made))
     return follow_arc(closure, closure.solve(np.array([guess]), held=[0]).values[0])
 
 

@@ -7,7 +7,7 @@ from multibody import Bearing, Hinge, MultiBody
 from newton_euler import heavy
 
 import spherekit as sk
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.motion.closure import Closure
 
 
@@ -104,7 +104,7 @@ def test_free_bodies_with_all_reactions_and_friction_move_the_same_way(name):
     assert checks.energy < 1e-12 * checks.energy_scale
     work = [history.work[:, k] for k, load in enumerate(made.loads) if load in rub]
     assert len(work) == 2 and np.all(np.diff(work, axis=1) < 0.0)
-    at = Closure.of(made, geometry_of(made).joints).at(history.values[:1])
+    at = Closure.of(made, joints_of(made)).at(history.values[:1])
     turns = at.placed[0]
     hinges = [
         Hinge(pair.name, *ends, turns[ends[0]] @ at.states.first[0, k][:, 2])

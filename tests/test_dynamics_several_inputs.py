@@ -13,7 +13,7 @@ from spherekit.dynamics.coordinates import christoffel
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.engine.compiler import available
 from spherekit.model.dynamics import JointLimit
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.motion.closure import Closure
 from spherekit.plugin.rotations import normal_at
 
@@ -104,7 +104,7 @@ def test_bodies_held_together_move_the_same_way(name, engine, until):
     t = np.linspace(0.0, until, 7)
     history = found.at(t)
     assert np.max(np.abs(history.kinetic - history.kinetic[0] - history.work[:, 0])) < 1e-12
-    at = Closure.of(made, geometry_of(made).joints).at(history.values[:1])
+    at = Closure.of(made, joints_of(made)).at(history.values[:1])
     turns = at.placed[0]
     hinges, meshes = [], []
     for k, (pair, ends) in enumerate(zip(made.pairs, made.ends, strict=True)):

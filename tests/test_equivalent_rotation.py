@@ -12,7 +12,7 @@ from refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.guidance.rotation import SHAPES, RotationSamples, time_optimal
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.parts import Input, Output, Pair, PoseGeometry
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import PositionAnalysis
@@ -327,7 +327,7 @@ def slopes_of(array, h):
 @pytest.mark.parametrize("name", ["three_rrr", "agile_eye"])
 def test_three_freedoms_follow_any_axis(name):
     made, _, values = configuration(name)
-    closure = Closure.of(made, geometry_of(made).joints)
+    closure = Closure.of(made, joints_of(made))
     output = made.link_number[made.outputs[0].link]
     start = closure.at(values[None]).placed[0, output]
     for axis in ([0.4, -1.0, 0.3], [1.0, 0.2, -0.5]):
@@ -358,7 +358,7 @@ def test_two_freedoms_depart_as_little_as_they_can():
     found = turn.at(theta)
     assert np.all(found.status == sk.Status.OK) and found.orientation_error[0] < 1e-14
     assert found.orientation_error[2] > 0.1
-    closure = Closure.of(made, geometry_of(made).joints)
+    closure = Closure.of(made, joints_of(made))
     start = closure.at(values[None]).placed[0, output]
     wanted = rotation(turn.axis, theta) @ start
     # a mesh around the inputs found, by the dyad's closed form of the same mode

@@ -13,7 +13,7 @@ from spherekit.exchange.mjcf import mjcf
 from spherekit.exchange.posed import posed
 from spherekit.files.read import load, loads
 from spherekit.model.dynamics import JointLimit
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_in_pose, joints_of
 from spherekit.motion.closure import Closure
 from spherekit.planning.inputs import driven_pairs
 
@@ -47,8 +47,8 @@ def written(tmp_path, text, name="model.xml"):
 
 def configurations(made, q):
     """Return the placed links at values of all inputs, followed from the pose."""
-    closure = Closure.of(made, geometry_of(made).joints)
-    values = geometry_of(made).reference.copy()
+    closure = Closure.of(made, joints_of(made))
+    values = joints_in_pose(made)[1].copy()
     held = [made.angles[item.pair] for item in made.inputs]
     start = values[held]
     for part in np.linspace(0.0, 1.0, 5)[1:]:
@@ -62,10 +62,10 @@ def closed(mechanism):
     """Return a mechanism with its inputs, and a configuration found by Newton's method."""
     pairs = [mechanism.pairs[k].name for k in driven_pairs(mechanism)]
     mechanism = mechanism.with_inputs(*pairs)
-    geometry = geometry_of(mechanism)
-    if geometry.reference is not None:
-        return mechanism, geometry.reference
-    closure = Closure.of(mechanism, geometry.joints)
+    joints, reference = joints_in_pose(mechanism)
+    if reference is not None:
+        return mechanism, reference
+    closure = Closure.of(mechanism, joints)
     starts = np.random.default_rng(3).uniform(-2.0, 2.0, (60, len(closure.tree.owners)))
     found = closure.solve(starts, iterations=40)
     good = found.values[found.gap < 1e-14]
@@ -87,7 +87,7 @@ def test_out_and_in_again_is_the_same_mechanism(mechanism, tmp_path):
     for one, other in zip(again.inputs, made.inputs, strict=True):
         assert one.pair == other.pair
         assert (one.start, one.stop) == pytest.approx((other.start, other.stop), abs=1e-12)
-    closure = Closure.of(made, geometry_of(made).joints)
+    closure = Closure.of(made, joints_of(made))
     held = [made.angles[item.pair] for item in made.inputs]
     start = closure.at(values[None]).placed[0]
     moved = values.copy()
@@ -125,7 +125,7 @@ def test_loads_and_masses_come_back(tmp_path):
         assert repr(found[load_there.name]).replace("np.float64", "") == repr(load_there)
     assert {*found} == {load.name for load in loads_there}
     assert again.joint_limits == (JointLimit("54", -2.0, 0.5),)
-    placed = Closure.of(made, geometry_of(made).joints).at(values[None]).placed[0]
+    placed = Closure.of(made, joints_of(made)).at(values[None]).placed[0]
     for mass in made.masses:
         turn = placed[made.link_number[mass.link]]
         other = next(each for each in again.masses if each.link == mass.link)
@@ -143,8 +143,8 @@ def _power(mechanism, values, placed):
     from spherekit.dynamics.coordinates import by_variables
     from spherekit.dynamics.forces import Loads
 
-    closure = Closure.of(mechanism, geometry_of(mechanism).joints)
-    values = geometry_of(mechanism).reference if values is None else values
+    closure = Closure.of(mechanism, joints_of(mechanism))
+    values = joints_in_pose(mechanism)[1] if values is None else values
     held = [mechanism.angles[item.pair] for item in mechanism.inputs]
     motion = by_variables(closure, values[None], held)
     loads_here = Loads(mechanism)

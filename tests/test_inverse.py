@@ -13,7 +13,7 @@ from spherekit.conventions import Status
 from spherekit.errors import FileError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.forward import ForwardKinematics, output_rates
@@ -89,7 +89,7 @@ def test_vectors_agree_with_the_positions_of_all_links(made):
 
 def input_frames(made):
     """Frames of all pairs in both links, by name."""
-    joints = geometry_of(made).joints
+    joints = joints_of(made)
     return {p.name: (j.first, j.second) for p, j in zip(made.pairs, joints, strict=True)}
 
 

@@ -13,7 +13,7 @@ from spherekit.cli.main import main
 from spherekit.exchange.mjcf import mjcf
 from spherekit.exchange.posed import posed
 from spherekit.files.write import dumps
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.motion.closure import Closure
 
 mujoco = pytest.importorskip("mujoco")
@@ -31,7 +31,7 @@ def closed_at(mechanism, values, inputs):
     held = [mechanism.angles[item.pair] for item in mechanism.inputs]
     values = values.copy()
     values[held] = inputs
-    closure = Closure.of(mechanism, geometry_of(mechanism).joints)
+    closure = Closure.of(mechanism, joints_of(mechanism))
     found = closure.solve(values[None], held)
     assert found.gap[0] < 1e-12
     return found.values[0], closure.at(found.values).placed[0]
@@ -56,7 +56,7 @@ def apart(mechanism, data, placed):
 def test_the_pose_is_the_mechanisms_and_motors_sit_at_inputs_alone(name, at):
     mechanism, values = posed(replace(sk.load(name), loads=()), at=at)
     model, data = started(mjcf(mechanism, values).text)
-    closure = Closure.of(mechanism, geometry_of(mechanism).joints)
+    closure = Closure.of(mechanism, joints_of(mechanism))
     assert apart(mechanism, data, closure.at(values[None]).placed[0]) < 1e-14
     assert np.max(np.abs(data.efc_pos), initial=0.0) < 1e-14
     motors = [model.actuator(k).name for k in range(model.nu)]

@@ -15,7 +15,7 @@ from spherekit.errors import AnalysisError, DesignError, FileError
 from spherekit.files.library import find
 from spherekit.files.read import read
 from spherekit.files.write import document_of, number_at, number_path, with_numbers
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.motion.closure import Closure
 from spherekit.plugin import conformance
 from spherekit.proof.rows import exact_rows
@@ -91,7 +91,7 @@ def test_derivatives_are_those_of_differences_in_fifty_digits(
         for side, weight in weights.items():
             moved = number_at(document, path) + side * step
             other = read(with_numbers(document, {path: moved}))
-            closure = Closure.of(other, geometry_of(other).joints)
+            closure = Closure.of(other, joints_of(other))
             near = closure.solve(motion.values, list(mechanism.variables_of(driven)))
             moved = replace(motion, mechanism=other, values=near.values)
             found = exact_rows(moved, motion.sample >= 0, driven, sk.Digits(50))

@@ -43,7 +43,7 @@ def three_legs(axes, driven=CRANKS):
 def at_reference(made, **options):
     """Return the coefficients at the reference pose, and the motion."""
     solver = solver_of(made)
-    motion = motion_of(solver, solver.geometry.reference[None])
+    motion = motion_of(solver, solver.reference[None])
     return coefficients(motion, output_of(made), **options), motion
 
 

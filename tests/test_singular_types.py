@@ -215,7 +215,7 @@ def closed(solver, count):
     """Return configurations (n, V) not far from where all variables are zero."""
     random = np.random.default_rng(1)
     starts = random.uniform(-0.8, 0.8, (2 * count, len(solver.closure.tree.owners)))
-    if solver.geometry.reference is None:
+    if solver.reference is None:
         ranges = np.stack([item.range for item in solver.mechanism.inputs])
         return closed_configurations(solver, ranges, 4 * count, random)[:count]
     starts[0] = 0.0

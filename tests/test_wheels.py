@@ -232,7 +232,7 @@ def test_wheels_on_moving_links_keep_to_the_curve_of_the_reference_pose(shift):
     fine = (motion.status == Status.OK).reshape(len(tracer.assembly_modes), -1)
     counted = np.sum(fine, axis=0)
     assert counted.max() == 2 and set(counted) <= {0, 2}
-    apart = motion.values[motion.sample == 40] - tracer.solver.geometry.reference
+    apart = motion.values[motion.sample == 40] - tracer.solver.reference
     assert np.min(np.max(np.abs(np.sin(0.5 * apart)), axis=1)) < 1e-9
     assert "mode of the reference pose" in tracer.claim.reason
 

@@ -10,7 +10,7 @@ from benchmarks.extremes.reference import DIGITS, Reference, exact
 from benchmarks.extremes.registry import Row, case, down
 from benchmarks.extremes.shapes import four_bar, point_of
 from benchmarks.samples import EIGHT_BARS, mechanism, random_axes
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_in_pose
 from spherekit.model.mechanism import Mechanism
 from spherekit.rates.request import (
     Route,
@@ -28,7 +28,7 @@ def at_pose(
 ) -> Iterator[Row]:
     """Yield the rows of a mechanism in its reference pose."""
     reference = Reference(made)
-    values = geometry_of(made).reference
+    values = joints_in_pose(made)[1]
     assert values is not None
     with mp.workdps(DIGITS):
         point = Point(parameter, values[list(reference.inputs)], exact(values))

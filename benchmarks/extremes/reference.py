@@ -12,7 +12,7 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.errors import ModelError
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.joints import revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import LoopTree
@@ -128,7 +128,7 @@ class Reference:
     def __init__(self, mechanism: Mechanism, moved: str | None = None) -> None:
         self.mechanism = mechanism
         self.tree = LoopTree.of(mechanism)
-        self.joints = geometry_of(mechanism).joints
+        self.joints = joints_of(mechanism)
         self.count = len(self.tree.owners)
         names = [item.pair for item in mechanism.inputs]
         numbers = [mechanism.variables_of(mechanism.pair_number[p])[0] for p in names]

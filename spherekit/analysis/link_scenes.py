@@ -8,7 +8,7 @@ import numpy as np
 from spherekit.analysis.scene import Body, Graph, Scene, Series, Text
 from spherekit.arrays import Floats
 from spherekit.conventions import Facts, listing
-from spherekit.model.gears import geometry_of, link_axes
+from spherekit.model.gears import joints_of, link_axes
 from spherekit.model.graph import layout
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
@@ -101,7 +101,7 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
     curve's centre, or to its nearest point where it has no centre beside it.
     """
     curves = []
-    for pair, joint in zip(mechanism.pairs, geometry_of(mechanism).joints, strict=True):
+    for pair, joint in zip(mechanism.pairs, joints_of(mechanism), strict=True):
         if pair.profiles is None or link not in pair.links:
             continue
         which = pair.links.index(link)

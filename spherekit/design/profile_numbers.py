@@ -11,7 +11,7 @@ from spherekit.design.homotopy import Profiles
 from spherekit.design.variables import ACTIONS, DesignVariable, designed, slope_by
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
-from spherekit.model.gears import TOUCHING, geometry_of
+from spherekit.model.gears import TOUCHING, joints_of
 from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, Profile
@@ -167,7 +167,7 @@ class ProfileNumbers:
 
 def tracks_of(mechanism: Mechanism, apart: float = TOUCHING) -> list[Track]:
     """Return the profiles of all contacts, in the order of `TurningPairs.columns`."""
-    contacts = contact_tracks(geometry_of(mechanism, apart).joints)
+    contacts = contact_tracks(joints_of(mechanism, apart))
     return [track for _, tracks in contacts for track in tracks]
 
 

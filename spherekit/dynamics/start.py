@@ -20,7 +20,7 @@ from spherekit.dynamics.state import EquationOfMotion
 from spherekit.engine.dyads import Cache
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.dynamics import DRIVE, PairTorque
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.load import TorqueFunction, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Start
@@ -126,7 +126,7 @@ def prepare(
     times = sorted({float(t) for t in switches} | set(_knots(mechanism, until)))
     if not all(np.isfinite(times)):
         raise SolveError(f"{name}: switches has a time that is not finite")
-    closure = Closure.of(mechanism, geometry_of(mechanism).joints)
+    closure = Closure.of(mechanism, joints_of(mechanism))
     equation = EquationOfMotion(mechanism, closure, len(inputs))
     if isinstance(start, PoseStart):
         values, turns = _closed(closure, mechanism, start.values)

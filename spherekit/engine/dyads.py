@@ -27,7 +27,7 @@ from spherekit.engine.pose import GROUND, LinkOrientation, place_by_variables
 from spherekit.engine.turns import Entries, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.files.write import canonical_text
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.loops import numbered
@@ -256,7 +256,7 @@ def closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
     driven = dict(zip(assembly.inputs, inputs, strict=True))
     variables = [
         driven[pair] if pair in driven else angle_of(structure, pair, placed)
-        for pair, _, _ in numbered(geometry_of(mechanism).joints)
+        for pair, _, _ in numbered(joints_of(mechanism))
     ]
     return [*inputs, *signs], variables, squares
 

@@ -26,7 +26,7 @@ from spherekit.engine.turns import (
 )
 from spherekit.errors import EngineError
 from spherekit.model.dynamics import ContactFriction
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.locking import sizes_by_frames
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair
@@ -123,7 +123,7 @@ def hinged(
     EngineError
         If profiles of a contact curve into each other.
     """
-    joints = geometry_of(mechanism).joints
+    joints = joints_of(mechanism)
     contacts = [n for n, joint in enumerate(joints) if joint.tracks]
     if not contacts or any(isinstance(x, ContactFriction) for x in mechanism.loads):
         return None

@@ -52,7 +52,7 @@ from spherekit.engine.pose import (
 from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
 from spherekit.engine.turns import AxisRotation, Entries, TurningPairs, turning_pairs
 from spherekit.errors import EngineError
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
@@ -140,7 +140,7 @@ class Structure:
                         "independent equations; give a range of the input where it closes"
                     )
                 values = motion.values[int(np.argmin(motion.failed))]
-            closure = Closure.of(mechanism, geometry_of(mechanism).joints)
+            closure = Closure.of(mechanism, joints_of(mechanism))
             return closure.at(values[None]).vectors[0]
 
         groups = group_rows(mechanism, assembly, vectors)

@@ -23,7 +23,7 @@ from spherekit.engine.expression_graph import (
     symbols,
 )
 from spherekit.errors import EngineError
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.joints import Track, revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair
@@ -196,7 +196,7 @@ def turning_pairs(
         If a profile is neither a circle nor a great circle, where it has to be.
     """
     frames = revolute_frames(mechanism, design) if design else {}
-    joints = geometry_of(mechanism).joints
+    joints = joints_of(mechanism)
     chains: list[JointTransform] = []
     tracks = dict(contact_tracks(joints))
     sides: dict[int, tuple[ProfileSide, ProfileSide]] = {}

@@ -17,7 +17,7 @@ from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.dynamics import moments_of_point
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.graph import joined, spanning
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
@@ -115,7 +115,7 @@ def rigid_bodies(
             f"{mechanism.name}: a configuration has {count} finite variables "
             f"({listing(mechanism.variable_names)}), not {values.tolist()}"
         )
-    at = Closure.of(mechanism, geometry_of(mechanism).joints).at(values[None])
+    at = Closure.of(mechanism, joints_of(mechanism)).at(values[None])
     ways = _tree(mechanism, [*mechanism.input_pairs, *hinged])
     held = [pair for pair, _, _ in ways]
     pairs, links, ends = mechanism.pairs, mechanism.links, mechanism.ends

@@ -38,7 +38,7 @@ from spherekit.guidance.mid_plane_architecture import (
     axis_in,
 )
 from spherekit.guidance.midplane import MidPlane
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.graph import spanning
 from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism, chosen_output
@@ -89,7 +89,7 @@ def mid_plane_form(
     for pair in made.pairs:
         if not pair.kind.has_axis:
             raise _refusal(made, f"pair {pair.name} is a contact pair; only R pairs fit")
-    joints = geometry_of(made).joints
+    joints = joints_of(made)
     effector = made.link_number[end.link]
     legs = _legs(made, joints, effector)
     along, carried = _along(made, joints, effector, legs)

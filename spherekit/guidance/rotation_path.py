@@ -24,7 +24,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.closure import Closure, newton
@@ -57,7 +57,7 @@ class OutputTarget:
     def of(mechanism: Mechanism, output: Output) -> "OutputTarget":
         """Return the target of an output, body 0 the link that it is relative to."""
         made = replace(mechanism, ground=output.relative_to)
-        closure = Closure.of(made, geometry_of(made).joints)
+        closure = Closure.of(made, joints_of(made))
         return OutputTarget(closure, made.link_number[output.link], len(made.inputs))
 
     def at(self, values: Floats, wanted: Floats) -> "Optimality":

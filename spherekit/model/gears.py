@@ -41,23 +41,20 @@ COLLINEAR = 1e-9
 """Below this sine two directions count as one line: they fix no arc."""
 
 
-@dataclass(frozen=True)
-class Geometry:
-    """The joints of a mechanism, in the order of its pairs.
-
-    `reference` holds the variables of the given reference pose, if there is one.
-    """
-
-    joints: tuple[Joint, ...]
-    reference: Floats | None
-
-
 TOUCHING = 1e-6
 """Profiles must meet in the reference pose to this (rad); then they are made to exactly."""
 
 
-def geometry_of(mechanism: Mechanism, apart: float = TOUCHING) -> Geometry:
-    """Return the joints of a mechanism and its reference pose.
+def joints_of(mechanism: Mechanism, apart: float = TOUCHING) -> tuple[Joint, ...]:
+    """Return the joints of a mechanism, see `joints_in_pose`."""
+    joints, _ = joints_in_pose(mechanism, apart)
+    return joints
+
+
+def joints_in_pose(
+    mechanism: Mechanism, apart: float = TOUCHING
+) -> tuple[tuple[Joint, ...], Floats | None]:
+    """Return the joints of pairs, and their variables in the given pose if there is one.
 
     Profiles that are `apart` (rad) there touch where they are nearest.
 
@@ -87,7 +84,7 @@ def geometry_of(mechanism: Mechanism, apart: float = TOUCHING) -> Geometry:
             joints.append(Sliding(*curves))
             reference += start
     in_pose = isinstance(given, PoseGeometry)
-    return Geometry(tuple(joints), np.array(reference) if in_pose else None)
+    return tuple(joints), np.array(reference) if in_pose else None
 
 
 def contact_curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:

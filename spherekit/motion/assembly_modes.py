@@ -21,7 +21,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status, listing
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_in_pose
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.groups import (
@@ -117,8 +117,7 @@ class Solver:
     def __init__(self, mechanism: Mechanism, assembly: Assembly) -> None:
         self.mechanism = mechanism
         self.assembly = assembly
-        self.geometry = geometry_of(mechanism)
-        self.joints = self.geometry.joints
+        self.joints, self.reference = joints_in_pose(mechanism)
         self.closure = Closure.of(mechanism, self.joints)
         self.driven = tuple(
             number for pair in assembly.inputs for number in mechanism.variables_of(pair)
@@ -137,7 +136,7 @@ class Solver:
     @cached_property
     def meshes(self) -> GearPhases | None:
         """How far wheels have rolled at inputs, None without rolling contacts."""
-        return meshes_of(self.closure, self.driven, self.geometry.reference, self._train)
+        return meshes_of(self.closure, self.driven, self.reference, self._train)
 
     @cached_property
     def unwrapping(self) -> "Unwrapping":
@@ -293,7 +292,7 @@ class Unwrapping:
     """The turns of passive pairs of one mechanism, mode by mode."""
 
     def __init__(self, solver: "Solver") -> None:
-        self.solver, reference = solver, solver.geometry.reference
+        self.solver, reference = solver, solver.reference
         self._closure, self._driven = solver.closure, list(solver.driven)
         self._angles = sorted({*solver.angles} - {*solver.driven})
         anchor = np.zeros(len(self._driven))

@@ -192,7 +192,7 @@ def configuration_curves(
     for assembly_mode in assembly_modes:
         there = solver.evaluate(assembly_mode, inputs[:, None])
         search.add(there.values[there.status == Status.OK])
-    reference = solver.geometry.reference
+    reference = solver.reference
     if reference is not None and low <= reference[solver.single] <= high:
         search.add(reference[None])  # where the input stands still no mode goes through it
     drive = easiest_drive(solver)

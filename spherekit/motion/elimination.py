@@ -475,7 +475,7 @@ def _grown(
                 further.lost |= ~(solver.place(further, number, q).gap < CLOSURE_TOLERANCE)
         closed = [(sign, further) for sign, further in placed if not np.all(further.lost)]
         return closed, CLOSED_FORM if group.is_dyad else ONE_WAY
-    reference = solver.geometry.reference
+    reference = solver.reference
     variables = group_variables(state, group)
     given = None if reference is None else reference[None, variables]
     closure = group_closure(state, group)

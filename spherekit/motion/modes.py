@@ -136,7 +136,7 @@ class ModeSearch:
 
     def _enumerate(self, search: bool) -> None:
         """Find the modes of dyads and trains of wheels."""
-        solver, reference = self.solver, self.solver.geometry.reference
+        solver, reference = self.solver, self.solver.reference
         signs = [] if reference is None else [signs_at(solver, reference)]
         if search or not signs:
             q, self.claim = self._probed()
@@ -208,7 +208,7 @@ class ModeSearch:
     def _add_reference(self) -> None:
         """Add the assembly mode of the reference pose, if there is one."""
         solver, q = self.solver, self.input_grid.q
-        if (reference := solver.geometry.reference) is None:
+        if (reference := solver.reference) is None:
             return
         held = reference[list(solver.driven)]
         away = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0)) - held

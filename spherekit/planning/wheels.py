@@ -24,7 +24,8 @@ from spherekit.model.gears import (
 )
 from spherekit.model.gears import (
     Wheel,
-    geometry_of,
+    joints_in_pose,
+    joints_of,
     one_line,
     seen_from_links,
 )
@@ -245,7 +246,7 @@ def held_meshes(mechanism: Mechanism) -> frozenset[int]:
     That the wheels touch is then said twice, by the contact and by the link that carries
     both axes; of the two constraints of the contact one is left, that they roll.
     """
-    joints = geometry_of(mechanism).joints
+    joints = joints_of(mechanism)
     return frozenset(n for n in _rolling(joints) if on_carrier(mechanism, joints, n))
 
 
@@ -295,8 +296,8 @@ def wheel_train(
     that miss each other by less than `apart` (rad) roll where they are
     nearest, as gears do.
     """
-    geometry = geometry_of(mechanism)
-    joints, contacts = geometry.joints, _rolling(geometry.joints)
+    joints = joints_of(mechanism)
+    contacts = _rolling(joints)
     rolling = [on_carrier(mechanism, joints, number, apart) for number in contacts]
     made = [contact for contact in rolling if contact is not None]
     if whole and len(made) < len(contacts):
@@ -334,7 +335,7 @@ def _fixed(
     `first` are the parts of the first wheels in these. Contacts that repeat others are
     put together as those say; None where they cannot be.
     """
-    geometry = geometry_of(mechanism)
+    joints, reference = joints_in_pose(mechanism)
     basis: list[int] = []
     for k in range(len(made)):
         if np.linalg.matrix_rank(rows[[*basis, k]][:, followers]) > len(basis):
@@ -345,14 +346,14 @@ def _fixed(
         return None
     length_ratios = -(by_angles @ ratios + first[:, inputs])
     contacts = [mesh.contact for mesh, _, _ in made]
-    if geometry.reference is not None:
+    if reference is not None:
         at, turned, rolled = (
-            geometry.reference[[mechanism.variables_of(pair)[0] for pair in pairs]]
+            reference[[mechanism.variables_of(pair)[0] for pair in pairs]]
             for pairs in (inputs, followers, contacts)
         )
         offsets, lengths = turned - ratios @ at, rolled - length_ratios @ at
     else:
-        unrolled = np.array([_lengths(contact, geometry.joints) for contact in made])
+        unrolled = np.array([_lengths(contact, joints) for contact in made])
         laps = TURN * np.abs(np.sin([[x.radius for x in wheels] for _, *wheels in made]))
         turns = least_rolled(unrolled[basis], laps[basis], by_angles[basis], square)
         if turns is None:

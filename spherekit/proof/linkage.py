@@ -21,7 +21,7 @@ import numpy as np
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
 from spherekit.conventions import Status
 from spherekit.errors import EngineError
-from spherekit.model.gears import geometry_of
+from spherekit.model.gears import joints_of
 from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, Profile
@@ -287,7 +287,7 @@ def _joints(mechanism: Mechanism, frames: Frames) -> list[tuple[Turn, Turn]]:
     is read off the float64 geometry; every number is computed anew.
     """
     made = []
-    for pair, joint in zip(mechanism.pairs, geometry_of(mechanism).joints, strict=True):
+    for pair, joint in zip(mechanism.pairs, joints_of(mechanism), strict=True):
         if pair.profiles is None:
             made.append(_revolute(*frames[pair.name]))
             continue

@@ -25,7 +25,7 @@ from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import AnalysisError
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture, axis_in
 from spherekit.model.dynamics import JointLimit
-from spherekit.model.gears import COLLINEAR, geometry_of
+from spherekit.model.gears import COLLINEAR, joints_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import FLAT_DYAD, label_of
@@ -338,7 +338,7 @@ class OutputKinematics:
 
     @cached_property
     def _closure(self) -> Closure:
-        return Closure.of(self.mechanism, geometry_of(self.mechanism).joints)
+        return Closure.of(self.mechanism, joints_of(self.mechanism))
 
 
 class ClosedKinematics(OutputKinematics, ABC):
@@ -519,7 +519,7 @@ def _holds_always(
 def _fixed(mechanism: Mechanism, one: int, other: int) -> float | None:
     """Return the angle (rad) between the axes of two pairs of one link, else None."""
     shared = set(mechanism.ends[one]) & set(mechanism.ends[other])
-    joints = geometry_of(mechanism).joints
+    joints = joints_of(mechanism)
     for link in shared:
         axes = (axis_in(mechanism, joints, pair, link) for pair in (one, other))
         return float(arc(*axes))
