@@ -11,12 +11,10 @@
     of the end effector, to Q = x, and each axis B3 to B1, B4 to B6.
 """
 
-from itertools import pairwise
-
 import numpy as np
 from exact_four_bar import FourBar, four_bar
 from numpy.typing import NDArray
-from scipy.integrate import dblquad, quad
+from scipy.integrate import dblquad
 
 Floats = NDArray[np.float64]
 Arcs = tuple[float, float, float, float]
@@ -99,28 +97,3 @@ def mid_plane_area() -> float:
 
     area, _ = dblquad(density, low, high, low, high, epsabs=1e-13, epsrel=1e-13)
     return float(area)
-
-
-def five_bar_area(base: float, legs: Arcs) -> float:
-    """Return the area (sr) that a spherical five-bar can point to, by quadrature.
-
-    About the first driven axis the region is an annulus, of whose circles the second leg
-    reaches two arcs.
-    """
-    low, high = abs(legs[0] - legs[1]), legs[0] + legs[1]
-    near, far = abs(legs[2] - legs[3]), legs[2] + legs[3]
-
-    def azimuth(distance: float, to_other: float) -> float:
-        cosine = np.cos(to_other) - np.cos(distance) * np.cos(base)
-        cosine /= np.sin(distance) * np.sin(base)
-        return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-
-    def density(distance: float) -> float:
-        width = azimuth(distance, far) - azimuth(distance, near)
-        return float(2.0 * width * np.sin(distance))
-
-    breaks = {low, high}
-    for limit in (near, far):
-        breaks |= {abs(base - limit), base + limit, 2.0 * np.pi - base - limit}
-    places = sorted(each for each in breaks if low <= each <= high)
-    return sum(quad(density, a, b, epsabs=1e-13)[0] for a, b in pairwise(places))

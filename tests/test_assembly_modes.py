@@ -116,22 +116,6 @@ def test_a_search_finds_no_mode_of_seven_bodies_that_is_missing(chain, driven, r
     assert searched > 0.9 * modes >= 8
 
 
-def test_a_platform_on_three_legs_can_have_eight_real_modes():
-    """C. Gosselin, J. Sefrioui and M. J. Richard (1994): the bound of eight is reached."""
-    random = np.random.default_rng(8)
-    most = 0
-    for _ in range(1500):
-        axes = random_axes(random, 9)
-        group, closure = alone(made_of(*PLATFORM, axes))
-        values, _, _ = eliminated(group, closure)
-        if len(values) == 8:
-            here, _ = check_complete(*PLATFORM, axes, random, 256)
-            most = max(most, here)
-            if most == 8:
-                break
-    assert most == 8
-
-
 def test_agile_eye_has_eight_real_modes_four_of_them_trivial():
     """Platform axes along base axes, whatever the inputs (I. Bonev et al., 2006)."""
     solver, found = solved(sk.load("agile_eye"), np.radians([23.0, 11.0, 37.0]))

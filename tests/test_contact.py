@@ -30,18 +30,6 @@ from spherekit.planning.poles import all_poles
 ROOT = Path(__file__).parent.parent
 
 
-def four_bar(*arcs):
-    """Return the four-bar with the same reference directions as `cam`."""
-    on = {"1": ("12", "13"), "2": ("12", "24"), "3": ("13", "34"), "4": ("24", "34")}
-    given = dict(zip("1243", arcs, strict=True))
-    links = {link: {"axes": axes, "arcs": [given[link]]} for link, axes in on.items()}
-    pairs = {name: list(name) for name in ("12", "13", "24", "34")}
-    whole = {"12": (0.0, 2 * np.pi)}
-    return sk.build(
-        "four_bar", angle_unit="rad", ground="1", links=links, pairs=pairs, inputs=whole
-    )
-
-
 SHAPE = Profile(
     "fourier",
     (0.0, 0.0, 1.0),

@@ -147,21 +147,6 @@ def test_not_a_number_stays_one_without_a_warning(curve):
     assert np.isfinite(got.frame[1]).all()
 
 
-@pytest.mark.parametrize(
-    ("cosines", "sines"),
-    [(COSINES, SINES), ([1.4, 0.9], []), ([1.57] + 11 * [0.0] + [0.05], [])],
-)
-def test_total_curvature_and_area_make_a_full_turn(cosines, sines):
-    # Gauss-Bonnet; the area is the integral of 1 - cos(colatitude) over azimuth
-    made = profile.fourier(CENTRE, cosines, sines)
-    s = (np.arange(8192) + 0.5) * (made.length / 8192)
-    turned = made.length * np.mean(made.at(s).curvature)
-    a = np.arange(4096) * (2 * np.pi / 4096)
-    colatitude = made.path.colatitude(a, 0)[0]
-    area = 2 * np.pi * np.mean(1 - np.cos(colatitude))
-    assert turned == pytest.approx(2 * np.pi - area, abs=1e-12)
-
-
 def test_curves_through_points_meet_them_and_converge_to_the_curve_they_are_from():
     made, errors = cam(), []
     for count in (40, 80, 160):
