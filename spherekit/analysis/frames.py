@@ -9,7 +9,7 @@ import io
 import json
 import zlib
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
 from pathlib import Path
@@ -338,59 +338,46 @@ DESIGN = "design"
 """The column that says whose rows tables of many designs have."""
 
 
-class PartTables:
-    """The tables of the designs of one part, taken design by design.
-
-    Each is a file `name` in a folder that is called as a run's file, below `folder`; rows
-    go there in groups of about `CHUNK`. `rows` counts those of each table.
-    """
-
-    def __init__(self, folder: Path, name: str, degrees: bool, files: ExitStack) -> None:
-        self.rows: Counter[str] = Counter()
-        self._folder, self._name = folder, name
-        self._degrees, self._files = degrees, files
-        self._waiting: defaultdict[str, list[pa.Table]] = defaultdict(list)
-        self._writers: dict[str, pq.ParquetWriter] = {}
-
-    def take(self, design: int, stem: str, table: Table, data: TableArrays) -> None:
-        """Take the rows of a design in a table."""
-        import pyarrow as pa
-
-        plain = _arrow(table, typed(table, data), self._degrees)
-        whole = plain.add_column(0, DESIGN, pa.array(np.full(len(plain), design)))
-        notes = {"units": table.units(self._degrees)}
-        waiting = self._waiting[stem]
-        waiting.append(whole.cast(_noted(whole.schema, notes)))
-        self.rows[stem] += len(whole)
-        if sum(map(len, waiting)) >= CHUNK:
-            self._write(stem)
-
-    def _write(self, stem: str) -> None:
-        whole = _joined(self._waiting.pop(stem))
-        if stem not in self._writers:
-            opened = _parquet(make_folder(self._folder / stem) / self._name, whole.schema)
-            self._writers[stem] = self._files.enter_context(opened)
-        self._writers[stem].write_table(whole)
-
-    def finish(self) -> None:
-        """Write what waits."""
-        for stem in list(self._waiting):
-            self._write(stem)
-
-
 @contextmanager
-def part_tables(folder: Path, name: str, degrees: bool) -> Iterator[PartTables]:
-    """Give what takes the tables of a part: files are there when the block is left.
+def part_tables(
+    folder: Path, name: str, degrees: bool, rows: Counter[str]
+) -> Iterator[Callable[[int, str, Table, TableArrays], None]]:
+    """Give what takes the rows of a design in a table, called as a run's file.
+
+    Each is a file `name` in a folder that is called so, below `folder`, there when the
+    block is left; rows go there in groups of about `CHUNK`. `rows` counts those of each.
 
     Raises
     ------
     OutputError
         If they cannot be written.
     """
+    import pyarrow as pa
+
+    waiting: defaultdict[str, list[pa.Table]] = defaultdict(list)
+    writers: dict[str, pq.ParquetWriter] = {}
+
+    def write(stem: str) -> None:
+        whole = _joined(waiting.pop(stem))
+        if stem not in writers:
+            opened = _parquet(make_folder(folder / stem) / name, whole.schema)
+            writers[stem] = files.enter_context(opened)
+        writers[stem].write_table(whole)
+
+    def take(design: int, stem: str, table: Table, data: TableArrays) -> None:
+        plain = _arrow(table, typed(table, data), degrees)
+        whole = plain.add_column(0, DESIGN, pa.array(np.full(len(plain), design)))
+        waiting[stem].append(
+            whole.cast(_noted(whole.schema, {"units": table.units(degrees)}))
+        )
+        rows[stem] += len(whole)
+        if sum(map(len, waiting[stem])) >= CHUNK:
+            write(stem)
+
     with ExitStack() as files:
-        parts = PartTables(folder, name, degrees, files)
-        yield parts
-        parts.finish()
+        yield take
+        for stem in list(waiting):
+            write(stem)
 
 
 def _joined(pieces: "Sequence[pa.Table]") -> "pa.Table":
@@ -401,7 +388,7 @@ def _joined(pieces: "Sequence[pa.Table]") -> "pa.Table":
 
 
 def frame_of_parts(parts: Sequence[Path]) -> "pd.DataFrame":
-    """Return the rows of files of `PartTables`, with units in `attrs`."""
+    """Return the rows of files of `part_tables`, with units in `attrs`."""
     whole = _joined([_read(part) for part in parts])
     frame: pd.DataFrame = whole.to_pandas()
     frame.attrs.update(_notes(whole.schema))

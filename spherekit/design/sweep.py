@@ -8,7 +8,8 @@ import json
 import math
 import re
 import warnings
-from collections.abc import Collection, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,9 +18,9 @@ from typing import Any, Literal
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis, FigureOfMerit
-from spherekit.analysis.frames import PartTables, notes_of, part_tables, write_columns
+from spherekit.analysis.frames import notes_of, part_tables, write_columns
 from spherekit.analysis.running.run_state import identities_of
-from spherekit.analysis.tables import Units
+from spherekit.analysis.tables import Table, TableArrays, Units
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import AnyPath, Facts, Names, choices, listing
 from spherekit.design.evaluate import Evaluator
@@ -423,10 +424,14 @@ class Sweep:
         made |= {merit.name: self._unit(merit) for merit in self.merits}
         return {name: self.angle if unit == "rad" else unit for name, unit in made.items()}
 
-    def part(self, number: int, tables: PartTables | None = None) -> Columns:
+    def part(
+        self,
+        number: int,
+        take: Callable[[int, str, Table, TableArrays], None] | None = None,
+    ) -> Columns:
         """Return the rows of a part: designs in order, each in its assembly modes.
 
-        `tables` takes the tables of those that have a row left.
+        `take` takes the tables of those that have a row left, see `part_tables`.
         """
         start = number * self.part_size
         designs = self.space.designs(start, start + self.part_size)
@@ -440,9 +445,9 @@ class Sweep:
         for evaluated, of_run in evaluator.runs_of(designs, self._worth_running):
             made = self._meeting(self._shown(designs, rows, evaluated))
             pieces.append(made)
-            if self.tables and tables is not None and len(made["design"]):
+            if take is not None and len(made["design"]):
                 for stem, table, data in of_run:
-                    tables.take(int(made["design"][0]), stem, table, data)
+                    take(int(made["design"][0]), stem, table, data)
         return {name: np.concatenate([p[name] for p in pieces]) for name in pieces[0]}
 
     def _numbers(self, designs: Floats) -> Columns:
@@ -526,9 +531,10 @@ class Sweep:
         """Write a part, and return its number."""
         path = self.path_of(folder, number)
         make_folder(path.parent)
-        with part_tables(Path(folder) / TABLES, path.name, self.degrees) as tables:
-            columns = self.part(number, tables)
-        notes = {"units": self.units(), TABLES: dict(tables.rows)}
+        rows, place = Counter[str](), Path(folder) / TABLES
+        with part_tables(place, path.name, self.degrees, rows) as take:
+            columns = self.part(number, take)
+        notes = {"units": self.units(), TABLES: dict(rows)}
         write_columns(path, columns, notes)
         return number
 

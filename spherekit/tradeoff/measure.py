@@ -198,20 +198,6 @@ Runner = Callable[[bool], Timed]
 its times do."""
 
 
-@dataclass(frozen=True)
-class Reference:
-    """Tables from reference values, the fields behind them, and rows without any."""
-
-    tables: Tables
-    fields: tuple[PoleField, ...]
-    lacking: int
-
-    @property
-    def without(self) -> str:
-        """What is to be said of rows without reference values."""
-        return f", {self.lacking} rows without" if self.lacking else ""
-
-
 def plan_of(
     course: Sampling, analysis: AbstractAnalysis, setting: Setting = ORDINARY
 ) -> RunPlan:
@@ -229,19 +215,19 @@ def tables_by(
     course: Sampling,
     analysis: AbstractAnalysis,
     setting: Setting,
-    toward: Reference | None = None,
+    toward: Sequence[PoleField] = (),
 ) -> Timed:
     """Return the tables of an analysis over a course by a setting.
 
     The signs of directions follow from the samples, not from a setting. To compare
-    errors they are those of a reference, `toward` which they are turned.
+    errors they are turned `toward` those of a reference.
     """
     started = time.process_time()
     plan = plan_of(course, analysis, setting)
     first = time.process_time() - started
     store, tables = InMemory(), plan.tables_of(analysis)
     for motion, fields, angles in plan.read(plan.source.blocks(plan.block)):
-        if toward is not None:
+        if toward:
             modes = np.arange(len(motion.assembly_modes)) * len(course)
             rows = motion.sample + np.repeat(modes, motion.samples)
             fields = _toward(fields, toward, rows)
@@ -263,22 +249,23 @@ def checked_rows(plan: RunPlan, most: int) -> tuple[list[Deviation], int]:
     if total > most:
         shares = (np.arange(most) + (np.arange(most) * GOLDEN) % 1.0) / most
         rows = np.unique((shares * total).astype(np.intp))
-    reference = reference_at(plan, plan.course.motion_at(rows))
+    right, poles, _ = reference_at(plan, plan.course.motion_at(rows))
     ((motion, fields, angles),) = plan.read([plan.source.motion_at(rows)])
-    fields = _toward(fields, reference, np.arange(len(motion)))
+    fields = _toward(fields, poles, np.arange(len(motion)))
     (analysis,) = plan.analyses
     given = plan.given(analysis, plan.batch(analysis, motion, fields, angles))
-    return deviations_of(plan, given, reference.tables), len(motion)
+    return deviations_of(plan, given, right), len(motion)
 
 
 def reference_at(
     plan: RunPlan, motion: Motion | None = None, inputs: Array | None = None
-) -> Reference:
+) -> tuple[Tables, tuple[PoleField, ...], str]:
     """Return the tables at the rows of a motion, by default of all samples.
 
-    They hold the float64 numbers nearest to configurations and rates that the closure
-    equations give in 20 digits; see `spherekit.proof`. The motion's inputs are
-    taken as exact, or else `inputs` (n, inputs), which they are rounded from.
+    With the poles behind them, and words on rows that have none. They hold the float64
+    numbers nearest to configurations and rates that the closure equations give in 20
+    digits; see `spherekit.proof`. The motion's inputs are taken as exact, or else `inputs`
+    (n, inputs), which they are rounded from.
     """
     course, (analysis,) = plan.course, plan.analyses
     if motion is None:
@@ -293,10 +280,10 @@ def reference_at(
         for rows, item in zip(exact, plan.requests, strict=True)
         if item.poles
     )
-    lacking = (motion.status == Status.OK) & (exact[0].status != Status.OK)
+    lacking = np.sum((motion.status == Status.OK) & (exact[0].status != Status.OK))
     angles = plan.angles(better, AngleUnwrapping())
     tables = plan.given(analysis, plan.batch(analysis, better, fields, angles))
-    return Reference(tables, fields, int(np.sum(lacking)))
+    return tables, fields, f", {lacking} rows without" if lacking else ""
 
 
 def deviations_of(plan: RunPlan, given: Tables, reference: Tables) -> list[Deviation]:
@@ -304,10 +291,12 @@ def deviations_of(plan: RunPlan, given: Tables, reference: Tables) -> list[Devia
     return deviations(plan.tables_of(plan.analyses[0]), given, reference)
 
 
-def _toward(fields: Fields, reference: Reference, rows: Indices) -> tuple[PoleField, ...]:
+def _toward(
+    fields: Fields, reference: Sequence[PoleField], rows: Indices
+) -> tuple[PoleField, ...]:
     """Return fields with directions on the side of a reference's at these rows of it."""
     made = tuple(field.made for field in fields)
-    for field, other in zip(made, reference.fields, strict=True):
+    for field, other in zip(made, reference, strict=True):
         for pole, u in field.direction.items():
             along = np.sum(u * other.direction[pole][rows], axis=1)
             turn_round(field, pole, np.where(along < 0.0, -1.0, 1.0))
@@ -396,11 +385,10 @@ def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
     settings = of_simulation() if effort.settings is None else effort.settings
     best, course, compiling = _tightest(plan, study)
     try:
-        right = _in_many_digits(plan, study, course)
-        tables: Tables = right.tables
-        words, near = f"a simulation in {FEWEST} digits{right.without}", []
+        tables, poles, without = _in_many_digits(plan, study, course)
+        words, near = f"a simulation in {FEWEST} digits{without}", []
     except EngineError as reason:
-        right = None
+        poles = ()
         tables, *_ = _simulated_tables(plan, study, best)
         other = replace(best, tolerance=10.0 * LEAST[best.integrator])
         near = deviations_of(plan, _simulated_tables(plan, study, other)[0], tables)
@@ -409,7 +397,7 @@ def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
         settings = [setting for setting in settings if setting != best]
 
     def way(setting: Setting, judged: bool) -> Timed:
-        return _simulated_tables(plan, study, setting, right if judged else None)
+        return _simulated_tables(plan, study, setting, poles if judged else ())
 
     floors = {deviation.column: deviation.error for deviation in near}
 
@@ -449,14 +437,14 @@ def _solved(plan: RunPlan, study: Study, setting: Setting) -> Sampling:
 
 
 def _simulated_tables(
-    plan: RunPlan, study: Study, setting: Setting, toward: Reference | None = None
+    plan: RunPlan, study: Study, setting: Setting, toward: Sequence[PoleField] = ()
 ) -> Timed:
     """Return the tables of a simulation by a setting, see `tables_by`."""
     started = time.process_time()
     course = _solved(plan, study, setting)
     solving = time.process_time() - started
-    if toward is not None and toward.fields:
-        toward = toward if len(course) == len(toward.fields[0].status) else None
+    if toward and len(course) != len(toward[0].status):
+        toward = ()
     tables, _, seconds = tables_by(course, plan.analyses[0], ORDINARY, toward)
     return tables, solving, solving + seconds
 
@@ -475,7 +463,9 @@ def _tightest(plan: RunPlan, study: Study) -> tuple[Setting, Sampling, float]:
     return setting, _solved(plan, study, setting), 0.0
 
 
-def _in_many_digits(plan: RunPlan, study: Study, course: Sampling) -> Reference:
+def _in_many_digits(
+    plan: RunPlan, study: Study, course: Sampling
+) -> tuple[Tables, tuple[PoleField, ...], str]:
     """Return the tables at the times of a simulation from one in more digits.
 
     Raises

@@ -175,23 +175,23 @@ def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
     long = _long(plan.course, study)
     course = _at_fewer(plan, study, min(most, CHECKED))
     plan = plan_of(course, analysis)
-    right = reference_at(plan)
-    words = f"the closure equations in {DIGITS} digits{right.without}"
+    right, poles, without = reference_at(plan)
+    words = f"the closure equations in {DIGITS} digits{without}"
     every = of_samples() if effort.settings is None else effort.settings
 
     def way(setting: Setting, judged: bool) -> Timed:
         if judged or long is None or setting != ORDINARY:
-            return tables_by(course, analysis, setting, right if judged else None)
+            return tables_by(course, analysis, setting, poles if judged else ())
         tables, first, seconds = tables_by(long, analysis, setting)
         return tables, first, first + (seconds - first) * len(course) / len(long)
 
     results = timing_loop(
         [(str(setting), setting, partial(way, setting)) for setting in every],
-        lambda tables: deviations_of(plan, tables, right.tables),
+        lambda tables: deviations_of(plan, tables, right),
         len(course),
         effort,
     )
-    return _trade(plan, study, (words, EPS, right.tables, results))
+    return _trade(plan, study, (words, EPS, right, results))
 
 
 def _long(course: Sampling, study: Study) -> Sampling | None:

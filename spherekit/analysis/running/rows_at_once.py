@@ -318,29 +318,16 @@ def _stops(ends: Indices, parts: Sequence[Indices]) -> Stops:
     return Stops(rows, np.cumsum(depth)[:-1] > 0)
 
 
-@dataclass(frozen=True)
-class _Block:
-    """What was found of a block, and by input where directions are looked at.
-
-    `vouched` (n,) are the rows that the kernel vouches for, `held` (modes, samples) those
-    with a configuration, `doubtful` (k,) the others of these. `errors` are the largest by
-    input: of directions, rates and changes, NaN where nothing is vouched for.
-    """
-
-    vouched: Bools
-    held: Bools
-    doubtful: Indices
-    stops: Sequence[Mapping[int, Stops]]
-    errors: Floats
-
-
 @dataclass
 class BatchRunner:
     """The rows of a course by a kernel.
 
     Where all groups are dyads it has the closed form in it; else a `predictor` reads
     samples that lie close together along a path. Configurations that neither knows are
-    those of the tracer.
+    those of the tracer. What is `unread` of blocks lies here until its poles are asked:
+    the rows (n,) that the kernel vouches for, those (modes, samples) with a configuration,
+    the others (k,) of these, by input where directions are looked at, and the largest
+    errors by input, of directions, rates and changes: NaN where nothing is vouched for.
     """
 
     course: Sampling
@@ -350,7 +337,9 @@ class BatchRunner:
     recorded: bool
     looks_ahead: bool
     with_times: bool
-    _found: dict[int, _Block] = field(default_factory=dict, repr=False)
+    unread: dict[
+        int, tuple[Bools, Bools, Indices, Sequence[Mapping[int, Stops]], Floats]
+    ] = field(default_factory=dict, repr=False)
     _last: ComputedColumns | None = None
 
     @classmethod
@@ -406,10 +395,6 @@ class BatchRunner:
 
         yield from in_turn(self.motion_at, samples(), self.looks_ahead)
 
-    def has_found(self, motion: Motion) -> bool:
-        """Return whether a motion is one that was found, whose poles were not asked."""
-        return id(motion) in self._found
-
     def fields(
         self, motion: Motion, memories: Sequence[SignContinuation]
     ) -> tuple[LazyField, ...]:
@@ -417,20 +402,20 @@ class BatchRunner:
 
         They are made when they are read.
         """
-        block = self._found.pop(id(motion))
+        vouched, held, doubtful, stops, errors = self.unread.pop(id(motion))
         asked = self.requests[: len(memories)]
-        self._last = columns = ComputedColumns(self.kernel, motion, asked, block.doubtful)
+        self._last = columns = ComputedColumns(self.kernel, motion, asked, doubtful)
         turned: list[Turning] = []
         for k, (memory, _) in enumerate(zip(memories, asked, strict=False)):
             if motion.is_path:
                 at = partial(columns.relative_at, k)
                 signed = self.kernel.moving[k].signed
-                turned.append(signs_at_stops(motion, signed, block.stops[k], at, memory))
+                turned.append(signs_at_stops(motion, signed, stops[k], at, memory))
             else:
-                turned.append(sides_of(motion, block.held, memory))
+                turned.append(sides_of(motion, held, memory))
         columns.turn(turned, motion.samples)
         return tuple(
-            LazyField(columns, k, motion, block.vouched, block.errors[k].tolist())
+            LazyField(columns, k, motion, vouched, errors[k].tolist())
             for k in range(len(asked))
         )
 
@@ -473,5 +458,5 @@ class BatchRunner:
         stops = [stops_of(seen, k, held, doubtful) for k in every if motion.is_path]
         errors = [nans((len(every), 3)), *(here.errors for _, here in seen), *rows.errors]
         whole = np.fmax.reduce(np.array(errors))
-        self._found[id(motion)] = _Block(rows.vouched, held, doubtful, stops, whole)
+        self.unread[id(motion)] = rows.vouched, held, doubtful, stops, whole
         return motion

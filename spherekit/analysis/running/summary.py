@@ -110,7 +110,7 @@ class RunPlan:
 
     def fields(self, motion: Motion, memories: Sequence[SignContinuation]) -> Fields:
         """Return the poles of a block of the source for each input that moves."""
-        if isinstance(self.source, BatchRunner) and self.source.has_found(motion):
+        if isinstance(self.source, BatchRunner) and id(motion) in self.source.unread:
             return self.source.fields(motion, memories)
         how = self.setting.route, self.setting.engine
         return tuple(
