@@ -43,7 +43,6 @@ from spherekit.engine.equation import (
     COARSEST,
     LOOSEST,
     CompiledEquation,
-    Coordinates,
     compiled_equation,
 )
 from spherekit.engine.integration import CROSSED, MOST_STEPS, Integration, Run, RunEnd
@@ -100,12 +99,18 @@ def by_taylor_series(
     """
     compiling, started = 0.0, time.perf_counter()
 
-    def compiled(coordinates: Coordinates | None, most: float) -> CompiledEquation:
+    def compiled(
+        coordinates: Sequence[str], values: Floats | None, most: float
+    ) -> CompiledEquation:
         nonlocal compiling
         before = time.perf_counter()
         step = min(tolerance, most)
         made, reused = compiled_equation(
-            problem.equation.mechanism, step, compact, coordinates=coordinates
+            problem.equation.mechanism,
+            step,
+            compact,
+            coordinates=coordinates,
+            values=values,
         )
         compiling += 0.0 if reused else time.perf_counter() - before
         return made
@@ -131,7 +136,7 @@ def by_taylor_series(
     )
 
 
-Compiled = Callable[[Coordinates | None, float], CompiledEquation]
+Compiled = Callable[[Sequence[str], Floats | None, float], CompiledEquation]
 """The equation in some coordinates, with steps for a tolerance or less."""
 
 
@@ -147,9 +152,8 @@ def _run(
     before: Run | None = None
     gap, most = 0.0, COARSEST
     while True:
-        coordinates = coordinates_at(problem, values)
-        made = compiled(coordinates, most)
-        pairs = coordinates.pairs if coordinates else ()
+        pairs = coordinates_at(problem, values)
+        made = compiled(pairs, values if pairs else None, most)
         places = [mechanism.angles[pair] for pair in pairs]
         fine, frame = made.tolerance <= LOOSEST, np.eye(equation.variables)[places]
         if equation.freedoms == 1:
@@ -189,8 +193,8 @@ def _run(
     return runs, framed
 
 
-def coordinates_at(problem: Problem, values: Floats) -> Coordinates | None:
-    """Return pair variables that say how all others move; of one freedom None, its curve.
+def coordinates_at(problem: Problem, values: Floats) -> tuple[str, ...]:
+    """Return R pairs whose variables say how all others move; none of one freedom.
 
     The inputs, if they say it well enough, else R pairs whose variables do best.
 
@@ -201,7 +205,7 @@ def coordinates_at(problem: Problem, values: Floats) -> Coordinates | None:
     """
     equation, driven = problem.equation, problem.driven
     if equation.freedoms == 1:
-        return None
+        return ()
     pairs = {v: pair for pair, v in equation.mechanism.angles.items()}
     jacobian = equation.closure.at(values[None]).jacobian[0]
     free = np.linalg.svd(jacobian)[2][-equation.freedoms :]
@@ -213,7 +217,7 @@ def coordinates_at(problem: Problem, values: Floats) -> Coordinates | None:
     best = min(combinations(sorted(pairs), equation.freedoms), key=spread)
     for places in (driven, best):
         if spread(places) < ENOUGH * STEEPEST:
-            return Coordinates(tuple(pairs[v] for v in places), values, driven)
+            return tuple(pairs[v] for v in places)
     raise EngineError(f"{equation.mechanism.name}: {NO_COORDINATES}", BY_NUMPY)
 
 

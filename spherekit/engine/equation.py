@@ -5,7 +5,7 @@ Of one freedom it is that of `spherekit.engine.system`, of several that of
 same.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Any
@@ -24,7 +24,6 @@ from spherekit.engine.compiler import (
 )
 from spherekit.engine.dyads import COMPILED
 from spherekit.engine.expression_graph import derivatives
-from spherekit.engine.kinematics import Structure
 from spherekit.engine.loads import steep_arguments
 from spherekit.engine.system import (
     MOMENT,
@@ -54,19 +53,6 @@ to go on with `LOOSEST`."""
 
 
 @dataclass(frozen=True)
-class Coordinates:
-    """The variables by which a mechanism of several freedoms is integrated.
-
-    `pairs` are R pairs, `values` (variables,) a closed configuration at which they say how
-    all variables move, `held` the variables of the mechanism's own inputs.
-    """
-
-    pairs: tuple[str, ...]
-    values: Floats
-    held: tuple[int, ...]
-
-
-@dataclass(frozen=True)
 class CompiledEquation:
     """The compiled equation of motion of a mechanism with its loads and joint limits.
 
@@ -81,7 +67,6 @@ class CompiledEquation:
     is held while one lasts; the functions may be called by several threads at once.
     """
 
-    structure: Structure
     layout: ParameterLayout
     integrator: Integrator
     tau: TermFunction
@@ -112,7 +97,8 @@ def compiled_equation(
     tolerance: float,
     compact: bool = True,
     number: type[Any] = float,
-    coordinates: Coordinates | None = None,
+    coordinates: Sequence[str] = (),
+    values: Floats | None = None,
 ) -> tuple[CompiledEquation, bool]:
     """Return the equation of a mechanism, and whether it had been compiled before.
 
@@ -130,8 +116,9 @@ def compiled_equation(
     number
         The type the integrator computes with: float, or heyoka's ``real128`` where the
         machine has it, for reference solutions.
-    coordinates
-        Those to integrate by, of several freedoms.
+    coordinates, values
+        Of several freedoms the R pairs whose variables it is integrated by, and a closed
+        configuration (variables,) at which these say how all variables move.
 
     Raises
     ------
@@ -141,20 +128,20 @@ def compiled_equation(
         If the coordinates are not independent.
     """
     _need_written(mechanism)
-    common = _common(mechanism, coordinates)
+    asked = mechanism, tolerance, compact, number, coordinates
+    common, step, request = _request(*asked)
+    held = [mechanism.angles[pair] for pair in mechanism.input_pairs]
     fresh: list[bool] = []
 
     def make() -> CompiledEquation:
         fresh.append(True)
         system = (
             one_freedom(common)
-            if coordinates is None
-            else several_freedoms(common, coordinates.values, coordinates.held)
+            if values is None
+            else several_freedoms(common, values, held)
         )
-        step = min(tolerance, LOOSEST if coordinates is None else COARSEST)
         return _compile(common, system, step, compact, number)
 
-    request = _request(tolerance, compact, number, coordinates)
     return COMPILED.get(common, request, make), not fresh
 
 
@@ -162,7 +149,7 @@ def compiling_time(
     mechanism: Mechanism,
     tolerance: float,
     compact: bool,
-    coordinates: Coordinates | None = None,
+    coordinates: Sequence[str] = (),
 ) -> float:
     """Return about how long `compiled_equation` will take (s), 0 where it is kept.
 
@@ -178,16 +165,16 @@ def compiling_time(
     turning_pairs(mechanism)
     if not available():
         heyoka()
-    request = _request(tolerance, compact, float, coordinates)
-    if COMPILED.known(_common(mechanism, coordinates), request):
+    common, _, request = _request(mechanism, tolerance, compact, float, coordinates)
+    if COMPILED.known(common, request):
         return 0.0
     variables = len(mechanism.variable_names)
     on_links = sum("pair" not in load.keys for load in mechanism.loads)
     at_pairs = len(mechanism.loads) - on_links
     if compact:
-        more = 0.0 if coordinates is None else 0.5
+        more = 0.5 if coordinates else 0.0
         return more + max(0.22 * variables - 0.55, 0.3) + 0.07 * on_links + 0.02 * at_pairs
-    plain = 0.06 if coordinates is None else 0.36
+    plain = 0.36 if coordinates else 0.06
     return plain * variables**2 * (1.0 + 0.25 * on_links + 0.03 * at_pairs)
 
 
@@ -203,21 +190,23 @@ def _need_written(mechanism: Mechanism) -> None:
 
 
 def _request(
+    mechanism: Mechanism,
     tolerance: float,
     compact: bool,
     number: type[Any],
-    coordinates: Coordinates | None,
-) -> str:
-    held = coordinates and coordinates.held
-    step = min(tolerance, LOOSEST if coordinates is None else COARSEST)
-    return repr(("motion", step, compact, number.__name__, held))
+    coordinates: Sequence[str],
+) -> tuple[Mechanism, float, str]:
+    """Return what `_common` does, the tolerance of a step, and what is asked for."""
+    held = [mechanism.angles[pair] for pair in mechanism.input_pairs]
+    step = min(tolerance, COARSEST if coordinates else LOOSEST)
+    asked = repr(("motion", step, compact, number.__name__, held))
+    return _common(mechanism, coordinates), step, asked
 
 
-def _common(mechanism: Mechanism, coordinates: Coordinates | None) -> Mechanism:
+def _common(mechanism: Mechanism, coordinates: Sequence[str]) -> Mechanism:
     """Return the mechanism without what is set for each run, driven at its coordinates."""
-    inputs = mechanism.input_pairs
-    if coordinates is not None and coordinates.pairs != inputs:
-        mechanism = mechanism.with_inputs(*coordinates.pairs)
+    if coordinates and tuple(coordinates) != mechanism.input_pairs:
+        mechanism = mechanism.with_inputs(*coordinates)
     tables = any(isinstance(load, TorqueTable) for load in mechanism.loads)
     if not tables and not mechanism.joint_limits:
         return mechanism
@@ -243,7 +232,7 @@ def _compile(
     number: type[Any],
 ) -> CompiledEquation:
     layout, equations = system.layout, system.equations
-    state = [*(variable for variable, _ in equations), MOMENT]
+    state = [*layout.state, MOMENT]
     arguments = dict.fromkeys(
         argument
         for load in mechanism.loads
@@ -268,10 +257,10 @@ def _compile(
         ]
     steep = None
     if arguments and number is float:
-        steep = compile_function([*system.push, *arguments], given, compact=True)
+        push = system.changes[layout.momenta]
+        steep = compile_function([*push, *arguments], given, compact=True)
     homogeneous = [rate for tau in system.tau for rate in tau]
     return CompiledEquation(
-        system.structure,
         layout,
         compile_integrator(
             equations, MOMENT, parameters, tolerance, compact, events, number

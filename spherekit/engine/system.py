@@ -112,6 +112,11 @@ class ParameterLayout:
         )
 
     @property
+    def state(self) -> list[ExpressionNode]:
+        """All terms of the state: variables, momenta, works."""
+        return [*self.variable_terms, *self.momentum_terms, *self.work_terms]
+
+    @property
     def variables(self) -> int:
         """How many variables there are."""
         return len(self.variable_terms)
@@ -179,17 +184,14 @@ class ParameterLayout:
 class System:
     """The equations of motion in terms.
 
-    `rates` are those of the variables by time, `push` those of the momenta, `powers` those
-    of the works; `tau[i][v]` the homogeneous rates of the variables by each coordinate;
-    `measure` vanishes where sets of configurations cross; `events` are those of the
-    motion, without joint limits and switches; `moving` is what loads see.
+    `changes` are the rates of the state by time; `tau[i][v]` the homogeneous rates of the
+    variables by each coordinate; `measure` vanishes where sets of configurations cross;
+    `events` are those of the motion, without joint limits and switches; `moving` is what
+    loads see.
     """
 
-    structure: Structure
     layout: ParameterLayout
-    rates: Sequence[Expr]
-    push: Sequence[Expr]
-    powers: Sequence[Expr]
+    changes: Sequence[Expr]
     tau: Sequence[Sequence[Expr]]
     measure: Expr
     events: Sequence[EventFunction]
@@ -198,12 +200,7 @@ class System:
     @property
     def equations(self) -> list[tuple[ExpressionNode, Expr]]:
         """Each variable of the state with its rate by time."""
-        state = self.layout
-        return [
-            *zip(state.variable_terms, self.rates, strict=True),
-            *zip(state.momentum_terms, self.push, strict=True),
-            *zip(state.work_terms, self.powers, strict=True),
-        ]
+        return [*zip(self.layout.state, self.changes, strict=True)]
 
 
 def stop_events(mechanism: Mechanism, state: ParameterLayout) -> Iterator[EventFunction]:
@@ -247,11 +244,8 @@ def one_freedom(mechanism: Mechanism) -> System:
         EventFunction(square - constant(layout.least), "singularity", sense=-1),
     ]
     return System(
-        structure,
         layout,
-        rates,
-        [sum(forces, 0.0)],
-        [force * momentum for force in forces],
+        [*rates, sum(forces, 0.0), *(force * momentum for force in forces)],
         flow.tau,
         square,
         [event for event in events if _passes(event, layout)],
@@ -431,11 +425,8 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
         begun = array_function([measure], variables)(values[:, None])
         measure = measure * (1.0 / float(begun[0, 0]))
     return System(
-        structure,
         layout,
-        rates,
-        [change * back for change in changes],
-        powers,
+        [*rates, *(change * back for change in changes), *powers],
         flow.tau,
         measure,
         _events(layout, flow, measure, spread, held),
