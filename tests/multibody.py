@@ -6,23 +6,15 @@ unknowns are orientations (quaternions) and angular velocities of all links. Not
 pole axes, Eksergian's equation, closed loops or coordinates is used.
 """
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import lu_factor, lu_solve
 
-Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
-
 MOST_ROUNDS = 200
 
-Torque = Callable[[float, Mapping[str, float], Mapping[str, float]], Mapping[str, float]]
-"""Torques (N m) at pairs, from the time, the angles turned since the start, the rates."""
 
-
-@final
 @dataclass(frozen=True)
 class Hinge:
     """An R pair: its name, the two bodies (0 is the ground) and its axis at the start."""
@@ -30,10 +22,9 @@ class Hinge:
     name: str
     first: int
     second: int
-    axis: Floats
+    axis: np.ndarray
 
 
-@final
 @dataclass(frozen=True)
 class Bearing:
     """Friction of -grip tanh(rate / speed) per N m across the axis of a hinge."""
@@ -42,7 +33,6 @@ class Bearing:
     speed: float
 
 
-@final
 @dataclass(frozen=True)
 class Mesh:
     """Two gears on a carrier: they turn about each other as it holds the pitch point."""
@@ -50,19 +40,13 @@ class Mesh:
     first: int
     second: int
     carrier: int
-    point: Floats
+    point: np.ndarray
 
 
-@final
 class MultiBody:
     """Bodies with tensors (n, 3, 3) about the centre at the start, in ground axes."""
 
-    def __init__(
-        self,
-        tensors: Sequence[Floats],
-        hinges: Sequence[Hinge],
-        meshes: Sequence[Mesh] = (),
-    ) -> None:
+    def __init__(self, tensors, hinges, meshes=()):
         self.tensors = np.array(tensors)
         self.hinges = tuple(hinges)
         self.meshes = tuple(meshes)
@@ -78,11 +62,11 @@ class MultiBody:
         rows = self._rows(self._across)
         self._repeats = np.linalg.matrix_rank(rows) < len(rows)
 
-    def rates(self, pair: str, rate: float) -> Floats:
+    def rates(self, pair, rate):
         """Return the angular velocities (n, 3) at the start for the rate of a pair."""
         return self.rates_of({pair: rate})
 
-    def rates_of(self, given: Mapping[str, float]) -> Floats:
+    def rates_of(self, given):
         """Return the angular velocities (n, 3) at the start for the rates of pairs."""
         rows = self._rows(self._across)
         names = [each.name for each in self.hinges]
@@ -95,17 +79,10 @@ class MultiBody:
         right = np.concatenate([np.zeros(len(rows) - len(given)), list(given.values())])
         return np.asarray(np.linalg.lstsq(rows, right, rcond=None)[0]).reshape(-1, 3)
 
-    def solve(
-        self,
-        torque: Torque,
-        w: Floats,
-        times: Floats,
-        rtol: float = 1e-11,
-        longest: float = 5e-3,
-        bearings: Mapping[str, Bearing] | None = None,
-    ) -> dict[str, Floats]:
+    def solve(self, torque, w, times, rtol=1e-11, longest=5e-3, bearings=None):
         """Return the angles (times,) that each pair has turned since the start.
 
+        `torque` gives torques (N m) at pairs by the time, the angles turned and the rates.
         Bearings at pairs rub: the equations of motion and Coulomb's law of each are solved
         together, by successive substitution to the last digit.
         """
@@ -114,7 +91,7 @@ class MultiBody:
         whole = np.tile([1.0, 0.0, 0.0, 0.0], n)
         start = np.concatenate([whole, w.ravel(), np.zeros(len(names))])
 
-        def change(t: float, y: Floats) -> Floats:
+        def change(t, y):
             q, w = y[: 4 * n].reshape(n, 4), y[4 * n : 7 * n].reshape(n, 3)
             angles = y[7 * n :]
             turn = np.concatenate([np.eye(3)[None], _matrices(q)])
@@ -184,7 +161,7 @@ class MultiBody:
         assert found.success
         return dict(zip(names, found.y[7 * n :], strict=True))
 
-    def _rows(self, across: Floats) -> Floats:
+    def _rows(self, across):
         rows = np.zeros((2 * len(self._axes), 3 * (self.count + 1)))
         for number, (i, j) in enumerate(zip(self._first, self._second, strict=True)):
             part = slice(2 * number, 2 * number + 2)
@@ -193,7 +170,7 @@ class MultiBody:
         return rows[:, 3:]
 
 
-def _along_null_space(tensors: Floats, rows: Floats, free: Floats, gaps: Floats) -> Floats:
+def _along_null_space(tensors, rows, free, gaps):
     """Return the accelerations where rows repeat each other: multipliers are not known."""
     _, sizes, back = np.linalg.svd(rows)
     left = back[np.count_nonzero(sizes > 1e-9) :].T
@@ -202,7 +179,7 @@ def _along_null_space(tensors: Floats, rows: Floats, free: Floats, gaps: Floats)
     return np.asarray(own + left @ along)
 
 
-def _matrices(q: Floats) -> Floats:
+def _matrices(q):
     q = q / np.linalg.norm(q, axis=1)[:, None]
     a, v = q[:, 0], q[:, 1:]
     skew = np.zeros((len(q), 3, 3))
@@ -211,7 +188,7 @@ def _matrices(q: Floats) -> Floats:
     return np.eye(3) + 2.0 * a[:, None, None] * skew + 2.0 * skew @ skew
 
 
-def _quaternion_rates(q: Floats, w: Floats) -> Floats:
+def _quaternion_rates(q, w):
     a, v = q[:, :1], q[:, 1:]
     scalar = -np.sum(w * v, axis=1, keepdims=True)
     return 0.5 * np.concatenate([scalar, a * w + np.cross(w, v)], axis=1)

@@ -1,14 +1,16 @@
 """Analyses: the contract, discovery, broken plugins, declared needs."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, final
+from typing import ClassVar, final
 
 import numpy as np
 import pytest
+from broken_plugins import Tuned
+from common import Asking
 
 import spherekit as sk
 from spherekit.analysis.batch import Batch, Needs
-from spherekit.analysis.contract import AbstractAnalysis, Findings
+from spherekit.analysis.contract import Findings
 from spherekit.analysis.registry import create, load, names, records, registered
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
@@ -24,12 +26,10 @@ from spherekit.errors import AnalysisError, PluginError
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Swing(AbstractAnalysis):
+class Swing(Asking):
     """The largest swing of one pair per assembly mode: an analysis of whole batches."""
 
     name: ClassVar = "swing"
-    version: ClassVar = "1"
-    summary: ClassVar = "range of a pair's variable"
     tables: ClassVar = (
         Table(
             "swing",
@@ -58,12 +58,10 @@ class Swing(AbstractAnalysis):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Greedy(AbstractAnalysis):
+class Greedy(Asking):
     """Reads what it has not declared."""
 
     name: ClassVar = "greedy"
-    version: ClassVar = "1"
-    summary: ClassVar = "reads too much"
     rowwise: ClassVar = True
     tables: ClassVar = (Table("greedy", "", (SAMPLE,)),)
     what: str = "velocity_coefficient"
@@ -87,12 +85,10 @@ class Greedy(AbstractAnalysis):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Ranges(AbstractAnalysis):
+class Ranges(Asking):
     """Inputs by name, how often they were gathered, and words to whoever runs it."""
 
     name: ClassVar = "ranges"
-    version: ClassVar = "1"
-    summary: ClassVar = "the inputs"
     tables: ClassVar = (Table("ranges", "one row per sample", (SAMPLE, INPUTS, STATUS)),)
 
     def needs(self, mechanism):
@@ -138,15 +134,6 @@ def test_poles_is_registered_like_anyones():
     assert load("poles").__module__ == "spherekit_analyses.poles"
 
 
-def test_main_table_has_the_agreed_columns():
-    table = load("poles").tables[0]
-    assert [column.name for column in table.columns][:14] == [
-        "sample", "assembly_mode", "q", "link", "relative_to", "ux", "uy", "uz",
-        "dux_dq", "duy_dq", "duz_dq",
-        "velocity_coefficient", "acceleration_coefficient", "conditioning",
-    ]  # fmt: skip
-
-
 def test_an_analysis_of_whole_batches():
     with registered(Swing):
         result = sk.run(
@@ -189,35 +176,14 @@ def test_parameters_are_converted_by_their_type():
     assert create("poles:only=31+42,circles=42").only == ("31", "42")
 
 
-@final
-@dataclass(frozen=True, kw_only=True)
-class Typed(AbstractAnalysis):
-    """One parameter of each kind that a plugin may have."""
-
-    name: ClassVar = "typed"
-    version: ClassVar = "1"
-    summary: ClassVar = "parameters"
-    tables: ClassVar = ()
-    way: Literal["up", "down"] = "up"
-    limit: float | None = None
-    size: tuple[int, float] = (1, 1.0)
-    on: bool = False
-
-    def needs(self, mechanism):
-        return Needs()
-
-    def compute(self, batch):
-        return {}
-
-
 def test_every_kind_of_parameter_can_be_given_on_the_command_line():
-    with registered(Typed):
-        made = create("typed:way=down,limit=2.5,size=3+0.5,on=true")
-        assert (made.way, made.limit, made.size, made.on) == ("down", 2.5, (3, 0.5), True)
-        assert create("typed:limit=none").limit is None
-        for wrong in ("way=left", "limit=x", "size=1", "size=1+2+3", "on=maybe"):
+    with registered(Tuned):
+        made = create("tuned:count=3,kind=b,limit=2.5,ends=3+0.5,quick=true")
+        assert made == Tuned(count=3, quick=True, kind="b", ends=(3.0, 0.5), limit=2.5)
+        assert create("tuned:count=3,limit=none").limit is None
+        for wrong in ("kind=left", "limit=x", "ends=1", "ends=1+2+3", "quick=maybe"):
             with pytest.raises(AnalysisError, match="does not read as"):
-                create(f"typed:{wrong}")
+                create(f"tuned:count=3,{wrong}")
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """Columns that the pages relate, on rows that move: each relation, in every table."""
 
 from importlib import resources
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -132,23 +131,9 @@ def test_energy_grows_by_the_power(wrist):
     same(0.5 * twice, kinetic, rel=1e-12)
 
 
-def test_relative_rotations_add_up_and_change_as_their_columns_say(wrist):
-    """Three links: w_ac = w_ab + w_bc with w the coefficient along the pole."""
+def test_pole_columns_change_as_their_derivatives_say():
     poles = sk.run("stephenson", samples=721, assembly_mode=0).frame()
-    spun = poles.assign(
-        **{f"w{x}": poles["velocity_coefficient"] * poles[f"u{x}"] for x in "xyz"}
-    )
-    vectors = {
-        key: rows[["wx", "wy", "wz"]].to_numpy()
-        for key, rows in spun.groupby(["link", "relative_to"])
-    }
-    relative = vectors | {(b, a): -w for (a, b), w in vectors.items()}
-    links = sorted({x for key in vectors for x in key})
-    size = max(np.nanmax(np.abs(w)) for w in vectors.values())
-    for a, b, c in combinations(links, 3):
-        off = relative[a, b] + relative[b, c] - relative[a, c]
-        assert np.nanmax(np.abs(off)) < 1e-10 * size
-    for _, rows in spun.groupby(["link", "relative_to"]):
+    for _, rows in poles.groupby(["link", "relative_to"]):
         u, du = (
             rows[[f"{p}u{x}{s}" for x in "xyz"]].to_numpy()
             for p, s in (("", ""), ("d", "_dq"))

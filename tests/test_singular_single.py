@@ -25,22 +25,6 @@ from spherekit.singular.single import SingleFreedom
 TURN = 2.0 * np.pi
 
 
-def curves_of(tracer):
-    """Return the curves through all configurations of a tracer."""
-    motion = tracer.motion()
-    todo = motion.values[motion.status == Status.OK]
-    curves = []
-    while len(todo):
-        middle = len(todo) // 2
-        given, todo = todo[middle], np.delete(todo, middle, axis=0)
-        try:
-            curves.append(follow_arc(tracer.solver.closure, given))
-        except SolveError:
-            continue
-        todo = todo[np.isnan(curves[-1].find(todo))]
-    return curves
-
-
 def all_curves(tracer):
     return [each.curve for each in tracer.configurations.curves]
 
@@ -59,7 +43,7 @@ def matched(found, wanted):
 def check_four_bar(arcs, tracer):
     """Compare all singularities of input 21 and output 41 with triangles."""
     ground, crank, coupler, rocker = arcs
-    report = SingleFreedom(tracer, curves_of(tracer), ["4/1"])
+    report = SingleFreedom(tracer, all_curves(tracer), ["4/1"])
     number = tracer.mechanism.pair_number
     q, y = (tracer.mechanism.variables_of(number[name])[0] for name in ("21", "41"))
     ((_, second),) = report.links
@@ -238,7 +222,7 @@ def chain(text, seed):
 def test_no_zero_of_any_pole_is_missed_or_invented(text, seed):
     """A relative rate reverses between two of many samples, and in finer ones vanishes."""
     tracer = PositionAnalysis(chain(text, seed), samples=41)
-    along = SingleFreedom(tracer, curves_of(tracer)[:1], []).along[0]
+    along = SingleFreedom(tracer, all_curves(tracer)[:1], []).along[0]
     every = all_poles(len(tracer.mechanism.links))
     s = np.linspace(0.0, along.curve.length, 1501)
     w = along.at(s).w
