@@ -96,7 +96,7 @@ def test_singularities_proven_are_those_that_a_run_reports(name, pair):
     assert len(frame) == len(proven.points)
     for kind in ("I", "II"):
         inputs = np.sort(frame["q"][frame["kind"] == kind].to_numpy())
-        found = np.sort([each.q for each in proven.points if each.kind == kind])
+        found = np.sort([q for _, found, q, *_ in proven.points if found == kind])
         assert len(inputs) == len(found)
         assert np.all(np.abs(inputs - found) < 1e-7)
 

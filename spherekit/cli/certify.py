@@ -329,12 +329,12 @@ def _curve_lines(curves: Any, located: Any) -> Lines:
         lines.append(f"  a whole curve of modes at {_degrees(q)} deg")
     for low, high in curves.undecided[:8]:
         lines.append(f"  undecided: {_degrees(low)} to {_degrees(high)} deg")
-    for point in located.points:
-        where = "" if point.inside else ", out of the range"
-        off = np.degrees(point.stop.off * curves.laps)
+    for output, kind, q, curve, stop in located.points:
+        where = ", out of the range" if curves.inside(q) is None else ""
+        off = np.degrees(stop.off * curves.laps)
         lines.append(
-            f"  output {point.output}: type {point.kind} at {np.degrees(point.q):.9f} deg, "
-            f"to {off:.0e}, on curve {point.curve}{where}"
+            f"  output {output}: type {kind} at {np.degrees(q):.9f} deg, to {off:.0e}, on "
+            f"curve {curve}{where}"
         )
     if located.undecided:
         lines.append(f"  singularities undecided in {located.undecided} parts of curves")

@@ -47,32 +47,19 @@ ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class CertifiedSingularity:
-    """A singular configuration of an output: exactly one within `stop.off` of its place.
-
-    `kind` is I, II, or "I or III" and "II or III" where the other one stops as near.
-    `q` (rad) is the input, `inside` whether it is in the range.
-    """
-
-    output: str
-    kind: str
-    curve: int
-    stop: StationaryPlace
-    q: float
-    inside: bool
-
-
-@dataclass(frozen=True)
 class CertifiedSingularities:
     """All singularities of types I and II of outputs along certified curves.
 
-    `undecided` counts the parts in which one may be; `skipped` are outputs that no variable
-    of the construction is the rate of, of which only type II is known. An output of
-    `resting` is at rest all along the curve of that number.
+    Of the `points` each is the only singular configuration within `off` of its place: the
+    output, I, II, or "I or III" and "II or III" where the other one stops as near, the
+    input (rad), the number of the curve and the place. `undecided` counts the parts in
+    which one may be; `skipped` are outputs that no variable of the construction is the rate
+    of, of which only type II is known. An output of `resting` is at rest all along the
+    curve of that number.
     """
 
     curves: CertifiedCurves
-    points: tuple[CertifiedSingularity, ...]
+    points: tuple[tuple[str, str, float, int, StationaryPlace], ...]
     undecided: int
     skipped: tuple[str, ...]
     resting: tuple[tuple[str, int], ...]
@@ -87,7 +74,7 @@ class CertifiedSingularities:
             return 0.0
         ends = [] if curves.whole else [q - curves.low, curves.high - q]
         stops = [stop for stopped, _ in curves.stopping for stop in stopped]
-        stops += [point.stop for point in self.points]
+        stops += [stop for *_, stop in self.points]
         places = [(curves.input_at(s.place), curves.laps * s.off) for s in stops]
         at = curves.input_at
         places += [(at(saddle.centre), at(saddle.zone)) for saddle in curves.saddles]
@@ -114,23 +101,22 @@ def output_pairs(written: Written) -> dict[str, int]:
 def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     """Return the singularities of all declared outputs but the input itself."""
     made, pairs = curves.construction, output_pairs(curves.written)
-    points: list[CertifiedSingularity] = []
+    points: list[tuple[str, str, float, int, StationaryPlace]] = []
     skipped: list[str] = []
     resting: list[tuple[str, int]] = []
-    driven = {made.pairs[curves.driven], *curves.equations.offsets}
-    undecided = sum(len(doubts) for _, doubts in curves.stopping)
-    undecided += sum(map(bool, curves.open_at(curves.driven)))
+    fixed = {made.pairs[curves.driven], *curves.equations.offsets}
+    looked = [(curves.driven, curves.stopping)]
     for output in (item.name for item in curves.written.mechanism.outputs):
-        if pairs.get(output) in driven:
+        if pairs.get(output) in fixed:
             continue
         rests: list[Stops] = [([], []) for _ in curves.chains]
         if pairs.get(output) in made.pairs:
             variable = made.pairs.index(pairs[output])
             rests = curves.stops_of(variable)
-            undecided += sum(len(doubts) for _, doubts in rests)
-            undecided += sum(map(bool, curves.open_at(variable)))
-            still = enumerate(curves.still_in(variable))
-            resting += [(output, curve) for curve, at_rest in still if at_rest]
+            looked.append((variable, rests))
+            resting += [
+                (output, k) for k, still in enumerate(curves.still_in(variable)) if still
+            ]
         else:
             skipped.append(output)
         for curve, two in enumerate(zip(rests, curves.stopping, strict=True)):
@@ -143,9 +129,13 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
                     words = f"{kind} or III" if _meets(stop, others) else kind
                     q = curves.input_at(stop.place)
                     inside = curves.inside(q)
-                    at = (q, False) if inside is None else (inside, True)
-                    points.append(CertifiedSingularity(output, words, curve, stop, *at))
-    points.sort(key=lambda point: (point.output, point.kind, point.q))
+                    q = q if inside is None else inside
+                    points.append((output, words, q, curve, stop))
+    points.sort(key=lambda point: point[:3])
+    undecided = sum(len(doubts) for _, stops in looked for _, doubts in stops)
+    undecided += sum(
+        off > 0.0 for variable, _ in looked for off in curves.open_at(variable)
+    )
     return CertifiedSingularities(
         curves, tuple(points), undecided, tuple(skipped), tuple(resting)
     )
@@ -467,13 +457,13 @@ def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
         "at_rest_along_curves": [list(two) for two in located.resting],
         "found": [
             {
-                "output": point.output,
-                "type": point.kind,
-                "curve": point.curve,
-                "place": point.stop.place.tolist(),
-                "off": point.stop.off,
+                "output": output,
+                "type": kind,
+                "curve": curve,
+                "place": stop.place.tolist(),
+                "off": stop.off,
             }
-            for point in located.points
+            for output, kind, _, curve, stop in located.points
         ],
     }
 

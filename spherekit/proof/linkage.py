@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise, zip_longest
-from typing import Any
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
 from spherekit.conventions import Status
@@ -117,7 +117,7 @@ def _by_arc_length(path: Path, edges: Array, closed: bool) -> tuple[Curve, Ball]
                 width = min(1.0, _reach(ahead, digits) / float(high - low))
                 while True:
                     end = low + (high - low) * width if width < 1.0 else high
-                    way = _value(ahead, end - low).mid()
+                    way = polyval(end - low, ahead).mid()
                     if width == 0.0 or float(way) < _reach(back, digits):
                         break
                     width *= 0.7
@@ -133,7 +133,7 @@ def _by_arc_length(path: Path, edges: Array, closed: bool) -> tuple[Curve, Ball]
             s = s - exactly(np.floor(floats(coefficient(s, 0)) / near[-1])) * length
         panel = np.searchsorted(near, floats(coefficient(s, 0)), side="right") - 1
         panel = np.clip(panel, 0, len(table) - 1)
-        point, rate = path(np.asarray(_value(table[panel].T, s - begun[panel])))
+        point, rate = path(polyval(s - begun[panel], table[panel].T, tensor=False))
         tangent = rate / _length(rate)[:, None]
         return np.stack([tangent, np.cross(point, tangent), point], axis=-1)
 
@@ -148,14 +148,6 @@ def _reach(coefficients: list[Ball], digits: int) -> float:
     with np.errstate(divide="ignore"):
         logs = -(digits * np.log(2.0) + np.log(sizes)) / powers
     return float(np.exp(np.min(logs)) * 0.9)
-
-
-def _value(coefficients: Any, x: Any) -> Any:
-    """Return a power series at x, by Horner's rule; both may be arrays."""
-    total = coefficients[-1] + 0 * x
-    for number in coefficients[-2::-1]:
-        total = total * x + number
-    return total
 
 
 def _wave(axes: Array, even: Array, odd: Array) -> Path:
@@ -186,9 +178,8 @@ def _spline(path: SplinePath) -> Path:
     knots = exactly(places)
 
     def at(u: Array) -> tuple[Array, Array]:
-        span = np.searchsorted(path.knots, floats(coefficient(u, 0)), side="right") - 1
-        span = np.clip(span, 0, len(path.knots) - 2)
-        span = np.searchsorted(places, path.knots[span], side="right") - 1
+        span = np.searchsorted(places, floats(coefficient(u, 0)), side="right") - 1
+        span = np.clip(span, degree, len(control) - 1)
         points = [control[span - degree + r] for r in range(degree + 1)]
         for level in range(1, degree + 1):
             for r in reversed(range(level, degree + 1)):
