@@ -80,8 +80,7 @@ def place_columns(places: Floats, form: MidPlaneArchitecture | None) -> dict[str
     """
     columns = {name: places[:, k] for k, name in enumerate("xyzw"[: places.shape[1]])}
     if form is not None and places.shape[1] == len(DIRECTION):
-        angles = form.angles_to(places)
-        columns |= {"phi": angles.phi, "gamma": angles.gamma}
+        columns["phi"], columns["gamma"], _ = form.angles_to(places)
     return columns
 
 
@@ -240,8 +239,8 @@ class EquivalentRotation(AbstractAnalysis):
             "status": at.status,
         }
         if result.form is not None:
-            angles = mirror_angles(mid_planes(result.form, at.orientation))
-            first |= {"phi": angles.phi, "gamma": angles.gamma}
+            mirrors = mirror_angles(mid_planes(result.form, at.orientation))
+            first["phi"], first["gamma"], _ = mirrors
         second = []
         if result.schedule is not None:
             rows = result.schedule.table(self.samples)

@@ -134,8 +134,8 @@ def test_derivatives_of_phi_and_gamma_by_differences():
         for k, pair in enumerate(("21", "61")):
             beside = [solver.forward((at + x * np.eye(2)[k])[None]) for x in (-step, step)]
             angles = [solver.form.angles_to(found.directions[:1]) for found in beside]
-            for name in ("phi", "gamma"):
-                one, other = (getattr(item, name)[0] for item in angles)
+            for at_name, name in enumerate(("phi", "gamma")):
+                one, other = (item[at_name][0] for item in angles)
                 slope = row[f"d{name}_dq_{pair}"]
                 assert abs((other - one) / (2.0 * step) - slope) < 1e-7 * (1.0 + abs(slope))
 

@@ -203,7 +203,7 @@ def settled(equations: Equations, values: Array) -> tuple[Array, Bools]:
 
 
 def _length(step: Array) -> Floats:
-    return max_abs(step, axis=0, initial=0.0)
+    return max_abs(step, axis=0)
 
 
 def apart(one: Array, other: Array) -> Floats:

@@ -349,7 +349,7 @@ class NewtonEuler:
         reactions = self._inverse @ right
         # A step of refinement brings back the digits that the inverse loses.
         reactions = reactions + self._inverse @ (right - self.matrix @ reactions)
-        worst = max_abs((right - self.matrix @ reactions)[..., 0], axis=1, initial=0.0)
+        worst = max_abs((right - self.matrix @ reactions)[..., 0], axis=1)
         return reactions[..., 0], worst
 
     def solve(self, needed: Floats, about: Floats) -> None:

@@ -260,7 +260,7 @@ def _closed(
 
 def _need_digits(name: str, values: Floats) -> None:
     """Raise `SolveError` where angles are so large that they say no configuration."""
-    largest = float(max_abs(values, initial=0.0))
+    largest = float(max_abs(values))
     if largest > FARTHEST:
         raise SolveError(
             f"{name}: an angle at the start is {largest:.6g} rad, which a float64 holds to "

@@ -229,7 +229,7 @@ def _sizes(names: list[str], values: Floats) -> Floats:
     that vanish, but for rounding, have no size of their own: of a constant inertia these
     are the Christoffel symbols, next to it.
     """
-    size = max_abs(values, axis=0, initial=0.0)
+    size = max_abs(values, axis=0)
     vectors = [name[:-2] if name[-2:] in (" x", " y", " z") else name for name in names]
     kinds = [name.split()[0].partition("_")[0] for name in names]
     for stem in {*vectors}:

@@ -478,5 +478,5 @@ def _drawn(numbers: object) -> str:
 
 def _text(numbers: object) -> str:
     values = np.asarray(numbers, dtype=float).ravel()
-    least = ROUNDING * max_abs(values, initial=0.0)
+    least = ROUNDING * max_abs(values)
     return " ".join(repr(float(x)) if abs(x) > least else "0" for x in values)

@@ -230,7 +230,7 @@ class ForeignModel:
                 f"{self.path}: loops do not close near the pose of the file: {told} (m or "
                 "rad); give a pose in which they do, by ref of the joints"
             )
-        moved = float(max_abs(d.qpos - start, initial=0.0))
+        moved = float(max_abs(d.qpos - start))
         if moved > 1e-9:
             self.notes.append(
                 f"loops are open in the file's pose; joints were turned by up to "
@@ -248,13 +248,13 @@ class ForeignModel:
         d, before = self.d, np.inf
         for _ in range(MOST_STEPS):
             rows, gap = self._gaps()
-            size = float(max_abs(gap, initial=0.0))
+            size = float(max_abs(gap))
             if size < ROUNDING or (size < CLOSED and size > 0.5 * before):
                 return True
             before = size
             jacobian = d.efc_J.reshape(d.nefc, self.m.nv)[rows][:, free]
             step = -np.linalg.lstsq(jacobian, gap, rcond=1e-9)[0]
-            largest = float(max_abs(step, initial=0.0))
+            largest = float(max_abs(step))
             d.qpos[free] += step * min(1.0, 0.5 / largest if largest else 1.0)
         return False
 

@@ -26,7 +26,6 @@ from spherekit.motion.loops import rank_mobility, turns_of
 from spherekit.rates.transmission import Transmission
 from spherekit.region.mesh import spread
 from spherekit.sphere.rotation import (
-    MirrorAngles,
     cross,
     frame_toward,
     mirror_angles,
@@ -124,7 +123,7 @@ class MidPlaneArchitecture:
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(way / distance[:, None]), distance
 
-    def angles_to(self, directions: Floats) -> MirrorAngles:
+    def angles_to(self, directions: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the angles of the mid-planes in which the output points at directions.
 
         These (n, 3) are in the axes of the base.

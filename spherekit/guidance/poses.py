@@ -68,7 +68,7 @@ class AtDirection:
 
 @dataclass(frozen=True)
 class AtMirror:
-    """The pose of a mid-plane architecture with these angles (rad), see `MirrorAngles`."""
+    """The pose of a mid-plane architecture with these angles (rad), see `mirror_angles`."""
 
     phi: float
     gamma: float
@@ -370,8 +370,5 @@ def _modes(form: MidPlaneArchitecture) -> list[Floats]:
 
 
 def _named(normal: Floats) -> str:
-    angles = mirror_angles(upward(normal)[None])
-    return (
-        f"phi = {np.degrees(angles.phi[0]) + 0.0:.6g}, gamma = "
-        f"{np.degrees(angles.gamma[0]) + 0.0:.6g} deg"
-    )
+    phi, gamma, _ = np.degrees(mirror_angles(normal)) + 0.0
+    return f"phi = {phi:.6g}, gamma = {gamma:.6g} deg"

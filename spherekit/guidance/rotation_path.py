@@ -32,9 +32,10 @@ from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.steps import STEP_PARTS, Verification
 from spherekit.numeric.zeros import ArrayRows, hermite
 from spherekit.sphere.rotation import (
-    LogRate,
     all_finite,
     cross,
+    log_rate,
+    log_rate_change,
     max_abs,
     rotation,
     rotation_vector,
@@ -172,7 +173,7 @@ class Optimality:
 
     def _stiff(self, motion: Floats) -> Floats:
         """Return how the gradient of a^2 / 2 changes with motions (n, variables)."""
-        back = LogRate(self.left, -1.0).of(np.matvec(self.turning, motion))
+        back = log_rate(-self.left, np.matvec(self.turning, motion))
         change = np.vecmat(back, self.turning)
         if np.any(self._departed):
             change -= np.vecdot(self._turned(motion), self._pulls)
@@ -263,19 +264,20 @@ class Optimality:
 
     def _nearest_rates(self, axis: Floats) -> tuple[Floats, Floats]:
         """Return the rates of the nearest configurations, from the condition for those."""
-        log, backward = LogRate(self.left), LogRate(self.left, -1.0)
-        about = np.broadcast_to(axis, self.left.shape)
-        ahead = np.vecmat(log.of(about), self.turning)
+        left, about = self.left, np.broadcast_to(axis, self.left.shape)
+        log = log_rate(left, about)
+        ahead = np.vecmat(log, self.turning)
         first = self._balanced(ahead, np.zeros_like(self.at.residual), self.stiffness)
         turned = self._turned(first)
         w = np.matvec(self.turning, first)
-        left_rate = log.of(about) - backward.of(w)
+        left_rate = log - log_rate(-left, w)
         slope = np.vecdot(turned, self._pulls) + np.vecmat(left_rate, self.turning)
         pulls_rate = self._combined(left_rate, slope)
         loops, swung = self._biases(first, turned)
-        left_bias = log.changed(left_rate, about) - backward.changed(left_rate, w)
+        left_bias = log_rate_change(left, left_rate, about)
+        left_bias -= log_rate_change(-left, -left_rate, w)
         pull = np.vecdot(self._turned_twice(first, turned), self._pulls)
-        pull += np.vecmat(left_bias - backward.of(swung), self.turning)
+        pull += np.vecmat(left_bias - log_rate(-left, swung), self.turning)
         pull += 2.0 * np.vecdot(turned, pulls_rate)
         return first, self._balanced(pull, -loops, self.stiffness)
 

@@ -386,7 +386,7 @@ class Unwrapping:
             followed, _ = curve.predict(np.clip(place, low, high))
             away = (followed - at)[:, angles]
             whole = np.round(away / TURN)
-            near &= max_abs(away - TURN * whole, axis=1, initial=0.0) < SAME
+            near &= max_abs(away - TURN * whole, axis=1) < SAME
             whole += laps[:, None] * winding - first
             return np.where(near[:, None], whole, np.nan)
 

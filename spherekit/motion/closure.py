@@ -44,7 +44,7 @@ def newton(
     sizes = np.zeros((2, len(values)))
     for taken in range(most):
         step = change(values[active], active)
-        length = max_abs(step, axis=1, initial=0.0)
+        length = max_abs(step, axis=1)
         if taken < 2:
             sizes[taken, active] = length
         part = np.minimum(1.0, trust / np.maximum(length, 1e-300))

@@ -357,7 +357,7 @@ def solutions(
         near, real, problem = eliminated(group, closure)
         at = closure.solve(near, iterations=POLISHING_STEPS)
         closed = at.gap < CLOSURE_TOLERANCE
-        moved = max_abs(wrap(at.values - near), axis=1, initial=0.0)
+        moved = max_abs(wrap(at.values - near), axis=1)
         if np.any(real & ~(closed & (moved < MOVED))):
             problem = problem or "a real root led to no closed configuration"
         distinct.add(at.values[closed])

@@ -428,7 +428,7 @@ class Linearisation:
     @property
     def gap(self) -> Floats:
         """(n,) the largest component of the residual (rad)."""
-        return max_abs(self.residual, axis=1, initial=0.0)
+        return max_abs(self.residual, axis=1)
 
     @cached_property
     def jacobian(self) -> Floats:

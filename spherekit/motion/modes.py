@@ -413,13 +413,13 @@ class ModeSearch:
             assert mode.guide is not None
             q = values[left][:, driven]
             start, spread, why = mode.guide.at(q, rows[left])
-            off = max_abs(wrap(start - values[left])[:, turning], axis=1, initial=0.0)
+            off = max_abs(wrap(start - values[left])[:, turning], axis=1)
             near = (off < spread + NEAR_GUIDE) & (why == Status.OK)
             left, start, spread = left[near], start[near], spread[near]
             start[:, driven] = q[near]
             there = closure.solve(start, driven)
-            moved = max_abs(there.values - start, axis=1, initial=0.0)
-            away = max_abs(there.placed - placed[left], axis=(1, 2, 3), initial=0.0)
+            moved = max_abs(there.values - start, axis=1)
+            away = max_abs(there.placed - placed[left], axis=(1, 2, 3))
             same_mode = (away < SAME_MODE) & (moved <= 0.25 * spread + 1e-6)
             families[left[same_mode]] = family
         return families

@@ -213,7 +213,7 @@ class Distinct:
 
     def _near(self, number: int, values: Floats, placed: Floats, pose: Floats) -> Floats:
         """Return how far (n,) configurations are from that of a number, 0 a turn later."""
-        away = max_abs(placed - pose, axis=(1, 2, 3), initial=0.0)
+        away = max_abs(placed - pose, axis=(1, 2, 3))
         if self._rolling:
             mode = self.values[number]
             again = [self._meshes_again(one, mode) for one in values]

@@ -254,7 +254,7 @@ class Curves(ABC, Generic[Node]):
         which = 2 * np.arange(len(some))
         away = middles[some] - at.values[some]
         along = np.sum(away * chord.directions[which], axis=1) / chord.chords[which]
-        miss = max_abs(chord.predict(which, along) - middles[some], axis=1, initial=0.0)
+        miss = max_abs(chord.predict(which, along) - middles[some], axis=1)
         allowed = np.broadcast_to(rounding, len(ways))[some]
         holds[some] = self.tests.predicted(miss, ways[some], allowed)
         return np.asarray(holds)

@@ -95,7 +95,7 @@ def _lengths(held: Solver, meshes: GearPhases, lengths: Floats) -> Floats:
 
 def _turned(meshes: GearPhases, q: Floats, lengths: Floats) -> Floats | None:
     """Return inputs (k,) whole turns from some that roll the lengths (m,), the least."""
-    rolling = max_abs(meshes.ratios, axis=0, initial=0.0) > SAME_RATIO
+    rolling = max_abs(meshes.ratios, axis=0) > SAME_RATIO
     half = np.minimum(MOST_TURNS, np.ceil(0.5 * np.asarray(meshes.periods) / TURN))
     turns = [range(-k, k + 1) for k in np.where(rolling, half, 0).astype(int).tolist()]
     places = q + TURN * np.array(list(product(*turns)), dtype=float)

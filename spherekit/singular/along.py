@@ -51,15 +51,6 @@ class Axis:
         )
 
 
-@dataclass(frozen=True)
-class Roots:
-    """Zeros at s (k,), whether each is double, and bounds of the errors of s."""
-
-    s: Floats
-    double: Bools
-    error: Floats
-
-
 class LinkMotion:
     """The links of a mechanism in given motions at n configurations.
 
@@ -151,7 +142,7 @@ class AlongCurve:
     ) -> None:
         self.tracer, self.curve, self.plan_of = tracer, curve, plan_of
         self._kept: dict[bytes, LinkMotion] = {}
-        self._zeros: dict[Pole, Roots | None] = {}
+        self._zeros: dict[Pole, tuple[Floats, Bools, Floats] | None] = {}
 
     def at(self, s: Floats) -> LinkMotion:
         """Return the links at s (n,) by arc length; the last results are kept."""
@@ -202,17 +193,18 @@ class AlongCurve:
             return np.zeros((len(s), 3))
         (w, dw), (length, growth) = there.relative(*pole), there.speeds(pole)
         resting = length <= NEAR_REST * growth
-        reversals = roots.s[~roots.double]
+        reversals = roots[0][~roots[1]]
         again = np.append(reversals, reversals + self.curve.length)  # a lap later
         odd = np.searchsorted(again, s + 2.0 * NEAR_REST * resting, side="right") % 2 == 1
         size = np.where(resting, growth, length) * np.where(odd, -1.0, 1.0)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.nan_to_num(np.where(resting[:, None], dw, w) / size[:, None])
 
-    def zeros(self, pole: Pole) -> Roots | None:
+    def zeros(self, pole: Pole) -> tuple[Floats, Bools, Floats] | None:
         """Return all s at which two links rest relative to each other, None if everywhere.
 
-        They are zeros of any component of the relative rate, at which all of it vanishes.
+        With whether each is double, and bounds of the errors of s (k,). They are zeros of
+        any component of the relative rate, at which all of it vanishes.
         """
         if pole not in self._zeros:
             there = self.at(self.curve.s)
@@ -220,7 +212,7 @@ class AlongCurve:
             self._zeros[pole] = None if rest else self._located(pole)
         return self._zeros[pole]
 
-    def _located(self, pole: Pole) -> Roots:
+    def _located(self, pole: Pole) -> tuple[Floats, Bools, Floats]:
         curve = self.curve
 
         def component(s: Floats) -> tuple[Floats, Floats]:
@@ -232,7 +224,7 @@ class AlongCurve:
             rests = rests.once(curve.length)
         s, double = rests.places, rests.double
         if not len(s):
-            return Roots(s, double, s)
+            return s, double, s
         for _ in range(SETTLING):
             w, dw = self.at(s).relative(*pole)
             step = np.sum(w * dw, axis=1) / np.maximum(np.sum(dw * dw, axis=1), EPS**2)
@@ -251,4 +243,4 @@ class AlongCurve:
         for why, way in zip(curve.ends, (s, curve.length - s), strict=True):
             if why == Status.AT_SINGULARITY:  # the zero may be that of the crossing
                 rest &= way > 4.0 * error
-        return Roots(s[rest], double[rest], error[rest])
+        return s[rest], double[rest], error[rest]

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache, cached_property
 from itertools import pairwise, product
-from typing import NamedTuple
 
 import numpy as np
 
@@ -55,25 +54,6 @@ SAMPLED = 9
 """Configurations at which a mechanism without curves is asked for its freedoms."""
 TYPES = {(True, True): Type.SELF_MOTION, (True, False): Type.II, (False, True): Type.I}
 """The type by whether the input rests, and whether the output does."""
-
-
-class Place(NamedTuple):
-    """A place s where the input or the output rests, or both, with a bound of its error.
-
-    By `spread` (rad) their zeros miss each other. `input`, `output`: whether the zero of
-    each is double, None where it does not rest.
-    """
-
-    s: float
-    error: float
-    spread: float
-    input: bool | None
-    output: bool | None
-
-    @property
-    def type(self) -> Type:
-        """The type of the singularity there."""
-        return TYPES[self.input is not None, self.output is not None]
 
 
 class SingleFreedom:
@@ -230,28 +210,25 @@ class SingleFreedom:
             whole = ((number, np.nan),)
             return [SingularPoint(TYPES[resting], ends[1], whole, np.nan, none)]
         places = common_zeros(along, [pole_of(*pair) for pair in ends])
-        s = np.array([place.s for place in places])
-        there, axes = along.at(s), along.axes(s, self.poles(output))
+        (s, error, _), double = places[:3].tolist(), places[3:]
+        types = [TYPES[moves] for moves in zip(*(~np.isnan(double)).tolist(), strict=True)]
+        there, axes = along.at(places[0]), along.axes(places[0], self.poles(output))
         rest = {
             pole: there.speeds(pole)[0] <= AT_REST * there.rounding
             for pole in self.poles(output)
         }
-        made = self._judged(output, axes, there, [place.type for place in places], rest)
         return [
-            SingularPoint(
-                place.type,
-                ends[1],
-                ((number, float(place.s)),),
-                float(place.error),
-                values,
-                place.input is False,
-                place.output is False,
-                bool(place.input or place.output),
-                note,
-                relations,
-            )
-            for place, values, note, relations in zip(
-                places, there.values, doubts(places, ends[0] != ends[1]), made, strict=True
+            SingularPoint(kind, ends[1], ((number, place),), *row)
+            for kind, place, *row in zip(
+                types,
+                s,
+                error,
+                there.values,
+                *(double == 0.0).tolist(),
+                np.any(double == 1.0, axis=0).tolist(),
+                doubts(places, types, ends[0] != ends[1]),
+                self._judged(output, axes, there, types, rest),
+                strict=True,
             )
         ]
 
@@ -394,29 +371,33 @@ def ordered_pole(
     return ordered_pole(mechanism, "/".join(str(word) for word in words))
 
 
-def common_zeros(along: AlongCurve, poles: Sequence[Pole]) -> list[Place]:
-    """Return where at least one of two poles' links rest, as one where they agree."""
-    one, two = (roots for pole in poles if (roots := along.zeros(pole)))
-    gap = np.abs(one.s[:, None] - two.s)
+def common_zeros(along: AlongCurve, poles: Sequence[Pole]) -> Floats:
+    """Return where at least one of two poles' links rest, as one where they agree.
+
+    For each of n places, in order (5, n): s, a bound of its error, by what (rad) the two
+    zeros miss each other, and for either pole 1 where its zero is double, 0 where it is
+    not, and NaN where its links do not rest.
+    """
+    none = [[np.nan], [np.nan], [np.inf]]
+    one, two = (
+        np.hstack([np.stack(roots), none]) for pole in poles if (roots := along.zeros(pole))
+    )
+    gap = np.abs(one[0][:, None] - two[0])
     if along.curve.closed:
         gap = np.minimum(gap, along.curve.length - gap)
-    met = gap <= one.error[:, None] + two.error
-    places = []
-    for k, j in np.argwhere(met).tolist():
-        first = one.error[k] <= two.error[j]
-        s, error = (one.s[k], one.error[k]) if first else (two.s[j], two.error[j])
-        spread, members = gap[k, j], map(bool, (one.double[k], two.double[j]))
-        places.append(Place(s, max(error, spread), spread, *members))
-    for k in np.flatnonzero(~met.any(axis=1)).tolist():
-        places.append(Place(one.s[k], one.error[k], 0.0, bool(one.double[k]), None))
-    for j in np.flatnonzero(~met.any(axis=0)).tolist():
-        places.append(Place(two.s[j], two.error[j], 0.0, None, bool(two.double[j])))
-    return sorted(places, key=lambda place: place.s)
+    met = gap <= one[2][:, None] + two[2]
+    met[:-1, -1], met[-1, :-1] = ~met[:-1].any(axis=1), ~met[:, :-1].any(axis=0)
+    rows, columns = np.nonzero(met)
+    one, two, spread = one[:, rows], two[:, columns], np.nan_to_num(gap[met])
+    s, _, error = np.where(one[2] <= two[2], one, two)
+    places = np.stack([s, np.maximum(error, spread), spread, one[1], two[1]])
+    return places[:, np.argsort(s, kind="stable")]
 
 
-def doubts(places: Sequence[Place], different: bool) -> list[str]:
-    """Return for each of some places in order why its type is not certain, or nothing."""
-    notes = [""] * len(places)
+def doubts(places: Floats, types: Sequence[Type], different: bool) -> list[str]:
+    """Return for each of the places of `common_zeros` why its type is not certain."""
+    s, error, spread = places[:3].tolist()
+    notes = [""] * len(types)
 
     def undecided(gap: float, error: float) -> str:
         return (
@@ -424,13 +405,13 @@ def doubts(places: Sequence[Place], different: bool) -> list[str]:
             f"the places are known to {error:.3g} rad"
         )
 
-    for k, place in enumerate(places):
-        if different and place.type == Type.SELF_MOTION and place.error > WIDE:
-            notes[k] = undecided(place.spread, place.error)
-    for k, (one, other) in enumerate(pairwise(places)):
-        gap, error = other.s - one.s, one.error + other.error
-        if one.type != other.type and gap < BESIDE * error:
-            notes[k] = notes[k + 1] = undecided(gap, error)
+    for k, kind in enumerate(types):
+        if different and kind == Type.SELF_MOTION and error[k] > WIDE:
+            notes[k] = undecided(spread[k], error[k])
+    for k, (one, other) in enumerate(pairwise(types)):
+        gap, both = s[k + 1] - s[k], error[k] + error[k + 1]
+        if one != other and gap < BESIDE * both:
+            notes[k] = notes[k + 1] = undecided(gap, both)
     return notes
 
 

@@ -340,40 +340,31 @@ def rotation(axis: Floats, angle: ArrayLike) -> Floats:
     return np.eye(3) + np.sin(angle) * skew + 2.0 * np.sin(0.5 * angle) ** 2 * (skew @ skew)
 
 
-@dataclass(frozen=True)
-class LogRate:
-    """How the rotation vector d of Q changes with the spatial angular velocity w of Q.
+def log_rate(vector: Floats, w: Floats) -> Floats:
+    """Return the change d' (n, 3) of rotation vectors d as Q turns at w (n, 3).
 
     d' = w - d x w / 2 + c d x (d x w) with c = (1 - (a / 2) cot(a / 2)) / a^2 and a the
-    length of d (Bullo and Murray 1995, eq. 2.11). With `sense` = -1 the second term is
-    added: that form takes the angular velocity in the axes of the rotated body.
+    length of d, w the spatial angular velocity of Q (Bullo and Murray 1995, eq. 2.11). With
+    w in the axes of the rotated body the second term is added: it is that of -d.
     """
+    first = cross(vector, w)
+    return w - 0.5 * first + _series(vector)[0] * cross(vector, first)
 
-    vector: Floats
-    sense: float = 1.0
 
-    def of(self, w: Floats) -> Floats:
-        """Return d' (n, 3) for angular velocities (n, 3)."""
-        d = self.vector
-        first = cross(d, w)
-        factor, _ = _series(d)
-        return w - 0.5 * self.sense * first + factor * cross(d, first)
-
-    def changed(self, rate: Floats, w: Floats) -> Floats:
-        """Return the change (n, 3) of `of(w)` for fixed w while d changes at `rate`."""
-        d = self.vector
-        factor, slope = _series(d)
-        along = 2.0 * np.sum(d * rate, axis=1, keepdims=True)
-        first, turned = cross(d, w), cross(rate, w)
-        return (
-            -0.5 * self.sense * turned
-            + slope * along * cross(d, first)
-            + factor * (cross(rate, first) + cross(d, turned))
-        )
+def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
+    """Return the change (n, 3) of `log_rate` for fixed w while d changes at `rate`."""
+    factor, slope = _series(vector)
+    along = 2.0 * np.sum(vector * rate, axis=1, keepdims=True)
+    first, turned = cross(vector, w), cross(rate, w)
+    return (
+        -0.5 * turned
+        + slope * along * cross(vector, first)
+        + factor * (cross(rate, first) + cross(vector, turned))
+    )
 
 
 def _series(vector: Floats) -> tuple[Floats, Floats]:
-    """Return c (n, 1) of `LogRate` and its derivative by the square of the angle."""
+    """Return c (n, 1) of `log_rate` and its derivative by the square of the angle."""
     square = np.sum(vector * vector, axis=1, keepdims=True)
     small = square < 1.0
     safe = np.where(small, 1.0, square)
@@ -458,20 +449,6 @@ def from_tilt_torsion(angles: Floats) -> Floats:
     return from_euler_zyz(np.stack([azimuth, tilt, torsion - azimuth], axis=1))
 
 
-@dataclass(frozen=True)
-class MirrorAngles:
-    """`phi`, `gamma` and `omega` (n,) rad of mirrors with n_z >= 0.
-
-    phi runs from -pi to pi: it is the arc from Q to P, negative where P is on the side
-    z < 0, so that all three angles are smooth where P passes through Q. gamma runs from
-    -pi to pi, omega from -pi / 2 to pi / 2. The paper has phi >= 0 only.
-    """
-
-    phi: Floats
-    gamma: Floats
-    omega: Floats
-
-
 def reflections(normals: Floats) -> Floats:
     """Return the matrices (..., 3, 3) of mirrors with unit normals (..., 3)."""
     return np.eye(3) - 2.0 * normals[..., :, None] * normals[..., None, :]
@@ -482,14 +459,17 @@ def upward(normals: Floats) -> Floats:
     return np.where(normals[..., 2:] < 0.0, -normals, normals)
 
 
-def mirror_angles(normals: Floats) -> MirrorAngles:
-    """Return the angles of mirrors with unit normals (n, 3) in the paper's axes."""
+def mirror_angles(normals: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return phi, gamma and omega (n,) rad of mirrors with unit normals (n, 3).
+
+    In the paper's axes, for n_z >= 0. phi runs from -pi to pi: it is the arc from Q to P,
+    negative where P is on the side z < 0, so that all three angles are smooth where P
+    passes through Q. gamma runs from -pi to pi, omega from -pi / 2 to pi / 2. The paper has
+    phi >= 0 only.
+    """
     x, y, z = np.moveaxis(upward(normals), -1, 0)
-    return MirrorAngles(
-        -2.0 * np.arctan2(x, np.hypot(y, z)),
-        2.0 * np.arctan2(y, np.hypot(x, z)),
-        np.arctan2(y, z),
-    )
+    phi = -2.0 * np.arctan2(x, np.hypot(y, z))
+    return phi, 2.0 * np.arctan2(y, np.hypot(x, z)), np.arctan2(y, z)
 
 
 def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
@@ -577,8 +557,6 @@ def nans(shape: int | tuple[int, ...]) -> Floats:
     return np.full(shape, np.nan)
 
 
-def max_abs(
-    values: ArrayLike, axis: int | tuple[int, ...] | None = None, initial: float = 0.0
-) -> Any:
-    """Return the largest size of numbers, or the `initial` one, of all or along axes."""
-    return np.max(np.abs(values), axis=axis, initial=initial)
+def max_abs(values: ArrayLike, axis: int | tuple[int, ...] | None = None) -> Any:
+    """Return the largest size of numbers, of all or along axes; 0 of none."""
+    return np.max(np.abs(values), axis=axis, initial=0.0)
