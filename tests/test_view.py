@@ -3,6 +3,7 @@
 import resource
 import socket
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,7 +11,6 @@ from closed_forms import (
     FOUR_BAR_ARCS,
     Arcs,
     four_bar_angles,
-    four_bar_axes,
     four_bar_coefficients,
     four_bar_frames,
     four_bar_poles,
@@ -23,18 +23,9 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.analysis.link_scenes import link_bodies
-from spherekit.analysis.scene import (
-    Arrow,
-    Body,
-    Graph,
-    GreatCircle,
-    Primitive,
-    RecordingHead,
-    Scene,
-    Series,
-    Text,
-)
+from spherekit.analysis.scene import Arrow, RecordingHead, Scene, rows_of
 from spherekit.errors import OutputError
+from spherekit.figures.collector import Collector
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.sphere.rotation import frame_from, perpendicular, quaternion
 from spherekit.view.blueprint import input_scale, input_timeline
@@ -45,88 +36,53 @@ from spherekit.view.shapes import path_on_sphere
 
 SAMPLES = np.arange(361)
 INPUTS = np.radians(SAMPLES)
-NO_CRANK: Arcs = (np.pi / 3, np.radians(50), np.radians(40), np.radians(50))
+FOUR_BAR = sk.load("four_bar")
+SERIES = "plots/velocity/4_1"
+PLOTTED = ("plots/velocity/3_1", SERIES, "plots/acceleration/4_1")
+NO_CRANK: Arcs = (np.pi / 3, np.radians(50), np.radians(38), np.radians(50))
 """Closes on part of the turn only."""
 
-NAMES = ("1 frame", "2 crank", "3 coupler", "4 rocker")
-ENDS = (("41", "21"), ("21", "32"), ("32", "43"), ("43", "41"))
 
+@cache
+def told(arcs):
+    """Return what a run of a four-bar tells at first, and what of each mode, some plots.
 
-def quaternions(matrices):
-    """Return (n, 4) xyzw of rotation matrices, NaN where these are."""
-    found = np.full((len(matrices), 4), np.nan)
-    good = np.isfinite(matrices).all(axis=(1, 2))
-    found[good] = Rotation.from_matrix(matrices[good]).as_quat()
-    return found
-
-
-def link(number, arcs, turn):
-    """Return link `number` of the four-bar, along its arc from z towards y."""
-    angle = np.linspace(0.0, arcs[number - 1], 24)
-    curve = np.stack([np.zeros_like(angle), np.sin(angle), np.cos(angle)], axis=-1)
-    return Body(
-        path=f"link/{number}",
-        label=NAMES[number - 1],
-        curves=[curve],
-        joints=curve[[0, -1]],
-        joint_labels=ENDS[number - 1],
-        number=number - 1,
-        quaternions=turn,
-    )
+    Modes are numbered as the closed forms number them.
+    """
+    sizes = zip(FOUR_BAR.geometry.links.items(), arcs, strict=True)
+    links = {name: replace(size, arcs=(arc,)) for (name, size), arc in sizes}
+    made = replace(FOUR_BAR, geometry=replace(FOUR_BAR.geometry, links=links))
+    run = Collector()
+    sk.run(made, "poles", samples=len(SAMPLES), recorder=run)
+    modes = {
+        mode: tuple(
+            item
+            for scene in run.scenes()
+            if scene.page == 1 - mode
+            for item in scene.primitives
+            if item.path in PLOTTED or not item.path.startswith("plots/")
+        )
+        for mode in (0, 1)
+    }
+    return run.scenes()[0], modes
 
 
 def resting(arcs):
-    """Return what does not move: the frame, the graph, the plan."""
-    pairs = [("R " + name, (0.5 * x, 0.5 * y)) for name, x, y in PAIR_PLACES]
-    nodes = [(name[0], name, k) for k, name in enumerate(NAMES)]
-    nodes += [(name, name, None) for name, _ in pairs]
-    corners = [(0.0, 1.0), (0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]
-    edges = [(f"R {name}", digit) for name, _, _ in PAIR_PLACES for digit in name]
-    graph = Graph("graph", nodes, edges, corners + [place for _, place in pairs])
-    return Scene(None, (link(1, arcs, None), graph, Text("plan", "Plan", PLAN)))
-
-
-PAIR_PLACES = (("21", 0, 1), ("32", 1, 0), ("43", 2, 1), ("41", 1, 2))
-PLAN = """```
- pass   pole   lines
-    1   P31    (P21, P32) x (P41, P43)
-    1   P42    (P21, P41) x (P32, P43)
-```"""
+    """Return what does not move: the frame and the plan."""
+    return told(arcs)[0]
 
 
 def block(mode, samples, arcs=FOUR_BAR_ARCS):
     """Return the moving four-bar at some samples."""
-    q = INPUTS[samples]
-    frames = four_bar_frames(q, arcs, mode)
-    u = four_bar_axes(q, arcs, mode)
-    parts: list[Primitive] = [link(j, arcs, quaternions(frames[j])) for j in (2, 3, 4)]
-    parts += [Arrow(f"pole/{k}", f"P{k}", axis, True) for k, axis in u.items()]
-    parts += [
-        Arrow(f"pole/{k}", f"P{k}", axis, False)
-        for k, axis in four_bar_poles(q, arcs, mode).items()
-    ]
-    for a, b in (("41", "43"), ("21", "32")):
-        normal = np.cross(u[a], u[b])
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        parts.append(GreatCircle(f"construction/31_{a}_{b}", f"P{a}, P{b}", normal))
-    third, fourth = four_bar_coefficients(q, arcs, mode)
-    theta41 = np.degrees(four_bar_angles(q, arcs, mode))
-    group = "Velocity coefficients"
-    parts += [
-        Series("plots/velocity/w31", "ω31/ω21", group, third),
-        Series("plots/velocity/w41", "ω41/ω21", group, fourth),
-        Series("plots/position/theta41", "θ41 (deg)", "Position", theta41),
-    ]
-    return Scene(mode, tuple(parts))
+    return part(Scene(mode, told(arcs)[1][mode]), samples)
 
 
 def part(scene, rows):
     """Return some rows of a scene."""
-    names = ("quaternions", "directions", "normals", "values")
-    parts = []
-    for primitive in scene.primitives:
-        name = next(name for name in names if hasattr(primitive, name))
-        parts.append(replace(primitive, **{name: getattr(primitive, name)[rows]}))
+    parts = [
+        replace(item, **{name: values[rows] for name, values in rows_of(item).items()})
+        for item in scene.primitives
+    ]
     return Scene(scene.page, tuple(parts))
 
 
@@ -179,23 +135,26 @@ def partial(tmp_path_factory):
 def test_series_keep_every_digit_and_both_timelines(recording):
     found = columns(recording)
     for mode in (0, 1):
-        entity = f"/four_bar/assembly_mode_{mode}/plots/velocity/w41"
+        entity = f"/four_bar/assembly_mode_{mode}/{SERIES}"
         values = np.concatenate(found[entity, "Scalars:scalars"])
         _, fourth = four_bar_coefficients(INPUTS, FOUR_BAR_ARCS, mode)
-        np.testing.assert_array_equal(values, fourth)
+        np.testing.assert_allclose(values, fourth, atol=1e-12)
+        (logged,) = [x for x in told(FOUR_BAR_ARCS)[1][mode] if x.path == SERIES]
+        np.testing.assert_array_equal(values, logged.values)
         for timeline in ("sample", "input_deg"):
             assert found[entity, timeline] == SAMPLES.tolist()
 
 
 def test_poles_and_links_are_where_they_belong(recording):
     found = columns(recording)
-    vectors = np.array(found["/four_bar/assembly_mode_1/pole/31", "Arrows3D:vectors"])
+    vectors = np.array(found["/four_bar/assembly_mode_1/pole/3_1", "Arrows3D:vectors"])
     u31 = four_bar_poles(INPUTS, FOUR_BAR_ARCS, 1)["31"]
     np.testing.assert_allclose(vectors[:, 0], 1.25 * u31, atol=1e-6)
     entity = "/four_bar/assembly_mode_1/link/3"
     turns = np.array(found[entity, "Transform3D:quaternion"])[:, 0]
     frames = four_bar_frames(INPUTS, FOUR_BAR_ARCS, 1)
-    np.testing.assert_allclose(turns, quaternions(frames[3]), atol=1e-6)
+    turned = Rotation.from_quat(turns).as_matrix()
+    np.testing.assert_allclose(turned, frames[3], atol=1e-6)
     np.testing.assert_allclose(np.array(found[entity, "Transform3D:scale"]), 1.0)
 
 
@@ -210,7 +169,7 @@ def test_what_stays_is_logged_once(partial):
     assert len(still) == len(set(still))
     curves = {entity for entity, name in still if name == "LineStrips3D:strips"}
     links = {f"/four_bar/assembly_mode_{m}/link/{j}" for m in (0, 1) for j in (2, 3, 4)}
-    paths = {f"/four_bar/assembly_mode_{m}/pole/31/path" for m in (0, 1)}
+    paths = {f"/four_bar/assembly_mode_{m}/pole/3_1/path" for m in (0, 1)}
     assert links | paths | {"/four_bar/link/1"} <= curves
 
 
@@ -255,10 +214,10 @@ def test_curves_have_the_colours_of_their_plot_and_compare_is_legible(tmp_path):
         names = found[f"{chart}/legend"]
         assert len(set(names)) == 2
         assert names == [found[f"{chart}/curves/{k}"][0] for k in (0, 1)]
-    assert "/x/compare/position/curves/1" in entities
+    assert "/x/compare/acceleration_coefficients_1_rad/curves/1" in entities
     many = RrdReader(of_assembly_modes(tmp_path / "many.rrd", 31)).stream()
     compared = {c.entity_path for c in many if c.entity_path.startswith("/x/compare/")}
-    assert {path.split("/")[3] for path in compared} == {"position"}
+    assert {path.split("/")[3] for path in compared} == {"acceleration_coefficients_1_rad"}
 
 
 def test_failed_samples_leave_nothing_on_the_screen(partial):
@@ -266,18 +225,18 @@ def test_failed_samples_leave_nothing_on_the_screen(partial):
     failed = np.isnan(four_bar_angles(INPUTS, NO_CRANK, 0))
     assert 0 < failed.sum() < len(failed)
     base = "/four_bar/assembly_mode_0"
-    arrows = found[f"{base}/pole/31", "Arrows3D:vectors"]
+    arrows = found[f"{base}/pole/3_1", "Arrows3D:vectors"]
     assert [len(row or []) for row in arrows] == (~failed).astype(int).tolist()
     labels = found[f"{base}/link/3/labels", "Points3D:show_labels"]
     assert [row[0] for row in labels] == (~failed).tolist()
-    for entity in (f"{base}/link/3", f"{base}/construction/31_41_43"):
+    for entity in (f"{base}/link/3", f"{base}/construction/circle_0"):
         turns = np.array(found[entity, "Transform3D:quaternion"])
         assert np.isfinite(turns).all()
         scale = np.array(found[entity, "Transform3D:scale"])[:, 0, 0]
         assert np.array_equal(scale < 1e-3, failed)
     shown = found[f"{base}/status", "Points3D:positions"]
     assert [len(row or []) for row in shown] == failed.astype(int).tolist()
-    values = np.concatenate(found[f"{base}/plots/velocity/w41", "Scalars:scalars"])
+    values = np.concatenate(found[f"{base}/{SERIES}", "Scalars:scalars"])
     assert np.array_equal(np.isnan(values), failed)
 
 
