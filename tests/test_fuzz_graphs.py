@@ -61,32 +61,6 @@ def check_plan(plan):
     assert len(shown["steps"]) == len(plan.steps) and as_text(plan)
 
 
-def check_kennedy(field, links):
-    """Three poles lie on a great circle, and their angular velocities add up.
-
-    Links that rest relative to each other have no pole but the axis of a pair they share,
-    which may lie anywhere.
-    """
-    good = field.status == Status.OK
-    for i, j, k in combinations(range(links), 3):
-        poles = [(i, j), (j, k), (i, k)]
-        sure = good.copy()
-        for pole in poles:
-            sure &= (field.pole_status[pole] == Status.OK) & (field.error[pole] < 1e-9)
-        w = [
-            field.direction[p][sure] * field.velocity_coefficient[p][sure][:, None]
-            for p in poles
-        ]
-        scale = np.maximum(1.0, np.max(np.abs(w), axis=(0, 2), initial=0.0))
-        gap = np.max(np.abs(w[0] + w[1] - w[2]), axis=1, initial=0.0)
-        assert np.max(gap / scale, initial=0.0) < 1e-8
-        rates = [np.abs(field.velocity_coefficient[pole][sure]) for pole in poles]
-        moving = np.min(rates, axis=0) > 1e-6 * scale
-        one, other, third = (field.direction[pole][sure][moving] for pole in poles)
-        triple = np.sum(np.cross(one, other) * third, axis=1)
-        assert np.max(np.abs(triple), initial=0.0) < 1e-8
-
-
 def check_same(made, order):
     """Names, orders, exchanged links and a rotation change nothing but how it is said."""
     other, names = reordered(turned(made, TURN), order)
@@ -189,17 +163,6 @@ def test_every_pole_of_a_plan_is_found_once():
             check_plan(plan)
         checked += 1
     assert checked > 50
-
-
-def test_three_poles_lie_on_a_great_circle():
-    for made in mechanisms(range(300, 340)):
-        try:
-            _, found = fields(made)
-        except SpherekitError as refusal:
-            assert len(str(refusal)) > 30
-            continue
-        for field in found.values():
-            check_kennedy(field, len(made.links))
 
 
 def test_said_otherwise_it_is_the_same():

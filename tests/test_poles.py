@@ -3,10 +3,6 @@
 import numpy as np
 import pytest
 from chains import EIGHT_BARS, joints, mechanism, random_axes, random_chain
-from closed_forms import (
-    FOUR_BAR_ARCS,
-    four_bar_axes,
-)
 from common import field_of
 from oracles import null_space, off_axis
 from refusals import text_of
@@ -19,22 +15,6 @@ from spherekit.files.read import loads
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
-
-
-@pytest.fixture(scope="module")
-def four_bar():
-    motion, field = field_of(sk.load("four_bar"))
-    modes = {}
-    for assembly_mode in motion.assembly_modes:
-        rows = motion.assembly_mode == assembly_mode.number
-        theta41 = motion.values[rows, motion.mechanism.pair_number["41"]]
-        for p in (0, 1):
-            u43 = four_bar_axes(motion.q[rows], FOUR_BAR_ARCS, p)["43"]
-            if np.allclose(motion.axes[rows, 2], u43, atol=1e-6):
-                modes[p] = rows
-        assert np.all(np.isfinite(theta41))
-    assert sorted(modes) == [0, 1]
-    return motion, field, modes
 
 
 def _vector(field, pole, rows):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from newton_euler import loaded, newton_euler
+from newton_euler import loaded, newton_euler, row_of
 
 import spherekit as sk
 from spherekit.conventions import Status
@@ -41,17 +41,8 @@ def test_newton_and_euler_give_the_same_reactions(name):
     size = np.max(np.abs(found.moments))
     assert np.max(found.unbalanced) < 1e-12 * size
     assert not np.any(found.is_open)
-    for row, t in enumerate(torques.t):
-        want = newton_euler(
-            made,
-            torques.values[row],
-            torques.values[row, made.angles[joint]],
-            t,
-            torques.input_rates[row],
-            torques.input_accelerations[row],
-            joint,
-            full=True,
-        )
+    for row in range(len(torques.t)):
+        want = newton_euler(*row_of(torques, row, joint), full=True)
         for k, pair in enumerate(made.pairs):
             held = len(want[pair.name])
             got = found.moments[row, k]
