@@ -9,7 +9,8 @@ Triangles between singular configurations: split more finely, and cut at a range
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import islice, pairwise
 from typing import Self
 
@@ -25,7 +26,6 @@ from spherekit.region.mesh import edges_of
 from spherekit.singular.locus import (
     LockedInputSection,
     LocusPoints,
-    SingularityLocus,
     solver_of,
 )
 from spherekit.singular.several import LocusName, SingularityReport, SingularPoints
@@ -34,30 +34,70 @@ from spherekit.singular.stationarity import output_of
 
 
 @dataclass(frozen=True)
-class Mesh:
-    """Triangles of vertices on a locus.
+class SingularSurface:
+    """A mesh of singular configurations.
 
     Attributes
     ----------
-    locus, points
-        The locus, and the vertices (n).
+    view, nodes
+        The singularities of a type, and the vertices (n): each is singular to
+        `points.residual`.
     triangles
-        (m, 3) numbers of vertices.
+        (m, 3) numbers of vertices. Edges of triangles may join values of angles that are
+        whole turns apart.
     component
         (n,) number of the seed each vertex was reached from.
     held
         (n, V) which variables of vertices are at an end of a range that cuts the mesh.
+    side
+        Length (rad, in the variables) of the edges aimed at, after halving.
+    claim
+        What is known of surfaces that were not found.
+    irregular
+        How many singular configurations met within the ranges lie where the locus is not a
+        regular surface: it crosses itself there, or fills a part of the configurations.
+    full
+        Whether the mesh ended at the greatest number of vertices.
+    everywhere
+        Whether every configuration is of the type, so that there is no surface.
     """
 
-    locus: SingularityLocus
-    points: LocusPoints
+    view: SingularityReport
+    nodes: LocusPoints
     triangles: Indices
     component: Integers
     held: Bools
+    side: float
+    claim: Completeness
+    irregular: int
+    full: bool
+    everywhere: bool
+
+    @property
+    def kind(self) -> LocusName:
+        """The type."""
+        return self.view.kind
+
+    @cached_property
+    def points(self) -> SingularPoints:
+        """The vertices, as the inputs and the output see them."""
+        return self.view.points(self.nodes)
+
+    @property
+    def guarantee(self) -> str:
+        """What the mesh guarantees, in words."""
+        return (
+            "vertices are exact; between them the mesh is flat, with edges of about "
+            f"{np.degrees(self.side):.3g} deg; {self.claim}"
+        )
 
     @property
     def border(self) -> Indices:
-        """(k, 2) the edges with one triangle."""
+        """(k, 2) edges with one triangle.
+
+        There the surface leaves the ranges, comes near to a crossing of surfaces, or was
+        not closed.
+        """
         edges, sides = edges_of(self.triangles)
         return edges[np.bincount(sides.ravel(), minlength=len(edges)) == 1]
 
@@ -67,25 +107,26 @@ class Mesh:
         An edge whose middle Newton's method does not find is kept.
         """
         edges, _ = edges_of(self.triangles)
-        borders = np.swapaxes(self.points.tangents[edges[:, 0]], 1, 2)
+        borders = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
         made = self._found(edges, *self._between(edges, 0.5), borders)
-        every = np.ones(len(self.points), dtype=bool)
+        every = np.ones(len(self.nodes), dtype=bool)
         held = np.zeros((len(edges), self.held.shape[1]), dtype=bool)
-        return self._divided(np.arange(len(edges)), made, held, every)
+        halved = self._divided(np.arange(len(edges)), made, held, every)
+        return replace(halved, side=0.5 * self.side)
 
     def within(self, driven: int, low: float, high: float) -> Self:
         """Return what of the mesh has a variable (rad) in a range, cut at its ends."""
         mesh: Self = self
         for end, way in ((low, 1.0), (high, -1.0)):
-            period = periods_of(self.locus.closure)[driven]
-            q = into_range(mesh.points.values[:, driven], low, high, period)
+            period = periods_of(self.view.locus.closure)[driven]
+            q = into_range(mesh.nodes.values[:, driven], low, high, period)
             mesh = mesh._cut(driven, way * (q - end), end, period)
         return mesh
 
     def only(self, wanted: Bools) -> Self:
         """Return the triangles whose vertices are all wanted (n,)."""
         none = np.zeros(0, dtype=np.intp)
-        return self._divided(none, self.points.rows(none), self.held[:0], wanted)
+        return self._divided(none, self.nodes.rows(none), self.held[:0], wanted)
 
     def _cut(self, driven: int, beyond: Floats, end: float, period: float) -> Self:
         """Return the part where a variable is `beyond` (n,) an end of its range."""
@@ -97,7 +138,7 @@ class Mesh:
         guess, motions = self._between(crossing, (one / (one + other))[:, None])
         every = np.eye(guess.shape[1])
         held = np.all(self.held[crossing], axis=1)
-        tangents = self.points.tangents[crossing[:, 0]]
+        tangents = self.nodes.tangents[crossing[:, 0]]
         beside = np.einsum("nvk,nk->nv", tangents, tangents[:, driven, ::-1] * [-1.0, 1.0])
         beside = np.where(held.any(axis=1)[:, None], every[held.argmax(axis=1)], beside)
         borders = np.stack([np.broadcast_to(every[driven], guess.shape), beside], axis=1)
@@ -110,9 +151,11 @@ class Mesh:
 
     def _between(self, edges: Indices, part: Floats | float) -> tuple[Floats, Floats]:
         """Return values and motions (k, V) at a part (k, 1) of the way along edges."""
-        values, motions = self.points.values, self.points.motions
+        values, motions = self.nodes.values, self.nodes.motions
         one, other = edges.T
-        away = less_periods(values[other] - values[one], periods_of(self.locus.closure))
+        away = less_periods(
+            values[other] - values[one], periods_of(self.view.locus.closure)
+        )
         sense = np.sign(np.sum(motions[one] * motions[other], axis=1))[:, None]
         turned = sense * motions[other] - motions[one]
         return values[one] + part * away, motions[one] + part * turned
@@ -122,10 +165,10 @@ class Mesh:
     ) -> LocusPoints:
         """Return the locus near guesses, NaN where that is not between the edge's ends."""
         targets = np.einsum("nkv,nv->nk", borders, guess)
-        made = self.locus.correct(guess, motions, borders, targets)
-        first, last = np.moveaxis(self.points.values[edges], 1, 0)
+        made = self.view.locus.correct(guess, motions, borders, targets)
+        first, last = np.moveaxis(self.nodes.values[edges], 1, 0)
         length = np.linalg.norm(
-            less_periods(last - first, periods_of(self.locus.closure)), axis=1
+            less_periods(last - first, periods_of(self.view.locus.closure)), axis=1
         )
         far = ~(np.linalg.norm(made.values - guess, axis=1) < 0.5 * length)
         made.residual[far] = np.nan
@@ -141,7 +184,7 @@ class Mesh:
         edges, sides = edges_of(self.triangles)
         (good,) = np.nonzero(made.good)
         number = np.full(len(edges), -1)
-        number[which[good]] = len(self.points) + np.arange(len(good))
+        number[which[good]] = len(self.nodes) + np.arange(len(good))
         rows = (
             part.tolist()
             for part in (self.triangles, number[sides], inside[self.triangles])
@@ -151,12 +194,12 @@ class Mesh:
         used, numbers = np.unique(
             np.array(triangles, dtype=np.intp).reshape(-1, 3), return_inverse=True
         )
-        return type(self)(
-            self.locus,
-            LocusPoints.joined([self.points, made.rows(good)]).rows(used),
-            numbers.reshape(-1, 3),
-            np.concatenate([self.component, component])[used],
-            np.concatenate([self.held, held[good]])[used],
+        return replace(
+            self,
+            nodes=LocusPoints.joined([self.nodes, made.rows(good)]).rows(used),
+            triangles=numbers.reshape(-1, 3),
+            component=np.concatenate([self.component, component])[used],
+            held=np.concatenate([self.held, held[good]])[used],
         )
 
 
@@ -207,55 +250,6 @@ FLAT = 1e-4
 Edge = tuple[int, int]
 
 
-@dataclass(frozen=True)
-class SingularSurface:
-    """A mesh of singular configurations.
-
-    Attributes
-    ----------
-    kind, points
-        The type, and the vertices (n): each is singular to `points.residual`.
-    triangles
-        (m, 3) numbers of vertices. Edges of triangles may join values of angles that are
-        whole turns apart.
-    border
-        (k, 2) edges with one triangle: where the surface leaves the ranges, comes near to
-        a crossing of surfaces, or was not closed.
-    component
-        (n,) number of the seed each vertex was reached from.
-    side
-        Length (rad, in the variables) of the edges aimed at, after halving.
-    claim
-        What is known of surfaces that were not found.
-    irregular
-        How many singular configurations met within the ranges lie where the locus is not a
-        regular surface: it crosses itself there, or fills a part of the configurations.
-    full
-        Whether the mesh ended at the greatest number of vertices.
-    everywhere
-        Whether every configuration is of the type, so that there is no surface.
-    """
-
-    kind: LocusName
-    points: SingularPoints
-    triangles: Indices
-    border: Indices
-    component: Integers
-    side: float
-    claim: Completeness
-    irregular: int
-    full: bool
-    everywhere: bool = False
-
-    @property
-    def guarantee(self) -> str:
-        """What the mesh guarantees, in words."""
-        return (
-            "vertices are exact; between them the mesh is flat, with edges of about "
-            f"{np.degrees(self.side):.3g} deg; {self.claim}"
-        )
-
-
 def singular_surface(
     mechanism: Mechanism,
     kind: LocusName = "II",
@@ -299,19 +293,25 @@ def singular_surface(
     if halved:
         source.budget = front.budget = budget.part(1.0 / (1.0 + HALVING * 4**halved))
     irregular = 0 if source.everywhere else front.grow_all(source)
-    mesh = front.finished(halved, budget)
-    return SingularSurface(
-        kind,
-        view.points(mesh.points),
-        mesh.triangles,
-        mesh.border,
-        mesh.component,
-        side / 2**halved,
+    none = view.locus.onto(np.zeros((0, len(front.periods))))
+    mesh = SingularSurface(
+        view,
+        LocusPoints.joined([none, *front.parts]),
+        np.array(front.triangles, dtype=np.intp).reshape(-1, 3),
+        np.array(front.component, dtype=np.int64),
+        np.zeros(front.values.shape, dtype=bool),
+        side,
         EVERYWHERE if source.everywhere else source.claim("surface"),
         irregular,
         len(front.values) >= MOST_VERTICES,
         source.everywhere,
     )
+    for _ in range(halved):
+        budget.tell(f"halving the edges of {len(mesh.triangles)} triangles")
+        mesh = mesh.split()
+    for number, item in zip(solver.driven, solver.mechanism.inputs, strict=True):
+        mesh = mesh.within(number, *item.range)
+    return mesh.only(view.is_own(view.types(mesh.nodes.values)))
 
 
 class _Front:
@@ -342,24 +342,6 @@ class _Front:
         self.ready: dict[Edge, LocusPoints | None] = {}
         self.ways: set[Edge] = set()
         self.closed: set[Edge] = set()
-
-    def finished(self, halved: int, budget: TimeLimit) -> Mesh:
-        """Return it with its edges halved so often, cut at the ranges of the inputs."""
-        none = self.locus.onto(np.zeros((0, len(self.periods))))
-        mesh = Mesh(
-            self.locus,
-            LocusPoints.joined([none, *self.parts]),
-            np.array(self.triangles, dtype=np.intp).reshape(-1, 3),
-            np.array(self.component, dtype=np.int64),
-            np.zeros(self.values.shape, dtype=bool),
-        )
-        for _ in range(halved):
-            budget.tell(f"halving the edges of {len(mesh.triangles)} triangles")
-            mesh = mesh.split()
-        solver = self.view.solver
-        for number, item in zip(solver.driven, solver.mechanism.inputs, strict=True):
-            mesh = mesh.within(number, *item.range)
-        return mesh.only(self.view.is_own(self.view.types(mesh.points.values)))
 
     def away(self, origin: Floats, rows: Indices | slice | list[int]) -> Floats:
         """Return vertices (n, V) as seen from a configuration, less whole periods."""
