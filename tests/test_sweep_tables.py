@@ -7,11 +7,10 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 import pytest
+from common import Asking
 
 import spherekit as sk
 from spherekit.analysis import folder
-from spherekit.analysis.batch import Needs
-from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.tables import SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.design import sweep_identity
@@ -115,20 +114,15 @@ def test_figures_in_the_same_assembly_mode_share_a_row(name, link, arc, modes):
 
 
 @dataclass(frozen=True)
-class Doubled(AbstractAnalysis):
+class Doubled(Asking):
     """Twice the input; of inputs up to one turn only."""
 
     name: ClassVar[str] = "doubled"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "twice the input"
     tables: ClassVar[tuple[Table, ...]] = (
         Table("doubled", "twice the input", (SAMPLE, Column("twice", "rad", "2 q"))),
     )
     rowwise: ClassVar[bool] = True
     most: float = 10.0
-
-    def needs(self, mechanism):
-        return Needs()
 
     def compute(self, batch):
         if any(np.radians(44.0) < arc < np.radians(46.0) for arc in _arcs(batch)):

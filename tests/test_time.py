@@ -9,11 +9,11 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from common import Asking
 from refusals import text_of
 
 import spherekit as sk
 from spherekit.analysis.batch import Needs
-from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.run import run
 from spherekit.analysis.tables import Column, Table
 from spherekit.cli.main import main
@@ -75,12 +75,10 @@ def test_without_a_law_the_input_turns_at_1_rad_per_s(study):
 
 
 @dataclass(frozen=True)
-class LastInput(AbstractAnalysis):
+class LastInput(Asking):
     """Shows what an analysis may read of time."""
 
     name: ClassVar[str] = "last_input"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "rates of the last input"
     tables: ClassVar[tuple[Table, ...]] = (
         Table("last_input", "", tuple(Column(c, "", "") for c in ("t", "dq", "ddq"))),
     )

@@ -7,12 +7,12 @@ from typing import ClassVar, final
 import mpmath as mp
 import numpy as np
 import pytest
+from common import Asking
 from exact_four_bar import angle, arcs_of
 
 import spherekit as sk
 from spherekit.analysis import run as runner
 from spherekit.analysis.batch import Needs
-from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.running import summary, verify
 from spherekit.analysis.running.evaluation import ORDINARY
 from spherekit.analysis.running.sampling import Sampling
@@ -195,12 +195,10 @@ def test_several_inputs_times_and_analyses_of_whole_motions():
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Risen(AbstractAnalysis):
+class Risen(Asking):
     """By how much a variable rose since the first sample, which one block cannot say."""
 
     name: ClassVar = "risen"
-    version: ClassVar = "1"
-    summary: ClassVar = "rise of a variable"
     tables: ClassVar = (
         Table("risen", "", (SAMPLE, ASSEMBLY_MODE, Column("rise", "rad", ""))),
     )
@@ -324,9 +322,8 @@ def test_a_study_may_ask_for_it(tmp_path):
 
 
 def test_faults_of_a_plugin_or_a_profile_do_not_lose_the_run(monkeypatch):
-    class Failing(AbstractAnalysis):
-        name, version, summary, rowwise = "failing", "1", "fails when asked again", True
-        tables = ()
+    class Failing(Asking):
+        name, rowwise, tables = "failing", True, ()
         calls = 0
 
         def needs(self, mechanism):
