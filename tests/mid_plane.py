@@ -28,7 +28,7 @@ def mid_plane_mechanism(alphas):
 
 
 def driven_variables(form):
-    return [form.legs[k].base for k in form.plane.driven]
+    return [form.legs[k][0] for k in form.plane.driven]
 
 
 def folds_of(plane, normals):

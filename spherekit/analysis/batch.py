@@ -29,7 +29,7 @@ from spherekit.arrays import Array, Floats, Integers, SmallIntegers
 from spherekit.conventions import Names, Status, listing
 from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Extent, Motion, PositionAnalysis, Timing
+from spherekit.motion.motion import Motion, PositionAnalysis, Timing, extents
 from spherekit.numeric.unread import Interleaved, LazyColumn
 from spherekit.planning.poles import Plan, Pole, pole_of
 from spherekit.rates.request import PoleField
@@ -109,7 +109,7 @@ class Batch:
     _angles: Angles = field(default_factory=dict, repr=False)
     timed: bool = False
     _tracer: PositionAnalysis | None = field(default=None, repr=False)
-    _extent: Callable[[], Extent] | None = field(default=None, repr=False)
+    _of_run: Callable[[], list[Floats]] | None = field(default=None, repr=False)
     _made: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
@@ -168,14 +168,14 @@ class Batch:
     @property
     def q_range(self) -> Range:
         """Least and greatest q of the whole run, rad; `SolveError` with several inputs."""
-        low, high = self._single(self._whole.inputs).tolist()
+        low, high = self._single(self._extents[0]).tolist()
         return low, high
 
     @property
     def dq_range(self) -> Range:
         """Least and greatest dq of the whole run, rad/s; `SolveError` likewise."""
         self._check("time", "time")
-        low, high = self._single(self._whole.rates).tolist()
+        low, high = self._single(self._extents[1]).tolist()
         return low, high
 
     @property
@@ -408,11 +408,11 @@ class Batch:
         return self._motion.timing
 
     @property
-    def _whole(self) -> Extent:
-        """The extent of the run, or of the batch where there is no run."""
-        if self._extent is not None:
-            return self._extent()
-        return Extent.of(self._motion.inputs, self._motion.timing)
+    def _extents(self) -> list[Floats]:
+        """Those of the run, or of the batch where there is no run; see `extents`."""
+        if self._of_run is not None:
+            return self._of_run()
+        return extents(self._motion.inputs, self._motion.timing)
 
     def _single(self, columns: Floats) -> Floats:
         if columns.shape[1] != 1:

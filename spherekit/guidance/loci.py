@@ -18,7 +18,7 @@ closed form, every pair has to close, and the velocity equations have to leave t
 freedoms. The poses that the closed form reaches are then all there are near each of them.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -100,7 +100,7 @@ def mid_plane_form(
             f"the elbows of {len(held)} of {len(legs)} legs with equal arcs are held in "
             "one plane, but those of all, and of three at least, have to be",
         )
-    in_legs = {0, effector, *(n for leg in legs for n in (leg.near, leg.far))}
+    in_legs = {0, effector, *(link for links in legs.values() for link in links)}
     others = set(range(len(made.links))) - in_legs - carried
     if others:
         names = listing(made.links[n] for n in sorted(others))
@@ -120,55 +120,61 @@ def _refusal(mechanism: Mechanism, why: str) -> ModelError:
     return ModelError(f"{mechanism.name} has no mid-plane symmetric architecture: {why}")
 
 
-def _legs(mechanism: Mechanism, joints: Sequence[Joint], effector: int) -> tuple[Leg, ...]:
-    """Return the legs of two links with equal arcs from the base to the end effector."""
+def _legs(
+    mechanism: Mechanism, joints: Sequence[Joint], effector: int
+) -> dict[Leg, tuple[int, int]]:
+    """Return the legs of equal arcs from the base to the end effector, with both links."""
 
     def beside(link: int) -> list[tuple[int, int]]:
         ends = enumerate(mechanism.ends)
         return [(pair, sum(both) - link) for pair, both in ends if link in both]
 
-    legs = [
-        Leg(base, elbow, tip, near, far)
+    legs = {
+        (base, elbow, tip): (near, far)
         for base, near in beside(0)
         for elbow, far in beside(near)
         for tip, end in beside(far)
         if end == effector and not {near, far} & {0, effector}
-    ]
+    }
     if not legs:
         raise _refusal(mechanism, "no leg of two links joins the base to the output")
-    for leg in legs:
+    for (base, elbow, tip), links in legs.items():
         near, far = (
-            arc(*(axis_in(mechanism, joints, pair, link) for pair in (outer, leg.elbow)))
-            for outer, link in ((leg.base, leg.near), (leg.tip, leg.far))
+            arc(*(axis_in(mechanism, joints, pair, link) for pair in (outer, elbow)))
+            for outer, link in zip((base, tip), links, strict=True)
         )
         if abs(near - far) > SAME:
+            first, second = (mechanism.links[link] for link in links)
             raise _refusal(
                 mechanism,
-                f"the arcs of links {mechanism.links[leg.near]} and "
-                f"{mechanism.links[leg.far]} differ, {np.degrees(near):.9g} and "
-                f"{np.degrees(far):.9g} deg",
+                f"the arcs of links {first} and {second} differ, {np.degrees(near):.9g} "
+                f"and {np.degrees(far):.9g} deg",
             )
-    return tuple(legs)
+    return legs
 
 
 def _along(
-    mechanism: Mechanism, joints: Sequence[Joint], effector: int, legs: tuple[Leg, ...]
+    mechanism: Mechanism,
+    joints: Sequence[Joint],
+    effector: int,
+    legs: Mapping[Leg, tuple[int, int]],
 ) -> tuple[dict[int, PairAxis], set[int]]:
     """Return along what the axes of pairs are, and the links that hold elbows in a plane.
 
     Those links are hinged to elbows, and turn about one axis if all pairs close.
     """
     axis, ends = partial(axis_in, mechanism, joints), mechanism.ends
-    owner = {link: k for k, leg in enumerate(legs) for link in (leg.near, leg.far)}
+    owner = {link: k for k, links in enumerate(legs.values()) for link in links}
+    elbows = [elbow for _, elbow, _ in legs]
     along: dict[int, PairAxis] = {}
     for k, leg in enumerate(legs):
-        along |= {leg.base: ("base", k, 1.0), leg.tip: ("tip", k, 1.0)}
-        along[leg.elbow] = "elbow", k, 1.0
+        every = zip(leg, ("base", "elbow", "tip"), strict=True)
+        along |= {pair: (kind, k, 1.0) for pair, kind in every}
     hinged, about = set[int](), list[int]()
     for pair, (a, b) in enumerate(ends):
         holder, link = (a, b) if a in owner else (b, a)
         if holder in owner and link not in {0, effector, *owner}:
-            elbow = axis(legs[owner[holder]].elbow, holder)
+            elbow = axis(elbows[owner[holder]], holder)
             ahead = float(np.sign(axis(pair, holder) @ elbow))
             along[pair] = "elbow", owner[holder], ahead
             hinged.add(link)
@@ -189,10 +195,10 @@ def _assembled(
     mechanism: Mechanism,
     joints: tuple[Joint, ...],
     output: Output,
-    legs: tuple[Leg, ...],
+    legs: Mapping[Leg, tuple[int, int]],
     along: dict[int, PairAxis],
 ) -> MidPlaneArchitecture:
-    at_base = {mechanism.pairs[leg.base].name: k for k, leg in enumerate(legs)}
+    at_base = {mechanism.pairs[base].name: k for k, (base, _, _) in enumerate(legs)}
     inputs = mechanism.input_pairs
     if len(inputs) != 2 or not {*inputs} <= {*at_base}:
         raise _refusal(
@@ -203,9 +209,11 @@ def _assembled(
     driven = at_base[inputs[0]], at_base[inputs[1]]
     axis = partial(axis_in, mechanism, joints)
     effector = mechanism.link_number[output.link]
-    bases = np.stack([axis(leg.base, 0) for leg in legs])
-    tips = np.stack([axis(leg.tip, effector) for leg in legs])
-    elbows = np.stack([axis(leg.elbow, leg.near) for leg in legs])
+    at_bases, at_elbows, at_tips = zip(*legs, strict=True)
+    nears, _ = zip(*legs.values(), strict=True)
+    bases = np.stack([axis(pair, 0) for pair in at_bases])
+    tips = np.stack([axis(pair, effector) for pair in at_tips])
+    elbows = np.stack([*map(axis, at_elbows, nears)])
     first, second = bases[list(driven)]
     across = cross(first, second)
     if np.linalg.norm(across) < SAME:
@@ -220,8 +228,8 @@ def _assembled(
             mechanism,
             "the axes on the end effector are not the mirror image of those on the base",
         )
-    ahead = np.array([mechanism.ends[leg.base][0] == 0 for leg in legs])
-    every = [revolute(joints[leg.base]) for leg in legs]
+    ahead = np.array([mechanism.ends[pair][0] == 0 for pair in at_bases])
+    every = [revolute(joints[pair]) for pair in at_bases]
     sides = np.array([(joint.first, joint.second) for joint in every])
     sides[~ahead] = sides[~ahead, ::-1]
     ours, its = np.swapaxes(sides, 0, 1)
@@ -236,7 +244,7 @@ def _assembled(
     )
     every_axis = tuple(along[pair] for pair in range(len(along)))
     return MidPlaneArchitecture(
-        mechanism, joints, plane, effector, frame, image, legs, every_axis, output
+        mechanism, joints, plane, effector, frame, image, tuple(legs), every_axis, output
     )
 
 
@@ -355,7 +363,7 @@ class _Modes:
         return np.where(np.all(others >= 0.0, axis=1), left[:, leg], np.nan)
 
     def _name(self, leg: int) -> str:
-        return self.form.mechanism.pairs[self.form.legs[leg].base].name
+        return self.form.mechanism.pairs[self.form.legs[leg][0]].name
 
     def _why(self, normals: Floats, modes: Integers) -> str:
         """Return why inputs at rest allow a motion at the mid-planes of one line."""

@@ -43,17 +43,8 @@ PROOF_POSES, SPREAD = 64, 2**16
 """Poses at which the closed form is proven, about, of so many mid-planes."""
 
 
-@dataclass(frozen=True)
-class Leg:
-    """Numbers of a leg's pairs at the base, elbow and end effector, and of its links."""
-
-    base: int
-    elbow: int
-    tip: int
-    near: int
-    far: int
-
-
+Leg = tuple[int, int, int]
+"""Numbers of a leg's pairs at the base, the elbow and the end effector."""
 KINDS = "base", "tip", "elbow", "normal"
 PairAxis = tuple[str, int, float]
 """What an axis is along: the base axis, elbow or tip of a leg, or the normal (-1), with
@@ -95,7 +86,7 @@ class MidPlaneArchitecture:
     def inputs(self) -> tuple[str, ...]:
         """Names of the driven pairs, first and second."""
         pairs = self.mechanism.pairs
-        return tuple(pairs[self.legs[k].base].name for k in self.plane.driven)
+        return tuple(pairs[self.legs[k][0]].name for k in self.plane.driven)
 
     def orientations(self, normals: Floats) -> Floats:
         """Return orientations (n, 3, 3) of the end effector at mid-planes (n, 3)."""
@@ -245,7 +236,7 @@ class MidPlaneArchitecture:
         elbows, _ = self.plane.elbows(normal[None], np.ones(len(self.legs)))
         pairs = self.mechanism.pairs
         lost = np.flatnonzero(np.isnan(elbows[0, :, 0]))
-        return [pairs[self.legs[k].base].name for k in lost]
+        return [pairs[self.legs[k][0]].name for k in lost]
 
     def rotation_between(
         self, start: Floats, stop: Floats, modes: ArrayLike

@@ -5,12 +5,12 @@ any sample is; the others are read from splines through these. Nothing is taken 
 here: whoever asks has to look.
 """
 
-from functools import cached_property
-from typing import Any
+from collections.abc import Callable, Iterator
+from functools import cache
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.conventions import TURN, Status
 from spherekit.motion.motion import PositionAnalysis
 
@@ -27,72 +27,72 @@ PORTION = 1024
 """Nodes that are found at once."""
 
 
-class Predictor:
-    """Predicts samples of a tracer from nodes, every so many of its samples."""
+Spline = Callable[[Floats], Floats]
 
-    def __init__(self, tracer: PositionAnalysis, every: int) -> None:
-        self._tracer, self._every = tracer, every
-        self._driven = list(tracer.solver.driven)
-        every_one = range(len(tracer.mechanism.variable_owners))
-        self._free = [v for v in every_one if v not in self._driven]
-        self._angles = np.isin(self._free, tracer.solver.angles)
 
-    @classmethod
-    def of(cls, tracer: PositionAnalysis) -> "Predictor | None":
-        """Return a predictor, None where samples do not lie close together along a path."""
-        q = tracer.input_grid.q
-        if not tracer.input_grid.is_path or not tracer.assembly_modes:
-            return None
-        if len(q) <= FEWEST * DEGREE:
-            return None
-        step = float(np.max(np.abs(np.diff(q, axis=0))))
-        every = min(MOST, (len(q) - 1) // DEGREE)
-        if step > 0.0:
-            every = min(every, int(APART / step))
-        return cls(tracer, every) if every >= FEWEST else None
+def predictor(tracer: PositionAnalysis) -> Callable[[int, int, Floats], None] | None:
+    """Return what predicts samples of a tracer from nodes, every so many of its samples.
 
-    def read(self, start: int, stop: int, out: Floats) -> None:
-        """Write variables (variables, modes, samples) of samples from `start` to `stop`.
+    It writes the variables (variables, modes, samples) from one sample to before another
+    into an array, NaN where nothing is predicted. None where samples do not lie close
+    together along a path.
+    """
+    q = tracer.input_grid.q
+    if not tracer.input_grid.is_path or not tracer.assembly_modes:
+        return None
+    if len(q) <= FEWEST * DEGREE:
+        return None
+    step = float(np.max(np.abs(np.diff(q, axis=0))))
+    every = min(MOST, (len(q) - 1) // DEGREE)
+    if step > 0.0:
+        every = min(every, int(APART / step))
+    if every < FEWEST:
+        return None
+    driven = list(tracer.solver.driven)
+    free = [v for v in range(len(tracer.mechanism.variable_owners)) if v not in driven]
+    is_angle = np.isin(free, tracer.solver.angles)
 
-        NaN where nothing is predicted.
-        """
+    @cache
+    def splines() -> list[tuple[int, int, int, Spline]]:
+        return list(_splines(tracer, every, free, is_angle))
+
+    def read(start: int, stop: int, out: Floats) -> None:
         out[:] = np.nan
-        given = self._tracer.input_grid.q[start:stop].T
-        for number, inputs in zip(self._driven, given, strict=True):
-            out[number] = inputs
-        for mode, first, last, spline in self._splines:
+        out[driven] = q[start:stop].T[:, None]
+        for mode, first, last, spline in splines():
             low, high = max(start, first), min(stop, last + 1)
             if low < high:
                 made = spline(np.arange(low, high, dtype=float)).T
-                angles = made[self._angles]
+                angles = made[is_angle]
                 over = ~(np.abs(angles) < np.pi)
                 angles[over] -= TURN * np.ceil((angles[over] - np.pi) / TURN)
-                made[self._angles] = angles
-                out[self._free, mode, low - start : high - start] = made
+                made[is_angle] = angles
+                out[free, mode, low - start : high - start] = made
 
-    @cached_property
-    def _splines(self) -> list[tuple[int, int, int, Any]]:
-        """Splines by the number of the sample, with their modes, first and last samples."""
-        from scipy.interpolate import make_interp_spline
+    return read
 
-        count, modes = len(self._tracer.input_grid), len(self._tracer.assembly_modes)
-        nodes = np.append(np.arange(0, count - 1, self._every), count - 1)
-        values = np.empty((modes, len(nodes), len(self._free)))
-        good = np.empty((modes, len(nodes)), dtype=bool)
-        for start in range(0, len(nodes), PORTION):
-            some = slice(start, start + PORTION)
-            motion = self._tracer.samples(nodes[some])
-            passive = motion.values[:, self._free]
-            values[:, some] = passive.reshape(modes, -1, len(self._free))
-            good[:, some] = (motion.status == Status.OK).reshape(modes, -1)
-        made = []
-        for mode in range(modes):
-            edges = np.flatnonzero(np.diff(good[mode], prepend=False, append=False))
-            for first, stop in edges.reshape(-1, 2).tolist():
-                if stop - first <= DEGREE:
-                    continue
-                along, at = values[mode, first:stop], nodes[first:stop]
-                along[:, self._angles] = np.unwrap(along[:, self._angles], axis=0)
-                spline = make_interp_spline(at.astype(float), along, k=DEGREE)
-                made.append((mode, int(at[0]), int(at[-1]), spline))
-        return made
+
+def _splines(
+    tracer: PositionAnalysis, every: int, free: list[int], is_angle: Bools
+) -> Iterator[tuple[int, int, int, Spline]]:
+    """Yield splines by the number of the sample, with modes, first and last samples."""
+    from scipy.interpolate import make_interp_spline
+
+    count, modes = len(tracer.input_grid), len(tracer.assembly_modes)
+    nodes = np.append(np.arange(0, count - 1, every), count - 1)
+    values = np.empty((modes, len(nodes), len(free)))
+    good = np.empty((modes, len(nodes)), dtype=bool)
+    for start in range(0, len(nodes), PORTION):
+        some = slice(start, start + PORTION)
+        motion = tracer.samples(nodes[some])
+        values[:, some] = motion.values[:, free].reshape(modes, -1, len(free))
+        good[:, some] = (motion.status == Status.OK).reshape(modes, -1)
+    for mode in range(modes):
+        edges = np.flatnonzero(np.diff(good[mode], prepend=False, append=False))
+        for first, stop in edges.reshape(-1, 2).tolist():
+            if stop - first <= DEGREE:
+                continue
+            along, at = values[mode, first:stop], nodes[first:stop]
+            along[:, is_angle] = np.unwrap(along[:, is_angle], axis=0)
+            spline = make_interp_spline(at.astype(float), along, k=DEGREE)
+            yield mode, int(at[0]), int(at[-1]), spline

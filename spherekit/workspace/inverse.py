@@ -61,17 +61,17 @@ class MidPlaneKinematics(ClosedKinematics):
         self.form = form
         self.modes = tuple(product((1, -1), repeat=len(form.legs)))
         self.legs = tuple(
-            "leg of " + ", ".join(map(self.name_of, (leg.base, leg.elbow, leg.tip)))
-            for leg in form.legs
+            "leg of " + ", ".join(map(self.name_of, leg)) for leg in form.legs
         )
 
     @property
     def spans(self) -> tuple[Span, ...]:
         """What limits the reach: the axes of every leg at base and end effector."""
-        plane, every = self.form.plane, enumerate(self.form.legs)
+        plane = self.form.plane
         most = (2.0 * np.minimum(plane.arcs, np.pi - plane.arcs)).tolist()
         return tuple(
-            (leg.base, leg.tip, 0.0, most[k], k in plane.driven) for k, leg in every
+            (base, tip, 0.0, most[k], k in plane.driven)
+            for k, (base, _, tip) in enumerate(self.form.legs)
         )
 
     def at(self, poses: Floats, signs: Signs) -> Rows:
@@ -118,8 +118,8 @@ class _MidPlaneRows:
         return np.broadcast_to(np.sum(ends[0] * ends[1], axis=1), len(self.points))
 
     def angle(self, pair: int) -> Floats:
-        for k, leg in enumerate(self.form.legs):
-            if pair == leg.base:
+        for k, (base, _, _) in enumerate(self.form.legs):
+            if pair == base:
                 return self.form.plane.readings(self._elbows[0])[:, k]
         ends, joint = self.form.mechanism.ends[pair], revolute(self.form.joints[pair])
         placed = self.form.place(self.normals, self.signs, links=ends)

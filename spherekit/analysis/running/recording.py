@@ -217,6 +217,6 @@ class RecordingSession:
         return tuple(
             Axis(label.format(name), "rad", values, (float(low), float(high)))
             for name, values, (low, high) in zip(
-                names, motion.inputs[:k].T, self._course.extent.inputs.T, strict=True
+                names, motion.inputs[:k].T, self._course.extents[0].T, strict=True
             )
         )

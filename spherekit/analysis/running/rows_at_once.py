@@ -8,7 +8,7 @@ one row to the next.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
@@ -33,7 +33,7 @@ from spherekit.engine.dyads import given_by, lost_by
 from spherekit.engine.row_kernel import ColumnFunction, RowKernel, row_kernel
 from spherekit.motion.guides import ModeCurve
 from spherekit.motion.motion import Motion, PositionAnalysis
-from spherekit.motion.predicted import Predictor
+from spherekit.motion.predicted import predictor
 from spherekit.rates.request import (
     Request,
     SignContinuation,
@@ -322,8 +322,8 @@ def _stops(ends: Indices, parts: Sequence[Indices]) -> Stops:
 class BatchRunner:
     """The rows of a course by a kernel.
 
-    Where all groups are dyads it has the closed form in it; else a `predictor` reads
-    samples that lie close together along a path. Configurations that neither knows are
+    Where all groups are dyads it has the closed form in it; else samples that
+    lie close together along a path are `predicted`. Configurations that neither knows are
     those of the tracer. What is `unread` of blocks lies here until its poles are asked:
     the rows (n,) that the kernel vouches for, those (modes, samples) with a configuration,
     the others (k,) of these, by input where directions are looked at, and the largest
@@ -333,7 +333,7 @@ class BatchRunner:
     course: Sampling
     requests: tuple[Request, ...]
     kernel: RowKernel
-    predictor: Predictor | None
+    predicted: Callable[[int, int, Floats], None] | None
     recorded: bool
     looks_ahead: bool
     with_times: bool
@@ -365,9 +365,9 @@ class BatchRunner:
         made = row_kernel(tracer.sparse(REFERENCES), requests, engine)
         if made is None or not made.vouches:
             return None
-        predictor = None if made.has_closed_form else Predictor.of(tracer)
+        predicted = None if made.has_closed_form else predictor(tracer)
         way = recorded, looks_ahead, with_times
-        return cls(course, tuple(requests), made, predictor, *way)
+        return cls(course, tuple(requests), made, predicted, *way)
 
     @property
     def block(self) -> int:
@@ -425,12 +425,12 @@ class BatchRunner:
         modes, count = len(tracer.assembly_modes), len(samples)
         q = np.ascontiguousarray(tracer.input_grid.q[samples].T)
         rows = Rows(self.kernel, tracer, q)
-        if self.predictor is not None:
+        if self.predicted is not None:
             values = rows.values.reshape(-1, modes, count)
             edges = np.flatnonzero(np.diff(samples, prepend=-2, append=-2) != 1)
             for low, high in pairwise(edges.tolist()):
                 ends = int(samples[low]), int(samples[high - 1]) + 1
-                self.predictor.read(*ends, values[:, :, low:high])
+                self.predicted(*ends, values[:, :, low:high])
         seen = rows.fill(samples)
         failed = (rows.status != Status.OK) & (rows.status != Status.AT_SINGULARITY)
         rows.values[:, failed] = rows.closure[:, failed] = np.nan

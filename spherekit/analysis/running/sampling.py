@@ -20,11 +20,11 @@ from spherekit.model.study import ConstantSpeed, Law, Study
 from spherekit.motion.motion import (
     BLOCK,
     AngleUnwrapping,
-    Extent,
     Motion,
     PositionAnalysis,
     Timing,
     by_laws,
+    extents,
 )
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import driven_pairs
@@ -93,9 +93,9 @@ class Sampling:
         return np.linspace(0.0, self.duration or 0.0, self.planned)
 
     @cached_property
-    def extent(self) -> Extent:
+    def extents(self) -> list[Floats]:
         """Least and greatest inputs and rates of all samples."""
-        return Extent.of(self.inputs, self.timing)
+        return extents(self.inputs, self.timing)
 
     @property
     def block(self) -> int:
@@ -484,7 +484,7 @@ def _at_unit_speed(q: Floats, straight: bool) -> Timing:
 
     A single input on another path turns from its least value at 1 rad/s.
     """
-    ends = q[[0, -1]] if straight else Extent.of(q, None).inputs
+    ends = q[[0, -1]] if straight else extents(q)[0]
     way = ends[1] - ends[0]
     fastest = int(np.argmax(np.abs(way)))
     t = np.abs(q[:, fastest] - ends[0, fastest])
