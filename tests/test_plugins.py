@@ -128,9 +128,8 @@ def test_findings_are_in_the_summary():
 
 def test_poles_is_registered_like_anyones():
     assert "poles" in names()
-    (own,) = [record for record in records() if record.name == "poles"]
-    assert own.error == ""
-    assert own.origin == "spherekit-mechanisms"
+    (own,) = [record for record in records() if record[0] == "poles"]
+    assert own[1::2] == ("spherekit-mechanisms", "")
     assert load("poles").__module__ == "spherekit_analyses.poles"
 
 

@@ -341,7 +341,7 @@ def test_faults_of_a_plugin_or_a_profile_do_not_lose_the_run(monkeypatch):
     assert verdict["not_verified"] == ["failing"] and not result.failures
     assert {item["table"] for item in verdict["columns"]} == {"motion", "poles"}
 
-    def refused(*words):
+    def refused(*words, **more):
         raise EngineError("the arc length of a profile does not converge")
 
     monkeypatch.setattr(verify, "exact_rows_by_input", refused)

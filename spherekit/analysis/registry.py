@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -16,16 +15,6 @@ from spherekit.conventions import Names, choices, listing
 from spherekit.errors import AnalysisError, PluginError
 
 GROUP = "spherekit.analyses"
-
-
-@dataclass(frozen=True)
-class Record:
-    """An installed analysis: where it comes from, and why it cannot be used if so."""
-
-    name: str
-    origin: str
-    target: str
-    error: str = ""
 
 
 _added: dict[str, type[AbstractAnalysis]] = {}
@@ -80,9 +69,12 @@ def names() -> Names:
     return tuple(sorted({*_entries(), *_added}))
 
 
-def records() -> tuple[Record, ...]:
-    """Return every installed analysis, loading each to learn whether it works."""
-    listed = [Record(name, "this process", cls.__name__) for name, cls in _added.items()]
+def records() -> list[tuple[str, str, str, str]]:
+    """Return every installed analysis, loading each to learn whether it works.
+
+    By name: that, where it comes from, its class, and why it cannot be used, if so.
+    """
+    listed = [(name, "this process", cls.__name__, "") for name, cls in _added.items()]
     for name, entries in _entries().items():
         for entry in entries:
             try:
@@ -90,8 +82,8 @@ def records() -> tuple[Record, ...]:
                 error = ""
             except PluginError as problem:
                 error = str(problem)
-            listed.append(Record(name, _origin(entry), entry.value, error))
-    return tuple(sorted(listed, key=lambda record: (record.name, record.origin)))
+            listed.append((name, _origin(entry), entry.value, error))
+    return sorted(listed)
 
 
 def load(name: str) -> type[AbstractAnalysis]:

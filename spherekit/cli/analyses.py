@@ -25,22 +25,21 @@ def execute(options: Namespace) -> int:
         return _describe(options)
     from spherekit.analysis.registry import load, records
 
-    rows = []
-    for record in records():
-        summary = "" if record.error else load(record.name).summary
-        rows.append((record, summary))
+    rows = [
+        {
+            "name": name,
+            "origin": origin,
+            "target": target,
+            "summary": "" if error else load(name).summary,
+            "error": error or None,
+        }
+        for name, origin, target, error in records()
+    ]
     if options.json:
-        keys = ("name", "origin", "target")
-        print_json(
-            [
-                {key: getattr(record, key) for key in keys}
-                | {"summary": summary, "error": record.error or None}
-                for record, summary in rows
-            ]
-        )
+        print_json(rows)
         return 0
-    for record, summary in rows:
-        print(f"{record.name:20s} {summary or 'BROKEN: ' + record.error}")
+    for row in rows:
+        print(f"{row['name']:20s} {row['summary'] or 'BROKEN: ' + str(row['error'])}")
     return 0
 
 

@@ -124,11 +124,11 @@ def every_mode(evaluator: Evaluator, designs: Floats) -> list[list[HeldMode]]:
     possible = [(k, design) for k, design in enumerate(there) if design is not None]
     if possible:
         sizes = np.stack([design.sizes for _, design in possible], axis=1)
-        modes, place = evaluator.configurations(sizes)
-        for row, number in enumerate(modes.design.tolist()):
+        numbers, values, labels, _ = evaluator.configurations(sizes)
+        for row, number in enumerate(numbers.tolist()):
             k, design = possible[number]
-            followed = evaluator.newton, design, modes.values[:, place, row]
-            made[k].append(HeldMode(modes.labels[row], followed))
+            followed = evaluator.newton, design, values[:, :, row].copy()
+            made[k].append(HeldMode(labels[row], followed))
     return made
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.contract import FigureOfMerit
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import TURN, Facts
+from spherekit.conventions import TURN, Facts, Names
 from spherekit.design.figures import (
     BLOCK,
     IMPOSSIBLE,
@@ -26,7 +26,7 @@ from spherekit.design.figures import (
     KernelFigures,
     refused,
 )
-from spherekit.design.followed_modes import Modes, followed_modes
+from spherekit.design.followed_modes import followed_modes
 from spherekit.design.homotopy import StartSolutions, start_set
 from spherekit.design.profile_numbers import tracks_of
 from spherekit.design.variables import (
@@ -485,27 +485,27 @@ class Evaluator:
         """
         assert self._paths is not None
         claim = COMPLETE if self._paths[1].counted else SAMPLED
-        modes, place = self.configurations(sizes)
-        prepared = kernel.prepare(sizes[:, modes.design])
-        values = modes.values[:, place]
+        number, values, labels, lost = self.configurations(sizes)
+        prepared = kernel.prepare(sizes[:, number])
         turns = np.zeros((len(kernel.turning), *values.shape[1:]))
-        for design in np.unique(modes.design) if kernel.turning else ():
-            here = np.flatnonzero(modes.design == design)
+        for design in np.unique(number) if kernel.turning else ():
+            here = np.flatnonzero(number == design)
             mechanism = self.kernel_mechanism(of_file[:, design])
             turns[:, :, here] = self.turns_at(kernel, mechanism, values[:, :, here])
-        made = self.figures.of(kernel, prepared, values, turns, modes.labels, claim)
-        made = _numbered(made, modes.design)
+        made = self.figures.of(kernel, prepared, values, turns, labels, claim)
+        made = _numbered(made, number)
         every = self._with_others([made], sizes.shape[1], claim)
-        return every.rows(~np.isin(every.design, modes.lost)), modes.lost
+        return every.rows(~np.isin(every.design, lost)), lost
 
-    def configurations(self, sizes: Floats) -> tuple[Modes, Indices]:
+    def configurations(self, sizes: Floats) -> tuple[Indices, Floats, Names, Indices]:
         """Return all modes of designs with the kernel's sizes (k, n), by following.
 
-        And where the samples, then the points of figures, are among their inputs.
+        At the samples, then at the points of figures; see `followed_modes`.
         """
         assert self._paths is not None
         lattice, place = self._followed_inputs
-        return followed_modes(*self._paths, sizes, lattice), place
+        design, values, labels, lost = followed_modes(*self._paths, sizes, lattice)
+        return design, values[:, place], labels, lost
 
     def traced(self, mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, Floats]:
         """Return what traced one design, and its motion.

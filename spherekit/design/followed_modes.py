@@ -46,25 +46,15 @@ TINY = 1e-7
 """Steps and predictions that are off by less (rad) are in order."""
 
 
-@dataclass(frozen=True)
-class Modes:
-    """Assembly modes of designs: one row for each.
-
-    `design` (m,) counts within what was given; `values` (variables, samples, m) are NaN
-    where a mode does not close. `labels` are as in `AssemblyMode`, after a number in each
-    design. `lost` lists the designs of which not all was found.
-    """
-
-    design: Indices
-    values: Floats
-    labels: Names
-    lost: Indices
-
-
 def followed_modes(
     kernel: PathKernel, start: StartSolutions, sizes: Floats, lattice: InputGrid
-) -> Modes:
-    """Return the modes of designs (sizes, n) at inputs: a path, or a grid."""
+) -> tuple[Indices, Floats, Names, Indices]:
+    """Return the modes of designs (sizes, n) at inputs, a path or a grid, m in all.
+
+    Their designs (m,), as counted in what was given; values (variables, samples, m), NaN
+    where a mode does not close; labels as in `AssemblyMode`, after a number in each design;
+    and the designs of which not all was found.
+    """
     m = start.values.shape[1]
     following = _Following(kernel, np.repeat(sizes, m, axis=1), m)
     q, previous = lattice.q, lattice.neighbours()[1::2]
@@ -103,7 +93,7 @@ def _join(here: Integers, one: int, other: int) -> None:
 
 def _gathered(
     kernel: PathKernel, sizes: Floats, solutions: Floats, number: Integers, lost: Bools
-) -> Modes:
+) -> tuple[Indices, Floats, Names, Indices]:
     """Return modes by design, then by the first sample at which they close, and how."""
     k, row = np.nonzero(number >= 0)
     numbers, mode = np.unique(number[k, row], return_inverse=True)
@@ -120,7 +110,7 @@ def _gathered(
     counts = np.arange(len(design)) - np.searchsorted(design, design)
     texts = zip(counts, kernel.labels(there, prepared), strict=True)
     labels = tuple(f"{k} {text}" for k, text in texts)
-    return Modes(design, values, labels, np.flatnonzero(lost))
+    return design, values, labels, np.flatnonzero(lost)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.evaluation import ENGINES, ORDINARY, Integrator, Setting
 from spherekit.analysis.running.sampling import Sampling, simulated_course
 from spherekit.analysis.running.summary import RunPlan, job_of, links_of
+from spherekit.analysis.running.verify import in_many_digits
 from spherekit.analysis.tables import Column, Table, TableData, arrays
 from spherekit.argument_validation import check_fields
 from spherekit.arrays import Array, Floats, Indices
@@ -35,7 +36,6 @@ from spherekit.motion.motion import AngleUnwrapping, Motion, Timing
 from spherekit.numeric.crossings import wrap
 from spherekit.progress import ProgressReporter
 from spherekit.proof.balls import FEWEST, exactly, floats, pi
-from spherekit.proof.rows import exact_field, exact_motion, exact_rows
 from spherekit.rates.request import (
     ROUTES,
     PoleField,
@@ -270,16 +270,10 @@ def reference_at(
     course, (analysis,) = plan.course, plan.analyses
     if motion is None:
         (motion,) = course.blocks(len(course))
-    every = np.ones(len(motion), dtype=bool)
-    exact = [
-        exact_rows(motion, every, item.plan.input, inputs=inputs) for item in plan.requests
-    ]
-    better = replace(exact_motion(motion, every, exact[0]), samples=motion.samples)
-    fields = tuple(
-        exact_field(rows, item, evaluate(motion, item))
-        for rows, item in zip(exact, plan.requests, strict=True)
-        if item.poles
-    )
+    wanted = [item for item in plan.requests if item.poles]
+    given = [evaluate(motion, item) for item in wanted]
+    exact, better, fields = in_many_digits(motion, wanted, given, inputs=inputs)
+    better = replace(better, samples=motion.samples)
     lacking = np.sum((motion.status == Status.OK) & (exact[0].status != Status.OK))
     angles = plan.angles(better, AngleUnwrapping())
     tables = plan.given(analysis, plan.batch(analysis, better, fields, angles))

@@ -28,7 +28,7 @@ from spherekit.analysis.tables import (
     TableData,
     arrays,
 )
-from spherekit.arrays import Bools, Floats, Indices
+from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Facts, Status
 from spherekit.errors import AnalysisError, SpherekitError
 from spherekit.files.plain import finite
@@ -82,6 +82,25 @@ class _Read(ArrayRows):
         spread = np.argsort((number + 1) * GOLDEN % 1.0)
         wanted = list(dict.fromkeys([*worst, *spread.tolist()]))[:count]
         return self.rows(np.array(wanted)[np.argsort(number[wanted])])
+
+
+def in_many_digits(
+    motion: Motion,
+    wanted: Sequence[Request],
+    fields: Sequence[PoleField],
+    arithmetic: Digits | None = None,
+    inputs: Array | None = None,
+) -> tuple[tuple[ExactRows, ...], Motion, tuple[PoleField, ...]]:
+    """Return reference values of a motion, and it and its fields with the nearest numbers.
+
+    By each input that a request for poles moves, or by the first. See `exact_rows` for
+    `arithmetic` and `inputs`, and for errors.
+    """
+    every = np.ones(len(motion), dtype=bool)
+    driven = [item.plan.input for item in wanted] or motion.assembly.inputs[:1]
+    exact = exact_rows_by_input(motion, every, driven, arithmetic, inputs=inputs)
+    nearest = tuple(map(exact_field, exact, wanted, fields))
+    return exact, exact_motion(motion, every, exact[0]), nearest
 
 
 class Verifier:
@@ -141,17 +160,14 @@ class Verifier:
         if self._kept is None:
             return verdict
         motion, fields = self._kept.motion, self._kept.fields
-        every = np.ones(len(motion), dtype=bool)
-        driven = [item.plan.input for item in self._wanted] or motion.assembly.inputs[:1]
-        arithmetic = Digits(DIGITS)
         try:
-            exact = exact_rows_by_input(motion, every, driven, arithmetic)
+            exact, better, nearest = in_many_digits(
+                motion, self._wanted, fields, Digits(DIGITS)
+            )
         except SpherekitError as problem:
             return verdict | {"problem": str(problem)}
         status = np.max([reference.status for reference in exact], axis=0)
         compared = list(zip(exact, self._wanted, fields, strict=False))
-        nearest = tuple(exact_field(*triple) for triple in compared)
-        better = exact_motion(motion, every, exact[0])
         rows = _Rows(motion, status == Status.OK, exact[0].condition)
         alone = self._kept, _Read(better, nearest, _as_far(better, self._kept.angles))
         motions = [motion_rows(self._course, read.motion, read.fields) for read in alone]
