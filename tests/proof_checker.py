@@ -5,6 +5,7 @@ is tried with Krawczyk's operator over the whole ball, not with bounds of deriva
 """
 
 import itertools
+import json
 import tomllib
 from itertools import combinations, permutations
 
@@ -809,3 +810,17 @@ def check(certificate):
         raise Refused(f"{type(fault).__name__}: {fault}") from fault
     finally:
         ctx.prec = before
+
+
+def recorded(certificate):
+    """Return a certificate as its file has it."""
+    return json.loads(json.dumps(certificate))
+
+
+def refuse(certificate):
+    """Raise `AssertionError` unless a certificate is refused."""
+    try:
+        check(certificate)
+    except Refused:
+        return
+    raise AssertionError("not refused")

@@ -11,6 +11,9 @@ from pathlib import Path
 import pytest
 
 from spherekit.errors import SpherekitError
+from spherekit.files.document import parse
+from spherekit.files.read import read
+from spherekit.proof.gears import Written
 
 HERE = Path(__file__).parent
 TABLES = tomllib.loads((HERE / "refusals.toml").read_text(encoding="utf-8"))
@@ -19,6 +22,12 @@ TABLES = tomllib.loads((HERE / "refusals.toml").read_text(encoding="utf-8"))
 def text_of(name):
     """Return the text of a file of these tests."""
     return (HERE / "files" / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def written_of(text, tolerance=0.0):
+    """Return what is proven of, from the text of a file."""
+    document = parse(text, "made")
+    return Written.of(read(document), document, tolerance=tolerance)
 
 
 def changed(text, *replacements):

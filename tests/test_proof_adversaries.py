@@ -1,22 +1,17 @@
 """Geometries made so that modes, or dead centres, are as near as one likes."""
 
-import json
-
 import numpy as np
 import pytest
-from refusals import text_of
+from refusals import text_of, written_of
 
 pytest.importorskip("flint")
 
-from proof_checker import check
+from proof_checker import check, recorded
 
-from spherekit.files.document import parse
-from spherekit.files.read import read
 from spherekit.guarantee import Guarantee
 from spherekit.proof.balls import bits, exact, middle, pi
 from spherekit.proof.certificate import modes_certificate
 from spherekit.proof.curves import certified_curves
-from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
 
 BASE, TIP = 40, 75
@@ -45,8 +40,7 @@ def tripod(plate):
             text += f'[pairs.{name}]\ntype = "R"\nlinks = ["{one}", "{other}"]\n'
             text += f"lonlat = [{longitude}, {90 - angle}]\n"
     text += "".join(f"[inputs.base_{leg}]\nfrom = 0\nto = 360\n" for leg in "abc")
-    document = parse(text, "tripod")
-    return Written.of(read(document), document)
+    return written_of(text)
 
 
 def turned(plate, digits):
@@ -83,7 +77,7 @@ def test_modes_of_a_triad_from_a_millionth_to_1e_14_apart_are_told_apart(digits)
     apart = np.max(np.abs(first - second))
     assert 0.1 * gap < apart < 10 * gap
     if digits == 12:
-        check(json.loads(json.dumps(modes_certificate(modes))))
+        check(recorded(modes_certificate(modes)))
 
 
 @pytest.mark.parametrize("digits", (5, 12))
@@ -113,8 +107,7 @@ def two_dyads(ground, crank, turn, coupler, rocker):
     )
     for name, (one, other) in JOINTS.items():
         text += f'[pairs.{name}]\ntype = "R"\nlinks = ["{one}", "{other}"]\n'
-    document = parse(text + "[inputs.a]\nfrom = 0\nto = 360\n", "two_dyads")
-    return Written.of(read(document), document)
+    return written_of(text + "[inputs.a]\nfrom = 0\nto = 360\n")
 
 
 DEAD = np.arccos(
@@ -163,8 +156,7 @@ FOUR_BAR = text_of("four_bar_proof_adversaries")
     ],
 )
 def test_special_four_bars_have_the_modes_of_the_closed_form(arcs, crossings, still):
-    document = parse(FOUR_BAR.format(*arcs), "four_bar")
-    curves = certified_curves(Written.of(read(document), document), ("0", "360"))
+    curves = certified_curves(written_of(FOUR_BAR.format(*arcs)), ("0", "360"))
     assert curves.claim.guarantee is Guarantee.CERTIFIED
     assert [saddle.level for saddle in curves.saddles] == [0] * crossings
     assert np.allclose(np.degrees(curves.still_at), still, atol=1e-9)

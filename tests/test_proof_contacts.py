@@ -5,18 +5,16 @@ import json
 
 import numpy as np
 import pytest
-from refusals import text_of
+from refusals import text_of, written_of
 
 pytest.importorskip("flint")
 
-from proof_checker import check
+from proof_checker import check, recorded
 
 import spherekit as sk
 from spherekit.analysis.proven_poles import check_provable, prove_poles
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, PlanError
-from spherekit.files.document import parse
-from spherekit.files.read import read
 from spherekit.proof.balls import middle
 from spherekit.proof.certificate import modes_certificate
 from spherekit.proof.gears import Written
@@ -74,12 +72,7 @@ def bars(internal=""):
 
 
 def proven(text, *inputs):
-    document = parse(text, "made")
-    return certified_modes(Written.of(read(document), document), inputs)
-
-
-def certificate_of(modes):
-    return json.loads(json.dumps(modes_certificate(modes)))
+    return certified_modes(written_of(text), inputs)
 
 
 @pytest.mark.parametrize("internal", ["", "a"])
@@ -87,7 +80,7 @@ def test_a_plate_on_three_discs_has_the_modes_of_the_same_plate_on_three_bars(in
     contacts, links = proven(plate(internal), "40"), proven(bars(internal), "40")
     for modes in (contacts, links):
         assert modes.bound == 8 == len(modes.roots) and modes.complete
-        check(certificate_of(modes))
+        check(recorded(modes_certificate(modes)))
     assert len(contacts.real) == len(links.real) > 1
     inner = ["a_1", "a_3", "b_1", "b_3", "c_2", "c_3"]
     gaps = []
@@ -170,8 +163,7 @@ LOOPS = [
 
 @pytest.mark.parametrize("teeth", LOOPS)
 def test_wheels_in_a_loop_turn_as_in_a_run(teeth):
-    document = parse(geared(teeth), "geared")
-    found = compared(read(document), ["75"], 2)
+    found = compared(written_of(geared(teeth)).mechanism, ["75"], 2)
     assert found.proven == len(found.data["status"]) > 0 and not found.exceeded
 
 
@@ -219,6 +211,6 @@ def test_other_contacts_are_refused():
     with pytest.raises(
         PlanError, match=r"pair c is a rolling contact, and no link carries"
     ):
-        Written.of(read(parse(text, "loose")))
+        written_of(text)
     with pytest.raises(AnalysisError, match="-a poles"):
         check_provable(sk.load("four_bar"), ["statics"], whole=True)

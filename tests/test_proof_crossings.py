@@ -8,16 +8,14 @@ import pytest
 
 pytest.importorskip("flint")
 
+from refusals import written_of
 from test_proof_adversaries import FOUR_BAR, two_dyads
 
 from spherekit.cli.main import main
-from spherekit.files.document import parse
-from spherekit.files.read import read
 from spherekit.guarantee import Guarantee
 from spherekit.proof.balls import bits, decimal, pi
 from spherekit.proof.certificate import singularities
 from spherekit.proof.curves import certified_curves
-from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
 
 TURN = ("0", "360")
@@ -28,8 +26,7 @@ def four_bar(arcs, unit="deg"):
     text = FOUR_BAR.format(*arcs).replace('"deg"', f'"{unit}"')
     if unit == "rad":
         text = text.replace("to = 360", "to = 6.28")
-    document = parse(text, "four_bar")
-    return Written.of(read(document), document)
+    return written_of(text)
 
 
 def nudged(arcs, link, step):
@@ -99,8 +96,7 @@ def crossing_dyads():
     ):
         assert old in text
         text = text.replace(old, new)
-    document = parse(text, "two_dyads")
-    return Written.of(read(document), document)
+    return written_of(text)
 
 
 def test_curves_of_two_loops_cross_once_in_each_mode_of_the_other():
@@ -131,8 +127,7 @@ def test_links_in_radians_are_in_line_where_both_sides_are_the_same_sum():
 
 
 def test_a_tolerance_leaves_open_whether_curves_cross():
-    document = parse(FOUR_BAR.format(*FOLDS), "four_bar")
-    written = Written.of(read(document), document, tolerance=1e-12)
+    written = written_of(FOUR_BAR.format(*FOLDS), tolerance=1e-12)
     curves = certified_curves(written, TURN)
     assert curves.claim.guarantee is Guarantee.TO_BOX
     assert [saddle.level for saddle in curves.saddles] == [None]

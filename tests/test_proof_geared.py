@@ -9,23 +9,20 @@ import pytest
 
 pytest.importorskip("flint")
 
+from refusals import written_of
 from scipy.optimize import brentq
 from test_wheels import FIVE_BAR, closes, right_crank
 
 from spherekit.cli.main import main
 from spherekit.errors import PlanError
-from spherekit.files.document import parse
-from spherekit.files.read import read
 from spherekit.guarantee import Guarantee
 from spherekit.proof.certificate import curves_certificate, singularities
 from spherekit.proof.curves import certified_curves
-from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
 
 
 def geared(teeth, text=FIVE_BAR):
-    document = parse(text.format(*teeth, 0.0, 360.0), "geared")
-    return Written.of(read(document), document)
+    return written_of(text.format(*teeth, 0.0, 360.0))
 
 
 def margin(q, teeth):
