@@ -36,7 +36,7 @@ def digits_lost(made):
     signs = np.array(tracer.assembly_modes[0].signs, dtype=float)
     found = function.values(np.concatenate([[0.0], signs])[:, None])
     want = floats(exact.w)[0]
-    off = max(np.max(np.abs(found.w[k][0] - want[k])) for k in links)
+    off = max(np.max(np.abs(found["w"][k][0] - want[k])) for k in links)
     scale = max(1.0, np.max(np.abs(want)))
     return off / scale / (EPS * exact.condition[0])
 
