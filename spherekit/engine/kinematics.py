@@ -49,7 +49,7 @@ from spherekit.engine.pose import (
     carried_vectors,
     placed_by,
 )
-from spherekit.engine.rates import GroupRows, HomogeneousRates, group_rows
+from spherekit.engine.rates import GroupRows, group_rates, group_rows
 from spherekit.engine.turns import AxisRotation, Entries, TurningPairs, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.model.gears import joints_of
@@ -212,12 +212,19 @@ class CoordinateRates:
         self, driven: Mapping[int, Expr], misfits: Mapping[int, Exprs] | None = None
     ) -> tuple[list[Expr], Expr]:
         """Return the rates of all variables at those of the driven pairs, and the scale."""
-        structure = self.structure
-        given = structure.mechanism, driven, self.vectors, structure.span, misfits
-        solver = HomogeneousRates(*given)
-        for rows in structure.groups:
-            solver.close(rows)
-        return [solver.rates[v] for v in range(len(self.vectors))], solver.scale
+        mechanism, span = self.structure.mechanism, self.structure.span
+        solved = {mechanism.variables_of(pair)[0]: rate for pair, rate in driven.items()}
+        closed, scale = [*driven], 1.0
+        for rows in self.structure.groups:
+            turned = self._parts([solved.get(v, 0.0) for v in range(len(self.vectors))])
+            for pair, misfit in (misfits or {}).items():
+                turned[pair] = turned[pair] - misfit * scale
+            given = mechanism, rows, closed, self.vectors, turned, span
+            rates, factor = group_rates(*given)
+            solved = {v: rate * factor for v, rate in solved.items()} | rates
+            scale = scale * factor
+            closed += rows.group.pairs
+        return [solved[v] for v in range(len(self.vectors))], scale
 
     @cached_property
     def _by_inputs(self) -> list[tuple[list[Expr], Expr]]:

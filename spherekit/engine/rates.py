@@ -231,129 +231,92 @@ def way(ends: Sequence[tuple[int, int]], pairs: Sequence[int], start: int, end: 
     return ways.get(end, ())
 
 
-class HomogeneousRates:
-    """The rates of variables found so far, from the vectors (3,) of all variables.
+Span = Callable[[int, int], Expr | None]
+"""|A x B|^2 of two variables' vectors where it is constant, else None."""
 
-    `driven` are the rates of the driven pairs. `span(a, b)` is the constant |A x B|^2 of
-    two variables' vectors, or None where it is not constant. With `misfits` (3,) of pairs,
-    all driven ones at rest, the rates over `scale` are the answers of the variables
-    (`spherekit.engine.kinematics`).
+
+def group_rates(
+    mechanism: Mechanism,
+    rows: GroupRows,
+    closed: Sequence[int],
+    vectors: Sequence[Exprs],
+    turned: Sequence[Exprs],
+    span: Span,
+) -> tuple[dict[int, Expr], Expr]:
+    """Return the rates of a group's variables times a determinant, and that.
+
+    `vectors` (3,) are those of all variables, `turned` (3,) what pairs turn by besides the
+    rates that are looked for; `closed` pairs are those that such rates were found of.
     """
-
-    def __init__(
-        self,
-        mechanism: Mechanism,
-        driven: Mapping[int, Expr],
-        vectors: Sequence[Exprs],
-        span: Callable[[int, int], Expr | None],
-        misfits: Mapping[int, Exprs] | None = None,
-    ) -> None:
-        self.mechanism = mechanism
-        self.owned = [mechanism.variables_of(k) for k in range(len(mechanism.pairs))]
-        self.vectors = vectors
-        self.span = span
-        self.rates: dict[int, Expr] = {
-            self.owned[pair][0]: rate for pair, rate in driven.items()
-        }
-        self.misfits = misfits or {}
-        self.scale: Expr = 1.0
-        self.closed = list(driven)
-
-    def _between(self, start: int, end: int) -> Exprs:
-        """Return w_end - w_start of two links of one body."""
-        total = vector([0.0, 0.0, 0.0])
-        for pair, sense in way(self.mechanism.ends, self.closed, start, end):
-            for variable in self.owned[pair]:
-                part = self.vectors[variable] * self.rates[variable]
-                total = total + part * float(sense)
-            if pair in self.misfits:
-                total = total - self.misfits[pair] * (self.scale * float(sense))
-        return total
-
-    def _loop(self, group: Group, loop: Way) -> tuple[dict[int, Exprs], Exprs]:
-        """Return the columns of a loop's equation by variable, and what is known of it."""
+    group, unknowns = rows.group, rows.unknowns
+    loops = []
+    for loop in rows.ways:
         columns: dict[int, Exprs] = {}
         rest: Exprs = vector([0.0, 0.0, 0.0])
-        for number, sense, enters, leaves in _passed(self.mechanism, group, loop):
-            for variable in self.owned[number]:
-                columns[variable] = self.vectors[variable] * float(sense)
-            if number in self.misfits:
-                rest = rest - self.misfits[number] * (self.scale * float(sense))
-            rest = rest + self._between(enters, leaves)
-        return columns, rest
-
-    def close(self, rows: GroupRows) -> None:
-        """Find the rates of a group's variables; those found before are scaled."""
-        group, unknowns = rows.group, rows.unknowns
-        loops = [self._loop(group, loop) for loop in rows.ways]
-        matrix: list[list[Expr]] = []
-        right: list[Expr] = []
-        for number, directions in self._directions(rows, loops):
-            columns, rest = loops[number]
-            for direction in directions:
-                matrix.append(
-                    [dot(direction, columns[v]) if v in columns else 0.0 for v in unknowns]
-                )
-                right.append(dot(direction, rest))
-        scale = determinant(matrix)
-        shares = cofactors(matrix)
-        rates: dict[int, Expr] = {
-            variable: -1.0 * dot(right, [row[k] for row in shares])
-            for k, variable in enumerate(unknowns)
-        }
-        for private, (columns, rest) in zip(rows.private, loops, strict=True):
-            if private:
-                self._private(private, columns, rest, scale, rates)
-        self.rates = {v: rate * scale for v, rate in self.rates.items()} | rates
-        self.scale = self.scale * scale
-        self.closed += group.pairs
-
-    def _directions(
-        self, rows: GroupRows, loops: Sequence[tuple[dict[int, Exprs], Exprs]]
-    ) -> list[tuple[int, list[Exprs]]]:
-        """Return for each loop the vectors along which its equation is used."""
-        if rows.chosen is not None:
-            return [(number, [self.vectors[v]]) for number, v in rows.chosen]
-        made = []
-        for number, private in enumerate(rows.private):
-            columns, _ = loops[number]
-            if private:
-                a, b = private
-                made.append((number, [cross(columns[a], columns[b])]))
-            else:
-                made.append((number, [*constants(np.eye(3))]))
-        return made
-
-    def _private(
-        self,
-        private: tuple[int, ...],
-        columns: dict[int, Exprs],
-        given: Exprs,
-        scale: Expr,
-        rates: dict[int, Expr],
-    ) -> None:
-        """Find the two variables that were eliminated from a loop: S + x A + y B = 0."""
-        a, b = private
-        square = self.span(a, b)
-        if isinstance(square, float) and square < COINCIDENT**2:
-            names = [self.mechanism.variable_names[v] for v in private]
-            raise EngineError(
-                f"{self.mechanism.name}: the axes of {names[0]} and {names[1]} coincide in "
-                "a link, so these two cannot be told apart",
-                WITHOUT_EXPRESSIONS,
+        for number, sense, enters, leaves in _passed(mechanism, group, loop):
+            for variable in mechanism.variables_of(number):
+                columns[variable] = vectors[variable] * float(sense)
+            between = way(mechanism.ends, closed, enters, leaves)
+            for pair, sign in ((number, sense), *between):
+                rest = rest + turned[pair] * float(sign)
+        loops.append((columns, rest))
+    if rows.chosen is not None:
+        used = [(vectors[v], *loops[number]) for number, v in rows.chosen]
+    else:
+        used = [
+            (along, columns, rest)
+            for private, (columns, rest) in zip(rows.private, loops, strict=True)
+            for along in (
+                [cross(*(columns[v] for v in private))] if private else constants(np.eye(3))
             )
-        others = [v for v in columns if v not in private]
-        if len(rates) == 1 and len(others) == 1:
-            # The bac-cab rule: no division, and no cancellation of S.
-            turned = cross(given, columns[others[0]])
-            rates[a] = dot(columns[b], turned)
-            rates[b] = -1.0 * dot(columns[a], turned)
-            return
-        rest = given * scale
-        for variable in others:
-            rest = rest + columns[variable] * rates[variable]
-        normal = cross(columns[a], columns[b])
-        share = 1.0 / (dot(normal, normal) if square is None else square)
-        # In this order what multiplies the rest is the same for all right-hand sides.
-        rates[a] = dot(cross(normal, columns[b]) * share, rest)
-        rates[b] = dot(cross(columns[a], normal) * share, rest)
+        ]
+    matrix: list[list[Expr]] = [
+        [dot(along, columns[v]) if v in columns else 0.0 for v in unknowns]
+        for along, columns, _ in used
+    ]
+    right = [dot(along, rest) for along, _, rest in used]
+    scale, shares = determinant(matrix), cofactors(matrix)
+    rates: dict[int, Expr] = {
+        variable: -1.0 * dot(right, [row[k] for row in shares])
+        for k, variable in enumerate(unknowns)
+    }
+    for private, (columns, rest) in zip(rows.private, loops, strict=True):
+        if private:
+            square = span(*private)
+            if isinstance(square, float) and square < COINCIDENT**2:
+                names = [mechanism.variable_names[v] for v in private]
+                raise EngineError(
+                    f"{mechanism.name}: the axes of {names[0]} and {names[1]} coincide in "
+                    "a link, so these two cannot be told apart",
+                    WITHOUT_EXPRESSIONS,
+                )
+            both = _private_rates(private, columns, rest, scale, rates, square)
+            rates |= zip(private, both, strict=True)
+    return rates, scale
+
+
+def _private_rates(
+    private: tuple[int, ...],
+    columns: dict[int, Exprs],
+    given: Exprs,
+    scale: Expr,
+    rates: Mapping[int, Expr],
+    square: Expr | None,
+) -> tuple[Expr, Expr]:
+    """Return those of the two variables eliminated from a loop: S + x A + y B = 0."""
+    a, b = (columns[v] for v in private)
+    others = [v for v in columns if v not in private]
+    if len(rates) == 1 and len(others) == 1:
+        # The bac-cab rule: no division, and no cancellation of S.
+        turned = cross(given, columns[others[0]])
+        return dot(b, turned), -1.0 * dot(a, turned)
+    rest = given * scale
+    for variable in others:
+        rest = rest + columns[variable] * rates[variable]
+    normal = cross(a, b)
+    share = 1.0 / (dot(normal, normal) if square is None else square)
+    # In this order what multiplies the rest is the same for all right-hand sides.
+    return (
+        dot(cross(normal, b) * share, rest),
+        dot(cross(a, normal) * share, rest),
+    )
