@@ -10,7 +10,7 @@ import functools
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -58,27 +58,19 @@ def _let_judge(made: type) -> None:
     if issubclass(made, BaseException | Enum) or getattr(made, "_is_protocol", False):
         return
     for owner in [part for part in made.__mro__ if _is_inside(part.__module__)]:
-        for name, item in _callables(owner):
-            if isinstance(item, classmethod | staticmethod):
-                setattr(owner, name, type(item)(_outside(item.__func__)))
-            else:
-                setattr(owner, name, _outside(item))
+        for name, item in list(vars(owner).items()):
+            function = getattr(item, "__func__", item)
+            if (
+                _PLAIN.fullmatch(name)
+                and inspect.isfunction(function)
+                and not judges(function)
+                and not getattr(function, "__isabstractmethod__", False)
+            ):
+                judging = _outside(function)
+                setattr(owner, name, judging if item is function else type(item)(judging))
     for extended in made.__subclasses__():
         if _is_inside(extended.__module__):
             _let_judge(extended)
-
-
-def _callables(made: type) -> Iterator[tuple[str, Any]]:
-    """Return the functions of a class that take arguments and do not judge yet."""
-    for name, item in list(vars(made).items()):
-        function = getattr(item, "__func__", item)
-        if (
-            _PLAIN.fullmatch(name)
-            and inspect.isfunction(function)
-            and not judges(function)
-            and not getattr(function, "__isabstractmethod__", False)
-        ):
-            yield name, item
 
 
 def _outside(function: Callable[P, R]) -> Callable[P, R]:

@@ -59,14 +59,12 @@ def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         signature = inspect.signature(function)
-        noted = {
-            name: parameter.annotation for name, parameter in signature.parameters.items()
-        }
 
         @functools.cache
         def hints() -> dict[str, Any]:
             return {
-                name: _resolved(function, annotation) for name, annotation in noted.items()
+                name: _resolved(function, parameter.annotation)
+                for name, parameter in signature.parameters.items()
             }
 
         @functools.wraps(function)
