@@ -170,7 +170,9 @@ def ticks(over: Sequence[Axis]) -> list[Floats] | None:
 
 
 def along_path(over: Sequence[Axis]) -> Axis:
-    """Return how far rows are along a path of several inputs."""
+    """Return how far rows are along a path of several inputs; of one, its axis."""
+    if len(over) == 1:
+        return over[0]
     points = np.stack([axis.values for axis in over], axis=1)
     steps = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1)
     return Axis("path of the inputs", over[0].unit, np.cumsum(steps))
@@ -359,21 +361,13 @@ def _series(of_source: Scenes, every: Scenes, sheet: Sheet) -> Drawn:
         over = lines[0][0].over
         if len(over) > 1 and ticks(over) is not None:
             for label in dict.fromkeys(item.label for _, item in lines):
-                maps = [(scene, item) for scene, item in lines if item.label == label]
+                maps = [line for line in lines if line[1].label == label]
                 subject = name if label == name else f"{name}: {label}"
                 yield from _parted(subject, maps, _page, draw_maps, sheet)
             continue
-        curves = [(replace(s, over=_axis(s.over)), item) for s, item in lines]
-        marks = _marks(every, over)
-
-        def draw(some: Sequence[Curve], sheet: Sheet, marks: Any = marks) -> Figure:
-            return draw_curves(some, marks, sheet)
-
+        curves = [(replace(s, over=(along_path(s.over),)), item) for s, item in lines]
+        draw = partial(draw_curves, _marks(every, over))
         yield from _parted(name, curves, lambda curve: curve[1].label, draw, sheet)
-
-
-def _axis(over: tuple[Axis, ...]) -> tuple[Axis, ...]:
-    return over if len(over) == 1 else (along_path(over),)
 
 
 def _page(item: tuple[Scene, Any]) -> Hashable:

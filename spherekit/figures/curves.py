@@ -64,7 +64,7 @@ Curve = tuple[Scene, Series]
 
 
 def draw_curves(
-    curves: Sequence[Curve], marks: Sequence[tuple[Page, InputMarks]], sheet: Sheet
+    marks: Sequence[tuple[Page, InputMarks]], curves: Sequence[Curve], sheet: Sheet
 ) -> Figure:
     """Return a figure of series of one group: a panel for each, a colour for each mode.
 
