@@ -62,11 +62,7 @@ class MultiBody:
         rows = self._rows(self._across)
         self._repeats = np.linalg.matrix_rank(rows) < len(rows)
 
-    def rates(self, pair, rate):
-        """Return the angular velocities (n, 3) at the start for the rate of a pair."""
-        return self.rates_of({pair: rate})
-
-    def rates_of(self, given):
+    def rates(self, given):
         """Return the angular velocities (n, 3) at the start for the rates of pairs."""
         rows = self._rows(self._across)
         names = [each.name for each in self.hinges]

@@ -115,7 +115,7 @@ def test_free_bodies_with_all_reactions_and_friction_move_the_same_way(name):
         turn = turns[made.link_number[mass.link]]
         tensors.append(turn @ np.array(mass.tensor) @ turn.T)
     bodies = MultiBody(tensors, hinges)
-    w = bodies.rates_of(dict(zip(inputs, dq, strict=True)))
+    w = bodies.rates(dict(zip(inputs, dq, strict=True)))
 
     def pull(t, angles, rates):
         return {driven: 5.0 * np.sin(2.0 * t) - 0.5 * rates[driven]}

@@ -117,7 +117,7 @@ def test_bodies_held_together_move_the_same_way(name, engine, until):
     for link, mass in enumerate(made.masses, 1):
         tensors.append(turns[link] @ np.array(mass.tensor) @ turns[link].T)
     bodies = MultiBody(tensors, hinges, meshes)
-    w = bodies.rates_of(dict(zip((driven, *passive), dq, strict=True)))
+    w = bodies.rates(dict(zip((driven, *passive), dq, strict=True)))
 
     def pull(t, angles, rates):
         return {driven: 5.0 * np.sin(2.0 * t) - 0.5 * rates[driven]}

@@ -127,7 +127,7 @@ def outside(name, speed, until, dry=DRY):
         return acting | {case.driven: acting.get(case.driven, 0.0) + driving}
 
     bodies = case.bodies()
-    turned = bodies.solve(torque, bodies.rates(case.driven, START.dq), times)
+    turned = bodies.solve(torque, bodies.rates({case.driven: START.dq}), times)
     return times, {pair: turned[pair] for pair in {case.driven, *case.rubbing}}
 
 
