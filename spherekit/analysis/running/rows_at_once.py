@@ -351,14 +351,14 @@ class BatchRunner:
         looks_ahead: bool = False,
         with_times: bool = True,
     ) -> "BatchRunner | None":
-        """Return it, None where rows are few or the terms do not hold.
+        """Return it, None where rows are few, no poles asked or the terms do not hold.
 
         Where it `looks_ahead`, a block is found while the one before is made use of; the
         tracer is then for it alone. Motions come `with_times` where they have any.
         """
         tracer = course.tracer
         rows = len(course) * len(tracer.assembly_modes)
-        if course.simulation is not None or rows < FEWEST:
+        if course.simulation is not None or rows < FEWEST or not requests:
             return None
         engine: Literal["numpy", "compiled"]
         engine = "compiled" if rows >= MANY and available() else "numpy"
