@@ -383,12 +383,7 @@ def what_vanishes(
         first.insert(2, (off, [f"u_{pair} along the direction" for pair in pairs]))
         flat = np.einsum("npi,ni->np", crossed, direction)
         tiers.append([(flat, [f"{both} coplanar with the direction" for both in named])])
-    words: list[list[str]] = [[] for _ in motion.values]
-    for tier in tiers:
-        said = [text for _, texts in tier for text in texts]
-        small = np.abs(np.concatenate([sizes for sizes, _ in tier], axis=1)) < VANISHES
-        for row, phrases in enumerate(words):
-            words[row] = phrases or [said[k] for k in np.flatnonzero(small[row])]
+    words = _small(tiers)
     for row in np.flatnonzero(at["type"] == RowType.SELF_MOTION).tolist():
         words[row] = [_what_moves(motion.rows(slice(row, row + 1)), output)]
     for row, phrases in enumerate(words):
@@ -401,6 +396,17 @@ def what_vanishes(
                 least = np.min(np.abs([c[row], d[row]]))
                 phrases.append(f"motions alone: no c, d below {least:.1e}")
     return [" ".join(listed) for listed in words]
+
+
+def _small(tiers: Sequence[Sequence[tuple[Floats, list[str]]]]) -> list[list[str]]:
+    """Return the phrases of what is small at each row, in the first tier that has any."""
+    words: list[list[str]] = [[] for _ in tiers[0][0][0]]
+    for tier in tiers:
+        said = [text for _, texts in tier for text in texts]
+        small = np.abs(np.concatenate([sizes for sizes, _ in tier], axis=1)) < VANISHES
+        for row, phrases in enumerate(words):
+            words[row] = phrases or [said[k] for k in np.flatnonzero(small[row])]
+    return words
 
 
 def _what_moves(motion: Motion, output: OutputStationary) -> str:

@@ -114,14 +114,15 @@ class SingularSurface:
         halved = self._divided(np.arange(len(edges)), made, held, every)
         return replace(halved, side=0.5 * self.side)
 
-    def within(self, driven: int, low: float, high: float) -> Self:
-        """Return what of the mesh has a variable (rad) in a range, cut at its ends."""
-        mesh: Self = self
-        for end, way in ((low, 1.0), (high, -1.0)):
-            period = periods_of(self.view.locus.closure)[driven]
-            q = into_range(mesh.nodes.values[:, driven], low, high, period)
-            mesh = mesh._cut(driven, way * (q - end), end, period)
-        return mesh
+    def reported(self) -> Self:
+        """Return what is of the type, with inputs in their ranges, cut at their ends."""
+        mesh, periods = self, periods_of(self.view.locus.closure)
+        ranges = np.transpose(self.view.ranges)
+        for driven, (low, high) in zip(self.view.solver.driven, ranges, strict=True):
+            for end, way in ((low, 1.0), (high, -1.0)):
+                q = into_range(mesh.nodes.values[:, driven], low, high, periods[driven])
+                mesh = mesh._cut(driven, way * (q - end), end, periods[driven])
+        return mesh.only(self.view.is_own(self.view.types(mesh.nodes.values)))
 
     def only(self, wanted: Bools) -> Self:
         """Return the triangles whose vertices are all wanted (n,)."""
@@ -309,9 +310,7 @@ def singular_surface(
     for _ in range(halved):
         budget.tell(f"halving the edges of {len(mesh.triangles)} triangles")
         mesh = mesh.split()
-    for number, item in zip(solver.driven, solver.mechanism.inputs, strict=True):
-        mesh = mesh.within(number, *item.range)
-    return mesh.only(view.is_own(view.types(mesh.nodes.values)))
+    return mesh.reported()
 
 
 class _Front:

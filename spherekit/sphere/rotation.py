@@ -219,10 +219,9 @@ def close_dyad(
     ----------
     first, second
         Unit axes (n, 3) of the outer pairs, in base axes.
-    near
-        In the axes of the body at `first`: its outer axis and the middle axis, (n, 3).
-    far
-        The same for the body at `second`.
+    near, far
+        In the axes of the bodies at `first` and `second`: the outer and the middle axis,
+        (n, 3).
     sign
         +1 or -1, or (n,) of these: the sign of middle . (first x second), which names the
         assembly mode.
@@ -247,8 +246,6 @@ def close_dyad(
     base = np.arctan2(length[..., 0], np.sum(first * second, axis=-1))
     side_near, side_far = arc(*near), arc(*far)
     at_first, at_second, closes = vertex_angles(base, side_near, side_far, slack)
-    # Where the outer axes lie on one line, the two bodies can turn together about it: one
-    # of their configurations is taken.
     free = length[:, 0] <= REACH_SLACK
     if np.any(free):
         normal[free] = perpendicular(first[free])
@@ -263,11 +260,10 @@ def close_dyad(
 
     near_rotation = placed(first, cross(normal, first), at_first, near)
     far_rotation = placed(second, -cross(normal, second), at_second, far)
-    sides = np.sin(side_near) * np.sin(side_far)
-    height = np.sin(base) * np.sin(at_first) * np.sin(side_near)
-    sine = height / np.where(sides > 0.0, sides, np.inf)
-    sine[np.minimum(np.sin(side_near), np.sin(side_far)) < SHORTEST] = 0.0
-    sine[free] = 0.0
+    sides = np.sin([side_near, side_far])
+    height = np.sin(base) * np.sin(at_first) * sides[0]
+    told = ~free & np.all(sides >= SHORTEST, axis=0)
+    sine = np.where(told, height / np.where(told, sides[0] * sides[1], 1.0), 0.0)
     return near_rotation, far_rotation, sine, closes
 
 
