@@ -1,6 +1,7 @@
 """The compiled engine: kernels per configuration, forward dynamics."""
 
 import time
+from functools import partial
 
 import numpy as np
 
@@ -88,18 +89,10 @@ def _kernel_row(
     made = tracer.mechanism
     pair = made.inputs[0].pair
     kernels, seconds = [], []
+    terms = partial(kernel, made, pair, source=source, derivatives=derivatives)
     for engine in KERNEL_ENGINES:
         started = time.perf_counter()
-        kernels.append(
-            kernel(
-                made,
-                pair,
-                source=source,
-                derivatives=derivatives,
-                with_inertia=bool(made.masses),
-                engine=engine,
-            )
-        )
+        kernels.append(terms(with_inertia=bool(made.masses), engine=engine))
         seconds.append(time.perf_counter() - started)
     compiled, arrays = kernels
     q = np.linspace(*tracer.range, BLOCK)

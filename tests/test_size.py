@@ -14,15 +14,15 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 653_557,
-    "code lines": 52_290,
+    "nodes": 630_957,
+    "code lines": 49_840,
     "files": 327,
-    "classes": 617,
-    "dataclasses": 443,
-    "functions of 60 lines": 14,
+    "classes": 490,
+    "dataclasses": 351,
+    "functions of 60 lines": 11,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
-LINES = {"tests": 37_643, "benchmarks": 4_495}
+LINES = {"tests": 33_512, "benchmarks": 4_489}
 """Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 
