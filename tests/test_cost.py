@@ -18,6 +18,8 @@ from spherekit.errors import AnalysisError
 from spherekit.files.library import find
 from spherekit.files.read import loads
 from spherekit.model.dynamics import Mass, Spring
+from spherekit.planning.inputs import plan_assembly
+from spherekit.planning.part import moving_pairs
 from spherekit.view.rerun_view import RerunRecorder
 
 NARROW, WIDE = "poles:only=6/1", "poles"
@@ -141,23 +143,20 @@ def test_the_part_moves_as_the_whole(twelve):
     assert curves(whole) == curves(part) and len(curves(part)) == 4
 
 
-def test_inputs_that_move_nothing_asked_are_left_out():
+def test_inputs_that_move_no_link_asked_are_not_of_its_part():
     """Two driven links beside the four-bar, one on the other."""
+    wider = '"21", "51"]\narcs = [60.0, 30.0]\nangles = [90.0]'
     text = find("four_bar").read_text().split("[modes.p0]")[0]
-    text = text.replace(
-        '"21"]\narcs = [60.0]', '"21", "51"]\narcs = [60.0, 30.0]\nangles = [90.0]', 1
-    )
-    for name, links, axes in (("51", '"1", "5"', '"51", "65"'), ("65", '"5", "6"', '"65"')):
-        arcs = "arcs = [20.0]" if "," in axes else ""
-        text += f"[links.{name[0]}]\naxes = [{axes}]\n{arcs}\n"
-        text += f'[pairs.{name}]\ntype = "R"\nlinks = [{links}]\n'
-        text += f"[inputs.{name}]\nfrom = 0.0\nto = 90.0\n"
+    text = text.replace('"21"]\narcs = [60.0]', wider, 1)
+    for name, pair, axes in (("5", "51", '"51", "65"]\narcs = [20.0'), ("6", "65", '"65"')):
+        text += f"[links.{name}]\naxes = [{axes}]\n"
+        text += f'[pairs.{pair}]\ntype = "R"\nlinks = ["{pair[1]}", "{pair[0]}"]\n'
+        text += f"[inputs.{pair}]\nfrom = 0.0\nto = 90.0\n"
     pointed = loads(text)
-    part = sk.run(pointed, "poles:only=31", samples=5, only_needed=True)
-    assert part.summary["part_of"]["left_out_links"] == ["5", "6"]
-    assert part.summary["part_of"]["left_out_pairs"] == ["51", "65"]
-    pointer = sk.run(pointed, "poles:only=61", samples=5, only_needed=True)
-    assert pointer.summary["part_of"]["left_out_links"] == ["2", "3", "4"]
+    for link, pairs in (("3", {"21", "32", "43", "41"}), ("6", {"51", "65"})):
+        links = pointed.link_number["1"], pointed.link_number[link]
+        moving = moving_pairs(pointed, plan_assembly(pointed), links)
+        assert set(pointed.names_of(moving)) == pairs
 
 
 def test_frames_and_zeros_stay_where_sizes_are_given():

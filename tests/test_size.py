@@ -22,7 +22,7 @@ REACHED = {
     "functions of 60 lines": 11,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
-LINES = {"tests": 33_512, "benchmarks": 4_489}
+LINES = {"tests": 33_511, "benchmarks": 4_489}
 """Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 
