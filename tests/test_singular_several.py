@@ -127,7 +127,7 @@ def test_coincident_poles_are_type_two_and_a_leg_stretched_into_their_line_type_
     assert found.type[0] == RowType.III and found.group[0] == 1
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(8))
 def test_theorem_1_coplanar_poles_of_regular_single_freedom_mechanisms(seed):
     """Inputs at two pairs of one leg: its stretched pose is type I of the second group.
 

@@ -156,7 +156,7 @@ def coefficients(
         for wanted, four in _each_alone(motion, output, by_rank, True):
             field = evaluate(motion, wanted)
             w.append(field.w[output.link] - field.w[output.relative_to])
-            made.append(_relation(four, field.direction.__getitem__))
+            made.append((four, _relation(four, field.direction.__getitem__)))
         c, d, u = _with_motions(motion, output, made)
         c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
         measured = by_motions(motion, output, tolerance)
@@ -181,7 +181,7 @@ def relations(
             if at is not None:
                 sure = planned.error[at] < TRUSTED_ERROR
                 directions[pole][sure] = planned.unit[at][:, sure].T
-        made.append(_relation(four, directions.__getitem__))
+        made.append((four, _relation(four, directions.__getitem__)))
     return _with_motions(motion, output, made)
 
 
@@ -227,7 +227,7 @@ def _relation(
 def _with_motions(
     motion: Motion,
     output: OutputStationary,
-    made: Sequence[tuple[Floats, Floats, Floats]],
+    made: Sequence[tuple[FourLinks, tuple[Floats, Floats, Floats]]],
 ) -> tuple[Floats, Floats, Floats]:
     """Return c, d (n, g) and u (n, g, 3), by motions where no plan gives them usably.
 
@@ -235,17 +235,17 @@ def _with_motions(
     singularities; an axis of links that rest in it is not known, but for the input's own,
     and what needs it is NaN.
     """
-    c, d, u = (np.stack(parts, axis=1) for parts in zip(*made, strict=True))
+    fours, planned = zip(*made, strict=True)
+    c, d, u = (np.stack(parts, axis=1) for parts in zip(*planned, strict=True))
     rows = np.flatnonzero(~motion.failed & np.any(~np.isfinite(c), axis=1))
     if not len(rows):
         return c, d, u
     closure, held = Closure.of(motion.mechanism, motion.joints), _held(motion)
     space = SingularityLocus(closure, len(held), output).space(motion.values[rows])
-    alone = space.basis @ adjugate(space.basis[:, held])
-    alone = unit_rows(alone)
-    for k, pair in enumerate(motion.assembly.inputs):
-        rates, (r, i) = space.at.body_rates(alone[:, :, k]), motion.mechanism.ends[pair]
-        driven = pole_of(i, r), space.at.vectors[:, held[k]]
+    alone = unit_rows(space.basis @ adjugate(space.basis[:, held]))
+    for k, four in enumerate(fours):
+        rates = space.at.body_rates(alone[:, :, k])
+        driven = pole_of(four.i, four.r), space.at.vectors[:, held[k]]
 
         def direction(
             pole: Pole, driven: tuple[Pole, Floats] = driven, rates: Floats = rates
@@ -256,7 +256,7 @@ def _with_motions(
             size = np.linalg.norm(between, axis=1, keepdims=True)
             return between / np.where(size > SINGULAR, size, np.nan)
 
-        filling = _relation(FourLinks(i, r, output.link, output.relative_to), direction)
+        filling = _relation(four, direction)
         for whole, part in zip((c[:, k], d[:, k], u[:, k]), filling, strict=True):
             whole[rows] = np.where(np.isfinite(whole[rows]), whole[rows], part)
     return c, d, u
