@@ -285,7 +285,7 @@ class OneInput:
         if self.batch.timed:
             return []
         points, mode = self.points, str(int(self.batch.assembly_mode[rows.start]))
-        here = np.array([mode in modes.split("+") for modes in points["assembly_mode"]])
+        here = np.array([mode in m.split("+") for m in points["assembly_mode"]], bool)
         parts: list[Primitive] = []
         for kind in dict.fromkeys(points["kind"][here].tolist()):
             q = np.unique(points["q"][here & (points["kind"] == kind)])
