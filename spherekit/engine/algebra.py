@@ -1,4 +1,4 @@
-"""Vectors and matrices whose entries are expressions, and derivatives with them.
+"""Vectors and matrices whose entries are expressions.
 
 Arrays are NumPy object arrays of numbers and expressions. Terms drop products with 0 and
 1 and share what occurs twice, so nothing is simplified here.
@@ -26,7 +26,7 @@ from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, SizeGeometry
 from spherekit.model.pose_sizes import pose_sizes
 
 Exprs = NDArray[np.object_]
-"""An array of numbers, expressions or series."""
+"""An array of numbers and expressions."""
 
 SNAP = 1e-15
 """A direction cosine this near to 0, 1 or -1 is that number; it is so up to rounding."""

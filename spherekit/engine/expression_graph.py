@@ -13,7 +13,7 @@ from spherekit.errors import EngineError
 from spherekit.model.expression import Expression, fold
 
 Expr = Any
-"""A number, a term, or a `spherekit.engine.algebra.Series` of these."""
+"""A number or a term."""
 
 WITHOUT_EXPRESSIONS = 'use NumPy\'s simulate(engine="numpy") or engine.fields.evaluate'
 """What to ask for where a mechanism cannot be written in terms."""

@@ -103,7 +103,7 @@ class PiecewiseChebyshev:
         """
         cell = np.searchsorted(self.edges, x, side="right") - 1
         cell = np.clip(cell, 0, len(self.coefficients) - 1)
-        if len(np.flatnonzero(np.diff(cell)) + 1) * SHORTEST_RUN > len(x):
+        if np.count_nonzero(np.diff(cell)) * SHORTEST_RUN > len(x):
             order = np.argsort(cell, kind="stable")
             sums = np.empty((self.coefficients.shape[2], len(x)))
             sums[:, order] = self._in_runs(x[order], cell[order])
