@@ -52,6 +52,19 @@ def test_bearings_that_lock_end_a_simulation():
     assert sk.simulate(spun(1.9), sk.Start(0.0, 5.0), 0.01).end.kind == "time"
 
 
+def test_rows_at_singularities_say_nothing_of_what_bearings_carry():
+    """At a change point reactions are open, which is no fault of the other rows."""
+    sizes = dict(zip("1234", (60.0, 40.0, 60.0, 40.0), strict=True))
+    made = heavy("four_bar").with_sizes(angle_unit="deg", arcs=sizes)
+    made = made.with_inputs(ranges={"21": (0.0, 1.0)}, angle_unit="rad")
+    rub = sk.Bearings("rub", "41", (0.4, 0.9), 0.1, 0.3, speed=0.05)
+    run = sk.run(made.with_loads(rub), ["eksergian", "dynamics"], samples=3)
+    for name in run.results:
+        if name != "motion":
+            told = run.frame(name)["status"].astype(str)
+            assert list(told) == ["AT_SINGULARITY", "OK", "OK"] * 2
+
+
 CASES = {
     "four_bar": ((0.3,), (2.0,), ("21", "41"), 0.4),
     "five_bar": ((1.0, 1.2), (1.0, -0.8), ("21", "43"), 0.4),

@@ -32,6 +32,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, PositionAnalysis, Timing, by_laws, going_on
 from spherekit.planning.inputs import driven_at
 from spherekit.rates.request import request
+from spherekit.sphere.rotation import all_finite
 
 DEAD_CENTRE = 1e-6
 """Inputs that say less surely how all variables move lose half the digits of rates."""
@@ -72,8 +73,8 @@ def judged(
         status[rated & locked] = Status.NOT_CONVERGED
     with np.errstate(over="ignore", invalid="ignore"):
         finite = np.isfinite(np.einsum("ni,nil->nl", rates, forces))
-    finite &= np.all(np.isfinite(forces), axis=1)
-    lost = ~np.all(np.isfinite(torques), axis=1) | ~np.all(finite, axis=1)
+    finite &= all_finite(forces, 1)
+    lost = ~(all_finite(torques, 1) & np.all(finite, axis=1))
     status[(status == Status.OK) & lost] = Status.OVERFLOW
     for parts in (masses.M_parts, masses.dM_parts):
         parts[~rated] = np.nan
@@ -251,7 +252,7 @@ def inverse_dynamics(
     """
     mechanism = mechanism_of(mechanism)
     t = np.atleast_1d(np.asarray(times, dtype=float))
-    if t.ndim != 1 or not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
+    if t.ndim != 1 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
         raise SolveError(
             f"{mechanism.name}: the times (k,) of samples must be finite and increase"
         )
@@ -271,14 +272,13 @@ def _driven(
     """Return a mechanism with the inputs that laws are of, and the law of each."""
     if isinstance(law, Mapping):
         inputs = mechanism.input_pairs
-        lacking = [pair for pair in inputs if pair not in law]
         if len(law) < len(inputs):
+            lacking = next(pair for pair in inputs if pair not in law)
             raise SolveError(
-                f"{mechanism.name}: input {lacking[0]} has no law; give one for every "
+                f"{mechanism.name}: input {lacking} has no law; give one for every "
                 f"input ({listing(inputs)})"
             )
-        mechanism = mechanism.with_inputs(*(law if lacking else inputs))
-        return mechanism, law
+        return mechanism.with_inputs(*(inputs if {*inputs} == {*law} else law)), law
     mechanism = driven_at(mechanism, input_pair)
     names = mechanism.input_pairs
     if len(names) > 1:
@@ -322,7 +322,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     with np.errstate(over="ignore", invalid="ignore"):
-        carried, locked, rounds = _rubbed(motion, coordinates)
+        carried, locked, rounds = _rubbed(motion, coordinates, status)
     solution = balancing(mechanism, rows, timing, coordinates, status, locked, carried)
     for array in (solution.values, coordinates.rates, coordinates.frames):
         array[status != Status.OK] = np.nan
@@ -330,7 +330,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
 
 
 def _rubbed(
-    motion: Motion, coordinates: CoordinateMotion
+    motion: Motion, coordinates: CoordinateMotion, status: SmallIntegers
 ) -> tuple[Floats | None, Bools | None, int]:
     """Return what bearings that rub carry, the rows they lock, and rounds of iteration."""
     assert motion.timing is not None
@@ -339,7 +339,7 @@ def _rubbed(
         return None, None, 0
     still = loads.parts(coordinates, timing.dq, timing.t)
     torques = _torques(inertia(mechanism, coordinates), still, timing)
-    good = np.all(np.isfinite(torques), axis=1) & ~motion.failed
+    good = all_finite(torques, 1) & (status == Status.OK)
     every = DrivenState(mechanism, coordinates, timing, torques)
     carried, locked, rounds = rubbed(every, loads, good)
     carried[~good] = 0.0
