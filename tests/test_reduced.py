@@ -152,6 +152,9 @@ def test_an_open_curve_refuses_places_beyond_its_ends(four_bar):
 def test_bad_requests_name_the_nearest_match(four_bar, models):
     with pytest.raises(SolveError, match=r'pole "3/5" is not stored; did you mean "3/'):
         models[0].pole("3/5", 0.1)
+    models[0].value("B", 0.1)  # and is kept
+    with pytest.raises(SolveError, match='pole "B" is not stored'):
+        models[0].pole("B", 0.1)
     with pytest.raises(
         SolveError, match='"theta_12" is not stored; did you mean "theta_21"'
     ):

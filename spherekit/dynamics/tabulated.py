@@ -176,12 +176,13 @@ class StoredModel:
 
         `name` is LINK/RELATIVE_TO, as "3/1"; either order names the same axis. Of a curve.
         """
-        if self._is_one(x) and name in self._singles:
-            return np.array(self._singles[name](x))
+        kept = "pole", name
+        if self._is_one(x) and kept in self._singles:
+            return np.array(self._singles[kept](x))
         stored = self.heading.pole(name)[0]
         names = [f"pole {stored} {axis}" for axis in "xyz"]
         if self._is_one(x):
-            self._singles[name] = self._named(*names)
+            self._singles[kept] = self._named(*names)
             return self.pole(name, x)
         (q,), _, shape = self._together(x)
         rows = self._rows(self.heading.place(names[0])[0], q)
@@ -307,8 +308,8 @@ class StoredModel:
             return self.torque(*once)[0]
 
     @cached_property
-    def _singles(self) -> dict[str, Single]:
-        """Functions and pole axes at single places, by name, once asked for."""
+    def _singles(self) -> dict[str | tuple[str, str], Single]:
+        """Functions by name, axes by "pole" and name, at single places, once asked for."""
         return {}
 
     def _is_one(self, x: Any) -> bool:
