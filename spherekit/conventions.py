@@ -117,6 +117,9 @@ Facts = dict[str, Any]
 Names = tuple[str, ...]
 """Names, or words, in their order."""
 
+Lines = list[str]
+"""What is said, line by line, or words to choose from."""
+
 AnyPath = str | os.PathLike[str]
 """Where a file or folder is."""
 

@@ -15,8 +15,7 @@ from common import LECTURE_TABLE
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.cli.run_progress import bar
-from spherekit.cli.run_report import duration
+from spherekit.cli.run_report import bar, duration
 from spherekit.errors import ModelError
 
 ROOT = Path(__file__).parent.parent

@@ -16,7 +16,7 @@ FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
     "nodes": 630_957,
     "code lines": 49_840,
-    "files": 327,
+    "files": 325,
     "classes": 490,
     "dataclasses": 351,
     "functions of 60 lines": 11,

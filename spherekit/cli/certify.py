@@ -9,9 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from spherekit.cli.main import Facts, Lines
 from spherekit.cli.study import INPUT, LOCK, with_locks
-from spherekit.conventions import counted
+from spherekit.conventions import Facts, Lines, counted
 
 PAGE = (
     INPUT

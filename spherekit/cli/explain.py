@@ -4,15 +4,14 @@ from argparse import Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from spherekit.cli.main import print_json
 from spherekit.cli.run_report import megabytes
 from spherekit.cli.study import STUDY, study_from
-from spherekit.conventions import counted, numbered
+from spherekit.conventions import Facts, Lines, counted, numbered
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
     from spherekit.model.study import Study
-
-from spherekit.cli.main import Facts, Lines, print_json
 
 PAGE = (
     STUDY

@@ -14,10 +14,6 @@ from typing import Any
 
 from spherekit.cli.stopping import signal_of, stoppable
 
-Lines = list[str]
-Facts = dict[str, Any]
-"""What a command finds, as JSON has it."""
-
 BAD_INPUT, FAILED_SAMPLES, FAILED_ANALYSIS, STOPPED = 1, 3, 4, 128
 """Exit statuses; of a command that was stopped, the number of the signal is added."""
 

@@ -10,11 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, Facts, note, print_json
-from spherekit.cli.run_progress import progress
-from spherekit.cli.run_report import report
+from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, note, print_json
+from spherekit.cli.run_report import progress, report
 from spherekit.cli.study import STUDY, TIMED, study_from
-from spherekit.conventions import counted
+from spherekit.conventions import Facts, counted
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis

@@ -6,26 +6,27 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-Words = list[str]
-Suggest = Callable[[str, Any], Words]
+from spherekit.conventions import Lines
+
+Suggest = Callable[[str, Any], Lines]
 """Gives words for what is typed and what is known so far of the command line."""
 
 
-def mechanisms(prefix: str, typed: Any = None) -> Words:
+def mechanisms(prefix: str, typed: Any = None) -> Lines:
     """Return shipped mechanisms and files."""
     from spherekit.files.library import shipped
 
     return [name for pack in shipped() for name in pack.files] + tables(prefix)
 
 
-def studies(prefix: str, typed: Any = None) -> Words:
+def studies(prefix: str, typed: Any = None) -> Lines:
     """Return shipped mechanisms, shipped studies and files."""
     from spherekit.files.library import shipped
 
     return [name for pack in shipped() for name in pack.studies] + mechanisms(prefix)
 
 
-def analyses(prefix: str, typed: Any = None) -> Words:
+def analyses(prefix: str, typed: Any = None) -> Lines:
     """Return the installed analyses; after a colon the parameters of one."""
     name, colon, given = prefix.partition(":")
     if not colon:  # without the registry, which loads NumPy
@@ -37,7 +38,7 @@ def analyses(prefix: str, typed: Any = None) -> Words:
     return [f"{before}{key}=" for key in parameters(load(name))]
 
 
-def pairs(prefix: str, typed: Any) -> Words:
+def pairs(prefix: str, typed: Any) -> Lines:
     """Return the pairs of the mechanism that the command line names."""
     from spherekit.errors import SpherekitError
     from spherekit.files.study import load_study
@@ -47,17 +48,17 @@ def pairs(prefix: str, typed: Any) -> Words:
     return []
 
 
-def recordings(prefix: str, typed: Any = None) -> Words:
+def recordings(prefix: str, typed: Any = None) -> Lines:
     """Return recordings and folders."""
     return _files(prefix, ".rrd")
 
 
-def tables(prefix: str, typed: Any = None) -> Words:
+def tables(prefix: str, typed: Any = None) -> Lines:
     """Return TOML files and folders."""
     return _files(prefix, ".toml")
 
 
-def _files(prefix: str, suffix: str) -> Words:
+def _files(prefix: str, suffix: str) -> Lines:
     """Return the files with a suffix, and the folders, whose paths begin so."""
     folder, _, begun = prefix.rpartition("/")
     place = f"{folder}/" if "/" in prefix else ""

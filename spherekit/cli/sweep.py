@@ -5,9 +5,9 @@ import sys
 from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.main import Lines, note
+from spherekit.cli.main import note
 from spherekit.cli.study import STUDY, TIMED, study_from
-from spherekit.conventions import counted, numbered, with_units, without_numbers
+from spherekit.conventions import Lines, counted, numbered, with_units, without_numbers
 
 if TYPE_CHECKING:
     from spherekit.design.sweep_parts import SweepResult

@@ -6,9 +6,8 @@ from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 
-from spherekit.cli.main import Facts
 from spherekit.cli.study import LOCK, with_locks
-from spherekit.conventions import counted, numbered
+from spherekit.conventions import Facts, counted, numbered
 from spherekit.errors import SolveError, SpherekitError
 
 PAGE = (

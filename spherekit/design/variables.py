@@ -18,10 +18,9 @@ from spherekit.files.read import stated
 from spherekit.files.schema import Limits, check, limits_of
 from spherekit.files.write import number_at, number_path, with_numbers
 from spherekit.model.dynamics import LOADS, PairTorque
-from spherekit.model.gears import COLLINEAR
+from spherekit.model.gears import COLLINEAR, pose_sizes
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, SizeGeometry
-from spherekit.model.pose_sizes import pose_sizes
 
 DESIGNED = ("links", "pairs", "mass", "loads")
 """Tables of a file whose numbers make a design."""

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from spherekit.arrays import Floats
 from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.errors import EngineError
-from spherekit.model.gears import COLLINEAR, axes_from_sizes, reference_frame
+from spherekit.model.gears import COLLINEAR, axes_from_sizes, pose_sizes, reference_frame
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, SizeGeometry
-from spherekit.model.pose_sizes import pose_sizes
 
 Exprs = NDArray[np.object_]
 """An array of numbers and expressions."""

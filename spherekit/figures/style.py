@@ -86,10 +86,9 @@ def page_look(page: Page) -> Look:
     """
     if not isinstance(page, int):
         return {"color": INK, "linestyle": "-"}
-    dashes = DASHES[page // len(MODES) % len(DASHES)]
     return {
         "color": MODES[page % len(MODES)],
-        "linestyle": dashes,
+        "linestyle": DASHES[page // len(MODES) % len(DASHES)],
         "gid": f"mode {page}",
     }
 

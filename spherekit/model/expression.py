@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.arrays import Floats
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import Names, listing, nearest
 from spherekit.errors import ModelError
-
-Names = tuple[str, ...]
 
 MAX_LENGTH = 2000
 """Longest expression (characters); a Fourier series of 50 terms fits easily."""

@@ -1,6 +1,7 @@
 """Bevel gears as rolling cones: pitch cones from numbers of teeth and the shaft angle.
 
-Where each pair's axis and zero direction sit in its two links.
+Where each pair's axis and zero direction sit in its two links, and which arcs and angles
+the axes of a reference pose say.
 """
 
 import math
@@ -243,6 +244,44 @@ def reference_frame(axes: Mapping[str, Floats], name: str) -> Floats:
         if length > COLLINEAR:
             return frame_from(axis, toward / length)
     return frame_from(axis, perpendicular(axis))
+
+
+PoseSize = tuple[Literal["arcs", "angles"], str, float, Floats]
+"""An arc from the first R pair's axis of a link to another one's, or an angle there.
+
+The kind: arcs start at the first axis; angles count at it, counter-clockwise, from the arc
+to the second axis. The pair to which it leads. What it is in the pose (rad). What turns the
+axis of the pair when the size grows, (3,) in ground axes.
+"""
+
+
+def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
+    """Return the sizes of a link in a reference pose, its axes in the order of the pairs.
+
+    An axis on the line of the first one has none: no arc parts them.
+    """
+    assert isinstance(mechanism.geometry, PoseGeometry)
+    (_, start), *others = (
+        (pair.name, np.array(mechanism.geometry.axes[pair.name], dtype=float))
+        for pair in mechanism.pairs
+        if pair.kind.has_axis and link in pair.links
+    )
+    made: list[PoseSize] = []
+    toward: Floats | None = None
+    for name, axis in others:
+        normal = cross(start, axis)
+        sine = float(np.linalg.norm(normal))
+        if sine < COLLINEAR:
+            continue
+        normal = normal / sine
+        length = float(np.arctan2(sine, start @ axis))
+        made.append(("arcs", name, length, normal))
+        if toward is None:
+            toward = normal
+        else:
+            angle = float(np.arctan2(cross(toward, normal) @ start, toward @ normal))
+            made.append(("angles", name, angle, start))
+    return tuple(made)
 
 
 ROUNDING = 8 * EPS

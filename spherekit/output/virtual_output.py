@@ -17,11 +17,9 @@ from spherekit.errors import PlanError
 from spherekit.model.gears import pair_frames
 from spherekit.model.locking import sizes_by_frames
 from spherekit.model.mechanism import Mechanism, chosen_output
-from spherekit.model.parts import Input, Output, Pair, PoseGeometry, SizeGeometry
+from spherekit.model.parts import Input, Output, Pair, PoseGeometry, SizeGeometry, Vector
 from spherekit.planning.inputs import driven_pairs
 from spherekit.sphere.rotation import azimuth_tilt, from_euler_zyz
-
-Vector = tuple[float, float, float]
 
 Z: Vector = (0.0, 0.0, 1.0)
 WHOLE = 2.0 * np.pi
