@@ -352,6 +352,8 @@ def _need_function(key: str, function: Callable[[float, float, float], float]) -
         raise ModelError(
             f"{key}: the function has to take time, variable and rate (t, q, dq): {error}"
         ) from None
+    except ValueError:  # those of compiled modules have no signature
+        pass
 
 
 def need_at_least_zero(key: str, number: float, unit: str) -> None:

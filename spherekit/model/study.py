@@ -347,6 +347,14 @@ class Study:
         if self.path is not None:
             object.__setattr__(self, "path", np.array(self.path, dtype=np.float64))
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether another study says the same, whatever file it is from."""
+        return isinstance(other, Study) and all(
+            np.array_equal(getattr(self, item.name), getattr(other, item.name))
+            for item in fields(self)
+            if item.compare
+        )
+
     @property
     def driving_torque(self) -> str | Mapping[str, str] | None:
         """The torque at the input, or at each of several, as an expression, if any."""
