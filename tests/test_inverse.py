@@ -262,10 +262,9 @@ def test_every_turn_of_the_mid_plane_mechanism_is_found():
     normal, known = mid_plane_pose(directions)
     found = kinematics.solutions(directions)
     assert np.max(np.abs(found.directions - directions[found.row])) < 1e-14
-    frames = input_frames(made)
     reached = np.ones(4, dtype=bool)
     for pair, end, arc in (("21", 1, 40.0), ("61", 0, 40.0), ("81", 0, 50.0)):
-        axis = frames[pair][end][:, 2]
+        axis = input_frames(made)[pair][end][:, 2]
         reached &= np.abs(normal @ axis) < np.sin(np.radians(arc))
     assert 2 <= np.sum(reached) < 4
     for row in range(4):
@@ -274,6 +273,8 @@ def test_every_turn_of_the_mid_plane_mechanism_is_found():
         pairs = {tuple(np.round(q, 6)) for q in found.inputs[mine][same]}
         assert len(pairs) == (4 if reached[row] else 0)
     assert {len(signs) for signs in found.signs} == {5}
+    there = kinematics.solutions([[0.0, 0.5, 0.75**0.5]])  # axes of a dyad coincide
+    assert np.all(ForwardKinematics(made).solver.closure.at(there.values).gap < 1e-12)
 
 
 def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equations():
@@ -288,8 +289,7 @@ def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equatio
     inverse = kinematics.at(pose, near=rotations, normals=True)
     gap = np.max(np.abs(np.angle(np.exp(1j * (inverse.inputs - motion.inputs)))), axis=2)
     wrong = np.max(np.abs(inverse.jacobian - rates), axis=(2, 3))
-    size = np.max(np.abs(rates), axis=(1, 2))
-    moves = size > 1e-6
+    moves = np.max(np.abs(rates), axis=(1, 2)) > 1e-6
     same = (gap < 1e-9) & (inverse.status == Status.OK)
     assert np.sum(moves) >= 8 and np.all(np.any(same & (wrong < 1e-8), axis=0)[moves])
 

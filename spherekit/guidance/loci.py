@@ -242,7 +242,7 @@ def _assembled(
         np.arctan2(seen[:, 1], seen[:, 0]),
         np.where(ahead, 1.0, -1.0),
     )
-    every_axis = tuple(along[pair] for pair in range(len(along)))
+    every_axis = tuple(along[pair] for pair in sorted(along))
     return MidPlaneArchitecture(
         mechanism, joints, plane, effector, frame, image, tuple(legs), every_axis, output
     )

@@ -28,8 +28,9 @@ from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import revolutes
 from spherekit.motion.assembly_modes import FLAT_DYAD, Solver, label_of
+from spherekit.motion.closure import Closure
 from spherekit.motion.loops import turns_of
-from spherekit.output.closing_link import DyadsWithClosingLink, turned
+from spherekit.output.closing_link import CLOSED, DyadsWithClosingLink, turned
 from spherekit.output.dyads import Dyads, Signs, reciprocal
 from spherekit.output.forward import PoseSolutions, solved
 from spherekit.output.posed_mode import PosedMode
@@ -378,8 +379,12 @@ class InverseKinematics:
                 parts.append((row + start, links, placed.given_rotation.T))
                 signs += [(*mode, int(sign)) for sign in sense]
         row, links, rotations = (np.concatenate(part) for part in zip(*parts, strict=True))
+        values, _ = turns_of(ends, joints, links)
+        # where axes of a dyad coincide it is placed by rounding, and closes no loop
+        closed = Closure.of(self.own, tuple(joints)).at(values).gap < CLOSED
         order = np.argsort(row, kind="stable")
-        values, turned_links = turns_of(ends, joints, links[order])[0], rotations[order]
+        order = order[closed[order]]
+        values, turned_links = values[order], rotations[order]
         return PoseSolutions(
             row[order],
             values[:, self.driven],
