@@ -116,7 +116,7 @@ def read_poses(
         raise
     driven = names == solver.mechanism.input_pairs
     angles = [driven or name in ANGLES for name in names]
-    degrees = [units.get(name, unit) == "deg" for name in names]
+    degrees = [(units.get(name) or unit) == "deg" for name in names]
     rows = np.where(np.logical_and(angles, degrees), np.radians(rows), rows)
     if driven:
         return None, rows, shape
@@ -141,7 +141,7 @@ def _of_text(
 def _of_file(
     solver: OutputKinematics, where: str, path: Path, wanted: Names
 ) -> tuple[Names, Floats, dict[str, str], Sequence[str]]:
-    """Return names, rows, units of some names, and where each row is."""
+    """Return names, rows, units, "" where none is said, and where each row is."""
     header, kinds = columns_of(path), _kinds(solver)
     prefixed = {f"q_{name}": name for name in kinds[-1]}
     columns = {prefixed.get(name, name): written for name, written in header.items()}
@@ -163,8 +163,7 @@ def _of_file(
         )
     names = held[0]
     numbers = read_numbers(path, [columns[name] for name in names])
-    said = {name: numbers.units.get(columns[name], "") for name in names}
-    units = {name: unit for name, unit in said.items() if unit}
+    units = {name: numbers.units.get(columns[name], "") for name in names}
     return names, numbers.values, units, numbers.places
 
 
@@ -228,9 +227,9 @@ def _check_size(count: float, where: str) -> None:
         )
 
 
-def _kinds(solver: OutputKinematics) -> list[tuple[str, ...]]:
+def _kinds(solver: OutputKinematics) -> list[Names]:
     """Return what columns make a pose of this output, and the inputs last."""
-    kinds: list[tuple[str, ...]]
+    kinds: list[Names]
     if not solver.labels:
         kinds = []
     elif solver.points:
@@ -242,9 +241,7 @@ def _kinds(solver: OutputKinematics) -> list[tuple[str, ...]]:
     return [*kinds, solver.mechanism.input_pairs]
 
 
-def _kind(
-    kinds: Sequence[tuple[str, ...]], names: tuple[str, ...], where: str
-) -> tuple[str, ...]:
+def _kind(kinds: Sequence[Names], names: Names, where: str) -> Names:
     """Return the kind with these names, whose order is then that of the kind."""
     for kind in kinds:
         if set(kind) == set(names) and len(kind) == len(names):
@@ -269,7 +266,7 @@ def _example(solver: OutputKinematics) -> str:
     return "+".join(f"{name}={number:.8g}" for name, number in told)
 
 
-def _ways(kinds: Sequence[tuple[str, ...]]) -> str:
+def _ways(kinds: Sequence[Names]) -> str:
     return listing("+".join(kind) for kind in kinds)
 
 

@@ -256,8 +256,7 @@ class ArcCurve(Chords):
             lost = float(u.ravel()[~np.isfinite(cosine)][0])
             raise SolveError(
                 f"the configuration curve is lost at the length {lost:.6g} rad of its "
-                "chords: Newton's method does not close the loops between two nodes; "
-                "follow it with a smaller `step`"
+                "chords: Newton's method does not close the loops between two nodes"
             )
         return (1.0 / cosine).reshape(u.shape)
 
