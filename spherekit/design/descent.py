@@ -10,7 +10,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats
 from spherekit.design.evaluate import Evaluator
-from spherekit.design.figures import extremes, widest_swings
+from spherekit.design.figures import widest_swings
 from spherekit.design.homotopy import LONG, SAME, apart, straight, tracked
 from spherekit.design.requirements import MATCH, Specification
 from spherekit.design.sweep import Columns
@@ -283,16 +283,18 @@ class FigureGradients:
     def _share(self, kind: str, value: Floats, figure: float) -> Floats:
         """Return the share (n,) of each value in the derivative of a figure."""
         share, closed = np.zeros(len(value)), np.isfinite(value)
+        if not np.any(closed):
+            return share
         if kind in ("mean", "sum", "at", "rms"):
-            share[closed] = 1.0 if kind == "sum" else 1.0 / max(np.sum(closed), 1)
+            share[closed] = 1.0 if kind == "sum" else 1.0 / np.sum(closed)
             if kind == "rms":
                 share[closed] *= value[closed] / max(figure, 1e-300)
-        elif np.any(closed):
-            low, high = extremes(value[:, None])
-            if kind == "swing":
-                _, low, high = widest_swings(value[:, None], self.evaluator.samples.returns)
-            share[high] += kind != "min"
-            share[low] += {"min": 1.0, "max": 0.0}.get(kind, -1.0)
+            return share
+        low, high = (np.atleast_1d(end(value)) for end in (np.nanargmin, np.nanargmax))
+        if kind == "swing":
+            _, low, high = widest_swings(value[:, None], self.evaluator.samples.returns)
+        share[high] += kind != "min"
+        share[low] += {"min": 1.0, "max": 0.0}.get(kind, -1.0)
         return share
 
     def _turns(self, design: DesignAt, places: Floats) -> Floats:

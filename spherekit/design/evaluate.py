@@ -5,8 +5,8 @@ Turns of the pairs of a kernel in closed form: by the rule of `motion.assembly_m
 Angles of all designs are followed at once, between inputs so near that none moves far.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 
@@ -77,193 +77,171 @@ TOGETHER = 16384
 """Rows that are looked at together: they stay in the cache."""
 
 
-@dataclass(frozen=True)
-class KernelTurns:
-    """The turns of one assembly mode of designs.
+Angles = Callable[[Indices, Floats], Floats]
+"""Angles (pairs, m) of designs (m,) at inputs (m, inputs), NaN where they do not close."""
+
+
+def kernel_angles(
+    kernel: DesignKernel, prepared: Floats, signs: Sequence[float], width: int
+) -> Angles:
+    """Return the angles of a kernel's turning pairs in one assembly mode of designs.
 
     `prepared` (k, n) is what the kernel has of them, `signs` (dyads,) are their dyads',
-    `width` is what a sample has. Inputs go on from `anchor` (inputs,); a single one that
-    `returns` has come back to where it was after a turn.
+    `width` is what a sample has.
     """
+    assert kernel.angles is not None
+    first = width + len(signs)
+    last, function = first + len(kernel.turning), kernel.angles
 
-    kernel: DesignKernel
-    prepared: Floats
-    signs: Floats
-    width: int
-    anchor: Floats
-    returns: bool
+    def at(who: Indices, q: Floats) -> Floats:
+        parts = []
+        for k in range(0, len(who), TOGETHER):
+            some = who[k : k + TOGETHER]
+            rows = np.zeros((last + len(prepared), len(some)))
+            rows[: q.shape[1]] = q[k : k + TOGETHER].T
+            rows[width:first] = np.reshape(signs, (-1, 1))
+            rows[last:] = prepared[:, some]
+            outputs = function(rows)
+            closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
+            parts.append(np.where(closed, outputs[kernel.reaches :], np.nan))
+        return np.concatenate(parts, axis=1)
 
-    @property
-    def count(self) -> int:
-        """How many designs there are."""
-        return self.prepared.shape[1]
+    return at
 
-    def at(self, q: Floats, points: Floats) -> Floats:
-        """Return turns (pairs, k + m, n), rad, to be added to the angles of the kernel.
 
-        At samples (k, inputs), then at points (m, inputs).
-        """
-        pairs = len(self.kernel.turning)
-        if not pairs:
-            return np.zeros((0, len(q) + len(points), self.count))
-        with np.errstate(all="ignore"):
-            if len(self.anchor) == 1:
-                return self._along_one(np.concatenate([q, points])[:, 0])
-            turns = self._along_several(q)
-            there = np.zeros((pairs, len(points), self.count))
-            for k, point in enumerate(points):
-                near = int(np.argmin(max_abs(q - point, axis=1)))
-                there[:, k] = self._onward(q[near], point, turns[:, near])
-            return np.concatenate([turns, there], axis=1)
+def _along(angles: Angles, n: int, q: Floats) -> tuple[Floats, Floats]:
+    """Return the angles (pairs, k, n) of all designs at inputs (k, inputs).
 
-    def _angles(self, who: Indices, q: Floats) -> Floats:
-        """Return the angles (pairs, m) of designs (m,) at inputs (m, inputs).
+    And by how much they grow (pairs, k - 1, n) to the next.
+    """
+    who, rows = np.tile(np.arange(n), len(q)), np.repeat(q, n, axis=0)
+    at = angles(who, rows)
+    steps = _grown(angles, who[n:], (rows[:-n], rows[n:]), (at[:, :-n], at[:, n:]))
+    return at.reshape(len(at), -1, n), steps.reshape(len(at), -1, n)
 
-        NaN where they do not close.
-        """
-        kernel, inputs = self.kernel, len(self.anchor)
-        assert kernel.angles is not None
-        if len(who) > TOGETHER:
-            parts = range(0, len(who), TOGETHER)
-            every = [slice(k, k + TOGETHER) for k in parts]
-            return np.concatenate([self._angles(who[k], q[k]) for k in every], axis=1)
-        first = self.width + len(self.signs)
-        rows = np.zeros((first + len(kernel.turning) + len(self.prepared), len(who)))
-        rows[:inputs] = q.T
-        rows[self.width : first] = self.signs[:, None]
-        rows[first + len(kernel.turning) :] = self.prepared[:, who]
-        outputs = kernel.angles(rows)
-        closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
-        return np.where(closed, outputs[kernel.reaches :], np.nan)
 
-    def _everywhere(self, q: Floats) -> Floats:
-        """Return the angles (pairs, k, n) of all designs at inputs (k, inputs)."""
-        shape = len(self.kernel.turning), len(q), self.count
-        who = np.tile(np.arange(self.count), len(q))
-        return self._angles(who, np.repeat(q, self.count, axis=0)).reshape(shape)
+def _grown(
+    angles: Angles,
+    who: Indices,
+    inputs: tuple[Floats, Floats],
+    ends: tuple[Floats, Floats],
+    halvings: int = HALVINGS,
+) -> Floats:
+    """Return by how much angles of designs (m,) grow from inputs to others.
 
-    def _steps(self, q: Floats, angles: Floats) -> Floats:
-        """Return by how much angles (pairs, k, n) at inputs grow to the next inputs."""
-        pairs, k, n = angles.shape
-        who, place = np.tile(np.arange(n), k - 1), np.repeat(np.arange(k - 1), n)
-        ends = angles[:, :-1].reshape(pairs, -1), angles[:, 1:].reshape(pairs, -1)
-        return self._grown(who, (q[place], q[place + 1]), ends).reshape(pairs, k - 1, n)
-
-    def _grown(
-        self,
-        who: Indices,
-        inputs: tuple[Floats, Floats],
-        angles: tuple[Floats, Floats],
-        halvings: int = HALVINGS,
-    ) -> Floats:
-        """Return by how much angles of designs (m,) grow from inputs to others.
-
-        NaN where they are not followed.
-        """
-        step = wrap(angles[1] - angles[0])
-        far = np.flatnonzero(max_abs(step, axis=0) > SWING)
-        if not len(far):
-            return step
-        if not halvings:
-            step[:, far] = np.nan
-            return step
+    NaN where they are not followed.
+    """
+    step = wrap(ends[1] - ends[0])
+    far = np.flatnonzero(max_abs(step, axis=0) > SWING)
+    step[:, far] = np.nan
+    if len(far) and halvings:
         low, high = inputs[0][far], inputs[1][far]
         between = 0.5 * (low + high)
-        here = self._angles(who[far], between)
-        step[:, far] = self._grown(
-            who[far], (low, between), (angles[0][:, far], here), halvings - 1
-        ) + self._grown(who[far], (between, high), (here, angles[1][:, far]), halvings - 1)
-        return step
+        here = angles(who[far], between)
+        parts = (
+            ((low, between), (ends[0][:, far], here)),
+            (
+                (between, high),
+                (here, ends[1][:, far]),
+            ),
+        )
+        step[:, far] = sum(_grown(angles, who[far], *x, halvings - 1) for x in parts)
+    return step
 
-    # One input.
 
-    def _along_one(self, q: Floats) -> Floats:
-        (anchor,) = self.anchor
-        laps = np.floor((q - anchor) / TURN) if self.returns else np.zeros(len(q))
-        place = q - laps * TURN
-        ends = [anchor, *place, anchor + TURN] if self.returns else [anchor, *place]
-        low, high = min(ends), max(ends)
-        fill = np.linspace(low, high, 2 + int((high - low) / STRIDE))
-        stations = np.unique([*ends, *fill])
-        angles = self._everywhere(stations[:, None])
-        steps = self._steps(stations[:, None], angles)
-        start = int(np.searchsorted(stations, anchor))
-        whole = np.full_like(angles, np.nan)
-        for way, along in (
-            (slice(start, None), steps[:, start:]),
-            (slice(start, None, -1), -steps[:, :start][:, ::-1]),
-        ):
-            whole[:, way] = self._followed(stations[way], angles[:, way], along)
-        grown = np.zeros_like(whole[:, 0])
-        if self.returns:
-            good = all_finite(steps, 0)
-            grown = np.round((whole[:, -1] - whole[:, 0]) / TURN) * TURN
-            # A mode that ends goes on to either side of the anchor.
-            last = np.logical_and.accumulate(good[::-1], axis=0)[::-1]
-            last = np.concatenate([last, last[-1:]])
-            whole -= np.where(last & ~last[0], grown[:, None], 0.0)
-            grown = np.where(last[0], grown, 0.0)
-        at = np.searchsorted(stations, place)
-        turned = whole[:, at] + laps[None, :, None] * grown[:, None]
-        return np.nan_to_num(turned - angles[:, at])
+def turns_along_one(
+    angles: Angles, n: int, anchor: float, q: Floats, returns: bool
+) -> Floats:
+    """Return turns (pairs, k, n), rad, to be added to the angles of n designs.
 
-    def _followed(self, stations: Floats, angles: Floats, steps: Floats) -> Floats:
-        """Return angles (pairs, k, n) that go on from the first, or from a mode's end."""
-        whole = np.empty_like(angles)
-        whole[:, 0] = angles[:, 0] - TURN * first_turns(angles[:, 0])
-        for k in range(1, len(stations)):
-            whole[:, k] = whole[:, k - 1] + steps[:, k - 1]
-            who = np.flatnonzero(np.isnan(whole[0, k]) & np.isfinite(angles[0, k]))
-            if len(who):
-                ends = stations[k - 1], stations[k]
-                whole[:, k, who] = self._begun(who, ends, angles[:, k, who])
-        return whole
+    At values (k,) of a single input that goes on from an anchor; one that `returns` has
+    come back to where it was after a turn.
+    """
+    laps = np.floor((q - anchor) / TURN) * returns
+    place = q - laps * TURN
+    ends = [anchor, *place, *[anchor + TURN] * returns]
+    low, high = min(ends), max(ends)
+    fill = np.linspace(low, high, 2 + int((high - low) / STRIDE))
+    stations = np.unique([*ends, *fill])
+    there, steps = _along(angles, n, stations[:, None])
+    start = int(np.searchsorted(stations, anchor))
+    whole = np.empty_like(there)
+    for way, along in (
+        (slice(start, None), steps[:, start:]),
+        (slice(start, None, -1), -steps[:, :start][:, ::-1]),
+    ):
+        whole[:, way] = _followed(angles, stations[way], there[:, way], along)
+    grown = np.zeros_like(whole[:, 0])
+    if returns:
+        grown = np.round((whole[:, -1] - whole[:, 0]) / TURN) * TURN
+        # A mode that ends goes on to either side of the anchor.
+        last = np.isfinite(np.cumsum(steps[0, ::-1], axis=0))[::-1]
+        whole[:, :-1] -= np.where(last & ~last[0], grown[:, None], 0.0)
+        whole[:, -1] = whole[:, 0] + np.where(last[0], grown, 0.0)
+        grown = np.where(last[0], grown, 0.0)
+    at = np.searchsorted(stations, place)
+    return np.nan_to_num(whole[:, at] + laps[:, None] * grown[:, None] - there[:, at])
 
-    def _begun(self, who: Indices, ends: tuple[float, float], angles: Floats) -> Floats:
-        """Return angles (pairs, m) that begin in (-pi, pi] where a mode does."""
-        open_, closed = (np.full((len(who), 1), end) for end in ends)
-        at, first = closed, angles
-        for _ in range(EDGE):
-            between = 0.5 * (open_ + at)
-            here = self._angles(who, between)
-            inside = np.isfinite(here[0])
-            at = np.where(inside[:, None], between, at)
-            open_ = np.where(inside[:, None], open_, between)
-            first = np.where(inside, here, first)
-        grown = np.nan_to_num(self._grown(who, (at, closed), (first, angles)))
-        return first - TURN * first_turns(first) + grown
 
-    # Several inputs.
+def _followed(angles: Angles, stations: Floats, there: Floats, steps: Floats) -> Floats:
+    """Return angles (pairs, k, n) that go on from the first, or from a mode's end."""
+    whole = there - TURN * first_turns(there)
+    for k in range(1, len(stations)):
+        onward = whole[:, k - 1] + steps[:, k - 1]
+        who = np.flatnonzero(np.isnan(onward[0]) & np.isfinite(there[0, k]))
+        if len(who):
+            ends = stations[k - 1], stations[k]
+            onward[:, who] = _begun(angles, who, ends, there[:, k, who])
+        whole[:, k] = onward
+    return whole
 
-    def _along_several(self, q: Floats) -> Floats:
-        turns = np.zeros((len(self.kernel.turning), len(q), self.count))
-        before = self.anchor
-        first = -TURN * first_turns(self._everywhere(before[None])[:, 0])
-        for k, there in enumerate(q):
-            turns[:, k] = self._onward(before, there, turns[:, k - 1] if k else first)
-            before = there
-        return turns
 
-    def _onward(self, before: Floats, there: Floats, turns: Floats) -> Floats:
-        """Return the turns (pairs, n) at inputs to which those at others lead.
+def _begun(angles: Angles, who: Indices, ends: tuple[float, float], last: Floats) -> Floats:
+    """Return angles (pairs, m) that begin in (-pi, pi] where a mode does.
 
-        Or the anchor, where these do not; angles are in (-pi, pi] where neither does.
-        """
-        angle = self._everywhere(there[None])[:, 0]
-        made = np.full_like(turns, np.nan)
-        for begin, turned_before in ((before, turns), (self.anchor, None)):
-            if not np.any(np.isnan(made) & np.isfinite(angle)):
-                break
+    It has the `last` at the second of two inputs, and is not at the first.
+    """
+    open_, closed = (np.full((len(who), 1), end) for end in ends)
+    at, first = closed, last
+    for _ in range(EDGE):
+        between = 0.5 * (open_ + at)
+        here = angles(who, between)
+        inside = np.isfinite(here[0])
+        at = np.where(inside[:, None], between, at)
+        open_ = np.where(inside[:, None], open_, between)
+        first = np.where(inside, here, first)
+    grown = np.nan_to_num(_grown(angles, who, (at, closed), (first, last)))
+    return first - TURN * first_turns(first) + grown
+
+
+def turns_along_several(
+    angles: Angles, n: int, anchor: Floats, q: Floats, points: Floats
+) -> Floats:
+    """Return turns (pairs, k + m, n), rad, to be added to the angles of n designs.
+
+    At samples (k, inputs), each from the one before on, the first from an `anchor`
+    (inputs,); then at points (m, inputs), each from the nearest sample on. Or from the
+    anchor, where these do not lead there; angles are in (-pi, pi] where neither does.
+    """
+    every = np.concatenate([q, points])
+    origins = [*range(-1, len(q) - 1)]
+    origins += [int(np.argmin(max_abs(q - point, axis=1))) for point in points]
+    home = -TURN * first_turns(angles(np.arange(n), np.tile(anchor, (n, 1))))
+    turns = np.zeros((len(home), len(every), n))
+    for k, (there, origin) in enumerate(zip(every, origins, strict=True)):
+        made = np.full_like(home, np.nan)
+        before = (every[origin], turns[:, origin]) if k else (anchor, home)
+        for begin, turned in (before, (anchor, home)):
             count = 2 + int(max_abs(there - begin) / STRIDE)
             way = begin + np.linspace(0.0, 1.0, count)[:, None] * (there - begin)
-            angles = self._everywhere(way)
-            grown = np.sum(self._steps(way, angles), axis=1)
-            if turned_before is None:
-                turned_before = -TURN * first_turns(angles[:, 0])
-            turned = turned_before + grown - (angle - angles[:, 0])
+            at, steps = _along(angles, n, way)
+            turned = turned + np.sum(steps, axis=1) - (at[:, -1] - at[:, 0])
             made = np.where(np.isnan(made), turned, made)
-        made = np.where(np.isnan(made), -TURN * first_turns(angle), made)
-        return np.nan_to_num(TURN * np.round(made / TURN))
+            if not np.any(np.isnan(made) & np.isfinite(at[:, -1])):
+                break
+        made = np.where(np.isnan(made), -TURN * first_turns(at[:, -1]), made)
+        turns[:, k] = np.nan_to_num(TURN * np.round(made / TURN))
+    return turns
 
 
 PART, FOLLOWED, SINGLY = 16384, 768, 16
@@ -540,13 +518,22 @@ class Evaluator:
 
         In rad, of designs prepared (k, n), all groups being dyads.
         """
-        count, rows = len(self.inputs), self.samples.rows
-        contacts = self.varied.contacts
-        returns = contacts is None or contacts.train is None
-        of_mode = KernelTurns(
-            kernel, prepared, np.array(signs), rows.shape[1], self._anchor, returns
+        count, rows, n = len(self.inputs), self.samples.rows, prepared.shape[1]
+        q, points = rows[:, :count], self.figures.points[:, :count]
+        if not kernel.turning:
+            return np.zeros((0, len(self.figures.rows), n))
+        angles, contacts = (
+            kernel_angles(kernel, prepared, signs, rows.shape[1]),
+            self.varied.contacts,
         )
-        return of_mode.at(rows[:, :count], self.figures.points[:, :count])
+        with np.errstate(all="ignore"):
+            if count > 1:
+                return turns_along_several(angles, n, self._anchor, q, points)
+            every, returns = (
+                np.concatenate([q, points])[:, 0],
+                contacts is None or contacts.train is None,
+            )
+            return turns_along_one(angles, n, float(self._anchor[0]), every, returns)
 
     def kernel_mechanism(self, design: Floats) -> Mechanism:
         """Return the mechanism of a design (variables,) as the kernel has it."""

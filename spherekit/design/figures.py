@@ -353,9 +353,9 @@ def reduced(kind: str, q: Floats, values: Floats, returns: bool = False) -> Floa
     if kind == "at":
         return values[-1]
     if kind.startswith("arg"):
-        low, high = extremes(values)
-        there = np.any(np.isfinite(values), axis=0)
-        return np.where(there, q[low if kind == "argmin" else high], np.nan)
+        signed = values if kind == "argmin" else -values
+        row = np.argmin(np.nan_to_num(signed, nan=np.inf), axis=0)
+        return np.where(np.any(np.isfinite(values), axis=0), q[row], np.nan)
     with np.errstate(all="ignore"):
         if kind in ("min", "max"):
             return np.asarray((np.fmin if kind == "min" else np.fmax).reduce(values))
@@ -369,36 +369,24 @@ def reduced(kind: str, q: Floats, values: Floats, returns: bool = False) -> Floa
         return np.sqrt(total / count) if kind == "rms" else np.asarray(total / count)
 
 
-def extremes(values: Floats) -> tuple[Indices, Indices]:
-    """Return at which rows values (k, n) are least and greatest, NaN left out."""
-    none = np.isnan(values)
-    low = np.argmin(np.where(none, np.inf, values), axis=0)
-    return low, np.argmax(np.where(none, -np.inf, values), axis=0)
-
-
 def widest_swings(angles: Floats, returns: bool) -> tuple[Floats, Indices, Indices]:
     """Return how far angles (k, n) rad swing in one piece, and where they end (n,).
 
     NaN parts pieces; where the way `returns`, the last goes on with the first if they meet.
     """
-    count, n = angles.shape
     # Once more round leads from the last piece into the first, where there are several.
     meets = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE
     again = np.where(meets & np.any(np.isnan(angles), axis=0), angles, np.nan)
-    reached, before, low, high = nans((4, n))
-    ends, widest, swing = (
-        np.zeros((2, n), dtype=np.intp),
-        np.zeros((2, n), np.intp),
-        np.zeros(n),
-    )
-    for k, angle in enumerate([*angles, *again] if returns else angles):
-        onward = wrap(angle - before)
-        fresh, before = np.isnan(onward), angle
-        reached = np.where(fresh, angle, reached + onward)
-        lower, higher = fresh | (reached < low), fresh | (reached > high)
-        low, high = np.where(lower, reached, low), np.where(higher, reached, high)
-        ends[0, lower], ends[1, higher] = k % count, k % count
-        wider = high - low > swing
-        swing, widest[:, wider] = np.fmax(swing, high - low), ends[:, wider]
-    there = np.any(np.isfinite(angles), axis=0)
-    return np.where(there, swing, np.nan), widest[0], widest[1]
+    every = np.concatenate([angles, again]) if returns else angles
+    steps = wrap(np.diff(every, axis=0, prepend=np.nan)).T
+    starts, piece = np.flatnonzero(np.isnan(steps)), np.cumsum(np.isnan(steps)) - 1
+    reached = np.cumsum(np.nan_to_num(steps), axis=1).ravel()
+    sides = [x.reduceat(reached, starts) for x in (np.minimum, np.maximum)]
+    swings, columns = sides[1] - sides[0], starts // len(every)
+    order = np.lexsort((-swings, columns))
+    widest = order[np.searchsorted(columns, np.arange(angles.shape[1]))]
+    rows = [np.flatnonzero(reached == side[piece]) for side in sides]
+    low, high = (x[np.searchsorted(x, starts[widest])] for x in rows)
+    there, count = np.any(np.isfinite(angles), axis=0), len(every)
+    swing = np.where(there, swings[widest], np.nan)
+    return swing, low % count % len(angles), high % count % len(angles)

@@ -70,12 +70,13 @@ def followed_modes(
             else following.begun(start, q[k])
         )
         number[k, at.real] = k * width + np.flatnonzero(at.real)
-        for other in before[:1]:
+        for other in before:
             links = following.links(kept[other], at, q[other], q[k])
-            number[k, links[links >= 0]] = number[other, links >= 0]
-        for other in before[1:]:
-            links = following.across(kept[other], at, q[other], q[k])
-            for row in np.flatnonzero(links >= 0).tolist():
+            rows = np.flatnonzero(links >= 0)
+            if other == before[0]:
+                number[k, links[rows]] = number[other, rows]
+                continue
+            for row in rows.tolist():
                 ends = number[other, row], number[k, links[row]]
                 _join(number[:, following.own(row)], min(ends), max(ends))
         kept[k] = at
@@ -206,38 +207,6 @@ class _Following:
         self.lost |= again
         return self._sample(values, real)
 
-    def across(
-        self, at: _Sample, sample: _Sample, before: Floats, there: Floats
-    ) -> Indices:
-        """Return `links` to a sample that was come to from another one.
-
-        Rows that the rates at both ends lead to each other are tried first.
-        """
-        h, lost = there - before, self.lost.copy()
-        onto = self._nearest(at, at.values + at.along(h), sample)
-        back = self._nearest(sample, sample.values - sample.along(h), at)
-        mutual = np.take_along_axis(back, onto, 1) == np.arange(self.m)
-        first = self.m * np.arange(len(lost))[:, None]
-        likely = np.where((onto >= 0) & mutual, first + onto, -1).ravel()
-        made = self.links(at, sample, before, there, likely)
-        doubtful = self.lost & ~lost
-        if np.any(doubtful):
-            # What two rows led to is decided by walking all of them.
-            self.lost[doubtful] = False
-            likely[np.repeat(doubtful, self.m)] = -1
-            made = self.links(at, sample, before, there, likely)
-        return made
-
-    def _nearest(self, at: _Sample, guess: Array, sample: _Sample) -> Indices:
-        """Return the real rows (designs, m) nearest to guesses, -1 without one."""
-        ours, theirs = (
-            x.reshape(-1, len(self.lost), self.m) for x in (guess, sample.values)
-        )
-        gaps = apart(ours.real[..., None], theirs.real[:, :, None])
-        real, others = (x.real.reshape(-1, self.m) for x in (at, sample))
-        gaps[~(real[:, :, None] & others[:, None])] = np.inf
-        return np.where(np.isinf(np.min(gaps, axis=2)), -1, np.argmin(gaps, axis=2))
-
     def own(self, row: int) -> slice:
         """Return the rows of the design of a row."""
         start = row // self.m * self.m
@@ -249,19 +218,17 @@ class _Following:
         sample: _Sample,
         before: Floats,
         there: Floats,
-        likely: Indices | None = None,
     ) -> Indices:
         """Return in which row (n,) of a sample the mode of a row before goes on, or -1.
 
-        `likely` (n,) are the rows that are tried first, each once, or -1; by default the
-        same. Where no row is left over on one side, those on the other end, or begin,
-        between. What two ways lead to, or one leads nowhere, is of a lost design.
+        The same row is tried first. Where no row is left over on one side, those on the
+        other end, or begin, between. What two ways lead to, or one leads nowhere, is of a
+        lost design.
         """
-        same = np.arange(len(at.real)) if likely is None else likely
-        both = np.flatnonzero(at.real & (same >= 0) & sample.real[same])
+        both = np.flatnonzero(at.real & sample.real)
         links = np.full(len(at.real), -1)
-        sure = both[_smooth(at, sample, both, same[both], there - before)]
-        links[sure] = same[sure]
+        sure = both[_smooth(at, sample, both, there - before)]
+        links[sure] = sure
         for onward in (True, False):
             left, fresh = at.real & (links < 0), sample.real.copy()
             fresh[links[links >= 0]] = False
@@ -294,16 +261,16 @@ class _Following:
             yield row, places.start + best if gaps[best] < STAYS else -1
 
 
-def _smooth(at: _Sample, sample: _Sample, rows: Indices, to: Indices, h: Floats) -> Bools:
-    """Return which real rows go on in others: by values and rates at both ends."""
-    moved = (sample.values[:, to] - at.values[:, rows]).real
-    one, other = at.along(h)[:, rows].real, sample.along(h)[:, to].real
+def _smooth(at: _Sample, sample: _Sample, rows: Indices, h: Floats) -> Bools:
+    """Return which real rows go on in themselves: by values and rates at both ends."""
+    moved = (sample.values - at.values)[:, rows].real
+    one, other = (x.along(h)[:, rows].real for x in (at, sample))
     with np.errstate(all="ignore"):
         # Other ways here may have counted other whole turns.
         away = moved - 0.5 * (one + other)
         turns = 2.0 * np.pi * np.round(away / (2.0 * np.pi))
         off, size = max_abs(away - turns, axis=0), max_abs(moved - turns, axis=0)
-        same = (at.determinant[rows].real > 0.0) == (sample.determinant[to].real > 0.0)
+        same = (at.determinant[rows].real > 0.0) == (sample.determinant[rows].real > 0.0)
         lengths = np.linalg.norm(one, axis=0) * np.linalg.norm(other, axis=0)
         cosine = np.sum(one * other, axis=0) / lengths
     return same & (off <= RIGHT * size + TINY) & (cosine > TURN)
