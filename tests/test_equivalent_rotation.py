@@ -11,19 +11,20 @@ from oracles import closure_gap, revolute_frames
 from refusals import TABLES, check_call
 
 import spherekit as sk
+from spherekit.errors import SolveError
+from spherekit.guidance.follow import turn_to
 from spherekit.guidance.rotation import SHAPES, RotationSamples, time_optimal
 from spherekit.model.gears import joints_of
 from spherekit.model.parts import Input, Output, Pair, PoseGeometry
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.sphere.rotation import (
-    TurnStatus,
+    angles_between,
     cross,
     mirror_angles,
     normal_at,
     normals_of,
     rotation,
-    turns_between,
 )
 
 OUTWARD = (-1, 1, 1)
@@ -83,23 +84,19 @@ def test_axis_and_angle_of_a_rotation(angle):
     for _ in range(20):
         turn, axis = exact_turn(random.normal(size=3), angle)
         first, _ = exact_turn(random.normal(size=3), random.uniform(0.0, 3.0))
-        found = turns_between(first[None], (turn @ first)[None])
-        assert found.status[0] == TurnStatus.OK and abs(found.angle[0] - angle) < 2e-15
-        assert np.linalg.norm(found.axis[0] - axis) < 2e-15 / min(angle, 1.0)
+        found, turned = turn_to(first, turn @ first)
+        assert abs(turned - angle) < 2e-15
+        assert np.linalg.norm(found - axis) < 2e-15 / min(angle, 1.0)
         assert np.max(np.abs(rotation(axis, [angle])[0] - turn)) < 1e-15
 
 
-def test_axes_that_are_not_determined():
-    axis = np.array([0.6, 0.0, -0.8])
-    turned = rotation(axis, [0.0, 1e-10, np.pi])
-    found = turns_between(np.broadcast_to(np.eye(3), turned.shape), turned)
-    assert found.status.tolist() == [
-        TurnStatus.NO_AXIS,
-        TurnStatus.NO_AXIS,
-        TurnStatus.NO_SENSE,
-    ]
-    assert np.all(np.isnan(found.axis[:2])) and np.max(np.abs(found.axis[2] + axis)) < 1e-15
-    assert found.angle[2] == pytest.approx(np.pi, abs=1e-15)
+@pytest.mark.parametrize(
+    ("angle", "why"), [(0.0, "coincide"), (1e-10, "coincide"), (np.pi, "half a turn")]
+)
+def test_axes_that_are_not_determined(angle, why):
+    turned = rotation(np.array([0.6, 0.0, -0.8]), [angle])[0]
+    with pytest.raises(SolveError, match=why):
+        turn_to(np.eye(3), turned)
 
 
 # --- the paper's angles -------------------------------------------------------------------
@@ -367,7 +364,7 @@ def test_two_freedoms_depart_as_little_as_they_can():
         motion = sk.trace(made, path=found.inputs[k] + mesh)
         rotations = motion.rotations[:, output]
         rows = motion.assembly_mode == 0
-        far = turns_between(rotations[rows], np.tile(wanted[k], (9, 1, 1))).angle
+        far = angles_between(rotations[rows], wanted[k])
         assert np.argmin(far) == 4
         assert far[4] == pytest.approx(found.orientation_error[k], abs=1e-13)
         a, b = np.meshgrid([-step, 0, step], [-step, 0, step], indexing="ij")

@@ -15,7 +15,7 @@ from spherekit.analysis.frames import to_frame
 from spherekit.analysis.registry import create
 from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
 from spherekit.errors import AnalysisError, SolveError, SpherekitError
-from spherekit.guidance.follow import FollowedRotation
+from spherekit.guidance.follow import FollowedRotation, turn_to
 from spherekit.guidance.loci import mid_plane_form
 from spherekit.guidance.poses import (
     AtDirection,
@@ -33,7 +33,6 @@ from spherekit.sphere.rotation import (
     quaternion,
     rotation,
     tilt_torsion,
-    turns_between,
     upward,
 )
 from spherekit.workspace.inverse import closed_kinematics
@@ -206,8 +205,7 @@ def test_one_pose_in_all_its_terms():
     first, second = form.orientations(normals)
     q = quaternion(second[None])[0]
     tilt = np.degrees(tilt_torsion(first[None]))[0]
-    turn = turns_between(first[None], second[None])
-    u = turn.axis[0]
+    u, angle = turn_to(first, second)
     starts = [
         "21=5.339100020817853+61=56.74044673238507",
         "+".join(
@@ -217,7 +215,7 @@ def test_one_pose_in_all_its_terms():
     ]
     ends = [
         f"qx={q[0]:.17g}+qy={q[1]:.17g}+qz={q[2]:.17g}+qw={q[3]:.17g}",
-        f"ux={u[0]:.17g}+uy={u[1]:.17g}+uz={u[2]:.17g}+angle={np.degrees(turn.angle[0]):.17g}",
+        f"ux={u[0]:.17g}+uy={u[1]:.17g}+uz={u[2]:.17g}+angle={np.degrees(angle):.17g}",
     ]
     want = degrees(ran("two_dof_spm", TABLE_3 + ",samples=3"), "q_21", "q_61")
     for start, end in zip(starts, ends, strict=True):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import spherekit as sk
 from spherekit.conventions import EPS, Status
 from spherekit.output.forward import ForwardKinematics, pose_of
-from spherekit.sphere.rotation import turns_between
+from spherekit.sphere.rotation import angles_between
 from spherekit.workspace.inverse import output_kinematics
 
 COUNTS = [2000, pytest.param(100_000, marks=pytest.mark.long)]
@@ -72,7 +72,7 @@ def test_orientations_return(name, count):
         start[:, free] += 1e-4 * rows.type_2[good][:, None] * noise[: np.sum(good)]
         values = own.closure.solve(start, own.driven).values
         back = pose_of(solver.mechanism, solver.output, own.closure.at(values).placed)
-        keeps_the_law(turns_between(back, poses[good]).angle, rows.type_2[good])
+        keeps_the_law(angles_between(back, poses[good]), rows.type_2[good])
         again = solver.inverse(back, [mode])
         least = rows.type_1[good].min(axis=1)
         keeps_the_law(turned(again.inputs, rows.inputs[good]), least)
@@ -85,7 +85,7 @@ def test_orientations_return_by_elimination():
     rows = solver.inverse(poses, solver.labels)
     good = np.flatnonzero(rows.status == Status.OK)[:60]
     found = solver.forward(rows.inputs[good])
-    angle = turns_between(found.rotations, poses[rows.pose[good[found.row]]]).angle
+    angle = angles_between(found.rotations, poses[rows.pose[good[found.row]]])
     error = np.full(len(good), np.inf)
     np.minimum.at(error, found.row, angle)
     keeps_the_law(error, rows.type_2[good])

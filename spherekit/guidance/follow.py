@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
-from spherekit.conventions import SINGULAR_RATIO, Status
+from spherekit.conventions import EPS, SINGULAR_RATIO, USABLE_DIRECTION, Status
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guidance.rotation_path import (
@@ -33,13 +33,12 @@ from spherekit.motion.assembly_modes import assembled
 from spherekit.motion.loops import condition
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
-    TURN_MEANING,
-    TurnStatus,
     all_finite,
+    angles_between,
     arc,
     max_abs,
     rotation,
-    turns_between,
+    rotation_vector,
     unit_rows,
 )
 
@@ -48,6 +47,8 @@ AROUND, POINTS = 0.08, 14
 interpolated, through how many points."""
 MARKS = 257
 """Angles on a rotation among which the inputs may let go of the output."""
+ROUNDING = 8.0 * EPS
+"""Error of the axis times angle of a rotation computed from two orientations (rad)."""
 CLOSED_START = 1e-6
 """A configuration to start from may be as far from closed as this (rad)."""
 
@@ -189,7 +190,7 @@ class FollowedRotation(Way):
             second_rates=kept(bends[:, self.driven]),
             values=kept(near.values),
             orientation=kept(near.reached),
-            orientation_error=kept(turns_between(near.reached, self.wanted(theta)).angle),
+            orientation_error=kept(angles_between(near.reached, self.wanted(theta))),
             drift=kept(arc(w, np.broadcast_to(self.axis, w.shape))),
             type_2=kept(held),
             status=status,
@@ -227,15 +228,20 @@ def turn_to(first: Floats, second: Floats) -> tuple[Floats, float]:
     SolveError
         If the axis or its sense is not determined.
     """
-    turn = turns_between(first[None], second[None])
-    status = TurnStatus(turn.status[0])
-    if status != TurnStatus.OK:
-        what = {
-            TurnStatus.NO_AXIS: "there is nothing to turn",
-            TurnStatus.NO_SENSE: "give the axis, with the sense wanted, and the angle",
-        }[status]
-        raise SolveError(f"{TURN_MEANING[status]}; {what}")
-    return np.asarray(turn.axis[0]), float(turn.angle[0])
+    vector = rotation_vector(second @ first.T)
+    angle = float(np.linalg.norm(vector))
+    if angle * USABLE_DIRECTION <= ROUNDING:
+        raise SolveError(
+            "the orientations coincide: every axis will do, none is given; there is "
+            "nothing to turn"
+        )
+    if np.pi - angle <= ROUNDING:
+        raise SolveError(
+            "the orientations differ by half a turn: the line of the axis is determined, "
+            "but both senses lead from one to the other; give the axis, with the sense "
+            "wanted, and the angle"
+        )
+    return vector / angle, angle
 
 
 def unit(axis: ArrayLike) -> Floats:

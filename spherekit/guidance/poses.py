@@ -26,11 +26,11 @@ from spherekit.output.inverse import InverseKinematics
 from spherekit.output.virtual_output import with_wrist
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
+    angles_between,
     arc,
     max_abs,
     mirror_angles,
     normal_at,
-    turns_between,
     upward,
 )
 
@@ -244,7 +244,7 @@ class PoseFinder:
             case AtInputs(inputs):
                 off = max_abs(self.solver.reduced(good.inputs - inputs), axis=1)
             case AtOrientation(orientation):
-                off = turns_between(orientation[None], turned).angle
+                off = angles_between(orientation[None], turned)
             case AtDirection(direction):
                 points = turned @ np.array(self.output.direction)
                 off = arc(points, np.broadcast_to(direction, points.shape))
@@ -349,7 +349,7 @@ class PoseFinder:
         else:
             try:
                 ends = self.candidates(end)
-                away = turns_between(first[None], ends.orientations).angle
+                away = angles_between(first[None], ends.orientations)
                 ends = ends.ordered(np.lexsort((np.round(away, 9), ends.singular)))
                 wanted = ends.orientations[ends.number_of(mode)]
             except SolveError as problem:

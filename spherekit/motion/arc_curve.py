@@ -377,10 +377,4 @@ class ArcCurve(Chords):
 
     def _lengths_at(self, which: Indices, along: Floats) -> Floats:
         """Return s (n,) where the projections on chords `which` (n,) are `along` (n,)."""
-        table = self.table
-        u = self.starts[which] + along
-        panel = np.searchsorted(table.edges, u, side="right") - 1
-        panel = np.clip(panel, 0, len(table.edges) - 2)
-        low, high = table.edges[panel], table.edges[panel + 1]
-        covered, _ = table.within(panel, 2.0 * (u - low) / (high - low) - 1.0)
-        return table.starts[panel] + covered
+        return self.table.at(self.starts[which] + along)

@@ -16,7 +16,7 @@ MOST_CELLS = 2**13
 RUN = 1024
 """Places in a row that are taken at once: their powers stay in the cache."""
 SHORTEST_RUN = 16
-"""Where places in a row share a cell less often than this, they are sorted first."""
+"""Where places in a row share a cell less often than this, each has its own sum."""
 ROUNDING = 1e-10
 """What functions that lose digits may be off by: see `PiecewiseChebyshev.fit`."""
 
@@ -101,14 +101,22 @@ class PiecewiseChebyshev:
 
         That is quicker, by a matrix product for each run of places in one cell.
         """
-        cell = np.searchsorted(self.edges, x, side="right") - 1
-        cell = np.clip(cell, 0, len(self.coefficients) - 1)
+        cell = self._cells(x)
         if np.count_nonzero(np.diff(cell)) * SHORTEST_RUN > len(x):
-            order = np.argsort(cell, kind="stable")
-            sums = np.empty((self.coefficients.shape[2], len(x)))
-            sums[:, order] = self._in_runs(x[order], cell[order])
-            return sums
+            return self.scattered(x)
         return self._in_runs(x, cell)
+
+    def scattered(self, x: Floats) -> Floats:
+        """Return the functions (m, n) at x (n,), each the same whatever the others are."""
+        cell = self._cells(x)
+        low, high = self.edges[cell], self.edges[cell + 1]
+        place = np.clip((2.0 * x - (low + high)) / (high - low), -1.0, 1.0)
+        series = self._by_order.take(cell, axis=2)
+        return np.asarray(chebyshev.chebval(place, series, tensor=False))
+
+    def _cells(self, x: Floats) -> Indices:
+        cell = np.searchsorted(self.edges, x, side="right") - 1
+        return np.clip(cell, 0, len(self.coefficients) - 1)
 
     def _in_runs(self, x: Floats, cell: Indices) -> Floats:
         """Return the functions (m, n) at x (n,) in cells (n,), run by run."""
@@ -128,6 +136,11 @@ class PiecewiseChebyshev:
                     powers[order] -= powers[order - 2]
                 np.matmul(series[cell[start]], powers, out=sums[:, rows])
         return sums
+
+    @cached_property
+    def _by_order(self) -> Floats:
+        """(degree + 1, m, cells) the coefficients of each order."""
+        return np.ascontiguousarray(self.coefficients.transpose(1, 2, 0))
 
     @cached_property
     def _by_function(self) -> Floats:

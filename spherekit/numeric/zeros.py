@@ -71,7 +71,8 @@ def zeros(function: Function, grid: Floats) -> Zeros:
     turning = _changes(cells[3], cells[5])
     crossed.append(cells[:, ~turning & _changes(cells[2], cells[4])])
     tops, sides = _about_extrema(function, cells[:, turning], floor)
-    simple = _polish(function, np.concatenate([*crossed, sides], axis=1))
+    low, high, at_low, _, at_high, _ = np.concatenate([*crossed, sides], axis=1)
+    simple = polished(lambda x, _: function(x), low, high, at_low, at_high)
     ends, slopes = grid[[0, -1]], np.abs(slope[[0, -1]])
     edge = np.abs(value[[0, -1]]) <= floor
     bends = np.abs(np.diff(slope)[[0, -1]] / np.diff(grid)[[0, -1]])
@@ -129,16 +130,26 @@ def _about_extrema(
     return top[touches], sides[:, _changes(sides[2], sides[4])]
 
 
-def _polish(function: Function, cells: Floats) -> Floats:
-    """Return the zero in each cell by Newton's method, by halving where it leaves."""
-    (a, b, fa), fb = cells[:3].copy(), cells[4]
-    x = a + np.clip(-fa / np.where(fb != fa, fb - fa, 1.0), 0.0, 1.0) * (b - a)
+def polished(
+    function: Callable[[Floats, Indices], tuple[Floats, Floats]],
+    low: Floats,
+    high: Floats,
+    at_low: Floats,
+    at_high: Floats,
+) -> Floats:
+    """Return the zero (n,) in each cell by Newton's method, by halving where it leaves.
+
+    `function` gives values and derivatives (m,) of the functions with numbers (m,) at
+    places (m,); those at the ends (n,) of cells are of opposite signs.
+    """
+    a, b, fa = low.copy(), high.copy(), at_low
+    x = a + np.clip(-fa / np.where(at_high != fa, at_high - fa, 1.0), 0.0, 1.0) * (b - a)
     moved = np.full(len(x), np.inf)
     going = np.arange(len(x))
     for _ in range(MOST_STEPS):
         if not len(going):
             break
-        value, slope = function(x[going])
+        value, slope = function(x[going], going)
         before = ~_changes(value, fa[going])
         a[going] = np.where(before, x[going], a[going])
         b[going] = np.where(before, b[going], x[going])

@@ -7,7 +7,7 @@ Arc length of a curve against its own parameter: measured once, inverted when as
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import EPS
-from spherekit.numeric import chebyshev
+from spherekit.numeric.chebyshev import PiecewiseChebyshev
+from spherekit.numeric.zeros import polished
 from spherekit.sphere.rotation import arc, cross, frame_from, max_abs
 
 UNIT_TOLERANCE = 1e-6
@@ -308,10 +309,10 @@ SLOWEST = 1e-5
 _ORDER = 16
 _DEEPEST = 40
 _TAIL = 1e-15
-_DEGREES = (19, 31)
-"""Of inverse series: the second where the first is not exact on every panel."""
-_EXACT = 16.0 * EPS
-"""Part of half a panel by which places read from the inverse series may be off."""
+_EXACT = 4.0 * EPS
+"""Error of u by the arc length, relative to its largest."""
+_ROUNDING = 1e-12
+"""What that may be where lengths lose digits."""
 
 
 @dataclass(frozen=True)
@@ -336,60 +337,34 @@ class ArcLength:
         return self.starts[np.searchsorted(self.edges, u)]
 
     def invert(self, s: Floats) -> Floats:
-        """Return u (n,) at arc lengths s (n,).
+        """Return u (n,) at arc lengths s (n,)."""
+        return s * self._pace + self._inverse.scattered(s)[0]
 
-        Where a panel's inverse series is not exact, by Newton steps kept inside a bracket.
-        """
-        panel = np.searchsorted(self.starts[1:-1], s, side="right")
-        target = s - self.starts[panel]
-        series, exact = self._inverse
-        part = 2.0 * target / (self.starts[panel + 1] - self.starts[panel]) - 1.0
-        part = _within_panel(part)
-        x = part + _sum(series, panel, part)
-        left = ~exact[panel]
-        if np.any(left):
-            x[left] = self._solved(panel[left], target[left], x[left])
-        half = 0.5 * (self.edges[panel + 1] - self.edges[panel])
-        return self.edges[panel] + half * (1.0 + _within_panel(x))
+    @property
+    def _pace(self) -> float:
+        """The mean rate of u by the arc length."""
+        return float(self.edges[-1] - self.edges[0]) / self.length
 
     @cached_property
-    def _inverse(self) -> tuple[Floats, Bools]:
-        """Powers (order, panels) of x less the part of a panel's length, -1 to 1, by that.
+    def _inverse(self) -> PiecewiseChebyshev:
+        """What u is more than by its mean rate, by the arc length."""
 
-        And which of them are exact, measured between the places at which they are made.
-        """
-        lengths = np.diff(self.starts)
-        for degree in _DEGREES:
-            between = np.cos(np.arange(degree + 2) * np.pi / (degree + 1))
-            parts = np.concatenate([chebyshev.nodes(degree), between])
-            panel = np.repeat(np.arange(len(lengths)), len(parts))
-            parts = np.tile(parts, len(lengths))
-            x = self._solved(panel, 0.5 * (1.0 + parts) * lengths[panel], parts)
-            away = (x - parts).reshape(len(lengths), -1)
-            series = chebyshev.through(away[:, : degree + 1, None])[..., 0]
-            powers = np.ascontiguousarray(_powers(degree) @ series.T)
-            miss = _sum(powers, panel, parts).reshape(away.shape) - away
-            exact = np.all(np.abs(miss) <= _EXACT, axis=1)
-            if np.all(exact):
-                break
-        return powers, exact
+        def more(s: Floats) -> Floats:
+            panel = np.searchsorted(self.starts[1:-1], s, side="right")
+            target = s - self.starts[panel]
 
-    def _solved(self, panel: Indices, target: Floats, x: Floats) -> Floats:
-        """Return x (n,) at lengths from panels' starts, by Newton steps from x (n,)."""
-        low, high = np.full(x.shape, -1.0), np.full(x.shape, 1.0)
-        done = ~np.isfinite(x)
-        for _ in range(100):
-            covered, rate = self.within(panel, x)
-            low = np.where(covered <= target, x, low)
-            high = np.where(covered >= target, x, high)
-            new = x - (covered - target) / rate
-            lost = (new < low - 1e-9) | (new > high + 1e-9)
-            new = np.where(lost, 0.5 * (low + high), new)
-            near = ~lost & (np.abs(new - x) < 1e-9)
-            x, done = np.where(done, x, new), done | near
-            if np.all(done):
-                break
-        return x
+            def gap(x: Floats, rows: Indices) -> tuple[Floats, Floats]:
+                covered, rate = self.within(panel[rows], x)
+                return covered - target[rows], rate
+
+            one, left = np.ones_like(s), np.diff(self.starts)[panel] - target
+            x = polished(gap, -one, one, -target, left)
+            half = 0.5 * np.diff(self.edges)[panel]
+            return (self.edges[panel] + half * (1.0 + x) - s * self._pace)[:, None]
+
+        size = np.array([self.edges[-1]])
+        ends, cells = (0.0, self.length), self.starts
+        return PiecewiseChebyshev.fit(more, *ends, _EXACT, size, cells, rounding=_ROUNDING)
 
     def at(self, u: Floats) -> Floats:
         """Return the arc lengths (n,) of parameters u (n,)."""
@@ -417,22 +392,13 @@ def measure(path: FourierPath | SplinePath, edges: Floats) -> ArcLength:
 
     The curve has to be smooth between `edges`.
     """
-    slowest, where = np.inf, 0.0
-
-    def speed(u: Floats) -> Floats:
-        nonlocal slowest, where
-        here = path.speed(u)
-        at = np.unravel_index(int(np.argmin(here)), here.shape)
-        if here[at] < slowest:
-            slowest, where = float(here[at]), float(u[at])
-        return here
-
-    table = integrated(speed, edges)
-    speed(edges)
-    if slowest < SLOWEST * table.length / (edges[-1] - edges[0]):
+    table = integrated(path.speed, edges)
+    u = np.sort(np.append(table.edges, 0.5 * (table.edges[1:] + table.edges[:-1])))
+    slow = path.speed(u) < SLOWEST * table.length / (edges[-1] - edges[0])
+    if np.any(slow):
         raise ValueError(
-            f"the curve has a cusp near {path.place(where)}: its speed vanishes there; a "
-            "profile has to be smooth"
+            f"the curve has a cusp near {path.place(float(u[np.argmax(slow)]))}: its speed "
+            "vanishes there; a profile has to be smooth"
         )
     return table
 
@@ -483,32 +449,3 @@ def gauss_series(rate: Callable[[Floats], Floats], low: Floats, high: Floats) ->
     rows *= np.arange(_ORDER) + 0.5
     half = 0.5 * (high - low)[:, None]
     return half * (rate(low[:, None] + half * (1.0 + nodes)) @ rows)
-
-
-def _within_panel(x: Floats) -> Floats:
-    """Return places of panels brought into -1 to 1; much faster than NumPy's own."""
-    return np.minimum(np.maximum(x, -1.0), 1.0)
-
-
-def _sum(powers: Floats, panel: Indices, x: Floats) -> Floats:
-    """Return polynomials (order, panels) of panels (n,) at x (n,), by Horner's scheme."""
-    rows = powers.take(panel, axis=1)
-    total: Floats = rows[-1]
-    for row in rows[-2::-1]:
-        total *= x
-        total += row
-    return total
-
-
-@cache
-def _powers(degree: int) -> Floats:
-    """Return the matrix that makes powers of Chebyshev series.
-
-    Series that have ended at 16 terms fall by more than a half from each to the next, so
-    that their powers lose nothing.
-    """
-    made = np.zeros((degree + 1, degree + 1))
-    for order, unit in enumerate(np.eye(degree + 1)):
-        row = np.polynomial.chebyshev.cheb2poly(unit)
-        made[: len(row), order] = row
-    return made

@@ -9,11 +9,6 @@ turn about it: R = Z(azimuth) Y(tilt) Z(torsion - azimuth) (I. A. Bonev and J. R
 approach to orientation workspace analysis of 6-DOF parallel manipulators, 2001). Unlike
 Euler angles, torsion and tilt have no jump where the tilt is zero.
 
-Two orientations of a body: the rotation between them, and rotation about a fixed axis.
-
-Any two orientations differ by one rotation about one axis. The axis is not determined
-where they coincide, and its sense is not where they differ by half a turn.
-
 Planes through the sphere's centre as mirrors, and the angles that name them.
 
 A mirror with unit normal n carries Q = x to P. Chen et al. 2021 name it by three angles:
@@ -29,15 +24,13 @@ analytic: products, roots and sines, no absolute values. (W. Squire and G. Trapp
 Review 40, 1998.)
 """
 
-from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherekit.arrays import Array, Bools, Floats, SmallIntegers
-from spherekit.conventions import EPS, REACH_SLACK, USABLE_DIRECTION
+from spherekit.arrays import Array, Bools, Floats
+from spherekit.conventions import REACH_SLACK
 from spherekit.errors import SolveError
 from spherekit.numeric.crossings import wrap
 
@@ -267,65 +260,12 @@ def close_dyad(
     return near_rotation, far_rotation, sine, closes
 
 
-ROUNDING = 8.0 * EPS
-"""Error of the axis times angle of a rotation computed from two orientations (rad)."""
+def angles_between(first: Floats, second: Floats) -> Floats:
+    """Return the angles (n,) rad of the rotations that carry orientations to others.
 
-
-class TurnStatus(IntEnum):
-    """What is known of the axis of a rotation between two orientations."""
-
-    OK = 0
-    NO_AXIS = 1
-    NO_SENSE = 2
-
-
-TURN_MEANING = {
-    TurnStatus.OK: "axis and angle are determined",
-    TurnStatus.NO_AXIS: "the orientations coincide: every axis will do, none is given",
-    TurnStatus.NO_SENSE: "the orientations differ by half a turn: the line of the axis is "
-    "determined, but both senses lead from one to the other",
-}
-
-
-@dataclass(frozen=True)
-class Turns:
-    """n rotations: unit `axis` (n, 3), `angle` (n,) in [0, pi] rad, `status` (n,).
-
-    The axis is NaN where the status is NO_AXIS. Where it is NO_SENSE the largest
-    component of the axis is positive.
+    Both are rotation matrices (n, 3, 3) from body axes to fixed axes.
     """
-
-    axis: Floats
-    angle: Floats
-    status: SmallIntegers
-
-
-def turns_between(first: Floats, second: Floats) -> Turns:
-    """Return the rotations that carry first orientations to second ones.
-
-    Parameters
-    ----------
-    first, second
-        Rotation matrices (n, 3, 3) from body axes to fixed axes.
-
-    Returns
-    -------
-    Turns
-        In fixed axes: ``second = rotation(axis, angle) @ first``.
-    """
-    four = quaternion(second @ transpose(first))
-    vector = np.where(four[:, 3:] < 0.0, -four[:, :3], four[:, :3])
-    scalar = np.abs(four[:, 3])
-    sine = np.linalg.norm(vector, axis=1)
-    angle = 2.0 * np.arctan2(sine, scalar)
-    status = np.full(len(angle), TurnStatus.OK, dtype=np.int8)
-    status[2.0 * scalar <= ROUNDING] = TurnStatus.NO_SENSE
-    status[angle * USABLE_DIRECTION <= ROUNDING] = TurnStatus.NO_AXIS
-    has_axis = (status != TurnStatus.NO_AXIS)[:, None]
-    axis = np.where(has_axis, vector / np.where(has_axis, sine[:, None], 1.0), np.nan)
-    largest = np.argmax(np.abs(vector), axis=1)
-    back = (status == TurnStatus.NO_SENSE) & (vector[np.arange(len(vector)), largest] < 0.0)
-    return Turns(np.where(back[:, None], -axis, axis), angle, status)
+    return np.linalg.norm(rotation_vector(second @ transpose(first)), axis=-1)
 
 
 def rotation(axis: Floats, angle: ArrayLike) -> Floats:
@@ -344,50 +284,37 @@ def log_rate(vector: Floats, w: Floats) -> Floats:
     w in the axes of the rotated body the second term is added: it is that of -d.
     """
     first = cross(vector, w)
-    return w - 0.5 * first + _series(vector)[0] * cross(vector, first)
+    return w - 0.5 * first + _C(_square(vector)) * cross(vector, first)
 
 
 def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
     """Return the change (n, 3) of `log_rate` for fixed w while d changes at `rate`."""
-    factor, slope = _series(vector)
     along = 2.0 * np.sum(vector * rate, axis=1, keepdims=True)
     first, turned = cross(vector, w), cross(rate, w)
     return (
         -0.5 * turned
-        + slope * along * cross(vector, first)
-        + factor * (cross(rate, first) + cross(vector, turned))
+        + _C_RATE(_square(vector)) * along * cross(vector, first)
+        + _C(_square(vector)) * (cross(rate, first) + cross(vector, turned))
     )
 
 
-def _series(vector: Floats) -> tuple[Floats, Floats]:
-    """Return c (n, 1) of `log_rate` and its derivative by the square of the angle."""
-    square = np.sum(vector * vector, axis=1, keepdims=True)
-    small = square < 1.0
-    safe = np.where(small, 1.0, square)
-    half = 0.5 * np.sqrt(safe)
-    cot = half / np.tan(half)
-    factor = (1.0 - cot) / safe
-    slope = ((half**2 / np.sin(half) ** 2 - cot) * 0.5 - (1.0 - cot)) / safe**2
-    near, near_slope = _C(square), _C_RATE(square)
-    return np.where(small, near, factor), np.where(small, near_slope, slope)
+def _square(vector: Floats) -> Floats:
+    return np.sum(vector * vector, axis=1, keepdims=True)
 
 
-_C = np.polynomial.Polynomial(
-    [
-        1 / 12,
-        1 / 720,
-        1 / 30240,
-        1 / 1209600,
-        1 / 47900160,
-        691 / 1307674368000,
-        1 / 74724249600,
-        3617 / 10670622842880000,
-        43867 / 5109094217170944000,
-        174611 / 802857662698291200000,
-        77683 / 14101100039391805440000,
-    ]
-)
-"""c as a series in the square of the angle: Bernoulli numbers |B_2k| / (2k)!."""
+def _terms(count: int) -> list[float]:
+    """Return the first terms of c by the square of the angle, |B_2k| / (2k)!.
+
+    By Euler's rule for sums of even powers, from the convolution of those before.
+    """
+    terms = [1.0 / 12.0]
+    while len(terms) < count:
+        terms.append(float(np.dot(terms, terms[::-1])) / (2 * len(terms) + 3))
+    return terms
+
+
+_C = np.polynomial.Polynomial(_terms(32))
+"""The factor c of `log_rate`, exact to rounding for angles up to pi."""
 _C_RATE = _C.deriv()
 
 

@@ -9,7 +9,7 @@ derivatives that agree where panels meet.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import product
+from math import perm
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,9 @@ from spherekit.sphere.paths import (
 from spherekit.sphere.profile import azimuth_panels, spline_fits
 from spherekit.sphere.rotation import cross, slope_of, stepped
 
+_DERIVATIVES = np.array([[perm(power, k) for power in range(6)] for k in range(6)], float)
+"""The derivatives of each order of the powers of a number, at 1."""
+
 
 def quintic_panels(
     knots: Floats, points: Floats, closed: bool
@@ -38,46 +41,40 @@ def quintic_panels(
 
     An open one has no knots at the two points next to each end. Numbers may be complex.
     """
-    from scipy.sparse import coo_array
+    from scipy.sparse import lil_array
     from scipy.sparse.linalg import splu
 
     h, panels = np.diff(knots), len(knots) - 1
-    mean = float(np.real(np.mean(h)))
-    entries: list[tuple[complex, int, int]] = []
+    per_panel = h[:, None] ** np.arange(6.0)
+    scale = (float(np.real(np.mean(h))) ** np.arange(6.0) / per_panel)[..., None]
+    stops = scale * _DERIVATIVES
+    starts = scale * np.diag(np.diag(_DERIVATIVES))
+    system = lil_array((6 * panels, 6 * panels), dtype=points.dtype)
     right = np.zeros((6 * panels, 3), dtype=points.dtype)
-    row = 0
-
-    def add(panel: int, part: float, order: int, sign: float = 1.0) -> None:
-        """Add a derivative at the start or end (0 or 1) of a panel to the last equation."""
-        scale = sign * (mean / h[panel]) ** order
-        for power in range(order, 6 if part else order + 1):
-            factor = np.prod(np.arange(power - order + 1, power + 1))
-            entries.append((scale * factor, row, 6 * (panel % panels) + power))
-
-    for panel, part in product(range(panels), (0, 1)):
-        add(panel, part, 0)
-        right[row] = points[panel + part]
-        row += 1
+    right[: 2 * panels] = np.concatenate([points[:-1], points[1:]])
+    for panel in range(panels):
+        columns = slice(6 * panel, 6 * panel + 6)
+        system[panel, columns] = starts[panel, 0]
+        system[panels + panel, columns] = stops[panel, 0]
+    row = 2 * panels
     for knot in range(0 if closed else 1, panels):
         no_knot = not closed and knot in (1, 2, panels - 2, panels - 1)
-        for order in range(1, 6 if no_knot else 5):
-            add(knot - 1, 1, order)
-            add(knot, 0, order, -1.0)
-            row += 1
-    values, rows, columns = (np.array(item) for item in zip(*entries, strict=True))
-    system = coo_array((values, (rows, columns)), shape=(row, row)).tocsc()
-    solved = splu(system).solve(right).reshape(panels, 6, 3)
-    coefficients = solved / h[:, None, None] ** np.arange(6.0)[:, None]
+        rows = slice(row, row + (5 if no_knot else 4))
+        orders = slice(1, rows.stop - row + 1)
+        before = (knot - 1) % panels
+        system[rows, 6 * before : 6 * before + 6] = stops[before, orders]
+        system[rows, 6 * knot : 6 * knot + 6] = -starts[knot, orders]
+        row = rows.stop
+    solved = splu(system.tocsc()).solve(right).reshape(panels, 6, 3)
+    coefficients = solved / per_panel[..., None]
 
     def spline(u: Floats, order: int) -> Floats:
-        inner = np.real(knots[1:-1])
-        panel = np.searchsorted(inner, np.real(u), side="right")
+        panel = np.searchsorted(np.real(knots[1:-1]), np.real(u), side="right")
         x = (u - knots[panel])[..., None]
-        total = np.zeros((*np.shape(u), 3), dtype=points.dtype)
-        for power in range(5, order - 1, -1):
-            factor = float(np.prod(np.arange(power - order + 1, power + 1)))
-            total = total * x + factor * coefficients[panel, power]
-        return total
+        factors = _DERIVATIVES[order, order:, None] * coefficients[panel, order:]
+        return np.asarray(
+            np.sum(factors * x[..., None] ** np.arange(6.0 - order)[:, None], axis=-2)
+        )
 
     return spline
 
