@@ -5,7 +5,7 @@ Numbers of a kernel that are read from the file of each design, with its checks.
 
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,12 @@ from spherekit.design.variables import (
     slope_by,
 )
 from spherekit.engine.hinges import EquivalentLinkage, hinged
-from spherekit.engine.row_quantities import ActionParameters, VariedTerms
+from spherekit.engine.row_quantities import (
+    VariedTerms,
+    actions_of,
+    numbers_of,
+    with_other_numbers,
+)
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.files.read import acted_on
@@ -201,7 +206,7 @@ class VariedMechanism:
     def _stated(self) -> Floats:
         """All numbers that are read of the file as it is."""
         of_contacts = self.contacts.numbers if self.contacts else []
-        return np.array([*of_contacts, *ActionParameters.of(self.mechanism).numbers])
+        return np.array([*of_contacts, *numbers_of(actions_of(self.mechanism))])
 
     @cached_property
     def _tried(self) -> list[tuple[Floats, Floats]]:
@@ -241,15 +246,16 @@ class VariedMechanism:
             both = zip(self.variables, map(float, values), strict=True)
             acting = {v.path: number for v, number in both if v.path[0] in ACTIONS}
             made = acted_on(self.mechanism, with_numbers(self.document, acting))
-        actions = ActionParameters.of(made)
+        actions = actions_of(made)
         if self.contacts is not None:
             with_contacts = hinged(made, self.inputs, self.apart)
             if with_contacts is None or with_contacts.form != self.contacts.form:
                 raise DesignError(UNLIKE)
             contacts = with_contacts.numbers
-        if actions.form != ActionParameters.of(self.mechanism).form:
+        form = partial(with_other_numbers, change=lambda number: 0.0)
+        if form(actions) != form(actions_of(self.mechanism)):
             raise DesignError(UNLIKE)
-        return np.array([*contacts, *actions.numbers])
+        return np.array([*contacts, *numbers_of(actions)])
 
     def _possible(self, values: Floats) -> Floats | None:
         with suppress(SpherekitError):

@@ -81,16 +81,13 @@ COMPILED = Cache()
 """Kernels and equations of motion that were compiled."""
 
 
-ClosedPlacements = tuple[list[LinkOrientation], list[Expr], dict[int, Expr]]
-"""The placements of all links; of the dyads that these follow from, in solving order, the
-squares of triple products, negative where arcs do not reach; and by middle pair the angles
-in [0, pi/2] between their arcs."""
-
-
 def place_by_inputs(
     structure: Structure, q: Sequence[Expr], signs: Sequence[Expr]
-) -> ClosedPlacements:
+) -> tuple[list[LinkOrientation], list[Expr]]:
     """Return the placements of all links for the angles q of the inputs.
+
+    With them, of the dyads that these follow from, the squares of triple products, negative
+    where arcs do not reach.
 
     `signs` are those of the dyads in solving order, as in
     `spherekit.motion.assembly_modes.Branch`: +1 or -1, the sign of u_1 . (u_2 x u_3) with
@@ -113,11 +110,10 @@ def place_by_inputs(
         variables[variable] = angle
     ways = spanning(mechanism.ends, assembly.bodies, assembly.inputs)
     within = place_by_variables(mechanism, structure.pairs, variables, ways)
-    squares: list[Expr] = []
-    angles: dict[int, Expr] = {}
-    for group, sign in zip(assembly.groups, signs, strict=True):
-        square, angles[group.middle] = _close(structure, group, sign, within)
-        squares.append(square)
+    squares = [
+        _close(structure, group, sign, within)
+        for group, sign in zip(assembly.groups, signs, strict=True)
+    ]
     ground = within[0]
     if ground.depth:
         back = constants(ground.within.T) @ ground.basis.T
@@ -125,16 +121,13 @@ def place_by_inputs(
             replace(x, basis=np.asarray(back @ x.basis), depth=x.depth + 1) for x in within
         ]
         within[0] = GROUND
-    return within, squares, angles
+    return within, squares
 
 
 def _close(
     structure: Structure, group: Group, sign: Expr, within: list[LinkOrientation]
-) -> tuple[Expr, Expr]:
-    """Place the two free bodies of a dyad in the first one.
-
-    Return the square of its triple product, and the angle between its arcs.
-    """
+) -> Expr:
+    """Place the free bodies of a dyad; return the square of its triple product."""
     mechanism = structure.mechanism
     near, middle, far = group.dyad_places
 
@@ -150,7 +143,7 @@ def _close(
     bodies = [(near, 1), (far, 2)]
     held_axes = [(held(outer, body), held(middle, body)) for outer, body in bodies]
     sides = [_side(within, *both) for both in held_axes]
-    reached, square, angle = _third_axis(
+    reached, square = _third_axis(
         first, second, sides, sign if group.dyad_parity > 0 else -1.0 * sign
     )
     depth = 1 + max(placement.depth for placement in within)
@@ -165,7 +158,7 @@ def _close(
         for link in links:
             turned = np.asarray(onto @ within[link].basis)
             within[link] = replace(within[link], basis=turned, depth=depth)
-    return square, angle
+    return square
 
 
 def _frame(a: Exprs, b: Exprs) -> Exprs:
@@ -210,11 +203,8 @@ def _side(
 
 def _third_axis(
     first: Exprs, second: Exprs, sides: Sequence[HalfAngle], sign: Expr
-) -> tuple[Exprs, Expr, Expr]:
-    """Return the unit vector at given arcs from two others.
-
-    With it come the square of their triple product and the angle between the arcs.
-    """
+) -> tuple[Exprs, Expr]:
+    """Return the unit vector at given arcs from two others, and their squared volume."""
     more, less = first + second, first - second
     squares = dot(more, more), dot(less, less)
     near, far = sides
@@ -222,14 +212,7 @@ def _third_axis(
     height = function("sqrt", square)
     along, beside, upright = middle_axis(near, far, *squares, height * sign)
     third = more * along + less * beside + cross(first, second) * upright
-    # a . c - cos A cos C is sin A sin C cos of the angle, the height that times its sine.
-    level = 0.25 * (squares[0] - squares[1]) - _cosine(near) * _cosine(far)
-    angle = function("atan2", height, function("sqrt", level * level))
-    return np.asarray(third), square, angle
-
-
-def _cosine(arc: HalfAngle) -> Expr:
-    return (arc.cosine - arc.sine) * (arc.cosine + arc.sine)
+    return np.asarray(third), square
 
 
 OUT_OF_REACH = -1e-4
@@ -252,7 +235,7 @@ def closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
     signs = symbols(f"sign_{k + 1}" for k in range(len(assembly.groups)))
     # Rates are not asked for, so no equations are chosen.
     structure = Structure(mechanism, assembly, turning_pairs(mechanism), ())
-    placed, squares, _ = place_by_inputs(structure, inputs, signs)
+    placed, squares = place_by_inputs(structure, inputs, signs)
     driven = dict(zip(assembly.inputs, inputs, strict=True))
     variables = [
         driven[pair] if pair in driven else angle_of(structure, pair, placed)

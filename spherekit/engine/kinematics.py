@@ -58,7 +58,6 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
-from spherekit.sphere.rotation import max_abs
 
 
 @dataclass(frozen=True)
@@ -372,8 +371,8 @@ class InputMoments:
     ) -> None:
         self.flow = flow
         # Entries near 0 are made exact zeros, so they need a size near one.
-        plain = [tensor for tensor in tensors.values() if tensor.dtype != object]
-        sizes = [float(max_abs(tensor)) for tensor in plain]
+        entries = (x for tensor in tensors.values() for x in tensor.flat)
+        sizes = (abs(float(x)) for x in entries if not isinstance(x, ExpressionNode))
         self.unit = unit or max(sizes, default=1.0) or 1.0
         self._links = []
         for link, tensor in tensors.items():
@@ -423,11 +422,6 @@ class InputMoments:
                 pulls[i] = pulls[i] + slow[k] * turned[i][k]
                 pulls[k] = pulls[k] - slow[i] * turned[i][k]
         return pulls
-
-    def inertia(self, one: int, other: int) -> Expr:
-        """Return the inertia between two inputs."""
-        share = 1.0 / self.flow.scale
-        return self.matrix[one][other] * (share * share) * self.unit
 
     def resistance(
         self, moving: int, speeds: Sequence[Expr], accelerations: Sequence[Expr]

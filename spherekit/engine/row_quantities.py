@@ -6,16 +6,17 @@ What a mechanism's tensors are and what its loads are made of has one form for a
 the numbers in it, those of the texts of laws included, come one after another.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import count, permutations, product
 from typing import Any
 
 import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN, listing, nearest
-from spherekit.engine.algebra import Exprs, cross, dot, sum_of
+from spherekit.engine.algebra import cross, dot, sum_of
 from spherekit.engine.dyads import angle_of, place_by_inputs
 from spherekit.engine.expression_graph import (
     Expr,
@@ -32,91 +33,51 @@ from spherekit.engine.kinematics import (
 )
 from spherekit.engine.loads import LoadState, forces_of
 from spherekit.engine.pose import LinkOrientation, place_by_variables
-from spherekit.engine.turns import Entries, ProfileColumns, TurningPairs
+from spherekit.engine.turns import ProfileColumns, TurningPairs
 from spherekit.errors import EngineError
 from spherekit.model.actions import wound_pairs
 from spherekit.model.dynamics import need_no_rubbing
-from spherekit.model.expression import Expression, Node
+from spherekit.model.expression import Expression
 from spherekit.model.load import Component, LinkMoment, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.planning.inputs import Group, driven_pairs, plan_assembly
+from spherekit.planning.inputs import Assembly, driven_pairs, plan_assembly
 
-_Each = Callable[[Any], Any]
-
-
-@dataclass(frozen=True)
-class ActionParameters:
-    """Tensors (rows of link axes) by link, and the components of every load."""
-
-    tensors: tuple[tuple[str, tuple[tuple[Any, ...], ...]], ...]
-    loads: tuple[tuple[Component, ...], ...]
-
-    @staticmethod
-    def of(mechanism: Mechanism) -> "ActionParameters":
-        """Return those of a mechanism."""
-        tensors = [
-            (mass.link, tuple(tuple(map(float, row)) for row in mass.tensor))
-            for mass in mechanism.masses
-        ]
-        return ActionParameters(
-            tuple(tensors), tuple(load.components(mechanism) for load in mechanism.loads)
-        )
-
-    def mapped(self, change: _Each) -> "ActionParameters":
-        """Return the same form with other numbers, asked for in one order."""
-        tensors = tuple(
-            (link, tuple(tuple(change(x) for x in row) for row in rows))
-            for link, rows in self.tensors
-        )
-        loads = tuple(tuple(_component(x, change) for x in parts) for parts in self.loads)
-        return ActionParameters(tensors, loads)
-
-    @property
-    def numbers(self) -> list[float]:
-        """All numbers, in order."""
-        numbers: list[float] = []
-        self.mapped(numbers.append)
-        return numbers
-
-    @property
-    def form(self) -> "ActionParameters":
-        """What is left without the numbers: equal for mechanisms that differ in these."""
-        return self.mapped(lambda number: 0.0)
-
-    def replaced(self, numbers: Sequence[Expr]) -> "ActionParameters":
-        """Return the same form with these numbers or terms."""
-        more: Iterator[Expr] = iter(numbers)
-        return self.mapped(lambda number: next(more))
-
-    def by_link(self, mechanism: Mechanism) -> dict[int, Entries]:
-        """Return the tensors (3, 3) by the number of their link."""
-        made: dict[int, Entries] = {}
-        for link, rows in self.tensors:
-            plain = all(isinstance(x, float) for row in rows for x in row)
-            made[mechanism.link_number[link]] = np.array(rows, float if plain else object)
-        return made
+Actions = Any
+"""Tensors (rows of link axes) by link, and the components of every load, in tuples."""
 
 
-def _component(part: Component, change: _Each) -> Component:
-    law = part.magnitude
-    if isinstance(law, Expression):
-        law = Expression("", law.names, _tree(law.root, change))
-    return Component(law, part.pair, tuple(_moment(x, change) for x in part.moments))
+def actions_of(mechanism: Mechanism) -> Actions:
+    """Return the masses and loads of a mechanism."""
+    tensors = ((mass.link, mass.tensor) for mass in mechanism.masses)
+    return tuple(tensors), tuple(load.components(mechanism) for load in mechanism.loads)
 
 
-def _moment(moment: LinkMoment, change: _Each) -> LinkMoment:
-    x, y, z = map(change, moment.direction)
-    arm = None
-    if moment.arm is not None:
-        a, b, c = map(change, moment.arm)
-        arm = a, b, c
-    return LinkMoment(moment.link, (x, y, z), moment.axes, arm)
+def with_other_numbers(part: Any, change: Callable[[float], Any]) -> Any:
+    """Return the same form with other numbers or terms, asked for in one order.
+
+    With 0 for every number it is equal for mechanisms that differ in these alone.
+    """
+    if isinstance(part, tuple):
+        return tuple(with_other_numbers(item, change) for item in part)
+    if isinstance(part, int | float):
+        return change(float(part))
+    parts: dict[str, Any] = {}
+    if isinstance(part, Component):
+        parts = {"magnitude": part.magnitude, "moments": part.moments}
+        part = replace(part, rubs=None)
+    elif isinstance(part, LinkMoment):
+        parts = {"direction": part.direction, "arm": part.arm}
+    elif isinstance(part, Expression):
+        part, parts = replace(part, text=""), {"root": part.root}
+    changed = {name: with_other_numbers(item, change) for name, item in parts.items()}
+    return replace(part, **changed) if changed else part
 
 
-def _tree(node: Node, change: _Each) -> Node:
-    if isinstance(node, tuple):
-        return (node[0], *(_tree(part, change) for part in node[1:]))
-    return node if isinstance(node, str) else change(node)
+def numbers_of(actions: Actions) -> list[float]:
+    """Return all numbers of masses and loads, in order."""
+    numbers: list[float] = []
+    with_other_numbers(actions, numbers.append)
+    return numbers
 
 
 def sample_names(inputs: Sequence[str]) -> tuple[str, ...]:
@@ -141,35 +102,51 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     the inertias ``B_PAIR_by_PAIR``.
     """
     inputs = mechanism.names_of(driven_pairs(mechanism))
-    return _quantities(mechanism, inputs, middle_pairs(mechanism))
+    table = _quantities(mechanism, inputs, plan_assembly(mechanism))
+    return {name: unit for name, (unit, *_) in table.items()}
+
+
+Quantity = tuple[str, Callable[..., Expr], tuple[Any, ...]]
+"""A unit, what of `VariedTerms` gives the quantity, and of what."""
 
 
 def _quantities(
-    mechanism: Mechanism, inputs: Sequence[str], middle: Sequence[str]
-) -> dict[str, str]:
+    mechanism: Mechanism, inputs: Sequence[str], assembly: Assembly
+) -> dict[str, Quantity]:
+    one, links = len(inputs) == 1, mechanism.links
+    units = [unit for unit in ("rad", "rad/s", "rad/s2") for _ in inputs]
+    sample = zip(sample_names(inputs), [*units, "s"], strict=True)
+    table: dict[str, Quantity] = {
+        name: (unit, lambda terms, k: terms.sample[k], (k,))
+        for k, (name, unit) in enumerate(sample)
+    }
+
+    def put(name: str, unit: str, make: Callable[..., Expr], *of: Any) -> None:
+        if name in table:
+            make, of = VariedTerms.unclear, (name, of, table[name][2])
+        table[name] = unit, make, of
+
     angles = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
-    units = ("rad", "rad/s", "rad/s2")
-    names = sample_names(inputs)
-    made = {name: units[k // len(inputs)] for k, name in enumerate(names[:-1])}
-    made |= {"t": "s"} | {f"theta_{pair}": "rad" for pair in angles}
-    by = [""] if len(inputs) == 1 else [f"_by_{pair}" for pair in inputs]
-    made |= {f"rate_{pair}{ending}": "" for pair in angles for ending in by}
-    made |= {f"transmission_angle_{pair}": "rad" for pair in middle}
-    links = mechanism.links
-    for kind, unit in (("velocity_coefficient", ""), ("acceleration_coefficient", "1/rad")):
-        made |= {
-            f"{kind}_{a}_{b}{ending}": unit
-            for a in links
-            for b in links
-            if a != b
-            for ending in by
-        }
-    if mechanism.masses and len(inputs) == 1:
-        made |= {"B": "kg m2", "dB_dq": "kg m2/rad", "torque": "N m"}
-    elif mechanism.masses:
-        made |= {f"B_{a}_by_{b}": "kg m2" for a in inputs for b in inputs}
-        made |= {f"torque_by_{pair}": "N m" for pair in inputs}
-    return made
+    moving = [("" if one else f"_by_{pair}", k) for k, pair in enumerate(inputs)]
+    for pair in angles:
+        put(f"theta_{pair}", "rad", VariedTerms.angle, pair)
+    for pair, (end, k) in product(angles, moving):
+        put(f"rate_{pair}{end}", "", VariedTerms.rate, pair, k)
+    for pair in _middles(mechanism, assembly):
+        put(f"transmission_angle_{pair}", "rad", VariedTerms.transmission_angle, pair)
+    for kind, unit in (("velocity", ""), ("acceleration", "1/rad")):
+        for (a, b), (end, k) in product(permutations(links, 2), moving):
+            of = VariedTerms.coefficient, a, b, kind, k
+            put(f"{kind}_coefficient_{a}_{b}{end}", unit, *of)
+    if not mechanism.masses:
+        return table
+    for (i, a), (end, k) in product(enumerate(inputs), moving):
+        put("B" if one else f"B_{a}{end}", "kg m2", VariedTerms.inertia, i, k)
+    if one:
+        put("dB_dq", "kg m2/rad", VariedTerms.inertia_rate)
+    for end, k in moving:
+        put(f"torque{end}", "N m", VariedTerms.torque, k)
+    return table
 
 
 BENDS = 200
@@ -193,23 +170,21 @@ class VariedTerms:
         The variables of `sample_names`, and the signs of dyads or the variables of pairs.
     variables
         Of pairs, where these are the places; those that follow from others as terms.
-    links, squares, transmission_angles
-        What `spherekit.engine.dyads.ClosedPlacements` are of these; the links alone where
-        there is no closed form.
+    links, squares
+        What `place_by_inputs` gives of these; without a closed form the links alone.
     turns
         Of passive pairs whose variables loads depend on, by name: what their turns (rad)
         add to angles that places give.
     """
 
     structure: Structure
-    actions: ActionParameters
+    actions: Actions
     sizes: tuple[ExpressionNode, ...]
     sample: tuple[ExpressionNode, ...]
     places: tuple[ExpressionNode, ...]
     variables: tuple[Expr, ...]
     links: tuple[LinkOrientation, ...]
     squares: Sequence[Expr]
-    transmission_angles: Mapping[int, Expr]
     turns: Mapping[str, ExpressionNode]
 
     @staticmethod
@@ -224,7 +199,7 @@ class VariedTerms:
     ) -> "VariedTerms":
         """Return the terms of a mechanism; by default in closed form where there is one.
 
-        `differing` says which of the numbers of `ActionParameters` are terms, after the
+        `differing` says which of the numbers of masses and loads are terms, after the
         sizes; `closed` is a configuration (variables,) of the mechanism, if one is known.
 
         Raises
@@ -239,33 +214,28 @@ class VariedTerms:
         if closed_form is None:
             closed_form = structure.assembly.has_closed_form
         squares: list[Expr] = []
-        transmission_angles: dict[int, Expr] = {}
         variables: list[Expr] = []
         if closed_form:
             places = symbols([f"sign_{k + 1}" for k in range(len(structure.groups))])
-            links, squares, transmission_angles = place_by_inputs(
-                structure, sample[: len(inputs)], places
-            )
+            links, squares = place_by_inputs(structure, sample[: len(inputs)], places)
         else:
             places = symbols(mechanism.variable_names)
             following = structure.following([places[v] for v in structure.inputs])
             variables = [following.get(v, place) for v, place in enumerate(places)]
             links = place_by_variables(mechanism, structure.pairs, variables)
-        actions = ActionParameters.of(mechanism)
-        numbers: list[Expr] = list(actions.numbers)
         more = symbols([f"number_{k}" for k in differing])
-        for k, term in zip(differing, more, strict=True):
-            numbers[k] = term
+        of_place, place = dict(zip(differing, more, strict=True)), count()
         return VariedTerms(
             structure,
-            actions.replaced(numbers),
+            with_other_numbers(
+                actions_of(mechanism), lambda number: of_place.get(next(place), number)
+            ),
             sizes=(*terms, *more),
             sample=tuple(sample),
             places=tuple(places),
             variables=tuple(variables),
             links=tuple(links),
             squares=squares,
-            transmission_angles=transmission_angles,
             turns={
                 pair: symbols([f"turns_of_{pair}"])[0]
                 for pair in wound_pairs(structure.mechanism)
@@ -331,63 +301,52 @@ class VariedTerms:
         return list(self.mechanism.names_of(self.structure.input_pairs))
 
     @cached_property
-    def _named(self) -> dict[str, ExpressionNode]:
-        return dict(zip(sample_names(self.inputs), self.sample, strict=True))
-
-    @cached_property
     def _moments(self) -> InputMoments:
-        return InputMoments(self.flow, self.actions.by_link(self.mechanism))
+        number = self.mechanism.link_number
+        tensors = {number[link]: np.array(rows, object) for link, rows in self.actions[0]}
+        return InputMoments(self.flow, tensors)
 
     def quantity(self, name: str) -> Expr:
         """Return one of `row_quantities` by its name, `EngineError` if there is none of it.
 
         Rates are of an input while the others rest.
         """
-        middle = _middles(self.mechanism, self.structure.assembly.groups)
-        quantities = _quantities(self.mechanism, self.inputs, middle)
-        if name not in quantities:
-            hint = nearest(name, quantities) or "."
+        table = _quantities(self.mechanism, self.inputs, self.structure.assembly)
+        if name not in table:
+            hint = nearest(name, table) or "."
             raise EngineError(
                 f'{self.mechanism.name}: "{name}" is no quantity of a configuration{hint} '
-                f"Quantities: {listing(quantities)}"
+                f"Quantities: {listing(table)}"
             )
-        if name in self._named:
-            return self._named[name]
-        stem, moving = self._split(name)
-        for prefix, make in (
-            ("theta_", self.angle),
-            ("transmission_angle_", self._transmission_angle),
-        ):
-            if name.startswith(prefix):
-                return make(name.removeprefix(prefix))
-        if stem == "torque":
-            return self._torque(moving)
-        if stem == "dB_dq":
-            # B q'' + dB_dq q'^2 / 2 is what links resist.
-            return 2.0 * self._moments.resistance(0, [1.0], [0.0])
-        if stem.startswith("rate_"):
-            variable = self._variable(stem.removeprefix("rate_"))
-            return self.flow.tau[moving][variable] / self.flow.scale
-        kind, _, text = stem.partition("_coefficient_")
-        if kind == stem:
-            one = stem.removeprefix("B").removeprefix("_")
-            return self._moments.inertia(self.inputs.index(one) if one else 0, moving)
-        return self._coefficient(kind, text, moving)
+        _, make, of = table[name]
+        return make(self, *of)
 
-    def _split(self, name: str) -> tuple[str, int]:
-        """Return a name without the input that moves, and the number of that."""
-        ends = [f"_by_{pair}" for pair in self.inputs]
-        fitting = [k for k, end in enumerate(ends) if name.endswith(end)]
-        if len(self.inputs) == 1 or not fitting:
-            return name, 0
-        # Of pairs whose names end alike the longest is meant.
-        moving = max(fitting, key=lambda k: len(ends[k]))
-        return name.removesuffix(ends[moving]), moving
+    def unclear(self, name: str, *several: Sequence[Any]) -> Expr:
+        """Raise `EngineError`, for a name may be that of several quantities."""
+        one, other = (listing([x for x in of if isinstance(x, str)]) for of in several)
+        raise EngineError(
+            f'{self.mechanism.name}: "{name}" may be of {one} or of {other}; give links or '
+            "pairs other names"
+        )
 
-    def _coefficient(self, kind: str, text: str, moving: int) -> Expr:
+    def rate(self, pair: str, moving: int) -> Expr:
+        """Return the rate of a pair's variable by an input."""
+        return self.flow.tau[moving][self._variable(pair)] / self.flow.scale
+
+    def inertia(self, one: int, other: int) -> Expr:
+        """Return the inertia between two inputs."""
+        share = 1.0 / self.flow.scale
+        moments = self._moments
+        return moments.matrix[one][other] * (share * share) * moments.unit
+
+    def inertia_rate(self) -> Expr:
+        """Return the derivative of the inertia: half of it resists a rate of 1."""
+        return 2.0 * self._moments.resistance(0, [1.0], [0.0])
+
+    def coefficient(self, one: str, two: str, kind: str, moving: int) -> Expr:
         """Return a coefficient of two links: along the axis of a pair, or its size."""
         flow, mechanism = self.flow, self.mechanism
-        link, other = (mechanism.link(name) for name in self._two_links(text))
+        link, other = mechanism.link(one), mechanism.link(two)
         share = 1.0 / flow.scale
         rates = [rate * share for rate in flow.tau[moving]]
         w = [spin * share for spin in flow.w[moving]]
@@ -407,7 +366,7 @@ class VariedTerms:
         turned = flow.bias(rates, w)
         return dot(np.asarray(turned[link] - turned[other]), along)
 
-    def _torque(self, moving: int) -> Expr:
+    def torque(self, moving: int) -> Expr:
         """Return the torque of an input: what links resist less what loads do."""
         mechanism, flow = self.mechanism, self.flow
         count, sample = len(self.inputs), self.sample
@@ -425,11 +384,11 @@ class VariedTerms:
             angles,
             [0.0] * len(angles),
             flow.moving(speeds)[1],
-            self._named["t"],
+            self.sample[-1],
             sign_of,
             self._table,
         )
-        force = sum_of(forces_of(parts, state)[moving] for parts in self.actions.loads)
+        force = sum_of(forces_of(parts, state)[moving] for parts in self.actions[1])
         return self._moments.resistance(moving, speeds, accelerations) - force / flow.scale
 
     def _angles(self) -> list[Expr]:
@@ -452,31 +411,19 @@ class VariedTerms:
         number = self.mechanism.pair_number[pair]
         return angle_of(self.structure, number, self.links)
 
-    def _transmission_angle(self, pair: str) -> Expr:
+    def transmission_angle(self, pair: str) -> Expr:
+        """Return the angle in [0, pi/2] between the arcs of the dyad a pair is amid."""
         number = self.mechanism.pair_number[pair]
-        if number in self.transmission_angles:
-            return self.transmission_angles[number]
-        groups = {g.middle: g for g in self.structure.assembly.groups if g.is_dyad}
-        group = groups[number]
-        near, middle, far = (self._axis(group.pairs[k]) for k in group.dyad_places)
+        groups = self.structure.assembly.groups
+        (group,) = (g for g in groups if g.is_dyad and g.middle == number)
+        near, middle, far = (
+            self.flow.vectors[self.mechanism.variables_of(group.pairs[k])[0]]
+            for k in group.dyad_places
+        )
         one, other = cross(near, middle), cross(middle, far)
         normal, level = cross(one, other), dot(one, other)
         sine, cosine = dot(normal, normal), level * level
         return function("atan2", function("sqrt", sine), function("sqrt", cosine))
-
-    def _axis(self, pair: int) -> Exprs:
-        (variable,) = self.mechanism.variables_of(pair)
-        return self.flow.vectors[variable]
-
-    def _two_links(self, text: str) -> tuple[str, str]:
-        names = self.mechanism.links
-        both = [(a, b) for a in names for b in names if f"{a}_{b}" == text]
-        if len(both) > 1:
-            raise EngineError(
-                f'{self.mechanism.name}: "{text}" may be of links {both[0][0]} and '
-                f"{both[0][1]} or of {both[1][0]} and {both[1][1]}; give links other names"
-            )
-        return both[0]
 
     def _table(self, name: str) -> Expr:
         """Return a torque over time: straight pieces, with a bend at each of its times."""
@@ -488,7 +435,7 @@ class VariedTerms:
                 f"torques cannot be part of a kernel, one of {BENDS} can; write the torque "
                 "as an expression"
             )
-        start, t = table.times[0], self._named["t"]
+        start, t = table.times[0], self.sample[-1]
         if table.periodic:
             period = table.times[-1] - start
             angle = (t - start) * (TURN / period) - np.pi
@@ -504,8 +451,9 @@ class VariedTerms:
 
 def middle_pairs(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the pairs with a ``transmission_angle``: those in the middle of dyads."""
-    return _middles(mechanism, plan_assembly(mechanism).groups)
+    return _middles(mechanism, plan_assembly(mechanism))
 
 
-def _middles(mechanism: Mechanism, groups: Sequence[Group]) -> tuple[str, ...]:
-    return tuple(mechanism.pairs[group.middle].name for group in groups if group.is_dyad)
+def _middles(mechanism: Mechanism, assembly: Assembly) -> tuple[str, ...]:
+    dyads = (group for group in assembly.groups if group.is_dyad)
+    return tuple(mechanism.names_of(group.middle for group in dyads))
