@@ -86,12 +86,15 @@ class SixPoles:
     rs: Floats
 
     @staticmethod
-    def of(links: FourLinks, direction: Callable[[int, int], Floats]) -> "SixPoles":
-        """Return the six vectors from a function of two different links, (n, 3)."""
-        none = np.full_like(direction(links.i, links.r), np.nan)
+    def of(links: FourLinks, direction: Callable[[Pole], Floats]) -> "SixPoles":
+        """Return the six vectors from a function of poles, (n, 3)."""
+        none = np.full_like(direction(pole_of(links.i, links.r)), np.nan)
         ends = {axis: links.ends(axis) for axis in AXES}
         return SixPoles(
-            **{axis: none if a == b else direction(a, b) for axis, (a, b) in ends.items()}
+            **{
+                axis: none if a == b else direction(pole_of(a, b))
+                for axis, (a, b) in ends.items()
+            }
         )
 
     def stacked(self, axes: Sequence[str]) -> Floats:
@@ -144,8 +147,10 @@ def third_axis(form: Form, links: FourLinks) -> tuple[str, float, str]:
     }[True]
 
 
-def relation_of(form: Form, links: FourLinks, poles: SixPoles) -> Relation | None:
-    """Return c w_os = d w_ir (form i) or c w_or = d w_ir (form ii).
+def relation_of(
+    form: Form, links: FourLinks, direction: Callable[[Pole], Floats]
+) -> Relation | None:
+    """Return c w_os = d w_ir (form i) or c w_or = d w_ir (form ii), from axes of poles.
 
     With four links c = u_rs . (u_os x u_io) and d = u_rs . (u_ir x u_io), in form ii
     c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is) with any link beside the other
@@ -157,6 +162,7 @@ def relation_of(form: Form, links: FourLinks, poles: SixPoles) -> Relation | Non
     i, o = links.i, links.o
     if form == "ii" and o in (links.r, i):
         return None
+    poles = SixPoles.of(links, direction)
     out, reference = ("os", links.s) if form == "i" else ("or_", links.r)
     sign = 1.0
     if len(links.different) == 2:

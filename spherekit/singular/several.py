@@ -9,7 +9,7 @@ type I a loss of rank of E N. All of these stay finite on singularities.
 Singular configurations as the inputs and the output see them.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
@@ -26,12 +26,11 @@ from spherekit.motion.motion import Motion, motion_of
 from spherekit.motion.turns import in_range, into_range
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.poles import Pole, pole_of
-from spherekit.rates.request import Request, request
-from spherekit.rates.sequence import TRUSTED_ERROR, PlannedPoles
+from spherekit.rates.request import request
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.rates.transmission import hold as hold_of
 from spherekit.singular.locus import LocusPoints, SingularityLocus, adjugate
-from spherekit.singular.relation import FourLinks, SixPoles, relation_of
+from spherekit.singular.relation import FourLinks, relation_of
 from spherekit.singular.stationarity import InputsLocked, OutputPart, OutputStationary
 from spherekit.sphere.rotation import all_finite, cross, nans, unit_rows
 
@@ -151,66 +150,37 @@ def coefficients(
     tolerance
         Singular values below this count as zero.
     """
-    w, made = [], []
+    links = output.link, output.relative_to
+    w: list[Floats] = []
+    fours: list[FourLinks] = []
+    planned: list[tuple[Floats, ...]] = []
     with np.errstate(invalid="ignore"):
-        for wanted, four in _each_alone(motion, output, by_rank, True):
+        for pair in motion.assembly.inputs:
+            r, i = motion.mechanism.ends[pair]
+            wanted = request(
+                motion.mechanism,
+                motion.mechanism.pairs[pair].name,
+                tuple(combinations(sorted({i, r, *links}), 2)),
+                [output.pole],
+                derivatives=True,
+                by_rank=by_rank,
+            )
+            # With the others locked links are called by one link of their body each.
+            body = wanted.plan.body
+            named = {body[link]: link for link in (*links[::-1], r, i)}
+            four = FourLinks(*(named[body[link]] for link in (i, r, *links)))
             field = evaluate(motion, wanted)
             w.append(field.w[output.link] - field.w[output.relative_to])
-            made.append((four, _relation(four, field.direction.__getitem__)))
-        c, d, u = _with_motions(motion, output, made)
+            fours.append(four)
+            planned.append(_relation(four, field.direction.__getitem__))
+        c, d, u = (np.stack(parts, axis=1) for parts in zip(*planned, strict=True))
+        _by_motions_alone(motion, output, fours, (c, d, u))
         c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
         measured = by_motions(motion, output, tolerance)
     return OutputCoefficients(np.stack(w, axis=1), u, c, d, **measured)
 
 
-def relations(
-    motion: Motion, output: OutputStationary, by_rank: bool = False
-) -> tuple[Floats, Floats, Floats]:
-    """Return c, d (n, g) and u (n, g, 3) of `OutputCoefficients`, u with any signs.
-
-    By the plan's great circles where these are surely good, else by motions. No rate is
-    asked for, nor its error, which takes longer than all poles.
-    """
-    made = []
-    for wanted, four in _each_alone(motion, output, by_rank, False):
-        planned = PlannedPoles(wanted.plan, motion)
-        directions = {}
-        for pole in wanted.poles:
-            at = wanted.plan.pole(*pole)
-            directions[pole] = nans((len(motion), 3))
-            if at is not None:
-                sure = planned.error[at] < TRUSTED_ERROR
-                directions[pole][sure] = planned.unit[at][:, sure].T
-        made.append((four, _relation(four, directions.__getitem__)))
-    return _with_motions(motion, output, made)
-
-
-def _each_alone(
-    motion: Motion, output: OutputStationary, by_rank: bool, derivatives: bool
-) -> Iterator[tuple[Request, FourLinks]]:
-    """Yield for each input moved alone the poles wanted, and the links of form i.
-
-    With the others locked these are called by one link of their body each.
-    """
-    links = output.link, output.relative_to
-    for pair in motion.assembly.inputs:
-        r, i = motion.mechanism.ends[pair]
-        wanted = request(
-            motion.mechanism,
-            motion.mechanism.pairs[pair].name,
-            tuple(combinations(sorted({i, r, *links}), 2)),
-            [output.pole] if derivatives else (),
-            derivatives=derivatives,
-            by_rank=by_rank,
-        )
-        body = wanted.plan.body
-        named = {body[link]: link for link in (*links[::-1], r, i)}
-        yield wanted, FourLinks(*(named[body[link]] for link in (i, r, *links)))
-
-
-def _relation(
-    four: FourLinks, direction: Callable[[Pole], Floats]
-) -> tuple[Floats, Floats, Floats]:
+def _relation(four: FourLinks, direction: Callable[[Pole], Floats]) -> tuple[Floats, ...]:
     """Return c, d (n,) and u (n, 3) of form i, from the axes of poles.
 
     An output that is locked has none, c = 1 and d = 0.
@@ -218,48 +188,46 @@ def _relation(
     if four.o == four.s:
         n = len(direction(pole_of(four.i, four.r)))
         return np.ones(n), np.zeros(n), nans((n, 3))
-    six = SixPoles.of(four, lambda a, b: direction(pole_of(a, b)))
-    made = relation_of("i", four, six)
+    made = relation_of("i", four, direction)
     assert made is not None
     return made.c, made.d, made.poles.os
 
 
-def _with_motions(
+def _by_motions_alone(
     motion: Motion,
     output: OutputStationary,
-    made: Sequence[tuple[FourLinks, tuple[Floats, Floats, Floats]]],
-) -> tuple[Floats, Floats, Floats]:
-    """Return c, d (n, g) and u (n, g, 3), by motions where no plan gives them usably.
+    fours: Sequence[FourLinks],
+    columns: tuple[Floats, Floats, Floats],
+) -> None:
+    """Give c, d (n, g) and u (n, g, 3) by motions at rows where the plan knows no axes.
 
     The axes are those of the motion in which one input moves alone. That is finite at
     singularities; an axis of links that rest in it is not known, but for the input's own,
     and what needs it is NaN.
     """
-    fours, planned = zip(*made, strict=True)
-    c, d, u = (np.stack(parts, axis=1) for parts in zip(*planned, strict=True))
-    rows = np.flatnonzero(~motion.failed & np.any(~np.isfinite(c), axis=1))
+    rows = np.flatnonzero(~motion.failed & np.any(~np.isfinite(columns[0]), axis=1))
     if not len(rows):
-        return c, d, u
+        return
     closure, held = Closure.of(motion.mechanism, motion.joints), _held(motion)
     space = SingularityLocus(closure, len(held), output).space(motion.values[rows])
     alone = unit_rows(space.basis @ adjugate(space.basis[:, held]))
     for k, four in enumerate(fours):
         rates = space.at.body_rates(alone[:, :, k])
-        driven = pole_of(four.i, four.r), space.at.vectors[:, held[k]]
+        driven = pole_of(four.i, four.r)
 
         def direction(
-            pole: Pole, driven: tuple[Pole, Floats] = driven, rates: Floats = rates
+            pole: Pole,
+            driven: Pole = driven,
+            axis: Floats = space.at.vectors[:, held[k]],
+            rates: Floats = rates,
         ) -> Floats:
-            between = driven[1]
-            if pole != driven[0]:
-                between = rates[:, pole[0]] - rates[:, pole[1]]
+            between = axis if pole == driven else rates[:, pole[0]] - rates[:, pole[1]]
             size = np.linalg.norm(between, axis=1, keepdims=True)
             return between / np.where(size > SINGULAR, size, np.nan)
 
-        filling = _relation(four, direction)
-        for whole, part in zip((c[:, k], d[:, k], u[:, k]), filling, strict=True):
-            whole[rows] = np.where(np.isfinite(whole[rows]), whole[rows], part)
-    return c, d, u
+        for whole, part in zip(columns, _relation(four, direction), strict=True):
+            here = whole[rows, k]
+            whole[rows, k] = np.where(np.isfinite(here), here, part)
 
 
 def _held(motion: Motion) -> list[int]:
@@ -350,45 +318,51 @@ def what_vanishes(
     its link turns. Where none of these says it, what else does; and which links take part
     in a self-motion. For the symbols see `OutputCoefficients`.
     """
-    at = by_motions(motion, output)
+    at = coefficients(motion, output, by_rank)
     c, d, u = (  # some axes may be unknown there; the rates vanish with c and d
         np.where(np.isfinite(one), one, other)
-        for one, other in zip(
-            relations(motion, output, by_rank),
-            (at["input_rate"], at["output_rate"], at["alone"]),
-            strict=True,
+        for one, other in (
+            (at.c, at.input_rate),
+            (at.d, at.output_rate),
+            (at.u, at.alone),
         )
     )
     pairs = motion.mechanism.names_of(motion.assembly.inputs)
-    two, three = (list(combinations(range(len(pairs)), count)) for count in (2, 3))
-    named = [f"u_{pairs[j]} and u_{pairs[k]}" for j, k in two]
-    crossed = np.stack([cross(u[:, j], u[:, k]) for j, k in two], axis=1)
+    j, k = np.transpose([*combinations(range(len(pairs)), 2)])
+    crossed = cross(u[:, j], u[:, k])
     parallel = np.linalg.norm(crossed, axis=2)
     widest = np.max(parallel, axis=1, keepdims=True)
-    volumes = np.linalg.det(u[:, np.array(three, dtype=int).reshape(-1, 3)])
+    volumes = np.where(widest < VANISHES, np.nan, replace(at, u=u).triples)
+    both = [f"u_{a} and u_{b}" for a, b in combinations(pairs, 2)]
     first = [
-        (c, [f"c_{pair}=0" for pair in pairs]),
-        (d, [f"d_{pair}=0" for pair in pairs]),
-        (widest, [f"u of {', '.join(pairs)} coincide"]),
+        ("c_{}=0", pairs, c),
+        ("d_{}=0", pairs, d),
+        ("u of {} coincide", [", ".join(pairs)], widest),
         (
-            np.where(widest < VANISHES, np.nan, volumes),
-            [f"u of {', '.join(pairs[k] for k in triplet)} coplanar" for triplet in three],
+            "u of {} coplanar",
+            [", ".join(three) for three in combinations(pairs, 3)],
+            volumes,
         ),
     ]
-    tiers = [first, [(parallel, [f"{both} along one line" for both in named])]]
+    tiers = [first, [("{} along one line", both, parallel)]]
     if pointing is not None:
         turned = motion.rotations[:, output.relative_to]
         direction = np.einsum("nij,nj->ni", turned, pointing)
         off = np.linalg.norm(cross(u, direction[:, None]), axis=2)
-        first.insert(2, (off, [f"u_{pair} along the direction" for pair in pairs]))
+        first.insert(2, ("u_{} along the direction", pairs, off))
         flat = np.einsum("npi,ni->np", crossed, direction)
-        tiers.append([(flat, [f"{both} coplanar with the direction" for both in named])])
-    words = _small(tiers)
-    for row in np.flatnonzero(at["type"] == RowType.SELF_MOTION).tolist():
+        tiers.append([("{} coplanar with the direction", both, flat)])
+    words: list[list[str]] = [[] for _ in c]
+    for tier in tiers:
+        said = [text.format(name) for text, names, _ in tier for name in names]
+        small = np.abs(np.concatenate([sizes for _, _, sizes in tier], axis=1)) < VANISHES
+        for row, phrases in enumerate(words):
+            words[row] = phrases or [said[k] for k in np.flatnonzero(small[row])]
+    for row in np.flatnonzero(at.type == RowType.SELF_MOTION).tolist():
         words[row] = [_what_moves(motion.rows(slice(row, row + 1)), output)]
     for row, phrases in enumerate(words):
         if not phrases:
-            if at["reciprocal_condition"][row] < VANISHES:
+            if at.reciprocal_condition[row] < VANISHES:
                 phrases.append("the loops lose rank")
             elif not all_finite(u[row]):
                 phrases.append("pole axes not known")
@@ -396,17 +370,6 @@ def what_vanishes(
                 least = np.min(np.abs([c[row], d[row]]))
                 phrases.append(f"motions alone: no c, d below {least:.1e}")
     return [" ".join(listed) for listed in words]
-
-
-def _small(tiers: Sequence[Sequence[tuple[Floats, list[str]]]]) -> list[list[str]]:
-    """Return the phrases of what is small at each row, in the first tier that has any."""
-    words: list[list[str]] = [[] for _ in tiers[0][0][0]]
-    for tier in tiers:
-        said = [text for _, texts in tier for text in texts]
-        small = np.abs(np.concatenate([sizes for sizes, _ in tier], axis=1)) < VANISHES
-        for row, phrases in enumerate(words):
-            words[row] = phrases or [said[k] for k in np.flatnonzero(small[row])]
-    return words
 
 
 def _what_moves(motion: Motion, output: OutputStationary) -> str:
@@ -488,13 +451,12 @@ class SingularityReport:
 
         Self-motions are those of the whole mechanism.
         """
-        if kind == "self-motion":
-            return SingularityReport(solver, output, kind)
-        links = output.link, output.relative_to
-        part = OutputPart.of(solver.mechanism, solver.assembly, *links)
-        if part is None:
-            return SingularityReport(solver, output, kind)
-        return SingularityReport(solver, replace(output, way=part.way), kind, part)
+        part = None
+        if kind != "self-motion":
+            links = output.link, output.relative_to
+            part = OutputPart.of(solver.mechanism, solver.assembly, *links)
+        way = output.way if part is None else part.way
+        return SingularityReport(solver, replace(output, way=way), kind, part)
 
     @cached_property
     def locus(self) -> SingularityLocus:

@@ -30,7 +30,6 @@ from spherekit.singular.relation import (
     FORMS,
     FourLinks,
     Relation,
-    SixPoles,
     Type,
     relation_of,
 )
@@ -166,8 +165,7 @@ class SingleFreedom:
         out = []
         for form, links in zip(FORMS, self.links[output], strict=True):
             if links is not None:
-                six = SixPoles.of(links, lambda a, b: axes[pole_of(a, b)].unit)
-                out.append(relation_of(form, links, six))
+                out.append(relation_of(form, links, lambda pole: axes[pole].unit))
         return [relation for relation in out if relation is not None]
 
     @cached_property
