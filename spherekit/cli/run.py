@@ -135,13 +135,10 @@ def _executed(
 ) -> tuple["RunResult", int]:
     """Run, tell and draw; return the result, and how many proven bounds are exceeded."""
     from spherekit.analysis.run import run
-    from spherekit.figures.collector import Both, Collector
+    from spherekit.figures.collector import Collector
 
     with _recorder(options, study) as recorder:
-        collector = None if options.figures is None else Collector()
-        both = (
-            Both(collector, recorder) if collector and recorder else collector or recorder
-        )
+        collector = None if options.figures is None else Collector(recorder)
         chosen, engine = _accuracy(study, analyses, options), options.engine
         if chosen and chosen["setting"].tolerance is not None:  # of a simulation
             study = replace(study, tolerance=chosen["setting"].tolerance)
@@ -159,7 +156,7 @@ def _executed(
             engine=engine,
             only_needed=options.only_needed,
             tables=options.prove,
-            recorder=both,
+            recorder=recorder if collector is None else collector,
             log_every=options.log_every,
             progress=progress(options.quiet),
             **chosen,

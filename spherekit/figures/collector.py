@@ -16,8 +16,12 @@ if TYPE_CHECKING:
 
 @dataclass
 class Collector:
-    """A recorder that keeps all that a run tells it, for others and as whole scenes."""
+    """A recorder that keeps all that a run tells it, for others and as whole scenes.
 
+    What it is told `another` is told too, whose further attributes it has.
+    """
+
+    another: "Recorder | None" = None
     _heads: list[RecordingHead] = field(default_factory=list)
     _told: list[tuple[Scene, Any, Floats | None, Floats | None]] = field(
         default_factory=list
@@ -26,6 +30,11 @@ class Collector:
     def start(self, head: RecordingHead) -> None:
         """Take the names of the assembly modes, and what does not move."""
         self._heads.append(head)
+        if self.another is not None:
+            self.another.start(head)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.another, name)
 
     def log(
         self,
@@ -36,6 +45,8 @@ class Collector:
     ) -> None:
         """Take one block of one page."""
         self._told.append((scene, samples, inputs, times))
+        if self.another is not None:
+            self.another.log(*self._told[-1])
 
     def play(self, recorder: "Recorder") -> None:
         """Tell another recorder the same."""
@@ -58,33 +69,6 @@ class Collector:
         for scene in [*still, *(block[0] for block in self._told)]:
             blocks.setdefault((scene.source, scene.page), []).append(scene)
         return tuple(map(_joined, blocks.values()))
-
-
-@dataclass(frozen=True)
-class Both:
-    """Two recorders that are told the same; the second says what it holds."""
-
-    first: "Recorder"
-    second: Any
-
-    def start(self, head: RecordingHead) -> None:
-        """Pass on the beginning of a run."""
-        for recorder in (self.first, self.second):
-            recorder.start(head)
-
-    def log(self, *block: Any) -> None:
-        """Pass on a block."""
-        for recorder in (self.first, self.second):
-            recorder.log(*block)
-
-    def finish(self) -> None:
-        """Make the recording of the second whole."""
-        self.second.finish()
-
-    @property
-    def cost(self) -> Any:
-        """What the second holds."""
-        return self.second.cost
 
 
 def _joined(blocks: Sequence[Scene]) -> Scene:

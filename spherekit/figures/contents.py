@@ -11,6 +11,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from html import escape
+from itertools import product
 from typing import Any, TypeVar
 
 import numpy as np
@@ -119,24 +120,22 @@ def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figur
 
 def _look(item: Diagram, number: int) -> Look:
     """Return how a path is drawn: of a tone in ink, or one of its own."""
-    tones = item.tones
-    if tones[number] == 0:
+    if item.tones[number] == 0:
         return {"color": style.INK}
-    return style.series_look(sum(tone != 0 for tone in tones[:number]))
+    return style.series_look(int(np.count_nonzero(item.tones[:number])))
 
 
 def _joined(path: Floats, item: Diagram) -> Floats:
     """Return a path (n, 2) with gaps where it passes through infinity."""
-    size = np.array([np.ptp(item.x_range), np.ptp(item.y_range)])
+    size = np.ptp([item.x_range, item.y_range], axis=1)
     far = np.any(np.abs(np.diff(path, axis=0)) > FAR * size, axis=1)
     return np.insert(path, np.flatnonzero(far) + 1, np.nan, axis=0)
 
 
 def _label(panel: Axes, item: Diagram) -> None:
     """Name each point where its path is in the frame first, with a dot there."""
-    (left, right), (low, high) = item.x_range, item.y_range
-    x, y = np.moveaxis(item.places, -1, 0)
-    seen = (x >= left) & (x <= right) & (y >= low) & (y <= high)
+    low, high = np.transpose([item.x_range, item.y_range])
+    seen = np.all((item.places >= low) & (item.places <= high), axis=2)
     shown = np.flatnonzero(seen.any(axis=0))
     if not len(shown):
         return
@@ -156,17 +155,13 @@ MOST_SLICES = 3
 
 def ticks(over: Sequence[Axis]) -> list[Floats] | None:
     """Return the values of each axis if the rows are a grid of them, the last quickest."""
-    per_axis = [np.unique(axis.values) for axis in over]
-    if any(len(values) < 2 for values in per_axis):
-        return None
-    if np.prod([len(values) for values in per_axis]) != len(over[0].values):
+    rows = [axis.values for axis in over]
+    per_axis = [np.unique(values) for values in rows]
+    counts = [len(values) for values in per_axis]
+    if min(counts) < 2 or np.prod(counts) != len(rows[0]):
         return None
     mesh = np.meshgrid(*per_axis, indexing="ij")
-    same = all(
-        np.array_equal(axis.values, flat.ravel())
-        for axis, flat in zip(over, mesh, strict=True)
-    )
-    return per_axis if same else None
+    return per_axis if np.array_equal(rows, np.reshape(mesh, np.shape(rows))) else None
 
 
 def along_path(over: Sequence[Axis]) -> Axis:
@@ -239,13 +234,10 @@ def _axes(panel: Axes, over: Sequence[Axis], left: bool, bottom: bool) -> None:
         panel.set_ylabel(titled(y.label, y.unit))
 
 
-def _slices(rest: Sequence[Floats]) -> list[tuple[int, ...]]:
+def _slices(rest: Sequence[Floats]) -> Iterator[tuple[int, ...]]:
     """Return at which values of the further inputs maps are drawn."""
-    chosen: list[tuple[int, ...]] = [()]
-    for values in rest:
-        ends = np.linspace(0, len(values) - 1, min(MOST_SLICES, len(values)))
-        chosen = [(*at, k) for at in chosen for k in np.unique(np.round(ends).astype(int))]
-    return chosen
+    ends = (np.linspace(0, len(x) - 1, min(MOST_SLICES, len(x))) for x in rest)
+    return product(*(np.unique(np.round(end).astype(int)).tolist() for end in ends))
 
 
 def _title(scene: Scene, grid: Sequence[Floats], at: Sequence[int], sheet: Sheet) -> str:
@@ -342,10 +334,8 @@ def _of_source(of_source: Scenes, every: Scenes, sheet: Sheet) -> Drawn:
     yield from _planes(of_source, sheet)
     yield from _spheres(of_source, sheet)
     yield from _series(of_source, every, sheet)
-    yield from _surfaces(of_source, sheet)
-    yield from _paths(of_source, sheet)
-    yield from _axodes(of_source, sheet)
-    yield from _diagrams(of_source, sheet)
+    for drawn in (_surfaces, _paths, _axodes, _diagrams):
+        yield from drawn(of_source, sheet)
 
 
 def _series(of_source: Scenes, every: Scenes, sheet: Sheet) -> Drawn:
@@ -415,26 +405,19 @@ def _planes(of_source: Scenes, sheet: Sheet) -> Drawn:
 
 
 def _spheres(of_source: Scenes, sheet: Sheet) -> Drawn:
-    pages: dict[str, list[Scene]] = {}
+    groups = _grouped(of_source, (SphereCurves, SphereMap), "path")
     seen: set[bytes] = set()
-    for scene in of_source:
-        pages.setdefault(_kind(scene.page), []).append(scene)
-    for name, scenes in pages.items():
-        curves: dict[str, SphereCurves] = {}
-        maps: dict[str, SphereMap] = {}
-        for item in (item for scene in scenes for item in scene.primitives):
-            if isinstance(item, SphereCurves):
-                curves.setdefault(item.path, item)
-            elif isinstance(item, SphereMap):
-                maps.setdefault(item.path, item)
-        shown = list(maps.values()), list(curves.values())
-        parts = [item.values for item in shown[0]]
-        parts += [np.asarray(curve) for item in shown[1] for curve in item.curves]
+    for page in dict.fromkeys(page for page, _ in groups):
+        items = [group[0][1] for (on_page, _), group in groups.items() if on_page == page]
+        maps = [item for item in items if isinstance(item, SphereMap)]
+        curves = [item for item in items if isinstance(item, SphereCurves)]
+        parts = [item.values for item in maps]
+        parts += [np.asarray(curve) for item in curves for curve in item.curves]
         content = b"".join(part.tobytes() for part in parts)
-        if len(focus_of(*shown)) and content not in seen:
+        if len(focus_of(maps, curves)) and content not in seen:
             seen.add(content)
-            title = f"{name[:1].lower()}{name[1:]} on the sphere".strip()
-            yield title, partial(draw_sphere, *shown, sheet)
+            title = f"{page[:1].lower()}{page[1:]} on the sphere".strip()
+            yield title, partial(draw_sphere, maps, curves, sheet)
 
 
 def _surfaces(of_source: Scenes, sheet: Sheet) -> Drawn:
@@ -485,19 +468,17 @@ def _diagrams(of_source: Scenes, sheet: Sheet) -> Drawn:
             yield from _parted(label, diagrams, _page, draw_diagrams, sheet)
 
 
-def _kind(page: Page) -> str:
-    """Return the title of a page of its own; modes share figures."""
-    return page if isinstance(page, str) else ""
-
-
 def _grouped(
-    scenes: Scenes, kind: type[Item], key: str
-) -> dict[tuple[str, Any], list[tuple[Scene, Item]]]:
-    """Return items of a kind with their scenes, by their pages and what a field says."""
-    groups: dict[tuple[str, Any], list[tuple[Scene, Item]]] = {}
+    scenes: Scenes, kinds: type | tuple[type, ...], key: str
+) -> dict[tuple[str, Any], list[tuple[Scene, Any]]]:
+    """Return items of kinds with their scenes, by their pages and what a field says.
+
+    Modes share figures, and have no page of their own.
+    """
+    groups: dict[tuple[str, Any], list[tuple[Scene, Any]]] = {}
     for scene in scenes:
+        page = scene.page if isinstance(scene.page, str) else ""
         for item in scene.primitives:
-            if isinstance(item, kind):
-                at = _kind(scene.page), getattr(item, key)
-                groups.setdefault(at, []).append((scene, item))
+            if isinstance(item, kinds):
+                groups.setdefault((page, getattr(item, key)), []).append((scene, item))
     return groups

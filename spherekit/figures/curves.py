@@ -25,15 +25,15 @@ from spherekit.analysis.scene import (
     in_signs,
     titled,
 )
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Floats
 from spherekit.figures import style
 from spherekit.figures.sdk import (
     Axes,
     BoundaryNorm,
-    Circle,
     Figure,
     Line2D,
     Normalize,
+    Transform,
     Triangulation,
     withStroke,
 )
@@ -48,6 +48,7 @@ from spherekit.figures.sheet import (
     wrapped,
 )
 from spherekit.figures.style import Look
+from spherekit.sphere.rotation import all_finite
 
 MOST_IN_ONE = 7
 """Quantities of one mode that share a panel."""
@@ -124,14 +125,14 @@ def _panel(
         points = np.stack([scene.over[0].values, item.values], axis=1)
         look |= {"label": item.label, "zorder": 2.0 + 0.01 * k, "dash_capstyle": "butt"}
         panel.plot(*broken(points, (low, high), TURNS.get(unit)).T, **look)
-        lone = points[_alone(item.values)]
+        shown = np.isfinite(item.values)  # no stroke shows values beside none
+        lone = points[shown & ~(np.convolve(shown, [True, False, True])[1:-1] > 0)]
         panel.plot(*lone.T, ".", color=look["color"], markersize=3.0)
     finite = every[np.isfinite(every)]
     if len(finite) and np.ptp(finite) <= resolution * scale and np.any(finite != finite[0]):
         within = f"{float(np.ptp(finite)):.0e} {in_signs(unit)}".strip()
-        words = f"all within {within}"
         panel.annotate(
-            words,
+            f"all within {within}",
             (0.98, 0.95),
             xycoords="axes fraction",
             ha="right",
@@ -143,12 +144,6 @@ def _panel(
     ticks_of(panel, unit, "y", 5)
     if low < 0.0 < high:
         panel.axhline(0.0, color=style.FAINT, linewidth=0.6, zorder=0.5)
-
-
-def _alone(values: Floats) -> Bools:
-    """Return which values are known beside none, so that no stroke shows them."""
-    finite = np.concatenate([[False], np.isfinite(values), [False]])
-    return finite[1:-1] & ~finite[:-2] & ~finite[2:]
 
 
 def _mark(panel: Axes, curve: Curve, marks: InputMarks) -> None:
@@ -228,8 +223,10 @@ BEYOND = np.radians(12.0)
 MOST_WHOLE = 12
 """Most whole numbers that have colours of their own."""
 MOST_NAMED = 6
-NET: Look = {"color": "#909090", "alpha": 0.55, "linewidth": 0.4, "zorder": 1.4}
+NET: Look = {"color": "#909090", "alpha": 0.55, "linewidth": 0.4}
 """How the graticule is drawn."""
+POLAR: Look = {"projection": "polar", "axisbelow": "line"}
+"""The panels of maps, whose circles and clipping at the rim are those of polar axes."""
 
 
 def focus_of(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]) -> Floats:
@@ -311,17 +308,19 @@ def draw_sphere(
         rows = len(views) // across
         width = sheet.width * (0.85 if maps else 1.0)
         figure = sheet.figure(rows, width / across + 0.3, _entries(curves))
-        panels = figure.subplots(rows, across, squeeze=False).ravel().tolist()
+        panels = (
+            figure.subplots(rows, across, squeeze=False, subplot_kw=POLAR).ravel().tolist()
+        )
         values = np.concatenate([np.zeros(0), *(item.shown_values for item in maps)])
         values = values[np.isfinite(values)]
         tint = _tint(values, maps[0].unit) if maps else Normalize(0.0, 1.0)
         for panel, view in zip(panels, views, strict=True):
-            rim_patch = _graticule(panel, view)
+            way = _graticule(panel, view)
             for item in maps:
-                _map(panel, view, item, tint, rim_patch)
+                _map(panel, view, item, tint, way)
             for drawn in curves:
-                _curves(panel, view, drawn, rim_patch)
-            panel.set_title(view.title, pad=12)
+                _curves(panel, view, drawn, way)
+            panel.set_title(view.title)
         if maps:
             words = titled(maps[0].label, maps[0].unit)
             bar = colour_bar(figure, panels, values, tint, style.HEAT, words)
@@ -344,74 +343,70 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
     view = View(centre_of(np.eye(3)[[out]]))
     entries = [sheet.entry(page) for page in pages] if len(pages) > 1 else []
     with style.look():
-        figure, panels, _ = sheet.panels(len(labels), 1.05, entries)
+        figure, panels, _ = sheet.panels(len(labels), 1.05, entries, subplot=POLAR)
         for panel, label in zip(panels, labels, strict=True):
-            rim_patch = _graticule(panel, view)
-            panel.set_title(f"{label}, about {view.centre}", pad=12)
+            way = _graticule(panel, view)
+            panel.set_title(f"{label}, about {view.centre}")
             for scene, arrow in arrows:
                 if arrow.label == label:
-                    _path(panel, view, arrow.directions, scene.page, rim_patch)
+                    _path(panel, view, arrow.directions, scene.page, way)
     return figure
 
 
-def _path(panel: Axes, view: View, directions: Floats, page: Page, rim: Circle) -> None:
+def _path(panel: Axes, view: View, directions: Floats, page: Page, way: Transform) -> None:
     """Draw an axis over the samples, with a gap where it goes round the rim."""
     near = np.sign(directions @ view.frame[2])[:, None] * directions
     turned = np.sum(near[1:] * near[:-1], axis=1) < 0.0
     near = np.insert(near, np.nonzero(turned)[0] + 1, np.nan, axis=0)
     look = style.page_look(page)
-    panel.plot(*view.placed(near).T, clip_path=rim, **look)
+    panel.plot(*view.placed(near).T, transform=way, **look)
     first = view.placed(near[np.isfinite(near).all(axis=1)][:1])
-    panel.plot(*first.T, "o", color=look["color"], markersize=3.0)
+    panel.plot(*first.T, "o", color=look["color"], markersize=3.0, transform=way)
 
 
 def _entries(shown: Sequence[SphereCurves]) -> list[tuple[str, Line2D]]:
-    entries = [
-        (item.label, stroke(style.tone_look(item.tone)))
+    kinds = {
+        (
+            mark.label
+            if len(item.curves) or mark.label == item.label
+            else f"{item.label}: {mark.label}",
+            mark.tone,
+        )
         for item in shown
-        if len(item.curves)
+        for mark in item.marks
+        if mark.label != item.label or not len(item.curves)
+    }
+    named = sorted(kinds) if len(kinds) <= MOST_NAMED else []
+    drawn = [item for item in shown if len(item.curves)]
+    return [
+        *((item.label, stroke(style.tone_look(item.tone))) for item in drawn),
+        *((label, spot(tone)) for label, tone in named),
     ]
-    kinds = set()
-    for item in shown:
-        for label, tone in ((mark.label, mark.tone) for mark in item.marks):
-            if label != item.label and not len(item.curves):
-                kinds.add((f"{item.label}: {label}", tone))
-            elif label != item.label or not len(item.curves):
-                kinds.add((label, tone))
-    if len(kinds) <= MOST_NAMED:
-        entries += [(label, spot(tone)) for label, tone in sorted(kinds)]
-    return entries
 
 
-def _graticule(panel: Axes, view: View) -> Circle:
-    """Draw circles about the centre, named by their angles, and axes of the ground."""
+def _graticule(panel: Any, view: View) -> Transform:
+    """Draw circles about the centre, named by their angles, and axes of the ground.
 
-    def _write(words: str, x: float, y: float, **look: Any) -> None:
-        panel.annotate(words, (x, y), ha="center", va="center", **look)
-
-    size = float(view.radius(view.rim))
-    panel.set_aspect("equal")
-    panel.set_axis_off()
-    panel.set_xlim(-1.18 * size, 1.18 * size)
-    panel.set_ylim(-1.12 * size, 1.12 * size)
-    for turn in np.radians(np.arange(0.0, 360.0, 30.0)):
-        panel.plot([0.0, size * np.cos(turn)], [0.0, size * np.sin(turn)], **NET)
+    Returns the way from places of the view to the paper.
+    """
+    panel.set_ylim(0.0, view.radius(view.rim))
     step = RING if view.rim > np.radians(45.0) else STEP
-    right, down = np.cos(np.radians(-75.0)), np.sin(np.radians(-75.0))
-    for angle in np.arange(step, view.rim - 1e-9, step).tolist():
-        radius = float(view.radius(angle))
-        panel.add_patch(Circle((0.0, 0.0), radius, fill=False, **NET))
-        outline = withStroke(linewidth=1.5, foreground="white", alpha=0.7)
-        look = {"fontsize": 6.0, "color": "#555555", "zorder": 5.0}
-        words = f"{np.degrees(angle):.0f}°"
-        _write(words, radius * right, radius * down, path_effects=[outline], **look)
-    rim = Circle((0.0, 0.0), size, fill=False, edgecolor=style.INK, linewidth=0.6)
-    panel.add_patch(rim)
-    for name, x, y in zip(view.sides, (1.08, 0.0), (0.0, 1.08), strict=True):
-        _write(name, size * x, size * y, fontsize=7.0)
-    words = f"{np.degrees(view.rim):.0f}°"
-    _write(words, 1.07 * size * right, -1.05 * size, fontsize=6.0, color="#777777")
-    return rim
+    angles = np.append(np.arange(step, view.rim - 1e-9, step), view.rim)
+    outline = withStroke(linewidth=1.5, foreground="white", alpha=0.7)
+    panel.set_rgrids(
+        [view.radius(angle) for angle in angles],
+        [f"{angle:.0f}°" for angle in np.degrees(angles)],
+        angle=-75.0,
+        fontsize=6.0,
+        color="#555555",
+        path_effects=[outline],
+    )
+    right, up = view.sides
+    panel.set_thetagrids(np.arange(0.0, 360.0, 30.0), [right, "", "", up, *[""] * 8])
+    panel.tick_params(axis="x", pad=0.0)
+    panel.grid(**NET)
+    way: Transform = panel.transProjectionAffine + panel.transWedge + panel.transAxes
+    return way
 
 
 def _tint(values: Floats, unit: str) -> Normalize:
@@ -422,35 +417,33 @@ def _tint(values: Floats, unit: str) -> Normalize:
     return Normalize(low, high)
 
 
-def _map(panel: Axes, view: View, item: SphereMap, tint: Normalize, rim: Circle) -> None:
+def _map(panel: Axes, view: View, item: SphereMap, tint: Normalize, way: Transform) -> None:
     places = view.placed(item.vertices)
-    look: Look = {"norm": tint, "cmap": style.HEAT, "zorder": 1.0}
-    if len(item.triangles):
-        drawable = np.asarray(np.isfinite(places).all(axis=1))
-        near = item.triangles[drawable[item.triangles].all(axis=1)]
-        if not len(near):
-            return
-        x, y = np.nan_to_num(places).T
-        mesh = Triangulation(x, y, near)
-        if isinstance(tint, BoundaryNorm):
-            look["facecolors"] = np.min(item.values[near], axis=1)
-            drawn: Any = panel.tripcolor(mesh, rasterized=True, **look)
-        else:
-            look["shading"] = "gouraud"
-            drawn = panel.tripcolor(mesh, item.values, rasterized=True, **look)
+    x, y = np.nan_to_num(places).T
+    look: Look = {"norm": tint, "cmap": style.HEAT, "zorder": 1.0, "transform": way}
+    if not len(item.triangles):
+        panel.scatter(*places.T, **look | {"c": item.values, "s": 7.0, "linewidths": 0.0})
+        return
+    drawable = all_finite(places, 1)
+    near = item.triangles[drawable[item.triangles].all(axis=1)]
+    if not len(near):
+        return
+    mesh = Triangulation(x, y, near)
+    look["rasterized"] = True
+    if isinstance(tint, BoundaryNorm):
+        panel.tripcolor(mesh, facecolors=np.min(item.values[near], axis=1), **look)
     else:
-        x, y = places.T
-        drawn = panel.scatter(x, y, c=item.values, s=7.0, linewidths=0.0, **look)
-    drawn.set_clip_path(rim)
+        panel.tripcolor(mesh, item.values, shading="gouraud", **look)
+    panel.grid(**NET)  # which tripcolor puts out
 
 
-def _curves(panel: Axes, view: View, item: SphereCurves, rim: Circle) -> None:
+def _curves(panel: Axes, view: View, item: SphereCurves, way: Transform) -> None:
     look = style.tone_look(item.tone) | {"linewidth": 1.3, "zorder": 2.0}
     for curve in item.curves:
-        panel.plot(*view.placed(np.asarray(curve)).T, clip_path=rim, **look)
+        panel.plot(*view.placed(np.asarray(curve)).T, transform=way, **look)
     for mark in item.marks:
         if mark.label == item.label and len(item.curves):
             continue
         if view.angles(mark.place[None])[0] <= view.rim + 1e-9:
-            place = view.placed(mark.place[None])[0]
-            panel.plot(*place, zorder=4.0, **spot_look(mark.tone))
+            look = spot_look(mark.tone) | {"zorder": 4.0, "clip_on": False}
+            panel.plot(*view.placed(mark.place[None])[0], transform=way, **look)

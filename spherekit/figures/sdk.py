@@ -10,9 +10,10 @@ try:
     from matplotlib.colors import BoundaryNorm, Normalize
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
-    from matplotlib.patches import Circle, Rectangle
+    from matplotlib.patches import Rectangle
     from matplotlib.patheffects import withStroke
     from matplotlib.ticker import MaxNLocator
+    from matplotlib.transforms import Transform
     from matplotlib.tri import Triangulation
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 except ImportError as error:
@@ -24,7 +25,6 @@ except ImportError as error:
 __all__ = [
     "Axes",
     "BoundaryNorm",
-    "Circle",
     "Figure",
     "Line2D",
     "LineCollection",
@@ -34,6 +34,7 @@ __all__ = [
     "Poly3DCollection",
     "Rectangle",
     "ScalarMappable",
+    "Transform",
     "Triangulation",
     "style",
     "withStroke",

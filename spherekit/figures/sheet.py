@@ -130,18 +130,27 @@ class Sheet:
         return figure
 
     def panels(
-        self, count: int, ratio: float, entries: Entries = (), longest: int = 0
+        self,
+        count: int,
+        ratio: float,
+        entries: Entries = (),
+        longest: int = 0,
+        subplot: Look | None = None,
     ) -> tuple[Drawing, list[Axes], int]:
         """Return a figure with so many panels, and how many are side by side.
 
         `ratio` is the height of a panel over its width, `entries` are those of the legend,
-        `longest` the letters of the longest title.
+        `longest` the letters of the longest title, `subplot` the kind of panels.
         """
         rows, across = self.grid(count, longest)
         widest = 0.55 if across == 1 and self.columns == 2 else 1.0
         row = self.width / across * ratio * widest
         figure = self.figure(rows, row + HEADING, entries)
-        axes = figure.subplots(rows, across, squeeze=False).ravel().tolist()
+        axes = (
+            figure.subplots(rows, across, squeeze=False, subplot_kw=subplot)
+            .ravel()
+            .tolist()
+        )
         for spare in axes[count:]:
             spare.remove()
         return figure, axes[:count], across
