@@ -39,7 +39,7 @@ from spherekit.proof.gears import Written
 from spherekit.proof.modes import CertifiedModes
 from spherekit.proof.paving import CONTAINS, REGULAR, UNDECIDED, InputMap
 from spherekit.proof.roots import Root
-from spherekit.proof.systems import SolvedSystem
+from spherekit.proof.systems import System
 from spherekit.version import __version__
 
 ROUNDING = 1e-12
@@ -469,7 +469,7 @@ def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
 
 
 def _systems(
-    written: Written, made: Construction, systems: Sequence[SolvedSystem]
+    written: Written, made: Construction, systems: Sequence[System]
 ) -> list[dict[str, Any]]:
     """Return systems with the approximations of all their solutions for each mode.
 
@@ -479,9 +479,7 @@ def _systems(
     names = [structure.pairs[pair] for pair in made.pairs]
     return [
         {
-            "equations": [
-                structure.links[made.equations[k].link] for k in system.equations
-            ],
+            "equations": [structure.links[made.equations[k].link] for k in system.rows],
             "unknowns": [names[k] for k in system.unknowns],
             "solved": [
                 {

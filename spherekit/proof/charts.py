@@ -4,7 +4,7 @@ In z = e^(i angle) the equations are polynomials of degree 2 m in each unknown. 
 1 / z one is at most 1, so that a root at infinity is a root like others, and all bounds
 are sums over coefficients. A root is proven for all inputs of a box at once: one and only
 one in a tube about z0 + z' (q - q0). Of a system that is solved after others, their
-angles are inputs too.
+angles are inputs too. Numbers may be infinite: callers let NumPy divide by zero.
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
-from spherekit.proof.equations import Equations
+from spherekit.arrays import Bools, Complexes, Floats, Indices
 from spherekit.proof.tubes import ROUNDING, UP
 
 WIDEST = 0.05
@@ -42,28 +41,6 @@ class Polynomials:
     constant: Floats
     degrees: Indices
 
-    @staticmethod
-    def at(
-        equations: Equations,
-        rows: Sequence[int],
-        unknowns: Sequence[int],
-        given: Array,
-    ) -> "Polynomials":
-        """Return those of equations `rows` in `unknowns`.
-
-        `given` (m, inputs, 2) are the cosines and sines, each rounded once, of all other
-        variables, in order.
-        """
-        real = equations.real
-        others = [v for v in range(equations.variables) if v not in unknowns]
-        made = [real.powers(row, unknowns, given) for row in rows]
-        largest = [max(np.max(np.abs(array), initial=0.0) for array in two) for two in made]
-        degrees = equations.construction.degrees[np.ix_(rows, [*unknowns, *others])]
-        most = np.max(degrees, axis=1, initial=1)
-        error = real.error[list(rows)] * most + ROUNDING * (1.0 + np.array(largest))
-        values, slopes = zip(*made, strict=True)
-        return Polynomials(values, slopes, error, equations.bound[list(rows)], degrees)
-
 
 @dataclass(frozen=True)
 class ChartRoots:
@@ -77,8 +54,7 @@ class ChartRoots:
     def of(points: Complexes, row: Indices) -> "ChartRoots":
         """Return e^(i angle) (n, k), infinite ones too, in the chart where it is small."""
         inverse = ~(np.abs(points) <= 1.0)
-        with np.errstate(all="ignore"):
-            z = np.where(inverse, 1.0 / points, points)
+        z = np.where(inverse, 1.0 / points, points)
         return ChartRoots(np.where(np.isfinite(points), z, 0.0), inverse, row)
 
     @property
@@ -147,10 +123,8 @@ class ChartRoots:
 
     def moved(self, z: Complexes) -> "ChartRoots":
         """Return the same with other points, each in the better chart."""
-        with np.errstate(all="ignore"):
-            over = np.abs(z) > 1.0 + WIDEST
-            inverted = np.where(over, 1.0 / z, z)
-        return ChartRoots(inverted, self.inverse ^ over, self.row)
+        over = np.abs(z) > 1.0 + WIDEST
+        return ChartRoots(np.where(over, 1.0 / z, z), self.inverse ^ over, self.row)
 
 
 def values_at(
@@ -161,7 +135,6 @@ def values_at(
     return here, first, roots.derivatives(made.slopes)
 
 
-@np.errstate(all="ignore")
 def polished(made: Polynomials, roots: ChartRoots) -> tuple[ChartRoots, Bools]:
     """Return what Newton's method makes of points, and where it ends well."""
     good = np.ones(len(roots.z), dtype=bool)
@@ -184,23 +157,6 @@ def inverses(first: Complexes) -> tuple[Complexes, Bools]:
     out = np.zeros_like(first)
     out[regular] = np.linalg.inv(first[regular])
     return out, regular & np.all(np.isfinite(out), axis=(1, 2))
-
-
-@dataclass(frozen=True)
-class RootEnclosures:
-    """What is proven of points over boxes: `good` (n,) and what else.
-
-    At the centre of the box a root is within `radius` (n,), and alone within `unique`;
-    over the box it is within `width` (n,) of the axis of its tube, whose slopes are `rates`
-    (n, k, inputs), and within `reach` (n, k) of its place at the centre.
-    """
-
-    good: Bools
-    radius: Floats
-    unique: Floats
-    width: Floats
-    reach: Floats
-    rates: Complexes
 
 
 def _rounding(made: Polynomials, rows: Indices) -> tuple[Floats, Floats]:
@@ -234,11 +190,14 @@ def _along(
     return along, mixed, np.einsum("nide,nd,ne->ni", curves, half, half)
 
 
-@np.errstate(all="ignore")
 def tubes(
     made: Polynomials, roots: ChartRoots, half: Floats, moving: Floats, off: Floats
-) -> RootEnclosures:
-    """Return where points have one root for every input of boxes.
+) -> tuple[Bools, Floats, Floats, Floats, Floats, Complexes]:
+    """Return where points (n,) have one root for every input of boxes, and what else.
+
+    At the centre of the box the root is within the first distance (n,), and alone within
+    the second; over the box it is within the third of the axis of its tube, and within
+    (n, k) of its place at the centre; then the slopes (n, k, inputs) of that axis.
 
     Their half widths are `half` (m, inputs). What is given to the system at the centres
     moves by `moving` (m, given, inputs) times the inputs, and by at most `off` (m, given)
@@ -293,8 +252,7 @@ def tubes(
     radius = MARGIN * np.max(still * UP, axis=1, initial=0.0) / (1.0 - slope)
     width = np.minimum(miss / (1.0 - slope) * UP, unique)
     reach = (moved + width[:, None]) * UP
-    good, radius = good & regular, np.minimum(radius, unique)
-    return RootEnclosures(good, radius, unique, width, reach, rates)
+    return good & regular, np.minimum(radius, unique), unique, width, reach, rates
 
 
 def _contracted(miss: Floats, slack: Floats, bend: Floats) -> tuple[Floats, Floats, Bools]:
@@ -314,12 +272,10 @@ def roots_of_one(made: Polynomials) -> ChartRoots:
     """Return approximations of all roots of one polynomial at each of m inputs."""
     (coefficients,) = made.values
     m, size = coefficients.shape
-    companion = np.zeros((m, size - 1, size - 1), dtype=complex)
-    companion[:, 1:, :-1] = np.eye(size - 2)
-    with np.errstate(all="ignore"):
-        last = -coefficients[:, :-1] / coefficients[:, -1:]
+    companion = np.tile(np.eye(size - 1, k=-1, dtype=complex), (m, 1, 1))
+    last = -coefficients[:, :-1] / coefficients[:, -1:]
     companion[:, :, -1] = np.where(np.isfinite(last), last, 0.0)
-    points = np.linalg.eigvals(companion).astype(complex).reshape(-1, 1)
+    points = np.linalg.eigvals(companion).reshape(-1, 1)
     return ChartRoots.of(points, np.repeat(np.arange(m), size - 1))
 
 
@@ -335,25 +291,15 @@ def are_apart(roots: ChartRoots, radius: Floats, good: Bools, count: int) -> Boo
     return np.all(apart, axis=(1, 2)) & np.all(good.reshape(r.shape), axis=1)
 
 
-def are_real(roots: ChartRoots, proven: RootEnclosures) -> tuple[Bools, Bools]:
+def are_real(roots: ChartRoots, radius: Floats, unique: Floats) -> tuple[Bools, Bools]:
     """Return which roots are proven real, and which are proven not to be.
 
     With z also 1 / conj(z) is a root; where both are in a ball with one root they are
     the same, and |z| = 1.
     """
     size = np.abs(roots.z)
-    r = proven.radius[:, None] * UP + 1e-14
-    with np.errstate(all="ignore"):
-        mirrored = r / ((size - r) * size) + np.abs(size - 1.0 / size) + 1e-14
-        real = np.all((size > 2 * r) & (mirrored * UP < proven.unique[:, None]), axis=1)
+    r = radius[:, None] * UP + 1e-14
+    mirrored = r / ((size - r) * size) + np.abs(size - 1.0 / size) + 1e-14
+    real = np.all((size > 2 * r) & (mirrored * UP < unique[:, None]), axis=1)
     off = np.any(np.abs(size - 1.0) > r, axis=1)
     return np.asarray(real), np.asarray(off)
-
-
-@np.errstate(all="ignore")
-def stepped(made: Polynomials, roots: ChartRoots, ways: Array) -> ChartRoots:
-    """Return roots moved by their rates where what is given moves by `ways` (m, given)."""
-    _, first, by_input = values_at(made, roots)
-    inverse, _ = inverses(first)
-    change = np.einsum("njg,ng->nj", -inverse @ by_input, ways[roots.row])
-    return roots.moved(roots.z + change)

@@ -31,7 +31,7 @@ from spherekit.proof.equations import Equations, Jet
 from spherekit.proof.gears import Written
 from spherekit.proof.paving import FIRST, Left, Ranges, paved
 from spherekit.proof.roots import Root, root_near
-from spherekit.proof.systems import SEEDS, SolvedSystem, Systems, modes_near
+from spherekit.proof.systems import SEEDS, System, counted, modes_near, systems_of
 from spherekit.proof.tubes import UP, corrected
 
 SMALLEST = 1e-6
@@ -67,7 +67,7 @@ class CertifiedModes:
     inputs: tuple[str, ...]
     roots: tuple[Root, ...]
     precision: int
-    systems: tuple[SolvedSystem, ...] = ()
+    systems: Sequence[System] = ()
     boxes: int = 0
     left: Left | None = None
 
@@ -180,7 +180,7 @@ def certified_modes(
         only = (Root((), 0.0, 0.0, True),)
         return CertifiedModes(written, made, tuple(inputs), only, PRECISIONS[0])
     near: list[Sequence[complex]] = []
-    systems: tuple[SolvedSystem, ...] = ()
+    systems: Sequence[System] = ()
     for precision in PRECISIONS:
         with bits(precision):
             search = _Search(written, made, inputs)
@@ -244,7 +244,7 @@ class _Search:
         """Whether roots may be missing since they were not told apart."""
         return self.lost or any(root.unique < CLOSE for root in self.roots)
 
-    def from_homotopies(self, near: list[Sequence[complex]]) -> tuple[SolvedSystem, ...]:
+    def from_homotopies(self, near: list[Sequence[complex]]) -> Sequence[System]:
         """Try what homotopies find; return the systems if these show all real roots.
 
         All approximations tried are put in `near`, with their complex conjugates. It ends
@@ -266,12 +266,12 @@ class _Search:
         return ()
 
     @cached_property
-    def real_by_systems(self) -> tuple[int, tuple[SolvedSystem, ...]]:
+    def real_by_systems(self) -> tuple[int, Sequence[System]]:
         """The number of real roots, -1 if not proven, and the systems that show it."""
         place = np.array([[middle(ball) for ball in self.driven]])
-        systems = Systems(self.equations)
-        good, modes = systems.counted(place, self.turns[None], 0.0 * place)
-        return int(modes[0]) if good[0] else -1, tuple(systems.parts)
+        systems = systems_of(self.equations)
+        good, modes = counted(systems, place, self.turns[None], 0.0 * place)
+        return int(modes[0]) if good[0] else -1, systems
 
     def take(self, near: Sequence[complex]) -> None:
         """Try one approximation; keep what it leads to if that is new."""

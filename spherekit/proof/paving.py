@@ -34,7 +34,7 @@ from spherekit.proof.balls import UNIT, Ball, bits, circle, middle, upper
 from spherekit.proof.construction import Construction, construct
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
-from spherekit.proof.systems import SolvedSystem, Systems
+from spherekit.proof.systems import System, counted, systems_of
 from spherekit.proof.tubes import ROUNDING, UP
 
 FLATTEST = 1e-9
@@ -233,7 +233,7 @@ class InputMap:
     radii: Floats
     kind: Indices
     modes: Indices
-    systems: tuple[SolvedSystem, ...]
+    systems: Sequence[System]
 
     def share(self, kind: int) -> float:
         """Return the share of the whole area that boxes of a kind have."""
@@ -313,27 +313,28 @@ def input_map(
         ends = [[*map(written.input_angle, two)] for two in range_texts]
         low = [start for start, _ in ends]
         ranges = Ranges(low, [end - start for start, end in ends])
-        systems = Systems(Equations(written, made))
+        systems = systems_of(Equations(written, made))
         boxes, kinds, modes = _judged(systems, ranges, cell, finer)
         centres, radii = ranges.centres(boxes), ranges.radii(boxes)
-    texts, parts = tuple(range_texts), tuple(systems.parts)
-    return InputMap(written, made, texts, centres, radii, kinds, modes, parts)
+    texts = tuple(range_texts)
+    return InputMap(written, made, texts, centres, radii, kinds, modes, systems)
 
 
 def _judged(
-    systems: Systems, ranges: Ranges, side: float, finer: int
+    systems: Sequence[System], ranges: Ranges, side: float, finer: int
 ) -> tuple[Integers, Indices, Indices]:
     """Return boxes with their kinds and numbers of modes, halved until they are judged."""
     cell = np.maximum(np.ceil(np.log2(ranges.extent / side)), 0).astype(np.int64)
     finest = cell + finer
-    most = max(1, AT_ONCE // sum(system.bound for system in systems.parts))
+    most = max(1, AT_ONCE // sum(system.bound for system in systems))
     done: list[tuple[Integers, Indices, Indices]] = []
     fine: dict[tuple[int, ...], set[int]] = {}
 
     def judged(boxes: Integers, _: int) -> Integers:
         levels, places = boxes
         radii = ranges.radii(boxes)
-        good, modes = systems.counted(ranges.centres(boxes), ranges.turns(boxes), radii)
+        centres, turns = ranges.centres(boxes), ranges.turns(boxes)
+        good, modes = counted(systems, centres, turns, radii)
         inside = np.all(levels >= cell, axis=1) & np.any(levels > cell, axis=1)
         last = np.all(levels >= finest, axis=1)
         whole = good & ~inside

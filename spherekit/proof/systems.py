@@ -16,7 +16,8 @@ chapter 8), and the way from them to the equations of the mechanism avoids singu
 systems but for unlucky random numbers.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import reduce
 from itertools import permutations, product
 
@@ -28,18 +29,17 @@ from spherekit.proof.balls import circle
 from spherekit.proof.charts import (
     ChartRoots,
     Polynomials,
-    RootEnclosures,
     are_apart,
     are_real,
     inverses,
     polished,
     roots_of_one,
-    stepped,
     tubes,
+    values_at,
 )
 from spherekit.proof.construction import permanent
 from spherekit.proof.equations import Equations
-from spherekit.proof.tubes import turns_of
+from spherekit.proof.tubes import ROUNDING, turns_of
 
 MOST_STEPS = 600
 FIRST_STEP, LEAST_STEP, LARGEST_STEP = 0.02, 1e-7, 0.1
@@ -58,8 +58,8 @@ def modes_near(equations: Equations, driven: Floats, seed: int) -> Complexes:
     `driven` (inputs, 2) are the cosines and sines of the inputs. Some may be missing, and
     some may come twice.
     """
-    every = list(range(equations.unknowns))
-    made = Polynomials.at(equations, every, every, driven[None])
+    every = range(equations.unknowns)
+    made = System(equations, every, every).at(driven[None])
     angles = -1j * np.log(solutions(made, seed).points)
     return angles[np.all(np.isfinite(angles), axis=1)]
 
@@ -79,11 +79,14 @@ def solutions(made: Polynomials, seed: int) -> ChartRoots:
         going = np.flatnonzero((t < 1.0) & ~lost)
         if not len(going):
             break
+        start = points.take(going)
         length = np.minimum(step[going], 1.0 - t[going])
-        there = t[going] + length
-        ahead = _ahead(ends, points.take(going), t[going], length)
-        size = 1.0 + np.max(np.abs(ahead.z), axis=1)
-        off = []
+        there, ahead = t[going], start
+        for part in (0.5, 1.0):
+            _, first, by_t = _at(ends, ahead, there)
+            there, way = t[going] + part * length, _solved(first, by_t)
+            ahead = replace(start, z=start.z - part * length[:, None] * way)
+        size, off = 1.0 + np.max(np.abs(ahead.z), axis=1), []
         for _ in range(3):
             values, first, _ = _at(ends, ahead, there)
             change = _solved(first, values)
@@ -141,18 +144,6 @@ def _at(
     return values, np.einsum("nkle,ne->nkl", first, parts), here[..., 1] - here[..., 0]
 
 
-def _ahead(ends: Ends, points: ChartRoots, t: Floats, length: Floats) -> ChartRoots:
-    """Return points ahead by the Runge-Kutta method of order 4."""
-    h, total = length[:, None], 0.0 * points.z
-    slope = total
-    for part, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
-        at = replace(points, z=points.z + part * h * slope)
-        _, first, by_t = _at(ends, at, t + part * length)
-        slope = -_solved(first, by_t)
-        total = total + weight * slope
-    return replace(points, z=points.z + h / 6.0 * total)
-
-
 def _solved(matrices: Complexes, right: Complexes) -> Complexes:
     """Return solutions (n, k), NaN where a matrix is singular."""
     inverse, regular = inverses(matrices)
@@ -168,182 +159,184 @@ NEAR = 1.0
 MOST_KNOWN, MOST_SHOWN = 1024, 128
 
 
-@dataclass(frozen=True)
-class SolvedSystem:
-    """One system: its equations and unknowns by number, and solutions for some modes.
+class System:
+    """Equations `rows` of a mechanism, to be solved for some `unknowns`, by number.
 
     `given` are all other variables. `solved` has angles of these and all `bound` solutions
     there can be then, complex ones and those at infinity too.
     """
 
-    equations: list[int]
-    unknowns: list[int]
-    given: list[int]
-    bound: int
-    solved: list[tuple[Floats, ChartRoots]]
+    def __init__(
+        self, equations: Equations, rows: Sequence[int], unknowns: Sequence[int]
+    ) -> None:
+        self.equations, self.rows, self.unknowns = equations, rows, unknowns
+        self.given = [v for v in range(equations.variables) if v not in unknowns]
+        degrees = equations.construction.degrees
+        self.degrees = degrees[np.ix_(rows, [*unknowns, *self.given])]
+        self.bound = permanent(2 * self.degrees[:, : len(unknowns)])
+        self.solved: list[tuple[Floats, ChartRoots]] = []
 
     @property
     def shown(self) -> list[tuple[Floats, ChartRoots]]:
         """Some of the solutions, spread over the places tried."""
         return self.solved[:: 1 + len(self.solved) // MOST_SHOWN]
 
+    def at(self, turns: Array) -> Polynomials:
+        """Return the polynomials at cosines and sines (m, given, 2), each rounded once."""
+        real, rows = self.equations.real, list(self.rows)
+        made = [real.powers(row, self.unknowns, turns) for row in rows]
+        largest = [max(np.max(np.abs(array), initial=0.0) for array in two) for two in made]
+        error = real.error[rows] * np.max(self.degrees, axis=1, initial=1)
+        error += ROUNDING * (1.0 + np.array(largest))
+        values, slopes = zip(*made, strict=True)
+        return Polynomials(values, slopes, error, self.equations.bound[rows], self.degrees)
 
-class Systems:
-    """The systems of a mechanism's equations, and how many roots each can have."""
+    def proven(
+        self, modes: Array, centres: Floats, turns: Floats, half: Floats
+    ) -> tuple[Indices, Bools, Bools, Bools, tuple[Floats, Floats, Floats]]:
+        """Return what is proven of the roots for all modes, over boxes of each.
 
-    def __init__(self, equations: Equations) -> None:
-        self.equations, made = equations, equations.construction
-        self.parts = [
-            SolvedSystem(
-                rows,
-                unknowns,
-                [v for v in range(equations.variables) if v not in unknowns],
-                permanent(2 * made.degrees[np.ix_(rows, unknowns)]),
-                [],
-            )
-            for rows, unknowns in made.systems
-        ]
-
-    def counted(
-        self, centres: Floats, turns: Floats, half: Floats
-    ) -> tuple[Bools, Indices]:
-        """Return over which boxes of the inputs (m, inputs) all is proven, and the modes.
-
-        Those are the numbers of real ones. `turns` (m, inputs, 2) are the cosines and sines
-        of the exact centres, next to which `centres` are. Roots are followed from those
-        known nearest.
+        The mode of each root; for which modes all are proven, real or not, and different;
+        which roots are real, and which go too far to be inputs of other systems. Then what
+        `_angles` says of them. Boxes have their centres, turns and half widths.
         """
-        m, inputs = centres.shape
-        good, angles = np.ones(m, dtype=bool), (self.equations.unknowns,)
-        # modes of the systems so far, over the box of a number: angles (rad) of all
-        # unknowns at its centre, zero where not known yet, how they move with the inputs,
-        # and by how much more at most; each stands for so many modes within that
-        modes = np.zeros(
-            m,
-            [
-                ("row", np.intp),
-                ("angle", float, angles),
-                ("turn", float, (*angles, 2)),
-                ("rates", float, (*angles, inputs)),
-                ("off", float, angles),
-                ("times", np.intp),
-            ],
-        )
-        modes["row"], modes["times"] = np.arange(m), 1
-        for number, system in enumerate(self.parts):
-            modes = modes[good[modes["row"]]]
-            if not len(modes):
-                break
-            bound, count = system.bound, len(system.unknowns)
-            roots, proven = self._proven(system, modes, (centres, turns, half))
-            real, off_circle = are_real(roots, proven)
-            sure = proven.good & (real | off_circle)
-            apart = are_apart(roots, proven.radius, sure, bound)
-            good[modes["row"][~apart]] = False
-            (kept,) = np.nonzero(real & np.repeat(good[modes["row"]], bound))
-            over = half[modes["row"][roots.row]]
-            angle, rates, off = (x[kept] for x in _angles(roots, proven, over))
-            modes = modes[roots.row[kept]]
-            turned = circle(angle.ravel()).reshape(-1, count, 2)
-            for name, column in zip(
-                ("angle", "turn", "rates", "off"), (angle, turned, rates, off), strict=True
-            ):
-                modes[name][:, system.unknowns] = column
-            if number + 1 < len(self.parts):
-                wide = np.any(proven.reach[kept] >= WIDEST_ANGLE, axis=1)
-                good[modes["row"][wide]] = False
-                modes = self._joined(number + 1, modes, half)
-        return good, np.bincount(modes["row"], modes["times"], m).astype(np.intp)
-
-    def _joined(self, number: int, modes: Array, half: Floats) -> Array:
-        """Return modes of which those that systems from a number on cannot tell are one.
-
-        They differ in angles that no such system has, as where a link is turned over.
-        """
-        left = [row for system in self.parts[number:] for row in system.equations]
-        degrees = self.equations.degrees[left, : self.equations.unknowns]
-        used = np.any(degrees > 0, axis=0)
-        angle, rates, off = modes["angle"], modes["rates"], modes["off"]
-        kept: dict[int, list[int]] = {}
-        for mode, row in enumerate(modes["row"].tolist()):
-            for other in kept.setdefault(row, []):
-                apart = np.abs(wrap(angle[mode] - angle[other]))
-                spare = 1.05 * (apart + np.abs(rates[mode] - rates[other]) @ half[row])
-                if np.all(spare[used] < SAME):
-                    off[other] = np.maximum(off[mode] + spare, off[other])
-                    modes["times"][other] += modes["times"][mode]
-                    break
-            else:
-                kept[row].append(mode)
-        return modes[[mode for row_modes in kept.values() for mode in row_modes]]
-
-    def _proven(
-        self, system: SolvedSystem, modes: Array, boxes: tuple[Floats, ...]
-    ) -> tuple[ChartRoots, RootEnclosures]:
-        """Return the roots of a system for all modes over their boxes, and what is proven.
-
-        `boxes` has their centres, turns and half widths.
-        """
-        bound, earlier = system.bound, system.solved
-        centres, turns, half = (values[modes["row"]] for values in boxes)
+        bound, earlier = self.bound, self.solved
         eye = np.broadcast_to(np.eye(centres.shape[1]), (*centres.shape, centres.shape[1]))
         inputs = centres, turns, eye, 0.0 * centres
-        given, turns, rates, off = (
-            np.concatenate([modes[name], values], axis=1)[:, system.given]
+        given, turns, moving, off = (
+            np.concatenate([modes[name], values], axis=1)[:, self.given]
             for name, values in zip(("angle", "turn", "rates", "off"), inputs, strict=True)
         )
-        made = Polynomials.at(self.equations, system.equations, system.unknowns, turns)
-        one = len(system.unknowns) == 1
-        rough = roots_of_one(made) if one else self._near(system, given)
-        roots, ended = polished(made, rough)
-        proven = tubes(made, roots, half, rates, off)
-        whole = are_apart(roots, proven.radius, ended, bound)
+        made = self.at(turns)
+        one = len(self.unknowns) == 1
+        roots, ended = polished(made, roots_of_one(made) if one else self._near(given))
+        good, radius, unique, width, reach, rates = tubes(made, roots, half, moving, off)
+        whole = are_apart(roots, radius, ended, bound)
         parts = [slice(k * bound, (k + 1) * bound) for k in range(len(given))]
         earlier += [(given[k], roots.take(parts[k])) for k in np.flatnonzero(whole)]
         del earlier[:-MOST_KNOWN]
-        return roots, proven
+        real, off_circle = are_real(roots, radius, unique)
+        apart = are_apart(roots, radius, good & (real | off_circle), bound)
+        wide = np.any(reach >= WIDEST_ANGLE, axis=1)
+        angles = _angles(roots, half[roots.row], width, reach, rates)
+        return roots.row, apart, real, wide, angles
 
-    def _near(self, system: SolvedSystem, given: Floats) -> ChartRoots:
+    def _near(self, given: Floats) -> ChartRoots:
         """Return the roots known nearest to what is given (n, given), moved to there.
 
         Where none are near they are found anew.
         """
         start, origins = given.copy(), []
-        at = turns_of(np.array([place for place, _ in system.solved]))
+        at = turns_of(np.array([place for place, _ in self.solved]))
         for place in start:
             gaps = np.sum((at - turns_of(place)) ** 2, axis=(1, 2)) if len(at) else [np.inf]
             near = int(np.argmin(gaps))
             if gaps[near] < NEAR:
-                place[:], roots = system.solved[near]
+                place[:], roots = self.solved[near]
             else:
-                roots = self._found(system, place)
+                roots = self._found(self.at(turns_of(place)[None]))
             origins.append(roots)
         roots = ChartRoots(
             np.concatenate([origin.z for origin in origins]),
             np.concatenate([origin.inverse for origin in origins]),
-            np.repeat(np.arange(len(given)), system.bound),
+            np.repeat(np.arange(len(given)), self.bound),
         )
-        there = turns_of(start)
-        made = Polynomials.at(self.equations, system.equations, system.unknowns, there)
-        return stepped(made, roots, wrap(given - start))
+        _, first, by_given = values_at(self.at(turns_of(start)), roots)
+        ways = wrap(given - start)[roots.row]
+        rates = -inverses(first)[0] @ by_given
+        return roots.moved(roots.z + np.einsum("njg,ng->nj", rates, ways))
 
-    def _found(self, system: SolvedSystem, given: Floats) -> ChartRoots:
-        """Return all roots of a system at what is given to it, zeros if some are lost."""
-        there, unknowns = turns_of(given)[None], system.unknowns
-        made = Polynomials.at(self.equations, system.equations, unknowns, there)
+    def _found(self, made: Polynomials) -> ChartRoots:
+        """Return all roots at what is given, zeros if some are lost."""
         for seed in range(SEEDS):
             roots, good = polished(made, solutions(made, seed))
             roots = roots.take(good)
             (gap,) = roots.gaps(len(roots.z))
             roots = roots.take(~np.any(np.tril(gap < 1e-7, -1), axis=1))
-            if len(roots.z) == system.bound:
+            if len(roots.z) == self.bound:
                 return roots
-        nothing = np.zeros((system.bound, len(unknowns)), dtype=complex)
-        return ChartRoots.of(nothing, np.zeros(system.bound, dtype=np.intp))
+        nothing = np.zeros((self.bound, len(self.unknowns)), dtype=complex)
+        return ChartRoots.of(nothing, np.zeros(self.bound, dtype=np.intp))
+
+
+def systems_of(equations: Equations) -> list[System]:
+    """Return the systems of a mechanism, each to be solved after those before it."""
+    return [System(equations, *two) for two in equations.construction.systems]
+
+
+@np.errstate(all="ignore")
+def counted(
+    systems: Sequence[System], centres: Floats, turns: Floats, half: Floats
+) -> tuple[Bools, Indices]:
+    """Return over which boxes of the inputs (m, inputs) all is proven, and the modes.
+
+    Those are the numbers of real ones. `turns` (m, inputs, 2) are the cosines and sines
+    of the exact centres, next to which `centres` are. Roots are followed from those
+    known nearest.
+    """
+    m, inputs = centres.shape
+    good, angles = np.ones(m, dtype=bool), (systems[0].equations.unknowns,)
+    # modes of the systems so far, over the box of a number: angles (rad) of all
+    # unknowns at its centre, zero where not known yet, how they move with the inputs,
+    # and by how much more at most; each stands for so many modes within that
+    modes = np.zeros(
+        m,
+        [
+            ("row", np.intp),
+            ("angle", float, angles),
+            ("turn", float, (*angles, 2)),
+            ("rates", float, (*angles, inputs)),
+            ("off", float, angles),
+            ("times", np.intp),
+        ],
+    )
+    modes["row"], modes["times"] = np.arange(m), 1
+    for system, *later in (systems[k:] for k in range(len(systems))):
+        modes = modes[good[modes["row"]]]
+        if not len(modes):
+            break
+        boxes = (values[modes["row"]] for values in (centres, turns, half))
+        row, apart, real, wide, columns = system.proven(modes, *boxes)
+        good[modes["row"][~apart]] = False
+        (kept,) = np.nonzero(real & good[modes["row"]][row])
+        modes = modes[row[kept]]
+        angle, rates, off = (column[kept] for column in columns)
+        turned = circle(angle.ravel()).reshape(*angle.shape, 2)
+        for name, column in zip(
+            ("angle", "turn", "rates", "off"), (angle, turned, rates, off), strict=True
+        ):
+            modes[name][:, system.unknowns] = column
+        if later:
+            good[modes["row"][wide[kept]]] = False
+            modes = _joined(later, modes, half)
+    return good, np.bincount(modes["row"], modes["times"], m).astype(np.intp)
+
+
+def _joined(later: Sequence[System], modes: Array, half: Floats) -> Array:
+    """Return modes of which those that later systems cannot tell are one.
+
+    They differ in angles that no such system has, as where a link is turned over.
+    """
+    equations = later[0].equations
+    left = [row for system in later for row in system.rows]
+    used = np.any(equations.degrees[left, : equations.unknowns] > 0, axis=0)
+    angle, rates, off = modes["angle"], modes["rates"], modes["off"]
+    kept: dict[int, list[int]] = {}
+    for mode, row in enumerate(modes["row"].tolist()):
+        for other in kept.setdefault(row, []):
+            apart = np.abs(wrap(angle[mode] - angle[other]))
+            spare = 1.05 * (apart + np.abs(rates[mode] - rates[other]) @ half[row])
+            if np.all(spare[used] < SAME):
+                off[other] = np.maximum(off[mode] + spare, off[other])
+                modes["times"][other] += modes["times"][mode]
+                break
+        else:
+            kept[row].append(mode)
+    return modes[[mode for row_modes in kept.values() for mode in row_modes]]
 
 
 def _angles(
-    roots: ChartRoots, proven: RootEnclosures, half: Floats
+    roots: ChartRoots, half: Floats, width: Floats, reach: Floats, rates: Complexes
 ) -> tuple[Floats, Floats, Floats]:
     """Return angles (n, k) of roots, of which the real ones are of use, rates, and off.
 
@@ -351,11 +344,10 @@ def _angles(
     """
     size = np.abs(roots.z)
     sense = np.where(roots.inverse, -1, 1)
-    with np.errstate(all="ignore"):
-        rates = proven.rates / (1j * sense * roots.z)[:, :, None]
-        # log(1 + w) is off from w by at most this
-        w = proven.reach / size
-        off = 0.5 * w**2 / (1.0 - w) + proven.width[:, None] / size
-        lost = 1e-15 * np.einsum("nkd,nd->nk", np.abs(rates), half)
+    rates = rates / (1j * sense * roots.z)[:, :, None]
+    # log(1 + w) is off from w by at most this
+    w = reach / size
+    off = 0.5 * w**2 / (1.0 - w) + width[:, None] / size
+    lost = 1e-15 * np.einsum("nkd,nd->nk", np.abs(rates), half)
     off = np.where(w < 0.5, 1.05 * off + np.abs(size - 1.0) + lost + 1e-13, np.inf)
     return np.asarray(sense * np.angle(roots.z)), rates.real, off
