@@ -227,10 +227,14 @@ def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance)
             first = real.first(circle(place)[None])
             assert np.max(np.abs(first[0][0] - values)) < 1e-14
             assert np.max(np.abs(first[1][0] - slopes)) < 1e-14
-            for k, jet in enumerate(exactly.at([exact(q) for q in place], 2)):
-                for key, ball in jet.items():
-                    got = (values, slopes, curvatures)[len(key)][(k, *key)]
-                    off = abs(float(ball[0, 0].real.mid()) - got)
+            both = zip(
+                exactly.arrays([exact(q) for q in place], 2),
+                (values, slopes, curvatures),
+                strict=True,
+            )
+            for balls, got in both:
+                for (k, *key), ball in np.ndenumerate(balls):
+                    off = abs(float(ball) - got[(k, *key)])
                     assert off <= real.error[k] * np.prod([degrees[k, j] for j in key])
         assert np.all(real.error < 100.0 * tolerance + 1e-12)
 

@@ -27,9 +27,6 @@ from spherekit.model.parts import PoseGeometry, SizeGeometry
 
 Ball = Any
 """A real ball, `flint.arb`, or a complex one, `flint.acb`."""
-BallMatrix = Any
-"""A matrix of complex balls, `flint.acb_mat`."""
-
 
 UNIT = 2.0**-53
 """Relative error of one rounding to float64."""
@@ -131,23 +128,19 @@ def terms(count: int) -> Iterator[None]:
         context.cap = before
 
 
-def inverse_near(square: BallMatrix) -> BallMatrix | None:
-    """Return a matrix without radii next to the inverse, None if centres are singular."""
-    try:
-        return square.mid().inv().mid()
-    except ZeroDivisionError:
-        return None
-
-
-def solved(square: BallMatrix, right: BallMatrix) -> BallMatrix:
-    """Return a matrix that contains all solutions of linear equations.
+def solved(square: Array, right: Array) -> Array:
+    """Return balls (n, m) of all solutions of linear equations, right sides (n, m).
 
     Raises
     ------
     ZeroDivisionError
         If the square matrix may be singular.
     """
-    return square.solve(right)
+    flint = library()
+    either = any(isinstance(entry, flint.acb) for entry in (*square.flat, *right.flat))
+    matrix = flint.acb_mat if either else flint.arb_mat
+    left, sides = (matrix(given.tolist()) for given in (square, right))
+    return np.array(left.solve(sides).tolist())
 
 
 def solved_exactly(square: Array, right: Array) -> list[Fraction]:
@@ -199,22 +192,14 @@ def angle_of(cosine: Ball, sine: Ball) -> Ball:
     return atan2(sine, cosine)
 
 
-def complex_ball(number: complex | Ball) -> Ball:
-    """Return a complex ball: of a float without error, of a real ball the same set."""
-    flint = library()
-    if isinstance(number, complex):
-        return flint.acb(number.real, number.imag)
-    return flint.acb(number)
-
-
-def matrix(rows: Sequence[Sequence[Any]] | Array) -> BallMatrix:
-    """Return a matrix of complex balls."""
-    return library().acb_mat([list(row) for row in rows])
+def complex_ball(*parts: complex | Ball) -> Ball:
+    """Return a complex ball: of a number without error, of real and imaginary balls."""
+    return library().acb(*parts)
 
 
 def upper(ball: Ball) -> float:
     """Return a float64 number that no magnitude in a ball exceeds."""
-    return float(np.nextafter(float(ball.abs_upper()), np.inf))
+    return 0.0 if ball == 0 else float(np.nextafter(float(ball.abs_upper()), np.inf))
 
 
 def lower(ball: Ball) -> float:

@@ -23,10 +23,9 @@ from spherekit.proof.along import StationaryPlace, Stops
 from spherekit.proof.balls import (
     Ball,
     bits,
-    complex_ball,
     exact,
+    exactly,
     lower,
-    matrix,
     middle,
     parts_of,
     solved,
@@ -200,9 +199,7 @@ def enclosed_poles(
             )
 
 
-def _angular_velocities(
-    equations: Equations, places: Sequence[Ball], driven: int
-) -> list[Array]:
+def _angular_velocities(equations: Equations, places: Sequence[Ball], driven: int) -> Array:
     """Return the angular velocities of all links in ground axes, but for one vector.
 
     While the input of a number moves at unit rate.
@@ -210,23 +207,19 @@ def _angular_velocities(
     _, slopes = equations.arrays(places)
     made, structure = equations.construction, equations.written.structure
     count = made.unknowns
-    moved = [*map(float, np.eye(made.inputs)[driven])]
-    following = [row[driven] for row in equations.written.ratios()]
-    rates = [complex_ball(rate) for rate in (*map(exact, moved), *following)]
+    moved = np.eye(made.inputs)[driven]
+    rates = [*exactly(moved), *(row[driven] for row in equations.written.ratios())]
     if count:
         right = -(slopes[:, count:] @ np.array(rates))
-        unknown = solved(matrix(slopes[:, :count]), matrix(right[:, None])).entries()
-        rates = [*unknown, *rates]
+        rates = [*solved(slopes[:, :count], right[:, None])[:, 0], *rates]
     placed = equations.orientations(places, 1)
-    velocities = np.full((structure.bodies, 3), complex_ball(0j), dtype=object)
+    velocities = exactly(np.zeros((structure.bodies, 3)))
     for link, jet in placed.items():
         parts = [jet[(v,)] * rate for v, rate in enumerate(rates) if (v,) in jet]
         if parts and link < structure.bodies:
-            spin = sum(parts[1:], parts[0]) * jet[()].transpose()
+            spin = sum(parts) @ jet[()].T
             velocities[link] = spin[2, 1], spin[0, 2], spin[1, 0]
-    if made.root != 0:
-        velocities = velocities @ np.array(placed[0][()].tolist())
-    return [np.array([entry.real for entry in velocity]) for velocity in velocities]
+    return velocities if made.root == 0 else velocities @ placed[0][()]
 
 
 FORMAT = 1

@@ -7,7 +7,7 @@ angle; a link put on two axes contributes a matrix of known norm. So the derivat
 of any order are bounded by one constant for each equation, for all configurations at once,
 real ones or with imaginary parts of the angles up to a bound.
 
-A jet is a matrix of balls with its derivatives by some variables.
+A jet is an array of balls with its derivatives by some variables.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,12 +22,10 @@ from spherekit.errors import PlanError
 from spherekit.proof.balls import (
     UNIT,
     Ball,
-    BallMatrix,
     Frame,
-    complex_ball,
+    Vector,
     exact,
     lower,
-    matrix,
     revolute,
 )
 from spherekit.proof.construction import Construction, Step
@@ -35,22 +33,7 @@ from spherekit.proof.gears import Written
 from spherekit.proof.harmonics import Harmonics
 
 Jet = Mapping[tuple[int, ...], Any]
-"""A matrix under (), its derivatives under (j,) and (j, l) with j <= l; zero if missing."""
-
-
-def _times(one: BallMatrix, other: BallMatrix) -> BallMatrix:
-    return one * other
-
-
-def _cross(one: BallMatrix, other: BallMatrix) -> BallMatrix:
-    """Return the vector product of columns."""
-    first, second = (np.array(column.entries()) for column in (one, other))
-    return matrix(np.cross(first, second)[:, None])
-
-
-def _dot(one: BallMatrix, other: BallMatrix) -> BallMatrix:
-    """Return the product of columns without conjugation, 1 x 1."""
-    return one.transpose() * other
+"""An array under (), its derivatives under (j,) and (j, l) with j <= l; zero if missing."""
 
 
 def product(one: Jet, other: Jet, times: Any, order: int, before: Jet | None = None) -> Jet:
@@ -73,10 +56,6 @@ def product(one: Jet, other: Jet, times: Any, order: int, before: Jet | None = N
 
 SHORTEST = 1e-6
 """Least sine of the arc of a link that is put on two axes: else it can spin there."""
-
-
-Rotation = tuple[BallMatrix, BallMatrix, BallMatrix]
-"""How a link turns in the one before: still + cos(angle) even + sin(angle) odd."""
 
 
 class Equations:
@@ -110,18 +89,18 @@ class Equations:
         _, *angles = self.written.given([exact(0.0)])
         return dict(zip(followers, angles, strict=True))
 
-    def _turning(self, step: Step) -> Rotation:
+    def _turning(self, step: Step) -> Array:
+        """Return how a link turns in the one before: still, and by cosine and sine."""
         (pair,) = step.pairs
         parts = revolute(*self.frames[pair])
         if self.written.structure.ends[pair][0] not in step.parents:
             parts = parts.swapaxes(1, 2)
-        still, even, turned = map(matrix, parts)
         if pair in self.offsets:
-            s, c = complex_ball(self.offsets[pair]).sin_cos()
-            even, turned = even * c + turned * s, turned * c - even * s
-        return still, even, turned
+            (s, c), (still, even, odd) = self.offsets[pair].sin_cos(), parts
+            parts = np.array([still, even * c + odd * s, odd * c - even * s])
+        return parts
 
-    def _putting(self, step: Step) -> tuple[list[BallMatrix], Rotation, Ball, float]:
+    def _putting(self, step: Step) -> tuple[list[Vector], list[Vector], Ball, float]:
         """Return what puts a link on axes u and w of two others, and its arc.
 
         That is u and w in these links, and rows a, b and n for its orientation
@@ -139,31 +118,19 @@ class Equations:
                 "0 or 180 deg between two pairs, about which it could spin; nothing can "
                 "be proven of it"
             )
-        rows = [
-            matrix([vector / square])
-            for vector in (np.cross(b, normal), np.cross(normal, a), normal)
-        ]
-        axes = [
-            matrix(self.frame(pair, parent)[2:].T)
-            for pair, parent in zip(step.pairs, step.parents, strict=True)
-        ]
-        return axes, (rows[0], rows[1], rows[2]), a @ b, sine
-
-    def at(self, places: Sequence[Ball] | Array, order: int = 1) -> list[Jet]:
-        """Return the jets of f of each equation at balls of all variables."""
-        return self._placed(places, order)[0]
+        rows = [v / square for v in (np.cross(b, normal), np.cross(normal, a), normal)]
+        two = zip(step.pairs, step.parents, strict=True)
+        return [self.frame(*both)[2] for both in two], rows, a @ b, sine
 
     def arrays(self, places: Sequence[Ball] | Array, order: int = 1) -> list[Array]:
         """Return f (k,), and its derivatives (k, v), (k, v, v), at balls of variables."""
-        jets, zero, count = self.at(places, order), complex_ball(0j), self.variables
-        arrays = []
-        for power in range(order + 1):
-            array = np.full((len(jets), *[count] * power), zero, dtype=object)
-            for jet, derivatives in zip(jets, array, strict=True):
-                for key in (key for key in jet if power and len(key) == power):
-                    derivatives[key] = derivatives[key[::-1]] = jet[key][0, 0]
-            arrays.append(array)
-        arrays[0][:] = [jet[()][0, 0] for jet in jets]
+        jets, _ = self._placed(places, order)
+        shapes = ((len(jets), *[self.variables] * power) for power in range(order + 1))
+        arrays = [np.full(shape, exact(0.0), dtype=object) for shape in shapes]
+        for k, jet in enumerate(jets):
+            for key, entry in jet.items():
+                array = arrays[len(key)]
+                array[(k, *key)] = array[(k, *key[::-1])] = entry
         return arrays
 
     def orientations(self, places: Sequence[Ball], order: int = 0) -> dict[int, Jet]:
@@ -172,7 +139,9 @@ class Equations:
         for step in self.construction.steps:
             above, _ = self.construction.placed[step.link]
             if above is not None and above != self.construction.root:
-                placed[step.link] = product(placed[above], placed[step.link], _times, order)
+                placed[step.link] = product(
+                    placed[above], placed[step.link], np.matmul, order
+                )
         return placed
 
     def _placed(
@@ -182,11 +151,11 @@ class Equations:
         values: list[Jet] = []
         local: dict[int, Jet] = {}
 
-        def along(way: Sequence[int], axis: BallMatrix) -> Jet:
+        def along(way: Sequence[int], axis: Vector) -> Jet:
             """Return an axis of the first link of a way in the link that it leads to."""
             jet: Jet = {(): axis}
             for link in way:
-                jet = product(local[link], jet, _times, order)
+                jet = product(local[link], jet, np.matmul, order)
             return jet
 
         for step in self.construction.steps:
@@ -197,13 +166,13 @@ class Equations:
             axes, rows, cosine, _ = self.putting[step.link]
             _, *ways = self.construction.apart(step)
             one, other = map(along, ways, axes)
-            value = dict(product(one, other, _dot, order))
+            value = dict(product(one, other, np.dot, order))
             value[()] = value[()] - cosine
             values.append(value)
             both = one, other, product(one, other, _cross, order)
             placed: Jet = {}
             for jet, row in zip(both, rows, strict=True):
-                placed = product(jet, {(): row}, _times, order, placed)
+                placed = product(jet, {(): row}, np.multiply.outer, order, placed)
             local[step.link] = placed
         return values, local
 
@@ -234,14 +203,19 @@ class Equations:
     def real(self) -> Harmonics:
         """The same equations at real angles by their coefficients, in float64."""
         return Harmonics(
-            self.construction.degrees,
-            lambda angles: [jet[()][0, 0].real for jet in self.at(angles, 0)],
+            self.construction.degrees, lambda angles: self.arrays(angles, 0)[0]
         )
 
 
-def _turned(parts: Rotation, places: Sequence[Ball] | Array, step: Step) -> Jet:
+def _cross(a: Vector, b: Vector) -> Vector:
+    """Return the vector product; NumPy's takes ten times as long for two vectors."""
+    up, down = [1, 2, 0], [2, 0, 1]
+    return np.asarray(a[up] * b[down] - a[down] * b[up])
+
+
+def _turned(parts: Array, places: Sequence[Ball] | Array, step: Step) -> Jet:
     """Return the jet of a rotation by a step's variable at balls of all variables."""
-    sine, cosine = (complex_ball(places[step.variable]) * step.turns).sin_cos()
+    sine, cosine = (places[step.variable] * step.turns).sin_cos()
     still, even, odd = parts
     one, along = even * cosine + odd * sine, odd * cosine - even * sine
     once: tuple[int, ...] = (step.variable,)

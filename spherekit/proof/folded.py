@@ -23,7 +23,6 @@ from spherekit.proof.balls import (
     angle_of,
     exact,
     exactly,
-    matrix,
     middle,
     pi,
     upper,
@@ -71,8 +70,8 @@ def completed(
         return balls
     (values,), around = equations.arrays(balls, 0), balls.copy()
     around[free] = [wide(balls[j], BALL) for j in free]
-    over = matrix(equations.arrays(around)[1][np.ix_(rows, free)])
-    return around if zero_within(matrix(values[rows][:, None]), over) < BALL else None
+    over = equations.arrays(around)[1][np.ix_(rows, free)]
+    return around if zero_within(values[rows][:, None], over) < BALL else None
 
 
 def _folding(equations: Equations, number: int, step: Step) -> Folding | None:

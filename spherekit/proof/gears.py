@@ -52,7 +52,6 @@ from spherekit.proof.balls import (
     floats,
     frames_of_pose,
     frames_of_sizes,
-    matrix,
     middle,
     pi,
     solved,
@@ -269,8 +268,8 @@ class Written:
     def _followed(self, rows: Array, right: Array) -> list[list[Ball]]:
         """Return the angles that follow, or their rates, from the columns of `right`."""
         square = rows[:, list(self.structure.followers)]
-        made = solved(matrix(square), matrix(right)).tolist()
-        return [[entry.real for entry in row] for row in made]
+        made: list[list[Ball]] = solved(square, right).tolist()
+        return made
 
     def _relations(self) -> Array:
         """Return the factors (meshes, pairs) of sums of angles that stay the same."""

@@ -19,7 +19,7 @@ from spherekit.proof.balls import UNIT, Ball, exact, exactly, floats, middles, p
 
 CHUNK = 2000
 """Configurations at once, so that the sums stay in the processor's cache."""
-Values = Callable[[Sequence[Ball]], list[Ball]]
+Values = Callable[[Sequence[Ball]], Array]
 """Equations at angles (rad) of all variables."""
 
 
@@ -128,7 +128,7 @@ def _waves(turns: Floats, most: int, order: int) -> Floats:
 
 
 def _coefficients(
-    sides: Sequence[int], k: int, at: Callable[..., list[Ball]]
+    sides: Sequence[int], k: int, at: Callable[..., Array]
 ) -> tuple[Floats, float]:
     """Return the coefficients of equation k, an axis of each variable, of so many waves.
 

@@ -21,7 +21,6 @@ from spherekit.proof.balls import (
     bits,
     circle,
     exact,
-    matrix,
     middle,
     middle_of,
     pi,
@@ -144,16 +143,7 @@ class CertifiedModes:
         with bits(self.precision):
             equations = Equations(self.written, self.construction)
             driven = given_at(self.written, self.inputs)
-            places = []
-            for root in self.real:
-                if not root.centre:
-                    places.append(driven)
-                    continue
-                near = root_near(equations, driven, [middle_of(a) for a in root.centre])
-                same = near is not None and near.real and root.holds(near)
-                narrow = near if near is not None and same else root
-                places.append([*narrow.balls(), *driven])
-            yield equations, places
+            yield equations, [[*root.balls(), *driven] for root in self.real]
 
 
 def certified_modes(
@@ -342,5 +332,4 @@ def _turned(jet: Jet | None, frame: Frame) -> Frame:
     """Return a frame of a link in the axes of the root."""
     if jet is None:
         return frame
-    rows = (matrix(frame) * jet[()].transpose()).tolist()
-    return np.array([[entry.real for entry in row] for row in rows])
+    return np.asarray(frame @ jet[()].T)

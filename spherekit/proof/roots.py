@@ -8,19 +8,20 @@ at a zero, at most as far from the centre.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
+from spherekit.arrays import Array
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import (
     Ball,
-    BallMatrix,
     complex_ball,
-    inverse_near,
+    exactly,
     lower,
-    matrix,
     middle_of,
+    middles,
     precision,
     solved,
     upper,
@@ -66,18 +67,9 @@ class Root:
         apart = np.array(near) - [middle_of(angle) for angle in self.centre]
         return bool(np.all(np.abs(wrap(apart.real) + 1j * apart.imag) < 0.5 * self.unique))
 
-    def holds(self, other: "Root") -> bool:
-        """Return whether the solution of another is this one: it is alone around here."""
-        pairs = zip(self.centre, other.centre, strict=True)
-        return all(upper(a - b) + other.radius < self.unique / 2.0 for a, b in pairs)
-
     def points(self) -> list[Ball]:
         """Return balls of e^(i angle)."""
-        return [(_i() * complex_ball(angle)).exp() for angle in self.balls()]
-
-
-def _i() -> Ball:
-    return complex_ball(1j)
+        return [(complex_ball(1j) * angle).exp() for angle in self.balls()]
 
 
 def root_near(
@@ -87,51 +79,43 @@ def root_near(
 
     `driven` are balls of the inputs.
     """
-    x = [complex_ball(complex(angle)) for angle in near]
-    for _ in range(STEPS):
-        values, first = _at(equations, x, driven)
-        inverse = inverse_near(first)
-        if inverse is None:
-            return None
-        change = (inverse * values).entries()
-        x = [(angle - d).mid() for angle, d in zip(x, change, strict=True)]
-        size = max(upper(d) for d in change)
-        if size < 2.0 ** (-precision() / 2):
-            break
-        if not size < 10.0:
-            return None
-    if max(upper(angle.imag) for angle in x) < NEAR_REAL:
-        root = _certified(
-            equations, driven, [complex_ball(angle.real) for angle in x], True
-        )
-        if root is not None:
-            return root
-    return _certified(equations, driven, x, False)
+    x = np.array([complex_ball(angle) for angle in near])
+    with suppress(ZeroDivisionError):
+        for _ in range(STEPS):
+            values, first = _at(equations, x, driven)
+            change = (_inverse_near(first) @ values)[:, 0]
+            x = middles(x - change)
+            size = max(map(upper, change))
+            if size < 2.0 ** (-precision() / 2):
+                break
+            if not size < 10.0:
+                return None
+        if max(upper(angle.imag) for angle in x) < NEAR_REAL:
+            real = np.array([angle.real for angle in x])
+            if root := _certified(equations, driven, real, True):
+                return root
+        return _certified(equations, driven, x, False)
+    return None
 
 
-def _at(
-    equations: Equations, x: Sequence[Ball], driven: Sequence[Ball]
-) -> tuple[BallMatrix, BallMatrix]:
+def _at(equations: Equations, x: Array, driven: Sequence[Ball]) -> tuple[Array, Array]:
     """Return F (k, 1) and F' (k, k) at balls of the unknowns."""
     values, slopes = equations.arrays([*x, *driven])
-    return matrix(values[:, None]), matrix(slopes[:, : equations.unknowns])
+    return values[:, None], slopes[:, : equations.unknowns]
 
 
 def _certified(
-    equations: Equations, driven: Sequence[Ball], x: Sequence[Ball], real: bool
+    equations: Equations, driven: Sequence[Ball], x: Array, real: bool
 ) -> Root | None:
     values, first = _at(equations, x, driven)
-    inverse = inverse_near(first)
-    if inverse is None:
-        return None
     degrees = equations.degrees[:, : equations.unknowns]
     growth = np.exp(degrees @ [upper(ball.imag) for ball in x])
     second = equations.bound * growth * np.sum(degrees, axis=1) ** 2
-    rows = [[upper(entry) for entry in entries] for entries in inverse.tolist()]
+    rows = np.vectorize(upper)(_inverse_near(first))
     # where derivatives may have changed by half
-    unique = min(WIDEST, 0.5 / float(np.max(np.array(rows) @ second)))
+    unique = min(WIDEST, 0.5 / float(np.max(rows @ second)))
     for _ in range(TRIED):
-        around = [_around(angle, unique, False) for angle in x]
+        around = np.array([_around(angle, unique, False) for angle in x])
         off = zero_within(values, _at(equations, around, driven)[1])
         if off < unique:
             radius = min(max(MARGIN * off, 1e-300), unique)
@@ -146,20 +130,22 @@ def _around(angle: Ball, radius: float, real: bool) -> Ball:
     """Return the ball of an angle's solution, of real numbers where it is real."""
     if real:
         return wide(angle.real, radius)
-    return complex_ball(wide(angle.real, radius)) + _i() * wide(angle.imag, radius)
+    return complex_ball(wide(angle.real, radius), wide(angle.imag, radius))
 
 
-def zero_within(values: BallMatrix, over: BallMatrix) -> float:
+def zero_within(values: Array, over: Array) -> float:
     """Return how far from the centre of balls there is a zero of F, infinity if unproven.
 
     `values` are F at the centre, `over` F' anywhere within the balls. There is just one
     zero in them if they are wider than this.
     """
-    inverse = inverse_near(over)
-    if inverse is None:
-        return np.inf
     try:
-        way = solved(inverse * over, inverse * values)
+        near = _inverse_near(over)
+        return max(map(upper, solved(near @ over, near @ values).flat))
     except ZeroDivisionError:
         return np.inf
-    return max(upper(entry) for entry in way.entries())
+
+
+def _inverse_near(square: Array) -> Array:
+    """Return a matrix without radii next to the inverse."""
+    return np.asarray(middles(solved(middles(square), exactly(np.eye(len(square))))))

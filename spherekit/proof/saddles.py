@@ -28,7 +28,6 @@ from spherekit.proof.balls import (
     exactly,
     floats,
     lower,
-    matrix,
     middles,
     precision,
     solved,
@@ -254,10 +253,9 @@ class _Form:
 
     def open(self, place: Array) -> tuple[Ball, Array]:
         """Return a number near g at a place, and by how much F differs from it (k,)."""
-        (values,) = self.equations.arrays(place, 0)
-        missed, open_ = exactly(self.missed), np.array([e.real for e in values])
-        level = (missed @ open_).mid()
-        return level, open_ - level * missed
+        (values,), missed = self.equations.arrays(place, 0), exactly(self.missed)
+        level: Ball = missed @ values
+        return level.mid(), values - level.mid() * missed
 
     def solved(self, places: Array, residual: Array, order: int = 2) -> list[Array]:
         """Return how (z, g) moves, (v + 1, 3): by a residual of F, and with u and v.
@@ -271,11 +269,11 @@ class _Form:
         square[:k, :v], square[:k, v] = slopes, -exactly(self.missed)
         square[k:, :v] = exactly(self.frame[:, :2].T)
         right[:k, 0], right[k:, 1:] = -residual, np.eye(2, dtype=int)
-        made = [_real(square, right)]
+        made = [solved(square, right)]
         for bent in bends:
             right = np.zeros((v + 1, 9), object)
             right[:k] = -(made[0][:v].T @ bent @ made[0][:v]).reshape(k, 9)
-            made.append(_real(square, right).reshape(-1, 3, 3))
+            made.append(solved(square, right).reshape(-1, 3, 3))
         return made
 
     def critical(self, place: Array) -> Array | None:
@@ -283,7 +281,7 @@ class _Form:
         for _ in range(NEWTON):
             first, second = self.solved(place, self.open(place)[1])
             slope = middles(first[-1, 1:] + second[-1, 0, 1:])
-            flat = _real(middles(second[-1, 1:, 1:]), -slope[:, None])[:, 0]
+            flat = solved(middles(second[-1, 1:, 1:]), -slope[:, None])[:, 0]
             change = middles(first[:-1, 0] + first[:-1, 1:] @ flat)
             far = np.max(np.abs(floats(change)))
             if not far < 0.5:
@@ -388,12 +386,6 @@ def _sides(limits: Floats, value: Ball, slope: Array, bend: Array) -> bool:
     inner = INNER * v
     down = 0.5 * least[1] * inner**2 - steep[1] * inner
     return bool(out > 1e-12 * u * u and down > 1.001 * max(level, 2.0 * u * steep[0]))
-
-
-def _real(square: Array, right: Array) -> Array:
-    """Return the solutions of linear equations whose balls are real."""
-    made = solved(matrix(square), matrix(right)).tolist()
-    return np.array([[entry.real for entry in row] for row in made])
 
 
 def _about(radii: Floats) -> Array:
