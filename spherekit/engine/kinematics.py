@@ -49,7 +49,7 @@ from spherekit.engine.pose import (
     carried_vectors,
     placed_by,
 )
-from spherekit.engine.rates import GroupRows, group_rates, group_rows
+from spherekit.engine.rates import GroupEquations
 from spherekit.engine.turns import AxisRotation, Entries, TurningPairs, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.model.gears import joints_of
@@ -67,7 +67,7 @@ class Structure:
     mechanism: Mechanism
     assembly: Assembly
     pairs: TurningPairs
-    groups: tuple[GroupRows, ...]
+    groups: tuple[GroupEquations, ...]
 
     @property
     def input_pairs(self) -> tuple[int, ...]:
@@ -142,8 +142,8 @@ class Structure:
             closure = Closure.of(mechanism, joints_of(mechanism))
             return closure.at(values[None]).vectors[0]
 
-        groups = group_rows(mechanism, assembly, vectors)
-        return Structure(mechanism, assembly, pairs, groups)
+        groups = (GroupEquations(mechanism, assembly, x, vectors) for x in assembly.groups)
+        return Structure(mechanism, assembly, pairs, tuple(groups))
 
     def span(self, one: int, other: int) -> Expr | None:
         """Return |A x B|^2 of two variables' vectors where it is constant, else None."""
@@ -213,16 +213,14 @@ class CoordinateRates:
         """Return the rates of all variables at those of the driven pairs, and the scale."""
         mechanism, span = self.structure.mechanism, self.structure.span
         solved = {mechanism.variables_of(pair)[0]: rate for pair, rate in driven.items()}
-        closed, scale = [*driven], 1.0
-        for rows in self.structure.groups:
+        scale: Expr = 1.0
+        for group in self.structure.groups:
             turned = self._parts([solved.get(v, 0.0) for v in range(len(self.vectors))])
             for pair, misfit in (misfits or {}).items():
                 turned[pair] = turned[pair] - misfit * scale
-            given = mechanism, rows, closed, self.vectors, turned, span
-            rates, factor = group_rates(*given)
+            rates, factor = group.rates(self.vectors, turned, span)
             solved = {v: rate * factor for v, rate in solved.items()} | rates
             scale = scale * factor
-            closed += rows.group.pairs
         return [solved[v] for v in range(len(self.vectors))], scale
 
     @cached_property
