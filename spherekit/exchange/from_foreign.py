@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain, count
 from typing import Any
 
 import numpy as np
@@ -59,10 +60,14 @@ class ForeignTables:
         self.comments: dict[tuple[str, str], str] = {}
         self.names: dict[int, str] = {}
         self.turning = [k for k in range(self.m.njnt) if k not in model.locked]
+        limited = np.flatnonzero(self.m.jnt_limited).tolist()
+        self.limits = {k: self.m.jnt_range[k].tolist() for k in limited}
         self.link = self._links_of_bodies()
         self.closing = self._closing_points()
         self.centre, self.miss = self._meet(within)
         self.pairs = self._pairs()
+        every = (link for pair in self.pairs for link in pair.links)
+        self.links = list(dict.fromkeys([0, *every]))
         content = self._tables()
         self.content = {name: table for name, table in content.items() if table}
         self.notes += model.notes
@@ -76,8 +81,7 @@ class ForeignTables:
 
     def _tables(self) -> dict[str, Table]:
         contacts, masses = dict(self._contacts()), {}
-        used = [0, *(link for pair in self.pairs for link in pair.links)]
-        links: Table = {self._name(link): {} for link in dict.fromkeys(used)}
+        links: Table = {self._name(link): {} for link in self.links}
         inputs = self._inputs()
         if self.model.made_up:
             self.notes.append(
@@ -96,69 +100,54 @@ class ForeignTables:
             "mass": masses,
             "loads": loads,
             "joint_limits": {
-                pair.name: self._ends(*limits)
+                pair.name: self._ends(self.limits[pair.joint])
                 for pair in self.pairs
-                if (limits := self._limits(pair)) is not None
+                if pair.joint in self.limits
             },
         }
 
-    def _ends(self, low: float, high: float) -> Table:
-        return {"from": self._angle(low), "to": self._angle(high)}
+    def _ends(self, angles: Sequence[float]) -> Table:
+        return dict(zip(("from", "to"), map(self._angle, angles), strict=True))
 
     def _angle(self, angle: float) -> float:
         return plain_angle(angle, self.unit)
-
-    def _limits(self, pair: Turning) -> tuple[float, float] | None:
-        if pair.joint < 0 or not self.m.jnt_limited[pair.joint]:
-            return None
-        low, high = map(float, self.m.jnt_range[pair.joint])
-        return low, high
-
-    def _joint(self, k: int) -> str:
-        return str(self.m.joint(k).name)
-
-    def _body(self, k: int) -> str:
-        return named(self.m.body(k), "body", k)
 
     # Bodies that are one link
 
     def _links_of_bodies(self) -> list[int]:
         """Return the links of bodies: one of those welded, or hinged by locked joints."""
-        moved = {int(self.m.jnt_bodyid[k]) for k in self.turning}
+        moved = {0, *self.m.jnt_bodyid[self.turning].tolist()}
         parents = enumerate(self.m.body_parentid.tolist())
-        still = ((up, k) for k, up in parents if k and k not in moved)
+        still = ((up, k) for k, up in parents if k not in moved)
         link = list(range(self.m.nbody))
         for ends in [*still, *self.model.welds]:
             kept, other = (link[end] for end in ends)
             kept, other = (other, kept) if other == 0 else (kept, other)
             link = [kept if x == other else x for x in link]
         self.notes += [
-            f"joint {self._joint(k)} is locked, so it is no pair"
+            f"joint {self.model.joints[k]} is locked, so it is no pair"
             for k in sorted(self.model.locked)
         ]
         return link
 
-    def _members(self, link: int) -> list[int]:
-        """Return the bodies of a link."""
-        return [k for k, of in enumerate(self.link[: self.m.nbody]) if of == link]
-
     def _name(self, link: int) -> str:
         """Return the name of a link: its body's, or of the ground its only body's."""
         if link not in self.names:
-            text = self._body(link)
+            text = self.model.bodies[link]
             if link == 0:
                 parents = self.m.body_parentid
-                children = [k for k in self._members(0) if k and not parents[k]]
-                text = self._body(children[0]) if len(children) == 1 else "ground"
+                children = [
+                    k for k in range(1, self.m.nbody) if not (self.link[k] or parents[k])
+                ]
+                text = self.model.bodies[children[0]] if len(children) == 1 else "ground"
             self.names[link] = self._unique(text, self.names.values())
         return self.names[link]
 
     def _unique(self, text: str, used: Iterable[str]) -> str:
         clean = re.sub(r"[^A-Za-z0-9_]", "_", text)[:MAX_NAME_LENGTH] or "unnamed"
-        taken, name, k = set(used), clean, 1
-        while name in taken:
-            k += 1
-            name = f"{clean[: MAX_NAME_LENGTH - 4]}_{k}"
+        taken = set(used)
+        others = (f"{clean[: MAX_NAME_LENGTH - 4]}_{k}" for k in count(2))
+        name = next(word for word in chain([clean], others) if word not in taken)
         if name != text:
             self.notes.append(f'"{text}" is called {name}')
         return name
@@ -178,7 +167,7 @@ class ForeignTables:
     def _lines(self) -> Iterator[tuple[str, Floats, Floats]]:
         """Yield the axes that have to meet: names, points and directions (3,)."""
         for k in self.turning:
-            yield f"joint {self._joint(k)}", self.d.xanchor[k], self.d.xaxis[k]
+            yield f"joint {self.model.joints[k]}", self.d.xanchor[k], self.d.xaxis[k]
         for (first, place), *others in self.closing.values():
             for other, point in others:
                 length = float(np.linalg.norm(point - place))
@@ -234,18 +223,18 @@ class ForeignTables:
         for body, joints in by_body.items():
             below, last = self.link[self.m.body_parentid[body]], self.link[body]
             if below == last:
-                them = listing(map(self._joint, joints))
+                them = listing(self.model.joints[k] for k in joints)
                 self.notes.append(f"joint {them} cannot turn: its bodies are welded")
                 continue
             for k in joints:
-                above = last
+                above, joint = last, self.model.joints[k]
                 if k != joints[-1]:
                     above = len(self.link)
                     self.link.append(above)
-                    text = f"{self._body(body)}_{self._joint(k)}"
+                    text = f"{self.model.bodies[body]}_{joint}"
                     self.names[above] = self._unique(text, self.names.values())
-                value = float(self.d.qpos[self.m.jnt_qposadr[k]])
-                put(self._joint(k), (below, above), self.d.xaxis[k].copy(), value, k)
+                axis, value = self.d.xaxis[k].copy(), float(self.d.qpos[k])
+                put(joint, (below, above), axis, value, k)
                 below = above
         for ends, points in self.closing.items():
             arms = np.array([point for _, point in points]) - self.centre
@@ -262,20 +251,16 @@ class ForeignTables:
             one, other = map(self._name, ends)
             words = f"Closes a loop: holds {one} and {other} at a point."
             self.comments["pairs", name] = words
-        self._need_pieces(pairs)
-        return pairs
-
-    def _need_pieces(self, pairs: Sequence[Turning]) -> None:
-        """Raise `FileError` where nothing moves, or a link is not joined to the ground."""
         if not pairs:
             raise FileError(f"{self.where}: nothing moves: all bodies are welded together")
         piece = joined(len(self.link), (pair.links for pair in pairs))
         lost = {k for pair in pairs for k in pair.links if piece[k]}
         if lost:
             raise FileError(
-                f"{self.where}: link {listing(self._name(k) for k in lost)} is not joined "
-                "to the ground"
+                f"{self.where}: link {listing(map(self._name, lost))} is not joined to the "
+                "ground"
             )
+        return pairs
 
     def _contacts(self) -> Iterator[tuple[str, Table]]:
         """Yield a rolling contact for each coupling of hinges."""
@@ -284,10 +269,10 @@ class ForeignTables:
         for coupling, factors in self.model.couplings:
             gears = gears_of(turning, factors)
             if isinstance(gears, str):
+                them = listing(self.model.joints[k] for k in factors)
                 raise FileError(
-                    f"{self.where}: {coupling} couples joints "
-                    f"{listing(map(self._joint, factors))}, but no two gears do: {gears}. "
-                    "Take it out of a copy of the file"
+                    f"{self.where}: {coupling} couples joints {them}, but no two gears do: "
+                    f"{gears}. Take it out of a copy of the file"
                 )
             circles, external = gears
             names.append(self._unique(coupling, names))
@@ -303,12 +288,8 @@ class ForeignTables:
             yield names[-1], {**table, "profiles": profiles}
 
     def _pair(self, pair: Turning) -> Table:
-        one, other = (self._name(link) for link in pair.links)
-        table: Table = {
-            "type": "R",
-            "links": [one, other],
-            **plain_axis(pair.axis, self.unit),
-        }
+        links = [*map(self._name, pair.links)]
+        table: Table = {"type": "R", "links": links, **plain_axis(pair.axis, self.unit)}
         if pair.value:
             table["value"] = self._angle(pair.value)
         return table
@@ -318,44 +299,46 @@ class ForeignTables:
         numbers = {pair.joint: k for k, pair in enumerate(self.pairs) if pair.joint >= 0}
         driven = [numbers[joint] for joint in self.model.drives if joint in numbers]
         rest = sorted(
-            (k for k in range(len(self.pairs)) if k not in driven),
-            key=lambda k: (self.pairs[k].joint < 0, 0 not in self.pairs[k].links),
+            set(range(len(self.pairs))).difference(driven),
+            key=lambda k: (self.pairs[k].joint < 0, 0 not in self.pairs[k].links, k),
         )
         rows = self._velocity_equations(numbers)
-        rank = _rank(rows)
-        chosen: list[int] = []
+        chosen: list[Turning] = []
         for k in [*driven, *rest]:
             more = np.vstack([rows, np.eye(len(self.pairs))[k]])
-            if _rank(more) > rank:
-                chosen.append(k)
-                rows, rank = more, rank + 1
-        added = [self.pairs[k].name for k in chosen if k not in driven]
+            if _rank(more) > _rank(rows):
+                chosen.append(self.pairs[k])
+                rows = more
+        actuated = [self.pairs[k] for k in driven]
+        added = [pair.name for pair in chosen if pair not in actuated]
         if added:
             what = "has" if len(added) == 1 else "have"
             self.notes.append(
                 f"{numbered('input', added)} {what} no actuator; there are more freedoms "
                 "than actuators"
             )
-        spare = [self.pairs[k].name for k in driven if k not in chosen]
+        spare = [pair.name for pair in actuated if pair not in chosen]
         if spare:
             self.notes.append(
                 f"actuator of {listing(spare)} left out: the others determine the motion"
             )
-        return {self.pairs[k].name: self._range(self.pairs[k]) for k in chosen}
-
-    def _range(self, pair: Turning) -> Table:
-        given = self.model.drives.get(pair.joint) or self._limits(pair)
-        return self._ends(*(given or (pair.value - np.pi, pair.value + np.pi)))
+        return {
+            pair.name: self._ends(
+                self.model.drives.get(pair.joint)
+                or self.limits.get(pair.joint)
+                or (pair.value - np.pi, pair.value + np.pi)
+            )
+            for pair in chosen
+        }
 
     def _velocity_equations(self, numbers: Mapping[int, int]) -> Floats:
         """Return what loops and couplings say of the rates of all pairs, (m, pairs).
 
         `numbers` are the pairs of joints.
         """
-        links = [0, *(link for pair in self.pairs for link in pair.links)]
-        place = {link: k for k, link in enumerate(dict.fromkeys(links))}
-        ends = tuple((place[a], place[b]) for a, b in (pair.links for pair in self.pairs))
-        tree = LoopTree(len(place), ends, tuple(range(len(ends))))
+        place = self.links.index
+        ends = tuple((place(a), place(b)) for a, b in (pair.links for pair in self.pairs))
+        tree = LoopTree(len(self.links), ends, tuple(range(len(ends))))
         rows = [tree.jacobian(np.array([[pair.axis for pair in self.pairs]]))[0]]
         for _, factors in self.model.couplings:
             ratio = np.zeros((1, len(ends)))
@@ -368,21 +351,25 @@ class ForeignTables:
     def _masses(self) -> Iterator[tuple[str, Table]]:
         """Yield the links that are heavy, about the centre of the sphere."""
         m = self.m
-        for link in dict.fromkeys(link for pair in self.pairs for link in pair.links):
-            heavy = [k for k in self._members(link) if m.body_mass[k] > MASSLESS]
-            if link == 0 or not heavy:
+        for link in self.links[1:]:
+            heavy = [
+                k
+                for k, of in enumerate(self.link[: m.nbody])
+                if of == link and m.body_mass[k] > MASSLESS
+            ]
+            if not heavy:
                 continue
             mass, moment, tensor = 0.0, np.zeros(3), np.zeros((3, 3))
-            for k in heavy:
+            weightless = m.body_gravcomp[heavy] == 1.0
+            for k, light in zip(heavy, weightless, strict=True):
                 one, arm = float(m.body_mass[k]), self.d.xipos[k] - self.centre
                 turn = self.d.ximat[k].reshape(3, 3)
                 about = turn @ np.diag(m.body_inertia[k]) @ turn.T
                 tensor += moved_to_sphere_centre(about, one, arm)
                 mass += one
-                moment += (0.0 if m.body_gravcomp[k] == 1.0 else one) * arm
+                moment += (0.0 if light else one) * arm
             most = float(max_abs(tensor))
             table: Table = {"tensor": [[plain(x, most, THIN) for x in r] for r in tensor]}
-            weightless = m.body_gravcomp[heavy] == 1.0
             if not np.all(weightless) or self.model.gravity is not None:
                 radius = float(np.sqrt(np.trace(tensor) / mass))
                 table["mass"] = plain(mass, mass)
@@ -399,43 +386,38 @@ class ForeignTables:
         if self.model.gravity is not None and masses:
             acceleration = [plain(x, 1.0) for x in self.model.gravity]
             yield "gravity", {"kind": "gravity", "acceleration": acceleration}
-        for pair in self.pairs:
-            k, on = pair.joint, {"pair": pair.name}
-            if k < 0:
-                continue
-            dof, place = int(m.jnt_dofadr[k]), int(m.jnt_qposadr[k])
-            stiffness, damping = float(m.jnt_stiffness[k]), float(m.dof_damping[dof])
-            dry = float(m.dof_frictionloss[dof])
+        for k, name in ((pair.joint, pair.name) for pair in self.pairs if pair.joint >= 0):
+            stiffness, viscous, dry = (
+                plain(of[k], of[k])
+                for of in (m.jnt_stiffness, m.dof_damping, m.dof_frictionloss)
+            )
             if stiffness:
-                rest = self._angle(float(m.qpos_spring[place]))
-                spring = {"stiffness": plain(stiffness, stiffness), "rest": rest}
-                yield f"spring_{pair.name}", {"kind": "spring", **on, **spring}
-            viscous = plain(damping, damping)
+                spring = {"stiffness": stiffness, "rest": self._angle(m.qpos_spring[k])}
+                yield f"spring_{name}", {"kind": "spring", "pair": name, **spring}
             if dry:
-                rubs = {"torque": plain(dry, dry), "speed": self._angle(SLOW)}
-                if damping:
-                    rubs["viscous"] = viscous
-                yield f"friction_{pair.name}", {"kind": "friction", **on, **rubs}
+                rubs = {"torque": dry, "speed": self._angle(SLOW)}
+                rubs |= {"viscous": viscous} if viscous else {}
+                yield f"friction_{name}", {"kind": "friction", "pair": name, **rubs}
                 self.notes.append(
-                    f"dry friction of {pair.name} is smoothed below {SLOW:g} rad/s"
+                    f"dry friction of {name} is smoothed below {SLOW:g} rad/s"
                 )
-            elif damping:
-                yield f"damper_{pair.name}", {"kind": "damper", **on, "damping": viscous}
+            elif viscous:
+                damper = {"kind": "damper", "pair": name, "damping": viscous}
+                yield f"damper_{name}", damper
         yield from self._actuators()
-        for k in range(m.njnt):
-            dof, name = int(m.jnt_dofadr[k]), self._joint(k)
-            if m.dof_armature[dof]:
+        for k, name in enumerate(self.model.joints):
+            if m.dof_armature[k]:
                 self.notes.append(
-                    f"armature of joint {name} left out, {m.dof_armature[dof]:g} kg m2"
+                    f"armature of joint {name} left out, {m.dof_armature[k]:g} kg m2"
                 )
-            if np.any(m.jnt_stiffnesspoly[k]) or np.any(m.dof_dampingpoly[dof]):
+            if np.any(m.jnt_stiffnesspoly[k]) or np.any(m.dof_dampingpoly[k]):
                 self.notes.append(
                     f"joint {name}: spring or damper left out where not linear"
                 )
 
     def _actuators(self) -> Iterator[tuple[str, Table]]:
         """Yield actuators without control as loads; note others that drive no hinge."""
-        m, kinds = self.m, self.model.kinds
+        m, kinds = self.m, self.model.mj.mjtTrn
         for k in range(m.nu):
             name, transmission = named(m.actuator(k), "actuator", k), m.actuator_trntype[k]
             gear, bias = m.actuator_gear[k], m.actuator_biasprm[k][:3]
@@ -449,7 +431,7 @@ class ForeignTables:
             elif at_joint:
                 pair = next(pair.name for pair in self.pairs if pair.joint == first)
                 factors = gear[0] * bias * [1.0, gear[0], gear[0]]
-                parts = [plain(x, float(max_abs(factors))) for x in factors]
+                parts = _plain(factors)
                 names = ("", f"*theta_{pair}", f"*dtheta_{pair}")
                 terms = zip(parts, names, strict=True)
                 told = " + ".join(f"({part}){name}" for part, name in terms if part)
@@ -459,27 +441,22 @@ class ForeignTables:
                 and not np.any(bias[1:])
                 and (second < 0 or m.body_weldid[m.site_bodyid[second]] == 0)
             ):
-                for table in self._on_site(gear * bias[0], first, second):
-                    yield name, table
+                turn = self.d.site_xmat[first if second < 0 else second].reshape(3, 3)
+                link = {"link": self._name(self.link[m.site_bodyid[first]])}
+                axes = {"axes": "link" if second < 0 else "ground"}
+                for kind, part in (("force", gear[:3]), ("moment", gear[3:])):
+                    if np.any(part * bias[0]):
+                        arm = self.d.site_xpos[first] - self.centre
+                        point = {"point": _plain(arm)} if kind == "force" else {}
+                        vector = {kind: [*map(str, _plain(turn @ (part * bias[0])))]}
+                        yield name, {"kind": kind, **link, **point, **vector, **axes}
             else:
                 self.notes.append(f"actuator {name} left out: it is no constant load")
 
-    def _on_site(self, wrench: Floats, site: int, seen: int) -> Iterator[Table]:
-        """Yield the force and the moment that an actuator at a site is."""
-        m, d = self.m, self.d
-        turn = d.site_xmat[site if seen < 0 else seen].reshape(3, 3)
-        link = self._name(self.link[m.site_bodyid[site]])
-        arm = d.site_xpos[site] - self.centre
-        for kind, part in (("force", wrench[:3]), ("moment", wrench[3:])):
-            vector = turn @ part
-            if np.any(part):
-                table: Table = {"kind": kind, "link": link}
-                if kind == "force":
-                    table["point"] = [plain(x, float(max_abs(arm))) for x in arm]
-                most = float(max_abs(vector))
-                table[kind] = [str(plain(x, most)) for x in vector]
-                table["axes"] = "link" if seen < 0 else "ground"
-                yield table
+
+def _plain(vector: Floats) -> list[float]:
+    """Return the components of a vector as they stand in a file."""
+    return [plain(part, float(max_abs(vector))) for part in vector]
 
 
 def _rank(rows: Floats) -> int:

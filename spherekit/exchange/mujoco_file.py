@@ -7,10 +7,9 @@ them (Drake, Isaac Sim, and exporters that write parent and child with origins),
 `<loop>` with `<predecessor>` and `<successor>` (URDF+, Chignoli et al. 2024).
 """
 
-from collections.abc import Mapping
-from functools import cached_property
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -18,17 +17,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from spherekit.arrays import Floats
-from spherekit.conventions import counted, listing
+from spherekit.conventions import Lines, counted, listing
 from spherekit.errors import FileError
 from spherekit.sphere.rotation import max_abs
 
 Element = ElementTree.Element
 
 TURNING = ("revolute", "continuous")
-POINT = ("spherical", "ball")
-RIGID = ("fixed",)
+KINDS = (*TURNING, "spherical", "ball", "fixed")
+"""The types of loop joints."""
 ENDS = ("link1", "link2", "predecessor", "successor", "parent", "child")
-"""What the links of loop joints are called."""
+"""What their links are called."""
 
 
 def _vector(item: Element, key: str) -> Floats:
@@ -49,12 +48,14 @@ NAMELESS = ("", "MuJoCo Model")
 class ForeignModel:
     """What an MJCF or URDF file holds, with its loops closed.
 
-    `m` and `d` are MuJoCo's model and its data in that pose, `kinds` the numbers of
-    MuJoCo's words. `holds` are the points (3,) by which loops are closed, with their names
-    and the two bodies that they hold to each other, `welds` the two bodies of each weld.
-    `locked` are the joints that do not turn, `drives` the actuated ones with the ends of
-    their range where the file has some, `values` the variables of holds where it says so;
-    `made_up` says that the masses are; `notes` what is not here.
+    `mj` is MuJoCo, `m` and `d` are its model and its data in that pose, in which each
+    joint has one variable; `joints` and `bodies` are names. `holds` are the points (3,) by
+    which loops are closed, with their names and the two bodies that they hold to each
+    other, `welds` the two bodies of each weld. `locked` are the joints that do not turn,
+    `couplings` the sums of rates that are zero, as factors by joint, with their names,
+    `drives` the actuated joints with the ends of their range where the file has some,
+    `values` the variables of holds where it says so; `made_up` says that the masses are;
+    `gravity` is the acceleration (3,) or None; `notes` what is not here.
 
     Raises
     ------
@@ -73,19 +74,11 @@ class ForeignModel:
             ) from None
         self.mj: Any = mujoco
         self.path, self.notes = path, list[str]()
-        kinds = (mujoco.mjtEq, mujoco.mjtTrn, mujoco.mjtJoint, mujoco.mjtObj)
-        self.kinds = SimpleNamespace(
-            **{
-                name: int(number)
-                for words in (*kinds, mujoco.mjtConstraint, mujoco.mjtWrap)
-                for name, number in words.__members__.items()
-            }
-        )
         self.hinged: dict[str, Floats] = {}
         root = self._root()
-        self.urdf = root if root.tag == "robot" else None
+        urdf = root.tag == "robot"
         try:
-            spec = self._spec(root)
+            spec = self._of_urdf(root) if urdf else self.mj.MjSpec.from_file(str(path))
             spec.compiler.boundmass = spec.compiler.boundmass or MASSLESS
             spec.compiler.boundinertia = spec.compiler.boundinertia or MASSLESS
             m = self.m = spec.compile()
@@ -94,29 +87,34 @@ class ForeignModel:
             raise FileError(f"{path}: MuJoCo does not read it: {said}") from None
         m.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         self.d: Any = mujoco.MjData(m)
+        self.joints: Lines = [m.joint(k).name for k in range(m.njnt)]
+        self.bodies = [named(m.body(k), "body", k) for k in range(m.nbody)]
         self._need_hinges()
         numbers = {numeric.name: list(numeric.data) for numeric in spec.numerics}
-        self.drives = self._drives(numbers)
-        self._close({int(m.jnt_dofadr[k]) for k in self.drives})
+        self.drives = self._drives(root, numbers)
+        self._close()
         self.holds: list[tuple[str, tuple[int, int], Floats]] = []
         self.welds: list[tuple[int, int]] = []
-        self.couplings: list[tuple[str, dict[int, float]]] = []
+        self.couplings: list[tuple[str, Mapping[int, float]]] = []
         self.locked: set[int] = set()
         for k in np.flatnonzero(m.eq_active0).tolist():
             self._take_equality(k)
-        self.made_up = {text.name: text.data for text in spec.texts}.get("masses") == (
-            "made up"
-        )
+        texts = {text.name: text.data for text in spec.texts}
+        self.made_up = texts.get("masses") == "made up"
         self.values = {
             name.removeprefix("value_"): float(data[0])
             for name, data in numbers.items()
             if name.startswith("value_")
         }
         self.name = path.stem if spec.modelname in NAMELESS else str(spec.modelname)
-        what = "URDF" if self.urdf is not None else "MuJoCo model"
-        self.source = f"{what} {path.name}"
+        self.source = f"{'URDF' if urdf else 'MuJoCo model'} {path.name}"
+        off = m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        acts = not (urdf or off) and np.any(m.opt.gravity)
+        self.gravity: Floats | None = m.opt.gravity.copy() if acts else None
+        if urdf:
+            self.notes.append("gravity left out: a URDF does not say where it acts")
 
-    def _root(self) -> ElementTree.Element:
+    def _root(self) -> Element:
         try:
             root = ElementTree.parse(self.path).getroot()
         except OSError as error:
@@ -132,15 +130,13 @@ class ForeignModel:
             )
         return root
 
-    def _spec(self, root: ElementTree.Element) -> Any:
-        if self.urdf is None:
-            return self.mj.MjSpec.from_file(str(self.path))
+    def _of_urdf(self, root: Element) -> Any:
+        """Return what MuJoCo makes of a URDF, with its loops as constraints."""
         # Looks and contacts name files that may be missing.
         for link in root.iter("link"):
             for looks in [*link.findall("visual"), *link.findall("collision")]:
                 link.remove(looks)
-        text = ElementTree.tostring(root, encoding="unicode")
-        spec = self.mj.MjSpec.from_string(text)
+        spec = self.mj.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
         spec.compiler.fusestatic = False
         try:
             for item in [*root.findall("loop_joint"), *root.findall("loop")]:
@@ -157,45 +153,40 @@ class ForeignModel:
         """
         kind, name = item.get("type", "spherical"), item.get("name", "loop")
         where = f"{self.path}: loop joint {name}"
-        if kind not in (*TURNING, *POINT, *RIGID):
-            allowed = ", ".join((*TURNING, *POINT, *RIGID))
-            raise FileError(f'{where}: type "{kind}"; allowed: {allowed}')
+        if kind not in KINDS:
+            raise FileError(f'{where}: type "{kind}"; allowed: {listing(KINDS)}')
         ends = [(tag, end) for tag in ENDS for end in item.findall(tag)]
         if len(ends) != 2:
             raise FileError(
                 f"{where}: has {counted(len(ends), 'link')}, needs 2: link1 and link2, "
                 "predecessor and successor, or parent and child with origins"
             )
-        links, turns = [end.get("link", "") for _, end in ends], []
         for k, (tag, end) in enumerate(ends):
-            within = end.find("origin")
-            beside = item.find(f"{tag}_origin")
-            origin = next((x for x in (within, beside) if x is not None), end)
-            turns.append(Rotation.from_euler("xyz", _vector(origin, "rpy")).as_matrix())
-            body = spec.body(links[k])
+            places = end.find("origin"), item.find(f"{tag}_origin"), end
+            origin = next(place for place in places if place is not None)
+            body = spec.body(end.get("link", ""))
             if body is None:
-                raise FileError(f'{where}: no link "{links[k]}"')
+                raise FileError(f'{where}: no link "{end.get("link", "")}"')
             body.add_site(name=f"{name}_{k}", pos=_vector(origin, "xyz"))
-        if kind in TURNING:
-            given = item.find("axis")
-            axis = np.eye(3)[0] if given is None else _vector(given, "xyz")
-            self.hinged[name] = turns[0] @ axis / np.linalg.norm(axis)
+            if kind in TURNING and not k:
+                given = item.find("axis")
+                axis = np.eye(3)[0] if given is None else _vector(given, "xyz")
+                turn = Rotation.from_euler("xyz", _vector(origin, "rpy"))
+                self.hinged[name] = turn.apply(axis) / np.linalg.norm(axis)
         eq, objects = self.mj.mjtEq, self.mj.mjtObj
         held = {"type": eq.mjEQ_CONNECT, "objtype": objects.mjOBJ_SITE}
         one, other = f"{name}_0", f"{name}_1"
-        if kind in RIGID:
+        if kind == "fixed":
             held = {"type": eq.mjEQ_WELD, "objtype": objects.mjOBJ_BODY}
-            one, other = links
+            one, other = (end.get("link", "") for _, end in ends)
         spec.add_equality(name=name, name1=one, name2=other, **held)
 
     def _need_hinges(self) -> None:
-        m, kinds = self.m, self.kinds
-        words = {kinds.mjJNT_FREE: "free", kinds.mjJNT_BALL: "ball"}
-        words[kinds.mjJNT_SLIDE] = "slide"
+        kinds = [self.mj.mjtJoint(int(k)).name[6:].lower() for k in self.m.jnt_type]
         wrong = [
-            f"{named(m.joint(k), 'joint', k)} ({words[int(m.jnt_type[k])]})"
-            for k in range(m.njnt)
-            if int(m.jnt_type[k]) in words
+            f"{name or f'joint{k}'} ({kind})"
+            for k, (name, kind) in enumerate(zip(self.joints, kinds, strict=True))
+            if kind != "hinge"
         ]
         if wrong:
             raise FileError(
@@ -203,27 +194,25 @@ class ForeignModel:
                 f"joints: {listing(wrong)}. Fix the base, and give a ball joint as three "
                 "hinges"
             )
-        if not m.njnt:
+        if not kinds:
             raise FileError(f"{self.path}: has no hinge, so that nothing moves")
-        names = [m.joint(k).name for k in range(m.njnt)]
-        if not all(names):
+        if not all(self.joints):
             raise FileError(
-                f"{self.path}: joint {names.index('')} has no name; name all joints, since "
-                "pairs are named after them"
+                f"{self.path}: joint {self.joints.index('')} has no name; name all joints, "
+                "since pairs are named after them"
             )
 
-    def _close(self, held: set[int]) -> None:
+    def _close(self) -> None:
         """Close all loops, by the passive joints if that can be."""
-        d, every = self.d, list(range(self.m.nv))
+        d, every = self.d, range(self.m.nv)
         start = d.qpos.copy()
-        if not (
-            self._converged([k for k in every if k not in held]) or (self._converged(every))
-        ):
+        passive = [k for k in every if k not in self.drives]
+        if not (self._converged(passive) or self._converged([*every])):
             d.qpos[:] = start
             rows, gap = self._gaps()
             gaps: dict[str, float] = {}
-            for number, size in zip(d.efc_id[rows], np.abs(gap), strict=True):
-                name = named(self.m.eq(int(number)), "equality", int(number))
+            for number, size in zip(d.efc_id[rows].tolist(), np.abs(gap), strict=True):
+                name = named(self.m.eq(number), "equality", number)
                 gaps[name] = max(gaps.get(name, 0.0), float(size))
             told = listing(f"{name} by {gap:.3g}" for name, gap in gaps.items())
             raise FileError(
@@ -240,7 +229,7 @@ class ForeignModel:
     def _gaps(self) -> tuple[Any, Floats]:
         """Return which constraints are those of loops, and by how much they are open."""
         self.mj.mj_forward(self.m, self.d)
-        rows = self.d.efc_type == self.kinds.mjCNSTR_EQUALITY
+        rows = self.d.efc_type == self.mj.mjtConstraint.mjCNSTR_EQUALITY
         return rows, self.d.efc_pos[rows].copy()
 
     def _converged(self, free: list[int]) -> bool:
@@ -249,108 +238,86 @@ class ForeignModel:
         for _ in range(MOST_STEPS):
             rows, gap = self._gaps()
             size = float(max_abs(gap))
-            if size < ROUNDING or (size < CLOSED and size > 0.5 * before):
+            if size < ROUNDING or CLOSED > size > 0.5 * before:
                 return True
             before = size
             jacobian = d.efc_J.reshape(d.nefc, self.m.nv)[rows][:, free]
-            step = -np.linalg.lstsq(jacobian, gap, rcond=1e-9)[0]
-            largest = float(max_abs(step))
-            d.qpos[free] += step * min(1.0, 0.5 / largest if largest else 1.0)
+            step = np.linalg.lstsq(jacobian, gap, rcond=1e-9)[0]
+            d.qpos[free] -= step * (0.5 / max(float(max_abs(step)), 0.5))
         return False
 
     def _drives(
-        self, numbers: Mapping[str, list[float]]
-    ) -> dict[int, tuple[float, float] | None]:
+        self, root: Element, numbers: Mapping[str, Sequence[float]]
+    ) -> dict[int, Sequence[float] | None]:
         m = self.m
-        joints = {m.joint(k).name: k for k in range(m.njnt)}
-        drives: dict[int, tuple[float, float] | None] = {}
-        for tag in ("transmission", "ros2_control"):
-            path = f".//{tag}/joint"
-            for joint in self.urdf.iterfind(path) if self.urdf is not None else ():
+        drives: dict[int, Sequence[float] | None] = {}
+        for tag in ("transmission", "ros2_control") if root.tag == "robot" else ():
+            for joint in root.iterfind(f".//{tag}/joint"):
                 commanded = joint.find("command_interface") is not None
                 name = joint.get("name", "")
-                if name in joints and (commanded or tag == "transmission"):
-                    drives[joints[name]] = None
+                if name in self.joints and (commanded or tag == "transmission"):
+                    drives[self.joints.index(name)] = None
         for k in range(m.nu):
-            at_joint = m.actuator_trntype[k] == self.kinds.mjTRN_JOINT
+            at_joint = m.actuator_trntype[k] == self.mj.mjtTrn.mjTRN_JOINT
             if at_joint and np.any(m.actuator_gainprm[k]):
                 servo = m.actuator_ctrllimited[k] and m.actuator_biasprm[k][1] != 0.0
-                low, high = map(float, m.actuator_ctrlrange[k])
-                drives[int(m.actuator_trnid[k][0])] = (low, high) if servo else None
+                ends = m.actuator_ctrlrange[k].tolist()
+                drives[int(m.actuator_trnid[k][0])] = ends if servo else None
         for k in drives:
-            ends = numbers.get(f"input_{m.joint(k).name}", [])
+            ends = numbers.get(f"input_{self.joints[k]}", [])
             if len(ends) == 2:
-                drives[k] = (float(ends[0]), float(ends[1]))
+                drives[k] = [*map(float, ends)]
         return drives
 
     def _take_equality(self, k: int) -> None:
         """Take what an equality holds, locks or couples; note one that is left out."""
-        m, kinds, kind = self.m, self.kinds, int(self.m.eq_type[k])
+        m, d, eq = self.m, self.d, self.mj.mjtEq
+        kind = eq(int(m.eq_type[k]))
         one, other = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
         name = named(m.eq(k), "equality", k)
-        if kind == kinds.mjEQ_JOINT and other < 0:
+        if kind == eq.mjEQ_JOINT and other < 0:
             self.locked.add(one)
-        elif kind in (kinds.mjEQ_JOINT, kinds.mjEQ_TENDON):
+        elif kind in (eq.mjEQ_JOINT, eq.mjEQ_TENDON):
             self.couplings.append((name, self._factors(k, name)))
-        elif kind in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
-            self._take_hold(k, one, other)
-        else:
+        elif kind not in (eq.mjEQ_CONNECT, eq.mjEQ_WELD):
             self.notes.append(f"{name} left out")
-
-    def _take_hold(self, k: int, one: int, other: int) -> None:
-        """Take the points by which a connection holds bodies or sites, or their weld."""
-        m, d, name = self.m, self.d, named(self.m.eq(k), "loop", k)
-        if m.eq_objtype[k] == self.kinds.mjOBJ_SITE:
-            points = [d.site_xpos[one].copy()]
-            one, other = int(m.site_bodyid[one]), int(m.site_bodyid[other])
         else:
-            points = [d.xpos[one] + d.xmat[one].reshape(3, 3) @ m.eq_data[k][:3]]
-        if m.eq_type[k] == self.kinds.mjEQ_WELD:
-            self.welds.append((one, other))
-            return
-        if name in self.hinged:
-            points.append(points[0] + d.xmat[one].reshape(3, 3) @ self.hinged[name])
-        self.holds += [(name, (one, other), point) for point in points]
+            name = named(m.eq(k), "loop", k)
+            if m.eq_objtype[k] == self.mj.mjtObj.mjOBJ_SITE:
+                points = [d.site_xpos[one].copy()]
+                one, other = int(m.site_bodyid[one]), int(m.site_bodyid[other])
+            else:
+                points = [d.xpos[one] + d.xmat[one].reshape(3, 3) @ m.eq_data[k][:3]]
+            if name in self.hinged:
+                points.append(points[0] + d.xmat[one].reshape(3, 3) @ self.hinged[name])
+            if kind == eq.mjEQ_WELD:
+                self.welds.append((one, other))
+            else:
+                self.holds += [(name, (one, other), point) for point in points]
 
-    def _factors(self, k: int, name: str) -> dict[int, float]:
+    def _factors(self, k: int, name: str) -> Mapping[int, float]:
         """Return the factors of the rates of joints, by joint, that an equality couples."""
-        m = self.m
+        m, factors = self.m, defaultdict[int, float](float)
         if np.any(m.eq_data[k][2:5]):
             raise FileError(
                 f"{self.path}: {name} couples joints at a ratio that changes; a "
                 "mechanism file has profiles in contact for that. Take it out of a copy"
             )
-        factors: dict[int, float] = {}
         ends = (m.eq_obj1id[k], 1.0), (m.eq_obj2id[k], -float(m.eq_data[k][1]))
-        for item, ratio in ends:
-            parts = [(int(item), 1.0)]
-            if m.eq_type[k] == self.kinds.mjEQ_TENDON and item >= 0:
-                parts = self._tendon(name, int(item))
-            for joint, factor in parts if item >= 0 else ():
-                factors[joint] = factors.get(joint, 0.0) + ratio * factor
+        for item, ratio in (end for end in ends if end[0] >= 0):
+            if m.eq_type[k] == self.mj.mjtEq.mjEQ_JOINT:
+                factors[int(item)] += ratio
+                continue
+            first = m.tendon_adr[item]
+            places = slice(first, first + m.tendon_num[item])
+            if np.any(m.wrap_type[places] != self.mj.mjtWrap.mjWRAP_JOINT):
+                raise FileError(
+                    f"{self.path}: {name} holds a tendon that runs through space; a "
+                    "mechanism file has none. Take it out of a copy"
+                )
+            for joint, factor in zip(m.wrap_objid[places], m.wrap_prm[places], strict=True):
+                factors[int(joint)] += ratio * float(factor)
         return factors
-
-    def _tendon(self, name: str, number: int) -> list[tuple[int, float]]:
-        """Return the joints of a fixed tendon with their factors."""
-        m = self.m
-        first = int(m.tendon_adr[number])
-        places = range(first, first + int(m.tendon_num[number]))
-        if any(int(m.wrap_type[k]) != self.kinds.mjWRAP_JOINT for k in places):
-            raise FileError(
-                f"{self.path}: {name} holds a tendon that runs through space; a mechanism "
-                "file has none. Take it out of a copy"
-            )
-        return [(int(m.wrap_objid[k]), float(m.wrap_prm[k])) for k in places]
-
-    @cached_property
-    def gravity(self) -> Floats | None:
-        """The acceleration (3,); a URDF has none."""
-        if self.urdf is not None:
-            self.notes.append("gravity left out: a URDF does not say where it acts")
-            return None
-        gravity: Floats = self.m.opt.gravity.copy()
-        off = self.m.opt.disableflags & int(self.mj.mjtDisableBit.mjDSBL_GRAVITY)
-        return None if off or not np.any(gravity) else gravity
 
 
 def named(item: Any, what: str, number: int) -> str:
