@@ -9,19 +9,20 @@ O, or it is wrong by radians without a word.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from spherekit.analysis.link_scenes import link_shapes
 from spherekit.arrays import Floats
-from spherekit.conventions import listing
+from spherekit.conventions import Lines, listing
 from spherekit.errors import ModelError
 from spherekit.model.dynamics import moments_of_point
 from spherekit.model.gears import joints_of
 from spherekit.model.graph import joined, spanning
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Profile
+from spherekit.model.parts import Pair
 from spherekit.motion.closure import Closure
 from spherekit.planning.wheels import on_carrier, rolled_angles
 from spherekit.sphere.rotation import all_finite
@@ -132,7 +133,7 @@ def rigid_bodies(
     for k, pair in enumerate(pairs):
         if pair.kind.has_axis:
             cuts += [] if k in held else [hinge(k, *ends[k])]
-        elif pair.rolls or not pair.profiles or any(map(_is_shaped, pair.profiles)):
+        elif pair.rolls or _shaped(pair):
             ratios[pair.name] = _ratio(mechanism, at.joints, k, held)
         else:
             name = f"centres_{pair.name}"
@@ -155,6 +156,12 @@ def rigid_bodies(
     )
 
 
+def _shaped(pair: Pair) -> Lines:
+    """Return the links of a contact whose profiles are no circles."""
+    profiles = zip(pair.links, pair.profiles or (), strict=True)
+    return [link for link, profile in profiles if profile.round_axis is None]
+
+
 def _ratio(
     mechanism: Mechanism, joints: Sequence[Joint], number: int, hinges: Iterable[int]
 ) -> dict[str, float]:
@@ -165,11 +172,9 @@ def _ratio(
         factors = rolled_angles(held)
         most = max(map(abs, factors.values()))
         return {mechanism.pairs[n].name: f / most for n, f in factors.items()}
-    profiles = zip(pair.links, pair.profiles or (), strict=True)
-    shaped = [link for link, profile in profiles if _is_shaped(profile)]
     why = "no link carries both circles, each on a hinge through its centre"
-    if shaped:
-        why = f"the profile of link {shaped[0]} is no circle"
+    if _shaped(pair):
+        why = f"the profile of link {_shaped(pair)[0]} is no circle"
     raise ModelError(
         f"{mechanism.name}: pairs.{pair.name}: bodies on hinges express R pairs, circles "
         "that slide on each other, and rolling circles that turn about their centres on "
@@ -223,25 +228,21 @@ def _masses(mechanism: Mechanism) -> tuple[dict[str, Inertia], bool]:
     }
     if any(np.any(m[0]) for link, m in masses.items() if link != mechanism.ground):
         return masses, False
-    shapes = zip(mechanism.links, link_shapes(mechanism), strict=True)
-    return {
-        link: _wire([*shape.curves, *spokes(shape.joints)]) for link, shape in shapes
-    }, True
+    for link, shape in zip(mechanism.links, link_shapes(mechanism), strict=True):
+        # Wires of 1 kg/m.
+        lines = [*shape.curves, *spokes(shape.joints)]
+        middle = np.concatenate([0.5 * (line[1:] + line[:-1]) for line in lines])
+        along = np.concatenate([np.diff(line, axis=0) for line in lines])
+        lengths = np.linalg.norm(along, axis=1)
+        moments = (lengths * middle.T) @ middle + (lengths / 12.0 * along.T) @ along
+        mass, tensor = float(np.sum(lengths)), np.trace(moments) * np.eye(3) - moments
+        masses[link] = tensor, mass, lengths @ middle / (mass or 1.0)
+    return masses, True
 
 
 def spokes(joints: Floats) -> list[Floats]:
     """Return lines (2, 3) from O to the axes (j, 3) of a link."""
     return [np.stack([0.0 * joint, joint]) for joint in joints]
-
-
-def _wire(lines: Sequence[Floats]) -> Inertia:
-    """Return the inertia of wires of 1 kg/m along polylines (k, 3) in m."""
-    middle = np.concatenate([0.5 * (line[1:] + line[:-1]) for line in lines])
-    along = np.concatenate([np.diff(line, axis=0) for line in lines])
-    lengths = np.linalg.norm(along, axis=1)
-    moments = (lengths * middle.T) @ middle + (lengths / 12.0 * along.T) @ along
-    mass = float(np.sum(lengths))
-    return np.trace(moments) * np.eye(3) - moments, mass, lengths @ middle / (mass or 1.0)
 
 
 def _body(masses: Mapping[str, Inertia], link: str, turn: Floats) -> BodyInertia:
@@ -250,25 +251,16 @@ def _body(masses: Mapping[str, Inertia], link: str, turn: Floats) -> BodyInertia
     if not np.any(tensor):
         most = max(float(np.trace(other)) for other, _, _ in masses.values())
         about_O, mass = SMALL * most * np.eye(3), None
+    stated: Any = False
     if mass is not None and centre is not None:
-        gyration = np.sqrt(np.trace(about_O) / mass)
-        if np.linalg.norm(centre) > AT_CENTRE * gyration:
-            return _about_centre(link, about_O, mass, turn @ centre, True)
-    # The second moments of the mass: one body of many has all of it at unit distance from
-    # O, and its centre halfway to where the moments would allow none beyond.
-    moments = 0.5 * np.trace(about_O) * np.eye(3) - about_O
-    spread, directions = np.linalg.eigh(moments)
-    mass = float(np.trace(moments))
-    centre = 0.5 * np.sqrt(spread[-1] / mass) * directions[:, -1]
-    return _about_centre(link, about_O, mass, centre, False)
-
-
-def _about_centre(
-    link: str, about_O: Floats, mass: float, centre: Floats, stated: bool
-) -> BodyInertia:
-    tensor = about_O - moments_of_point(mass, centre)
-    return BodyInertia(link, mass, centre, 0.5 * (tensor + tensor.T), stated)
-
-
-def _is_shaped(profile: Profile) -> bool:
-    return profile.round_axis is None
+        stated = np.linalg.norm(centre) > AT_CENTRE * np.sqrt(np.trace(about_O) / mass)
+        at = turn @ centre
+    if mass is None or not stated:
+        # The second moments of the mass: one body of many has all of it at unit distance
+        # from O, and its centre halfway to where the moments would allow none beyond.
+        moments = 0.5 * np.trace(about_O) * np.eye(3) - about_O
+        spread, directions = np.linalg.eigh(moments)
+        mass = float(np.trace(moments))
+        at = 0.5 * np.sqrt(spread[-1] / mass) * directions[:, -1]
+    tensor = about_O - moments_of_point(mass, at)
+    return BodyInertia(link, mass, at, 0.5 * (tensor + tensor.T), bool(stated))

@@ -3,7 +3,7 @@
 The loads and joint limits of a mechanism in what MuJoCo has, and those that it has not.
 """
 
-from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -39,10 +39,9 @@ from spherekit.model.dynamics import (
     PointForce,
     Spring,
 )
-from spherekit.model.expression import Expression
 from spherekit.model.load import Called, Component, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import max_abs, quaternion
+from spherekit.sphere.rotation import all_finite, max_abs, quaternion
 from spherekit.view.colours import link_colour
 
 Attributes = dict[str, Any]
@@ -52,55 +51,40 @@ Attributes = dict[str, Any]
 _SUMS = ("stiffness", "damping", "frictionloss")
 
 
-def _constant(
-    mechanism: Mechanism, load: PairTorque | PointForce | Moment
-) -> Attributes | str:
-    """Return a load as the attributes of an actuator, or why it is none."""
+def _constant(mechanism: Mechanism, load: PairTorque | PointForce | Moment) -> Attributes:
+    """Return a load as the attributes of an actuator; `EngineError` if it is none."""
     pair = load.pair if isinstance(load, PairTorque) else ""
     biases = [_bias(part, pair) for part in load.components(mechanism)]
-    for bias in biases:
-        if isinstance(bias, str):
-            return bias
     if isinstance(load, PairTorque):
         return {"joint": pair, "biasprm": biases[0]}
-    vector = [bias[0] for bias in biases]
-    gear = [*vector, *[0.0] * 3] if isinstance(load, PointForce) else [*[0.0] * 3, *vector]
+    vector, none = [bias[0] for bias in biases], [0.0] * 3
+    gear = [*vector, *none] if isinstance(load, PointForce) else [*none, *vector]
     axes = {"refsite": f"{load.name}_axes"} if load.axes == "ground" else {}
     return {"site": load.name, **axes, "gear": gear, "biasprm": (1.0, 0.0, 0.0)}
 
 
-def _bias(part: Component, pair: str) -> Floats | str:
+def _bias(part: Component, pair: str) -> Floats:
     """Return a magnitude as a constant and factors of its pair's variable and rate (3,)."""
     law = part.magnitude
     if isinstance(law, Called | TorqueTable):
-        return "it is a Python function"
+        raise EngineError("it is a Python function")
     if "t" in law.names:
-        return f"MuJoCo has no loads that change in time: {law.text}"
+        raise EngineError(f"MuJoCo has no loads that change in time: {law.text}")
     names = (f"theta_{pair}", f"dtheta_{pair}") if pair else ()
     if not law.names <= set(names):
-        return f"it depends on other pairs: {law.text}"
-    factors = _affine(law, names)
-    if factors is None:
-        return f"it is not constant, and not in proportion to an angle or rate: {law.text}"
-    return np.append(factors, [0.0, 0.0])[:3]
-
-
-def _affine(expression: Expression, names: Sequence[str]) -> Floats | None:
-    """Return a constant and the factors of names (1 + names,) that an expression adds up.
-
-    None where it is no such sum.
-    """
-    terms = symbols(names)
-    try:
+        raise EngineError(f"it depends on other pairs: {law.text}")
+    terms, made = symbols(names), np.array([np.nan])
+    with suppress(EngineError), np.errstate(all="ignore"):
         named = {name: (x, x) for name, x in zip(names, terms, strict=True)}
-        item = expression_terms(expression, named)
-    except EngineError:
-        return None
-    slopes = [derivatives([item], {term: 1.0})[0] for term in terms]
-    with np.errstate(all="ignore"):
-        made = array_function([item, *slopes], terms)(np.zeros((len(names), 1)))[:, 0]
-    constant = np.all(np.isfinite(made)) and not any(map(varies, slopes))
-    return np.asarray(made) if constant else None
+        item = expression_terms(law, named)
+        slopes = [derivatives([item], {term: 1.0})[0] for term in terms]
+        if not any(map(varies, slopes)):
+            made = array_function([item, *slopes], terms)(np.zeros((len(names), 1)))[:, 0]
+    if not all_finite(made):
+        raise EngineError(
+            f"it is not constant, and not in proportion to an angle or rate: {law.text}"
+        )
+    return np.append(made, [0.0, 0.0])[:3]
 
 
 Element = ElementTree.Element
@@ -211,11 +195,10 @@ class MujocoModel:
                     f"file smooths it below {load.speed:g} rad/s"
                 )
             elif isinstance(load, PairTorque | PointForce | Moment):
-                made = _constant(mechanism, load)
-                if isinstance(made, str):
-                    self._lost[load.name] = made
-                else:
-                    self.actuated.append((load, made))
+                try:
+                    self.actuated.append((load, _constant(mechanism, load)))
+                except EngineError as why:
+                    self._lost[load.name] = str(why)
             elif isinstance(load, TorqueTable):
                 self._lost[load.name] = "MuJoCo has no tables in time"
             else:
@@ -232,39 +215,37 @@ class MujocoModel:
     def _noted(self) -> list[str]:
         """Return what the model has otherwise or not, in sentences."""
         made, mechanism = self.made, self.mechanism
-        notes = []
+        notes, lost = [], self._lost
         if made.made_up:
             notes.append(
                 "kinematics only: the file has no masses, and MuJoCo moves none without, "
                 "so links are wires of 1 kg/m on a sphere of 1 m, servos turn the inputs, "
                 "and forces mean nothing"
             )
-        lost = dict(self._lost)
-        if made.made_up:
-            lost = {
-                load.name: "the model has no masses of its own" for load in mechanism.loads
-            }
+            names = [load.name for load in mechanism.loads]
+            lost = dict.fromkeys(names, "the model has no masses of its own")
         notes += [f"load {name} left out: {reason}" for name, reason in lost.items()]
         notes += () if made.made_up else self._otherwise
-        if mechanism.joint_limits:
-            pairs = listing(stop.pair for stop in mechanism.joint_limits)
-            notes.append(
-                f"joint limits of {pairs} are MuJoCo's soft limits, where spherekit "
-                f"ends a simulation"
-            )
         weighed = {mass.link for mass in mechanism.masses if np.any(np.array(mass.tensor))}
-        unknown = [b.link for b in made.bodies if not b.stated and b.link in weighed]
-        if unknown:
-            notes.append(
+        bodies, limits = made.bodies, (stop.pair for stop in mechanism.joint_limits)
+        for words, named in (
+            (
+                "joint limits of {} are MuJoCo's soft limits, where spherekit ends a "
+                "simulation",
+                limits,
+            ),
+            (
                 "mass and centre chosen so that the tensor about the centre of the sphere "
-                f"is the file's, without weight: links {listing(unknown)}"
-            )
-        massless = [body.link for body in made.bodies if body.link not in weighed]
-        if massless and not made.made_up:
-            notes.append(
-                f"links without mass were given {SMALL:g} of the largest inertia: "
-                f"{listing(massless)}"
-            )
+                "is the file's, without weight: links {}",
+                (b.link for b in bodies if not b.stated and b.link in weighed),
+            ),
+            (
+                f"links without mass were given {SMALL:g} of the largest inertia: {{}}",
+                (b.link for b in bodies if b.link not in weighed and not made.made_up),
+            ),
+        ):
+            if told := listing(named):
+                notes.append(words.format(told))
         return notes
 
     @cached_property
