@@ -82,14 +82,11 @@ def execute(options: Namespace) -> int:
                 f"--vary {text}: write KEY=VALUES, such as links.2.arc=10:40:31"
             )
         variations.append(variation(key.strip(), values))
-    space = DesignSpace.of(variations, options.designs, options.scheme, options.seed)
-    study = study_from(options)
-    analyses = [create(text) for text in options.analysis or ()]
     sweep = sweep_of(
-        study,
-        space,
+        study_from(options),
+        DesignSpace.of(variations, options.designs, options.scheme, options.seed),
         options.reduce or (),
-        analyses,
+        [create(text) for text in options.analysis or ()],
         source=options.file,
         tables=options.tables,
     )

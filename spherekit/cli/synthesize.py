@@ -52,14 +52,13 @@ def execute(options: Namespace) -> int:
             f"{sized.synthesis.sweep.mechanism.name}: {counted(sized.explored, 'design')} "
             f"looked at, conditions held in {counted(sized.feasible, 'row')}"
         )
-        ends = zip(
+        for name, text, before, after in zip(
             sized.headings,
             sized.synthesis.minimise,
             sized.before,
             sized.objectives.min(axis=0),
             strict=True,
-        )
-        for name, text, before, after in ends:
+        ):
             print(
                 f"{name}: {text}, the least there {before:.6g}, after descents {after:.6g}"
             )

@@ -183,8 +183,7 @@ def write_npz(table: CouplingTable, path: AnyPath) -> None:
         If it cannot be written.
     """
     given = {item.name: getattr(table, item.name) for item in fields(table)}
-    heading = {name: given.pop(name) for name in WORDS}
-    write_archive(path, KIND, heading, given)
+    write_archive(path, KIND, {name: given.pop(name) for name in WORDS}, given)
 
 
 @checked(FileError)

@@ -257,7 +257,6 @@ def _periodic(table: CouplingTable, periods: Floats) -> CouplingTable:
         with np.errstate(invalid="ignore"):
             turns = np.round(grown[:, 0] / periods) * periods
         turns = np.where(np.isfinite(periods), turns, 0.0)
-        off = max_abs(grown - turns[:, None])
-        if off < SAME and max_abs(change) < SAME:
+        if max_abs(grown - turns[:, None]) < SAME and max_abs(change) < SAME:
             periodic[axis], rise[:, axis] = True, turns
     return replace(table, periodic=periodic, rise=rise)

@@ -68,8 +68,7 @@ class ForeignTables:
         self.pairs = self._pairs()
         every = (link for pair in self.pairs for link in pair.links)
         self.links = list(dict.fromkeys([0, *every]))
-        content = self._tables()
-        self.content = {name: table for name, table in content.items() if table}
+        self.content = {name: table for name, table in self._tables().items() if table}
         self.notes += model.notes
         x, y, z = (plain(coordinate, 1.0) for coordinate in self.centre)
         self.heading = (
@@ -402,8 +401,7 @@ class ForeignTables:
                     f"dry friction of {name} is smoothed below {SLOW:g} rad/s"
                 )
             elif viscous:
-                damper = {"kind": "damper", "pair": name, "damping": viscous}
-                yield f"damper_{name}", damper
+                yield f"damper_{name}", {"kind": "damper", "pair": name, "damping": viscous}
         yield from self._actuators()
         for k, name in enumerate(self.model.joints):
             if m.dof_armature[k]:
@@ -430,10 +428,8 @@ class ForeignTables:
                     self.notes.append(f"feedback of actuator {name} left out")
             elif at_joint:
                 pair = next(pair.name for pair in self.pairs if pair.joint == first)
-                factors = gear[0] * bias * [1.0, gear[0], gear[0]]
-                parts = _plain(factors)
-                names = ("", f"*theta_{pair}", f"*dtheta_{pair}")
-                terms = zip(parts, names, strict=True)
+                parts = _plain(gear[0] * bias * [1.0, gear[0], gear[0]])
+                terms = zip(parts, ("", f"*theta_{pair}", f"*dtheta_{pair}"), strict=True)
                 told = " + ".join(f"({part}){name}" for part, name in terms if part)
                 yield name, {"pair": pair, "torque": told or "0"}
             elif (

@@ -345,8 +345,7 @@ def _check_nesting(document: Document) -> None:
 
 
 def _deepest_line(text: str) -> int:
-    lines = text.split("\n")
-    depths = [line.count("[") + line.count("{") for line in lines]
+    depths = [line.count("[") + line.count("{") for line in text.split("\n")]
     return depths.index(max(depths)) + 1
 
 

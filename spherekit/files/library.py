@@ -85,8 +85,7 @@ def find(name_or_path: AnyPath) -> Path:
     if _CONTROL.search(wanted):
         raise FileError(f"{ascii(wanted)[:200]}: not a usable path: control characters")
     path = Path(wanted)
-    plain = isinstance(name_or_path, str) and _is_name(wanted)
-    packs = shipped() if plain else ()
+    packs = shipped() if isinstance(name_or_path, str) and _is_name(wanted) else ()
     holders = [held for pack in packs if (held := pack.path(wanted)) is not None]
     if len(holders) == 1:
         return holders[0]

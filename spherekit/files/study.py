@@ -74,7 +74,6 @@ class _Reader:
     def study(self, path: Path) -> Study:
         data, start = self.data, self.data.get("start", {})
         mechanism = self.driven(self.locked(self.mechanism(path.parent)))
-        plain = {key: data[key] for key in _FIELDS if key in data}
         return Study(
             name=path.name.removesuffix(STUDY_SUFFIX),
             mechanism=mechanism,
@@ -92,7 +91,7 @@ class _Reader:
             start=Start(start["q"], start.get("dq", 0.0)) if start else None,
             torque=start.get("torque"),
             locate=self.document.fault,
-            **plain,
+            **{key: data[key] for key in _FIELDS if key in data},
         )
 
     def mechanism(self, folder: Path) -> Mechanism:

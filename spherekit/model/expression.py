@@ -266,8 +266,7 @@ def _tree(item: ast.expr, names: Names, margin: int, depth: int = 1) -> Node:
         if np.isfinite(value):
             return value
         what = "is not a finite number"
-    message = f"{ast.unparse(item)} {what}"
-    raise _fault(column, message, "constants have to be finite")
+    raise _fault(column, f"{ast.unparse(item)} {what}", "constants have to be finite")
 
 
 def _number(value: object, column: int) -> float:
@@ -323,8 +322,7 @@ _NAMED: Mapping[str, Any] = MappingProxyType(
 
 def made_of(code: str, more: Mapping[str, Any] | None = None) -> Callable[..., Any]:
     """Return the function that a lambda of `Expression.code` is, which may call more."""
-    named = {"__builtins__": {}, **_NAMED, **(more or {})}
-    made: Callable[..., Any] = eval(code, named)
+    made: Callable[..., Any] = eval(code, {"__builtins__": {}, **_NAMED, **(more or {})})
     return made
 
 

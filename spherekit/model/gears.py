@@ -84,8 +84,7 @@ def joints_in_pose(
         else:
             joints.append(Sliding(*curves))
             reference += start
-    in_pose = isinstance(given, PoseGeometry)
-    return tuple(joints), np.array(reference) if in_pose else None
+    return tuple(joints), np.array(reference) if isinstance(given, PoseGeometry) else None
 
 
 def contact_curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:
@@ -274,8 +273,7 @@ def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
         if sine < COLLINEAR:
             continue
         normal = normal / sine
-        length = float(np.arctan2(sine, start @ axis))
-        made.append(("arcs", name, length, normal))
+        made.append(("arcs", name, float(np.arctan2(sine, start @ axis)), normal))
         if toward is None:
             toward = normal
         else:

@@ -46,8 +46,7 @@ def pieces(mechanism: Mechanism) -> list[list[str]]:
     left = list(range(len(mechanism.links)))
     components: list[list[str]] = []
     while left:
-        ways = spanning(mechanism.ends, left[:1])
-        reached = {left[0], *(link for _, _, link in ways)}
+        reached = {left[0], *(link for _, _, link in spanning(mechanism.ends, left[:1]))}
         components.append([mechanism.links[link] for link in sorted(reached)])
         left = [link for link in left if link not in reached]
     return components

@@ -373,8 +373,7 @@ def acting(
     rubs: BearingFriction | None = None,
 ) -> tuple[Component]:
     """Return a component with a magnitude in pair variables, their rates and the time."""
-    law = parse(text, load_names(mechanism.angles))
-    return (Component(law, pair, moments, rubs),)
+    return (Component(parse(text, load_names(mechanism.angles)), pair, moments, rubs),)
 
 
 def number_text(value: float) -> str:

@@ -20,8 +20,7 @@ from spherekit.conventions import listing
 from spherekit.errors import ModelError
 from spherekit.model.dynamics import Mass, tensor_of
 from spherekit.model.gears import frames_of_sizes, pair_frames
-from spherekit.model.load import Load
-from spherekit.model.mechanism import Mechanism
+from spherekit.model.mechanism import Mechanism, holds
 from spherekit.model.parts import (
     Angles,
     AngleUnit,
@@ -83,65 +82,43 @@ def restated(
         link: turn for link, turn in turns.items() if not np.array_equal(turn, np.eye(3))
     }
 
-    def pair(item: Pair) -> Pair:
-        one, other = (names.get(link, link) for link in item.links)
-        if item.profiles is None or not turns.keys() & set(item.links):
-            return replace(item, links=(one, other))
-        first, second = (
-            turned_profile(profile, turns[link], item) if link in turns else profile
-            for link, profile in zip(item.links, item.profiles, strict=True)
-        )
-        return replace(item, links=(one, other), profiles=(first, second))
-
-    return {
-        "pairs": tuple(map(pair, made.pairs)),
-        "outputs": tuple(
-            replace(
-                item,
-                link=names.get(item.link, item.link),
-                relative_to=names.get(item.relative_to, item.relative_to),
-                direction=turned_vector(turns[item.link], item.direction)
-                if item.link in turns and item.direction is not None
-                else item.direction,
-            )
-            for item in made.outputs
-        ),
-        "masses": tuple(
-            _mass(mass, names.get(mass.link, mass.link), turns.get(mass.link))
-            for mass in made.masses
-        ),
-        "loads": tuple(_load(load, names, turns, ground, words) for load in made.loads),
-    }
-
-
-def _load(
-    item: Load,
-    names: Words,
-    turns: Turns,
-    ground: Floats | None,
-    words: Words,
-) -> Load:
-    """Return a load said otherwise; see `restated`."""
+    def said(item: Any) -> Any:
+        link = getattr(item, "link", None)
+        turn = ground if link is None else turns.get(link)
+        frame = turn if getattr(item, "axes", "ground") == "link" else ground
+        changes: dict[str, Any] = {}
+        for key, form in holds(item).items():
+            match form, getattr(item, key):
+                case "link", value:
+                    changes[key] = names.get(value, value)
+                case "links", links:
+                    changes[key] = tuple(names.get(link, link) for link in links)
+                case "profiles", (_, _) as profiles:
+                    changes[key] = tuple(
+                        turned_profile(profile, turns[link], item)
+                        if link in turns
+                        else profile
+                        for link, profile in zip(item.links, profiles, strict=True)
+                    )
+                case "vector", value if value is not None and turn is not None:
+                    changes[key] = turned_vector(turn, value)
+                case "tensor", rows if turn is not None:
+                    tensor = turn @ np.array(rows, dtype=float) @ turn.T
+                    changes[key] = tensor_of(0.5 * (tensor + tensor.T))
+                case "texts", texts:
+                    texts = tuple(map(text, texts))
+                    changes[key] = texts if frame is None else _turned_texts(frame, texts)
+                case "text", str() as value:
+                    changes[key] = text(value)
+        return replace(item, **changes)
 
     def text(expression: str) -> str:
         return re.sub(r"\w+", lambda name: words.get(name[0], name[0]), expression)
 
-    link = getattr(item, "link", None)
-    turn = ground if link is None else turns.get(link)
-    frame = turn if getattr(item, "axes", "ground") == "link" else ground
-    changes: dict[str, Any] = {}
-    for key, form in item.keys.items():
-        value = getattr(item, key)
-        if form == "link":
-            changes[key] = names.get(value, value)
-        elif form == "vector" and turn is not None:
-            changes[key] = turned_vector(turn, value)
-        elif form == "texts":
-            texts = tuple(map(text, value))
-            changes[key] = texts if frame is None else _turned_texts(frame, texts)
-        elif form == "text" and isinstance(value, str):
-            changes[key] = text(value)
-    return replace(item, **changes)  # type: ignore[type-var]
+    return {
+        name: tuple(map(said, getattr(made, name)))
+        for name in ("pairs", "outputs", "masses", "loads")
+    }
 
 
 def turned_vector(turn: Floats, vector: ArrayLike) -> Vector:
@@ -149,24 +126,13 @@ def turned_vector(turn: Floats, vector: ArrayLike) -> Vector:
     return vector_of(turn @ np.array(vector, dtype=float))
 
 
-def _mass(mass: Mass, link: str, turn: Floats | None) -> Mass:
-    if turn is None:
-        return replace(mass, link=link)
-    tensor = turn @ np.array(mass.tensor, dtype=float) @ turn.T
-    centre = None if mass.centre is None else turned_vector(turn, mass.centre)
-    return Mass(link, tensor_of(0.5 * (tensor + tensor.T)), mass.mass, centre)
-
-
-def _turned_texts(turn: Floats, texts: tuple[str, ...]) -> tuple[str, str, str]:
+def _turned_texts(turn: Floats, texts: tuple[str, ...]) -> tuple[str, ...]:
     """Return the expressions of a vector's components in turned axes."""
-    x, y, z = (
-        " + ".join(
-            f"({part!r})*({text})" for part, text in zip(row, texts, strict=True) if part
-        )
-        or "0"
+    sums = (
+        [f"({part!r})*({text})" for part, text in zip(row, texts, strict=True) if part]
         for row in turn.tolist()
     )
-    return x, y, z
+    return tuple(" + ".join(parts) or "0" for parts in sums)
 
 
 Frames = Mapping[str, Floats]

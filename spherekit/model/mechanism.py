@@ -42,8 +42,21 @@ from spherekit.model.parts import (
     rows_of,
 )
 
-Named = Iterator[tuple[str, str]]
-"""Keys, and the names that these say."""
+_HOLDS: Mapping[type, Mapping[str, str]] = {
+    Pair: {"links": "links", "profiles": "profiles"},
+    Input: {"pair": "pair"},
+    Output: {"link": "link", "relative_to": "link", "direction": "vector"},
+    Mass: {"link": "link", "tensor": "tensor", "centre": "vector"},
+    JointLimit: {"pair": "pair"},
+}
+
+
+def holds(part: Any) -> Mapping[str, str]:
+    """Return what fields of a pair, input, output, mass, load or limit hold.
+
+    That is said as in `Load.keys`; of those that hold numbers and words alone, nothing.
+    """
+    return part.keys if isinstance(part, Load) else _HOLDS[type(part)]
 
 
 @dataclass(frozen=True)
@@ -179,8 +192,7 @@ class Mechanism:
             [pair.name, pair.type, *pair.links, "input" if pair.name in inputs else ""]
             for pair in self.pairs
         ]
-        header = ["pair", "type", "link", "link", ""]
-        return html_table(header, rows, repr(self)[1:-1])
+        return html_table(["pair", "type", "link", "link", ""], rows, repr(self)[1:-1])
 
     def __repr__(self) -> str:
         types = Counter(pair.type for pair in self.pairs)
@@ -402,14 +414,12 @@ def _check(mechanism: Mechanism) -> None:
         ("mode", mechanism.modes),
     ):
         _check_names(where, what, names)
-    for key, link in _links_named(mechanism):
-        if link not in mechanism.links:
-            raise not_named(f"{where}: {key}", "link", link, mechanism.links)
+    for what, key, name in _named(mechanism):
+        known = mechanism.links if what == "link" else [*mechanism.pair_number]
+        if name not in known:
+            raise not_named(f"{where}: {key}", what, name, known)
     for pair in mechanism.pairs:
         _check_pair(f"{where}: pairs.{pair.name}", pair)
-    for key, name in _pairs_named(mechanism):
-        if name not in mechanism.pair_number:
-            raise not_named(f"{where}: {key}", "pair", name, mechanism.pair_number)
     for mode, values in mechanism.modes.items():
         if mode.isdecimal():
             raise ModelError(
@@ -434,41 +444,32 @@ def _check(mechanism: Mechanism) -> None:
             )
 
 
-def _links_named(mechanism: Mechanism) -> Named:
-    """Yield the links that a mechanism names, with the keys that do."""
-    yield "ground", mechanism.ground
-    for pair in mechanism.pairs:
-        yield from ((f"pairs.{pair.name}.links", link) for link in pair.links)
-    for output in mechanism.outputs:
-        for key in ("link", "relative_to"):
-            yield f"outputs.{output.name}.{key}", getattr(output, key)
-    yield from ((f"mass.{mass.link}", mass.link) for mass in mechanism.masses)
-    yield from _named_by_loads(mechanism, ("link",))
-    if isinstance(mechanism.geometry, SizeGeometry):
-        yield from (("links", link) for link in mechanism.geometry.links)
-
-
-def _pairs_named(mechanism: Mechanism) -> Named:
-    """Yield the pairs that a mechanism names, with the keys that do."""
+def _named(mechanism: Mechanism) -> Iterator[tuple[str, str, str]]:
+    """Yield what a mechanism names: a link or a pair, the key that does, and the name."""
+    yield "link", "ground", mechanism.ground
+    whose = {"link": "link", "links": "link", "pair": "pair", "contact": "pair"}
+    for table, parts in (
+        ("pairs", mechanism.pairs),
+        ("outputs", mechanism.outputs),
+        ("mass", mechanism.masses),
+        ("loads", mechanism.loads),
+        ("inputs", mechanism.inputs),
+        ("joint_limits", mechanism.joint_limits),
+    ):
+        for part in parts:
+            for key, form in holds(part).items():
+                said = getattr(part, key) if form in whose else ()
+                for name in (said,) if isinstance(said, str) else said:
+                    of = f"{part.name}.{key}" if hasattr(part, "name") else name
+                    yield whose[form], f"{table}.{of}", name
     for mode, values in mechanism.modes.items():
-        yield from ((f"modes.{mode}", pair) for pair in values)
-    yield from ((f"inputs.{item.pair}", item.pair) for item in mechanism.inputs)
-    yield from _named_by_loads(mechanism, ("pair", "contact"))
-    yield from ((f"joint_limits.{stop.pair}", stop.pair) for stop in mechanism.joint_limits)
+        yield from (("pair", f"modes.{mode}", pair) for pair in values)
     geometry = mechanism.geometry
-    of_pairs = (
-        [geometry.zeros]
-        if isinstance(geometry, SizeGeometry)
-        else [geometry.axes, geometry.values]
-    )
-    yield from (("pairs", pair) for given in of_pairs for pair in given)
-
-
-def _named_by_loads(mechanism: Mechanism, what: Collection[str]) -> Named:
-    for load in mechanism.loads:
-        for key, holds in load.keys.items():
-            if holds in what:
-                yield f"loads.{load.name}.{key}", getattr(load, key)
+    if isinstance(geometry, SizeGeometry):
+        yield from (("link", "links", link) for link in geometry.links)
+        yield from (("pair", "pairs", pair) for pair in geometry.zeros)
+    else:
+        yield from (("pair", "pairs", x) for x in (*geometry.axes, *geometry.values))
 
 
 def _check_pair(where: str, pair: Pair) -> None:

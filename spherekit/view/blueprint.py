@@ -193,8 +193,7 @@ class Layout:
         if panels:
             rows.append(_tabs(panels))
         own_page = (page,) if isinstance(page, str) else (None, page)
-        has_solids = any(owner in own_page for owner, _ in self.solids)
-        if rows and not has_solids:
+        if rows and not any(owner in own_page for owner, _ in self.solids):
             beside = [rrb.Vertical(*rows[1:])] if len(rows) > 1 else []
             return rrb.Horizontal(
                 rows[0], *beside, column_shares=[11, 9][: len(beside) + 1], name=title

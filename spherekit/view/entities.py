@@ -265,8 +265,7 @@ def _shared_labels(
 
 def _turned(quaternions: Floats, good: Bools) -> Columns:
     scale = np.where(good, 1.0, HIDDEN)[:, None] * np.ones(3)
-    upright = np.array([0.0, 0.0, 0.0, 1.0])
-    turn = np.where(good[:, None], quaternions, upright)
+    turn = np.where(good[:, None], quaternions, np.array([0.0, 0.0, 0.0, 1.0]))
     return rr.Transform3D.columns(quaternion=turn, scale=scale)
 
 
@@ -330,13 +329,12 @@ def _still_surface(surface: Surface) -> Stills:
     middle = 0.5 * (low + high)
     places = (surface.vertices - middle) * scale
     if len(surface.triangles):
-        normals = shapes.vertex_normals(places, surface.triangles)
         yield (
             "",
             rr.Mesh3D(
                 vertex_positions=places,
                 triangle_indices=surface.triangles,
-                vertex_normals=normals,
+                vertex_normals=shapes.vertex_normals(places, surface.triangles),
                 albedo_factor=colours.tone(surface.tone),
             ),
         )

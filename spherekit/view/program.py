@@ -58,13 +58,12 @@ def program(
     binary = Path(spec.origin).parent / ("rerun.exe" if os.name == "nt" else "rerun")
     # Silent, since log messages would appear in pictures; panics are still heard.
     # CI keeps it from reporting home.
-    quiet = {"RERUN_APP_ONLY": "true", "RUST_LOG": "error", "CI": "true"}
     process = subprocess.Popen(
         [str(binary), *words],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=messages,
-        env=os.environ | quiet,
+        env=os.environ | {"RERUN_APP_ONLY": "true", "RUST_LOG": "error", "CI": "true"},
     )
     try:
         yield process

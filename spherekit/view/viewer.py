@@ -234,9 +234,9 @@ def served(recording: Path | str) -> Iterator[str]:
     """Serve a recording within the context, and give the address of its page."""
     path = recording_at(recording)
     page, data = free_ports(2)
-    words = str(path.resolve()), "--serve-web", "--bind", HOST
-    ports = "--web-viewer-port", str(page), "--port", str(data)
-    with program(*words, *ports) as process:
+    words = [str(path.resolve()), "--serve-web", "--bind", HOST]
+    words += ["--web-viewer-port", str(page), "--port", str(data)]
+    with program(*words) as process:
         if not listens(process, page):
             raise OutputError(
                 f"the viewer's web page did not answer at http://{HOST}:{page}/; "
