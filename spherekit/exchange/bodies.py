@@ -8,8 +8,7 @@ O, or it is wrong by radians without a word.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,8 +34,7 @@ AT_CENTRE = 1e-9
 """Centres of mass nearer to O than this part of the radius of gyration are at O."""
 
 
-@dataclass(frozen=True)
-class Hinge:
+class Hinge(NamedTuple):
     """A pair that turns link `child` about an axis of link `parent`.
 
     `axis` (3,) is a unit vector along which the pair variable, which is `value` (rad) in
@@ -51,8 +49,7 @@ class Hinge:
     value: float
 
 
-@dataclass(frozen=True)
-class BodyInertia:
+class BodyInertia(NamedTuple):
     """Mass (kg), centre of mass (3,) and tensor (3, 3) about it, in m and kg m2.
 
     `stated` says whether they are the link's own. Otherwise they are some that have the
@@ -66,8 +63,7 @@ class BodyInertia:
     stated: bool
 
 
-@dataclass(frozen=True)
-class RigidBodies:
+class RigidBodies(NamedTuple):
     """A mechanism in one pose, in ground axes, all bodies' origins at O.
 
     Hinges come depth first, each subtree in one piece, as Pinocchio takes for granted;

@@ -214,26 +214,21 @@ def columns(table: CouplingTable) -> dict[str, Floats]:
     modes, nodes = len(table.modes), len(table.nodes)
     inputs = list(enumerate(table.inputs))
     arrays: dict[str, Floats] = {"assembly_mode": np.repeat(table.modes, nodes)}
-    for k, name in inputs:
-        arrays[f"q_{name}"] = np.tile(table.nodes[:, k], modes)
-
-    def put(name: str, values: Floats) -> None:
-        arrays[name] = values.reshape(modes * nodes)
-
+    arrays |= {f"q_{name}": np.tile(table.nodes[:, k], modes) for k, name in inputs}
     for v, name in enumerate(table.variables):
-        put(name, table.angles[:, :, v])
+        arrays[name] = table.angles[:, :, v]
         for i, one in inputs:
-            put(f"{name}_by_{one}", table.coefficients[:, :, v, i])
+            arrays[f"{name}_by_{one}"] = table.coefficients[:, :, v, i]
         for (i, one), (j, other) in combinations_with_replacement(inputs, 2):
-            put(f"{name}_by_{one}_by_{other}", table.derivatives[:, :, v, i, j])
+            arrays[f"{name}_by_{one}_by_{other}"] = table.derivatives[:, :, v, i, j]
     for p, pole in enumerate(table.poles):
         stem = f"w_{pole.replace('/', '_')}"
         for (i, one), (x, axis) in product(inputs, enumerate("xyz")):
-            put(f"{stem}_{axis}_by_{one}", table.turning[:, :, p, i, x])
+            arrays[f"{stem}_{axis}_by_{one}"] = table.turning[:, :, p, i, x]
     cells = table.error.reshape(modes, *(table.count - 1))
     wider = [(0, 0), *[(0, 1)] * len(table.count)]
-    put("cell_error", np.pad(cells, wider, constant_values=np.nan))
-    return arrays
+    arrays["cell_error"] = np.pad(cells, wider, constant_values=np.nan)
+    return {name: values.ravel() for name, values in arrays.items()}
 
 
 def write_csv(table: CouplingTable, path: AnyPath) -> None:
@@ -248,14 +243,14 @@ def write_csv(table: CouplingTable, path: AnyPath) -> None:
 
 
 TEXT = """\
-/* Coupling table of the mechanism {mechanism}, made by spherekit {made_by}.
-   SHA-256 of the mechanism: {mechanism_sha256}
+/* Coupling table of the mechanism {table.mechanism}, made by spherekit {table.made_by}.
+   SHA-256 of the mechanism: {table.mechanism_sha256}
 
    Inputs (rad): {inputs}
    Passive variables: {variables}
    Angular velocities, in ground axes: {poles}
-   Largest error, measured between the nodes: {angle_error:.2g} rad of an angle,
-   {coefficient_error:.2g} of a coefficient.
+   Largest error, measured between the nodes: {table.angle_error:.2g} rad of an angle,
+   {table.coefficient_error:.2g} of a coefficient.
 
    C99, no library but <math.h>. Angles go on without a jump through a cell; cells that a
    jump, a change of assembly mode or the end of one could lie in are not read. */
@@ -392,36 +387,29 @@ def header(table: CouplingTable) -> str:
     name = re.sub(r"\W", "_", table.mechanism)
     name = f"m_{name}" if name[0].isdigit() else name
     m, k, p = len(table.inputs), len(table.variables), len(table.poles)
-    modes, nodes, cells = len(table.modes), len(table.nodes), table.sure.shape[1]
     sizes = {"m": m, "k": k, "p": p, "name": name}
-    arrays = [
-        _array(f"double {name}_rise", table.rise),
-        _array(f"unsigned char {name}_sure", table.sure.astype(int)),
-        _array(f"double {name}_angle", table.angles),
-        _array(f"double {name}_coefficient", table.coefficients),
-        _array(f"double {name}_derivative", table.derivatives),
-    ]
+    arrays = {
+        "double {}_rise": table.rise,
+        "unsigned char {}_sure": table.sure.astype(int),
+        "double {}_angle": table.angles,
+        "double {}_coefficient": table.coefficients,
+        "double {}_derivative": table.derivatives,
+    }
     if p:
-        arrays.append(_array(f"double {name}_turning", table.turning))
-        arrays.append(
-            _array(f"double {name}_turning_derivative", table.turning_derivatives)
-        )
+        arrays["double {}_turning"] = table.turning
+        arrays["double {}_turning_derivative"] = table.turning_derivatives
     return TEXT.format(
         **sizes,
-        mechanism=table.mechanism,
-        made_by=table.made_by,
-        mechanism_sha256=table.mechanism_sha256,
+        table=table,
         inputs=", ".join(table.inputs),
         variables=", ".join(table.variables),
         poles=", ".join(table.poles) or "none",
-        angle_error=table.angle_error,
-        coefficient_error=table.coefficient_error,
         guard=name.upper(),
         k1=max(k, 1),
         p1=max(p, 1),
-        modes=modes,
-        nodes=nodes,
-        cells=cells,
+        modes=len(table.modes),
+        nodes=len(table.nodes),
+        cells=table.sure.shape[1],
         enums=",".join(
             f"\n    {name}_{re.sub(r'[^A-Za-z0-9_]', '_', word)} = {k}"
             for k, word in enumerate(table.variables)
@@ -431,7 +419,9 @@ def header(table: CouplingTable) -> str:
         step=_row(table.step),
         count=_row(table.count),
         periodic=_row(table.periodic.astype(int)),
-        arrays="\n".join(arrays),
+        arrays="\n".join(
+            _array(head.format(name), values) for head, values in arrays.items()
+        ),
         turning_code=TURNING.format(**sizes) if p else "    (void)turning;\n",
     )
 

@@ -191,8 +191,8 @@ def _table(
     periods, q = np.array(owned)[columns], tracer.input_grid.q
     thirds = (slice(None, None, PARTS),) * len(fine)
     even = np.arange(motion.samples).reshape(fine)[thirds].ravel()
-    count, cells = np.array(counts), (len(modes), math.prod(n - 1 for n in counts))
-    made = CouplingTable(
+    cells = len(modes), math.prod(n - 1 for n in counts)
+    table = CouplingTable(
         mechanism=mechanism.name,
         mechanism_sha256=mechanism_hash(mechanism),
         made_by=__version__,
@@ -202,8 +202,8 @@ def _table(
         modes=tuple(modes),
         tolerance=tolerance,
         start=q[0],
-        step=(q[-1] - q[0]) / (count - 1),
-        count=count,
+        step=(q[-1] - q[0]) / np.subtract(counts, 1),
+        count=np.array(counts),
         periodic=np.zeros(len(counts), dtype=bool),
         rise=np.zeros((len(modes), len(counts), len(columns))),
         **{name: values[:, even] for name, values in exact.items()},
@@ -211,18 +211,19 @@ def _table(
         sure=np.ones(cells, dtype=bool),
         coefficient_error=0.0,
     )
-    return _periodic(_measured(made, exact, fine), periods)
+    _find_periods(table, periods)
+    return replace(table, coefficient_error=_measured(table, exact, fine))
 
 
 def _measured(
     table: CouplingTable, exact: Mapping[str, Floats], fine: tuple[int, ...]
-) -> CouplingTable:
-    """Return the table with the errors of its cells.
+) -> float:
+    """Say in a table what errors its cells have; return the largest of a coefficient.
 
     `exact` has a mode in each row, and a grid of a third of the step.
     """
     every = np.indices(tuple(table.count - 1)).reshape(len(fine), -1).T
-    error, slope = np.zeros_like(table.error), np.zeros_like(table.error)
+    slope = np.zeros_like(table.error)
     for place in product(range(PARTS + 1), repeat=len(fine)):
         part = np.array(place) / PARTS
         if not np.any(part % 1.0):
@@ -232,31 +233,28 @@ def _measured(
             blended = table.blended(number, every, np.broadcast_to(part, every.shape))
             for name in ("angles", "coefficients", "turning"):
                 off = np.abs(getattr(blended, name) - exact[name][number, node])
-                most, off = error if name == "angles" else slope, off.reshape(len(node), -1)
-                most[number] = np.maximum(most[number], np.max(off, axis=1, initial=0.0))
-    error *= BETWEEN
+                most = (table.error if name == "angles" else slope)[number]
+                largest = np.max(off.reshape(len(node), -1), axis=1, initial=0.0)
+                np.maximum(most, largest, out=most)
+    table.error[:] *= BETWEEN
     with np.errstate(invalid="ignore"):
-        sure = error <= table.tolerance
-    worst = float(np.max(BETWEEN * slope[sure], initial=0.0))
-    return replace(table, error=error, sure=sure, coefficient_error=worst)
+        table.sure[:] = table.error <= table.tolerance
+    return float(np.max(BETWEEN * slope[table.sure], initial=0.0))
 
 
-def _periodic(table: CouplingTable, periods: Floats) -> CouplingTable:
-    """Return the table with the inputs after a turn of which all returns."""
+def _find_periods(table: CouplingTable, periods: Floats) -> None:
+    """Say in a table after a turn of which inputs all returns."""
     shape = (len(table.modes), *table.count)
-    angles, slopes = (x.reshape(*shape, -1) for x in (table.angles, table.coefficients))
-    periodic, rise = table.periodic.copy(), table.rise.copy()
     for axis, lap in enumerate(table.step * (table.count - 1)):
         if abs(lap - 2.0 * np.pi) > SAME:
             continue
         grown, change = (
-            np.take(whole, -1, axis=1 + axis) - np.take(whole, 0, axis=1 + axis)
-            for whole in (angles, slopes)
+            np.diff(np.take(whole.reshape(*shape, -1), [0, -1], 1 + axis), axis=1 + axis)
+            for whole in (table.angles, table.coefficients)
         )
         grown = grown.reshape(len(table.modes), -1, len(periods))
         with np.errstate(invalid="ignore"):
             turns = np.round(grown[:, 0] / periods) * periods
         turns = np.where(np.isfinite(periods), turns, 0.0)
         if max_abs(grown - turns[:, None]) < SAME and max_abs(change) < SAME:
-            periodic[axis], rise[:, axis] = True, turns
-    return replace(table, periodic=periodic, rise=rise)
+            table.periodic[axis], table.rise[:, axis] = True, turns

@@ -6,9 +6,8 @@ written as a person would have.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,8 +22,7 @@ SAME = 1e-9
 """Relative difference below which two ratios are the same."""
 
 
-@dataclass(frozen=True)
-class Turning:
+class Turning(NamedTuple):
     """A pair of two links about an axis (3,); `joint` is its joint's number, or -1."""
 
     name: str

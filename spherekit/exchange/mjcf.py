@@ -4,7 +4,6 @@ The loads and joint limits of a mechanism in what MuJoCo has, and those that it 
 """
 
 from contextlib import suppress
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 from xml.etree import ElementTree
@@ -165,7 +164,7 @@ class MujocoModel:
         self.connected = [cut for cut in made.cuts if cut.pair not in held]
         # Second bodies of links, at cut pairs where loads act.
         self.twins = [
-            replace(cut, parent=cut.child, child=cut.parent, axis=-cut.axis)
+            cut._replace(parent=cut.child, child=cut.parent, axis=-cut.axis)
             if cut.child == mechanism.ground
             else cut
             for cut in made.cuts

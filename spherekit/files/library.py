@@ -4,10 +4,11 @@ import os
 import re
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
 
 from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, AnyPath, listing, nearest
 from spherekit.errors import FileError
@@ -21,13 +22,12 @@ STUDY_SUFFIX = ".study.toml"
 """How the names of study files end; all other files are mechanisms."""
 
 
-@dataclass(frozen=True)
-class Pack:
+class Pack(NamedTuple):
     """An installed pack of mechanism files; a broken one has a fault and no files."""
 
     name: str
-    files: Mapping[str, Path] = field(default_factory=dict)
-    studies: Mapping[str, Path] = field(default_factory=dict)
+    files: Mapping[str, Path] = MappingProxyType({})
+    studies: Mapping[str, Path] = MappingProxyType({})
     fault: str = ""
 
     def path(self, name: str) -> Path | None:

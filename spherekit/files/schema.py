@@ -9,12 +9,11 @@ import copy
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import cache, reduce
 from importlib.resources import files
 from itertools import islice
 from operator import getitem
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -184,8 +183,7 @@ def _holds(condition: Table, value: Table) -> bool:
     )
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(NamedTuple):
     """Numbers allowed: from `low` to `high`, greater than `above`, if `whole` integers."""
 
     low: float = -math.inf
@@ -225,7 +223,7 @@ def limits_of(document: Document, path: KeyPath) -> Limits:
             rule, limit = error.validator, error.validator_value
             if rule not in _LIMITS:
                 return NONE
-            limits = replace(limits, **{_LIMITS[rule]: True if rule == "type" else limit})
+            limits = limits._replace(**{_LIMITS[rule]: True if rule == "type" else limit})
     return limits
 
 

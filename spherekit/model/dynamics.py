@@ -186,26 +186,23 @@ class Bearings(BearingFriction):
                 "0, or two that differ: distances of the bearings from the centre along "
                 "the axis"
             )
-        if self.axial is not None:
-            self._check_axial(f"{key}.axial", self.axial)
+        axial = (0.0,) * len(self.positions) if self.axial is None else self.axial
+        for part in axial:
+            need_at_least_zero(f"{key}.axial", part, "")
+        whole = abs(sum(axial) - 1.0) < 1e-9
+        if len(axial) != len(self.positions) or not (whole or not any(axial)):
+            raise ModelError(
+                f"{key}.axial: found {list(axial)}, needs one part for each of the "
+                f"{len(self.positions)} positions, 1 in all (a fixed bearing takes 1, a "
+                "floating one 0), or 0 for each where the pair lets its links slide along "
+                "its axis"
+            )
         for load in mechanism.loads:
             if isinstance(load, Bearings) and load.pair == self.pair and load != self:
                 raise ModelError(
                     f"{key}.pair: loads.{load.name} has the bearings of pair {self.pair} "
                     "too; give both positions in one of them"
                 )
-
-    def _check_axial(self, key: str, axial: Numbers) -> None:
-        for part in axial:
-            need_at_least_zero(key, part, "")
-        whole = abs(sum(axial) - 1.0) < 1e-9
-        if len(axial) != len(self.positions) or not (whole or not any(axial)):
-            raise ModelError(
-                f"{key}: found {list(axial)}, needs one part for each of the "
-                f"{len(self.positions)} positions, 1 in all (a fixed bearing takes 1, a "
-                "floating one 0), or 0 for each where the pair lets its links slide along "
-                "its axis"
-            )
 
     def components(self, mechanism: Loaded) -> Components:
         """See `Load`."""

@@ -172,7 +172,12 @@ class Expression:
 
         Where `evaluate` gives NaN or infinity it may raise ValueError or ArithmeticError.
         """
-        return fold(self.root, _literal, names.__getitem__, _written)
+        return fold(
+            self.root,
+            lambda number: repr(number) if number >= 0.0 else f"({number!r})",
+            names.__getitem__,
+            _written,
+        )
 
 
 def load_names(pairs: Iterable[str]) -> Names:
@@ -337,10 +342,6 @@ def _written(function: str, items: list[str]) -> str:
         return f"(-{items[0]})"
     name = "power" if function == "**" else function
     return f"{name}({', '.join(items)})"
-
-
-def _literal(number: float) -> str:
-    return repr(number) if number >= 0.0 else f"({number!r})"
 
 
 def _steep(node: Node, kinked: Sequence[str]) -> Iterator[Node]:

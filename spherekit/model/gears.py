@@ -6,9 +6,8 @@ the axes of a reference pose say.
 
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Generic, Literal, TypeVar
+from typing import Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -215,13 +214,10 @@ def frames_of_sizes(pairs: Sequence[Pair], geometry: SizeGeometry) -> tuple[Fram
 
 def axes_from_sizes(sizes: LinkSizes) -> Frames:
     """Return the unit axes (3,) of a link in its own frame, in the order listed."""
-    axes: Frames = {}
-    for position, name in enumerate(sizes.axes):
-        if position == 0:
-            axes[name] = np.array([0.0, 0.0, 1.0])
-            continue
-        length = sizes.arcs[position - 1]
-        turn = sizes.angles[position - 2] if position > 1 else 0.0
+    axes: Frames = {name: np.array([0.0, 0.0, 1.0]) for name in sizes.axes[:1]}
+    for name, length, turn in zip(
+        sizes.axes[1:], sizes.arcs, (0.0, *sizes.angles), strict=False
+    ):
         across = np.sin(length)
         axes[name] = np.array(
             [-across * np.sin(turn), across * np.cos(turn), np.cos(length)]
@@ -314,7 +310,7 @@ def pitch_angles(
     sense = 1.0 if contact == "external" else -1.0
     ratio = teeth[1] / teeth[0]
     first = math.atan2(math.sin(shaft_angle), ratio + sense * math.cos(shaft_angle))
-    second = shaft_angle - first if contact == "external" else shaft_angle + first
+    second = shaft_angle - sense * first
     if not (0.0 < first < math.pi and 0.0 < second < math.pi):
         raise ModelError(
             f"gears with {teeth[0]} and {teeth[1]} teeth have no pitch cones that touch in "
@@ -358,27 +354,26 @@ def touching_angles(
             f"the shaft angle is {_degrees(shaft_angle)} deg: cones about one line do not "
             "touch along a single line"
         )
-    first, external = half_angles[0], contact == "external"
-    second = shaft_angle - first if external else shaft_angle + first
-    if len(half_angles) == 1:
-        if not 0.0 < second < math.pi:
-            raise ModelError(
-                f"at a shaft angle of {_degrees(shaft_angle)} deg no second cone touches "
-                f"a first of {_degrees(first)} deg in {contact} contact: its half angle "
-                f"would be {_degrees(second)} deg"
-            )
-        return first, second
-    miss = abs(half_angles[1] - second)
+    first, *others = half_angles
+    sense = 1.0 if contact == "external" else -1.0
+    second = shaft_angle - sense * first
+    if not others and not 0.0 < second < math.pi:
+        raise ModelError(
+            f"at a shaft angle of {_degrees(shaft_angle)} deg no second cone touches a "
+            f"first of {_degrees(first)} deg in {contact} contact: its half angle would be "
+            f"{_degrees(second)} deg"
+        )
+    miss = abs(others[0] - second) if others else 0.0
     if miss > TOUCHING:
-        parts = (first, half_angles[1]) if external else (half_angles[1], first)
-        total = parts[0] + parts[1] if external else parts[0] - parts[1]
+        one, other = (first, *others) if sense > 0.0 else (*others, first)
         raise ModelError(
             f"the cones do not touch: the shaft angle is {_degrees(shaft_angle)} deg, in "
-            f"{contact} contact the half angles give {_degrees(parts[0])} "
-            f"{'+' if external else '-'} {_degrees(parts[1])} = {_degrees(total)} deg; "
-            f"they miss by {_degrees(miss)} deg. Leave the second out and it follows"
+            f"{contact} contact the half angles give {_degrees(one)} "
+            f"{'+' if sense > 0.0 else '-'} {_degrees(other)} = "
+            f"{_degrees(one + sense * other)} deg; they miss by {_degrees(miss)} deg. "
+            "Leave the second out and it follows"
         )
-    return first, half_angles[1] if miss <= ROUNDING else second
+    return first, others[0] if others and miss <= ROUNDING else second
 
 
 def carrier_of(
@@ -426,8 +421,7 @@ Name = TypeVar("Name", bound=Hashable)
 Link = TypeVar("Link", bound=Hashable)
 
 
-@dataclass(frozen=True)
-class Seen(Generic[Name]):
+class Seen(NamedTuple, Generic[Name]):
     """A line of a wheel (3,) seen from another link that turns about it.
 
     `way` are the pairs that lead there, each with the side of the link that is nearer to
@@ -560,8 +554,7 @@ def _shaft(
     return shaft.name, shaft.links[1], lambda angle: far @ about_z(-angle) @ near.T
 
 
-@dataclass(frozen=True)
-class Wheel:
+class Wheel(NamedTuple):
     """A circle in its link: its centre on the side of the contact's normal, and radius.
 
     Azimuths about the centre are counted from `ahead`; the length along it is the sine of

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -69,8 +69,7 @@ class PairStates:
             mine[:, pairs] = its
 
 
-@dataclass(frozen=True)
-class Track:
+class Track(NamedTuple):
     """A profile of a contact, which lies on it at the variable plus `start` (rad).
 
     `variable` is the number of the variable, among those of the joint.

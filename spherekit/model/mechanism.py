@@ -403,21 +403,7 @@ def _check(mechanism: Mechanism) -> None:
     where = mechanism.name or "mechanism"
     if len(mechanism.links) < 2:
         raise ModelError(f"{where}: a mechanism has at least two links")
-    for what, names in (
-        ("link", mechanism.links),
-        ("pair", [pair.name for pair in mechanism.pairs]),
-        ("input at a", mechanism.input_pairs),
-        ("output", [output.name for output in mechanism.outputs]),
-        ("load", [load.name for load in mechanism.loads]),
-        ("mass of a", [mass.link for mass in mechanism.masses]),
-        ("joint limit of a", [stop.pair for stop in mechanism.joint_limits]),
-        ("mode", mechanism.modes),
-    ):
-        _check_names(where, what, names)
-    for what, key, name in _named(mechanism):
-        known = mechanism.links if what == "link" else [*mechanism.pair_number]
-        if name not in known:
-            raise not_named(f"{where}: {key}", what, name, known)
+    _check_names(where, mechanism)
     for pair in mechanism.pairs:
         _check_pair(f"{where}: pairs.{pair.name}", pair)
     for mode, values in mechanism.modes.items():
@@ -431,7 +417,15 @@ def _check(mechanism: Mechanism) -> None:
                     f"{where}: modes.{mode}.{name}: is a contact pair; a mode is said "
                     "by angles of R pairs"
                 )
-    _check_dynamics(where, mechanism)
+    try:
+        for mass in mechanism.masses:
+            check_mass(mass)
+        for load in mechanism.loads:
+            load.check(f"loads.{load.name}", mechanism)
+        for stop in mechanism.joint_limits:
+            check_stop(stop, mechanism)
+    except ModelError as error:
+        raise ModelError(f"{where}: {error}") from None
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
         _check_sizes(where, mechanism, geometry)
@@ -442,6 +436,34 @@ def _check(mechanism: Mechanism) -> None:
                 f"{where}: pairs.{pair.name}: its axis in the reference pose is missing; "
                 "give xyz = [x, y, z] or lonlat = [longitude, latitude]"
             )
+
+
+def _check_names(where: str, mechanism: Mechanism) -> None:
+    """Refuse names that cannot be one, are given twice, or that nothing has."""
+    for what, names in (
+        ("link", mechanism.links),
+        ("pair", [pair.name for pair in mechanism.pairs]),
+        ("input at a", mechanism.input_pairs),
+        ("output", [output.name for output in mechanism.outputs]),
+        ("load", [load.name for load in mechanism.loads]),
+        ("mass of a", [mass.link for mass in mechanism.masses]),
+        ("joint limit of a", [stop.pair for stop in mechanism.joint_limits]),
+        ("mode", [*mechanism.modes]),
+    ):
+        for name, times in Counter(names).items():
+            if not NAME_PATTERN.fullmatch(name) or len(name) > MAX_NAME_LENGTH:
+                raise ModelError(
+                    f"{where}: {what} name {name[:80]!r}: use 1 to {MAX_NAME_LENGTH} "
+                    "letters (A-Z, a-z), digits and underscores"
+                )
+            if times > 1:
+                raise ModelError(
+                    f'{where}: {what} "{name}" is given twice; names are unique'
+                )
+    for what, key, name in _named(mechanism):
+        names = mechanism.links if what == "link" else [*mechanism.pair_number]
+        if name not in names:
+            raise not_named(f"{where}: {key}", what, name, names)
 
 
 def _named(mechanism: Mechanism) -> Iterator[tuple[str, str, str]]:
@@ -499,38 +521,10 @@ def _check_pair(where: str, pair: Pair) -> None:
         )
 
 
-def _check_dynamics(where: str, mechanism: Mechanism) -> None:
-    try:
-        for mass in mechanism.masses:
-            check_mass(mass)
-        for load in mechanism.loads:
-            load.check(f"loads.{load.name}", mechanism)
-        for stop in mechanism.joint_limits:
-            check_stop(stop, mechanism)
-    except ModelError as error:
-        raise ModelError(f"{where}: {error}") from None
-
-
-def _check_names(where: str, what: str, names: Collection[str]) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if not NAME_PATTERN.fullmatch(name) or len(name) > MAX_NAME_LENGTH:
-            raise ModelError(
-                f"{where}: {what} name {name[:80]!r}: use 1 to {MAX_NAME_LENGTH} "
-                "letters (A-Z, a-z), digits and underscores"
-            )
-        if name in seen:
-            raise ModelError(f'{where}: {what} "{name}" is given twice; names are unique')
-        seen.add(name)
-
-
 def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> None:
-    on_link: dict[str, list[str]] = {link: [] for link in mechanism.links}
-    for pair in mechanism.pairs:
-        for link in pair.links:
-            if pair.kind.has_axis:
-                on_link[link].append(pair.name)
-    for link, expected in on_link.items():
+    for link in mechanism.links:
+        turning = (pair for pair in mechanism.pairs if pair.kind.has_axis)
+        expected = [pair.name for pair in turning if link in pair.links]
         sizes = geometry.links.get(link, LinkSizes(()))
         key = f"{where}: links.{link}"
         if sorted(sizes.axes) != sorted([*expected, *sizes.unpaired]):
@@ -574,13 +568,13 @@ def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
         If there is none, or there are several and no name is given.
     """
     outputs = {output.name: output for output in mechanism.outputs}
+    if name is None and len(outputs) == 1:
+        return mechanism.outputs[0]
     if not outputs:
         raise ModelError(
             f"{mechanism.name}: no output is declared; declare one in the file as "
             "[outputs.NAME] with its link, and for a pointing output axis or xyz"
         )
-    if name is None and len(outputs) == 1:
-        return mechanism.outputs[0]
     if name is None:
         raise ModelError(
             f"{mechanism.name}: there are several outputs, {listing(outputs)}; say which "

@@ -245,7 +245,7 @@ def contact_tracks(joints: Sequence[Joint]) -> Iterator[tuple[int, tuple[Track, 
     """Yield the profiles of each contact after its number, variables numbered in all."""
     for number, at, joint in numbered(joints):
         if tracks := joint.tracks:
-            yield number, tuple(replace(x, variable=at + x.variable) for x in tracks)
+            yield number, tuple(x._replace(variable=at + x.variable) for x in tracks)
 
 
 def rolled_lengths(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:

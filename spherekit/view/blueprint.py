@@ -6,7 +6,7 @@ The timelines: the sample number, and the input in whole units of an angle, or t
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,7 @@ SCALES = (1, 10, 100, 1000)
 """A viewer timeline holds whole numbers only; these are the units to a degree."""
 
 
-@dataclass(frozen=True)
-class InputTimeline:
+class InputTimeline(NamedTuple):
     """The input angle counted in 1/`scale` degrees."""
 
     scale: int
@@ -107,8 +106,7 @@ def slug(title: str) -> str:
     return re.sub(r"[^A-Za-z0-9]+", "_", title).strip("_").lower() or "plot"
 
 
-@dataclass(frozen=True)
-class Plot:
+class Plot(NamedTuple):
     """What stands beside the sphere as the layout sees it, a chart or a space."""
 
     page: Page
