@@ -31,33 +31,20 @@ AUDIT = 16
 """Steps along a piece at which the other margins are looked at."""
 
 
-@dataclass(frozen=True)
-class Chords(ArrayRows):
-    """Frames of chords (n,): their starts, directions, left sides, and arcs in rad."""
+def chord_frames(start: Floats, end: Floats) -> Floats:
+    """Return the frames (n, 3, 3) of chords: rows to the start, ahead, and to the left."""
+    side = cross(start, end - start)
+    size = np.linalg.norm(side, axis=1, keepdims=True)
+    left = side / np.where(size > 0.0, size, 1.0)
+    return np.stack([start, cross(left, start), left], axis=1)
 
-    start: Floats
-    along: Floats
-    left: Floats
-    length: Floats
 
-    @staticmethod
-    def between(start: Floats, end: Floats) -> "Chords":
-        """Return the chords from points (n, 3) to points (n, 3)."""
-        side = cross(start, end - start)
-        size = np.linalg.norm(side, axis=1, keepdims=True)
-        left = np.where(size > 0.0, side / np.where(size > 0.0, size, 1.0), 0.0)
-        return Chords(start, cross(left, start), left, arc(start, end))
-
-    def at(self, u: Floats, height: Floats) -> Floats:
-        """Return the points (n, ..., 3) at u and heights (n, ...)."""
-        more = (slice(None), *(None,) * (np.ndim(height) - 1))
-        angle = (0.5 * self.length[more]) * (1.0 + u)
-        flat = (
-            np.cos(angle)[..., None] * self.start[more]
-            + np.sin(angle)[..., None] * self.along[more]
-        )
-        cosine, sine = np.cos(height)[..., None], np.sin(height)[..., None]
-        return cosine * flat + sine * self.left[more]
+def beside(frames: Floats, length: Floats, u: Floats, height: Floats) -> Floats:
+    """Return the points (n, ..., 3) at u and heights (n, ...) of chords (n,)."""
+    angle = 0.5 * np.expand_dims(length, (*range(1, np.ndim(height)),)) * (1.0 + u)
+    level = np.cos(height)
+    weights = [level * np.cos(angle), level * np.sin(angle), np.sin(height)]
+    return np.einsum("n...i,nij->n...j", np.stack(weights, axis=-1), frames)
 
 
 @cache
@@ -87,39 +74,51 @@ def between(order: int, u: Floats) -> Floats:
 class BoundarySegments(ArrayRows):
     """Pieces (n,) of the border over chords: what bounds them and their heights.
 
+    `frames` (n, 3, 3) and `length` (n,) rad are those of the chords, see `chord_frames`.
     `margin` is the number of the margin that is 0 on each, `height` (n, 17) are the
     heights at the nodes of the piece's own `order`, the first `order` + 1 of them.
     `area` is the part of the region cut off by the chord, `error` what halving the order
     changes, `sound` whether the piece was found and no other margin is negative on it.
+    `owner` is the triangle that it is in, `start` and `stop` are the crossings between
+    which the border runs there, and of two pieces that make a corner one is `leading`.
     """
 
-    chords: Chords
+    frames: Floats
+    length: Floats
     margin: Indices
+    owner: Indices
+    start: Indices
+    stop: Indices
+    leading: Bools
+    sound: Bools
     order: Indices
     height: Floats
     area: Floats
     error: Floats
-    sound: Bools
 
     @staticmethod
     def over(
-        evaluate: Evaluator, start: Floats, end: Floats, margin: Indices, sought: Bools
+        evaluate: Evaluator,
+        ends: tuple[Floats, Floats],
+        margin: Indices,
+        place: tuple[Indices, Indices, Indices, Bools],
+        sought: Bools,
     ) -> "BoundarySegments":
         """Return the pieces of the second order between points (n, 3) of the border.
 
-        Those not `sought` (n,) are their chords, and not sound.
+        `place` are owner, start, stop and leading. Those not `sought` (n,) are their
+        chords, and not sound.
         """
-        n = len(start)
-        empty = np.zeros((n, ORDERS[-1] + 1))
-        blank = np.zeros(n)
+        n = len(margin)
         pieces = BoundarySegments(
-            Chords.between(start, end),
+            chord_frames(*ends),
+            arc(*ends),
             margin,
-            np.full(n, ORDERS[0], dtype=np.intp),
-            empty,
-            blank,
-            blank.copy(),
+            *place,
             sought.copy(),
+            np.full(n, ORDERS[0], dtype=np.intp),
+            np.zeros((n, ORDERS[-1] + 1)),
+            *np.zeros((2, n)),
         )
         which = np.flatnonzero(sought)
         heights = nans((len(which), ORDERS[0] + 1))
@@ -142,28 +141,71 @@ class BoundarySegments(ArrayRows):
         self, evaluate: Evaluator, which: Indices, order: int, height: Floats
     ) -> None:
         """Find the heights (m, order + 1) that are NaN, and the areas with them."""
-        chords, margin = self.chords.rows(which), self.margin[which]
-        long = chords.length > SHORTEST
+        length = self.length[which]
+        long = length > SHORTEST
         height[~long] = 0.0
         row, node = np.nonzero(np.isnan(height))
-        frame, number = chords.rows(row), margin[row]
         u = nodes(order)[node]
         guess = np.zeros(height.shape)
         if order > ORDERS[0]:
             guess = height[:, ::2] @ between(order // 2, nodes(order)).T
-        heights, sound = _heights(
-            evaluate, frame, u, number, guess[row, node], REACH[order]
+        heights, sound = self._heights(
+            evaluate, which[row], u, guess[row, node], REACH[order]
         )
         height[row, node] = np.where(sound, heights, 0.0)
         bad = np.zeros(len(which), dtype=bool)
         bad[row[~sound]] = True
-        area = -0.5 * chords.length * (np.sin(height) @ weights(order))
-        change = np.abs(area - self.area[which]) + EPS * chords.length
-        change += np.where(long, 0.0, chords.length**2)
+        area = -0.5 * length * (np.sin(height) @ weights(order))
+        change = np.abs(area - self.area[which]) + EPS * length
+        change += np.where(long, 0.0, length**2)
         self.sound[which] &= ~bad
         self.error[which], self.area[which] = change, area
         self.order[which] = order
         self.height[which, : order + 1] = height
+
+    def _heights(
+        self, evaluate: Evaluator, chord: Indices, u: Floats, guess: Floats, reach: float
+    ) -> tuple[Floats, Bools]:
+        """Return heights (m,) where margins are 0 over places of chords, and whether found.
+
+        They are sought within a parabola over the chord; the margin has to rise to the
+        left, and no other may be negative there.
+        """
+        number, widest = self.margin[chord], HIGHEST * self.length[chord] * (1.0 - u * u)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            centre = np.where(widest > 0.0, np.clip(guess / widest, -1.0, 1.0), 0.0)
+
+        def rows(part: Floats, which: Indices) -> Floats:
+            return evaluate(self._at(chord[which], u[which], part * widest[which]))
+
+        def value(part: Floats, which: Indices) -> Floats:
+            return chosen(rows(part, which), number[which])
+
+        low, high = np.maximum(centre - reach, -1.0), np.minimum(centre + reach, 1.0)
+        right, left = np.empty(len(u)), np.empty(len(u))
+        some = np.arange(len(u))
+        while True:
+            ends = value(np.append(low[some], high[some]), np.append(some, some))
+            right[some], left[some] = np.split(ends, 2)
+            sound = (right < 0.0) & (left >= 0.0)
+            some = np.flatnonzero(~sound & (high - low < 2.0))
+            if not len(some):
+                break
+            low[some], high[some] = -1.0, 1.0
+        some = np.flatnonzero(sound)
+        part = np.zeros(len(u))
+        part[some], _ = bracketed_zeros(
+            lambda part, which: value(part, some[which]),
+            low[some],
+            high[some],
+            right[some],
+            left[some],
+            EPS / widest[some],
+        )
+        others = rows(part[some], some)
+        kept = np.arange(others.shape[1]) == number[some][:, None]
+        sound[some] &= ~np.any((others < -evaluate.floor) & ~kept, axis=1)
+        return part * widest, sound
 
     def audit(self, evaluate: Evaluator, which: Indices) -> None:
         """Find unsound those pieces on which another margin dips below 0 between nodes.
@@ -176,7 +218,7 @@ class BoundarySegments(ArrayRows):
         for order in ORDERS:
             some = self.order[which] == order
             height[some] = self.height[which[some], : order + 1] @ between(order, u).T
-        rows = evaluate(self.chords.rows(which).at(u, height).reshape(-1, 3))
+        rows = evaluate(self._at(which, u, height).reshape(-1, 3))
         margin = chosen(rows, np.repeat(self.margin[which], len(u)))
         rows = (rows - margin[:, None]).reshape(len(which), len(u), rows.shape[1])
         a, b, c = rows[:, :-2], rows[:, 1:-1], rows[:, 2:]
@@ -187,13 +229,18 @@ class BoundarySegments(ArrayRows):
             dips = np.any(np.minimum(lowest, b) < -evaluate.floor, axis=1)
         self.sound[which] &= ~np.any(dips, axis=1)
 
-    def chord_ends(self, which: Indices) -> Floats:
-        """Return both ends (m, 2, 3) of the chords of some pieces."""
-        return self.chords.rows(which).at(np.array([-1.0, 1.0]), np.zeros((len(which), 2)))
+    def _at(self, which: Indices, u: Floats, height: Floats) -> Floats:
+        return beside(self.frames[which], self.length[which], u, height)
+
+    @property
+    def ends(self) -> Floats:
+        """Both ends (n, 2, 3) of the chords."""
+        u, flat = np.array([-1.0, 1.0]), np.zeros((len(self.length), 2))
+        return beside(self.frames, self.length, u, flat)
 
     def points(self, which: Indices, order: int) -> Floats:
         """Return the nodes (m, order + 1, 3) of some pieces, all of that order."""
-        return self.chords.rows(which).at(nodes(order), self.height[which, : order + 1])
+        return self._at(which, nodes(order), self.height[which, : order + 1])
 
     def curve(self, chain: Indices) -> Floats:
         """Return the nodes (m, 3) of pieces that follow one another, known ones only."""
@@ -203,59 +250,8 @@ class BoundarySegments(ArrayRows):
         u = nodes(ORDERS[-1])[1:]
         height = np.take_along_axis(self.height[chain], place // step[:, None], axis=1)
         height[~self.sound[chain]] = 0.0
-        points = self.chords.rows(chain).at(u, height)[shown]
-        return np.concatenate([self.chords.start[chain[:1]], points])
-
-
-def _heights(
-    evaluate: Evaluator,
-    frame: Chords,
-    u: Floats,
-    number: Indices,
-    guess: Floats,
-    reach: float,
-) -> tuple[Floats, Bools]:
-    """Return heights (m,) where margins are 0 over places of chords, and whether found.
-
-    They are sought within a parabola over the chord; the margin has to rise to the left,
-    and no other may be negative there.
-    """
-    widest = HIGHEST * frame.length * (1.0 - u * u)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        centre = np.where(widest > 0.0, np.clip(guess / widest, -1.0, 1.0), 0.0)
-
-    def rows(part: Floats, which: Indices) -> Floats:
-        return evaluate(frame.rows(which).at(u[which], part * widest[which]))
-
-    def value(part: Floats, which: Indices) -> Floats:
-        return chosen(rows(part, which), number[which])
-
-    low, high = np.maximum(centre - reach, -1.0), np.minimum(centre + reach, 1.0)
-    right, left = np.empty(len(u)), np.empty(len(u))
-    some = np.arange(len(u))
-    while True:
-        ends = value(np.concatenate([low[some], high[some]]), np.concatenate([some, some]))
-        right[some], left[some] = np.split(ends, 2)
-        sound = (right < 0.0) & (left >= 0.0)
-        some = np.flatnonzero(~sound & (high - low < 2.0))
-        if not len(some):
-            break
-        low[some], high[some] = -1.0, 1.0
-    some = np.flatnonzero(sound)
-    zero, _ = bracketed_zeros(
-        lambda part, which: value(part, some[which]),
-        low[some],
-        high[some],
-        right[some],
-        left[some],
-        EPS / widest[some],
-    )
-    part = np.zeros(len(u))
-    part[some] = zero
-    others = rows(zero, some)
-    kept = np.arange(others.shape[1]) == number[some][:, None]
-    sound[some] &= ~np.any((others < -evaluate.floor) & ~kept, axis=1)
-    return part * widest, sound
+        points = self._at(chain, u, height)[shown]
+        return np.concatenate([self.frames[chain[:1], 0], points])
 
 
 MOST_STEPS = 30
@@ -353,7 +349,7 @@ SLACK = 1e4
 def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> Floats:
     """Return the point (3,) of pieces of a border nearest to a direction (3,).
 
-    The pieces that can hold it are found anew at the highest order; there the slope of
+    The pieces that can hold it are brought to the highest order; there the slope of
     the distance's polynomial is 0, or the point is an end. Of a piece that is not found
     only the ends count.
     """
@@ -361,14 +357,10 @@ def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> 
     for order in ORDERS:
         some = np.flatnonzero(border.order == order)
         far[some] = np.min(arc(border.points(some, order), place), axis=1)
-    near = np.flatnonzero(far - border.chords.length <= np.min(far))
-    ends = border.chord_ends(near)
-    sought = np.ones(len(near), dtype=bool)
-    start, end = np.moveaxis(ends, 1, 0)
-    pieces = BoundarySegments.over(evaluate, start, end, border.margin[near], sought)
+    pieces = border.rows(far - border.length <= np.min(far))
     while np.any(rough := pieces.sound & (pieces.order < ORDERS[-1])):
         pieces.raise_order(evaluate, np.flatnonzero(rough))
-    candidates = [ends.reshape(-1, 3)]
+    candidates = [pieces.ends.reshape(-1, 3)]
     for piece in np.flatnonzero(pieces.sound)[:, None]:
         cosine = pieces.points(piece, ORDERS[-1])[0] @ place
         slope = chebyshev.chebder(coefficients(ORDERS[-1]) @ cosine)
@@ -376,7 +368,7 @@ def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> 
         u = np.asarray(chebyshev.chebroots(flat))
         u = u.real[(np.abs(u.imag) < BESIDE) & (np.abs(u.real) <= 1.0)]
         height = pieces.height[piece] @ between(ORDERS[-1], u).T
-        candidates.append(pieces.chords.rows(piece).at(u, height)[0])
+        candidates.append(pieces._at(piece, u, height)[0])
     points = np.concatenate(candidates)
     held = least(evaluate(points)) >= -SLACK * np.max(evaluate.floor)
     points = points[held] if held.any() else points

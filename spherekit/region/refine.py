@@ -50,17 +50,14 @@ class Refinement:
         self.verdict = np.full(count, -1, dtype=np.intp)
         self.size = np.zeros(count)
         self.contested = np.zeros(count, dtype=bool)
-        self.looked = np.zeros(count, dtype=bool)
-        nothing = np.zeros(0, dtype=np.intp)
-        self.pieces = BoundarySegments.over(
-            evaluate, np.zeros((0, 3)), np.zeros((0, 3)), nothing, self.looked[:0]
+        none, nothing, no = np.zeros((0, 3)), np.zeros(0, np.intp), self.contested[:0]
+        place = nothing, nothing, nothing, no
+        self.pieces = BoundarySegments.over(evaluate, (none, none), nothing, place, no)
+        self.crossing_keys, self.crossing_points, self.crossing_margins = (
+            nothing,
+            none,
+            nothing,
         )
-        self.owner = nothing
-        self.start = self.stop = nothing
-        self.leading = np.zeros(0, dtype=bool)
-        self.crossing_keys = nothing
-        self.crossing_points = np.zeros((0, 3))
-        self.crossing_margins = nothing
 
     def run(self, tolerance: float, feature: float, most: int) -> None:
         """Refine until the error is at most `tolerance` (sr) or nothing more helps.
@@ -106,9 +103,9 @@ class Refinement:
         and whether the region has that triangle too.
         """
         held = self.inside[self.triangles].sum(axis=1)
-        odd, second, third = self._turned(self.owner)
-        single = held[self.owner] == 1
-        return held, np.where(single, odd, second), third, ~single & self.leading
+        odd, second, third = self._turned(self.pieces.owner)
+        single = held[self.pieces.owner] == 1
+        return held, np.where(single, odd, second), third, ~single & self.pieces.leading
 
     def area_inside(self) -> Floats:
         """Return the area (T,) of the region that each triangle accounts for.
@@ -118,11 +115,11 @@ class Refinement:
         """
         held, top, third, more = self._mixed()
         apex, beside = self.points[top], self.points[third]
-        start, end = np.moveaxis(self.pieces.chord_ends(np.arange(len(self.owner))), 1, 0)
+        start, end = np.moveaxis(self.pieces.ends, 1, 0)
         part = triangle_areas(apex, start, end) + self.pieces.area
         part += np.where(more, triangle_areas(apex, beside, start), 0.0)
         area = np.where(held == 3, self.areas, 0.0)
-        np.add.at(area, self.owner, part)
+        np.add.at(area, self.pieces.owner, part)
         return area
 
     def surface(self) -> tuple[Floats, Indices]:
@@ -134,7 +131,7 @@ class Refinement:
         count = len(self.points)
         for order in (1, *ORDERS):
             some = np.flatnonzero(step == order)
-            nodes = pieces.points(some, order) if order > 1 else pieces.chord_ends(some)
+            nodes = pieces.points(some, order) if order > 1 else pieces.ends[some]
             number = count + np.arange(nodes.shape[0] * (order + 1)).reshape(-1, order + 1)
             fan = (
                 np.repeat(apex[some], order),
@@ -149,23 +146,19 @@ class Refinement:
 
     def loops(self) -> list[Indices]:
         """Return the pieces of every closed curve of the border, in order."""
-        lead = np.flatnonzero(self.leading)
-        count = len(self.crossing_keys)
-        first, second = np.full(count, -1), np.full(count, -1)
-        first[self.start[lead]] = lead
-        rest = np.flatnonzero(~self.leading)
-        second[self.start[rest]] = rest
+        pieces, nothing = self.pieces, np.full(len(self.crossing_keys), -1)
+        first, second = nothing, nothing.copy()
+        for of_corner, leads in ((first, pieces.leading), (second, ~pieces.leading)):
+            of_corner[pieces.start[leads]] = np.flatnonzero(leads)
         loops, free = [], first >= 0
         for origin in np.flatnonzero(free):
             chain, here = [], int(origin)
             while free[here]:
                 free[here] = False
-                chain.append(first[here])
-                if second[here] >= 0:
-                    chain.append(second[here])
-                here = int(self.stop[first[here]])
+                chain += [first[here], second[here]]
+                here = int(pieces.stop[first[here]])
             if chain:
-                loops.append(np.array(chain, dtype=np.intp))
+                loops.append(np.array([piece for piece in chain if piece >= 0]))
         return loops
 
     def _turned(self, which: Indices) -> tuple[Indices, Indices, Indices]:
@@ -200,47 +193,45 @@ class Refinement:
         held = self.inside[self.triangles].sum(axis=1)
         mixed = (held == 1) | (held == 2)
         self.verdict[(self.verdict == TriangleClass.BROKEN) & ~mixed] = TriangleClass.OPEN
-        fresh = np.flatnonzero(mixed & ~self.looked)
+        mixed[self.pieces.owner] = False
+        fresh = np.flatnonzero(mixed)
         if not len(fresh):
             return
-        self.looked[fresh] = True
         smooth = np.isin(self.verdict[fresh], (TriangleClass.SIMPLE, TriangleClass.BROKEN))
         self.verdict[fresh[~smooth]] = TriangleClass.OPEN
         odd, second, third = self._turned(fresh)
-        single = held[fresh] == 1
-        one = np.where(single, [odd, second], [third, odd]).T
-        two = np.where(single, [odd, third], [second, odd]).T
-        start, end = self._cross(one), self._cross(two)
-        first, last = self.crossing_margins[start], self.crossing_margins[end]
-        a, b = self.crossing_points[start], self.crossing_points[end]
+        both = self._cross(odd, second), self._cross(odd, third)
+        start, stop = np.where(held[fresh] == 1, both, both[::-1])
+        first, last = self.crossing_margins[start], self.crossing_margins[stop]
+        a, b = self.crossing_points[start], self.crossing_points[stop]
         turning = np.flatnonzero(first != last)
         pair = np.stack([first[turning], last[turning]], axis=1)
         corner, sound = corners(self.evaluate, a[turning], b[turning], pair)
         self.verdict[fresh[turning[~sound]]] = TriangleClass.OPEN
-        middle = b.copy()
-        middle[turning[sound]] = corner[sound]
         more = turning[sound]
-        owner = np.concatenate([fresh, fresh[more]])
+        middle = b.copy()
+        middle[more] = corner[sound]
+        owner, leading = np.append(fresh, fresh[more]), np.arange(len(fresh) + len(more))
         pieces = BoundarySegments.over(
             self.evaluate,
-            np.concatenate([a, middle[more]]),
-            np.concatenate([middle, b[more]]),
-            np.concatenate([first, last[more]]),
+            (np.concatenate([a, middle[more]]), np.concatenate([middle, b[more]])),
+            np.append(first, last[more]),
+            (
+                owner,
+                np.append(start, start[more]),
+                np.append(stop, stop[more]),
+                leading < len(fresh),
+            ),
             self.verdict[owner] != TriangleClass.OPEN,
         )
         pieces.audit(self.evaluate, np.flatnonzero(self.contested[owner] & pieces.sound))
         self.verdict[owner[~pieces.sound]] = TriangleClass.OPEN
         self.pieces = BoundarySegments.joined([self.pieces, pieces])
-        self.owner = np.concatenate([self.owner, owner])
-        self.start = np.concatenate([self.start, start, start[more]])
-        self.stop = np.concatenate([self.stop, end, end[more]])
-        self.leading = np.concatenate(
-            [self.leading, np.ones(len(fresh), bool), np.zeros(len(more), bool)]
-        )
 
-    def _cross(self, pairs: Indices) -> Indices:
-        """Return the numbers of the crossings of edges (n, 2), inner vertex first."""
-        keys = pairs[:, 0] << 32 | pairs[:, 1]
+    def _cross(self, one: Indices, other: Indices) -> Indices:
+        """Return the numbers of the crossings of edges (n,), one end inside."""
+        ends = np.where(self.inside[one], [one, other], [other, one])
+        keys = ends[0] << 32 | ends[1]
         fresh = np.setdiff1d(keys, self.crossing_keys)
         if len(fresh):
             inside, outside = self.points[fresh >> 32], self.points[fresh & (2**32 - 1)]
@@ -257,18 +248,18 @@ class Refinement:
         share = 0.5 * tolerance
         while True:
             pieces = self.pieces
-            counted = pieces.sound & (self.verdict[self.owner] != TriangleClass.OPEN)
+            counted = pieces.sound & (self.verdict[pieces.owner] != TriangleClass.OPEN)
             error = np.where(counted, pieces.error, 0.0)
-            error[error <= ROUNDED * EPS * pieces.chords.length] = 0.0
+            error[error <= ROUNDED * EPS * pieces.length] = 0.0
             if error.sum() <= share:
                 break
             poor = error > 0.5 * share / max(1, int(np.count_nonzero(counted)))
             rough = poor & (pieces.order < ORDERS[-1])
             if not rough.any():
-                cut[self.owner[poor]] = True
+                cut[pieces.owner[poor]] = True
                 break
             pieces.raise_order(self.evaluate, np.flatnonzero(rough))
-            self.verdict[self.owner[~pieces.sound]] = TriangleClass.OPEN
+            self.verdict[pieces.owner[~pieces.sound]] = TriangleClass.OPEN
         vague = self.verdict == TriangleClass.OPEN
         area = np.where(vague, self.areas, 0.0)
         if area.sum() > share:
@@ -284,13 +275,9 @@ class Refinement:
         place = np.full(len(marked), -1, dtype=np.intp)
         place[origin[kept]] = np.flatnonzero(kept)
         self.verdict = np.where(kept, self.verdict[origin], -1)
-        self.looked = kept & self.looked[origin]
         self.size, self.contested = self.size[origin], self.contested[origin]
-        left = np.flatnonzero(place[self.owner] >= 0)
-        self.pieces = self.pieces.rows(left)
-        self.owner = place[self.owner[left]]
-        self.start, self.stop = self.start[left], self.stop[left]
-        self.leading = self.leading[left]
+        self.pieces.owner[:] = place[self.pieces.owner]
+        self.pieces = self.pieces.rows(self.pieces.owner >= 0)
 
 
 ROUNDING = 1e-14
@@ -477,7 +464,7 @@ def find_region(
     search = Refinement(evaluate, spacing)
     search.run(tolerance, feature, most)
     open_area, areas = search.open_area(), search.area_inside()
-    counted = search.verdict[search.owner] != TriangleClass.OPEN
+    counted = search.verdict[search.pieces.owner] != TriangleClass.OPEN
     components, gaps, boundaries = _parts(search, areas)
     return Region(
         float(np.sum(areas)),
@@ -520,7 +507,7 @@ def _parts(
     numbers = {part: number for kind in kinds for number, part in enumerate(kind)}
     boundaries = []
     for loop in search.loops():
-        vertices = triangles[search.owner[loop[0]]]
+        vertices = triangles[search.pieces.owner[loop[0]]]
         beside = (vertices[np.argmax(inside[vertices] == state)] for state in (True, False))
         component, gap = (numbers[int(label[vertex])] for vertex in beside)
         boundaries.append(Boundary(_arcs(search.pieces, loop), component, gap))

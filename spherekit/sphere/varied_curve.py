@@ -41,40 +41,31 @@ def quintic_panels(
 
     An open one has no knots at the two points next to each end. Numbers may be complex.
     """
-    from scipy.sparse import lil_array
+    from scipy.sparse import block_diag, vstack
     from scipy.sparse.linalg import splu
 
     h, panels = np.diff(knots), len(knots) - 1
     per_panel = h[:, None] ** np.arange(6.0)
     scale = (float(np.real(np.mean(h))) ** np.arange(6.0) / per_panel)[..., None]
-    stops = scale * _DERIVATIVES
-    starts = scale * np.diag(np.diag(_DERIVATIVES))
-    system = lil_array((6 * panels, 6 * panels), dtype=points.dtype)
+    starts, stops = scale * np.diag(np.diag(_DERIVATIVES)), scale * _DERIVATIVES
+    ahead, behind = (block_diag([*x[:, 1:]], format="csr") for x in (starts, stops))
+    smooth = behind - ahead[np.roll(np.arange(5 * panels), -5)]
+    kept = np.tile(np.arange(5) < 4, (panels, 1))
+    if not closed:
+        kept[[0, 1, -3, -2]] = True
+        kept[-1] = False
+    ends = [block_diag([*x[:, :1]]) for x in (starts, stops)]
+    system = vstack([*ends, smooth[kept.ravel()]], format="csc")
     right = np.zeros((6 * panels, 3), dtype=points.dtype)
     right[: 2 * panels] = np.concatenate([points[:-1], points[1:]])
-    for panel in range(panels):
-        columns = slice(6 * panel, 6 * panel + 6)
-        system[panel, columns] = starts[panel, 0]
-        system[panels + panel, columns] = stops[panel, 0]
-    row = 2 * panels
-    for knot in range(0 if closed else 1, panels):
-        no_knot = not closed and knot in (1, 2, panels - 2, panels - 1)
-        rows = slice(row, row + (5 if no_knot else 4))
-        orders = slice(1, rows.stop - row + 1)
-        before = (knot - 1) % panels
-        system[rows, 6 * before : 6 * before + 6] = stops[before, orders]
-        system[rows, 6 * knot : 6 * knot + 6] = -starts[knot, orders]
-        row = rows.stop
-    solved = splu(system.tocsc()).solve(right).reshape(panels, 6, 3)
+    solved = splu(system).solve(right).reshape(panels, 6, 3)
     coefficients = solved / per_panel[..., None]
 
     def spline(u: Floats, order: int) -> Floats:
         panel = np.searchsorted(np.real(knots[1:-1]), np.real(u), side="right")
-        x = (u - knots[panel])[..., None]
+        powers = (u - knots[panel])[..., None] ** np.arange(6.0 - order)
         factors = _DERIVATIVES[order, order:, None] * coefficients[panel, order:]
-        return np.asarray(
-            np.sum(factors * x[..., None] ** np.arange(6.0 - order)[:, None], axis=-2)
-        )
+        return np.asarray(np.sum(factors * powers[..., None], axis=-2))
 
     return spline
 
