@@ -26,11 +26,11 @@ from spherekit.guidance.rotation_path import (
     Optimality,
     OutputTarget,
     Way,
-    least_about,
 )
 from spherekit.model.mechanism import chosen_output
 from spherekit.motion.assembly_modes import assembled
 from spherekit.motion.loops import condition
+from spherekit.numeric.minima import least_within
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
     all_finite,
@@ -138,8 +138,8 @@ class FollowedRotation(Way):
         held = np.nan_to_num(self._held(marks), nan=np.inf)
         beside = np.pad(held, 1, constant_values=np.inf)
         low = np.flatnonzero((held <= beside[:-2]) & (held < beside[2:]))
-        span = 0.0, self.reached
-        places = least_about(self._held, marks[low], float(marks[1]), span)
+        ends = marks[np.maximum(low - 1, 0)], marks[np.minimum(low + 1, MARKS - 1)]
+        places = least_within(self._held, *ends)
         lost = places[~(self._held(places) > SINGULAR_RATIO)]
         apart = np.abs(lost[:, None] - np.array(self.leaps)) > LEAPS[-1]
         places = np.concatenate([self.leaps, lost[np.all(apart, axis=1)]])

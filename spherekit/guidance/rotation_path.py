@@ -16,7 +16,6 @@ orientation has, or where the mechanism can follow, d and m are 0. Differentiate
 twice by the angle turned through, the condition gives exact rates.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -30,6 +29,7 @@ from spherekit.model.parts import Output
 from spherekit.motion.closure import Closure, newton
 from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.steps import STEP_PARTS, Verification
+from spherekit.numeric.minima import least_within
 from spherekit.numeric.zeros import ArrayRows, hermite
 from spherekit.sphere.rotation import (
     all_finite,
@@ -315,31 +315,6 @@ STRETCHED = 1e-3
 """How near the last node is to a limit of the output's reach, to name it as the reason."""
 
 
-ZOOM = 16
-"""Parts into which an interval is cut that holds a minimum."""
-NARROW = 1e-14
-"""How narrow (rad) it becomes."""
-
-
-def least_about(
-    function: Callable[[Floats], Floats],
-    places: Floats,
-    width: float,
-    span: tuple[float, float],
-) -> Floats:
-    """Return where a function is least about places (n,), in intervals cut again and again.
-
-    `width` (rad) is half that of the first, `span` what none leaves.
-    """
-    while len(places) and width > NARROW:
-        grid = places[:, None] + width * np.linspace(-1.0, 1.0, ZOOM + 1)
-        grid = np.clip(grid, *span)
-        values = np.nan_to_num(function(grid.ravel()), nan=np.inf).reshape(grid.shape)
-        places = grid[np.arange(len(grid)), np.argmin(values, axis=1)]
-        width *= 2.0 / ZOOM
-    return places
-
-
 @dataclass(frozen=True)
 class Nodes(ArrayRows):
     """n configurations on a way, with their derivatives by theta.
@@ -489,9 +464,7 @@ class Way:
                 system = self.target.at(both.between(theta)[0], np.eye(3)[None]).system
                 return np.asarray(np.linalg.svd(system, compute_uv=False)[:, -1])
 
-            place = least_about(
-                hold, np.array([theta + 0.5 * way]), 0.5 * way, (theta, goal)
-            )
+            place = least_within(hold, np.array([theta]), np.array([goal]))
             if hold(place)[0] < SINGULAR * np.min(hold(both.theta)):
                 return node, float(place[0])
         return None

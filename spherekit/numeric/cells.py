@@ -11,14 +11,19 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 from math import acos, copysign
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from spherekit.arrays import Floats, Indices
-from spherekit.numeric.chebyshev import ROUNDING, PiecewiseChebyshev, fitting, nodes
+from spherekit.numeric.chebyshev import (
+    ROUNDING,
+    PiecewiseChebyshev,
+    products,
+    sampled,
+    tensor,
+)
 
 DEGREE = 11
 MOST_CELLS = 2048
@@ -58,51 +63,43 @@ class TensorChebyshev:
 
         Errors are relative to `size` (F,).
         """
-        m, count = len(low), degree + 1
-        grid = _tensor([nodes(degree)] * m)
-        places = np.concatenate([grid, _spread(CHECKS, m)])
-        made = fitting(degree)
-        checking = _products(places[len(grid) :], degree)
+        m, checks = len(low), _spread(CHECKS, len(low))
         splits: list[list[float]] = []
         kept: list[tuple[Floats, Floats]] = []
         open_: list[tuple[Floats, tuple[int, int] | None]] = [(np.stack([low, high]), None)]
         while open_:
             bounds = np.array([cell for cell, _ in open_])
-            half = 0.5 * (bounds[:, 1] - bounds[:, 0])
-            x = bounds[:, None, 0] + half[:, None] * (1.0 + places)
-            samples = function(x.reshape(-1, m)).reshape(len(open_), len(places), -1)
-            series = samples[:, : len(grid)].reshape(len(open_), *[count] * m, -1)
-            for axis in range(1, m + 1):
-                series = np.moveaxis(np.tensordot(series, made, (axis, 1)), -1, axis)
-            flat = series.reshape(len(open_), len(grid), -1)
-            gap = np.abs(checking @ flat - samples[:, len(grid) :]) / size
+            series, gap, samples = sampled(function, bounds, degree, checks)
             with np.errstate(invalid="ignore"):
-                error = np.max(gap, axis=(1, 2))
+                good = np.max(gap / size, axis=(1, 2)) <= tolerance
             later: list[tuple[Floats, tuple[int, int] | None]] = []
             room = most - len(kept) - 2 * len(open_)
             for number, (cell, parent) in enumerate(open_):
-                axis = _worst(series[number] / size, half[number], high - low)
-                wide = 2.0 * half[number][axis] > 1.5 * NARROWEST * (high - low)[axis]
-                wide &= bool(np.any(np.isfinite(samples[number])))
-                if error[number] <= tolerance:
+                wide = (cell[1] - cell[0]) / (high - low)
+                axis = _worst(series[number] / size, wide)
+                if good[number]:
                     kept.append((cell, series[number]))
-                    _link(splits, parent, -len(kept))
-                elif wide and room > 0:
-                    _link(splits, parent, len(splits))
-                    middle = float(np.mean(cell[:, axis]))
-                    splits.append([float(axis), middle, 0.0, 0.0])
+                    to = -len(kept)
+                elif room > 0 and wide[axis] > 1.5 * NARROWEST and samples[number] >= 0.0:
+                    to = len(splits)
+                    splits.append([float(axis), float(np.mean(cell[:, axis])), 0.0, 0.0])
                     for side in (0, 1):
                         part = cell.copy()
-                        part[1 - side, axis] = middle
-                        later.append((part, (len(splits) - 1, side)))
+                        part[1 - side, axis] = splits[-1][1]
+                        later.append((part, (to, side)))
+                else:
+                    continue
+                if parent is not None:
+                    splits[parent[0]][2 + parent[1]] = float(to)
             open_ = later
-        shape = (-1, *[count] * m, len(size))
+        cells, parts = ([item[k] for item in kept] for k in (0, 1))
+        shape = (-1, *[degree + 1] * m, len(size))
         return TensorChebyshev(
             low,
             high,
             np.array(splits).reshape(-1, 4),
-            np.array([cell for cell, _ in kept]).reshape(-1, 2, m),
-            np.array([coefficients for _, coefficients in kept]).reshape(shape),
+            np.array(cells).reshape(-1, 2, m),
+            np.array(parts).reshape(shape),
         )
 
     @property
@@ -127,10 +124,8 @@ class TensorChebyshev:
     def cells(self, x: Floats) -> Indices:
         """Return the cells (n,) of places (n, m), -1 outside the box or the domain."""
         inside = np.all((x >= self.low) & (x <= self.high), axis=1)
-        numbers = [
-            self.cell(row) if good else -1 for row, good in zip(x, inside, strict=True)
-        ]
-        return np.array(numbers, dtype=np.intp)
+        every = zip(x, inside, strict=True)
+        return np.array([self.cell(row) if good else -1 for row, good in every], np.intp)
 
     def at(self, x: Floats) -> Floats:
         """Return the functions (n, F) at places (n, m), NaN outside the domain."""
@@ -143,7 +138,7 @@ class TensorChebyshev:
             series = self.coefficients[number]
             degree = series.shape[0] - 1
             flat = series.reshape(-1, series.shape[-1])
-            values[rows] = _products(place, degree) @ flat
+            values[rows] = products(place, degree) @ flat
         return values
 
     @cached_property
@@ -176,10 +171,6 @@ class TensorCells:
         return sums  # type: ignore[no-any-return]
 
 
-def _tensor(axes: Sequence[Floats]) -> Floats:
-    return np.array(list(product(*axes)))
-
-
 def _spread(count: int, m: int) -> Floats:
     """Return places (count, m) in the cube from -1 to 1, evenly, and its corners."""
     root = 1.5
@@ -187,34 +178,18 @@ def _spread(count: int, m: int) -> Floats:
         root = (1.0 + root) ** (1.0 / (m + 1))
     steps = root ** -np.arange(1.0, m + 1)
     inner = 2.0 * ((0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0) - 1.0
-    return np.concatenate([inner, _tensor([np.array([-1.0, 1.0])] * m)])
+    return np.concatenate([inner, tensor([np.array([-1.0, 1.0])] * m)])
 
 
-def _products(x: Floats, degree: int) -> Floats:
-    """Return the products (n, (degree + 1)^m) of Chebyshev polynomials at x (n, m)."""
-    polynomials = np.cos(
-        np.arccos(np.clip(x, -1.0, 1.0))[..., None] * np.arange(degree + 1)
-    )
-    products = polynomials[:, 0]
-    for k in range(1, x.shape[1]):
-        products = (products[:, :, None] * polynomials[:, k, None]).reshape(len(x), -1)
-    return np.asarray(products)
-
-
-def _worst(series: Floats, half: Floats, width: Floats) -> int:
+def _worst(series: Floats, wide: Floats) -> int:
     """Return the direction in which a series falls off worst; of none, the widest."""
     if not np.all(np.isfinite(series)):
-        return int(np.argmax(half / width))
+        return int(np.argmax(wide))
     tails = [
         float(np.max(np.abs(np.take(series, [-1, -2], axis=axis))))
         for axis in range(series.ndim - 1)
     ]
     return int(np.argmax(tails))
-
-
-def _link(splits: list[list[float]], parent: tuple[int, int] | None, to: int) -> None:
-    if parent is not None:
-        splits[parent[0]][2 + parent[1]] = float(to)
 
 
 DEGREE = 7

@@ -1,9 +1,9 @@
 """Functions of one variable as Chebyshev series on cells as narrow as each place needs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -56,29 +56,23 @@ class PiecewiseChebyshev:
         and does not fall when the cell is halved, or there are `most`: `error` says what
         was reached. Without sizes the largest value at the first places counts for all.
         """
-        count = degree + 1
-        between = np.cos(np.arange(count + 1) * np.pi / count)
-        checking = np.cos(np.outer(np.arange(count + 1) * np.pi / count, np.arange(count)))
-        places = np.concatenate([nodes(degree), between])
-        if isinstance(cells, int):
-            starts = low + (high - low) * np.arange(cells) / cells
-        else:
-            starts = cells[:-1]
-        ends = np.append(starts[1:], high)
+        edges = np.linspace(low, high, cells + 1) if isinstance(cells, int) else cells
+        starts, ends = edges[:-1], edges[1:]
+        checks = np.cos(np.arange(degree + 2)[:, None] * np.pi / (degree + 1))
+
+        def rising(x: Floats) -> Floats:
+            order = np.argsort(x[:, 0])
+            return function(np.minimum(x[order, 0], high))[np.argsort(order)]
+
         before = np.full(len(starts), np.inf)
         done: list[tuple[float, Floats]] = []
         largest = 0.0
         while len(starts):
-            half = 0.5 * (ends - starts)[:, None]
-            x = np.minimum(starts[:, None] + half * (1.0 + places), ends[:, None])
-            order = np.argsort(x.ravel())
-            values = function(x.ravel()[order])[np.argsort(order)]
-            values = values.reshape(len(starts), len(places), -1)
+            bounds = np.stack([starts, ends], axis=1)[..., None]
+            series, gap, largest_value = sampled(rising, bounds, degree, checks)
             if size is None:
-                size = np.full(values.shape[2], np.max(np.abs(values)) or 1.0)
-            series = through(values[:, :count])
-            gap = np.einsum("jk,ckm->cjm", checking, series) - values[:, count:]
-            error = np.max(np.abs(gap) / size, axis=(1, 2))
+                size = np.full(gap.shape[2], np.max(largest_value) or 1.0)
+            error = np.max(gap / size, axis=(1, 2))
             good = (error <= tolerance) | ((error < rounding) & (error > 0.5 * before))
             if len(done) + 2 * len(starts) > most:
                 good[:] = True
@@ -183,9 +177,44 @@ def nodes(degree: int) -> Floats:
     return np.cos((np.arange(degree, -1, -1) + 0.5) * np.pi / count)
 
 
-def through(values: Floats) -> Floats:
-    """Return the series (cells, degree + 1, m) with these values at the `nodes`."""
-    return np.einsum("kj,cjm->ckm", fitting(values.shape[1] - 1), values)
+def sampled(
+    function: Callable[[Floats], Floats], bounds: Floats, degree: int, checks: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return the series of a function (n, m) -> (n, F) on cells, and what they miss.
+
+    `bounds` (cells, 2, m) are those of the cells, `checks` (k, m) places in the cube from
+    -1 to 1. The series are (cells, degree + 1, ..., F), the differences (cells, k, F) from
+    the function at the checks in size; the largest samples (cells,) come last, NaN where
+    there is no finite one.
+    """
+    m, count = bounds.shape[2], degree + 1
+    grid = tensor([nodes(degree)] * m)
+    places = np.concatenate([grid, checks])
+    half = 0.5 * (bounds[:, 1] - bounds[:, 0])
+    x = bounds[:, None, 0] + half[:, None] * (1.0 + places)
+    samples = function(x.reshape(-1, m)).reshape(len(bounds), len(places), -1)
+    series = samples[:, : len(grid)].reshape(len(bounds), *[count] * m, -1)
+    for axis in range(1, m + 1):
+        series = np.moveaxis(np.tensordot(series, fitting(degree), (axis, 1)), -1, axis)
+    flat = series.reshape(len(bounds), len(grid), -1)
+    gap = np.abs(products(checks, degree) @ flat - samples[:, len(grid) :])
+    return series, gap, np.fmax.reduce(np.abs(samples), axis=(1, 2))
+
+
+def tensor(axes: Sequence[Floats]) -> Floats:
+    """Return the places (n, m) of a grid with given ones along each of m axes."""
+    return np.array(list(product(*axes)))
+
+
+def products(x: Floats, degree: int) -> Floats:
+    """Return the products (n, (degree + 1)^m) of Chebyshev polynomials at x (n, m)."""
+    polynomials = np.cos(
+        np.arccos(np.clip(x, -1.0, 1.0))[..., None] * np.arange(degree + 1)
+    )
+    made = polynomials[:, 0]
+    for k in range(1, x.shape[1]):
+        made = (made[:, :, None] * polynomials[:, k, None]).reshape(len(x), -1)
+    return np.asarray(made)
 
 
 @cache

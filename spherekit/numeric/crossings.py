@@ -149,87 +149,65 @@ def crossings(
     """
     edges = np.linspace(low, high, CELLS + 1)
     cells = np.stack([edges[:-1], edges[1:]], axis=1)
-    places: list[Floats] = []
-    slopes: list[Floats] = []
+    roots: list[list[Floats]] = []
     doubtful: list[Floats] = []
-    looked = 0
-    barren = np.zeros(len(cells), dtype=np.int64)
+    looked, barren = 0, np.zeros(len(cells), dtype=np.int64)
     for depth in range(DEEPEST + 1):
         looked += len(cells)
-        last = depth == DEEPEST or looked + 2 * len(cells) > most
         middle, half = cells.mean(axis=1), 0.5 * (cells[:, 1] - cells[:, 0])
         given = middle[:, None] + half[:, None] * np.concatenate([_NODES, _BETWEEN])
         values = function(given.ravel()).reshape(given.shape)
-        kept: list[int] = []
-        for number, value in enumerate(values):
-            contents = _in_cell(value)
-            if contents is None:
-                zeros, rates, open_parts = np.zeros(0), np.zeros(0), np.array([[-1.0, 1.0]])
-            else:
-                zeros, rates, open_parts = contents
-            if len(open_parts) and not last and barren[number] < BARREN:
-                kept.append(number)
-                continue
-            places.append(middle[number] + half[number] * zeros)
-            slopes.append(rates / half[number])
-            doubtful.append(middle[number] + half[number] * open_parts)
-        if not kept:
+        contents = [*map(_in_cell, values)]
+        again = np.array([len(parts) > 0 for _, parts in contents]) & (barren < BARREN)
+        again &= depth < DEEPEST and looked + 2 * len(cells) <= most
+        for number in np.flatnonzero(~again):
+            (zeros, rates), parts = contents[number]
+            roots.append([middle[number] + half[number] * zeros, rates / half[number]])
+            doubtful.append(middle[number] + half[number] * parts)
+        if not np.any(again):
             break
-        split = cells[kept]
-        inner = split.mean(axis=1)
         if depth:  # cells are halves, two and two of one
-            both = np.isin(np.array(kept) ^ 1, kept) & (2.0 * half[kept] <= smooth)
-            barren = np.where(both, barren[kept] + 1, 0)
-        else:
-            barren = np.zeros(len(kept), dtype=np.int64)
-        barren = np.repeat(barren, 2)
-        cells = np.stack([split[:, 0], inner, inner, split[:, 1]], axis=1).reshape(-1, 2)
-    exact = _polished(function, np.concatenate(places), np.concatenate(slopes))
-    parts = _merged(np.concatenate(doubtful))
-    return np.clip(np.sort(exact), low, high), np.clip(parts, low, high)
-
-
-def _polished(
-    function: Callable[[Floats], Floats], places: Floats, slopes: Floats
-) -> Floats:
-    """Return zeros (k,) of a function, those of its polynomials and their slopes given."""
+            both = np.repeat(again.reshape(-1, 2).all(axis=1), 2) & (2.0 * half <= smooth)
+            barren = np.where(both, barren + 1, 0)
+        barren, inner = np.repeat(barren[again], 2), middle[again]
+        ends = cells[again].T
+        cells = np.stack([ends[0], inner, inner, ends[1]], axis=1).reshape(-1, 2)
+    places, slopes = np.concatenate(roots, axis=1)
     for _ in range(POLISHING_STEPS if len(places) else 0):
         with np.errstate(divide="ignore", invalid="ignore"):
             step = -function(places) / slopes
         places = places + np.where(np.abs(step) < MOVED, step, 0.0)
-    return places
+    parts = _merged(np.concatenate(doubtful))
+    return np.clip(np.sort(places), low, high), np.clip(parts, low, high)
 
 
-def _in_cell(values: Floats) -> tuple[Floats, Floats, Floats] | None:
-    """Return zeros (k,), slopes there and doubtful parts (d, 2) of a cell on [-1, 1].
+def _in_cell(values: Floats) -> tuple[Floats, Floats]:
+    """Return zeros with slopes (2, k), and doubtful parts (d, 2), of a cell on [-1, 1].
 
-    None where the polynomial is not the function given by its samples.
+    All of it is doubtful where the polynomial is not the function given by its samples.
     """
     nodal, checked = values[: DEGREE + 1], values[DEGREE + 1 :]
     series = _FITTING @ nodal
     gap = float(np.max(np.abs(series @ _CHECKING - checked)))
     error = max(gap, float(np.max(np.abs(series[-TAIL:]))))
     if not error <= FITTED * float(np.max(np.abs(nodal))) or not np.any(nodal):
-        return None
+        return np.zeros((2, 0)), np.array([[-1.0, 1.0]])
     return _zeros(series, error)
 
 
 def _merged(parts: Floats) -> Floats:
     """Return parts (d, 2) of a line in order, those that touch as one."""
-    merged: list[list[float]] = []
-    for start, stop in parts[np.argsort(parts[:, 0])]:
-        if merged and start <= merged[-1][1] + TOGETHER * abs(stop - start):
-            merged[-1][1] = max(merged[-1][1], float(stop))
-        else:
-            merged.append([float(start), float(stop)])
-    return np.array(merged).reshape(-1, 2)
+    start, stop = parts[np.argsort(parts[:, 0])].T
+    reach, new = np.maximum.accumulate(stop), np.ones(len(parts), dtype=bool)
+    new[1:] = start[1:] > reach[:-1] + TOGETHER * np.abs(stop - start)[1:]
+    return np.stack([start[new], reach[np.roll(new, -1)]], axis=1)
 
 
-def _zeros(series: Floats, error: float) -> tuple[Floats, Floats, Floats]:
-    """Return changes of sign of a series on [-1, 1], slopes, and doubtful extrema."""
+def _zeros(series: Floats, error: float) -> tuple[Floats, Floats]:
+    """Return changes of sign of a series on [-1, 1] with slopes, and doubtful extrema."""
     series = trimmed(series, 1e-3 * error)
     if abs(series[0]) > np.sum(np.abs(series[1:])) + CERTAIN * error:
-        return np.zeros(0), np.zeros(0), np.zeros((0, 2))
+        return np.zeros((2, 0)), np.zeros((0, 2))
     slope: Floats = np.asarray(chebyshev.chebder(series), dtype=float)
     extrema = real_zeros(slope, 1.0 + BEYOND)
     heights = np.abs(chebyshev.chebval(extrema, series))
@@ -249,7 +227,7 @@ def _zeros(series: Floats, error: float) -> tuple[Floats, Floats, Floats]:
         values[part + 1],
     )
     rates = np.asarray(chebyshev.chebval(places, slope), dtype=float)
-    return places, rates, np.array(touches).reshape(-1, 2)
+    return np.stack([places, rates]), np.array(touches).reshape(-1, 2)
 
 
 SAME_ANGLE = 1e-9

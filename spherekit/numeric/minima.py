@@ -41,14 +41,22 @@ def minima(
     deep = (y[1:-1] < y[:-2]) & (y[1:-1] <= y[2:]) & (y[1:-1] <= limit)
     deep &= np.minimum(y[:-2], y[2:]) - y[1:-1] > FLAT * y[1:-1]
     (at,) = np.nonzero(deep)
-    low, high, least = x[at], x[at + 2], y[at + 1]
-    while np.any(high - low > KNOWN * (grid[-1] - grid[0])):
+    places = least_within(function, x[at], x[at + 2], KNOWN * (grid[-1] - grid[0]))
+    return places, function(places)
+
+
+def least_within(
+    function: Function, low: Floats, high: Floats, narrow: float = 1e-14
+) -> Floats:
+    """Return where a function is least in brackets (n,), which are cut until narrow."""
+    at = np.arange(len(low))
+    while np.any(high - low > narrow):
         places = low + (high - low) * PARTS
         values = function(places.ravel()).reshape(places.shape)
-        best = 1 + np.nanargmin(values[1:-1], axis=0), np.arange(len(at))
-        low, high = (places[best[0] + beside, best[1]] for beside in (-1, 1))
-        least = values[best]
-    return 0.5 * (low + high), least
+        best = np.argmin(np.where(np.isnan(values), np.inf, values), axis=0)
+        low = places[np.maximum(best - 1, 0), at]
+        high = places[np.minimum(best + 1, len(PARTS) - 1), at]
+    return 0.5 * (low + high)
 
 
 def _resolved(function: Function, grid: Floats) -> tuple[Floats, Floats]:
@@ -75,9 +83,8 @@ def _cubic(x: Floats, y: Floats, cells: Indices, at: Floats) -> Floats:
     """Return the polynomials through the four values about cells, at a place in each."""
     count = min(4, len(x))
     nodes = np.clip(cells - 1, 0, len(x) - count)[:, None] + np.arange(count)
-    value = np.zeros(len(cells))
-    for k in range(count):
-        others = np.delete(nodes, k, axis=1)
-        part = (at[:, None] - x[others]) / (x[nodes[:, [k]]] - x[others])
-        value += y[nodes[:, k]] * np.prod(part, axis=1)
-    return value
+    ways = at[:, None] - x[nodes]
+    gaps = x[nodes][:, :, None] - x[nodes][:, None]
+    same = np.eye(count, dtype=bool)
+    parts = np.divide(ways[:, None], gaps, out=np.ones_like(gaps), where=~same)
+    return np.vecdot(y[nodes], np.prod(parts, axis=2))
