@@ -18,27 +18,23 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
-from spherekit.analysis.rows import order_of, typed
+from spherekit.analysis.rows import in_modes, typed
 from spherekit.analysis.tables import (
-    ASSEMBLY_MODE,
     CHUNK,
     FILE_SIZE,
-    Files,
     Format,
     Table,
     TableData,
     arrays,
+    formats_of,
 )
 from spherekit.conventions import AnyPath, listing
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.atomic import make_folder, refused, write_bytes
-from spherekit.files.plain import BaseFileLock, locked
+from spherekit.files.plain import locked
 from spherekit.model.mechanism import Mechanism
 from spherekit.resources import usable_memory
 
@@ -70,10 +66,9 @@ Unfinished = Literal["refuse", "resume", "discard"]
 class RunFolder:
     """A folder for the results of one run, which holds its lock."""
 
-    def __init__(self, path: Path, lock: BaseFileLock) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
         self.work = path / WORK
-        self._lock = lock
         self._journal = self.work / JOURNAL
         self._written = time.monotonic()
 
@@ -88,20 +83,32 @@ class RunFolder:
             If it cannot be written, another program writes there, or it has a summary or a
             hidden folder that no run has made.
         """
-        path = make_folder(place)
-        _check_work(path / WORK)
-        lock = locked(path / WORK / LOCK)
+        folder = cls(make_folder(place))
+        others = foreign(folder.work, OWN, re.compile(MADE))
+        if others:
+            raise OutputError(
+                f"{str(folder.work)!r}: runs make no {listing(others, 4)} there: it stays "
+                "as it is; choose another folder for the results, or move it away"
+            )
+        lock = locked(folder.work / LOCK)
         if isinstance(lock, str):
             raise OutputError(
-                f"{str(path)!r}: {lock} is writing there; wait for its end, or choose "
-                "another folder"
+                f"{str(folder.path)!r}: {lock} is writing there; wait for its end, or "
+                "choose another folder"
             )
-        folder = cls(path, lock)
         try:
             folder.claim([SUMMARY])
             yield folder
         finally:
-            folder._leave()
+            kept = folder.unfinished
+            if not kept:
+                folder.discard()
+                with suppress(OSError):  # Windows removes no open file
+                    (folder.work / LOCK).unlink(missing_ok=True)
+            lock.release()
+            if not kept:
+                with suppress(OSError):
+                    folder.work.rmdir()
 
     @property
     def unfinished(self) -> bool:
@@ -166,22 +173,27 @@ class RunFolder:
 
     def _owned(self) -> set[str]:
         """Return the names of the results here that runs have made, as they made them."""
-        sizes = [*_listed(self.path / SUMMARY), *_listed(self.work / PUBLISHED)]
-        made = {name for name, size in sizes if _size(self.path / name) == size}
-        return made | {SUMMARY} if _content(self.path / SUMMARY) else made
+        summary = _content(self.path / SUMMARY)
+        made = {
+            name
+            for content in (summary, _content(self.work / PUBLISHED))
+            for key in (BYTES, OLDER)
+            for name, size in content.get(key, {}).items()
+            if Path(name).name == name and _size(self.path / name) == size
+        }
+        return made | {SUMMARY} if summary else made
 
-    def publish(self, made: Path, names: Iterable[str]) -> list[Path]:
+    def publish(self, made: Path, names: Sequence[str]) -> list[Path]:
         """Move finished files from a folder in the work folder to where they belong.
 
-        The summary of an older run goes first, with the files it lists; the new one comes
-        last. So a folder with a summary holds the files of one run.
+        The summary of an older run goes first, with the files it lists; the new one is the
+        last of the names. So a folder with a summary holds the files of one run.
 
         Raises
         ------
         OutputError
             If a file cannot be moved, or would replace what no run has made.
         """
-        names = list(names)
         self.claim(names)
         older, moved = self._owned(), self.work / PUBLISHED
         sizes = {
@@ -189,29 +201,15 @@ class RunFolder:
             OLDER: {name: _size(self.path / name) for name in older},
         }
         write_bytes(moved, json.dumps(signed(sizes)).encode())
-        target = self.path / SUMMARY
         try:
-            target.unlink(missing_ok=True)
-            for name in older - set(names):
+            for name in [SUMMARY, *(older - set(names))]:
                 (self.path / name).unlink(missing_ok=True)
-            for name in [*(name for name in names if name != SUMMARY), SUMMARY]:
+            for name in names:
                 (made / name).replace(self.path / name)
             moved.unlink()
         except OSError as error:
             raise refused(self.path, "written", error) from None
         return [self.path / name for name in names]
-
-    def _leave(self) -> None:
-        """Let go of the folder; remove the work folder unless work is left in it."""
-        kept = self.unfinished
-        if not kept:
-            self.discard()
-            with suppress(OSError):  # Windows removes no open file
-                (self.work / LOCK).unlink(missing_ok=True)
-        self._lock.release()
-        if not kept:
-            with suppress(OSError):
-                self.work.rmdir()
 
 
 def has_unfinished(path: Path) -> bool:
@@ -223,9 +221,10 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """Return in what two runs differ, in words; empty if in nothing."""
     changes = []
     for key in dict.fromkeys([*before, *now]):
-        old, new = (_short(state.get(key)) for state in (before, now))
-        if json.dumps(before.get(key)) != json.dumps(now.get(key)):
-            changes.append(f"{key.replace('_', ' ')}: {old} there, {new} now")
+        old, new = before.get(key), now.get(key)
+        if json.dumps(old) != json.dumps(new):
+            words = key.replace("_", " ")
+            changes.append(f"{words}: {_short(old)} there, {_short(new)} now")
     return listing(changes, 4)
 
 
@@ -253,13 +252,6 @@ def _content(record: Path) -> dict[str, Any]:
     return content if whole else {}
 
 
-def _listed(record: Path) -> list[tuple[str, int]]:
-    """Return the files that a run has signed, and their bytes."""
-    content = _content(record)
-    listed = [*content.get(BYTES, {}).items(), *content.get(OLDER, {}).items()]
-    return [(name, size) for name, size in listed if Path(name).name == name]
-
-
 def _size(path: Path) -> int:
     """Return the bytes of a file, -1 if there is none; a link is none."""
     try:
@@ -269,31 +261,17 @@ def _size(path: Path) -> int:
     return status.st_size if stat.S_ISREG(status.st_mode) else -1
 
 
-def _check_work(work: Path) -> None:
-    """Raise `OutputError` if the hidden folder is not one that runs have made."""
-    others = foreign(work, OWN, re.compile(MADE))
-    if others:
-        raise OutputError(
-            f"{str(work)!r}: runs make no {listing(others, 4)} there: it stays as it is; "
-            "choose another folder for the results, or move it away"
-        )
-
-
 def foreign(place: Path, files: re.Pattern[str], folders: re.Pattern[str]) -> list[str]:
     """Return what lies in a folder and is a link, or is called as nothing of ours is."""
     if place.is_symlink() or (place.exists() and not place.is_dir()):
         return [f"link or file {place.name}"]
     others = []
     for path in place.rglob("*"):
-        name, ours = path.relative_to(place).as_posix(), folders
-        if not path.is_dir():
-            ours = files if _size(path) >= 0 else _NOTHING
-        if path.is_symlink() or not ours.fullmatch(name):
+        name, is_folder = path.relative_to(place).as_posix(), path.is_dir()
+        called = (folders if is_folder else files).fullmatch(name)
+        if path.is_symlink() or not called or not (is_folder or _size(path) >= 0):
             others.append(name)
     return others
-
-
-_NOTHING = re.compile(r"(?!)")
 
 
 class StoredParts:
@@ -328,21 +306,16 @@ class StoredParts:
         """
         from spherekit.analysis.frames import write_columns
 
-        columns = typed(table, arrays(data))
-        count = len(next(iter(columns.values())))
-        modes = np.zeros(count, dtype=int)
+        columns: TableData = typed(table, arrays(data))
+        runs = [(0, slice(0, len(next(iter(columns.values())))))]
         if self._more and table.in_assembly_modes:
-            order = order_of(columns)
-            if np.any(order[1:] < order[:-1]):
-                columns = {name: values[order] for name, values in columns.items()}
-            modes = columns[ASSEMBLY_MODE.name]
-        edges = [*np.flatnonzero(np.diff(modes, prepend=-1)).tolist(), count]
-        spans = [
-            slice(start, min(start + CHUNK, stop))
-            for first, stop in pairwise(edges)
-            for start in range(first, stop, CHUNK)
+            columns, runs = in_modes(columns)
+        groups = [
+            (mode, slice(start, min(start + CHUNK, rows.stop)))
+            for mode, rows in runs
+            for start in range(rows.start, rows.stop, CHUNK)
         ]
-        notes = {MODES: [int(modes[rows.start]) for rows in spans]}
+        notes, spans = {MODES: [mode for mode, _ in groups]}, [rows for _, rows in groups]
         key = analysis, table.name
         write_columns(self._path(key, self._parts[key]), columns, notes, spans, "none")
         self._parts[key] += 1
@@ -423,7 +396,7 @@ def need_disk_for_run(
     Judged by the size of the store when `done` of `total` samples are done.
     """
     held, whole = store.size, store.size * total / done
-    formats = Files(formats=formats).formats_of(FILE_SIZE["csv"] * whole)
+    formats = formats_of(formats, FILE_SIZE["csv"] * whole)
     wanted = whole * (1.0 + sum(FILE_SIZE[kind] for kind in formats))
     less = size_text(whole * (1.0 + FILE_SIZE["parquet"]))
     hint = f"; Parquet alone (--format parquet) takes {less}" if "csv" in formats else ""

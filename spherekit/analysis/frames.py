@@ -18,7 +18,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from spherekit.analysis.rows import typed
-from spherekit.analysis.tables import CHUNK, FILE_SIZE, TYPES, Files, Table, TableArrays
+from spherekit.analysis.tables import (
+    CHUNK,
+    FILE_SIZE,
+    TYPES,
+    Format,
+    Table,
+    TableArrays,
+)
 from spherekit.arrays import Array
 from spherekit.conventions import Status
 from spherekit.errors import FileError
@@ -49,29 +56,17 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
 
     columns: dict[str, Any] = {}
     for column, values in zip(table.columns, typed(table, data).values(), strict=True):
+        columns[column.name] = values
         if column.kind == "status":
             names = pd.Index(STATUSES)
             columns[column.name] = pd.Categorical.from_codes(values, categories=names)
-        elif column.kind == "text":
-            columns[column.name] = _categories(values)
         elif column.unit_in(degrees) != column.unit:
             columns[column.name] = np.degrees(values)
-        else:
-            columns[column.name] = values
-    frame = pd.DataFrame(columns)
     units = {column.name: column.stated_unit(degrees) for column in table.columns}
-    frame.attrs["units"] = units
-    return frame
+    return frame_of(columns, {"units": units})
 
 
-def _categories(values: Array) -> "pd.Categorical":
-    import pandas as pd
-
-    codes, words = pd.factorize(values, sort=True)
-    return pd.Categorical.from_codes(codes, categories=pd.Index(words.tolist()))
-
-
-def frame_of(columns: Mapping[str, Array], notes: Mapping[str, Any]) -> "pd.DataFrame":
+def frame_of(columns: Mapping[str, Any], notes: Mapping[str, Any]) -> "pd.DataFrame":
     """Return columns as a frame, texts as categories, with notes in its `attrs`."""
     import pandas as pd
 
@@ -88,18 +83,16 @@ def frame_of(columns: Mapping[str, Array], notes: Mapping[str, Any]) -> "pd.Data
 def _texts(values: Any) -> "pa.DictionaryArray":
     """Return texts as places in the words that are there, which are in order."""
     import pyarrow as pa
+    import pyarrow.compute as pc
 
     if isinstance(values, np.ndarray):
         encoded = pa.array(values, pa.string()).dictionary_encode()
     else:
         encoded = values.unify_dictionaries().combine_chunks()
-    words, codes = encoded.dictionary.to_pylist(), encoded.indices.to_numpy()
-    used = np.flatnonzero(np.bincount(codes, minlength=len(words))).tolist()
-    used.sort(key=words.__getitem__)
-    places = np.zeros(len(words), np.int32)
-    places[used] = np.arange(len(used))
-    names = pa.array([words[place] for place in used], pa.string())
-    return pa.DictionaryArray.from_arrays(places[codes], names)
+    used = encoded.dictionary.take(encoded.indices.unique())
+    words = used.take(pc.sort_indices(used))
+    places = pc.index_in(encoded.dictionary, words)
+    return pa.DictionaryArray.from_arrays(places.take(encoded.indices), words)
 
 
 def _arrow(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
@@ -130,7 +123,8 @@ def write_table(
     table: Table,
     pieces: Iterable[Mapping[str, Any]],
     notes: Mapping[str, str],
-    wanted: Files,
+    degrees: bool,
+    formats: Sequence[Format] | None,
 ) -> list[str]:
     """Write the pieces of a table, CSV and Parquet side by side; return the files' names.
 
@@ -142,21 +136,18 @@ def write_table(
     OutputError
         If the disk is full; no file of this table is then left.
     """
+    import pyarrow as pa
     import pyarrow.csv as pc
 
     none = {
         column.name: np.zeros(0, TYPES.get(column.kind, str)) for column in table.columns
     }
-    rest = (_arrow(table, piece, wanted.degrees) for piece in pieces)
-    first = next(rest, None) or _arrow(table, none, wanted.degrees)
-    names = {
-        kind: f"{stem}.{kind}"
-        for kind in FILE_SIZE
-        if kind in (wanted.formats or FILE_SIZE)
-    }
+    rest = (_arrow(table, piece, degrees) for piece in pieces)
+    first = next(rest, None) or _arrow(table, none, degrees)
+    names = {k: f"{stem}.{k}" for k in FILE_SIZE if k in (formats or FILE_SIZE)}
     with ExitStack() as stack:
         if "parquet" in names:
-            schema = _noted(first.schema, {"units": table.units(wanted.degrees), **notes})
+            schema = _noted(first.schema, {"units": table.units(degrees), **notes})
             parquet = stack.enter_context(_parquet(folder / names["parquet"], schema))
         if "csv" in names:
             text = stack.enter_context(writing(folder / names["csv"]))
@@ -165,19 +156,13 @@ def write_table(
             if "parquet" in names:
                 parquet.write_table(piece.cast(schema))
             if "csv" in names:
-                plain = SPECIAL.isdisjoint("".join(_words_in(piece)))
+                texts = [x for x in piece.columns if pa.types.is_dictionary(x.type)]
+                words = [word for x in texts for word in x.chunk(0).dictionary.to_pylist()]
+                plain = SPECIAL.isdisjoint("".join(words))
                 style: Literal["none", "needed"] = "none" if plain else "needed"
                 options = pc.WriteOptions(include_header=False, quoting_style=style)
                 pc.write_csv(_with_words(piece), text, options)
     return list(names.values())
-
-
-def _words_in(rows: "pa.Table") -> Iterator[str]:
-    import pyarrow as pa
-
-    for column in rows.columns:
-        if pa.types.is_dictionary(column.type):
-            yield from column.chunk(0).dictionary.to_pylist()
 
 
 def pieces_in(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:

@@ -14,7 +14,7 @@ from spherekit.analysis.tables import (
     SAMPLE,
     STATUS,
     Column,
-    Files,
+    Format,
     Table,
     TableArrays,
 )
@@ -109,16 +109,21 @@ class ProvenPoles:
         rows = len(self.data["status"])
         return f"proven: {self.proven} of {rows} rows of poles; " + "; ".join(parts)
 
-    def write(self, folder: Path, wanted: Files, mechanism_hash: str) -> list[str]:
+    def write(
+        self,
+        folder: Path,
+        degrees: bool,
+        formats: Sequence[Format] | None,
+        mechanism_hash: str,
+    ) -> list[str]:
         """Write the table into a folder; return the names of the files."""
         from spherekit.analysis.frames import write_table
 
         for kind in FILE_SIZE:
             check_own(folder / f"{PROVEN.name}.{kind}", b"proven_u")
         notes = {"analysis": "poles", "mechanism_hash": mechanism_hash}
-        return write_table(
-            folder, PROVEN.name, PROVEN, pieces_of(PROVEN, self.data), notes, wanted
-        )
+        rows = pieces_of(PROVEN, self.data)
+        return write_table(folder, PROVEN.name, PROVEN, rows, notes, degrees, formats)
 
 
 def prove_poles(

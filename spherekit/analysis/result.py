@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -26,10 +26,10 @@ from spherekit.analysis.tables import (
     COLUMNS,
     FILE_SIZE,
     Declared,
-    Files,
     Format,
     Table,
     TableArrays,
+    formats_of,
 )
 from spherekit.argument_validation import checked
 from spherekit.conventions import Facts, choices, counted, listing
@@ -277,8 +277,10 @@ class RunResult:
                     f"{str(folder)!r}: there is unfinished work of a run; finish it with "
                     'unfinished="resume" first, or choose another folder'
                 )
-            wanted = Files(degrees, formats)
-            return write_results(place, declared, rows, self.summary, wanted)[0]
+            written, _ = write_results(
+                place, declared, rows, self.summary, degrees, formats
+            )
+            return written
 
 
 def _first_rows(analysis: str, table: Table, data: TableArrays) -> str:
@@ -320,7 +322,8 @@ def result_of(
     store: StoredParts | InMemory | None,
     place: RunFolder | None,
     summary: Facts,
-    wanted: Files,
+    degrees: bool,
+    formats: Sequence[Format] | None,
 ) -> RunResult:
     """Return the tables declared by name of analysis, written if there is a folder.
 
@@ -340,11 +343,12 @@ def result_of(
         from spherekit.analysis.frames import ParquetColumns
 
         rows = {stem: store.pieces(*key) for stem, key in by_stem.items()}
-        files, summary = write_results(place, declared, rows, summary, wanted)
+        written = write_results(place, declared, rows, summary, degrees, formats)
+        files, summary = written
         for stem, (name, table) in by_stem.items():
             path = place.path / f"{stem}.parquet"
             if path in files:
-                data[name][table.name] = ParquetColumns(path, table, wanted.degrees)
+                data[name][table.name] = ParquetColumns(path, table, degrees)
     results = {
         name: AnalysisResult(name, tuple(tables), data[name])
         for name, tables in declared.items()
@@ -357,7 +361,8 @@ def write_results(
     declared: Declared,
     rows: Mapping[str, Iterator[Mapping[str, Any]]],
     summary: Facts,
-    wanted: Files,
+    degrees: bool,
+    formats: Sequence[Format] | None,
 ) -> tuple[list[Path], Facts]:
     """Write the tables of analyses, and the summary with their names and the time.
 
@@ -376,26 +381,24 @@ def write_results(
         table.row_bytes * cost[stem]["rows"] for stem, (_, table) in by_stem.items()
     )
     csv = FILE_SIZE["csv"] * in_memory
-    formats = wanted.formats_of(csv)
-    if wanted.formats is None and "csv" not in formats:
+    asked, formats = formats, formats_of(formats, csv)
+    if asked is None and "csv" not in formats:
         left_out = f"no CSV, which would take about {size_text(csv)}: ask for it with "
         left_out += '--format both (formats=["csv", "parquet"])'
         summary = {**summary, "remarks": [*summary.get("remarks", ()), left_out]}
-    wanted = replace(wanted, formats=formats)
     made = make_folder(folder.work / MADE)
     names: list[str] = []
     for stem, (analysis, table) in by_stem.items():
         notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
-        own_names = write_table(made, stem, table, rows[stem], notes, wanted)
-        for name in own_names:
+        for name in write_table(made, stem, table, rows[stem], notes, degrees, formats):
             key = f"{name.rpartition('.')[2]}_bytes"
             cost[stem][key] = (made / name).stat().st_size
-        names += own_names
-    write_bytes(made / COLUMNS, columns_text(by_stem, wanted.degrees))
+            names.append(name)
+    write_bytes(made / COLUMNS, columns_text(by_stem, degrees))
     names.append(COLUMNS)
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - started
     sizes = {name: (made / name).stat().st_size for name in names}
-    rest = {"units": _units(declared, wanted.degrees), "files": names, BYTES: sizes}
+    rest = {"units": _units(declared, degrees), "files": names, BYTES: sizes}
     written = signed({**summary, **rest})
     text = json.dumps(written, indent=2, ensure_ascii=False)
     write_bytes(made / SUMMARY, (text + "\n").encode())

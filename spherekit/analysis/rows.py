@@ -1,8 +1,8 @@
 """The rows of tables in memory: blocks as they came, joined in order when they are read."""
 
-import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,9 @@ from spherekit.analysis.tables import (
     Table,
     TableArrays,
     TableData,
+    arrays,
 )
-from spherekit.arrays import Array, Indices
+from spherekit.arrays import Array
 from spherekit.numeric.unread import Interleaved, Span, once, put
 
 LARGEST_SHARE = 8
@@ -56,45 +57,39 @@ class JoinedBlocks(Mapping[str, Array]):
 
     def __init__(self, blocks: Sequence[TableData], table: Table) -> None:
         self._blocks = [dict(block) for block in blocks]
+        self._table = table
         self._types = {c.name: TYPES.get(c.kind) for c in table.columns}
         self._made: dict[str, Array] = {}
         self._spans: list[list[Span]] = []
-        self._order: Indices | None = None
-        self._in_modes = table.in_assembly_modes
 
     def join(self, names: Iterable[str]) -> None:
         """Put together the columns of these names: several at less cost than each."""
         if not self._spans:
             self._put_in_order()
-        wanted = [name for name in names if name not in self._made]
-        for name, made in self._joined(wanted).items():
-            self._made[name] = made if self._order is None else made[self._order]
-            for block in self._blocks:
-                del block[name]
+        made: dict[str, Array] = {}
+        for name in names:
+            if name not in self._made:
+                columns = [block[name] for block in self._blocks]
+                kind = self._types[name] or np.result_type(*(x.dtype for x in columns))
+                made[name] = np.empty(sum(map(len, columns)), dtype=kind)
+        for block, spans in zip(self._blocks, self._spans, strict=True):
+            put([(block.pop(name), out) for name, out in made.items()], spans)
+        self._made |= made
 
     def _put_in_order(self) -> None:
-        """Find where the rows of blocks belong; columns are still there."""
-        counts = [len(next(iter(block.values()))) for block in self._blocks]
-        parts = [(number, slice(0, count)) for number, count in enumerate(counts)]
-        self._spans = _spans(parts, len(counts))
-        if len(counts) < 2 or not self._in_modes:
-            return
-        in_order = parts_in_order(self._blocks)
-        if in_order is None:
-            self._order = order_of(self._joined([SAMPLE.name, ASSEMBLY_MODE.name]))
-        else:
-            self._spans = _spans(in_order, len(counts))
-
-    def _joined(self, names: Sequence[str]) -> dict[str, Array]:
-        made = {name: self._empty(name) for name in names}
-        for block, spans in zip(self._blocks, self._spans, strict=True):
-            put([(block[name], out) for name, out in made.items()], spans)
-        return made
-
-    def _empty(self, name: str) -> Array:
-        columns = [block[name] for block in self._blocks]
-        kind = self._types[name] or np.result_type(*(part.dtype for part in columns))
-        return np.empty(sum(map(len, columns)), dtype=kind)
+        """Find where the rows of blocks belong; the samples of one follow the others'."""
+        parts = []
+        for number, block in enumerate(self._blocks):
+            runs = [(0, slice(0, len(next(iter(block.values())))))]
+            if len(self._blocks) > 1 and self._table.in_assembly_modes:
+                ordered, runs = in_modes(block)
+                self._blocks[number] = dict(ordered)
+            parts += [(mode, number, rows) for mode, rows in runs]
+        self._spans = [[] for _ in self._blocks]
+        first = 0
+        for _, number, rows in sorted(parts, key=lambda part: part[:2]):
+            self._spans[number].append((rows, first))
+            first += rows.stop - rows.start
 
     def __getitem__(self, name: str) -> Array:
         if name not in self._types:
@@ -123,40 +118,28 @@ def _own(column: Any) -> Any:
     return column.copy() if is_part and column.strides[0] else column
 
 
-def _spans(parts: Sequence[tuple[int, slice]], blocks: int) -> list[list[Span]]:
-    """Return of each block which rows go where when its parts follow each other."""
-    spans: list[list[Span]] = [[] for _ in range(blocks)]
-    first = 0
-    for number, rows in parts:
-        spans[number].append((rows, first))
-        first += rows.stop - rows.start
-    return spans
+def in_modes(block: TableData) -> tuple[TableData, list[tuple[int, slice]]]:
+    """Return the rows of a block by assembly mode, then sample, and where each mode is.
 
-
-def parts_in_order(blocks: Sequence[TableData]) -> list[tuple[int, slice]] | None:
-    """Return rows of blocks by mode, then sample; None where these would need sorting.
-
-    The samples of a block come after those of the blocks before.
+    They are as they were unless a mode is there twice, or its samples do not rise; rows of
+    one sample keep their order.
     """
-    parts: list[tuple[int, int, slice]] = []
-    for number, block in enumerate(blocks):
-        modes, repeats = once(block[ASSEMBLY_MODE.name])
-        samples, _ = once(block[SAMPLE.name])
-        is_new = modes[1:] != modes[:-1] if len(modes) == len(samples) else None
-        if is_new is None or np.any(~is_new & (samples[1:] < samples[:-1])):
-            return None
-        edges = np.flatnonzero(np.concatenate([[True], is_new, [True]]))
-        for start, stop in itertools.pairwise(edges.tolist() if len(modes) else []):
-            rows = slice(repeats * start, repeats * stop)
-            parts.append((int(modes[start]), number, rows))
-    if len({part[:2] for part in parts}) < len(parts):
-        return None
-    return [(number, rows) for _, number, rows in sorted(parts, key=lambda part: part[:2])]
-
-
-def order_of(data: TableArrays) -> Indices:
-    """Return the order of rows by mode, then sample; rows of one sample keep theirs."""
-    return np.lexsort((data[SAMPLE.name], data[ASSEMBLY_MODE.name]))
+    modes, repeats = once(block[ASSEMBLY_MODE.name])
+    samples, alike = once(block[SAMPLE.name])
+    if alike == repeats:
+        step = np.diff(modes)
+        edges = [0, *(np.flatnonzero(step) + 1).tolist(), len(modes)]
+        runs = [
+            (int(modes[low]), slice(low * repeats, high * repeats))
+            for low, high in pairwise(edges)
+            if low < high
+        ]
+        falls = (step == 0) & (np.diff(samples) < 0)
+        if len(dict(runs)) == len(runs) and not np.any(falls):
+            return block, runs
+    rows = arrays(block)
+    order = np.lexsort((rows[SAMPLE.name], rows[ASSEMBLY_MODE.name]))
+    return in_modes({name: column[order] for name, column in rows.items()})
 
 
 def typed(table: Table, data: TableArrays) -> dict[str, Array]:

@@ -42,7 +42,7 @@ from spherekit.analysis.running.summary import (
 )
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.study import Subject, chosen, study_of, takes
-from spherekit.analysis.tables import Files, Table, Tables
+from spherekit.analysis.tables import Table, Tables
 from spherekit.argument_validation import checked
 from spherekit.conventions import Facts, listing
 from spherekit.engine.kernels import ENGINES, Engine
@@ -208,8 +208,8 @@ def executed(
                 reached = {"setting": str(job.setting)}
                 summary["accuracy"] = {**execution.accuracy, **reached}
             declared, failures = job.tables(standing.failures), standing.failures
-            files = Files(study.degrees, execution.formats)
-            return result_of(declared, failures, store, place, summary, files)
+            how = study.degrees, execution.formats
+            return result_of(declared, failures, store, place, summary, *how)
 
 
 def traced(study: Study, analyses: Analyses, execution: Execution) -> bool:

@@ -31,21 +31,14 @@ MOST_CSV = 1e8
 """Bytes of CSV that are written without being asked for."""
 
 
-@dataclass(frozen=True)
-class Files:
-    """Which files tables go to, if that was said, and whether angles are in degrees."""
+def formats_of(asked: Sequence[Format] | None, csv_bytes: float) -> Sequence[Format]:
+    """Return the formats of tables that take about so many bytes as CSV.
 
-    degrees: bool = False
-    formats: Sequence[Format] | None = None
-
-    def formats_of(self, csv_bytes: float) -> Sequence[Format]:
-        """Return the formats of tables that take about so many bytes as CSV.
-
-        Where none is asked for: CSV only up to `MOST_CSV`.
-        """
-        if self.formats is not None:
-            return self.formats
-        return tuple(FILE_SIZE) if csv_bytes <= MOST_CSV else ("parquet",)
+    Where none is asked for: CSV only up to `MOST_CSV`.
+    """
+    if asked is not None:
+        return asked
+    return tuple(FILE_SIZE) if csv_bytes <= MOST_CSV else ("parquet",)
 
 
 IN_DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2"}

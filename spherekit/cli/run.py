@@ -198,14 +198,13 @@ def _exit_status(result: "RunResult", exceeded: int, strict: bool) -> int:
 def _prove(options: Namespace, study: "Study", result: "RunResult") -> int:
     """Prove the poles of a run, write and tell; return how many bounds are exceeded."""
     from spherekit.analysis.proven_poles import prove_poles
-    from spherekit.analysis.tables import Files
 
     motion, poles = (result.results[name].data[name] for name in ("motion", "poles"))
     proven = prove_poles(study.mechanism, motion, poles)
     print(proven, file=sys.stderr if options.json else sys.stdout)
     if study.folder is not None:
-        wanted = Files(study.degrees, FORMATS.get(options.format))
-        names = proven.write(study.folder, wanted, result.summary["mechanism_hash"])
+        formats, hash_ = FORMATS.get(options.format), result.summary["mechanism_hash"]
+        names = proven.write(study.folder, study.degrees, formats, hash_)
         print(f"proven poles in {', '.join(names)}", file=sys.stderr)
     return proven.exceeded
 
