@@ -1,11 +1,6 @@
-"""Limits of an output, read from text, and how poses fare in its workspaces under them.
-
-A pose of an output as text: ``azimuth=10+tilt=20``, ``21=5.3+61=56.7``.
-"""
+"""A pose of an output as text, ``azimuth=10+tilt=20``, ``21=5.3+61=56.7``; its limits."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -26,16 +21,8 @@ from spherekit.plugin.rotations import (
     pointing,
 )
 from spherekit.plugin.workspace import (
-    AngleLimit,
-    ClosedKinematics,
-    DirectionWorkspace,
     InterferenceLimit,
     JointRange,
-    Judged,
-    OrientationWorkspace,
-    judge,
-    label_of,
-    nearest_reachable,
 )
 
 DIRECTION = ("x", "y", "z")
@@ -156,29 +143,6 @@ def numbers_of(
     return poses
 
 
-UNDEFINED = "the output is not determined"
-"""Name of a border where no bound is 0."""
-
-
-@dataclass(frozen=True)
-class Limited:
-    """An output under limits of angles."""
-
-    kinematics: ClosedKinematics
-    bounds: Sequence[AngleLimit]
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the limits by their numbers, with that of none."""
-        return [bound.name for bound in self.bounds] + [UNDEFINED]
-
-    def judge(
-        self, item: DirectionWorkspace | OrientationWorkspace, places: Floats
-    ) -> Judged:
-        """Return how places (n, 3) or (n, 4) fare in the working mode of a workspace."""
-        return judge(self.kinematics, self.bounds, item.signs, places)
-
-
 def read_limit(text: str) -> JointRange:
     """Return the limits of a pair from ``PAIR:LOW:HIGH`` in degrees."""
     pair, *limits = text.split(":")
@@ -211,64 +175,3 @@ def _degrees(what: str, text: str, number: str) -> float:
         raise AnalysisError(
             f'workspace: {what}: "{number}" in "{text}" is not a number of degrees'
         ) from None
-
-
-Row = dict[str, Any]
-Workspaces = tuple[DirectionWorkspace, ...] | tuple[OrientationWorkspace, ...]
-
-
-def how_poses_fare(
-    places: Floats, limited: Limited, workspaces: Workspaces
-) -> tuple[list[Row], list[str], list[str]]:
-    """Return how each pose fares in each mode, with the nearest one that is reached.
-
-    And what to warn of, and what to say.
-    """
-    figures: list[Row] = []
-    warnings: list[str] = []
-    within: dict[str, list[str]] = {}
-    if not len(places):
-        warnings.append("pose: the mechanism does not close at these inputs")
-    for place in places:
-        told: dict[str, list[str]] = {}
-        shown = ", ".join(f"{value:.6g}" for value in place)
-        for item in workspaces:
-            label = label_of(item.signs)
-            here = limited.judge(item, place[None])
-            row: Row = {
-                "pose": place.tolist(),
-                "working_mode": label,
-                "inside": "yes" if here.inside[0] else "no",
-                "margin_rad": _numbers(here.margin)[0],
-                "limiting": limited.names[int(here.limiting[0])],
-                "inputs": _numbers(here.inputs[0]),
-                "type_1": _numbers(here.type_1)[0],
-                "type_2": _numbers(here.type_2)[0],
-            }
-            figures.append(row)
-            if row["inside"] == "yes":
-                margin = f"{np.degrees(row['margin_rad']):.4g} deg"
-                text = f"{margin} from {row['limiting']}, pose ({shown}) is inside"
-                within.setdefault(text, []).append(label)
-                continue
-            nearest = nearest_reachable(limited.kinematics, limited.bounds, item, place)
-            text = f"by {row['limiting']}"
-            if nearest is not None:
-                there, angle = nearest
-                row["nearest"] = there.tolist()
-                row["away_rad"] = angle
-                row["nearest_inputs"] = _numbers(limited.judge(item, there[None]).inputs[0])
-                offered = ", ".join(f"{value:.6g}" for value in there)
-                text += f"; nearest is ({offered}), {np.degrees(angle):.4g} deg away"
-            told.setdefault(text, []).append(label)
-        warnings += [
-            f"pose ({shown}) is outside in mode {', '.join(labels)}, {text}"
-            for text, labels in told.items()
-        ]
-    said = [f"{text} in mode {', '.join(modes)}" for text, modes in within.items()]
-    return figures, warnings, said
-
-
-def _numbers(values: Floats) -> list[float | None]:
-    """Return numbers ready for JSON, None for NaN."""
-    return [value if np.isfinite(value) else None for value in values.tolist()]

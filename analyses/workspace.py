@@ -5,6 +5,7 @@ What the analysis `workspace` shows: borders, margins and turns on the sphere.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -30,6 +31,7 @@ from spherekit.plugin import (
     TableData,
     Text,
     input_columns,
+    numbered,
 )
 from spherekit.plugin.designs import FigureOfMerit
 from spherekit.plugin.rotations import (
@@ -50,7 +52,9 @@ from spherekit.plugin.workspace import (
     bounds_of,
     closed_kinematics,
     direction_workspaces,
+    judge,
     label_of,
+    nearest_reachable,
     orientation_samples,
     orientation_workspaces,
     sphere_mesh,
@@ -58,66 +62,285 @@ from spherekit.plugin.workspace import (
 
 from .equivalent_rotation import DIRECTION, MIRROR, MODE, PLACE, place_columns
 from .pose_lists import read_poses
-from .posed_workspace import (
-    Limited,
-    Row,
-    Workspaces,
-    how_poses_fare,
-    read_apart,
-    read_limit,
-)
+from .posed_workspace import read_apart, read_limit
 
 ROWS, COLUMNS, TORSIONS = 24, 48, 36
 """Tilts, azimuths and torsions at which orientations are drawn."""
+COARSE = 1e-2
+"""Relative error of the volume of a set of orientations, if nothing else is asked for."""
+FINE = 1e-4
+"""Relative error of the area of a set of directions, if nothing else is asked for."""
+UNDEFINED = "the output is not determined"
+"""Name of a border where no bound is 0."""
+AREA = "sr or sr rad"
+"""The unit of a set of directions, or of orientations."""
+
+Row = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class WorkspaceScenes:
-    """Pages about workspaces; `samples` are those of each mode, with how they fare."""
+class Reached:
+    """What an output reaches under limits of angles in some modes, and how poses fare.
 
-    limited: Limited
-    workspaces: Sequence[DirectionWorkspace | OrientationWorkspace]
-    samples: Mapping[tuple[int, ...], tuple[Judged, Floats]]
+    `names` are those of the limits by their numbers, with that of none; `poses` (k, 3) or
+    (k, 4) are to be judged. Faults of what is `asked` are raised when it is made.
+    """
+
+    def __init__(self, mechanism: Mechanism, asked: "WorkspaceAnalysis") -> None:
+        self.mechanism, self.tolerance = mechanism, asked.tolerance
+        self.kinematics = closed_kinematics(mechanism, asked.output or None)
+        wanted = Constraints(
+            tuple(map(read_limit, asked.limits)),
+            tuple(map(read_apart, asked.apart)),
+            float(np.radians(asked.near)),
+            asked.width,
+            asked.radius,
+        )
+        self.bounds = bounds_of(self.kinematics, wanted)
+        self.names = [bound.name for bound in self.bounds] + [UNDEFINED]
+        self.modes = self.kinematics.chosen_modes(asked.working_mode)
+        self.poses = given_poses(asked.pose, self.kinematics)
+
+    @cached_property
+    def workspaces(
+        self,
+    ) -> tuple[DirectionWorkspace, ...] | tuple[OrientationWorkspace, ...]:
+        """Those of all modes."""
+        given = self.kinematics, self.bounds, self.modes
+        if self.kinematics.points:
+            return direction_workspaces(*given, self.tolerance or FINE)
+        return orientation_workspaces(*given, self.tolerance or COARSE)
+
+    @cached_property
+    def samples(self) -> dict[tuple[int, ...], tuple[Judged, Floats]]:
+        """How vertices, or orientations spread evenly, fare in each mode, and these."""
+        made = {}
+        for item in self.workspaces:
+            places = (
+                item.region.points
+                if isinstance(item, DirectionWorkspace)
+                else orientation_samples()
+            )
+            made[item.signs] = self.judge(item, places), places
+        return made
+
+    def judge(
+        self, item: DirectionWorkspace | OrientationWorkspace, places: Floats
+    ) -> Judged:
+        """Return how places (n, 3) or (n, 4) fare in the working mode of a workspace."""
+        return judge(self.kinematics, self.bounds, item.signs, places)
+
+    def rows(self) -> dict[str, list[Row]]:
+        """Return samples, borders and sizes of all modes by table."""
+        rows: dict[str, list[Row]] = {"workspace": [], "boundary": [], "areas": []}
+        for item in self.workspaces:
+            mode = {"working_mode": label_of(item.signs)}
+            judged, places = self.samples[item.signs]
+            rows["workspace"].append(
+                {
+                    **mode,
+                    **place_columns(places, self.kinematics.form),
+                    "inside": np.where(judged.inside, "yes", "no"),
+                    "margin": judged.margin,
+                    "limiting": np.array(self.names)[judged.limiting],
+                    **input_columns(self.mechanism, judged.inputs),
+                    "type_1": judged.type_1,
+                    "type_2": judged.type_2,
+                }
+            )
+            rows["areas"].append(mode | self._sizes(item))
+            if isinstance(item, DirectionWorkspace):
+                rows["boundary"] += [
+                    {
+                        **mode,
+                        "curve": curve,
+                        "component": boundary.component,
+                        "gap": boundary.gap,
+                        "arc": number,
+                        "point": np.arange(len(arc.points)),
+                        **place_columns(arc.points, self.kinematics.form),
+                        "constraint": self.names[arc.margin],
+                    }
+                    for curve, boundary in enumerate(item.region.boundaries)
+                    for number, arc in enumerate(boundary.arcs)
+                ]
+        return rows
+
+    def _sizes(self, item: DirectionWorkspace | OrientationWorkspace) -> Row:
+        """Return the size of the whole, and of each part and hole of directions."""
+        parts: list[tuple[str, int, float, tuple[int, ...], Floats]]
+        if isinstance(item, DirectionWorkspace):
+            region = item.region
+            error, parts = region.error, [("whole", 0, region.area, (), np.full(3, np.nan))]
+            for k, part in enumerate(region.components):
+                parts.append(("component", k, part.area, part.boundaries, part.place))
+            for k, part in enumerate(region.gaps):
+                kind = "hole" if k else "outside"
+                parts.append((kind, k, part.area, part.boundaries, part.place))
+        else:
+            whole = item.orientations
+            error, parts = whole.error, [("whole", 0, whole.volume, (), whole.place)]
+        kinds, numbers, sizes, curves, at = zip(*parts, strict=True)
+        places = np.array(at)
+        margin = self.judge(item, places).margin
+        return {
+            "part": kinds,
+            "number": numbers,
+            "size": sizes,
+            "error": error,
+            "curves": [" ".join(map(str, touching)) for touching in curves],
+            **place_columns(places, self.kinematics.form),
+            "margin": np.where(np.isfinite(places[:, 0]), margin, np.nan),
+        }
+
+    def told(
+        self, item: DirectionWorkspace | OrientationWorkspace
+    ) -> tuple[Row, Sequence[str]]:
+        """Return the figures of a mode, and what is to be heeded."""
+        if isinstance(item, DirectionWorkspace):
+            figures, warning = self._of_region(item.region)
+        else:
+            figures, warning = self._of_orientations(item)
+        if item.same_as is not None:
+            figures["same_as"], warning = label_of(item.same_as), ""
+        return figures, [warning] if warning else []
+
+    def _of_region(self, region: Region) -> tuple[Row, str]:
+        figures: Row = {
+            "area_sr": region.area,
+            "error_sr": region.error,
+            "components": [part.area for part in sure_of(region, region.components)],
+            "holes": [part.area for part in sure_of(region, region.holes)],
+            "unresolved_sr": region.unresolved,
+            "bounded_by": [self.names[number] for number in arcs_of(region)],
+            "evaluations": region.evaluations,
+        }
+        if not region.components:
+            names = self.names
+            sets = [" with ".join(names[k] for k in subset) for subset in region.excluding]
+            figures["excluding"] = sets
+            keeps = f"; no direction keeps to {', nor to '.join(sets)}" if sets else ""
+            return figures, f"the workspace is empty{keeps}"
+        if region.error > (self.tolerance or FINE) * region.area:
+            return figures, (
+                f"the area {region.area:.9g} sr is known to {region.error:.3g} sr only; "
+                "borders touch, or end at sharp corners"
+            )
+        return figures, ""
+
+    def _of_orientations(self, item: OrientationWorkspace) -> tuple[Row, str]:
+        size = item.orientations
+        figures: Row = {
+            "volume": size.volume,
+            "error": size.error,
+            "fraction": size.fraction,
+            "evaluations": size.evaluations,
+        }
+        if size.depth < 0.0:
+            here = self.judge(item, size.place[None])
+            figures["nearest_limit"] = self.names[int(here.limiting[0])]
+            return figures, (
+                "no orientation was found inside; the best one seen misses "
+                f"{figures['nearest_limit']} by {-np.degrees(here.margin[0]):.3g} deg"
+            )
+        if size.error > (self.tolerance or COARSE) * size.volume:
+            return (
+                figures,
+                f"the volume {size.volume:.6g} is known to {size.error:.3g} only",
+            )
+        return figures, ""
+
+    def how_poses_fare(self) -> tuple[list[Row], list[str], list[str]]:
+        """Return how each pose fares in each mode, with the nearest one that is reached.
+
+        And what to warn of, and what to say.
+        """
+        figures: list[Row] = []
+        warnings: list[str] = []
+        said: list[str] = []
+        if not len(self.poses):
+            warnings.append("pose: the mechanism does not close at these inputs")
+        for place in self.poses:
+            told: dict[tuple[bool, str], list[str]] = {}
+            for item in self.workspaces:
+                here, label = self.judge(item, place[None]), label_of(item.signs)
+                limit, is_inside = self.names[int(here.limiting[0])], bool(here.inside[0])
+                row: Row = {
+                    "pose": place.tolist(),
+                    "working_mode": label,
+                    "inside": "yes" if is_inside else "no",
+                    "margin_rad": _numbers(here.margin)[0],
+                    "limiting": limit,
+                    "inputs": _numbers(here.inputs[0]),
+                    "type_1": _numbers(here.type_1)[0],
+                    "type_2": _numbers(here.type_2)[0],
+                }
+                figures.append(row)
+                text, nearest = f"by {limit}", None
+                if is_inside:
+                    text = f"{np.degrees(here.margin[0]):.4g} deg from {limit}"
+                else:
+                    given = self.kinematics, self.bounds, item, place
+                    nearest = nearest_reachable(*given)
+                if nearest is not None:
+                    there, angle = nearest
+                    row["nearest"] = there.tolist()
+                    row["away_rad"] = angle
+                    row["nearest_inputs"] = _numbers(
+                        self.judge(item, there[None]).inputs[0]
+                    )
+                    text += f"; nearest is ({_shown(there)}), {np.degrees(angle):.4g} deg"
+                    text += " away"
+                told.setdefault((is_inside, text), []).append(label)
+            for (is_inside, text), labels in told.items():
+                pose, modes = f"pose ({_shown(place)}) is", ", ".join(labels)
+                if is_inside:
+                    said.append(f"{text}, {pose} inside in mode {modes}")
+                else:
+                    warnings.append(f"{pose} outside in mode {modes}, {text}")
+        return figures, warnings, said
 
     def pages(self) -> tuple[Scene, ...]:
         """Return a page or two for each workspace that is not that of another mode."""
-        pages = []
+        pages: list[Scene] = []
         distinct = [item for item in self.workspaces if item.same_as is None]
         for item in distinct:
-            one = len(distinct) == 1
-            title = "Workspace" if one else f"Workspace {label_of(item.signs)}"
+            mode = "" if len(distinct) == 1 else f" {label_of(item.signs)}"
             if isinstance(item, DirectionWorkspace):
-                pages += self._pages(item, title)
+                pages += self._of_directions(item, mode)
             else:
-                pages.append(self._of_all_turns(item, title))
+                pages.append(self._of_all_turns(item, f"Workspace{mode}"))
         return tuple(pages)
 
-    def _pages(self, item: DirectionWorkspace, title: str) -> list[Scene]:
+    def _of_directions(self, item: DirectionWorkspace, mode: str) -> list[Scene]:
         """Return the page of the margin and that of the singularity measures."""
         region = item.region
         curves = self._curves(region)
         words = Text("legend", "Areas", self._words(item))
-        if not len(region.surface_triangles):
-            return [Scene(title, (*curves, words))]
-        places = region.surface_points
-        at = self.limited.judge(item, places)
+        places, triangles = region.surface_points, region.surface_triangles
+        if not len(triangles):
+            return [Scene(f"Workspace{mode}", (*curves, words))]
+        at = self.judge(item, places)
         margin = np.maximum(np.nan_to_num(at.margin), 0.0)
         angle = np.arcsin(np.clip(np.nan_to_num(np.fmin(at.type_1, at.type_2)), 0.0, 1.0))
         judged, vertices = self.samples[item.signs]
         best = int(np.nanargmax(judged.margin))
         deepest = Mark(f"{np.degrees(judged.margin[best]):.3g} deg", vertices[best])
-        inside = SphereCurves("workspace/deepest", "farthest inside", (), 0, [deepest])
-
-        def painted(name: str, values: Floats) -> SphereMap:
-            triangles = region.surface_triangles
-            return SphereMap("workspace/map", name, places, triangles, values, "rad")
-
+        curves.append(
+            SphereCurves("workspace/deepest", "farthest inside", (), 0, [deepest])
+        )
         return [
-            Scene(title, (painted("margin", margin), *curves, inside, words)),
             Scene(
-                title.replace("Workspace", "Singularity"),
-                (painted("angle to a singularity", angle), *curves, words),
-            ),
+                f"{title}{mode}",
+                (
+                    SphereMap("workspace/map", name, places, triangles, values, "rad"),
+                    *shown,
+                    words,
+                ),
+            )
+            for title, name, values, shown in (
+                ("Workspace", "margin", margin, curves),
+                ("Singularity", "angle to a singularity", angle, curves[:-1]),
+            )
         ]
 
     def _of_all_turns(self, item: OrientationWorkspace, title: str) -> Scene:
@@ -125,84 +348,66 @@ class WorkspaceScenes:
 
         The margins are in the space of tilt and torsion, tilts as polar coordinates.
         """
-        kinematics = self.limited.kinematics
         vertices, triangles = sphere_mesh(COLUMNS, ROWS)
-        azimuth, tilt = azimuth_tilt(vertices).T
         torsion = 2.0 * np.pi * np.arange(TORSIONS) / TORSIONS
-        angles = np.stack(
-            [
-                np.repeat(azimuth, TORSIONS),
-                np.repeat(tilt, TORSIONS),
-                np.tile(torsion, len(vertices)),
-            ],
-            axis=1,
-        )
-        inside = self.limited.judge(item, quaternion(from_tilt_torsion(angles))).inside
+        tilted = np.repeat(azimuth_tilt(vertices), TORSIONS, axis=0)
+        angles = np.column_stack([tilted, np.tile(torsion, len(vertices))])
+        inside = self.judge(item, quaternion(from_tilt_torsion(angles))).inside
         reached = 2.0 * np.pi * inside.reshape(-1, TORSIONS).mean(axis=1)
-        judged, places = self.samples[item.signs]
-        within = judged.inside
-        tilts = tilt_torsion(from_quaternion(places[within]))
-        flat = tilts[:, 1:2] * np.stack([np.cos(tilts[:, 0]), np.sin(tilts[:, 0])], axis=1)
         seen: list[Primitive] = [
             SphereMap("workspace/map", "turn reached", vertices, triangles, reached, "rad")
         ]
-        if np.any(within):
+        judged, places = self.samples[item.signs]
+        if np.any(judged.inside):
+            azimuth, tilt, turn = tilt_torsion(from_quaternion(places[judged.inside])).T
             seen.append(
                 Surface(
                     "workspace/margins",
                     "margin of orientations",
-                    np.column_stack([flat, tilts[:, 2]]),
+                    np.stack([tilt * np.cos(azimuth), tilt * np.sin(azimuth), turn], 1),
                     np.zeros((0, 3), dtype=np.int64),
                     ("tilt to x", "tilt to y", "torsion"),
                     unit="rad",
-                    values=judged.margin[within],
+                    values=judged.margin[judged.inside],
                     values_unit="rad",
                 )
             )
-        size = item.orientations
-        words = [
-            f"# Orientations of {kinematics.output.name}",
-            "",
-            f"Mode {label_of(item.signs)}: {'; '.join(kinematics.legs)}.",
-            "",
+        size, kinematics = item.orientations, self.kinematics
+        words = (
+            f"# Orientations of {kinematics.output.name}\n\n"
+            f"Mode {label_of(item.signs)}: {'; '.join(kinematics.legs)}.\n\n"
             f"Volume {size.volume:.6g}, error at most {size.error:.2g}, of 8 pi^2 = "
-            f"{8.0 * np.pi**2:.6g} for all orientations.",
-            "",
+            f"{8.0 * np.pi**2:.6g} for all orientations.\n\n"
             "Sphere: the z axis of the link points there, and about it the link turns by "
-            "so much in all.",
-        ]
-        return Scene(title, (*seen, Text("legend", "Volume", "\n".join(words))))
+            "so much in all."
+        )
+        return Scene(title, (*seen, Text("legend", "Volume", words)))
 
     def _curves(self, region: Region) -> list[Primitive]:
         """Return the border by the limits that end it, each named on its longest arc."""
-        names = self.limited.names
-        lines: dict[int, list[Floats]] = {}
-        for boundary in region.boundaries:
-            for arc in boundary.arcs:
-                lines.setdefault(arc.margin, []).append(arc.points)
         curves: list[Primitive] = []
-        for tone, (number, arcs) in enumerate(sorted(lines.items()), 1):
+        for tone, (number, arcs) in enumerate(arcs_of(region).items(), 1):
             longest = max(
                 arcs, key=lambda x: np.sum(np.linalg.norm(np.diff(x, axis=0), axis=1))
             )
-            mark = Mark(names[number].partition(" (")[0], longest[len(longest) // 2], tone)
+            name = self.names[number]
+            mark = Mark(name.partition(" (")[0], longest[len(longest) // 2], tone)
             path = f"workspace/border/{number + 1}"
-            curves.append(SphereCurves(path, names[number], arcs, tone, [mark]))
+            curves.append(SphereCurves(path, name, arcs, tone, [mark]))
         return curves
 
     def _words(self, item: DirectionWorkspace) -> str:
         """Return areas and limits as Markdown."""
         region = item.region
-        kinematics, names = self.limited.kinematics, self.limited.names
         alike = [
             label_of(other.signs)
             for other in self.workspaces
             if item.signs in (other.signs, other.same_as)
         ]
         lines = [
-            f"# Workspace of {kinematics.output.name}",
+            f"# Workspace of {self.kinematics.output.name}",
             "",
-            f"Modes {', '.join(alike)}: {'; '.join(kinematics.legs)}.",
+            f"Modes {', '.join(alike)}: {'; '.join(self.kinematics.legs)}.",
             "",
             f"Area {region.area:.9g} sr, error at most {region.error:.2g} sr",
             "",
@@ -217,8 +422,25 @@ class WorkspaceScenes:
             "Bounded by:",
             "",
         ]
-        numbers = {arc.margin for boundary in region.boundaries for arc in boundary.arcs}
-        return "\n".join([*lines, *(f"- {names[number]}" for number in sorted(numbers))])
+        return "\n".join([*lines, *(f"- {self.names[k]}" for k in arcs_of(region))])
+
+
+def arcs_of(region: Region) -> dict[int, list[Floats]]:
+    """Return the arcs of the border by the numbers of the limits that end it."""
+    arcs: dict[int, list[Floats]] = {}
+    for boundary in region.boundaries:
+        for arc in boundary.arcs:
+            arcs.setdefault(arc.margin, []).append(arc.points)
+    return dict(sorted(arcs.items()))
+
+
+def _shown(place: Floats) -> str:
+    return ", ".join(f"{value:.6g}" for value in place)
+
+
+def _numbers(values: Floats) -> list[float | None]:
+    """Return numbers ready for JSON, None for NaN."""
+    return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
 def sure_of(region: Region, parts: Sequence[Part]) -> list[Part]:
@@ -239,15 +461,6 @@ def given_poses(text: str, kinematics: ClosedKinematics) -> Floats:
     places = poses if kinematics.points else quaternion(poses)
     _, first = np.unique(places, axis=0, return_index=True)
     return places[np.sort(first)]
-
-
-COARSE = 1e-2
-"""Relative error of the volume of a set of orientations, if nothing else is asked for."""
-FINE = 1e-4
-"""Relative error of the area of a set of directions, if nothing else is asked for."""
-
-AREA = "sr or sr rad"
-"""The unit of a set of directions, or of orientations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -362,35 +575,12 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 f"give one "
                 "above 0 and below 1, or 0 for the default"
             )
-        kinematics = self._limits(mechanism).kinematics
-        kinematics.chosen_modes(self.working_mode)
-        given_poses(self.pose, kinematics)
+        Reached(mechanism, self)
         return Needs()
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return samples, border and areas."""
-        rows: dict[str, list[Row]] = {table.name: [] for table in self.tables}
-        for item in self._found(batch):
-            mode = {"working_mode": label_of(item.signs)}
-            rows["workspace"].append(mode | self._samples(batch, item))
-            if isinstance(item, DirectionWorkspace):
-                rows["boundary"] += [
-                    {
-                        **mode,
-                        "curve": curve,
-                        "component": boundary.component,
-                        "gap": boundary.gap,
-                        "arc": number,
-                        "point": np.arange(len(arc.points)),
-                        **self._place(batch, arc.points),
-                        "constraint": self._limited(batch).names[arc.margin],
-                    }
-                    for curve, boundary in enumerate(item.region.boundaries)
-                    for number, arc in enumerate(boundary.arcs)
-                ]
-                rows["areas"].append(mode | self._areas(batch, item))
-            else:
-                rows["areas"].append(mode | self._volume(batch, item))
+        rows = self._reached(batch).rows()
         return {
             table.name: table.stacked(batch.mechanism, rows[table.name])
             for table in self.tables
@@ -398,34 +588,29 @@ class WorkspaceAnalysis(AbstractAnalysis):
 
     def findings(self, batch: Batch) -> Findings:
         """Return area, parts and limits of each mode, and how the pose fares."""
-        limited = self._limited(batch)
-        figures: dict[str, Any] = {
-            "output": limited.kinematics.output.name,
-            "legs": list(limited.kinematics.legs),
-            "limits": [bound.name for bound in limited.bounds],
-        }
+        reached = self._reached(batch)
         warnings: list[str] = []
-        remarks: list[str] = []
         modes: dict[str, Any] = {}
-        for item in self._found(batch):
+        for item in reached.workspaces:
             label = label_of(item.signs)
-            if isinstance(item, DirectionWorkspace):
-                modes[label], words = self._of_region(batch, item)
-            else:
-                modes[label], words = self._of_orientations(batch, item)
+            modes[label], words = reached.told(item)
             warnings += [f"mode {label}: {text}" for text in words]
+        figures: dict[str, Any] = {
+            "output": reached.kinematics.output.name,
+            "legs": list(reached.kinematics.legs),
+            "limits": [bound.name for bound in reached.bounds],
+            "working_modes": modes,
+        }
         alike: dict[str, list[str]] = {}
         for label, facts in modes.items():
             alike.setdefault(facts.get("same_as", label), []).append(label)
-        for first, labels in alike.items():
-            name = f"mode{'s' * (len(labels) > 1)} {', '.join(labels)}"
-            shared = "each " * (len(labels) > 1)
-            remarks.append(f"{name}: {shared}{_in_words(modes[first])}")
-        figures["working_modes"] = modes
+        remarks = [
+            f"{numbered('mode', labels)}: {'each ' * (len(labels) > 1)}"
+            f"{_in_words(modes[first])}"
+            for first, labels in alike.items()
+        ]
         if self.pose:
-            figures["pose"], words, said = how_poses_fare(
-                given_poses(self.pose, limited.kinematics), limited, self._found(batch)
-            )
+            figures["pose"], words, said = reached.how_poses_fare()
             warnings += words
             remarks += said
         return Findings(figures, tuple(warnings), tuple(remarks))
@@ -435,166 +620,10 @@ class WorkspaceAnalysis(AbstractAnalysis):
 
         Of orientations how far the link can turn about each direction, and the margin.
         """
-        workspaces = self._found(batch)
-        samples = {item.signs: self._judged(batch, item) for item in workspaces}
-        return WorkspaceScenes(self._limited(batch), workspaces, samples).pages()
+        return self._reached(batch).pages()
 
-    def _limits(self, mechanism: Mechanism) -> Limited:
-        """Return the output under the limits of the mechanism and of the parameters."""
-        kinematics = closed_kinematics(mechanism, self.output or None)
-        wanted = Constraints(
-            tuple(map(read_limit, self.limits)),
-            tuple(map(read_apart, self.apart)),
-            float(np.radians(self.near)),
-            self.width,
-            self.radius,
-        )
-        return Limited(kinematics, bounds_of(kinematics, wanted))
-
-    def _limited(self, batch: Batch) -> Limited:
-        return batch.once("limited", lambda: self._limits(batch.mechanism))
-
-    def _found(self, batch: Batch) -> Workspaces:
-        return batch.once("found", lambda: self._find(batch))
-
-    def _find(self, batch: Batch) -> Workspaces:
-        limited = self._limited(batch)
-        kinematics, bounds = limited.kinematics, limited.bounds
-        modes = kinematics.chosen_modes(self.working_mode)
-        if kinematics.points:
-            return direction_workspaces(kinematics, bounds, modes, self.tolerance or FINE)
-        return orientation_workspaces(kinematics, bounds, modes, self.tolerance or COARSE)
-
-    def _judged(
-        self, batch: Batch, item: DirectionWorkspace | OrientationWorkspace
-    ) -> tuple[Judged, Floats]:
-        """Return the samples of a mode: the vertices, or orientations spread evenly."""
-
-        def make() -> tuple[Judged, Floats]:
-            places = (
-                item.region.points
-                if isinstance(item, DirectionWorkspace)
-                else orientation_samples()
-            )
-            return self._limited(batch).judge(item, places), places
-
-        return batch.once(("judged", item.signs), make)
-
-    def _place(self, batch: Batch, places: Floats) -> Row:
-        return place_columns(places, self._limited(batch).kinematics.form)
-
-    def _samples(
-        self, batch: Batch, item: DirectionWorkspace | OrientationWorkspace
-    ) -> Row:
-        judged, places = self._judged(batch, item)
-        return {
-            **self._place(batch, places),
-            "inside": np.where(judged.inside, "yes", "no"),
-            "margin": judged.margin,
-            "limiting": np.array(self._limited(batch).names)[judged.limiting],
-            **input_columns(batch.mechanism, judged.inputs),
-            "type_1": judged.type_1,
-            "type_2": judged.type_2,
-        }
-
-    def _areas(self, batch: Batch, item: DirectionWorkspace) -> Row:
-        region = item.region
-        whole = (region.area, (), np.full(3, np.nan))
-        rows: list[tuple[str, int, float, tuple[int, ...], Floats]] = [("whole", 0, *whole)]
-        for number, part in enumerate(region.components):
-            rows.append(("component", number, part.area, part.boundaries, part.place))
-        for number, part in enumerate(region.gaps):
-            kind = "hole" if number else "outside"
-            rows.append((kind, number, part.area, part.boundaries, part.place))
-        kinds, numbers, sizes, curves, places = zip(*rows, strict=True)
-        at = np.array(places)
-        finite = np.flatnonzero(np.isfinite(at[:, 0]))
-        margin = np.full(len(rows), np.nan)
-        if len(finite):
-            margin[finite] = self._limited(batch).judge(item, at[finite]).margin
-        return {
-            "part": kinds,
-            "number": numbers,
-            "size": sizes,
-            "error": region.error,
-            "curves": [" ".join(map(str, touching)) for touching in curves],
-            **self._place(batch, at),
-            "margin": margin,
-        }
-
-    def _volume(self, batch: Batch, item: OrientationWorkspace) -> Row:
-        orientations = item.orientations
-        place = orientations.place[None]
-        return {
-            "part": "whole",
-            "number": 0,
-            "size": orientations.volume,
-            "error": orientations.error,
-            **self._place(batch, place),
-            "margin": self._limited(batch).judge(item, place).margin,
-        }
-
-    def _of_region(
-        self, batch: Batch, item: DirectionWorkspace
-    ) -> tuple[dict[str, Any], list[str]]:
-        region = item.region
-        names = self._limited(batch).names
-        numbers = {arc.margin for boundary in region.boundaries for arc in boundary.arcs}
-        figures: dict[str, Any] = {
-            "area_sr": region.area,
-            "error_sr": region.error,
-            "components": [part.area for part in sure_of(region, region.components)],
-            "holes": [part.area for part in sure_of(region, region.holes)],
-            "unresolved_sr": region.unresolved,
-            "bounded_by": [names[number] for number in sorted(numbers)],
-            "evaluations": region.evaluations,
-        }
-        if item.same_as is not None:
-            figures["same_as"] = label_of(item.same_as)
-            return figures, []
-        words = []
-        if not region.components:
-            sets = [" with ".join(names[k] for k in subset) for subset in region.excluding]
-            figures["excluding"] = sets
-            words.append(
-                "the workspace is empty"
-                + (f"; no direction keeps to {', nor to '.join(sets)}" if sets else "")
-            )
-        elif region.error > (self.tolerance or FINE) * region.area:
-            words.append(
-                f"the area {region.area:.9g} sr is known to {region.error:.3g} sr only; "
-                "borders touch, or end at sharp corners"
-            )
-        return figures, words
-
-    def _of_orientations(
-        self, batch: Batch, item: OrientationWorkspace
-    ) -> tuple[dict[str, Any], list[str]]:
-        orientations = item.orientations
-        figures: dict[str, Any] = {
-            "volume": orientations.volume,
-            "error": orientations.error,
-            "fraction": orientations.fraction,
-            "evaluations": orientations.evaluations,
-        }
-        if item.same_as is not None:
-            figures["same_as"] = label_of(item.same_as)
-            return figures, []
-        words = []
-        if orientations.depth < 0.0:
-            limited = self._limited(batch)
-            here = limited.judge(item, orientations.place[None])
-            figures["nearest_limit"] = limited.names[int(here.limiting[0])]
-            words.append(
-                "no orientation was found inside; the best one seen misses "
-                f"{figures['nearest_limit']} by {-np.degrees(here.margin[0]):.3g} deg"
-            )
-        elif orientations.error > (self.tolerance or COARSE) * orientations.volume:
-            words.append(
-                f"the volume {orientations.volume:.6g} is known to "
-                f"{orientations.error:.3g} only"
-            )
-        return figures, words
+    def _reached(self, batch: Batch) -> Reached:
+        return batch.once("reached", lambda: Reached(batch.mechanism, self))
 
 
 def _in_words(figures: Row) -> str:
