@@ -1,7 +1,7 @@
 """Inverse kinematics of many poses of an output, and its poses at many inputs."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -25,6 +25,7 @@ from spherekit.plugin import (
     TableData,
     Text,
     counted,
+    input_columns,
     link_bodies,
     listing,
     nearest,
@@ -41,17 +42,18 @@ from spherekit.plugin.workspace import (
     label_of,
     nearest_poses,
     output_kinematics,
+    sense_of,
+    turns_of,
 )
 
 from .pose_lists import (
     FORWARD,
     INVERSE,
     PAIRS,
-    FoundPoses,
     Poses,
     forward_rows,
-    inverse_rows,
-    pair_rows,
+    mirror_rates,
+    pose_columns,
     read_poses,
 )
 
@@ -110,10 +112,10 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return nothing: poses are given, not traced. Bad parameters are refused here."""
-        solver = self._solver(mechanism)
+        solver = self.solver(mechanism)
         self._read(solver)
-        self._modes(solver)
-        self._pairs(mechanism)
+        self.modes(solver)
+        self.pair_numbers(mechanism)
         if self.nearest < 0:
             raise AnalysisError(
                 f"{self.name}: nearest: {self.nearest} is not a number of rows"
@@ -122,245 +124,282 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the configurations of poses, or the poses at inputs."""
-        result, mechanism = self._found(batch), batch.mechanism
-        forward, inverse, pairs = [], [], []
-        if result.forward is not None:
-            forward.append(result.forward)
-        if result.rows is not None:
-            inverse.append(inverse_rows(mechanism, result, result.rows))
-            pairs.append(pair_rows(mechanism, self._pairs(mechanism), result.rows))
+        rows = self._found(batch).rows()
         return {
-            table.name: table.stacked(mechanism, rows)
-            for table, rows in zip(self.tables, (inverse, forward, pairs), strict=True)
+            table.name: table.stacked(batch.mechanism, rows.get(table.name, ()))
+            for table in self.tables
         }
 
     def findings(self, batch: Batch) -> Findings:
         """Return how many poses have how many solutions, and how well they close."""
-        result = self._found(batch)
-        figures: dict[str, Any] = {
-            "output": result.solver.output.name,
-            "closed_form": isinstance(result.solver, ClosedKinematics),
-            "solved_by": result.solver.solved_by,
-            "legs": list(result.solver.legs),
+        solver = self.solver(batch.mechanism)
+        told = self._found(batch).findings()
+        figures = {
+            "output": solver.output.name,
+            "closed_form": isinstance(solver, ClosedKinematics),
+            "solved_by": solver.solved_by,
+            "legs": list(solver.legs),
         }
-        if result.rows is None:
-            return self._of_forward(batch.mechanism, result, figures)
-        assert result.poses is not None
-        rows, count = result.rows, len(result.poses)
-        solutions = _solutions(rows, count)
-        figures |= {
+        return replace(told, figures=figures | dict(told.figures))
+
+    def scene(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return the poses on the sphere by number of solutions, and by worst measure."""
+        return self._found(batch).pages()
+
+    def solver(self, mechanism: Mechanism) -> OutputKinematics:
+        """Return what solves for the output."""
+        return output_kinematics(mechanism, self.output or None, self.graph)
+
+    def modes(self, solver: OutputKinematics) -> tuple[str, ...]:
+        """Return the labels of the working modes wanted."""
+        return tuple(map(label_of, solver.chosen_modes(self.working_mode)))
+
+    def pair_numbers(self, mechanism: Mechanism) -> list[int]:
+        """Return the numbers of the pairs wanted."""
+        numbers = mechanism.pair_number
+        if self.pairs == ("all",):
+            return list(numbers.values())
+        for name in self.pairs:
+            if name not in numbers:
+                raise AnalysisError(
+                    f'{self.name}: pairs: no pair is named "{name}"'
+                    f"{nearest(name, numbers) or ';'} Pairs: {listing(numbers)}; or say "
+                    "all"
+                )
+        return [numbers[name] for name in self.pairs]
+
+    def _read(self, solver: OutputKinematics) -> Poses:
+        given = self.poses, self.columns, self.file, self.window, self.unit
+        return read_poses(solver, self.name, *given)
+
+    def _found(self, batch: Batch) -> "ConfigurationsOfPoses | PosesAtInputs":
+        def find() -> ConfigurationsOfPoses | PosesAtInputs:
+            mechanism = batch.mechanism
+            solver = self.solver(mechanism)
+            poses, inputs, shape = self._read(solver)
+            if poses is None:
+                assert inputs is not None
+                return PosesAtInputs(mechanism, solver, inputs)
+            return ConfigurationsOfPoses(mechanism, solver, poses, shape, self)
+
+        return batch.once("found", find)
+
+
+class ConfigurationsOfPoses:
+    """The configurations of poses, and a reachable pose near rows out of reach.
+
+    `solutions` (poses,) is how many each has, `near` (rows, 4) and `away` (rows,) rad what
+    is offered to `offered` rows. `shape` is that of a grid.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        solver: OutputKinematics,
+        poses: Floats,
+        shape: tuple[int, ...] | None,
+        asked: InverseKinematicsAnalysis,
+    ) -> None:
+        self.mechanism, self.solver, self.poses, self.shape = (
+            mechanism,
+            solver,
+            poses,
+            shape,
+        )
+        self.modes, self.pairs = asked.modes(solver), asked.pair_numbers(mechanism)
+        self.found = rows = solver.inverse(poses, self.modes, self.pairs)
+        self.solutions = np.bincount(rows.pose[rows.solved], minlength=len(poses))
+        self.near, self.away = np.full((len(rows), 4), np.nan), np.full(len(rows), np.nan)
+        self.offered = 0
+        if isinstance(solver, ClosedKinematics):
+            wanted = np.flatnonzero(~rows.solved)[: asked.nearest]
+            self.offered = len(wanted)
+            for mode in np.unique(rows.mode[wanted]):
+                in_mode = wanted[rows.mode[wanted] == mode]
+                given = poses[rows.pose[in_mode]]
+                places = given if solver.points else quaternion(given)
+                signs = solver.modes[solver.labels.index(str(mode))]
+                offered, self.away[in_mode] = nearest_poses(solver, places, signs)
+                self.near[in_mode, : offered.shape[1]] = offered
+
+    def rows(self) -> dict[str, list[Row]]:
+        """Return the rows of tables: configurations, and variables of pairs."""
+        mechanism, solver, rows = self.mechanism, self.solver, self.found
+        directions = self.poses[rows.pose] if solver.points else None
+        rates: Row = {}
+        for k, axis in enumerate("xyz"):
+            rates |= input_columns(mechanism, rows.rates[:, :, k], f"rate_{axis}")
+        if directions is not None:
+            turns = turns_of(rows.rates, directions)
+            rates |= mirror_rates(mechanism, solver, directions, turns)
+        places = pose_columns(solver, self.poses)
+        numbers = self.pairs
+        inverse: Row = {
+            "pose": rows.pose,
+            "working_mode": rows.mode,
+            **{name: column[rows.pose] for name, column in places.items()},
+            **input_columns(mechanism, rows.inputs),
+            **rates,
+            "margin": rows.margin,
+            "limiting": np.array([*rows.limits, ""])[rows.limiting],
+            **input_columns(mechanism, rows.type_1, "type_1"),
+            "type_2": rows.type_2,
+            "sense": sense_of(rows.rates, directions),
+            "status": rows.status,
+            "solved_by": solver.solved_by,
+            **{f"near_{axis}": self.near[:, k] for k, axis in enumerate("xyzw")},
+            "away": self.away,
+        }
+        pairs: Row = {
+            "pose": np.repeat(rows.pose, len(numbers)),
+            "working_mode": np.repeat(rows.mode, len(numbers)),
+            "pair": np.tile(np.array(mechanism.names_of(numbers), dtype=str), len(rows)),
+            "value": rows.values.ravel(),
+        }
+        return {INVERSE.name: [inverse], PAIRS.name: [pairs]}
+
+    def findings(self) -> Findings:
+        """Return how many poses have how many solutions, and how well they close."""
+        rows, count, solutions = self.found, len(self.poses), self.solutions
+        figures: Row = {
             "poses": count,
             "limits": list(rows.limits),
-            "poses_by_number_of_solutions": {
-                str(number): int(np.sum(solutions == number))
-                for number in np.unique(solutions)
-            },
+            "poses_by_number_of_solutions": _numbers_of(solutions),
             "working_modes": {
                 mode: {
                     "solved": int(np.sum(rows.solved[rows.mode == mode])),
                     "least_type_1": _least(rows.type_1[rows.mode == mode]),
                     "least_type_2": _least(rows.type_2[rows.mode == mode]),
                 }
-                for mode in self._modes(result.solver)
+                for mode in self.modes
             },
-            "largest_closure_residual_rad": self._closure(batch, result),
+            "largest_closure_residual_rad": self._closure(),
         }
+        none, solved = (int(np.sum(which)) for which in (solutions == 0, rows.solved))
+        singular = int(np.sum(rows.status == Status.AT_SINGULARITY))
+        out = len(rows) - solved
         warnings = []
-        none = int(np.sum(solutions == 0))
         if none:
             warnings.append(
                 f"{none} of {count} poses have no configuration"
                 + ("" if rows.limits else "; not every search proves that")
             )
-        singular = int(np.sum(rows.status == Status.AT_SINGULARITY))
         if singular:
             verb = "is" if singular == 1 else "are"
             warnings.append(f"{counted(singular, 'row')} {verb} at a singularity")
-        out = int(np.sum(~rows.solved))
-        if result.offered < out and isinstance(result.solver, ClosedKinematics):
+        if self.offered < out and isinstance(self.solver, ClosedKinematics):
             warnings.append(
-                f"the nearest reachable pose is given for {result.offered} of "
+                f"the nearest reachable pose is given for {self.offered} of "
                 f"{counted(out, 'row')} "
                 f"out of reach; ask for more with nearest={out}"
             )
-        solved = int(np.sum(rows.solved))
-        remarks = (
+        remark = (
             f"{counted(solved, 'configuration')} of {counted(count, 'pose')}, at most "
-            f"{int(np.max(solutions, initial=0))} of one{_rest(result.solver)}",
+            f"{int(np.max(solutions, initial=0))} of one{_rest(self.solver)}"
         )
-        return Findings(
-            figures, tuple(warnings), (*remarks, *self._told(batch.mechanism, result, rows))
-        )
+        return Findings(figures, tuple(warnings), (remark, *self._told()))
 
-    def _told(
-        self, mechanism: Mechanism, result: FoundPoses, rows: InverseRows
-    ) -> list[str]:
+    def _told(self) -> list[str]:
         """Return a line for each configuration and nearest pose, if these are few."""
-        lines: dict[str, list[str]] = {}
+        rows, inputs = self.found, self.mechanism.input_pairs
         if len(np.unique(rows.pose)) > MOST_TOLD:
             return []
-        inputs = mechanism.input_pairs
-        for k in range(len(rows)):
-            name, mode = f"pose {rows.pose[k]}", str(rows.mode[k])
+        lines: dict[str, list[str]] = {}
+        for k, mode in enumerate(rows.mode.tolist()):
             if rows.solved[k]:
-                told = ", ".join(
-                    f"{pair} = {_degrees(q)} deg"
-                    for pair, q in zip(inputs, rows.inputs[k], strict=True)
-                )
-                lines.setdefault(f"{name}: {told}", []).append(mode)
-            elif np.isfinite(result.away[k]):
-                place = result.near[k][np.isfinite(result.near[k])]
+                angles = zip(inputs, rows.inputs[k], strict=True)
+                told = ", ".join(f"{pair} = {_degrees(q)} deg" for pair, q in angles)
+            elif np.isfinite(self.away[k]):
+                place = self.near[k][np.isfinite(self.near[k])]
                 near = ", ".join(f"{x:.6g}" for x in np.round(place, 6) + 0.0)
-                told = (
-                    f"out of reach; nearest is ({near}), "
-                    f"{np.degrees(result.away[k]):.4g} deg away"
-                )
-                lines.setdefault(f"{name}: {told}", []).append(mode)
+                away = f"{np.degrees(self.away[k]):.4g} deg away"
+                told = f"out of reach; nearest is ({near}), {away}"
+            else:
+                continue
+            lines.setdefault(f"pose {rows.pose[k]}: {told}", []).append(mode)
         return [f"{text}, {numbered('mode', modes)}" for text, modes in lines.items()]
 
-    def scene(self, batch: Batch) -> tuple[Scene, ...]:
+    def _closure(self) -> float | None:
+        """Return the largest rotation (rad) by which a loop of some rows is open."""
+        if not len(self.poses):
+            return None
+        last = len(self.poses) - 1
+        some = self.poses[np.unique(np.linspace(0, last, CHECKED).astype(int))]
+        rows = self.solver.inverse(some, self.modes, range(len(self.mechanism.pairs)))
+        gap = self.solver.residual(rows.values[rows.status == Status.OK])
+        return float(np.max(gap)) if len(gap) else None
+
+    def pages(self) -> tuple[Scene, ...]:
         """Return the poses on the sphere by number of solutions, and by worst measure."""
-        result = self._found(batch)
-        if result.rows is None or result.poses is None:
-            return ()
-        rows, poses = result.rows, result.poses
-        places = poses if result.solver.points else poses[:, :, 2]
-        solutions = _solutions(rows, len(poses))
-        least = np.fmin(np.min(rows.type_1, axis=1, initial=1.0), rows.type_2)
-        best = np.zeros(len(poses))
-        np.maximum.at(best, rows.pose, np.nan_to_num(least))
-        angle = np.arcsin(np.clip(best, 0.0, 1.0))
-        triangles = _triangles(result.shape)
-        words = Text("legend", "Poses", self._words(result, solutions))
+        mechanism, rows, poses, solver = self.mechanism, self.found, self.poses, self.solver
+        places = poses if solver.points else poses[:, :, 2]
+        triangles = _triangles(self.shape)
 
         def painted(name: str, values: Floats, unit: str) -> SphereMap:
             return SphereMap("poses/map", name, places, triangles, values, unit)
 
-        solved = painted("solutions", solutions.astype(float), "")
+        words = (
+            f"# Poses of {solver.output.name}\n\n"
+            f"Signs of a mode: {'; '.join(solver.legs)}.\n\n"
+            "| solutions | poses |\n|---|---|\n"
+            + "".join(f"| {n} | {k} |\n" for n, k in _numbers_of(self.solutions).items())
+            + "\nMeasure: the best mode's least angle to a singularity of type I or II."
+        )
+        legend = Text("legend", "Poses", words)
+        solved = painted("solutions", self.solutions.astype(float), "")
         order = np.lexsort((rows.mode, rows.pose))
         shown = order[rows.solved[order]][:DRAWN]
         if not len(shown):
-            return (Scene("Inverse", (solved, words)),)
-        every = range(len(batch.mechanism.pairs))
-        whole = result.solver.inverse(poses, self._modes(result.solver), every)
-        placed = solver_of(batch.mechanism).closure.at(whole.values[shown]).placed
-        number = batch.mechanism.link_number[result.solver.output.relative_to]
-        at = np.einsum("nij,nj->ni", placed[:, number], places[rows.pose[shown]])
+            return (Scene("Inverse", (solved, legend)),)
+        whole = solver.inverse(poses, self.modes, range(len(mechanism.pairs)))
+        placed = solver_of(mechanism).closure.at(whole.values[shown]).placed
+        base = placed[:, mechanism.link_number[solver.output.relative_to]]
+        at = np.einsum("nij,nj->ni", base, places[rows.pose[shown]])
         assembled: tuple[Primitive, ...] = (
-            *link_bodies(batch.mechanism, placed),
+            *link_bodies(mechanism, placed),
             Arrow("pose", "pose asked for", at, False, path_shown=False),
-            _listed(batch.mechanism, rows, shown),
+            _listed(mechanism, rows, shown),
         )
         over = Axis("solution", "", np.arange(float(len(shown))))
+        least = np.fmin(np.min(rows.type_1, axis=1, initial=1.0), rows.type_2)
+        best = np.zeros(len(poses))
+        np.maximum.at(best, rows.pose, np.nan_to_num(least))
+        angle = np.arcsin(np.clip(best, 0.0, 1.0))
         return (
-            Scene("Inverse", (solved, *assembled, words), (over,)),
-            Scene("Measure", (painted("angle to a singularity", angle, "rad"), words)),
+            Scene("Inverse", (solved, *assembled, legend), (over,)),
+            Scene("Measure", (painted("angle to a singularity", angle, "rad"), legend)),
         )
 
-    def _read(self, solver: OutputKinematics) -> Poses:
-        given = self.poses, self.columns, self.file, self.window, self.unit
-        return read_poses(solver, self.name, *given)
 
-    def _solver(self, mechanism: Mechanism) -> OutputKinematics:
-        return output_kinematics(mechanism, self.output or None, self.graph)
+class PosesAtInputs:
+    """The poses at inputs (n, inputs) rad, each with the working mode that has them."""
 
-    def _modes(self, solver: OutputKinematics) -> tuple[str, ...]:
-        return tuple(map(label_of, solver.chosen_modes(self.working_mode)))
+    def __init__(
+        self, mechanism: Mechanism, solver: OutputKinematics, inputs: Floats
+    ) -> None:
+        self.mechanism, self.solver, self.inputs = mechanism, solver, inputs
+        self.found = forward_rows(mechanism, solver, inputs)
 
-    def _pairs(self, mechanism: Mechanism) -> list[int]:
-        """Return the numbers of the pairs wanted."""
-        if self.pairs == ("all",):
-            return list(range(len(mechanism.pairs)))
-        for name in self.pairs:
-            if name not in mechanism.pair_number:
-                raise AnalysisError(
-                    f'{self.name}: pairs: no pair is named "{name}"'
-                    f"{nearest(name, mechanism.pair_number) or ';'} Pairs: "
-                    f"{listing(mechanism.pair_number)}; or say all"
-                )
-        return [mechanism.pair_number[name] for name in self.pairs]
+    def rows(self) -> dict[str, list[Row]]:
+        """Return the rows of the table of poses at inputs."""
+        return {FORWARD.name: [self.found]}
 
-    def _found(self, batch: Batch) -> FoundPoses:
-        return batch.once("found", lambda: self._find(batch.mechanism))
-
-    def _find(self, mechanism: Mechanism) -> FoundPoses:
-        solver = self._solver(mechanism)
-        given = poses, inputs, _ = self._read(solver)
-        if inputs is not None:
-            forward = forward_rows(mechanism, solver, inputs)
-            nothing = np.zeros((0, 4)), np.zeros(0), 0
-            return FoundPoses(solver, *given, None, forward, *nothing)
-        assert poses is not None
-        rows = solver.inverse(poses, self._modes(solver), self._pairs(mechanism))
-        offers = self._offers(solver, poses, rows)
-        return FoundPoses(solver, *given, rows, None, *offers)
-
-    def _offers(
-        self, solver: OutputKinematics, poses: Floats, rows: InverseRows
-    ) -> tuple[Floats, Floats, int]:
-        """Return reachable poses (k, 4) near rows out of reach, how far, and how many."""
-        near, away = np.full((len(rows), 4), np.nan), np.full(len(rows), np.nan)
-        wanted = np.flatnonzero(~rows.solved)[: self.nearest]
-        if not isinstance(solver, ClosedKinematics):
-            return near, away, 0
-        for mode in np.unique(rows.mode[wanted]):
-            in_mode = wanted[rows.mode[wanted] == mode]
-            given = poses[rows.pose[in_mode]]
-            places = given if solver.points else quaternion(given)
-            signs = solver.modes[solver.labels.index(str(mode))]
-            offered, away[in_mode] = nearest_poses(solver, places, signs)
-            near[in_mode, : offered.shape[1]] = offered
-        return near, away, len(wanted)
-
-    def _closure(self, batch: Batch, result: FoundPoses) -> float | None:
-        """Return the largest rotation (rad) by which a loop of some rows is open."""
-        poses = result.poses
-        assert poses is not None
-        if not len(poses):
-            return None
-        some = poses[np.unique(np.linspace(0, len(poses) - 1, CHECKED).astype(int))]
-        every = range(len(batch.mechanism.pairs))
-        rows = result.solver.inverse(some, self._modes(result.solver), every)
-        gap = result.solver.residual(rows.values[rows.status == Status.OK])
-        return float(np.max(gap)) if len(gap) else None
-
-    def _of_forward(
-        self, mechanism: Mechanism, result: FoundPoses, figures: dict[str, Any]
-    ) -> Findings:
-        table = result.forward
-        assert table is not None and result.inputs is not None
-        count = len(result.inputs)
+    def findings(self) -> Findings:
+        """Return how many inputs have how many poses, and these if they are few."""
+        table, count = self.found, len(self.inputs)
         solved = table["status"] != Status.OUT_OF_REACH
-        number = np.bincount(table["pose"][solved].astype(int), minlength=count)
-        figures |= {
-            "inputs": count,
-            "inputs_by_number_of_poses": {
-                str(poses): int(np.sum(number == poses)) for poses in np.unique(number)
-            },
-        }
+        number = np.bincount(table["pose"][solved], minlength=count)
+        figures = {"inputs": count, "inputs_by_number_of_poses": _numbers_of(number)}
         none = int(np.sum(number == 0))
         warnings = [f"at {none} of {count} inputs no pose was found"] if none else []
         sets = "the inputs given" if count == 1 else f"{count} sets of inputs"
         remark = f"{counted(int(np.sum(solved)), 'configuration')} at {sets}"
-        told = _posed(mechanism, table, solved) if count <= MOST_TOLD else []
-        return Findings(figures, tuple(warnings), (remark + _rest(result.solver), *told))
+        told = _posed(self.mechanism, table, solved) if count <= MOST_TOLD else []
+        return Findings(figures, tuple(warnings), (remark + _rest(self.solver), *told))
 
-    def _words(self, result: FoundPoses, solutions: NDArray[np.int64]) -> str:
-        lines = [
-            f"# Poses of {result.solver.output.name}",
-            "",
-            f"Signs of a mode: {'; '.join(result.solver.legs)}.",
-            "",
-            "| solutions | poses |",
-            "|---|---|",
-            *(
-                f"| {number} | {int(np.sum(solutions == number))} |"
-                for number in np.unique(solutions)
-            ),
-            "",
-            "Measure: the best mode's least angle to a singularity of type I or II.",
-        ]
-        return "\n".join(lines)
+    def pages(self) -> tuple[Scene, ...]:
+        """Return nothing: no pose was asked for."""
+        return ()
 
 
 def _listed(mechanism: Mechanism, rows: InverseRows, shown: NDArray[np.int64]) -> Text:
@@ -414,9 +453,10 @@ def _rest(solver: OutputKinematics) -> str:
     )
 
 
-def _solutions(rows: InverseRows, count: int) -> NDArray[np.int64]:
-    """Return the number of configurations (count,) of each pose."""
-    return np.bincount(rows.pose[rows.solved], minlength=count).astype(np.int64)
+def _numbers_of(solutions: NDArray[np.int64]) -> dict[str, int]:
+    """Return how often each number of solutions is there, for JSON."""
+    numbers, often = np.unique(solutions, return_counts=True)
+    return dict(zip(map(str, numbers.tolist()), often.tolist(), strict=True))
 
 
 def _least(values: Floats) -> float | None:

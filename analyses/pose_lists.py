@@ -4,7 +4,6 @@ The tables of the analysis `inverse_kinematics`, and how they are filled.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +31,10 @@ from spherekit.plugin.rotations import (
 )
 from spherekit.plugin.workspace import (
     ClosedKinematics,
-    InverseRows,
     OutputKinematics,
     columns_of,
     label_of,
     read_numbers,
-    sense_of,
-    turns_of,
 )
 
 from .equivalent_rotation import MODE, PLACE, place_columns
@@ -362,136 +358,68 @@ PAIRS = Table(
 )
 
 
-@dataclass(frozen=True)
-class FoundPoses:
-    """What was asked for, see `Poses`, and what was found: `rows` or else `forward`."""
-
-    solver: OutputKinematics
-    poses: Floats | None
-    inputs: Floats | None
-    shape: tuple[int, ...] | None
-    rows: InverseRows | None
-    forward: Row | None
-    near: Floats
-    away: Floats
-    offered: int
-
-
-def inverse_rows(mechanism: Mechanism, result: FoundPoses, rows: InverseRows) -> Row:
-    """Return the configurations of poses, with a reachable pose near by."""
-    poses = result.poses
-    assert poses is not None
-    directions = poses[rows.pose] if result.solver.points else None
-    names = np.array([*rows.limits, ""])
-    rates: Row = {}
-    for k, axis in enumerate("xyz"):
-        rates |= input_columns(mechanism, rows.rates[:, :, k], f"rate_{axis}")
-    return {
-        "pose": rows.pose,
-        "working_mode": rows.mode,
-        **{
-            name: column[rows.pose]
-            for name, column in _places(result.solver, poses).items()
-        },
-        **input_columns(mechanism, rows.inputs),
-        **rates,
-        **_mirror_rates(
-            mechanism, result.solver, directions, turns_of(rows.rates, directions)
-        ),
-        "margin": rows.margin,
-        "limiting": names[rows.limiting],
-        **input_columns(mechanism, rows.type_1, "type_1"),
-        "type_2": rows.type_2,
-        "sense": sense_of(rows.rates, directions),
-        "status": rows.status,
-        "solved_by": result.solver.solved_by,
-        **{f"near_{axis}": result.near[:, k] for k, axis in enumerate("xyzw")},
-        "away": result.away,
-    }
-
-
 def forward_rows(mechanism: Mechanism, solver: OutputKinematics, inputs: Floats) -> Row:
     """Return the poses at inputs (n, inputs), each with the working mode that has them."""
     solutions = solver.forward(inputs)
+    count = len(solutions.row)
     none = np.setdiff1d(np.arange(len(inputs)), solutions.row)
-    order = np.argsort(np.concatenate([solutions.row, none]), kind="stable")
-    pose = np.concatenate([solutions.row, none])[order]
+    pose = np.concatenate([solutions.row, none])
+
+    def with_none(values: Floats) -> Floats:
+        return np.concatenate([values, np.full((len(none), *values.shape[1:]), np.nan)])
+
     poses = solutions.rotations
     if solver.points:
         assert solutions.directions is not None
         poses = solutions.directions
     working = np.full(len(pose), "", dtype=f"<U{max(map(len, solver.labels), default=1)}")
-    type_2 = np.full(len(pose), np.nan)
-    type_2[: len(solutions.row)] = solver.type_2(solutions.values)
     if isinstance(solver, ClosedKinematics):
         rows = solver.inverse(poses, solver.labels, range(len(mechanism.pairs)))
-        off = rows.values - solutions.values[rows.pose]
-        off = np.abs(wrap(off)).max(axis=1)
+        off = np.abs(wrap(rows.values - solutions.values[rows.pose])).max(axis=1)
         same = np.flatnonzero(off < SAME_VALUES)
         working[rows.pose[same]] = rows.mode[same]
-    poses = np.concatenate([poses, np.full((len(none), *poses.shape[1:]), np.nan)])
-    places = _places(solver, poses)
-    turns = np.full((len(pose), 3, len(mechanism.inputs)), np.nan)
+    places = with_none(poses)
+    moved: Row = {}
     if solver.form is not None:
-        turns[: len(solutions.row)] = solver.turns(solutions.values)
-    moved = _mirror_rates(mechanism, solver, poses, turns)
-    first = np.searchsorted(pose, pose)
-    status = np.full(len(pose), Status.OK, dtype=np.int8)
-    status[len(solutions.row) :] = Status.OUT_OF_REACH
-    modes = np.array([*map(label_of, solutions.signs), *("" for _ in none)], dtype=str)
-    return {
+        turns = with_none(solver.turns(solutions.values))
+        moved = mirror_rates(mechanism, solver, places, turns)
+    order = np.argsort(pose, kind="stable")
+    columns: Row = {
         "pose": pose,
-        "solution": np.arange(len(pose)) - first,
-        "assembly_mode": modes[order],
-        "working_mode": working[order],
+        "assembly_mode": np.array([*map(label_of, solutions.signs), *[""] * len(none)]),
+        "working_mode": working,
         **input_columns(mechanism, inputs[pose]),
-        **{name: column[order] for name, column in (places | moved).items()},
-        "type_2": type_2[order],
-        "status": status[order],
-        "solved_by": solver.solved_by,
+        **pose_columns(solver, places),
+        **moved,
+        "type_2": with_none(solver.type_2(solutions.values)),
+        "status": np.where(np.arange(len(pose)) < count, Status.OK, Status.OUT_OF_REACH),
     }
+    columns = {name: column[order] for name, column in columns.items()}
+    first = np.searchsorted(columns["pose"], columns["pose"])
+    solution = np.arange(len(pose)) - first
+    return {**columns, "solution": solution, "solved_by": solver.solved_by}
 
 
-def _places(solver: OutputKinematics, poses: Floats) -> Row:
-    """Return the columns of poses."""
+def pose_columns(solver: OutputKinematics, poses: Floats) -> Row:
+    """Return the columns of poses; NaN for NaN."""
     if solver.points:
         angles, places = azimuth_tilt(poses), poses
     else:
-        angles, places = tilt_torsion(poses), _quaternions(poses)
+        angles, places = tilt_torsion(poses), np.full((len(poses), 4), np.nan)
+        finite = np.isfinite(poses[:, 0, 0])
+        places[finite] = quaternion(poses[finite])
     return {
         **place_columns(places, solver.form),
         **dict(zip(("azimuth", "tilt", "torsion"), angles.T, strict=False)),
     }
 
 
-def _mirror_rates(
-    mechanism: Mechanism, solver: OutputKinematics, directions: Floats | None, turns: Floats
+def mirror_rates(
+    mechanism: Mechanism, solver: OutputKinematics, directions: Floats, turns: Floats
 ) -> Row:
     """Return the columns of the derivatives of phi and gamma by the inputs, if any."""
-    if solver.form is None or directions is None:
+    if solver.form is None:
         return {}
     rates = solver.form.angle_rates(directions, turns)
-    return {
-        name: column
-        for k, angle in enumerate(("dphi_dq", "dgamma_dq"))
-        for name, column in input_columns(mechanism, rates[:, k], angle).items()
-    }
-
-
-def _quaternions(rotations: Floats) -> Floats:
-    """Return unit quaternions (n, 4) xyzw, NaN for NaN."""
-    quaternions = np.full((len(rotations), 4), np.nan)
-    finite = np.isfinite(rotations[:, 0, 0])
-    quaternions[finite] = quaternion(rotations[finite])
-    return quaternions
-
-
-def pair_rows(mechanism: Mechanism, numbers: list[int], rows: InverseRows) -> Row:
-    """Return the variables of some pairs, by their numbers."""
-    names = np.array(mechanism.names_of(numbers), dtype=str)
-    return {
-        "pose": np.repeat(rows.pose, len(numbers)),
-        "working_mode": np.repeat(rows.mode, len(numbers)),
-        "pair": np.tile(names, len(rows)),
-        "value": rows.values.ravel(),
-    }
+    phi = input_columns(mechanism, rates[:, 0], "dphi_dq")
+    return phi | input_columns(mechanism, rates[:, 1], "dgamma_dq")
