@@ -75,11 +75,11 @@ class ComputedColumns:
             v, dv = rate * unit, change * unit + rate * turn
         here = np.flatnonzero(np.isin(rows, self.doubtful))
         at = np.searchsorted(self.doubtful, rows[here])
-        for field in self.careful[number : number + 1]:
-            for k, (i, j) in enumerate(self.kernel.moving[number].signed):
-                unit[:, k, here] = field.direction[i, j][at].T
-                v[:, k, here] = (field.w[j] - field.w[i])[at].T
-                dv[:, k, here] = (field.dw[j] - field.dw[i])[at].T
+        for k, (i, j) in enumerate(self.kernel.moving[number].signed if len(here) else ()):
+            field = self.careful[number]
+            unit[:, k, here] = field.direction[i, j][at].T
+            v[:, k, here] = (field.w[j] - field.w[i])[at].T
+            dv[:, k, here] = (field.dw[j] - field.dw[i])[at].T
         return unit, v, dv
 
     def turn(self, turned: Sequence[Turning], samples: int) -> None:
@@ -88,7 +88,7 @@ class ComputedColumns:
         for number, field in enumerate(self.careful):
             poles = self.kernel.moving[number].signed
             unit = np.array([field.direction[pole].T for pole in poles])
-            unit = unit.reshape(len(poles), 3, len(rows)).swapaxes(0, 1)
+            unit = unit.reshape(-1, 3, len(rows)).swapaxes(0, 1)
             signs = turned[number](unit, rows, rows // samples)
             for pole, of_pole in zip(poles, signs, strict=True):
                 turn_round(field, pole, of_pole)
@@ -96,7 +96,7 @@ class ComputedColumns:
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
         """Have columns read, rows after rows."""
         self.was_read = True
-        places = [self.kernel.moving[k].of[name][of] for k, name, of, _ in keys]
+        places = [self.kernel.moving[k].of[name][of][c] for k, name, of, c in keys]
 
         def fill(part: Part) -> None:
             mode, rows = part
@@ -108,8 +108,9 @@ class ComputedColumns:
                     signs = turned(signed[:3], rows, mode)
                     for k in np.flatnonzero(np.any(signs < 0, axis=1)).tolist():
                         signed[:, k] *= signs[k]
-                pairs = list(zip(keys, places, strict=True))
-                made = [whole[place[key[-1]]] for key, place in pairs]
+                made = [
+                    whole[place[key[-1]]] for key, place in zip(keys, places, strict=True)
+                ]
                 if np.any(self._odd[rows]):
                     some = zip(keys, made, strict=True)
                     made = [self._mended(key, column, rows) for key, column in some]
@@ -158,19 +159,18 @@ class LazyField:
         self._source, self._number = source, number
         self._places = source.kernel.moving[number].of
         self._is_made = False
+        wanted, rows, n = source.requests[number], source.doubtful, len(motion)
         self.largest = dict(zip(ERRORS, errors, strict=True))
-        wanted, rows = source.requests[number], source.doubtful
-        status, by_equations = motion.status, np.zeros(len(motion), dtype=bool)
+        status, by_equations = motion.status, np.zeros(n, dtype=bool)
         loss = np.where(motion.failed, np.nan, 0.0)
         pole_status = dict.fromkeys(self._places["direction"], status)
         for late in source.careful[number : number + 1]:
             status = _with(status, rows, late.status)
             loss[rows], by_equations[rows] = late.loss, late.by_equations
             for pole in pole_status:
-                alike = np.array_equal(late.pole_status[pole], late.status)
-                pole_status[pole] = (
-                    status if alike else _with(status, rows, late.pole_status[pole])
-                )
+                codes = late.pole_status[pole]
+                alike = np.array_equal(codes, late.status)
+                pole_status[pole] = status if alike else _with(status, rows, codes)
             well = late.status == Status.OK
             for name in ERRORS:
                 every = np.hstack([bound[well] for bound in getattr(late, name).values()])
@@ -200,11 +200,9 @@ class LazyField:
             for name, places in self._places.items():
                 for of, place in places.items():
                     made = np.empty((len(place), n))
-                    keys = ((self._number, name, of, k) for k in range(len(place)))
-                    columns += [
-                        (LazyColumn(self._source, key, n), out)
-                        for key, out in zip(keys, made, strict=True)
-                    ]
+                    for k, out in enumerate(made):
+                        key = self._number, name, of, k
+                        columns.append((LazyColumn(self._source, key, n), out))
                     getattr(self._field, name)[of] = made.T if len(made) > 1 else made[0]
             put(columns, [(slice(0, n), 0)])
         return self._field

@@ -75,25 +75,22 @@ class Rows:
     where the kernel has the closed form in it; in the end they are those of all variables.
     `closure` (2, n) is by how much loops are open, and the error of the configuration.
     `vouched` (n,) says where the values close all loops and the kernel's numbers may be
-    given. `errors` are those of rows after their slice.
+    given.
     """
 
     def __init__(self, kernel: RowKernel, tracer: PositionAnalysis, q: Floats) -> None:
         self.kernel, self._tracer, self._q = kernel, tracer, q
-        n = len(tracer.assembly_modes) * q.shape[1]
+        modes, by_inputs = len(tracer.assembly_modes), kernel.has_closed_form
+        n = modes * q.shape[1]
         self.closure = np.empty((2, n))
         self.vouched = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
-        self.errors: list[tuple[tuple[float, ...], ...]] = []
-        by_inputs, shape = (
-            kernel.has_closed_form,
-            (len(tracer.mechanism.variable_owners), n),
-        )
+        shape = len(tracer.mechanism.variable_owners), n
         self.values = np.empty(shape) if by_inputs else nans(shape)
         self._deciding = kernel.by_inputs if by_inputs else kernel.judging
         # So many that little is left to do between.
         size = max(1, round(JUDGED / (self._deciding.width * SLICE))) * SLICE
-        self.parts = slices_of(len(tracer.assembly_modes), q.shape[1], size)
+        self.parts = slices_of(modes, q.shape[1], size)
 
     def fill(self, samples: Indices) -> "list[tuple[int, Seen]]":
         """Fill all rows, of samples by their numbers.
@@ -101,29 +98,26 @@ class Rows:
         Return what is seen of each slice that has rows vouched for, with its mode.
         """
         made = each_at_once(self._fill, self.parts, self.kernel.in_threads)
-        open_ = np.concatenate([rows for _, rows in made])
-        if len(open_):
-            self._close(open_)
-        late = ~self.vouched & (self.status == Status.OK)
-        if np.any(late):
-            self._with_care(samples, np.flatnonzero(late))
+        late = np.flatnonzero(~self.vouched & (self.status == Status.OK))
+        if len(late):
+            self._with_care(samples, late)
         self.vouched &= self.status == Status.OK
         seen: list[tuple[int, Seen]] = []
-        for (mode, rows), (here, _) in zip(self.parts, made, strict=True):
-            if here is None or np.any(late[rows]):
-                here = self._looked_at(rows)
+        judging = self.kernel.judging
+        for (mode, part), here in zip(self.parts, made, strict=True):
+            rows = part.start + np.flatnonzero(self.vouched[part])
+            if here is None and len(rows):
+                here = Seen(self.kernel, judging, judging(self.values[:, rows]), rows)
             seen += [] if here is None else [(mode, here)]
         return seen
 
-    def _fill(self, part: Part) -> "tuple[Seen | None, Indices]":
-        """Fill a slice; return what is seen of it, and rows that a step may close."""
+    def _fill(self, part: Part) -> "Seen | None":
+        """Fill a slice; return what is seen of it if all of its rows are vouched for."""
         mode, rows = part
         deciding, first = self._deciding, mode * self._q.shape[1]
         q, numbers = self._q[:, rows.start - first : rows.stop - first], np.r_[rows]
-        by_form, signs = (
-            self.kernel.has_closed_form,
-            self._tracer.assembly_modes[mode].signs,
-        )
+        by_form = self.kernel.has_closed_form
+        signs = self._tracer.assembly_modes[mode].signs
         count = len(q) + len(signs) if by_form else len(self.values)
         with SCRATCH.room(count + deciding.width, len(numbers)) as room:
             given, columns = room[:count], room[count:]
@@ -135,21 +129,24 @@ class Rows:
             places = deciding.places
             if by_form:
                 self.values[:, rows] = columns[places["variables"]]
-            doubt, closure = columns[places["doubt"]][0], columns[places["closure"]]
-            self.closure[:, rows], rounding = closure, self.kernel.open_by_rounding
-            if np.max(doubt) <= 1.0 and np.max(closure[0]) <= rounding:
-                return Seen.of(self.kernel, deciding, columns, numbers), NONE
-            good = np.all(columns[places["doubts"]] <= 1.0, axis=0)
-            closed = closure[0] <= rounding
-            self.vouched[rows] = good & closed
-            squares = columns[places["squares"]] if by_form else None
-            lost = self._lost(mode, q, given) if squares is None else lost_by(squares)
-            self.status[rows][lost] = Status.OUT_OF_REACH
-            open_ = numbers[~closed & np.isfinite(closure[0])]
-            if not np.any(good) or not np.all(good | lost):
-                return None, open_
-            some = columns[:, good], numbers[good], closed[good]
-            return Seen.of(self.kernel, deciding, *some), open_
+            rounding, closure = self.kernel.open_by_rounding, columns[places["closure"]]
+            self.closure[:, rows] = closure
+            most_doubt, most_open = np.max(columns[places["doubt"]][0]), np.max(closure[0])
+            if most_doubt <= 1.0 and most_open <= rounding:
+                return Seen(self.kernel, deciding, columns, numbers)
+            if by_form:
+                lost = lost_by(columns[places["squares"]])
+            else:
+                lost = self._lost(mode, q, given)
+                is_open = (closure[0] > rounding) & np.isfinite(closure[0])
+                self._close(columns, numbers, np.flatnonzero(is_open))
+                self.closure[:, rows] = columns[places["closure"]]
+            well = np.all(columns[places["doubts"]] <= 1.0, axis=0)
+            well &= self.closure[0, rows] <= rounding
+            self.vouched[rows], self.status[rows][lost] = well, Status.OUT_OF_REACH
+            if not np.any(well) or not np.all(well | lost):
+                return None
+            return Seen(self.kernel, deciding, columns[:, well], numbers[well])
 
     def _lost(self, number: int, q: Floats, values: Floats) -> Bools:
         """Return (n,) which samples a mode surely does not reach, at inputs (inputs, n).
@@ -159,100 +156,70 @@ class Rows:
         """
         guide = self._tracer.assembly_modes[number].guide
         lost = np.isnan(values[self.kernel.free[0]])
-        if isinstance(guide, ModeCurve):
-            lost[lost] = guide.ends_before(q[0, lost])
-            return np.asarray(lost)
-        return np.zeros(len(lost), dtype=bool)
+        if not isinstance(guide, ModeCurve):
+            return np.zeros_like(lost)
+        lost[lost] = guide.ends_before(q[0, lost])
+        return np.asarray(lost)
 
-    def _close(self, open_: Indices) -> None:
-        """Take a step of Newton's method at some rows; keep what that closes, near by."""
-        before = self.values[:, open_]
-        after = before.copy()
-        after[list(self.kernel.free)] = self.kernel.closer(before)
-        near = max_abs(after - before, axis=0) < SMALL_STEP
-        rows = open_[near]
-        self.values[:, rows] = after[:, near]
-        self._judge(rows)
+    def _close(self, columns: Floats, numbers: Indices, at: Indices) -> None:
+        """Take a step of Newton's method at some rows of a slice; keep what is near by."""
+        if len(at):
+            before = self.values[:, numbers[at]]
+            after = before.copy()
+            after[list(self.kernel.free)] = self.kernel.closer(before)
+            near = max_abs(after - before, axis=0) < SMALL_STEP
+            at, after = at[near], np.ascontiguousarray(after[:, near])
+            self.values[:, numbers[at]] = after
+            columns[:, at] = self.kernel.judging(after)
 
     def _with_care(self, samples: Indices, late: Indices) -> None:
         """Find rows as the tracer does, and what the kernel says of them."""
         tracer, residual = self._tracer, np.empty(len(late))
         for number, mode in enumerate(tracer.assembly_modes):
             of_mode = late // len(samples) == number
-            if not np.any(of_mode):
-                continue
-            at = late[of_mode]
-            wanted = samples[at % len(samples)]
-            evaluated = tracer.solver.evaluate(mode, tracer.input_grid.q[wanted], wanted)
-            self.values[:, at] = evaluated.values.T
-            self.status[at], residual[of_mode] = evaluated.status, evaluated.residual
-        closed = np.isfinite(residual)
-        self._judge(late[closed], residual[closed])
-        self.closure[0, late[~closed]] = np.nan
+            if np.any(of_mode):
+                at = late[of_mode]
+                wanted = samples[at % len(samples)]
+                q = tracer.input_grid.q[wanted]
+                evaluated = tracer.solver.evaluate(mode, q, wanted)
+                self.values[:, at] = evaluated.values.T
+                self.status[at] = evaluated.status
+                residual[of_mode] = evaluated.residual
+        self._judge(late[np.isfinite(residual)])
+        self.closure[0, late] = residual
 
-    def _judge(self, rows: Indices, residual: Floats | None = None) -> None:
-        """Judge rows by their numbers, whose values are known, and the residual may be."""
+    def _judge(self, rows: Indices) -> None:
+        """Judge by the kernel rows by their numbers, whose values are known."""
         judging = self.kernel.judging
         columns = judging(self.values[:, rows])
-        good = np.all(columns[judging.places["doubts"]] <= 1.0, axis=0)
-        closure = columns[judging.places["closure"]]
-        if residual is None:
-            good &= closure[0] <= self.kernel.open_by_rounding
-        else:
-            closure[0] = residual
-        self.closure[:, rows], self.vouched[rows] = closure, good
-        if np.any(good):
-            self.errors.append(largest(judging, columns[:, good]))
-
-    def _looked_at(self, part: slice) -> "Seen | None":
-        """Return what is seen of the rows of a slice that are vouched for, found again."""
-        rows = np.flatnonzero(self.vouched[part]) + part.start
-        judging = self.kernel.judging
-        if not len(rows):
-            return None
-        return Seen.of(self.kernel, judging, judging(self.values[:, rows]), rows)
+        self.closure[:, rows] = columns[judging.places["closure"]]
+        self.vouched[rows] = np.all(columns[judging.places["doubts"]] <= 1.0, axis=0)
 
 
-@dataclass(frozen=True)
 class Seen:
     """What was seen of a slice's rows that are vouched for, while they were in the cache.
 
-    `first` and `last` are the numbers of the outermost, `ends` for each input the relative
-    angular velocities (poles, 3, 2) there, and `gaps` (2, k) the rows between which some
-    direction may reverse. `errors` are for each input the largest of directions, rates,
-    changes.
+    `rows` are the numbers of the outermost, `ends` for each input the relative angular
+    velocities (poles, 3, 2) there, and `gaps` (2, k) the rows between which some direction
+    may reverse. `errors` are for each input the largest of directions, rates, changes.
     """
 
-    first: int
-    last: int
-    ends: tuple[Floats, ...]
-    gaps: tuple[Indices, ...]
-    errors: tuple[tuple[float, ...], ...]
-
-    @classmethod
-    def of(
-        cls,
-        kernel: RowKernel,
-        deciding: ColumnFunction,
-        columns: Floats,
-        rows: Indices,
-        counted: Bools | None = None,
-    ) -> "Seen":
-        """Return what is seen of successive rows; errors are those of the `counted`."""
-        ends, gaps = [], []
+    def __init__(
+        self, kernel: RowKernel, deciding: ColumnFunction, columns: Floats, rows: Indices
+    ) -> None:
+        self.rows = rows[[0, -1]]
+        self.ends: list[Floats] = []
+        self.gaps: list[Indices] = []
         for number, moving in enumerate(kernel.moving):
             spins = columns[deciding.places["spins", number]]
             at = _gaps(moving, spins)
-            ends.append(moving.relative(spins[:, [0, -1]]))
-            gaps.append(np.array([rows[at], rows[at + 1]]))
-        whole = largest(deciding, columns if counted is None else columns[:, counted])
-        return cls(int(rows[0]), int(rows[-1]), tuple(ends), tuple(gaps), whole)
-
-
-def largest(deciding: ColumnFunction, columns: Floats) -> tuple[tuple[float, ...], ...]:
-    """Return the largest errors of rows by input: directions, rates, changes."""
-    parts = (columns[place] for key, place in deciding.places.items() if "errors" in key)
-    return tuple(tuple(np.max(some, axis=1, initial=0.0).tolist()) for some in parts)
+            self.ends.append(moving.relative(spins[:, [0, -1]]))
+            self.gaps.append(np.array([rows[at], rows[at + 1]]))
+        self.errors = [
+            np.max(columns[place], axis=1, initial=0.0)
+            for key, place in deciding.places.items()
+            if "errors" in key
+        ]
 
 
 def _along(one: Floats, two: Floats) -> Bools:
@@ -268,8 +235,6 @@ def _gaps(moving: MovingTerms, spins: Floats) -> Indices:
     product of two in a box falls below the one of its corners, and no size exceeds the
     other.
     """
-    if spins.shape[1] < 2:
-        return NONE
     low, high = np.min(spins, axis=1), np.max(spins, axis=1)
     least, most = moving.relative(low, high), moving.relative(high, low)
     across, one, other = least * most, least * least, most * most
@@ -282,12 +247,12 @@ def _gaps(moving: MovingTerms, spins: Floats) -> Indices:
 
 
 def stops_of(
-    seen: Sequence[tuple[int, Seen]], number: int, held: Bools, careful: Indices
+    seen: Sequence[tuple[int, Seen]], number: int, held: Bools, careful: Bools
 ) -> dict[int, Stops]:
     """Return where directions of an input are looked at, by the modes' places.
 
     `seen` are slices with their modes, in order; `held` (modes, samples) says which rows
-    have a configuration, `careful` are those that were found with care.
+    have a configuration, `careful` which of these were found with care.
     """
     gaps: dict[int, list[Indices]] = defaultdict(list)
     for mode, here in seen:
@@ -295,27 +260,22 @@ def stops_of(
     for (mode, one), (other, two) in pairwise(seen):
         across = one.ends[number][..., 1], two.ends[number][..., 0]
         if mode == other and not np.all(_along(*across)):
-            gaps[mode].append(np.array([[one.last], [two.first]]))
+            gaps[mode].append(np.array([one.rows[1:], two.rows[:1]]))
     stops: dict[int, Stops] = {}
     for mode, of_mode in enumerate(held):
-        rows = np.flatnonzero(of_mode) + mode * len(of_mode)
+        (rows,) = np.nonzero(of_mode)
         if len(rows):
-            low, high = np.searchsorted(careful, [rows[0], rows[-1] + 1])
-            at = np.searchsorted(rows, careful[low:high])
-            for low in (at[at > 0] - 1, at[at < len(rows) - 1]):
-                gaps[mode].append(np.array([rows[low], rows[low + 1]]))
-            stops[mode] = _stops(rows[[0, -1]], gaps[mode])
+            by_itself = careful[mode, rows]
+            (at,) = np.nonzero(by_itself[:-1] | by_itself[1:])
+            rows += mode * len(of_mode)
+            every = np.concatenate([*gaps[mode], [rows[at], rows[at + 1]]], axis=1)
+            some = np.unique(np.concatenate([rows[[0, -1]], every.ravel()]))
+            first, last = np.searchsorted(some, every)
+            depth = np.zeros(len(some), dtype=np.intp)
+            np.add.at(depth, first, 1)
+            np.add.at(depth, last, -1)
+            stops[mode] = Stops(some, np.cumsum(depth)[:-1] > 0)
     return stops
-
-
-def _stops(ends: Indices, parts: Sequence[Indices]) -> Stops:
-    gaps = np.concatenate(parts, axis=1)
-    rows = np.unique(np.concatenate([ends, gaps.ravel()]))
-    depth = np.zeros(len(rows), dtype=np.intp)
-    first, second = np.searchsorted(rows, gaps)
-    np.add.at(depth, first, 1)
-    np.add.at(depth, second, -1)
-    return Stops(rows, np.cumsum(depth)[:-1] > 0)
 
 
 @dataclass
@@ -373,10 +333,8 @@ class BatchRunner:
     def block(self) -> int:
         """Samples in a block; where they are recorded, as many as without a kernel."""
         tracer = self.course.tracer
-        if self.recorded:
-            return tracer.block
         many = BYTES // (8 * self.kernel.kept * len(tracer.assembly_modes))
-        return max(1, min(many, MORE * tracer.block))
+        return max(1, min(many, tracer.block * (1 if self.recorded else MORE)))
 
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
         """Yield the motion from sample `first` on in blocks of successive samples.
@@ -406,7 +364,7 @@ class BatchRunner:
         asked = self.requests[: len(memories)]
         self._last = columns = ComputedColumns(self.kernel, motion, asked, doubtful)
         turned: list[Turning] = []
-        for k, (memory, _) in enumerate(zip(memories, asked, strict=False)):
+        for k, memory in enumerate(memories[: len(asked)]):
             if motion.is_path:
                 at = partial(columns.relative_at, k)
                 signed = self.kernel.moving[k].signed
@@ -434,7 +392,8 @@ class BatchRunner:
         seen = rows.fill(samples)
         failed = (rows.status != Status.OK) & (rows.status != Status.AT_SINGULARITY)
         rows.values[:, failed] = rows.closure[:, failed] = np.nan
-        doubtful = np.flatnonzero(~(rows.vouched | failed))
+        careful = ~(rows.vouched | failed)
+        doubtful = np.flatnonzero(careful)
         timing = course.timing if self.with_times else None
         motion = Motion(
             mechanism=tracer.mechanism,
@@ -454,9 +413,10 @@ class BatchRunner:
         if len(doubtful):
             rows.closure[1, doubtful] = motion.rows(doubtful).configuration_error
         vars(motion)["configuration_error"] = rows.closure[1]
-        held, every = ~failed.reshape(modes, count), range(len(self.requests))
-        stops = [stops_of(seen, k, held, doubtful) for k in every if motion.is_path]
-        errors = [nans((len(every), 3)), *(here.errors for _, here in seen), *rows.errors]
-        whole = np.fmax.reduce(np.array(errors))
-        self.unread[id(motion)] = rows.vouched, held, doubtful, stops, whole
+        held, careful = (some.reshape(modes, count) for some in (~failed, careful))
+        every = range(len(self.requests))
+        stops = [stops_of(seen, k, held, careful) for k in every if motion.is_path]
+        errors = [nans((len(every), 3)), *(np.array(here.errors) for _, here in seen)]
+        largest = np.fmax.reduce(errors)
+        self.unread[id(motion)] = rows.vouched, held, doubtful, stops, largest
         return motion
