@@ -108,9 +108,7 @@ class ComputedColumns:
                     signs = turned(signed[:3], rows, mode)
                     for k in np.flatnonzero(np.any(signs < 0, axis=1)).tolist():
                         signed[:, k] *= signs[k]
-                made = [
-                    whole[place[key[-1]]] for key, place in zip(keys, places, strict=True)
-                ]
+                made = [whole[place] for place in places]
                 if np.any(self._odd[rows]):
                     some = zip(keys, made, strict=True)
                     made = [self._mended(key, column, rows) for key, column in some]
