@@ -388,9 +388,9 @@ class Descent:
         items = [expression_terms(item, named) for item in synthesis.objectives]
         for item in sweep.conditions:
             if "closes" not in item.names:
-                sides = [expression_terms(x, named) for x in (item.left, item.right)]
-                less, more = sides if item.sign.startswith("<") else sides[::-1]
-                items.append(less - more)
+                items.append(
+                    expression_terms(item.less, named) - expression_terms(item.more, named)
+                )
         self._wanted, self._function = (
             len(synthesis.objectives),
             with_derivatives(items, terms),

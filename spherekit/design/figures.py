@@ -26,7 +26,7 @@ from spherekit.errors import (
 from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import ConstantSpeed, Study
-from spherekit.motion.input_grid import InputGrid, given_path, grid, straight
+from spherekit.motion.input_grid import InputGrid, sampled
 from spherekit.motion.motion import by_laws
 from spherekit.numeric.crossings import SAME_ANGLE, return_by_turns, wrap
 from spherekit.numeric.zeros import ArrayRows
@@ -64,7 +64,9 @@ class DesignSamples:
         Raises
         ------
         DesignError
-            If it is a simulation, or so many samples are of another number of inputs.
+            If it is a simulation.
+        SolveError
+            If a range is empty, or so many samples are of another number of inputs.
         """
         mechanism = study.mechanism
         if study.start is not None:
@@ -77,30 +79,23 @@ class DesignSamples:
             (pair,) = driven_pairs(mechanism)
             mechanism = mechanism.with_inputs(mechanism.pairs[pair].name)
         names = mechanism.input_pairs
-        start = np.array([driven.start for driven in mechanism.inputs])
-        if study.path is not None:
-            path = given_path(study.path, len(names)).q
-            start = np.min(path, axis=0) if len(names) == 1 else path[0]
-            return DesignSamples.at(names, path, start, np.ones(len(names)))
         if study.duration is not None:
-            return DesignSamples._timed(study, mechanism, names)
-        lattice = _lattice(study, mechanism)
+            assert isinstance(study.samples, int)
+            t = np.linspace(0.0, study.duration, study.samples)
+            laws = {
+                driven.pair: ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)
+                for driven in mechanism.inputs
+            }
+            q, timing = by_laws(names, {**laws, **study.laws}, t)
+            rows = np.concatenate([q, timing.dq, timing.ddq, t[:, None]], axis=1)
+            return DesignSamples(names, rows, (len(t),))
+        lattice = sampled(mechanism, study.samples, study.grid, study.path)
+        start = np.array([driven.start for driven in mechanism.inputs])
         sense = np.array([driven.sense for driven in mechanism.inputs])
+        if study.path is not None:
+            start = np.min(lattice.q, axis=0) if len(names) == 1 else lattice.q[0]
+            sense = np.ones(len(names))
         return DesignSamples.at(names, lattice.q, start, sense, lattice.shape)
-
-    @staticmethod
-    def _timed(study: Study, mechanism: Mechanism, names: Names) -> "DesignSamples":
-        if not isinstance(study.samples, int):
-            raise DesignError(f"{study.name}: over a time give one number of samples")
-        assert study.duration is not None
-        t = np.linspace(0.0, study.duration, study.samples)
-        laws = {
-            driven.pair: ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)
-            for driven in mechanism.inputs
-        }
-        q, timing = by_laws(names, {**laws, **study.laws}, t)
-        rows = np.concatenate([q, timing.dq, timing.ddq, t[:, None]], axis=1)
-        return DesignSamples(names, rows, (len(t),))
 
     @staticmethod
     def at(
@@ -130,20 +125,6 @@ class DesignSamples:
     def lattice(self) -> InputGrid:
         """The inputs with their neighbours."""
         return InputGrid(self.rows[:, : len(self.inputs)], self.shape)
-
-
-def _lattice(study: Study, mechanism: Mechanism) -> InputGrid:
-    count, samples = len(mechanism.inputs), study.samples
-    if isinstance(samples, int):
-        if study.grid:
-            return grid(mechanism.inputs, [samples] * count)
-        return straight(mechanism.inputs, samples)
-    if len(samples) != count:
-        raise DesignError(
-            f"{study.name}: samples: {'x'.join(map(str, samples))} is of {len(samples)} "
-            f"inputs, but there are {count}; give one number for each"
-        )
-    return grid(mechanism.inputs, samples)
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,8 @@ class Specification:
         rows, objectives = self.rows_of(every)
         here, missed = rows["mode"] == mode, np.zeros(len(objectives))
         for condition in self.sweep.conditions:
-            missed += np.maximum(-np.nan_to_num(condition.slack(rows), nan=-np.inf), 0.0)
+            less, more = condition.sides(rows)
+            missed += np.maximum(np.nan_to_num(less - more, nan=np.inf), 0.0)
         return rows["design"][here], objectives[here], missed[here]
 
     def why_none(self) -> str:

@@ -9,7 +9,7 @@ import math
 import re
 import warnings
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -184,36 +184,33 @@ Columns = dict[str, Any]
 
 _COMPARED = re.compile(r"(<=|>=|<|>)")
 
-_HOLDS = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal}
-
 
 @dataclass(frozen=True)
 class Condition:
-    """``left < right`` of two expressions; where a value is NaN it does not hold."""
+    """``less < more`` of two expressions; where a value is NaN it does not hold."""
 
     text: str
-    left: Expression
-    sign: str
-    right: Expression
+    less: Expression
+    more: Expression
+    equal: bool
 
     @property
     def names(self) -> frozenset[str]:
         """What it depends on."""
-        return self.left.names | self.right.names
+        return self.less.names | self.more.names
 
-    def _sides(self, columns: Columns) -> Iterator[Any]:
-        for side in (self.left, self.right):
-            yield side.evaluate({name: columns[name] for name in side.names})
+    def sides(self, columns: Columns) -> tuple[Floats, Floats]:
+        """Return what is to be less, and more, in rows (n,) with columns by name."""
+        less, more = (
+            side.evaluate({name: columns[name] for name in side.names})
+            for side in (self.less, self.more)
+        )
+        return less, more
 
     def holds(self, columns: Columns) -> Bools:
         """Return for which rows it holds, from columns (n,) by name."""
         with np.errstate(invalid="ignore"):
-            return np.asarray(_HOLDS[self.sign](*self._sides(columns)))
-
-    def slack(self, columns: Columns) -> Floats:
-        """Return by how much it holds (n,): negative where it does not."""
-        left, right = self._sides(columns)
-        return np.asarray(right - left if self.sign.startswith("<") else left - right)
+            return (np.less_equal if self.equal else np.less)(*self.sides(columns))
 
 
 def condition(text: str, names: Collection[str]) -> Condition:
@@ -232,9 +229,11 @@ def condition(text: str, names: Collection[str]) -> Condition:
         )
     left, sign, right = parts
     try:
-        return Condition(text, parse(left, names), sign, parse(right, names))
+        sides = parse(left, names), parse(right, names)
     except ModelError as problem:
         raise DesignError(f'"{text}": {problem}') from None
+    less, more = sides if sign[0] == "<" else sides[::-1]
+    return Condition(text, less, more, sign[1:] == "=")
 
 
 OWN = ("design", "mode", ASSEMBLY, "status", "reason", "closes", "claim", "grashof")

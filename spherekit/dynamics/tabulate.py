@@ -364,10 +364,9 @@ def _motion(
     finite = np.isfinite(places)
     values, rates = nans((2, len(t), len(heading.variables)))
     speeds = p[finite] / np.sqrt(model.inertia(places[finite]))
-    for k, variable in enumerate(heading.variables):
-        rate = model.value(heading.derivative(variable), places[finite])
-        values[finite, k] = model.value(variable, places[finite])
-        rates[finite, k] = rate * speeds
+    slopes = [heading.derivative(name) for name in heading.variables]
+    values[finite] = model.functions(heading.variables, places[finite])
+    rates[finite] = model.functions(slopes, places[finite]) * speeds[:, None]
     driven = heading.variables.index(f"theta_{heading.inputs[0]}")
     return TabulatedMotion(
         t,

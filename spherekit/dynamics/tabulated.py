@@ -134,12 +134,14 @@ class StoredModel:
     def value(self, name: str, x: ArrayLike) -> float | Floats:
         """Return any stored function by its name in `heading.functions`."""
         if self._is_one(x):
-            if name not in self._singles:
-                self._singles[name] = self._named(name)
-            return self._singles[name](x)[0]
-        group, column = self.heading.place(name)
+            return self._single(name)(x)[0]
+        return self.functions([name], x)[..., 0]
+
+    def functions(self, names: Sequence[str], x: ArrayLike) -> Floats:
+        """Return stored functions (..., k) of one group by their names, at many places."""
         (q,), _, shape = self._together(x)
-        return self._rows(group, q)[:, column].reshape(shape[:-1])
+        rows = self._rows(self.heading.place(names[0])[0], q)
+        return rows[:, self._columns(names)].reshape(*shape[:-1], len(names))
 
     @overload
     def inertia(self, x: float) -> float: ...
@@ -176,17 +178,10 @@ class StoredModel:
 
         `name` is LINK/RELATIVE_TO, as "3/1"; either order names the same axis. Of a curve.
         """
-        kept = "pole", name
-        if self._is_one(x) and kept in self._singles:
-            return np.array(self._singles[kept](x))
         stored = self.heading.pole(name)[0]
-        names = [f"pole {stored} {axis}" for axis in "xyz"]
-        if self._is_one(x):
-            self._singles[kept] = self._named(*names)
-            return self.pole(name, x)
-        (q,), _, shape = self._together(x)
-        rows = self._rows(self.heading.place(names[0])[0], q)
-        return rows[:, self._columns(names)].reshape(*shape[:-1], 3)
+        names = tuple(f"pole {stored} {axis}" for axis in "xyz")
+        one = self._is_one(x)
+        return np.array(self._single(*names)(x)) if one else self.functions(names, x)
 
     def rate(self, name: str, x: Place) -> Place:
         """Return the velocity coefficient of a pole of a curve.
@@ -209,10 +204,9 @@ class StoredModel:
         the coefficient.
         """
         name, sense = self.heading.pole(pole)
-        names = [f"velocity {name} {axis}" for axis in "xyz"]
-        by = np.array([self._columns(self.heading.by_coordinates(x)) for x in names])
-        (places,), _, shape = self._together(q)
-        return sense * self._rows(0, places)[:, by.T].reshape(*shape, 3)
+        by = [self.heading.by_coordinates(f"velocity {name} {axis}") for axis in "xyz"]
+        names = [x for axes in zip(*by, strict=True) for x in axes]
+        return sense * self.functions(names, q).reshape(*np.shape(q), 3)
 
     def places(self, variable: str, value: float) -> Floats:
         """Return where (k,) on a curve a pair variable has a value, rising.
@@ -308,9 +302,17 @@ class StoredModel:
             return self.torque(*once)[0]
 
     @cached_property
-    def _singles(self) -> dict[str | tuple[str, str], Single]:
-        """Functions by name, axes by "pole" and name, at single places, once asked for."""
+    def _singles(self) -> dict[tuple[str, ...], Single]:
+        """Functions at single places by their names, once asked for."""
         return {}
+
+    def _single(self, *names: str) -> Single:
+        """Return stored functions of one group by their names, at a single place."""
+        if names not in self._singles:
+            group = self.heading.place(names[0])[0]
+            unit = np.eye(len(self.heading.groups[group]))
+            self._singles[names] = self.single(group, unit[:, self._columns(names)])
+        return self._singles[names]
 
     def _is_one(self, x: Any) -> bool:
         return isinstance(x if self.alone else x[0], NUMBER)
@@ -382,12 +384,6 @@ class StoredModel:
             return row
 
         return at
-
-    def _named(self, *names: str) -> Single:
-        group, unit = self.heading.place(names[0])[0], np.eye(len(names))
-        factors = np.zeros((len(self.heading.groups[group]), len(names)))
-        factors[self._columns(names)] = unit
-        return self.single(group, factors)
 
     def _columns(self, names: Iterable[str]) -> list[int]:
         return [self.heading.place(name)[1] for name in names]
