@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spherekit.files.read import load
-from spherekit.motion.guides import follow, follow_each
+from spherekit.motion.guides import follow_each
 from spherekit.motion.motion import PositionAnalysis
 
 
@@ -29,6 +29,6 @@ def test_curves_followed_side_by_side_are_those_of_each(name):
     values = np.array([guide.values[len(guide.values) // 3] for guide in guides])
     together = follow_each(closure, driven, values, *tracer.range)
     for one, curve in zip(values, together, strict=True):
-        alone = follow(closure, driven, one, *tracer.range)
+        (alone,) = follow_each(closure, driven, one[None], *tracer.range)
         assert (curve.ends, curve.tried) == (alone.ends, alone.tried)
         assert np.max(np.abs(curve.values - alone.values)) < 1e-12

@@ -10,7 +10,7 @@ import spherekit as sk
 from spherekit import progress
 from spherekit.cli.main import main
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.elimination import MultiStart, assemblies, in_order, solutions
+from spherekit.motion.elimination import assemblies, in_order, random_starts, solutions
 from spherekit.motion.groups import group_closure
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.motion.search import STARTS, SearchStatistics
@@ -73,19 +73,19 @@ def test_curves_that_are_short_along_the_input_are_met():
     made = mechanism("1-2 2-3 3-4 1-4", axes, "p1_4")
     solver = solver_of(made)
     turn = np.array([np.pi])
-    values, _ = MultiStart(solver, -turn, turn).rounds()
+    _, values, _ = next(random_starts(solver, -turn, turn))
     assert np.max(solver.closure.at(values).gap) < 1e-12
     swing = values[:, solver.single]
     assert np.ptp(swing[np.abs(swing) < 0.1]) < np.radians(1.5)
-    assert np.sum(np.abs(swing) < 0.1) > 0.05 * STARTS
-    assert np.sum(np.abs(swing) > 0.1) > 0.05 * STARTS  # the mirror image of the dyad
+    assert np.sum(np.abs(swing) < 0.1) > 0.2 * STARTS
+    assert np.sum(np.abs(swing) > 0.1) > 0.2 * STARTS  # the mirror image of the dyad
 
 
 def test_starts_keep_to_the_range_of_the_input():
     made = ten_bar(0)
     low, high = np.array([-0.02]), np.array([0.03])
     solver = solver_of(made)
-    values, _ = MultiStart(solver, low, high).rounds()
+    _, values, _ = next(random_starts(solver, low, high))
     assert len(values) > 10
     assert np.all((values[:, solver.single] >= low) & (values[:, solver.single] <= high))
 

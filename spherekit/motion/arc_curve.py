@@ -356,7 +356,7 @@ class ArcCurve(Chords):
         """
         lengths = nans(len(values))
         row, number, along = self._hits(values)
-        lengths[row] = self._lengths_at(number, along)
+        lengths[row] = self.table.at(self.starts[number] + along)
         return lengths
 
     def passes(self, values: Floats) -> Bools:
@@ -374,7 +374,3 @@ class ArcCurve(Chords):
     def wrapped(self, differences: Floats) -> Floats:
         """Return differences of variables (..., variables) less whole periods."""
         return less_periods(differences, self.periods)
-
-    def _lengths_at(self, which: Indices, along: Floats) -> Floats:
-        """Return s (n,) where the projections on chords `which` (n,) are `along` (n,)."""
-        return self.table.at(self.starts[which] + along)

@@ -32,7 +32,7 @@ from spherekit.motion.groups import (
     train_turns,
     train_ways,
 )
-from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow
+from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow_each
 from spherekit.motion.loops import (
     DEPENDENT,
     Linearisation,
@@ -42,7 +42,7 @@ from spherekit.motion.loops import (
 )
 from spherekit.motion.meshes import GearPhases, meshes_of
 from spherekit.motion.steps import determinant_sign, walk
-from spherekit.motion.turns import into_range, whole_laps
+from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import Assembly
 from spherekit.planning.wheels import (
@@ -332,62 +332,59 @@ class Unwrapping:
         return turns
 
     def _by_pieces(self, mode: int, at: Floats) -> Floats:
-        (driven,) = self._driven
+        (driven,), (period,) = self._driven, self.solver.periods
         turns = nans((len(at), len(self._angles)))
         pieces = self._pieces.setdefault(mode, [])
-        tried = np.zeros(len(at), dtype=bool)
-        number = 0
-        while True:
-            for piece in pieces[number:]:
-                open_ = np.isnan(turns[:, 0])
-                turns[open_] = piece(at[open_])
-            number = len(pieces)
-            left = np.flatnonzero(np.isnan(turns[:, 0]) & ~tried)
-            if not len(left):
-                return turns
-            tried[left[0]] = True
-            pieces.append(self._piece(at[left[0]], at[left, driven]))
 
-    def _piece(self, values: Floats, places: Floats) -> Callable[[Floats], Floats]:
+        def fill(piece: Callable[[Floats], Floats]) -> None:
+            open_ = np.isnan(turns[:, 0])
+            turns[open_] = piece(at[open_])
+
+        for piece in pieces:
+            fill(piece)
+        for row, values in enumerate(at):
+            if np.isnan(turns[row, 0]):
+                left = at[np.isnan(turns[:, 0]), driven]
+                pieces.append(self._piece(values, left, period))
+                fill(pieces[-1])
+        return turns
+
+    def _piece(
+        self, given: Floats, places: Floats, period: float
+    ) -> Callable[[Floats], Floats]:
         """Return the turns over the inputs that a configuration reaches without a gap.
 
         They are (n, angles), to be added at configurations (n, variables): NaN for those
-        that the mode through the one given (variables,) has not. Where the input returns
-        the angles have grown by whole turns after every lap, if they return too.
+        that the mode through the one given (variables,) has not. Where the input returns,
+        after a `period` (rad), the angles have grown by whole turns after every lap.
         """
-        (driven,), (period,), (anchor,) = self._driven, self.solver.periods, self.anchor
-        returns, angles = bool(np.isfinite(period)), self._angles
-        ends = [anchor, float(np.min(places)), float(np.max(places))]
-        if returns:
-            moved = float(into_range(values[driven], anchor, anchor + period, period))
-            values = self.solver.moved(values[None], np.array([[moved]]))[0]
-            ends = [moved - period, moved + period]
-        curve = follow(self._closure, driven, values, min(ends), max(ends))
+        (driven,), (anchor,), angles = self._driven, self.anchor, self._angles
+        ends, values = [anchor, *places.tolist()], given
+        if np.isfinite(period):
+            moved = anchor + np.mod(given[driven] - anchor, period)
+            values = self.solver.moved(given[None], np.array([[moved]]))[0]
+            ends = [anchor, anchor + period]
+        curve = follow_each(self._closure, driven, values[None], min(ends), max(ends))[0]
         low, high = curve.inputs[[0, -1]]
-        lap, winding = period if returns else 0.0, np.zeros(len(angles))
-        if returns and high - low > period + BEYOND:
-            before, _ = curve.predict(high - np.array([period]))
-            grown = (curve.values[-1] - before[0])[angles]
-            winding = np.round(grown / TURN)
-            if not max_abs(grown - TURN * winding) < SAME:
-                lap, winding = 0.0, np.zeros(len(angles))
-        there = anchor + period * np.arange(3) if returns else np.array([anchor])
-        inside = there[(there >= low - BEYOND) & (there <= high + BEYOND)]
-        nearest = low if returns else anchor
-        reference = np.clip(inside[:1] if len(inside) else [nearest], low, high)
-        first = first_turns(curve.predict(reference)[0][0])[angles]
+        grown = (curve.values[-1] - curve.values[0])[angles]
+        winding = np.round(grown / TURN)
+        if not high - low > period - BEYOND:
+            winding = np.zeros(len(angles))
+        elif not max_abs(grown - TURN * winding) < SAME:  # another mode is there
+            return self._piece(given, places, np.inf)
+        reference = np.clip(anchor, low, high)
+        if low > anchor + BEYOND and high > anchor + period - BEYOND:
+            reference = high
+        first = first_turns(curve.predict(np.array([reference]))[0][0])[angles]
 
         def turns(at: Floats) -> Floats:
-            q, laps = at[:, driven], np.zeros(len(at))
-            if lap:
-                laps = np.floor((q - low + BEYOND) / lap)
-            place = q - laps * lap
-            near = (place >= low - BEYOND) & (place <= high + BEYOND)
+            along = at[:, driven] - low + BEYOND
+            place = low - BEYOND + np.mod(along, period)
             followed, _ = curve.predict(np.clip(place, low, high))
             away = (followed - at)[:, angles]
             whole = np.round(away / TURN)
-            near &= max_abs(away - TURN * whole, axis=1) < SAME
-            whole += laps[:, None] * winding - first
+            near = (place <= high + BEYOND) & (max_abs(away - TURN * whole, axis=1) < SAME)
+            whole += np.floor(along / period)[:, None] * winding - first
             return np.where(near[:, None], whole, np.nan)
 
         return turns

@@ -22,13 +22,13 @@ from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.crossing import ways_out
-from spherekit.motion.elimination import RANGE_ROUNDS, MultiStart, assemblies
+from spherekit.motion.elimination import RANGE_ROUNDS, assemblies, random_starts
 from spherekit.motion.input_turning_points import (
     InputTurningPoints,
     easiest_drive,
     input_turning_points,
 )
-from spherekit.motion.search import SEED, STARTS, SearchStatistics
+from spherekit.motion.search import SEED, SearchStatistics
 from spherekit.motion.turns import in_range, turns_in_range
 from spherekit.numeric.crossings import wrap
 from spherekit.progress import ProgressReporter
@@ -309,16 +309,16 @@ class _CurveSearch:
             words = "wheels in mesh as in the assembly modes given"
             return Completeness(Guarantee.COMPONENT, words)
         low, high = np.array([self.low]), np.array([self.high])
-        starts = MultiStart(self.solver, low, high, seed=SEED + 1)
+        starts = random_starts(self.solver, low, high, seed=SEED + 1)
         census = SearchStatistics(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
         working = ProgressReporter("searching the configuration curves")
         while census.goes_on and len(self.curves) < MOST_CURVES:
-            values, _ = starts.rounds()
+            made, values, _ = next(starts)
             self.add(values)
             met = np.full(len(values), -1, dtype=np.intp)
             for number, curve in enumerate(self.curves):
                 met[curve.passes(values)] = number
-            census.add(STARTS, met, len(self.curves))
+            census.add(made, met, len(self.curves))
             working.tell(lambda: census.words("curves"))
         return Completeness(Guarantee.SAMPLED, census.words("curves"))
 

@@ -92,13 +92,10 @@ def ways_out(closure: Closure, values: Floats) -> Floats:
     Each is `RADIUS` (rad) away in the variables. Where the configuration is part of
     a surface there is no end of them, and some are returned.
     """
-    left, sizes, right = np.linalg.svd(closure.at(values[None]).jacobian[0])
-    sizes = np.append(sizes, np.zeros(len(right) - len(sizes)))
-    rank = int(np.sum(sizes >= MOVES * max(sizes[0], MOVES)))
-    motions = right[rank:]
+    _, sizes, right = np.linalg.svd(closure.at(values[None]).jacobian[0])
+    motions = right[int(np.sum(sizes >= MOVES * max(sizes[0], MOVES))) :]
     if not len(motions):
-        return np.zeros((0, len(values)))
-    forms = _second_order(closure, values, left[:, rank:], motions)
+        return motions
 
     def change(here: Floats, _: Indices) -> Floats:
         away = here - values
@@ -106,7 +103,7 @@ def ways_out(closure: Closure, values: Floats) -> Floats:
         borders = away / length[:, None]
         return np.nan_to_num(bordered_step(closure.at(here), borders, RADIUS - length))
 
-    start = values + RADIUS * _leaving(forms) @ motions
+    start = values + RADIUS * _spread(len(motions)) @ motions
     start, _ = newton(change, start, MOST_STEPS, trust=0.5 * RADIUS)
     length = np.linalg.norm(start - values, axis=1)
     closed = closure.at(start).gap < CLOSURE_TOLERANCE
@@ -118,25 +115,8 @@ def ways_out(closure: Closure, values: Floats) -> Floats:
     return np.array(ways).reshape(-1, len(values))
 
 
-def _leaving(forms: Floats) -> Floats:
-    """Return unit vectors (n, k) in which curves may leave: those of second order.
-
-    Where that does not decide, vectors spread over the sphere of k dimensions.
-    """
-    count = forms.shape[1]
-    if count == 1:
-        return np.array([[1.0], [-1.0]])
-    along = _directions(forms)
-    if along is not None and len(along):
-        return np.concatenate([along, -along])
-    return _spread(count)
-
-
 def _spread(count: int) -> Floats:
-    """Return unit vectors (n, count) spread over the sphere."""
-    if count == 2:
-        turn = 2.0 * np.pi * (np.arange(SPREAD) + 0.5) / SPREAD
-        return np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    """Return unit vectors (n, count) spread over the sphere, the same ones every time."""
     directions = np.random.default_rng(20240616).normal(size=(SPREAD, count))
     return np.asarray(unit_rows(directions))
 
@@ -163,9 +143,11 @@ def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
     miss = float(max_abs(np.append(at.residual[0], sizes[rank:])))
     if miss > MISSED or error > 1e-6:
         return None
-    tangents = _directions(_second_order(closure, x, left[:, rank:], right[rank:]))
+    lost, null = left[:, rank:], right[rank:]
+    forms = np.einsum("bma,ml,ib,ja->lij", jacobian_rates(closure, x), lost, null, null)
+    tangents = _directions(0.5 * (forms + np.swapaxes(forms, 1, 2)))
     resolved = tangents is not None
-    along = np.zeros((0, len(x))) if tangents is None else tangents @ right[rank:]
+    along = np.zeros((0, len(x))) if tangents is None else tangents @ null
     return Crossing(x, rank, freedoms, along, resolved, miss, error)
 
 
@@ -181,12 +163,6 @@ def jacobian_rates(closure: Closure, values: Floats) -> Floats:
     every = np.arange(count)
     second[every, list(tree.owners)] += at.vectors[every, every]
     return tree.jacobian(at.pair_rates(first, second))
-
-
-def _second_order(closure: Closure, x: Floats, left: Floats, null: Floats) -> Floats:
-    """Return the symmetric forms (l, k, k) of all left null vectors on the null space."""
-    forms = np.einsum("bma,ml,ib,ja->lij", jacobian_rates(closure, x), left, null, null)
-    return 0.5 * (forms + np.swapaxes(forms, 1, 2))
 
 
 def _directions(forms: Floats) -> Floats | None:

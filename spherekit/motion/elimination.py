@@ -26,10 +26,10 @@ probed happens to lie in it. With several each start has the inputs of one sampl
 wheels are in mesh, each start has an input and the lengths rolled that belong to it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import combinations, islice, permutations
+from itertools import chain, combinations, islice, permutations, repeat
 
 import numpy as np
 
@@ -108,43 +108,38 @@ def eliminated(group: Group, closure: Closure) -> tuple[Floats, Bools, str]:
     """
     states = closure.at(np.zeros((1, len(group.pairs)))).states
     frames = Frames(group, np.moveaxis(np.stack([states.first, states.second]), 1, 2))
-    values, real = np.empty((0, len(group.pairs))), np.empty(0, dtype=bool)
+    values, real = [np.empty((0, len(group.pairs)))], [np.empty(0, dtype=bool)]
+    orders, problem = orders_of(group), ""
     if min(frames.sine(bar) for bar in bars_of(group)) < POINTLIKE:
-        return values, real, "a link has an arc of about 0 or 180 deg"
-    for order in orders_of(group):
+        orders, problem = (), "a link has an arc of about 0 or 180 deg"
+    for order in orders:
         solved, problem = common_angles(frames.equations(order)[0], order.involves)
         imaginary = max_abs(solved.imag, axis=1)
         tried = imaginary < NEARLY_REAL
         with np.errstate(invalid="ignore", divide="ignore"):
             angles = frames.angles(frames.placed(order, solved[None, tried].real))
         finite = all_finite(angles, 1)
-        values = np.concatenate([values, angles[finite]])
-        real = np.concatenate([real, imaginary[tried][finite] < REAL])
+        values.append(angles[finite])
+        real.append(imaginary[tried][finite] < REAL)
         if not problem and not np.all(finite):
             problem = "the neighbours of a link have axes on one line"
         if not problem:
-            return angles, real[-len(angles) :], ""
-    return values, real, problem
+            return values[-1], real[-1], ""
+    return np.concatenate(values), np.concatenate(real), problem
 
 
-@dataclass(frozen=True)
-class BinaryLink:
-    """A body with two pairs: the pairs, and the two bodies that it joins by them."""
+@lru_cache
+def bars_of(group: Group) -> dict[int, list[tuple[int, int]]]:
+    """Return the bodies of a group that have two pairs, with two other bodies.
 
-    body: int
-    pairs: tuple[int, int]
-    bodies: tuple[int, int]
-
-
-def bars_of(group: Group) -> tuple[BinaryLink, ...]:
-    """Return the bodies of a group that have two pairs, with two other bodies."""
-    bars = []
+    The pairs by their places in the group, each with the body that it leads to.
+    """
+    bars = {}
     for body in range(len(group.bodies)):
-        pairs = [k for k, ends in enumerate(group.ends) if body in ends]
-        others = [sum(group.ends[k]) - body for k in pairs]
-        if len(pairs) == 2 and others[0] != others[1]:
-            bars.append(BinaryLink(body, (pairs[0], pairs[1]), (others[0], others[1])))
-    return tuple(bars)
+        ways = [(k, sum(ends) - body) for k, ends in enumerate(group.ends) if body in ends]
+        if len(ways) == len({other for _, other in ways}) == 2:
+            bars[body] = ways
+    return bars
 
 
 @dataclass(frozen=True)
@@ -152,12 +147,12 @@ class Order:
     """A tree left by bars, in an order in which its angles can be eliminated.
 
     `bodies` and `pairs` are those of the tree, the pair of the remaining angle first;
-    `bars` are those of the equations, `ways` the pairs that each of them spans.
+    `bars` are the bodies whose arcs are the equations, `ways` the pairs that each spans.
     """
 
     bodies: tuple[int, ...]
     pairs: tuple[int, ...]
-    bars: tuple[BinaryLink, ...]
+    bars: tuple[int, ...]
     ways: tuple[tuple[int, ...], ...]
 
     @property
@@ -174,19 +169,19 @@ class Order:
 @lru_cache
 def orders_of(group: Group) -> tuple[Order, ...]:
     """Return the first orders of fewest solutions, the same ones every time."""
-    orders = []
-    for taken in combinations(bars_of(group), group.loops):
-        out = {bar.body for bar in taken}
+    orders, bars = [], bars_of(group)
+    for out in combinations(bars, group.loops):
         left = tuple(body for body in range(len(group.bodies)) if body not in out)
-        pairs = [k for k, ends in enumerate(group.ends) if not out & set(ends)]
-        if len(pairs) != len(taken) or any(out & set(bar.bodies) for bar in taken):
+        pairs = [k for k, ends in enumerate(group.ends) if not {*out} & {*ends}]
+        spans = {bar: [body for _, body in bars[bar]] for bar in out}
+        if len(pairs) != len(out) or any({*out} & {*span} for span in spans.values()):
             continue
-        ways = {bar: _way(group, pairs, *bar.bodies) for bar in taken}
+        ways = {bar: _way(group, pairs, *span) for bar, span in spans.items()}
         for sequence in permutations(pairs):
-            for bars in permutations(taken):
-                order = Order(left, sequence, bars, tuple(ways[bar] for bar in bars))
+            for taken in permutations(out):
+                order = Order(left, sequence, taken, tuple(ways[bar] for bar in taken))
                 # of the last two, one order is enough
-                if order.roots and list(bars[-2:]) == sorted(bars[-2:], key=taken.index):
+                if order.roots and taken[-2:] == tuple(sorted(taken[-2:])):
                     orders.append(order)
     least = min((order.roots for order in orders), default=0)
     return tuple(order for order in orders if order.roots == least)[:MOST_ORDERS]
@@ -198,7 +193,7 @@ def _way(group: Group, pairs: Sequence[int], start: int, goal: int) -> tuple[int
         body: (pair, other) for pair, other, body in spanning(group.ends, [start], pairs)
     }
     way: list[int] = []
-    while goal in came and goal != start:
+    while goal in came:
         pair, goal = came[goal]
         way.insert(0, pair)
     return tuple(way)
@@ -219,13 +214,13 @@ class Frames:
         """Return the frames (n, 3, 3) of a pair in one of its bodies."""
         return self.sides[self.group.ends[pair].index(body), pair]
 
-    def _axes(self, bar: BinaryLink) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    def _axes(self, bar: int) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         """Return the unit axes (n, 3) of a bar's pairs: in it, in the bodies it joins."""
-        both = zip(bar.pairs, bar.bodies, strict=True)
-        outer = tuple(self.of_pair(pair, body)[..., 2] for pair, body in both)
-        return tuple(self.of_pair(pair, bar.body)[..., 2] for pair in bar.pairs), outer
+        ways = bars_of(self.group)[bar]
+        outer = tuple(self.of_pair(pair, body)[..., 2] for pair, body in ways)
+        return tuple(self.of_pair(pair, bar)[..., 2] for pair, _ in ways), outer
 
-    def sine(self, bar: BinaryLink) -> float:
+    def sine(self, bar: int) -> float:
         """Return the least sine of a bar's arc; at 0 it spins between its neighbours."""
         return float(np.min(np.linalg.norm(cross(*self._axes(bar)[0]), axis=-1)))
 
@@ -236,7 +231,7 @@ class Frames:
     def _equation(self, order: Order, number: int) -> Array:
         way, bar = order.ways[number], order.bars[number]
         inner, (spread, moving) = self._axes(bar)
-        body, count = bar.bodies[0], len(order.pairs)
+        body, count = bars_of(self.group)[bar][0][1], len(order.pairs)
         for pair in way:
             ahead = self.group.ends[pair][0] == body
             further = sum(self.group.ends[pair]) - body
@@ -270,10 +265,10 @@ class Frames:
             inner, outer = self._axes(bar)
             there = [
                 (placed[:, :, body] @ axis[:, None, :, None])[..., 0]
-                for body, axis in zip(bar.bodies, outer, strict=True)
+                for (_, body), axis in zip(bars_of(self.group)[bar], outer, strict=True)
             ]
             turned = taking(*(axis[:, None] for axis in inner), *there)
-            placed[:, :, bar.body] = turned if np.iscomplexobj(placed) else turned.real
+            placed[:, :, bar] = turned if np.iscomplexobj(placed) else turned.real
         return transpose(placed[:, :, :1]) @ placed
 
     def angles(self, placed: Floats) -> Floats:
@@ -379,11 +374,14 @@ def in_order(mode: Floats) -> list[float]:
     return [float(angle) for angle in turned]
 
 
-def least_complete(one: Method | None, other: Method | None) -> Method | None:
-    """Return the method that guarantees less; None stands for not used."""
-    if one is None or other is None:
-        return one or other
-    return max(one, other, key=lambda method: method.doubt)
+def least_complete(*methods: Method | None) -> Method | None:
+    """Return the method that guarantees least; None stands for not used."""
+    return max(filter(None, methods), key=lambda method: method.doubt, default=None)
+
+
+def all_complete(methods: Iterable[Method | None]) -> bool:
+    """Return whether no real mode can be missing."""
+    return all(method is None or method.is_complete for method in methods)
 
 
 MOST_ASSEMBLY_MODES = 64
@@ -411,7 +409,7 @@ class Assemblies:
     @property
     def is_complete(self) -> bool:
         """Whether no real mode can be missing."""
-        return all(method is None or method.is_complete for method in self.methods)
+        return all_complete(self.methods)
 
 
 def assemblies(solver: Solver, q: Floats) -> Assemblies:
@@ -532,65 +530,50 @@ def group_signs(solver: Solver, values: Floats) -> SmallIntegers:
     return signs
 
 
-class MultiStart:
-    """Rounds of random starts over a range of the inputs, the same ones every time.
+def random_starts(
+    solver: Solver,
+    low: Floats,
+    high: Floats,
+    samples: Floats | None = None,
+    seed: int = SEED,
+) -> Iterator[tuple[int, Floats, Indices]]:
+    """Yield what rounds of random starts over a range lead to, the same ones every time.
 
-    `low`, `high` (inputs,) rad; `samples` (n, inputs) are the inputs to start at if they
-    are to be kept.
+    `RANGE_ROUNDS` rounds first, then one after another: how many starts, configurations
+    (k, variables) that close, and the sample (k,) of each where the inputs are kept. Those
+    whose contacts do not exist, or that lie at a dead centre, are left out.
+
+    Parameters
+    ----------
+    low, high
+        (inputs,) rad, the range.
+    samples
+        (n, inputs) the inputs to start at if they are to be kept.
     """
-
-    def __init__(
-        self,
-        solver: Solver,
-        low: Floats,
-        high: Floats,
-        samples: Floats | None = None,
-        seed: int = SEED,
-    ) -> None:
-        self.solver, self.samples = solver, samples
-        self._random = np.random.default_rng(seed)
-        self._low, self._high = starting_range(solver.closure)
-        driven = list(solver.driven)
-        self._low[driven], self._high[driven] = low, high
-
-    def _drawn(self) -> tuple[Floats, Indices]:
-        """Return the starts (n, variables) of a round, and the sample (n,) of each."""
-        starts = self._random.uniform(self._low, self._high, (STARTS, len(self._low)))
-        if self.samples is None:
-            return starts, np.zeros(STARTS, dtype=np.intp)
-        rows = self._random.integers(0, len(self.samples), STARTS)
-        starts[:, list(self.solver.driven)] = self.samples[rows]
-        return starts, rows
-
-    def rounds(self, count: int = 1) -> tuple[Floats, Indices]:
-        """Return closed configurations (k, variables) that so many rounds lead to.
-
-        With them the sample (k,) of each where the inputs are kept. Those whose contacts
-        do not exist, or that lie at a dead centre, are left out.
-        """
-        solver, driven = self.solver, list(self.solver.driven)
-        drawn = [self._drawn() for _ in range(count)]
-        starts, rows = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
-        closure = solver.closure
+    random, closure, meshes = np.random.default_rng(seed), solver.closure, solver.meshes
+    driven = list(solver.driven)
+    first, last = starting_range(closure)
+    first[driven], last[driven] = low, high
+    rolled = [] if meshes is None else list(meshes.variables)
+    held = driven + rolled if meshes is not None or samples is not None else []
+    is_input = np.isin(np.arange(len(first)), driven)
+    least, most = np.where(is_input, first, -np.inf), np.where(is_input, last, np.inf)
+    turning = [v for v in solver.angles if v not in driven]
+    for count in chain([RANGE_ROUNDS], repeat(1)):
+        starts, rows = [], np.zeros((count, STARTS), dtype=np.intp)
+        for number in range(count):
+            starts.append(random.uniform(first, last, (STARTS, len(first))))
+            if samples is not None:
+                rows[number] = random.integers(0, len(samples), STARTS)
+                starts[-1][:, driven] = samples[rows[number]]
+        values = np.concatenate(starts)
         with np.errstate(all="ignore"):
-            held, meshes = driven, solver.meshes
             if meshes is not None:
-                held = driven + list(meshes.variables)
-                starts[:, list(meshes.variables)] = meshes.rolled(starts[:, driven])
-            is_input = np.isin(np.arange(starts.shape[1]), driven)
-            least = np.where(is_input, self._low, -np.inf)
-            most = np.where(is_input, self._high, np.inf)
-            is_guided = self.samples is not None or meshes is not None
-            values, near = damped(closure, starts, held if is_guided else (), least, most)
-            values, rows = values[near], rows[near]
-            if not len(values):
-                return values, rows
-            at = closure.solve(values, held, iterations=POLISHING_STEPS)
-            free = np.flatnonzero(~is_input)
-            _, reciprocal_condition = determinant_signs(at.jacobian[:, :, free])
-            values, good = at.values, at.gap < CLOSURE_TOLERANCE
-            good &= (reciprocal_condition > FLAT) & np.all(at.states.inside, axis=1)
-            good &= ~penetrates(closure.joints, at.states)
-        turning = [v for v in solver.angles if v not in driven]
-        values[:, turning] = wrap(values[:, turning])
-        return values[good], rows[good]
+                values[:, rolled] = meshes.rolled(values[:, driven])
+            values, near = damped(closure, values, held, least, most)
+            at = closure.solve(values[near], driven + rolled, iterations=POLISHING_STEPS)
+            _, reciprocal_condition = determinant_signs(at.jacobian[:, :, ~is_input])
+            good = (at.gap < CLOSURE_TOLERANCE) & np.all(at.states.inside, axis=1)
+            good &= (reciprocal_condition > FLAT) & ~penetrates(closure.joints, at.states)
+        at.values[:, turning] = wrap(at.values[:, turning])
+        yield len(near), at.values[good], rows.ravel()[near][good]

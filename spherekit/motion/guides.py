@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
+from spherekit.arrays import Floats, Indices, SmallIntegers
 from spherekit.conventions import Status
 from spherekit.motion.closure import Closure
 from spherekit.motion.crossing import ways_out
@@ -60,19 +60,11 @@ class ModeCurve:
 
     def at(self, q: Floats, rows: Indices | None) -> Predicted:
         """Return what is predicted at inputs q (n, 1)."""
-        along = q[:, 0]
-        beyond = np.where(along < self.inputs[0], *self.ends)
-        why = np.where(self.covers(along), Status.OK, beyond).astype(np.int8)
+        along, why = q[:, 0], np.full(len(q), Status.OK, dtype=np.int8)
+        slack = 1e-14 * np.maximum(1.0, np.abs(along))
+        why[along < self.inputs[0] - slack] = self.ends[0]
+        why[along > self.inputs[-1] + slack] = self.ends[1]
         return (*self.predict(along), why)
-
-    def covers(self, q: Floats) -> Bools:
-        """Return (n,) whether each input lies on the curve."""
-        slack = 1e-14 * np.maximum(1.0, np.abs(q))
-        return np.asarray((q >= self.inputs[0] - slack) & (q <= self.inputs[-1] + slack))
-
-    def ends_before(self, q: Floats) -> Bools:
-        """Return (n,) which inputs are beyond an end that the mode does not reach past."""
-        return self.at(q[:, None], None)[2] == Status.OUT_OF_REACH
 
 
 @dataclass(frozen=True)
@@ -92,30 +84,13 @@ class ModeOverGrid:
         return self.values[rows], np.zeros(len(q)), self.status[rows]
 
 
-def follow(
-    closure: Closure, driven: int, values: Floats, low: float, high: float
-) -> ModeCurve:
-    """Return the curve through one closed configuration over an input range.
-
-    Parameters
-    ----------
-    closure
-        Loop closure of the whole mechanism (constant pair frames).
-    driven
-        Number of the input's variable.
-    values
-        (variables,) a closed configuration with `values[driven]` in [low, high], rad.
-    """
-    (curve,) = follow_each(closure, driven, values[None], low, high)
-    return curve
-
-
 def follow_each(
     closure: Closure, driven: int, values: Floats, low: float, high: float
 ) -> list[ModeCurve]:
     """Return the curves through closed configurations (n, variables), side by side.
 
-    Over an input range that is made so wide as to hold the input of each; see `follow`.
+    Over an input range (rad) that is made so wide as to hold the input of each. `closure`
+    is that of the whole mechanism (constant pair frames), `driven` the input's variable.
     """
     starts = _starts(closure, driven, values)
     moving = starts.reciprocal_condition > AT_DEAD_CENTRE
@@ -138,15 +113,15 @@ def _from_dead_centre(
     around = ways_out(closure, values)
     moved = around[np.abs(around[:, driven] - values[driven]) > AT_DEAD_CENTRE]
     ways = sorted(moved, key=lambda way: tuple(np.round(values - way, 6)))
-    tried = 0
-    for beside in [*ways, values]:
-        start = _starts(closure, driven, beside[None])
-        (curve,) = _through(closure, driven, start, low, high)
-        tried += curve.tried
-        for end, place in ((0, 0), (-1, len(curve.inputs))):
+    starts = _starts(closure, driven, np.array([*ways, values]))
+    curves = _through(closure, driven, starts, low, high)
+    tried = sum(curve.tried for curve in curves)
+    for curve in curves[:-1]:
+        for end in (0, -1):
             away = curve.values[end] - values
             step = away[driven]
-            if beside is not values and step and 0.0 < max_abs(away) < NEAR_DEAD_CENTRE:
+            if step and max_abs(away) < NEAR_DEAD_CENTRE:
+                place = end % (len(curve.inputs) + 1)
                 return ModeCurve(
                     np.insert(curve.inputs, place, values[driven]),
                     np.insert(curve.values, place, values, axis=0),
@@ -154,7 +129,7 @@ def _from_dead_centre(
                     curve.ends,
                     tried,
                 )
-    return replace(curve, tried=tried)
+    return replace(curves[-1], tried=tried)
 
 
 def _starts(closure: Closure, driven: int, values: Floats) -> Nodes:
@@ -171,11 +146,11 @@ def _through(
     both, trail = np.concatenate([starts.values, starts.values]), Trail()
     _, status, tried = follow_inputs(closure, [driven], both, goals[:, None], trail)
     every = Nodes.joined([starts, *(made for _, made in trail)])
-    ways = np.concatenate([np.full(count, -1), *(moved for moved, _ in trail)])
+    ways = np.concatenate([np.arange(count), *(moved % count for moved, _ in trail)])
+    order = np.argsort(every.values[:, driven], kind="stable")
     curves = []
     for row in range(count):
-        back, ahead = (np.flatnonzero(ways == way) for way in (row, count + row))
-        nodes = every.rows(np.concatenate([back[::-1], [row], ahead]))
+        nodes = every.rows(order[ways[order] == row])
         curves.append(
             ModeCurve(
                 nodes.values[:, driven].copy(),

@@ -11,7 +11,7 @@ What a pair of each kind does is said in `spherekit.model.joints`; here those of
 are evaluated together.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -171,16 +171,14 @@ def left_inverse(matrices: Floats) -> Floats:
             inverse = nans(matrices.shape)
             inverse[regular] = np.linalg.inv(matrices[regular])
             return inverse
-    inverse = nans((len(matrices), matrices.shape[2], matrices.shape[1]))
-    finite = all_finite(matrices, (1, 2))
-    if matrices.shape[1] < matrices.shape[2] or not np.any(finite):
-        return inverse
-    left, sizes, right = np.linalg.svd(matrices[finite], full_matrices=False)
+    if matrices.shape[1] < matrices.shape[2]:
+        return nans((len(matrices), matrices.shape[2], matrices.shape[1]))
+    finite = all_finite(matrices, (1, 2))[:, None, None]
+    left, sizes, right = np.linalg.svd(np.where(finite, matrices, 0.0), full_matrices=False)
     full = sizes[:, -1] > REDUNDANT * sizes[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         inverses = (np.swapaxes(right, 1, 2) / sizes[:, None]) @ np.swapaxes(left, 1, 2)
-    inverse[finite] = np.where(full[:, None, None], inverses, np.nan)
-    return inverse
+    return np.where(full[:, None, None], inverses, np.nan)
 
 
 def rank_mobility(tree: LoopTree, vectors: Floats, dependent: float = DEPENDENT) -> Floats:
@@ -292,50 +290,14 @@ def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:
     return states
 
 
-def _blank(joints: Sequence[Joint], n: int) -> Floats:
-    """Return an array (n, variables, 3) to be filled."""
-    return np.empty((n, sum(joint.freedoms for joint in joints), 3))
-
-
-def variable_vectors(joints: Sequence[Joint], frames: Floats, curvatures: Floats) -> Floats:
-    """Return the vectors (n, variables, 3) of all variables.
-
-    `frames` (n, pairs, 3, 3) are the pair frames in the axes wanted, `curvatures` as in
-    `PairStates`.
-    """
-    vectors = _blank(joints, len(frames))
-    for kind, _, pairs, variables in _by_kind(tuple(joints)):
-        part = kind.vectors(frames[:, pairs], curvatures[:, pairs])
-        vectors[:, variables] = part.reshape(vectors[:, variables].shape)
-    return vectors
-
-
-def pair_axes(joints: Sequence[Joint], frames: Floats) -> Floats:
-    """Return (n, pairs, 3): axis (R), contact line (Cr), normal of contact plane (Cs)."""
-    axes = np.empty(frames.shape[:-1])
-    for kind, _, pairs, _ in _by_kind(tuple(joints)):
-        axes[:, pairs] = frames[..., kind.axis][:, pairs]
-    return axes
-
-
-def pair_rates(
-    joints: Sequence[Joint],
-    frames: Floats,
-    states: PairStates,
-    first_w: Floats,
-    second_w: Floats,
+def _of_variables(
+    joints: Sequence[Joint], n: int, of_kind: Callable[[Kind, Places], Floats]
 ) -> Floats:
-    """Return how the vectors (n, variables, 3) change, given the rates of the links.
-
-    `first_w`, `second_w` (n, pairs, 3) are angular velocities of the links in the axes
-    that `frames` (n, pairs, 3, 3) are given in.
-    """
-    rates = _blank(joints, len(frames))
+    """Return vectors (n, variables, 3), for the pairs of each kind what a function says."""
+    vectors = np.empty((n, sum(joint.freedoms for joint in joints), 3))
     for kind, _, pairs, variables in _by_kind(tuple(joints)):
-        turning = first_w[:, pairs], second_w[:, pairs]
-        part = kind.rates(frames[:, pairs], states.take(pairs), *turning)
-        rates[:, variables] = part.reshape(rates[:, variables].shape)
-    return rates
+        vectors[:, variables] = of_kind(kind, pairs).reshape(vectors[:, variables].shape)
+    return vectors
 
 
 def penetrates(joints: Sequence[Joint], states: PairStates) -> Bools:
@@ -406,13 +368,24 @@ class Linearisation:
 
     @cached_property
     def axes(self) -> Floats:
-        """Pair axes (n, pairs, 3) in the axes of body 0, see `motion/loops.py`."""
-        return pair_axes(self.joints, self.frames)
+        """(n, pairs, 3), in the axes of body 0.
+
+        The axis (R), the contact line (Cr), the normal of the contact plane (Cs).
+        """
+        axes = np.empty(self.frames.shape[:-1])
+        for kind, _, pairs, _ in _by_kind(tuple(self.joints)):
+            axes[:, pairs] = self.frames[..., kind.axis][:, pairs]
+        return axes
 
     @cached_property
     def vectors(self) -> Floats:
         """The variables' vectors (n, variables, 3) in the axes of body 0."""
-        return variable_vectors(self.joints, self.frames, self.states.curvatures)
+        frames, curvatures = self.frames, self.states.curvatures
+        return _of_variables(
+            self.joints,
+            len(self),
+            lambda kind, pairs: kind.vectors(frames[:, pairs], curvatures[:, pairs]),
+        )
 
     @cached_property
     def residual(self) -> Floats:
@@ -440,8 +413,18 @@ class Linearisation:
         return self.tree.body_rates(self.vectors, rates)
 
     def pair_rates(self, first_w: Floats, second_w: Floats) -> Floats:
-        """Return how the vectors change; see `spherekit.motion.loops.pair_rates`."""
-        return pair_rates(self.joints, self.frames, self.states, first_w, second_w)
+        """Return how the vectors (n, variables, 3) change, given the rates of the links.
+
+        `first_w`, `second_w` (n, pairs, 3) are angular velocities in the axes of body 0.
+        """
+        frames, states = self.frames, self.states
+        return _of_variables(
+            self.joints,
+            len(self),
+            lambda kind, pairs: kind.rates(
+                frames[:, pairs], states.take(pairs), first_w[:, pairs], second_w[:, pairs]
+            ),
+        )
 
     def turned(self, w: Floats) -> Floats:
         """Return how the vectors change as bodies turn at w (n, bodies, 3)."""

@@ -26,19 +26,20 @@ from spherekit.motion.elimination import (
     ONE_WAY,
     RANGE_ROUNDS,
     Method,
-    MultiStart,
+    all_complete,
     assemblies,
     chains,
     group_matrices,
     has_elimination,
     least_complete,
+    random_starts,
     signs_at,
 )
 from spherekit.motion.groups import State, place_dyad
 from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow_each, sheets_through
 from spherekit.motion.input_grid import InputGrid, spread_rows
 from spherekit.motion.input_turning_points import input_turning_points
-from spherekit.motion.search import SAME_MODE, STARTS, SearchStatistics
+from spherekit.motion.search import SAME_MODE, SearchStatistics
 from spherekit.motion.steps import determinant_sign
 from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
@@ -334,17 +335,17 @@ class ModeSearch:
             claim = Completeness(
                 Guarantee.SAMPLED, f"modes at {self.probes} of the samples"
             )
-            return claim if self._is_complete else None
+            return claim if all_complete(self.methods) else None
         low, high = self.input_grid.range
         dead = input_turning_points(self.solver, low, high, MOST_COST, MOST_TIME)
         step = (high - low) / PROBES
         done = dead.probes(step)
         self._probe(done[:, None])
-        if self._is_complete and dead.gap(step):
+        if all_complete(self.methods) and dead.gap(step):
             step = step / FINER
             finer = dead.probes(step)
             self._probe(finer[np.abs(finer[:, None] - done).min(axis=1) > 1e-9, None])
-        if not self._is_complete:
+        if not all_complete(self.methods):
             return None
         claim = dead.claim(step)
         if not dead.gap(step):
@@ -352,10 +353,6 @@ class ModeSearch:
         self._go_beyond()
         words = f"{claim.reason}; between them {self._search().words('components')}"
         return replace(claim, reason=words)
-
-    @property
-    def _is_complete(self) -> bool:
-        return all(method is None or method.is_complete for method in self.methods)
 
     def _probe(self, inputs: Floats) -> None:
         """Add the assembly modes of all modes found at inputs (n, inputs)."""
@@ -404,24 +401,18 @@ class ModeSearch:
         """
         families, driven = np.full(len(values), -1, dtype=np.intp), list(self.solver.driven)
         turning = [v for v in self.solver.angles if v not in driven]
-        closure = self.solver.closure
-        placed = closure.at(values).placed
+        placed, q = self.solver.closure.at(values).placed, values[:, driven]
         for mode, family in zip(
             self.assembly_modes[first:], self.families[first:], strict=True
         ):
             (left,) = np.nonzero(families < 0)
             assert mode.guide is not None
-            q = values[left][:, driven]
-            start, spread, why = mode.guide.at(q, rows[left])
+            start, spread, why = mode.guide.at(q[left], rows[left])
             off = max_abs(wrap(start - values[left])[:, turning], axis=1)
-            near = (off < spread + NEAR_GUIDE) & (why == Status.OK)
-            left, start, spread = left[near], start[near], spread[near]
-            start[:, driven] = q[near]
-            there = closure.solve(start, driven)
-            moved = max_abs(there.values - start, axis=1)
-            away = max_abs(there.placed - placed[left], axis=(1, 2, 3))
-            same_mode = (away < SAME_MODE) & (moved <= 0.25 * spread + 1e-6)
-            families[left[same_mode]] = family
+            left = left[(off < spread + NEAR_GUIDE) & (why == Status.OK)]
+            there = self.solver.evaluate(mode, q[left], rows[left]).rotations
+            away = max_abs(there - placed[left], axis=(1, 2, 3))
+            families[left[away < SAME_MODE]] = family
         return families
 
     def _go_beyond(self) -> None:
@@ -455,14 +446,14 @@ class ModeSearch:
         """Add what random starts over the range meet, and return how often they did."""
         q, several = self.input_grid.q, len(self.solver.driven) > 1
         low, high = np.min(q, axis=0), np.max(q, axis=0)
-        starts = MultiStart(self.solver, low, high, q if several else None)
+        starts = random_starts(self.solver, low, high, q if several else None)
         census = SearchStatistics(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
         self._go_beyond()
         while census.goes_on and not self._is_full:
-            count = 1 if census.starts else RANGE_ROUNDS
-            met = self._add_new(*starts.rounds(count), ahead=1 if several else GUESSED)
-            census.add(count * STARTS, met, max(self.families, default=-1) + 1)
-            self.probes += count * STARTS
+            made, values, rows = next(starts)
+            met = self._add_new(values, rows, ahead=1 if several else GUESSED)
+            census.add(made, met, max(self.families, default=-1) + 1)
+            self.probes += made
             self._working.tell(lambda: census.words("components"))
         return census
 

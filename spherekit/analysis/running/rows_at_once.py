@@ -158,7 +158,7 @@ class Rows:
         lost = np.isnan(values[self.kernel.free[0]])
         if not isinstance(guide, ModeCurve):
             return np.zeros_like(lost)
-        lost[lost] = guide.ends_before(q[0, lost])
+        lost[lost] = guide.at(q[:, lost].T, None)[2] == Status.OUT_OF_REACH
         return np.asarray(lost)
 
     def _close(self, columns: Floats, numbers: Indices, at: Indices) -> None:
