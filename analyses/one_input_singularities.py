@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -30,10 +30,8 @@ from spherekit.plugin import (
 )
 from spherekit.plugin.singularities import (
     NearMiss,
-    RelationAt,
     SampledSingularities,
     SingularPoint,
-    SixPoles,
     Type,
     grashof,
     near_misses,
@@ -133,22 +131,22 @@ class OneInput:
         """Return a row for each input of the range at which a singularity is met."""
         sampled, ends = self.sampled, point.places
         part = None if sampled.tracer is self.batch.tracer else sampled.tracer
-        relations: Sequence[RelationAt] = point.relations
-        if point.type is Type.III:
+        crossed = point.type is Type.III
+        relations = [at for at in point.relations if crossed or at.agrees]
+        held = [item for at in relations for item in at.conditions]
+        words = [item.words for item in held] or [at.note for at in point.relations]
+        if crossed:
             count = 0 if point.crossing is None else len(point.crossing.tangents)
+            numbers = sorted({curve for curve, _ in ends})
             words = [
                 f"{counted(count, 'curve')} cross" if count else "curves end",
-                "ends of curves " + _joined(sorted({curve for curve, _ in ends}), ", "),
-                point.note,
+                f"ends of curves {_joined(numbers, ', ')}",
             ]
-        else:
-            relations = [at for at in point.relations if at.agrees]
-            said = [item.words for at in relations for item in at.conditions]
-            words = [point.note, *(said or [at.note for at in point.relations])]
-        held = [item for relation in relations for item in relation.conditions]
-        labels = dict.fromkeys(h.label + ("" if h.certain else "?") for h in held)
-        turns = ["input"] * (point.input_turns and point.type is not Type.I)
-        turns += ["output"] * (point.output_turns and point.type is not Type.II)
+        notes = [*words, point.note] if crossed else [point.note, *words]
+        turns = {
+            "input": point.input_turns and point.type is not Type.I,
+            "output": point.output_turns and point.type is not Type.II,
+        }
         whole = {
             **configuration_columns(
                 self.batch, point.values[None], point.output, part=part
@@ -156,22 +154,26 @@ class OneInput:
             "kind": str(point.type),
             "certain": "yes" if point.certain else "no",
             "error": point.error,
-            "reversal": " and ".join(turns),
+            "reversal": " and ".join(name for name, turned in turns.items() if turned),
             "double": "yes" if point.double else "no",
-            "condition": " ".join(labels),
+            "condition": " ".join(
+                dict.fromkeys(h.label + ("" if h.certain else "?") for h in held)
+            ),
             "residual": min((h.residual for h in held), default=np.nan),
             "output": self._named(point.output),
             "curve": point.curve,
             "s": point.s,
-            "note": "; ".join(dict.fromkeys(filter(None, words))),
+            "note": "; ".join(dict.fromkeys(filter(None, notes))),
         }
-        rows = []
-        for q in sampled.inputs_of(point.curve, point.values):
-            modes = {k for end in ends for k in sampled.assembly_modes_at(*end, q)}
-            inside = "yes" if sampled.inside(q, ends) else "no"
-            here = {"assembly_mode": _joined(sorted(modes)), "q": q, "inside": inside}
-            rows.append({**whole, **here})
-        return rows
+        return [
+            {
+                **whole,
+                "assembly_mode": _joined(modes),
+                "q": q,
+                "inside": "yes" if inside else "no",
+            }
+            for q, modes, inside in sampled.met(ends, point.values)
+        ]
 
     @cached_property
     def relation(self) -> Row:
@@ -293,46 +295,56 @@ class OneInput:
             parts.append(InputMarks(f"marks/{kind}", f"type {kind}", q, TONES[kind]))
         return parts
 
-    def _drawn(self, curve: int, output: int) -> tuple[Floats, Floats]:
-        """Return places (k,) along a curve, and the input and the output (k, 2) there."""
+    def _drawn(self, curve: int, output: int) -> Floats:
+        """Return the input and the output (`DRAWN`, 2) at even places along a curve."""
 
-        def drawn() -> tuple[Floats, Floats]:
+        def drawn() -> Floats:
             sampled = self.sampled
             s = np.linspace(0.0, sampled.curves[curve].length * (1.0 - 1e-12), DRAWN)
             q, turned = sampled.input_at(curve, s), sampled.output_angle(curve, output, s)
-            return s, np.stack([q, turned], axis=1)
+            return np.stack([q, turned], axis=1)
 
         return self.batch.once(("drawn", curve, output), drawn)
 
-    def _place(self, curve: int, output: int, s: float) -> Floats:
-        """Return where a place of a curve is drawn, (2,)."""
-        along, line = self._drawn(curve, output)
-        return line[int(np.argmin(np.abs(along - s)))]
+    def _places(self, curve: int, output: int, s: Floats) -> Floats:
+        """Return where places (k,) of a curve are drawn, (k, 2)."""
+        parts = s / self.sampled.curves[curve].length
+        return self._drawn(curve, output)[np.rint(parts * (DRAWN - 1)).astype(int)]
 
-    def _input_output(self, output: int, rows: slice) -> Portrait:
-        """Return the output against the input, all curves drawn, singularities marked."""
+    def _input_output(
+        self, output: int, rows: slice = slice(None), at: Floats | None = None
+    ) -> Portrait:
+        """Return the output against the input, all curves drawn, singularities marked.
+
+        With some rows of the samples, or of places `at` (n, 2).
+        """
         batch, sampled, name = self.batch, self.sampled, self.names[output]
-        curves: list[PlaneCurve] = []
-        at = np.full((len(batch), 2), np.nan)
-        for number in range(len(sampled.curves)):
-            s, line = self._drawn(number, output)
-            curves.append(PlaneCurve(without_jumps(line), LINE_TONE))
-            (on_curve,) = np.nonzero(sampled.curve == number)
-            nearest = np.clip(np.searchsorted(s, sampled.s[on_curve]), 0, DRAWN - 1)
-            at[on_curve] = np.stack([batch.q[on_curve], line[nearest, 1]], axis=1)
-        marks = [
-            Mark(f"type {point.type}", place, TONES[str(point.type)])
+        numbers = range(len(sampled.curves))
+        if at is None:
+            at = np.full((len(batch), 2), np.nan)
+            for number in numbers:
+                (here,) = np.nonzero(sampled.curve == number)
+                y = self._places(number, output, sampled.s[here])[:, 1]
+                at[here] = np.stack([batch.q[here], y], axis=1)
+        met = [
+            (point.type, self._places(point.curve, output, np.array([point.s]))[0])
             for point in sampled.report.points
             if point.output == sampled.report.outputs[output]
-            and np.all(np.isfinite(place := self._place(point.curve, output, point.s)))
         ]
         return plane(
             f"plots/input_output/{name.replace('/', '_')}",
             f"output {name} against the input",
             at[rows],
             (f"input {batch.moving_inputs[0]}", f"output {name}"),
-            curves,
-            marks,
+            [
+                PlaneCurve(without_jumps(self._drawn(number, output)), LINE_TONE)
+                for number in numbers
+            ],
+            [
+                Mark(f"type {kind}", place, TONES[str(kind)])
+                for kind, place in met
+                if np.all(np.isfinite(place))
+            ],
         )
 
     def _gallery(self) -> Scene:
@@ -347,46 +359,40 @@ class OneInput:
             for (curve, s), output in zip(places, outputs, strict=True)
         ]
         turned = np.stack([sampled.configuration(*place) for place in places])
-        planes = np.stack([_planes(*at) for at in zip(six, points["kind"], strict=True)])
+        planes = [
+            [poles.plane(axes) for axes in COINCIDE["I" if kind == "I" else "II"]]
+            for poles, kind in zip(six, points["kind"], strict=True)
+        ]
         parts: list[Primitive] = [*link_bodies(sampled.tracer.mechanism, turned)]
         for name, words in AXES.items():
             axes = np.concatenate([getattr(poles, name) for poles in six])
             if np.any(np.isfinite(axes)):
                 parts.append(Arrow(f"pole/{name}", words, axes, False, path_shown=False))
         for k, which in enumerate(("one triplet", "the other")):
-            parts.append(GreatCircle(f"plane/{k}", f"plane of {which}", planes[:, k]))
+            normals, sines = (
+                np.concatenate(x) for x in zip(*(two[k] for two in planes), strict=True)
+            )
+            normals[~(sines > 0.0)] = np.nan
+            parts.append(GreatCircle(f"plane/{k}", f"plane of {which}", normals))
         told = ("kind", "condition", "assembly_mode", "q", "output")
-        lines = [GALLERY]
         shown = {**points, "q": [f"{q:.4f}" for q in np.degrees(points["q"])]}
-        for k, texts in enumerate(zip(*(shown[name] for name in told), strict=True)):
-            lines.append(f"| {k} | {' | '.join(texts)} |")
-        lines += ["", "What coincides:", ""]
-        for note in dict.fromkeys(note for note in points["note"].tolist() if note):
-            (rows,) = np.nonzero(points["note"] == note)
-            lines.append(f"- {numbered('sample', rows.tolist())}: {note}")
-        parts.append(Text("list", "Singularities", "\n".join(lines)))
+        rows = zip(*(shown[name] for name in told), strict=True)
+        lines = [f"| {k} | {' | '.join(texts)} |" for k, texts in enumerate(rows)]
+        coinciding = []
+        for note in dict.fromkeys(filter(None, points["note"].tolist())):
+            numbers = np.flatnonzero(points["note"] == note).tolist()
+            coinciding.append(f"- {numbered('sample', numbers)}: {note}")
+        words = "\n".join([GALLERY, *lines, "", "What coincides:", "", *coinciding])
+        parts.append(Text("list", "Singularities", words))
         for output in range(len(self.names)):
             at = np.full((n, 2), np.nan)
             for row, (curve, s) in enumerate(places):
                 if outputs[row] == output:
-                    at[row] = points["q"][row], self._place(curve, output, s)[1]
-            whole = self._input_output(output, slice(None))
-            parts.append(replace(whole, x=at[:, 0], y=at[:, 1]))
+                    y = self._places(curve, output, np.array([s]))[0, 1]
+                    at[row] = points["q"][row], y
+            parts.append(self._input_output(output, at=at))
         over = Axis("singularity", "", np.arange(n, dtype=float))
         return Scene("Singularities", tuple(parts), (over,))
-
-
-def _planes(six: SixPoles, kind: str) -> Floats:
-    """Return the normals (2, 3) of the planes that coincide in a type of singularity."""
-    planes = np.full((2, 3), np.nan)
-    for k, names in enumerate(COINCIDE["I" if kind == "I" else "II"]):
-        vectors = six.stacked(names)[0]
-        normals = np.cross(vectors, np.roll(vectors, -1, axis=0))
-        sizes = np.nan_to_num(np.linalg.norm(normals, axis=1))
-        best = int(np.argmax(sizes))
-        if sizes[best] > 0.0:
-            planes[k] = normals[best] / sizes[best]
-    return planes
 
 
 def _in_words(counts: Mapping[str, int]) -> str:

@@ -218,7 +218,7 @@ class SeveralInputs:
             by_input = {
                 "c": rows.c,
                 "d": rows.d,
-                "velocity_coefficient": np.sum(rows.w * rows.u, axis=2),
+                "velocity_coefficient": np.vecdot(rows.w, rows.u),
                 "output_rate": rows.output_rate,
                 "input_rate": rows.input_rate,
             }

@@ -113,7 +113,7 @@ class LinkMotion:
         """
         (w, dw), (length, growth) = self.relative(*pole), self.speeds(pole)
         unit = w / length[:, None]
-        rate = (dw - unit * np.sum(unit * dw, axis=1, keepdims=True)) / length[:, None]
+        rate = (dw - unit * np.vecdot(unit, dw)[:, None]) / length[:, None]
         first = Axis(unit, np.ones(len(unit))).or_better(unit, self.rounding / length)
         swing = np.linalg.norm(rate, axis=1)
         swing = np.minimum(swing, 1.0 / np.maximum(first.error, EPS))
@@ -180,7 +180,7 @@ class AlongCurve:
         Its sign is such that it is smooth through zero, and not negative at the start.
         """
         (w, dw), unit = self.at(s).relative(*pole), self._heading(s, pole)
-        return np.sum(w * unit, axis=1), np.sum(dw * unit, axis=1)
+        return np.vecdot(w, unit), np.vecdot(dw, unit)
 
     def _heading(self, s: Floats, pole: Pole) -> Floats:
         """Return unit vectors (n, 3) along a pole, of one sense on the whole curve.
@@ -227,7 +227,7 @@ class AlongCurve:
             return s, double, s
         for _ in range(SETTLING):
             w, dw = self.at(s).relative(*pole)
-            step = np.sum(w * dw, axis=1) / np.maximum(np.sum(dw * dw, axis=1), EPS**2)
+            step = np.vecdot(w, dw) / np.maximum(np.vecdot(dw, dw), EPS**2)
             s = np.where(double | (np.abs(step) > NEAR_REST), s, s - step)
         s = np.maximum(s, 0.0)
         there = self.at(s)

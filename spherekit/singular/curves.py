@@ -22,7 +22,7 @@ import numpy as np
 from spherekit.argument_validation import checked
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import Status
-from spherekit.errors import AnalysisError, SolveError
+from spherekit.errors import SolveError
 from spherekit.guarantee import Completeness, TimeLimit
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import NEAR, Chords, CurvePoints
@@ -47,7 +47,7 @@ from spherekit.singular.several import (
     SingularityReport,
     SingularPoints,
 )
-from spherekit.singular.starts import EVERYWHERE, StartPoints
+from spherekit.singular.starts import StartPoints
 from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import max_abs
 
@@ -109,7 +109,7 @@ class SingularCurve:
         direction, length = chord.directions[which], chord.chords[which]
         slopes = [
             nodes.turns[node, :, 0]
-            / np.sum(nodes.tangents[node, :, 0] * direction, axis=1, keepdims=True)
+            / np.vecdot(nodes.tangents[node, :, 0], direction)[:, None]
             for node in (which, ahead)
         ]
         motions = cubic(
@@ -118,7 +118,7 @@ class SingularCurve:
             length[:, None],
             parts[:, None],
         )
-        targets = np.sum(direction * nodes.values[which], axis=1) + parts * length
+        targets = np.vecdot(direction, nodes.values[which]) + parts * length
         points = self.locus.correct(
             chord.predict(which, parts),
             motions,
@@ -126,24 +126,19 @@ class SingularCurve:
             targets[:, None],
             nodes.basis[which],
         )
-        sense = np.sum(points.tangents[:, :, 0] * direction, axis=1)
-        flip = np.where(sense < 0.0, -1.0, 1.0)[:, None, None]
-        points.tangents[:] *= flip
-        points.turns[:] *= flip
-        return points
+        sense = np.vecdot(points.tangents[:, :, 0], direction)
+        return _turned(points, np.where(sense < 0.0, -1.0, 1.0))
 
     def find(self, values: Floats, motions: Floats) -> Bools:
         """Return which configurations (n, V) with their singular motions are on the curve.
 
         Whole periods of the variables and signs of the motions do not matter.
         """
-        on_curve = np.zeros(len(values), dtype=bool)
         row, which, away, along = self.chord.beside(values, self.periods)
         points = self.on(which, along / self.chord.chords[which])
         miss = max_abs((self.nodes.values[which] + away) - points.values, axis=1)
-        same = np.abs(np.sum(points.motions * motions[row], axis=1)) > 1.0 - 1e-6
-        on_curve[row[(miss < NEAR) & same]] = True
-        return on_curve
+        same = np.abs(np.vecdot(points.motions, motions[row])) > 1.0 - 1e-6
+        return np.isin(np.arange(len(values)), row[(miss < NEAR) & same])
 
     def zeros(self, function: Along) -> LocusPoints:
         """Return the points at which a function of points changes its sign.
@@ -233,8 +228,8 @@ def trace_curves(
     )
     count = len(rows)
     both = LocusPoints.joined([starts, _turned(starts, -1.0)])
-    still, inside = np.zeros(both.values.shape), np.ones(2 * count, dtype=bool)
-    start = _Nodes(both.values, both.tangents[:, :, 0], still, both.residual, both, inside)
+    still = np.zeros(both.values.shape)
+    start = _Nodes(both.values, both.tangents[:, :, 0], still, both.residual, both)
     given = periods_of(locus.closure), LONGEST, LARGEST_STEP, locus, budget or TimeLimit()
     paths = _LocusCurves(start, *given)
     paths.follow(FIRST_STEP)
@@ -246,13 +241,9 @@ def trace_curves(
 
 @dataclass(frozen=True)
 class _Nodes(CurvePoints):
-    """Points, tangents in the sense of the path, bends of the last step, or none.
-
-    `inside` (n,): whether they are on the profiles.
-    """
+    """Points, tangents in the sense of the path, bends of the last step, or none."""
 
     point: LocusPoints
-    inside: Bools
 
 
 def _turned(points: LocusPoints, sense: Floats | float) -> LocusPoints:
@@ -297,7 +288,7 @@ class _LocusCurves(Curves[_Nodes]):
         parts = ways[:, None] * STEP_PARTS
         borders = np.repeat(tangents, 2, axis=0)
         turns = here.turns[:, :, 0]
-        targets = np.sum(tangents * here.values, axis=1)[:, None] + parts
+        targets = np.vecdot(tangents, here.values)[:, None] + parts
         points = self.locus.correct(
             taylor(here.values, tangents, at.bends, parts),
             taylor(here.motions, turns, np.zeros_like(turns), parts),
@@ -310,7 +301,7 @@ class _LocusCurves(Curves[_Nodes]):
         good = points.good & self.tests.corrected(
             (points.first_step, points.ratio), np.repeat(sizes, 2)
         )
-        along = np.sum(points.tangents[:, :, 0] * borders, axis=1)
+        along = np.vecdot(points.tangents[:, :, 0], borders)
         points = _turned(points, np.sign(along))
         before = np.repeat(_bordered(here, tangents), 2, axis=0)
         change = np.linalg.pinv(before) @ (_bordered(points, borders) - before)
@@ -321,16 +312,13 @@ class _LocusCurves(Curves[_Nodes]):
         middles, slack = points.values[::2], self.tests.slack
         holds = self.judged(_plain(here), _plain(last), middles, ways, good, slack)
         length = np.linalg.norm(last.values - here.values, axis=1, keepdims=True)
-        inside = np.zeros(len(rows), dtype=bool)
-        states = self.locus.closure.at(last.values[holds]).states
-        inside[holds] = np.all(states.inside, axis=1)
         bends = (ahead - tangents) / length
-        new = _Nodes(last.values, ahead, bends, last.residual, last, inside)
+        new = _Nodes(last.values, ahead, bends, last.residual, last)
         return new, holds, np.max(moved.reshape(-1, 2), axis=1)
 
     def again(self, start: _Nodes, at: _Nodes, values: Floats) -> _Nodes:
         """Return starts with the sense of the singular motion here, where it is that."""
-        cosine = np.sum(start.point.motions * at.point.motions, axis=1)[:, None]
+        cosine = np.vecdot(start.point.motions, at.point.motions)[:, None]
         sense = np.where(np.abs(cosine) < SAME_MOTION, np.nan, np.sign(cosine))
         point = replace(
             start.point,
@@ -342,8 +330,11 @@ class _LocusCurves(Curves[_Nodes]):
 
     def within(self, rows: Indices, step: Floats, new: _Nodes, holds: Bools) -> Bools:
         """End curves that leave a profile."""
-        self.end[rows[holds & ~new.inside]] = Status.OFF_PROFILE
-        return holds & new.inside
+        inside = holds.copy()
+        states = self.locus.closure.at(new.values[holds]).states
+        inside[holds] = np.all(states.inside, axis=1)
+        self.end[rows[holds & ~inside]] = Status.OFF_PROFILE
+        return inside
 
     def stop(self, row: int) -> None:
         """End a curve at its last node: at a singularity beside a crossing of curves."""
@@ -483,31 +474,23 @@ def singular_curves(
     AnalysisError, PlanError
         If there are not two inputs with a freedom each, or no such output.
     """
-    rest, solver = output_of(mechanism, output, pointing), solver_of(mechanism)
-    if len(solver.driven) != 2:
-        raise AnalysisError(
-            f"{mechanism.name} has {len(solver.driven)} inputs; curves of singular "
-            "configurations are those of a mechanism with two"
-        )
-    view, budget = SingularityReport.of(solver, rest, kind), budget or TimeLimit()
-    source = StartPoints(view, made, slices_of_each, budget)
-    none = np.zeros((0, len(mechanism.variable_owners)))
-    if source.everywhere:
-        return SingularCurves(kind, (), EVERYWHERE, none, everywhere=True)
+    given = kind, output, pointing, made, slices_of_each, budget
+    source = StartPoints(mechanism, FREEDOMS, *given)
     traced: list[SingularCurve] = []
-    stray = [none]
+    stray = [np.zeros((0, len(mechanism.variable_owners)))]
     for points in source.batches():
         if source.cut is None:
-            points = points.rows(view.points(points).inside)
+            points = points.rows(source.view.points(points).inside)
         irregular = points.reciprocal_condition < NEARLY_FLAT
         stray.append(points.values[irregular])
         stray += _followed(source, points.rows(~irregular), traced)
     return SingularCurves(
         kind,
-        tuple(part for curve in traced for part in _parts(curve, view)),
+        tuple(part for curve in traced for part in _parts(curve, source.view)),
         source.claim("curve"),
         np.concatenate(stray),
-        traced=tuple(traced),
+        source.everywhere,
+        tuple(traced),
     )
 
 
@@ -538,21 +521,18 @@ def _followed(
 
 def _parts(curve: SingularCurve, view: SingularityReport) -> Iterator[CurveSeen]:
     """Yield the parts of a traced curve that are of the type looked for."""
-    of_type = view.is_own(view.types(curve.nodes.values))
-    if np.all(of_type):
-        yield _found(curve, view)
-        return
-    starts = np.flatnonzero(np.diff(of_type, prepend=False) & of_type)
-    stops = np.flatnonzero(np.diff(of_type, append=False) & of_type) + 1
-    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-        if stop - start > 1:
-            nodes = curve.nodes.rows(slice(start, stop))
-            yield _found(replace(curve, nodes=nodes, closed=False), view)
 
-
-def _found(curve: SingularCurve, view: SingularityReport) -> CurveSeen:
     def measured(nodes: LocusPoints) -> Floats:
         return view.other.measure(view.other.space(nodes.values)).value
 
-    points, both = view.points(curve.nodes), view.points(curve.zeros(measured))
-    return CurveSeen(points, both, curve.s, curve.closed, curve=curve, view=view)
+    of_type = view.is_own(view.types(curve.nodes.values))
+    starts = np.flatnonzero(np.diff(of_type, prepend=False) & of_type)
+    stops = np.flatnonzero(np.diff(of_type, append=False) & of_type) + 1
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        part = curve
+        if stop - start < len(of_type):
+            nodes = curve.nodes.rows(slice(start, stop))
+            part = replace(curve, nodes=nodes, closed=False)
+        if stop - start > 1:
+            points, both = view.points(part.nodes), view.points(part.zeros(measured))
+            yield CurveSeen(points, both, part.s, part.closed, curve=part, view=view)

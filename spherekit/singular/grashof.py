@@ -170,7 +170,7 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
             )
             misses += [
                 NearMiss(kind, output, number, float(s), q, modes, here, np.tan(slope))
-                for q, modes in _met_at(sampled, number, float(s), curve.at(s).values[0])
+                for q, modes in _met(sampled, number, float(s), curve.at(s).values[0])
             ]
     return misses
 
@@ -194,7 +194,7 @@ def least_transmission(
         for s, values in [*candidates, *sampled.crossing_ends(number)]:
             (angle,) = sampled.transmission_angles(values[None])[output]
             size = float(angle) if not angle <= SINGULAR else 0.0
-            met = _met_at(sampled, number, float(s), values)
+            met = _met(sampled, number, float(s), values)
             every += [(size, q, modes) for q, modes in met]
     if not every or not np.isfinite(every[0][0]):
         return None
@@ -203,19 +203,12 @@ def least_transmission(
     return least, q, tuple(sorted(alike))
 
 
-def _met_at(
+def _met(
     sampled: SampledSingularities, curve: int, s: float, values: Floats
 ) -> list[tuple[float, tuple[int, ...]]]:
     """Return the inputs of the range with a configuration of a curve, and its modes."""
-    low, high = sampled.range
-    met = []
-    for q in sampled.inputs_of(curve, values).tolist():
-        if high - q < SAME_INPUT and sampled.whole_range(curve):
-            q = low
-        modes = sampled.assembly_modes_at(curve, s, q)
-        if modes and sampled.inside(q, [(curve, s)]):
-            met.append((q, modes))
-    return met
+    met = sampled.met([(curve, s)], values, SAME_INPUT)
+    return [(q, tuple(modes)) for q, modes, inside in met if modes and inside]
 
 
 def local_least(

@@ -485,7 +485,7 @@ def seeds(locked: Locked, curve: ArcCurve, locus: SingularityLocus) -> LocusPoin
         space = locus.space(locked.whole(points.values))
         measure, rates = locus.measure(space), locked.rates(points.tangents)
         ways = np.einsum("nvg,nv->ng", space.basis, rates)
-        return measure.value, np.sum(measure.gradient * ways, axis=1)
+        return measure.value, np.vecdot(measure.gradient, ways)
 
     places = curve.locate(along).places
     locus_points = locus.onto(locked.whole(curve.at(places).values))

@@ -22,7 +22,6 @@ from spherekit.singular.relation import (
     FourLinks,
     Relation,
     Type,
-    plane_normal,
     third_axis,
 )
 from spherekit.sphere.rotation import all_finite, cross, max_abs, nans
@@ -107,11 +106,16 @@ def _conditions_of(relation: Relation, kind: str) -> dict[str, str]:
 def _sine(said: str, relation: Relation) -> Floats:
     """Return (n,) the largest sine of the angles between what should coincide.
 
-    NaN where an axis is not known.
+    NaN where an axis is not known. Where one of two sets of axes is parallel it has no
+    plane, and the planes coincide if one plane holds all axes.
     """
     poles = relation.poles
     if "=" in said:
-        return _between(*(poles.stacked(axes.split()) for axes in said.split("=")))
+        one, other = (side.split() for side in said.split("="))
+        (first, sure), (second, also) = poles.plane(one), poles.plane(other)
+        sine = np.linalg.norm(cross(first, second), axis=-1)
+        both = _out_of_plane(poles.stacked([*one, *other]))
+        return np.where(np.minimum(sure, also) < TOLERANCE, both, sine)
     if said == IN_ONE_PLANE:
         return _out_of_plane(poles.stacked(AXES))
     vectors = poles.stacked(said.split(" || "))
@@ -161,18 +165,6 @@ def conditions(
             size, certain = float(residual[row]), bool(residual[row] <= allowed[row])
             rows[row].append(Holding(label, words, size, certain))
     return [tuple(sorted(row, key=lambda holding: not holding.certain)) for row in rows]
-
-
-def _between(first: Floats, second: Floats) -> Floats:
-    """Return (n,) the sine of the angle between the planes of vectors (n, 3, 3).
-
-    Where one set is parallel it has no plane, and the planes coincide if one plane holds
-    all vectors.
-    """
-    (one, sure), (other, also) = plane_normal(first), plane_normal(second)
-    sine = np.linalg.norm(cross(one, other), axis=-1)
-    both = np.concatenate([first, second], axis=1)
-    return np.where(np.minimum(sure, also) < TOLERANCE, _out_of_plane(both), sine)
 
 
 def _out_of_plane(vectors: Floats) -> Floats:

@@ -101,6 +101,15 @@ class SixPoles:
         """Return some of the vectors, (n, k, 3)."""
         return np.stack([getattr(self, axis) for axis in axes], axis=1)
 
+    def plane(self, axes: Sequence[str]) -> tuple[Floats, Floats]:
+        """Return unit normals (n, 3) of three axes, and the sine of their widest angle."""
+        vectors = self.stacked(axes)
+        normals = cross(vectors, np.roll(vectors, -1, axis=1))
+        length = np.linalg.norm(normals, axis=-1)
+        widest = np.arange(len(vectors)), np.argmax(np.nan_to_num(length), axis=1)
+        sine = length[widest]
+        return normals[widest] / np.where(sine > 0.0, sine, 1.0)[:, None], sine
+
 
 @dataclass(frozen=True)
 class Relation:
@@ -183,20 +192,10 @@ def _across(poles: SixPoles, out: str, third: str) -> Floats:
     The plane is spanned by the surest two of them; NaN where all three lie on one line.
     Its side is continued from row to row, so that it is continuous along a curve.
     """
-    vectors = poles.stacked((out, "ir", third))
-    normals, size = plane_normal(vectors)
+    normals, size = poles.plane((out, "ir", third))
     normals[~(size > ONE_LINE)] = np.nan
     good = np.flatnonzero(all_finite(normals, 1))
-    beside = np.sum(normals[good[1:]] * normals[good[:-1]], axis=1)
+    beside = np.vecdot(normals[good[1:]], normals[good[:-1]])
     signs = np.cumprod(np.append(1.0, np.where(beside < 0.0, -1.0, 1.0)))
     normals[good] *= signs[: len(good), None]
-    return cross(vectors[:, 2], normals)
-
-
-def plane_normal(vectors: Floats) -> tuple[Floats, Floats]:
-    """Return unit normals (n, 3) of three vectors, and the sine of the widest angle."""
-    normals = cross(vectors, np.roll(vectors, -1, axis=1))
-    length = np.linalg.norm(normals, axis=-1)
-    widest = np.arange(len(vectors)), np.argmax(np.nan_to_num(length), axis=1)
-    sine = length[widest]
-    return normals[widest] / np.where(sine > 0.0, sine, 1.0)[:, None], sine
+    return cross(getattr(poles, third), normals)

@@ -9,7 +9,8 @@ What hangs on it multiplies assembly modes and curves, and says nothing of the l
 about unless it stops the input. A group that is left out has no dead centre anywhere.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -195,24 +196,51 @@ class SampledSingularities:
         numbers = {piece.assembly_mode for piece in pieces}
         return sorted(m for k in numbers if k is not None for m in self._modes[k])
 
-    def assembly_modes_at(self, curve: int, s: float, q: float) -> tuple[int, ...]:
-        """Return the modes whose pieces of a curve hold or touch a place s at input q.
+    def met(
+        self, places: Sequence[tuple[int, float]], values: Floats, known: float = 0.0
+    ) -> Iterator[tuple[float, list[int], bool]]:
+        """Yield the inputs at which a configuration (V,) of places on curves is met.
 
-        Where the range is of whole periods its end is its start.
+        With the assembly modes whose pieces of the curves hold or touch it there, and
+        whether it is inside: in the range, and passed by a simulation. Of one outside, as
+        near to the range as turns allow, one input; and of curves that a simulation does
+        not pass. Where the range is of whole periods its end, to as much as inputs are
+        `known`, is its start.
         """
+        first = places[0][0]
+        low, high = self.range
+        every = turns_in_range(values[[self._driven]], low, high, self._period(first))[0]
+        if self._ways is not None and first not in self._ways:
+            every = every[:1]
+        for q in every.tolist():
+            if high - q < known and self.whole_range(first):
+                q = low
+            pieces = (piece for place in places for piece in self._touched(*place, q))
+            inside = bool(in_range(np.array(q), low, high))
+            yield q, self.modes_of(pieces), inside and any(map(self._is_passed, places))
+
+    def _touched(self, curve: int, s: float, q: float) -> Iterator[Piece]:
+        """Yield the pieces of a curve that hold or touch a place s at input q."""
         item, arc = self.configurations.curves[curve], self.curves[curve]
         period, whole = self._period(curve), self.whole_range(curve)
         there = float(arc.at(s).values[0, self._driven])
-
-        def touched(piece: Piece, lap: int) -> bool:
-            place = s + lap * arc.length
-            turns = round((there + lap * arc.rise[self._driven] + piece.shift - q) / period)
+        for lap, piece in product((0, 1, -1) if arc.closed else (0,), item.pieces):
+            grown = there + lap * arc.rise[self._driven] + piece.shift - q
+            turns = round(grown / period)
             met = turns == 0 or self.is_simulation or (whole and turns % whole == 0)
-            return bool(met and piece.start - TOUCHES <= place <= piece.stop + TOUCHES)
+            place = s + lap * arc.length
+            if met and piece.start - TOUCHES <= place <= piece.stop + TOUCHES:
+                yield piece
 
-        laps = (0, 1, -1) if arc.closed else (0,)
-        pieces = (piece for lap in laps for piece in item.pieces if touched(piece, lap))
-        return tuple(self.modes_of(pieces))
+    def _is_passed(self, place: tuple[int, float]) -> bool:
+        """Return whether a simulation, if it is one, passes a place on a curve."""
+        number, s = place
+        if self._ways is None or number not in self._ways:
+            return self._ways is None
+        (low, high), curve = self._ways[number], self.curves[number]
+        if curve.closed:
+            s = low - TOUCHES + (s - low + TOUCHES) % curve.length
+        return low - TOUCHES <= s <= high + TOUCHES
 
     def input_at(self, curve: int, s: Floats) -> Floats:
         """Return the input (n,) at places s, in the range or as near to it as turns allow.
@@ -235,15 +263,6 @@ class SampledSingularities:
             ways[number] = float(np.min(s)), float(np.max(s))
         return ways
 
-    def inputs_of(self, curve: int, values: Floats) -> Floats:
-        """Return the inputs (k,) of the range at which a configuration (V,) is met.
-
-        It is one of a curve. One outside, as near to the range as turns allow, if there is
-        none; one alone of a curve that a simulation does not pass.
-        """
-        every = turns_in_range(values[[self._driven]], *self.range, self._period(curve))[0]
-        return every[:1] if self._ways is not None and curve not in self._ways else every
-
     def whole_range(self, curve: int) -> int:
         """Return of how many whole periods of a curve the range is, 0 if of no number."""
         if self.is_simulation:
@@ -258,21 +277,6 @@ class SampledSingularities:
     def is_simulation(self) -> bool:
         """Whether what is inside is what a simulation passes."""
         return self._ways is not None
-
-    def inside(self, q: float, ends: Iterable[tuple[int, float]]) -> bool:
-        """Return whether an input is in the range, and one of places on curves passed."""
-        if not in_range(np.array(q), *self.range):
-            return False
-        if self._ways is None:
-            return True
-        for number, s in ends:
-            if number in self._ways:
-                (low, high), curve = self._ways[number], self.curves[number]
-                if curve.closed:
-                    s = low - TOUCHES + (s - low + TOUCHES) % curve.length
-                if low - TOUCHES <= s <= high + TOUCHES:
-                    return True
-        return False
 
     def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:
         """Return how far (n,), rad, an output is from type I or II at places of a curve.

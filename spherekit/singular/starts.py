@@ -6,6 +6,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import CLOSURE_TOLERANCE
+from spherekit.errors import AnalysisError
 from spherekit.guarantee import Completeness, Guarantee, TimeLimit
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.assembly_modes import Solver
@@ -16,8 +17,10 @@ from spherekit.singular.locus import (
     SingularityLocus,
     cut,
     seeds,
+    solver_of,
 )
-from spherekit.singular.several import SingularityReport
+from spherekit.singular.several import LocusName, SingularityReport
+from spherekit.singular.stationarity import output_of
 
 CLOSING_STEPS = 40
 """Newton's steps that a random start may take to closed loops."""
@@ -35,9 +38,6 @@ MOST_ROUNDS = 12
 SEED = 20240616
 FOR_SLICES = 0.6
 """Part of the time that slices may take."""
-EVERYWHERE = Completeness(
-    Guarantee.SAMPLED, f"all configurations that {PROBES} random starts led to are of it"
-)
 
 
 class StartPoints:
@@ -48,8 +48,10 @@ class StartPoints:
 
     Parameters
     ----------
-    view
-        The mechanism, and what is looked for.
+    mechanism, inputs
+        The mechanism, and how many inputs it has to have.
+    kind, output, pointing
+        What is looked for.
     made
         The slices that are there already.
     slices_of_each
@@ -59,44 +61,69 @@ class StartPoints:
 
     Attributes
     ----------
+    view
+        The mechanism, and what is looked for.
     everywhere
         Whether all configurations are looked for, so that nothing is.
+
+    Raises
+    ------
+    AnalysisError, PlanError
+        If there are not so many inputs with a freedom each, no such output, or type I of
+        a direction is asked for that they never leave at rest along a locus only.
     """
 
     def __init__(
         self,
-        view: SingularityReport,
+        mechanism: Mechanism,
+        inputs: int,
+        kind: LocusName,
+        output: str | None,
+        pointing: str | Sequence[float] | None,
         made: LockedInputSection | None,
         slices_of_each: int,
-        budget: TimeLimit,
+        budget: TimeLimit | None,
     ) -> None:
-        self.view, self.budget, self.cut = view, budget, made
-        self.ranges = ranges_of(view.solver.mechanism)
-        self.everywhere = everywhere(view)
+        rest, solver = output_of(mechanism, output, pointing), solver_of(mechanism)
+        if len(solver.driven) != inputs:
+            raise AnalysisError(
+                f"{mechanism.name} has {len(solver.driven)} inputs; curves of singular "
+                "configurations are those of a mechanism with two, surfaces those of three"
+            )
+        if kind == "I" and rest.count < inputs:
+            raise AnalysisError(
+                f"{mechanism.name}: three inputs move a direction in more ways than it "
+                "has; ask for type I of the link's orientation, without `pointing`"
+            )
+        self.view = SingularityReport.of(solver, rest, kind)
+        self.budget, self.cut = budget or TimeLimit(), made
+        self.everywhere = everywhere(self.view)
         if made is None and slices_of_each and not self.everywhere:
-            share = budget.part(FOR_SLICES)
-            self.cut = cut(view.solver, self.ranges, slices_of_each, share)
+            share = self.budget.part(FOR_SLICES)
+            self.cut = cut(solver, ranges_of(mechanism), slices_of_each, share)
         self.starts = self.hits = self.searched = 0
         self._dry = 0
 
     def batches(self) -> Iterator[LocusPoints]:
         """Yield points of the locus, as long as that is worth the time."""
-        for points in self._batches():
+        if self.everywhere:
+            return
+        for points in self._of_random_starts() if self.cut is None else self._on(self.cut):
             self.hits += len(points)
             yield points
 
-    def _batches(self) -> Iterator[LocusPoints]:
-        if self.cut is not None:
-            every = self.cut.slices
-            for first in range(0, len(every), SECTIONS):
-                if not self.budget.goes_on(f"slice curve {first + 1} of {len(every)}"):
-                    return
-                some = every[first : first + SECTIONS]
-                self.searched += len(some)
-                yield LocusPoints.joined([seeds(*one, self.view.locus) for one in some])
-            return
+    def _on(self, section: LockedInputSection) -> Iterator[LocusPoints]:
+        every = section.slices
+        for first in range(0, len(every), SECTIONS):
+            if not self.budget.goes_on(f"slice curve {first + 1} of {len(every)}"):
+                return
+            some = every[first : first + SECTIONS]
+            self.searched += len(some)
+            yield LocusPoints.joined([seeds(*one, self.view.locus) for one in some])
+
+    def _of_random_starts(self) -> Iterator[LocusPoints]:
         random, solver = np.random.default_rng(SEED), self.view.solver
-        ranges = np.array(self.ranges)
+        ranges = np.stack(self.view.ranges, axis=1)
         for number in range(MOST_ROUNDS):
             words = f"round {number + 1} of random starts"
             if self._dry >= DRY or not self.budget.goes_on(words):
@@ -113,21 +140,24 @@ class StartPoints:
 
     def claim(self, what: str) -> Completeness:
         """Return what is known of curves or surfaces (`what`) that were not found."""
+        if self.everywhere:
+            words = f"all configurations that {PROBES} random starts led to are of it"
+            return Completeness(Guarantee.SAMPLED, words)
+        notes = [self.budget.note]
         if self.cut is None:
             reason = (
                 f"{self.starts} random starts in the ranges of the inputs led to "
                 f"{self.hits} singular configurations, the last {self._dry * STARTS} to no "
                 f"{what} not known before"
             )
-            notes = self.budget.note
         else:
-            sides = " by ".join(f"{np.degrees(gap):.3g}" for gap in self.cut.gaps)
-            reason = f"but for {what}s within a box of {sides} deg between slices"
-            notes = "; ".join(filter(None, [self.cut.note, self.budget.note]))
-            if not notes:
-                return Completeness(Guarantee.TO_BOX, reason, max(self.cut.gaps))
+            notes = [self.cut.note, *notes]
             reason = f"{self.searched} curves on slices were searched"
-        return Completeness(Guarantee.SAMPLED, "; ".join(filter(None, [reason, notes])))
+            if not any(notes):
+                sides = " by ".join(f"{np.degrees(gap):.3g}" for gap in self.cut.gaps)
+                reason = f"but for {what}s within a box of {sides} deg between slices"
+                return Completeness(Guarantee.TO_BOX, reason, max(self.cut.gaps))
+        return Completeness(Guarantee.SAMPLED, "; ".join(filter(None, [reason, *notes])))
 
 
 def ranges_of(mechanism: Mechanism) -> list[tuple[float, float]]:
@@ -174,19 +204,15 @@ def points_from(
     One after the other by the shortest way, or with all `driven` variables but one held,
     so that the others stay in their ranges.
     """
-    count = len(driven)
     parts = []
+    every, held = np.eye(values.shape[1]), list(driven)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        for way in range(count + 1):
-            starts = values[way :: count + 1]
-            if way == count:
-                parts.append(locus.onto(starts, LOCUS_STEPS))
-                continue
-            held = [variable for k, variable in enumerate(driven) if k != way]
-            borders = np.zeros((len(starts), len(held), starts.shape[1]))
-            borders[:, range(len(held)), held] = 1.0
+        for way in range(len(held) + 1):
+            starts = values[way :: len(held) + 1]
+            others = held[:way] + held[way + 1 :] if way < len(held) else []
+            borders = np.repeat(every[None, others], len(starts), axis=0)
             motion = locus.measure(locus.space(starts)).motion
-            targets = starts[:, held]
+            targets = starts[:, others]
             parts.append(locus.correct(starts, motion, borders, targets, most=LOCUS_STEPS))
     points = LocusPoints.joined(parts)
     return points.rows(np.flatnonzero(points.good))

@@ -17,7 +17,6 @@ from typing import Self
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices, Integers
-from spherekit.errors import AnalysisError
 from spherekit.guarantee import Completeness, TimeLimit
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_length import periods_of
@@ -26,11 +25,9 @@ from spherekit.region.mesh import edges_of
 from spherekit.singular.locus import (
     LockedInputSection,
     LocusPoints,
-    solver_of,
 )
 from spherekit.singular.several import LocusName, SingularityReport, SingularPoints
-from spherekit.singular.starts import EVERYWHERE, StartPoints
-from spherekit.singular.stationarity import output_of
+from spherekit.singular.starts import StartPoints
 
 
 @dataclass(frozen=True)
@@ -157,7 +154,7 @@ class SingularSurface:
         away = less_periods(
             values[other] - values[one], periods_of(self.view.locus.closure)
         )
-        sense = np.sign(np.sum(motions[one] * motions[other], axis=1))[:, None]
+        sense = np.sign(np.vecdot(motions[one], motions[other]))[:, None]
         turned = sense * motions[other] - motions[one]
         return values[one] + part * away, motions[one] + part * turned
 
@@ -279,21 +276,13 @@ def singular_surface(
         If there are not three inputs with a freedom each, no such output, or type I of a
         direction is asked for: three inputs never leave it so along a surface only.
     """
-    rest, solver = output_of(mechanism, output, pointing), solver_of(mechanism)
-    wrong = ""
-    if len(solver.driven) != 3:
-        wrong = f" has {len(solver.driven)} inputs; surfaces are those of three"
-    elif kind == "I" and rest.count < 3:
-        wrong = ": three inputs move a direction in more ways than it has; ask for type I "
-        wrong += "of the link's orientation, without `pointing`"
-    if wrong:
-        raise AnalysisError(mechanism.name + wrong)
-    view, budget = SingularityReport.of(solver, rest, kind), budget or TimeLimit()
-    source = StartPoints(view, made, slices_of_each, budget)
+    given = kind, output, pointing, made, slices_of_each, budget
+    source = StartPoints(mechanism, 3, *given)
+    view, budget = source.view, source.budget
     front = _Front(view, side, budget)
     if halved:
         source.budget = front.budget = budget.part(1.0 / (1.0 + HALVING * 4**halved))
-    irregular = 0 if source.everywhere else front.grow_all(source)
+    irregular = front.grow_all(source)
     none = view.locus.onto(np.zeros((0, len(front.periods))))
     mesh = SingularSurface(
         view,
@@ -302,7 +291,7 @@ def singular_surface(
         np.array(front.component, dtype=np.int64),
         np.zeros(front.values.shape, dtype=bool),
         side,
-        EVERYWHERE if source.everywhere else source.claim("surface"),
+        source.claim("surface"),
         irregular,
         len(front.values) >= MOST_VERTICES,
         source.everywhere,
@@ -434,7 +423,7 @@ class _Front:
         across = np.where(regular[:, None, None], borders @ points.tangents, 0.0)
         aligned = np.linalg.svd(across, compute_uv=False)[:, -1]
         moved = np.linalg.norm(points.values - guess, axis=1)
-        same = np.abs(np.sum(points.motions * starts.motions, axis=1))
+        same = np.abs(np.vecdot(points.motions, starts.motions))
         fits = regular & (aligned >= TURNED) & (same >= TURNED) & (moved <= 0.5 * self.side)
         return [
             points.rows(slice(row, row + 1)) if fit else None

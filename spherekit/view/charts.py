@@ -18,7 +18,7 @@ from spherekit.analysis.plotted import (
     plotted_range,
     scale_of,
 )
-from spherekit.analysis.scene import Axis, InputMarks, Mark, Portrait, Series, titled
+from spherekit.analysis.scene import Axis, InputMarks, Portrait, Series, titled
 from spherekit.arrays import Floats, Integers
 from spherekit.conventions import listing
 from spherekit.sphere.rotation import nans
@@ -121,27 +121,18 @@ class Chart:
         if self.is_map:
             y = FRAME_HEIGHT * (1.0 - _part(rows[1], *self.over[1].extent))
             return rr.Points2D.columns(positions=np.stack([x, y], axis=1))
-        ends = np.zeros((len(x), 2, 2))
-        ends[:, :, 0] = x[:, None]
-        ends[:, 1, 1] = FRAME_HEIGHT
-        return rr.LineStrips2D.columns(strips=list(ends))
+        return rr.LineStrips2D.columns(strips=list(_upright(x)))
 
     def legend(self, paths: Sequence[str]) -> tuple[Floats, list[colours.Colour]]:
         """Return where the names (k, 2) of some curves are, and their colours."""
-        most = int(FRAME_HEIGHT / LINE)
-        line = _line(min(len(self.curves), most))
-        places, tints = [], []
+        tints = [self.curves[path].colour for path in self.curves if path in paths]
         if self.is_map:
-            x = self.width + 0.5 * LEGEND
-            tints = [curve.colour for curve in self.curves.values()]
-            return np.array([[x, -TOP]]), tints
-        for number, (path, curve) in enumerate(self.curves.items()):
-            if path in paths:
-                column, row = divmod(number, most)
-                x = self.width + (column + 0.5) * LEGEND
-                places.append((x, line * (row + 0.5) - LABEL))
-                tints.append(curve.colour)
-        return np.array(places).reshape(-1, 2), tints
+            return np.array([[self.width + 0.5 * LEGEND, -TOP]]), tints
+        most = int(FRAME_HEIGHT / LINE)
+        numbers = [number for number, path in enumerate(self.curves) if path in paths]
+        column, row = np.divmod(np.array(numbers, dtype=int), most)
+        rows = _line(min(len(self.curves), most)) * (row + 0.5) - LABEL
+        return np.stack([self.width + (column + 0.5) * LEGEND, rows], axis=1), tints
 
     def drawn(self, marks: Sequence[InputMarks] = ()) -> Stills:
         """Yield what stands still: the frame, the curves or the map, marks, words."""
@@ -155,10 +146,10 @@ class Chart:
         span = plotted_range(every, scale_of(every, unit), resolution)
         yield from frame(self.width, side_of(self.over[0]), side("", span, unit == "deg"))
         for number, (curve, rows, values) in enumerate(curves):
-            line = np.stack([self.across(rows[0]), values], axis=1)
+            line = np.stack([_part(rows[0], *self.over[0].extent), values], axis=1)
             line = cut(broken(line, span, TURNS.get(unit)), span)
-            line[:, 1] = FRAME_HEIGHT * (1.0 - _part(line[:, 1], *span))
-            lines = shapes.unbroken(line)
+            line[:, 1] = _part(line[:, 1], *span)
+            lines = shapes.unbroken(in_frame(line, self.width))
             if lines:
                 yield f"curves/{number}", strips(lines, curve.colour)
         if self.over[0].unit == "deg":
@@ -172,8 +163,7 @@ class Chart:
             x = self.across(mark.inputs[:, 0])
             x = x[(x >= 0.0) & (x <= self.width)]
             tint = colours.tone(mark.tone)
-            lines = [np.array([[at, 0.0], [at, FRAME_HEIGHT]]) for at in x]
-            yield f"marks/{number}", strips(lines, tint, 0.9)
+            yield f"marks/{number}", strips(list(_upright(x)), tint, 0.9)
             y = LINE * (number % 2) - 0.4 * LINE
             names = [(at, y, mark.label) for at in x]
             yield f"marks/{number}/words", _words(names, tint, len(x) <= MOST_LABELS)
@@ -198,10 +188,13 @@ class Chart:
         picture[:, -round(BAR[1]) :] = scale[:, None]
         yield "map", rr.Image(picture)
         edge = self.width + sum(BAR) + 40.0
-        _, marked = side("", (low, high), False)
-        down_to = [FRAME_HEIGHT * (1.0 - part) - LABEL for part, _ in marked]
-        words = [(edge, y, text) for y, (_, text) in zip(down_to, marked, strict=True)]
-        yield "scale", _words(words)
+        marked = side("", (low, high), False)[1]
+        yield (
+            "scale",
+            _words(
+                [(edge, FRAME_HEIGHT * (1.0 - at) - LABEL, text) for at, text in marked]
+            ),
+        )
 
 
 def compared(modes: Sequence[Chart]) -> Chart:
@@ -254,12 +247,13 @@ def side(
     """Return an axis with a span, perhaps of degrees."""
     if logarithmic:
         low, high = np.log10(span)
-        powers = range(int(np.ceil(low - 1e-9)), int(np.floor(high + 1e-9)) + 1)
-        wide = max(high - low, 1e-300)
-        return words, [((power - low) / wide, f"1e{power}") for power in powers]
-    step, values = ticks(*span, degrees)
-    places = zip(_part(values, *span).tolist(), values, strict=True)
-    return words, [(part, written(value, step)) for part, value in places]
+        powers = np.arange(np.ceil(low - 1e-9), np.floor(high + 1e-9) + 1.0)
+        texts = [f"1e{power:.0f}" for power in powers]
+        parts = (powers - low) / max(high - low, 1e-300)
+    else:
+        step, values = ticks(*span, degrees)
+        texts, parts = [written(value, step) for value in values], _part(values, *span)
+    return words, [*zip(parts.tolist(), texts, strict=True)]
 
 
 def side_of(axis: Axis) -> Side:
@@ -269,20 +263,18 @@ def side_of(axis: Axis) -> Side:
 
 def frame(width: float, x: Side, y: Side, lined: bool = True) -> Stills:
     """Yield the box with its lines, and the words at its axes."""
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)
-    lines = [corners * [width, FRAME_HEIGHT]]
-    words: list[tuple[float, float, str]] = []
+    lines = [np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)]
+    words = [(0.5 * width, FRAME_HEIGHT + 27.0, x[0])]
     for part, text in x[1]:
-        lines.append(np.array([[width * part, 0.0], [width * part, FRAME_HEIGHT]]))
+        lines.append(np.array([[part, 0.0], [part, 1.0]]))
         words.append((width * part, FRAME_HEIGHT + 4.0, text))
-    words.append((0.5 * width, FRAME_HEIGHT + 27.0, x[0]))
     for part, text in y[1]:
-        level = FRAME_HEIGHT * (1.0 - part)
-        lines.append(np.array([[0.0, level], [width, level]]))
-        words.append((-0.5 * LEFT, level - LABEL, text))
+        lines.append(np.array([[0.0, part], [1.0, part]]))
+        words.append((-0.5 * LEFT, FRAME_HEIGHT * (1.0 - part) - LABEL, text))
     if y[0]:
         words.append((0.2 * width, -TOP, f"up: {y[0]}"))
-    yield "frame", strips(lines if lined else lines[:1], colours.GRATICULE, 0.5)
+    shown = [in_frame(line, width) for line in (lines if lined else lines[:1])]
+    yield "frame", strips(shown, colours.GRATICULE, 0.5)
     yield "words", _words(words)
 
 
@@ -297,35 +289,38 @@ def roomy(item: Portrait) -> Portrait:
 
 def portrait(item: Portrait) -> Stills:
     """Yield the frame of a portrait, its curves and marks."""
-    sides = [
+    x, y = (
         side(titled(label, unit), span, unit.startswith("deg"), item.logarithmic)
         for label, unit, span in (
             (item.x_label, item.x_unit, item.x_range),
             (item.y_label, item.y_unit, item.y_range),
         )
-    ]
-    yield from frame(PORTRAIT_WIDTH, sides[0], sides[1])
+    )
+    yield from frame(PORTRAIT_WIDTH, x, y)
     for number, curve in enumerate(item.curves):
         placed = item.framed(curve.points)
         yield f"curve_{number}", portrait_line(placed, colours.tone(curve.tone))
-    named = {
-        stroke.label: colours.tone(stroke.tone) for stroke in item.curves if stroke.label
-    }
-    kinds = {spot.label: colours.tone(spot.tone) for spot in item.marks}
-    if len(kinds) <= MOST_KINDS:
-        named |= kinds
+    kinds = {mark.label: mark.tone for mark in item.marks}
+    named = {curve.label: curve.tone for curve in item.curves if curve.label}
+    named |= kinds if len(kinds) <= MOST_KINDS else {}
     if named:
         places = listed(PORTRAIT_WIDTH, len(named))
-        yield "legend", legend_style(places, list(named.values()), list(named))
+        yield "legend", legend_style(places, [*map(colours.tone, named.values())], [*named])
     if item.marks:
-        places = item.framed(np.array([mark.place for mark in item.marks]))
-        told = len(kinds) <= MOST_KINDS or len(places) > MOST_LABELS
-        yield "marks", _marked(in_frame(places), item.marks, not told)
+        places = in_frame(item.framed(np.array([mark.place for mark in item.marks])))
+        marks = rr.Points2D(
+            places,
+            labels=[mark.label for mark in item.marks],
+            colors=[colours.tone(mark.tone) for mark in item.marks],
+            radii=rr.Radius.ui_points(4.0),
+            show_labels=len(kinds) > MOST_KINDS and len(places) <= MOST_LABELS,
+        )
+        yield "marks", marks
 
 
 def portrait_line(placed: Floats, colour: colours.Colour) -> rr.LineStrips2D:
     """Return a curve of a portrait from its placed points (n, 2)."""
-    return strips([in_frame(line) for line in shapes.unbroken(placed)], colour)
+    return strips(shapes.unbroken(in_frame(placed)), colour)
 
 
 def strips(
@@ -335,21 +330,17 @@ def strips(
     return rr.LineStrips2D(lines, colors=colour, radii=rr.Radius.ui_points(width))
 
 
-def in_frame(placed: Floats) -> Floats:
-    """Return points placed from 0 to 1 both ways in the frame of a portrait."""
-    return np.stack(
-        [PORTRAIT_WIDTH * placed[:, 0], FRAME_HEIGHT * (1.0 - placed[:, 1])], axis=1
-    )
+def in_frame(placed: Floats, width: float = PORTRAIT_WIDTH) -> Floats:
+    """Return points placed from 0 to 1 both ways in a frame, by default a portrait's."""
+    return placed * [width, -FRAME_HEIGHT] + [0.0, FRAME_HEIGHT]
 
 
-def _marked(places: Floats, marks: Sequence[Mark], written: bool) -> rr.Points2D:
-    return rr.Points2D(
-        places,
-        labels=[mark.label for mark in marks],
-        colors=[colours.tone(mark.tone) for mark in marks],
-        radii=rr.Radius.ui_points(4.0),
-        show_labels=written,
-    )
+def _upright(x: Floats) -> Floats:
+    """Return lines (n, 2, 2) from the top to the bottom of a frame."""
+    ends = np.zeros((len(x), 2, 2))
+    ends[:, :, 0] = x[:, None]
+    ends[:, 1, 1] = FRAME_HEIGHT
+    return ends
 
 
 def horizontal_scale(low: float, high: float, label: str) -> Stills:
@@ -405,13 +396,12 @@ def written(value: float, step: float) -> str:
 
 def legend_words(curves: Sequence[Curve]) -> list[str]:
     """Return the names with their values, row after row of the last blocks."""
-    columns = [
-        [
-            f"{_short(curve.label)}  {_number(value, curve.resolution)}"
-            for value in curve.values[-1].tolist()
-        ]
-        for curve in curves
-    ]
+    columns = []
+    for curve in curves:
+        label = curve.label
+        short = label if len(label) <= LONGEST else f"{label[: LONGEST - 1]}…"
+        values = curve.values[-1].tolist()
+        columns.append([f"{short}  {_number(x, curve.resolution)}" for x in values])
     return [words for row in zip(*columns, strict=True) for words in row]
 
 
@@ -420,10 +410,6 @@ def along(over: Sequence[Axis]) -> Axis:
     first = next((axis for axis in over if axis.extent[0] < axis.extent[1]), over[0])
     others = listing(axis.label for axis in over if axis is not first)
     return replace(first, label=f"input {first.label} with {others}")
-
-
-def _short(label: str) -> str:
-    return label if len(label) <= LONGEST else f"{label[: LONGEST - 1]}…"
 
 
 def _number(value: float, resolution: float) -> str:
