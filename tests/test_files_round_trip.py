@@ -160,6 +160,7 @@ def test_random_mechanisms(seed, unit, tmp_path):
 def test_every_radian_can_be_written_in_degrees():
     random = np.random.default_rng(7)
     angles = [*random.uniform(-13, 13, 9_000), *10.0 ** random.uniform(-300, 1, 2_000)]
+    angles += [5e-324, 1e-310, 2.2250738585072014e-308, -5e-324]
     longest = 0
     for angle in map(float, angles):
         for near in (angle, math.nextafter(angle, 0), math.nextafter(angle, 99)):
@@ -180,11 +181,6 @@ def test_short_degrees_stay_short_and_mean_what_programs_compute():
     assert to_radians(45, "deg") == math.pi / 4 and to_text(math.pi, "deg") == "180.0"
     assert to_text(math.radians(1e-9), "deg") == "1e-9"
     assert to_text(5e-324, "rad") == "5e-324"
-
-
-def test_smallest_angles_in_degrees():
-    for angle in (5e-324, 1e-310, 2.2250738585072014e-308, -5e-324):
-        assert to_radians(LiteralNumber(to_text(angle, "deg")), "deg") == angle
 
 
 def test_unit_vectors_are_left_alone_once_normalised():
@@ -233,11 +229,6 @@ def test_user_data_that_differs_from_itself_is_written():
     assert loads(dumps(square(user={"x": (1, 2)}))).user == {"x": [1, 2]}
 
 
-def test_large_angles_are_written_in_degrees_only():
-    mechanism = square(inputs=(Input("a", 0.0, 20.0),))
-    assert loads(dumps(mechanism, "deg")) == mechanism
-
-
 def test_places_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("x")
     for path, words in (
@@ -260,6 +251,7 @@ def test_the_canonical_text_exists_also_where_no_file_does():
     far = square(inputs=(Input("a", 0.0, 20.0),))
     assert canonical_text(far, "rad") != canonical_text(square(), "rad")
     assert canonical_text(square(), "deg") == dumps(square(), "deg")
+    assert loads(dumps(far, "deg")) == far
 
 
 @pytest.mark.parametrize(

@@ -54,10 +54,6 @@ def test_many_command_lines(tmp_path_factory, words, text):
     check_command(tmp_path_factory.getbasetemp(), words, text)
 
 
-def test_the_files_that_commands_damage_are_shipped():
-    assert {"four_bar.toml", "stephenson_output.study.toml"} <= set(FILES)
-
-
 def test_what_is_no_recording_is_not_shown(tmp_path, capsys):
     path = tmp_path / "four_bar.rrd"
     path.write_text(FILES["four_bar.toml"])

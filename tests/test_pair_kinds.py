@@ -34,58 +34,48 @@ def joint_classes(trees):
 
 def asks(tree, classes):
     """Return the lines of a module that depend on the kind of a pair or of a profile."""
+
+    def held(nodes, named=()):
+        """Whether expressions name a kind, or a constant of the module that holds one."""
+        for node in (part for top in nodes for part in ast.walk(top)):
+            if isinstance(node, ast.Constant) and node.value in TYPES | PROFILES:
+                return True
+            if getattr(node, "id", getattr(node, "attr", "")) in {*classes, *named}:
+                return True
+        return False
+
     constants = {
         target.id
         for node in tree.body
-        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None
-        for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
-        if isinstance(target, ast.Name) and names_kind(node.value, classes, set())
+        if isinstance(node, ast.Assign) and held([node.value])
+        for target in node.targets
+        if isinstance(target, ast.Name)
     }
     lines = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.Call):
-            called = ast.unparse(node.func).split(".")[-1]
-            if called in ("isinstance", "issubclass", "register"):
-                asked = any(names_kind(arg, classes, constants) for arg in node.args)
-                lines |= {node.lineno} if asked else set()
-        elif isinstance(node, ast.Compare):
-            parts = [node.left, *node.comparators]
-            kinds = [kind for kind in parts if names_kind(kind, classes, constants)]
-            lines |= {node.lineno} if kinds else set()
-        elif isinstance(node, ast.Dict):
-            keys = [key for key in node.keys if key is not None]
-            if any(names_kind(key, classes, constants) for key in keys):
+        match node:
+            case ast.Call(
+                ast.Name("isinstance" | "issubclass") | ast.Attribute("register")
+            ):
+                asked = node.args
+            case ast.Compare():
+                asked = [
+                    part
+                    for part in (node.left, *node.comparators)
+                    if not isinstance(part, ast.Call)
+                ]
+            case ast.Dict():
+                asked = [key for key in node.keys if key is not None]
+            case ast.match_case():
+                asked = [node.pattern]
+            case ast.Attribute(attr="rolling"):
                 lines.add(node.lineno)
-        elif isinstance(node, ast.match_case):
-            for part in ast.walk(node.pattern):
-                if isinstance(part, ast.MatchClass | ast.MatchValue):
-                    own = part.cls if isinstance(part, ast.MatchClass) else part.value
-                    if names_kind(own, classes, constants):
-                        lines.add(part.lineno)
-        elif isinstance(node, ast.FunctionDef):
-            if any("register" in ast.unparse(each) for each in node.decorator_list):
-                notes = [arg.annotation for arg in node.args.args if arg.annotation]
-                if any(names_kind(each, classes, constants) for each in notes):
-                    lines.add(node.lineno)
-        elif isinstance(node, ast.Attribute) and node.attr == "rolling":
-            lines.add(node.lineno)
+                continue
+            case _:
+                continue
+        if held(asked, constants):
+            lines.add(asked[0].lineno)
     return lines
-
-
-def names_kind(node, classes, constants):
-    """Return whether an expression is a kind, or a collection or union that holds one."""
-    if isinstance(node, ast.Constant):
-        return node.value in TYPES | PROFILES
-    if isinstance(node, ast.Name):
-        return node.id in classes | constants
-    if isinstance(node, ast.Attribute):
-        return node.attr in classes
-    if isinstance(node, ast.Tuple | ast.List | ast.Set):
-        return any(names_kind(each, classes, constants) for each in node.elts)
-    if isinstance(node, ast.BinOp):
-        sides = node.left, node.right
-        return any(names_kind(side, classes, constants) for side in sides)
-    return False
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.errors import OutputError
 from spherekit.view.viewer import served
 
 
@@ -64,8 +63,3 @@ def interrupted(seconds):
 def test_web_and_a_picture_exclude_each_other(recording, capsys):
     assert main(["view", str(recording), "--web", "--png", "x.png"]) == 1
     assert "--web" in capsys.readouterr().err
-
-
-def test_a_recording_that_is_not_there(tmp_path):
-    with pytest.raises(OutputError, match="no such recording"), served(tmp_path / "x.rrd"):
-        pass

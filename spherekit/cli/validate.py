@@ -92,22 +92,17 @@ def check(name: str, locks: Sequence[str] | None = None) -> Facts:
     return facts
 
 
-def _mobility(facts: Facts) -> str:
-    """Return the mobility by the graph, and that by rank where it differs."""
-    rank = facts.get("rank_mobility", facts["mobility"])
-    if rank == facts["mobility"]:
-        return str(rank)
-    return f"{facts['mobility']} by the graph and {rank} by rank"
-
-
 def line(facts: Facts) -> str:
     """Return one line that says what a good file holds."""
     text = f"{facts['name']}: ok"
     if "study" in facts:
         text = f"{facts['study']}: ok, study of {facts['name']}"
+    rank, mobility = facts.get("rank_mobility"), str(facts["mobility"])
+    if rank not in (None, facts["mobility"]):
+        mobility += f" by the graph and {rank} by rank"
     text += (
         f", {counted(facts['links'], 'link')}, {counted(facts['pairs'], 'pair')}, mobility "
-        f"{_mobility(facts)}, {numbered('input', facts['inputs'])}"
+        f"{mobility}, {numbered('input', facts['inputs'])}"
     )
     if "groups" in facts:
         groups = ", ".join(facts["groups"]) or "none"

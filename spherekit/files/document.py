@@ -282,22 +282,23 @@ def parse(text: str, name: str) -> Document:
     if len(text) > MAX_BYTES:
         raise FileError(f"{name}: has {len(text)} characters, at most {MAX_BYTES}")
     text = text.replace("\r\n", "\n").removeprefix("\ufeff")
-    long_key = _LONG_KEY.search(text)
-    if long_key:
+    if long_key := _LONG_KEY.search(text):
         line = text.count("\n", 0, long_key.start()) + 1
         raise FileError(f"{name}:{line}: a key has over {MAX_NESTING} dotted parts")
-    keys = text.count("=") + sum(1 for _ in _HEADER.finditer(text))
-    if keys > MAX_KEYS:
-        raise FileError(f"{name}: has {keys} keys and tables, at most {MAX_KEYS} are read")
-    values = text.count(",")
-    if values > MAX_VALUES:
-        raise FileError(f"{name}: has {values} values, at most {MAX_VALUES} are read")
+    keys = text.count("=") + len(_HEADER.findall(text))
+    for count, most, what in (
+        (keys, MAX_KEYS, "keys and tables"),
+        (text.count(","), MAX_VALUES, "values"),
+    ):
+        if count > most:
+            raise FileError(f"{name}: has {count} {what}, at most {most} are read")
     try:
         data = tomllib.loads(text, parse_float=LiteralNumber)
     except tomllib.TOMLDecodeError as error:
         raise FileError(_syntax_fault(text, name, str(error))) from None
     except RecursionError:
-        line = _deepest_line(text)
+        depths = [line.count("[") + line.count("{") for line in text.split("\n")]
+        line = depths.index(max(depths)) + 1
         raise FileError(
             f"{name}:{line}: nested too deeply; at most {MAX_NESTING} levels"
         ) from None
@@ -306,7 +307,12 @@ def parse(text: str, name: str) -> Document:
         line = text.count("\n", 0, digits.start()) + 1 if digits else 1
         raise FileError(f"{name}:{line}: a value cannot be read: too many digits") from None
     document = Document(name, text, data)
-    _check_nesting(document)
+    for path, value in values_in(data):
+        inner = isinstance(path[-1], str) or isinstance(value, dict | list)
+        if len(path) > MAX_NESTING and inner:
+            raise document.fault(
+                path[:3], f"nested too deeply; at most {MAX_NESTING} levels"
+            )
     return document
 
 
@@ -333,20 +339,6 @@ def values_in(data: Table) -> Iterator[tuple[KeyPath, Any]]:
             waiting.extend(((*path, key), item) for key, item in value.items())
         elif isinstance(value, list):
             waiting.extend(((*path, k), item) for k, item in enumerate(value))
-
-
-def _check_nesting(document: Document) -> None:
-    for path, value in values_in(document.data):
-        inner = isinstance(path[-1], str) or isinstance(value, dict | list)
-        if len(path) > MAX_NESTING and inner:
-            raise document.fault(
-                path[:3], f"nested too deeply; at most {MAX_NESTING} levels"
-            )
-
-
-def _deepest_line(text: str) -> int:
-    depths = [line.count("[") + line.count("{") for line in text.split("\n")]
-    return depths.index(max(depths)) + 1
 
 
 def _syntax_fault(text: str, name: str, message: str) -> str:

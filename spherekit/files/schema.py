@@ -243,16 +243,12 @@ def _check_format(document: Document) -> None:
             f"{document.name}:1: format: missing; files start with format = {FORMAT}"
         )
     version = document.data["format"]
-    if isinstance(version, int) and not isinstance(version, bool):
-        if version > FORMAT:
-            raise document.fault(
-                ("format",),
-                f"found {shown(version)}, this version of spherekit reads {FORMAT}; the "
-                "file needs a newer spherekit",
-            )
-        if version == FORMAT:
-            return
-    raise document.fault(("format",), f"found {shown(version)}, needs {FORMAT}")
+    if type(version) is not int or version != FORMAT:
+        words = f"found {shown(version)}, needs {FORMAT}"
+        if type(version) is int and version > FORMAT:
+            words = f"found {shown(version)}, this version of spherekit reads {FORMAT}; "
+            words += "the file needs a newer spherekit"
+        raise document.fault(("format",), words)
 
 
 def _not_numbers(data: Table) -> Iterator[_Fault]:
@@ -279,12 +275,18 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
     if "propertyNames" in error.relative_schema_path:
         yield (*path, value), f"the name {shown(value)} is not allowed; {_NAME_RULE}"
     elif rule == "additionalProperties":
-        yield from _unknown_keys(path, value, error.schema["properties"])
+        where = f"in {spelt(path)}" if path else "at the top of the file"
+        declared = error.schema["properties"]
+        for key in [key for key in value if key not in declared]:
+            said = choices(key, declared, f"allowed {where}", 20)
+            yield (*path, key), f"unknown key{said}"
     elif rule == "required":
-        for key in limit:
-            if key not in value:
-                described = _described(error.schema, key, kind)
-                yield path, f"the key {key} is missing{described}"
+        whole = schema(kind)
+        for key in (key for key in limit if key not in value):
+            parts = (error.schema, *whole["$defs"].values(), whole)
+            declared = (part.get("properties", {}).get(key) for part in parts)
+            described = _in_words(next(filter(None, declared), {}))
+            yield path, f"the key {key} is missing{described}"
     elif rule == "type":
         wanted = limit if isinstance(limit, list) else [limit]
         types = " or ".join(_TYPES[name] for name in wanted)
@@ -318,23 +320,6 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
 _NAME_RULE = f"use 1 to {MAX_NAME_LENGTH} letters (A-Z, a-z), digits and underscores"
 
 
-def _unknown_keys(path: KeyPath, value: Table, declared: Table) -> Iterator[_Fault]:
-    where = f"in {spelt(path)}" if path else "at the top of the file"
-    for key in value:
-        if key not in declared:
-            said = choices(key, declared, f"allowed {where}", 20)
-            yield (*path, key), f"unknown key{said}"
-
-
-def _described(part: Table, key: str, kind: Kind) -> str:
-    whole = schema(kind)
-    parts = (part, *whole["$defs"].values(), whole)
-    declared = [
-        table["properties"].get(key, {}) for table in parts if "properties" in table
-    ]
-    return _in_words(next((entry for entry in declared if entry), {}))
-
-
 def _in_words(part: Table) -> str:
     """Return what a part of the schema says of itself, to end a message with."""
     text = str(part.get("description", ""))
@@ -342,9 +327,8 @@ def _in_words(part: Table) -> str:
 
 
 def _kind(value: object) -> str:
-    if isinstance(value, bool):
-        return "true or false"
     for types, words in (
+        (bool, "true or false"),
         (dict, "table"),
         (list, "array"),
         (str, "text"),

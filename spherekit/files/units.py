@@ -60,23 +60,6 @@ def to_radians(number: float, unit: AngleUnit) -> float:
     return float(_EXACT.multiply(written, _DEGREE))
 
 
-def angle_at(document: Document, path: KeyPath, number: float, unit: AngleUnit) -> float:
-    """Return the angle that stands at a key path of a file, in radians.
-
-    Raises
-    ------
-    FileError
-        If a file in radians has a number that only makes sense in degrees.
-    """
-    if unit == "rad" and abs(number) > LARGEST_RADIANS:
-        raise document.fault(
-            path,
-            f"found {float(number)} rad, more than two turns: this looks like "
-            'degrees; write radians, or set angle_unit = "deg" for the whole file',
-        )
-    return to_radians(number, unit)
-
-
 def to_text(angle: float, unit: AngleUnit) -> str:
     """Return the shortest decimal that `to_radians` turns into exactly this angle."""
     if unit == "rad" or not math.isfinite(angle) or angle == 0.0:
@@ -206,7 +189,13 @@ def converted(document: Document, data: Table, kind: Kind = "mechanism") -> Any:
     unit: AngleUnit = document.data.get("angle_unit", "rad")
 
     def angle(path: KeyPath, number: float) -> float:
-        return angle_at(document, path, number, unit)
+        if unit == "rad" and abs(number) > LARGEST_RADIANS:
+            raise document.fault(
+                path,
+                f"found {float(number)} rad, more than two turns: this looks like "
+                'degrees; write radians, or set angle_unit = "deg" for the whole file',
+            )
+        return to_radians(number, unit)
 
     def vector(read: Callable[[Any], Any]) -> Callable[[KeyPath, Any], Any]:
         def judged(path: KeyPath, row: Any) -> Any:
@@ -223,8 +212,7 @@ def converted(document: Document, data: Table, kind: Kind = "mechanism") -> Any:
 
     leaves: Leaves = {
         "angle": angle,
-        "travel": lambda _, number: to_radians(number, unit),
-        "rate": lambda _, number: to_radians(number, unit),
+        **dict.fromkeys(("travel", "rate"), lambda _, number: to_radians(number, unit)),
         "xyz": vector(lambda row: unit_vector(vector_of(row))),
         "lonlat": lonlat,
         "series": lambda _, numbers: tuple(map(float, numbers)),

@@ -4,6 +4,7 @@ import inspect
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Protocol
@@ -284,9 +285,23 @@ def need(holds: str, key: str, value: Any, mechanism: Loaded) -> None:
         case "pair":
             need_angle(key, value, mechanism)
         case "contact":
-            _need_sliding(key, value, mechanism)
+            pair = mechanism.pair(value)
+            if pair.type != "Cs":
+                sliding = listing(x.name for x in mechanism.pairs if x.type == "Cs")
+                raise ModelError(
+                    f'{key}: "{value}" is of type {pair.type}, whose links do not slide on '
+                    "each other; that of an R pair is a load of kind friction or "
+                    f"bearings. Cs pairs: {sliding or 'none'}"
+                )
         case "text" if callable(value):
-            _need_function(key, value)
+            with suppress(ValueError):  # those of compiled modules have no signature
+                try:
+                    inspect.signature(value).bind(0.0, 0.0, 0.0)
+                except TypeError as error:
+                    raise ModelError(
+                        f"{key}: the function has to take time, variable and rate "
+                        f"(t, q, dq): {error}"
+                    ) from None
         case "text":
             _need_expression(key, value, mechanism)
         case "texts":
@@ -320,18 +335,6 @@ def need_angle(key: str, pair: str, mechanism: Loaded) -> None:
     )
 
 
-def _need_sliding(key: str, name: str, mechanism: Loaded) -> None:
-    """Refuse a pair whose links do not slide on each other."""
-    pair = mechanism.pair(name)
-    if pair.type != "Cs":
-        sliding = [x.name for x in mechanism.pairs if x.type == "Cs"]
-        raise ModelError(
-            f'{key}: "{name}" is of type {pair.type}, whose links do not '
-            "slide on each other; that of an R pair is a load of kind friction or "
-            f"bearings. Cs pairs: {listing(sliding) or 'none'}"
-        )
-
-
 def _need_expression(key: str, text: Any, mechanism: Loaded) -> None:
     """Refuse a text that is not an expression in the variables of R pairs and the time."""
     if not isinstance(text, str):
@@ -342,18 +345,6 @@ def _need_expression(key: str, text: Any, mechanism: Loaded) -> None:
         parse(text, load_names(mechanism.angles))
     except ModelError as error:
         raise ModelError(f"{key}: in the expression, {error}") from None
-
-
-def _need_function(key: str, function: Callable[[float, float, float], float]) -> None:
-    """Refuse a function that cannot be called with time, variable and rate."""
-    try:
-        inspect.signature(function).bind(0.0, 0.0, 0.0)
-    except TypeError as error:
-        raise ModelError(
-            f"{key}: the function has to take time, variable and rate (t, q, dq): {error}"
-        ) from None
-    except ValueError:  # those of compiled modules have no signature
-        pass
 
 
 def need_at_least_zero(key: str, number: float, unit: str) -> None:

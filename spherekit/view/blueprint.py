@@ -54,14 +54,14 @@ class InputTimeline(NamedTuple):
 def input_timeline(inputs: Floats) -> InputTimeline:
     """Return the coarsest timeline on which all input angles (n,) rad are whole."""
     degrees = np.degrees(inputs)
-
-    def whole(scale: int) -> bool:
-        ticks = degrees * scale
-        return bool(np.all(np.abs(ticks - np.rint(ticks)) <= 1e-6))
-
-    scale = next((scale for scale in SCALES if whole(scale)), SCALES[-1])
+    fits = [
+        scale
+        for scale in SCALES
+        if np.max(np.abs(degrees * scale - np.rint(degrees * scale))) <= 1e-6
+    ]
+    scale = fits[0] if fits else SCALES[-1]
     ticks = np.rint(degrees * scale).astype(np.int64)
-    return InputTimeline(scale, whole(scale), int(ticks.min()), int(ticks.max()))
+    return InputTimeline(scale, bool(fits), int(ticks.min()), int(ticks.max()))
 
 
 def input_scale(name: str) -> int | None:
@@ -154,10 +154,9 @@ class Layout:
 
     def blueprint(self) -> rrb.Blueprint:
         """Return the layout in rerun's terms."""
-        order = [page for page in self.answered if page in self.pages]
-        order += [page for page in self.pages if page not in self.answered]
+        order = sorted(self.pages, key=[*self.answered, *self.pages].index)
         pages: list[rrb.Container] = [
-            self._page(page, self.pages[page]) for page in order if page is not None
+            self._page(page, self.pages[page]) for page in order
         ] or [self._page(None, "Mechanism")]
         if self.compared:
             pages.append(self._comparison())
@@ -181,73 +180,54 @@ class Layout:
 
     def _page(self, page: Page, title: str) -> rrb.Container:
         on_page = [plot for plot in self.plots if plot.page in (None, page)]
-        on_page.sort(key=lambda plot: not plot.answers)
-        plots = [plot.view() for plot in on_page]
+        plots = [plot.view() for plot in sorted(on_page, key=lambda x: not x.answers)]
         ordered = sorted(self.panels, key=lambda panel: panel[0] is None)
         panels = [view() for owner, view in ordered if owner in (None, page)]
-        rows: list[Shown] = [*plots[:1]]
-        if len(plots) > 1:
-            rows.append(_tabs(plots[1:]))
-        if panels:
-            rows.append(_tabs(panels))
+        rows = [_tabs(views) for views in (plots[:1], plots[1:], panels) if views]
         own_page = (page,) if isinstance(page, str) else (None, page)
         if rows and not any(owner in own_page for owner, _ in self.solids):
-            beside = [rrb.Vertical(*rows[1:])] if len(rows) > 1 else []
-            return rrb.Horizontal(
-                rows[0], *beside, column_shares=[11, 9][: len(beside) + 1], name=title
-            )
+            parts = [rows[0], *([rrb.Vertical(*rows[1:])] if len(rows) > 1 else [])]
+            shares = [11, 9][: len(parts)]
+            return rrb.Horizontal(*parts, column_shares=shares, name=title)
         solids: Shown = self._space(page, title)
-        scale = next((path for owner, path in self.scales if owner == page), None)
-        if scale is not None:
-            solids = rrb.Vertical(
-                solids,
-                plane(scale, "Scale", charts.SCALE_BOUNDS),
-                row_shares=[7, 1],
-                name=title,
-            )
+        for path in [path for owner, path in self.scales if owner == page][:1]:
+            scale = plane(path, "Scale", charts.SCALE_BOUNDS)
+            solids = rrb.Vertical(solids, scale, row_shares=[7, 1], name=title)
         if not rows:
             return rrb.Horizontal(solids, name=title)
         shares = [11, 9] if plots else [2, 1]
         return rrb.Horizontal(solids, rrb.Vertical(*rows), column_shares=shares, name=title)
 
     def _space(self, page: Page, title: str) -> rrb.Spatial3DView:
-        def here(owner: Page) -> bool:
-            return owner is None or owner == page
-
-        overrides: dict[Any, Any] = {
-            path: [how] for owner, path, how in self.overrides if here(owner)
-        }
-        contents = [f"+ {self.root}/sphere/**"]
-        contents += [f"+ {path}/**" for owner, path in self.solids if here(owner)]
+        here = (None, page)
+        solids = [path for owner, path in self.solids if owner in here]
         return rrb.Spatial3DView(
             origin=self.root,
-            contents=contents,
+            contents=[f"+ {path}/**" for path in (f"{self.root}/sphere", *solids)],
             name=title,
             background=colours.BACKGROUND,
             line_grid=False,
             eye_controls=_eye(*map(tuple, self.sight)),
-            overrides=overrides,
+            overrides={path: [how] for owner, path, how in self.overrides if owner in here},
         )
 
     @property
     def recent(self) -> rrb.VisibleTimeRanges:
         """How the trail behind a pole is seen."""
+
+        def place(timeline: str, value: float) -> rr.TimeRangeBoundary:
+            if timeline == TIME:
+                return rr.TimeRangeBoundary.cursor_relative(seconds=value)
+            return rr.TimeRangeBoundary.cursor_relative(seq=round(value))
+
         return rrb.VisibleTimeRanges(
             [
                 rr.VisibleTimeRange(
-                    timeline,
-                    start=rr.TimeRangeBoundary.cursor_relative(
-                        **self._ticks(timeline, -TRAIL * step)
-                    ),
-                    end=rr.TimeRangeBoundary.cursor_relative(**self._ticks(timeline, 0)),
+                    line, start=place(line, -TRAIL * step), end=place(line, 0)
                 )
-                for timeline, step in {SAMPLE: 1, self.timeline: self.step}.items()
+                for line, step in {SAMPLE: 1, self.timeline: self.step}.items()
             ]
         )
-
-    def _ticks(self, timeline: str, value: float) -> dict[str, Any]:
-        """Return a place on a timeline as the viewer takes it."""
-        return {"seconds": value} if timeline == TIME else {"seq": round(value)}
 
     def _comparison(self) -> rrb.Container:
         """Return the charts of all modes, each with the cursor of the first mode's."""

@@ -40,32 +40,27 @@ def still(item: Diagram) -> Stills:
 
 def moving(item: Diagram) -> Iterator[Moving]:
     """Yield points within the frame with their names, and the visible part of lines."""
-    (left, right), (low, high) = item.x_range, item.y_range
     n, k = item.places.shape[:2]
-    x, y = item.places[:, :, 0], item.places[:, :, 1]
-    seen = (x >= left) & (x <= right) & (y >= low) & (y <= high)
+    low, high = np.transpose([item.x_range, item.y_range])
+    seen = np.all((item.places >= low) & (item.places <= high), axis=2)
     count = seen.sum(axis=1)
     tints = np.array([colours.tone(tone) for tone in item.tones], dtype=np.uint8)
-    places = _placed(item, item.places.reshape(-1, 2)).reshape(n, k, 2)
+    places = _placed(item, item.places)
     names = np.broadcast_to(np.array(item.names, dtype=object), (n, k))
     shades = np.broadcast_to(tints, (n, k, 3))[seen]
     middles = placed_labels(item.names, np.where(seen[..., None], places, np.nan), LETTER)
-    yield (
-        "points",
-        rr.Points2D.columns(positions=places[seen], colors=shades).partition(count),
+    points = rr.Points2D.columns(positions=places[seen], colors=shades)
+    yield "points", points.partition(count)
+    labels = rr.Points2D.columns(
+        positions=middles[seen] - [0.0, charts.LABEL],
+        labels=names[seen].tolist(),
+        colors=shades,
     )
-    yield (
-        "names",
-        rr.Points2D.columns(
-            positions=middles[seen] - [0.0, charts.LABEL],
-            labels=names[seen].tolist(),
-            colors=shades,
-        ).partition(count),
-    )
+    yield "names", labels.partition(count)
     leaders = np.stack([places[seen], middles[seen]], axis=1)
     yield "leaders", rr.LineStrips2D.columns(strips=list(leaders)).partition(count)
     ends, visible = clipped(item)
-    strips = _placed(item, ends.reshape(-1, 2)).reshape(*ends.shape)[visible]
+    strips = _placed(item, ends)[visible]
     yield "lines", rr.LineStrips2D.columns(strips=strips).partition(visible.sum(axis=1))
     if item.readings is not None:
         yield "legend", _read(item, np.degrees(item.readings[:, :MOST_LISTED]))
@@ -90,14 +85,13 @@ def _angle(value: float) -> str:
 
 def clipped(item: Diagram) -> tuple[Floats, np.ndarray]:
     """Return where lines enter and leave the frame (n, m, 2, 2), and which do (n, m)."""
-    a, b, c = np.moveaxis(item.lines, -1, 0)
-    (left, right), (low, high) = item.x_range, item.y_range
+    normal, c = item.lines[..., :2], item.lines[..., 2:]
+    frame = np.array([item.x_range, item.y_range])
     with np.errstate(divide="ignore", invalid="ignore"):
-        length = np.hypot(a, b)
-        foot = -np.stack([a, b], axis=-1) * (c / length**2)[..., None]
-        along = np.stack([-b, a], axis=-1) / length[..., None]
-        bounds = np.array([[left, right], [low, high]])
-        t = np.sort((bounds - foot[..., None]) / along[..., None], axis=-1)
+        length = np.linalg.norm(normal, axis=-1, keepdims=True)
+        foot = -normal * (c / length**2)
+        along = normal[..., ::-1] * [-1.0, 1.0] / length
+        t = np.sort((frame - foot[..., None]) / along[..., None], axis=-1)
         first, last = np.max(t[..., 0], axis=-1), np.min(t[..., 1], axis=-1)
         ends = np.stack([foot + t[..., None] * along for t in (first, last)], axis=-2)
     return ends, (first < last) & np.isfinite(ends).all(axis=(-1, -2))
@@ -117,7 +111,7 @@ def _width(item: Diagram) -> float:
 
 
 def _placed(item: Diagram, points: Floats) -> Floats:
-    """Return points (n, 2) where the viewer draws them: its y points down."""
+    """Return points (..., 2) where the viewer draws them: its y points down."""
     (left, _), (low, high) = item.x_range, item.y_range
     scale = charts.FRAME_HEIGHT / (high - low)
     return (points - [left, high]) * [scale, -scale]
