@@ -450,21 +450,20 @@ def _between_axes(
     Of the limits (rad) of two axes the strictest hold, with where they are from.
     """
     mechanism = kinematics.mechanism
-    limits: dict[tuple[int, int], list[tuple[float, float, str]]] = {}
-
-    def limit(axes: tuple[int, int], low: float, high: float, source: str) -> None:
-        limits.setdefault(axes, [(0.0, np.pi, "")]).append((low, high, source))
-
     closest = _closest(mechanism, wanted)
+    asked: list[tuple[tuple[int, int], tuple[float, float, str]]] = []
     for one, other, shortest, longest, folds in kinematics.spans:
-        limit((one, other), shortest, longest, "the arcs of the leg")
+        asked.append(((one, other), (shortest, longest, "the arcs of the leg")))
         if closest > 0.0 and folds:
-            limit((one, other), closest, np.pi, "the width of the links")
+            asked.append(((one, other), (closest, np.pi, "the width of the links")))
     for item in wanted.apart:
         one, other = (_pair(mechanism, "apart", name) for name in (item.one, item.other))
         if not _holds_always(mechanism, item, one, other):
-            turned = (other, one) in limits and (one, other) not in limits
-            limit((other, one) if turned else (one, other), item.low, item.high, "apart")
+            asked.append(((one, other), (item.low, item.high, "apart")))
+    limits: dict[tuple[int, int], list[tuple[float, float, str]]] = {}
+    for (one, other), limit in asked:
+        axes = (other, one) if (other, one) in limits else (one, other)
+        limits.setdefault(axes, [(0.0, np.pi, "")]).append(limit)
     bounds: list[AngleLimit] = []
     for axes, held in limits.items():
         name = "/".join(kinematics.name_of(pair) for pair in sorted(axes))
@@ -506,85 +505,61 @@ def _holds_always(
             f"apart: {where}: {_deg(item.low)} to {_deg(item.high)} is not a range; give "
             "the least angle between the axes, 0 to 180 deg, and a greatest not below",
         )
-    fixed = _fixed(mechanism, one, other)
-    if fixed is not None and not item.low - COLLINEAR <= fixed <= item.high + COLLINEAR:
-        raise _refusal(
-            mechanism,
-            f"apart: {where}: both axes are on one link, always {_deg(fixed)} "
-            f"apart, not {_deg(item.low)} to {_deg(item.high)}",
-        )
-    return fixed is not None
-
-
-def _fixed(mechanism: Mechanism, one: int, other: int) -> float | None:
-    """Return the angle (rad) between the axes of two pairs of one link, else None."""
-    shared = set(mechanism.ends[one]) & set(mechanism.ends[other])
     joints = joints_of(mechanism)
-    for link in shared:
-        axes = (axis_in(mechanism, joints, pair, link) for pair in (one, other))
-        return float(arc(*axes))
-    return None
+    for link in set(mechanism.ends[one]) & set(mechanism.ends[other]):
+        fixed = arc(*(axis_in(mechanism, joints, pair, link) for pair in (one, other)))
+        if not item.low - COLLINEAR <= fixed <= item.high + COLLINEAR:
+            raise _refusal(
+                mechanism,
+                f"apart: {where}: both axes are on one link, always {_deg(float(fixed))} "
+                f"apart, not {_deg(item.low)} to {_deg(item.high)}",
+            )
+        return True
+    return False
 
 
 def _closest(mechanism: Mechanism, wanted: Constraints) -> float:
     """Return the least angle (rad) that the width of links leaves between axes."""
     width, radius = wanted.width, wanted.radius
-    if not (np.isfinite(width) and np.isfinite(radius)) or width < 0.0 or radius < 0.0:
-        raise _refusal(
-            mechanism, f"width {width:g} and radius {radius:g} are lengths, 0 or more"
-        )
-    if width == 0.0:
-        return 0.0
-    if radius == 0.0 or width > np.pi * radius:
+    if not (0.0 <= width <= np.pi * radius < np.inf or 0.0 == width <= radius < np.inf):
         raise _refusal(
             mechanism,
             f"links of width {width:g} do not fit on a sphere of radius {radius:g}; give "
-            "the radius in the same unit of length, more than width / 3.2",
+            "both in the same unit of length, 0 or more, the radius more than width / 3.2",
         )
-    return width / radius
+    return width / radius if width else 0.0
 
 
 def _of_pairs(mechanism: Mechanism, limits: Sequence[JointLimit]) -> tuple[AngleLimit, ...]:
     """Return the bounds of pairs: joint limits and limits wanted, each by its middle."""
     asked = [(item, "joint_limit") for item in mechanism.joint_limits]
-    asked += [(item, "limit") for item in limits]
     kept: dict[str, JointLimit] = {}
     bounds = []
-    for item, kind in asked:
+    for item, kind in [*asked, *((item, "limit") for item in limits)]:
         number = _pair(mechanism, "limits", item.pair)
+        span = f"{_deg(item.low)} to {_deg(item.high)}"
         if not np.isfinite(item.low + item.high) or item.low > item.high:
+            why = f"limits: {item.pair}: {span} is not a range; give the lower limit first"
+            raise _refusal(mechanism, why)
+        middle, half = 0.5 * (item.low + item.high), 0.5 * (item.high - item.low)
+        before = kept.setdefault(item.pair, item)
+        gap = wrap(middle - 0.5 * (before.low + before.high))
+        if abs(gap) > half + 0.5 * (before.high - before.low) + COLLINEAR:
             raise _refusal(
                 mechanism,
-                f"limits: {item.pair}: {_deg(item.low)} to {_deg(item.high)} is not a "
-                f"range; "
-                "give the lower limit first",
+                f"limits: {item.pair} cannot be within {_deg(before.low)} to "
+                f"{_deg(before.high)} and within {span}; these limits contradict each "
+                "other",
             )
-        for before in filter(None, [kept.get(item.pair)]):
-            if not _overlap(before, item):
-                raise _refusal(
-                    mechanism,
-                    f"limits: {item.pair} cannot be within {_deg(before.low)} to "
-                    f"{_deg(before.high)} and within {_deg(item.low)} to "
-                    f"{_deg(item.high)}; these limits contradict each other",
-                )
         kept[item.pair] = item
-        middle, half = 0.5 * (item.low + item.high), 0.5 * (item.high - item.low)
         if half >= np.pi:
             continue
 
         def cosine(rows: Rows, number: int = number, middle: float = middle) -> Floats:
             return np.cos(rows.angle(number) - middle)
 
-        title = f"{kind} of {item.pair}, {_deg(item.low)} to {_deg(item.high)}"
-        bounds.append(AngleLimit(title, half, False, cosine))
+        bounds.append(AngleLimit(f"{kind} of {item.pair}, {span}", half, False, cosine))
     return tuple(bounds)
-
-
-def _overlap(one: JointLimit, other: JointLimit) -> bool:
-    """Return whether two ranges of an angle meet, up to whole turns."""
-    gap = 0.5 * (other.low + other.high - one.low - one.high)
-    width = 0.5 * (one.high - one.low + other.high - other.low)
-    return abs(float(wrap(gap))) <= width + COLLINEAR
 
 
 def _of_singularities(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]:
