@@ -44,7 +44,7 @@ from spherekit.model.joints import Joint, revolute
 from spherekit.model.mechanism import Mechanism, chosen_output
 from spherekit.model.parts import Output
 from spherekit.numeric.crossings import bracketed_zeros
-from spherekit.region.mesh import edges_of, hemisphere
+from spherekit.region.mesh import chains, edges_of, hemisphere
 from spherekit.singular.curves import CurveSeen, SingularCurves
 from spherekit.singular.locus import solver_of
 from spherekit.singular.several import LocusName, SingularityReport
@@ -352,8 +352,11 @@ class _Modes:
         )
         roots = between(part, np.arange(len(low)))
         number = np.where(changes, np.cumsum(changes) - 1, -1)
-        for line, closed in _lines(number[sides], len(low)):
-            normals = roots[line]
+        ends = np.sort(number[sides], axis=1)
+        links = ends[np.sum(ends >= 0, axis=1) == 2, 1:]
+        for line in chains(len(low), links):
+            closed = bool(np.count_nonzero(links == line[0]) == 2 < len(line))
+            normals = roots[np.append(line, line[:1]) if closed else line]
             yield self._curve(normals, modes, closed, why or self._why(normals, modes))
 
     def _margins(self, leg: int, normals: Floats) -> Floats:
@@ -408,27 +411,3 @@ class _Modes:
         whole = closed and len(kept) == len(normals)
         none, signs = points.rows(slice(0)), tuple(modes.tolist())
         return CurveSeen(points.rows(kept), none, s[kept], whole, why, signs)
-
-
-def _lines(sides: Indices, count: int) -> Iterator[tuple[list[int], bool]]:
-    """Yield the numbers of the roots in order along each line, and whether it closes.
-
-    `sides` (triangles, 3) has the number of the root on each side, -1 for none, of `count`.
-    """
-    beside: dict[int, list[int]] = {k: [] for k in range(count)}
-    for triangle in sides.tolist():
-        ends = [k for k in triangle if k >= 0]
-        if len(ends) == 2:
-            beside[ends[0]].append(ends[1])
-            beside[ends[1]].append(ends[0])
-    left = set(beside)
-    for start in sorted(left, key=lambda k: len(beside[k])):
-        if start not in left:
-            continue
-        line = [start]
-        left.discard(start)
-        while ahead := [k for k in beside[line[-1]] if k in left]:
-            line.append(ahead[0])
-            left.discard(ahead[0])
-        closed = len(line) > 2 and start in beside[line[-1]]
-        yield [*line, start] if closed else line, closed

@@ -220,9 +220,8 @@ class ArrayRows:
 
     def rows(self, chosen: slice | Array) -> Self:
         """Return some rows, chosen by a mask, a slice or numbers."""
-        return type(self)(
-            **{name: _taken(part, chosen) for name, part in _parts(self).items()}
-        )
+        made = _mapped([_parts(self)], lambda x: x[0][chosen], lambda x: x[0].rows(chosen))
+        return type(self)(**made)
 
     def put(self, rows: Indices, new: Self) -> None:
         """Replace some rows of all arrays."""
@@ -237,31 +236,25 @@ class ArrayRows:
     def joined(cls, parts: Sequence[Self]) -> Self:
         """Return the rows of all parts in order, with the rest of the first."""
         every = [_parts(part) for part in parts]
-        return cls(**{name: _joined([part[name] for part in every]) for name in every[0]})
+        return cls(**_mapped(every, np.concatenate, lambda x: type(x[0]).joined(x)))
 
 
 def _parts(record: Any) -> dict[str, Any]:
     return {item.name: getattr(record, item.name) for item in fields(record)}
 
 
-def _taken(part: Any, chosen: Any) -> Any:
-    if isinstance(part, np.ndarray):
-        return part[chosen]
-    if isinstance(part, ArrayRows):
-        return part.rows(chosen)
-    if isinstance(part, Mapping):
-        return {key: _taken(value, chosen) for key, value in part.items()}
-    return tuple(_taken(item, chosen) for item in part) if type(part) is tuple else part
-
-
-def _joined(parts: Sequence[Any]) -> Any:
+def _mapped(
+    parts: Sequence[Any], arrays: Callable[[Any], Any], records: Callable[[Any], Any]
+) -> Any:
+    """Return what alike parts of records become, arrays and records in them each by one."""
     first = parts[0]
     if isinstance(first, np.ndarray):
-        return np.concatenate(parts)
+        return arrays(parts)
     if isinstance(first, ArrayRows):
-        return type(first).joined(parts)
+        return records(parts)
     if isinstance(first, Mapping):
-        return {key: _joined([part[key] for part in parts]) for key in first}
+        items = {key: [part[key] for part in parts] for key in first}
+        return {key: _mapped(held, arrays, records) for key, held in items.items()}
     if type(first) is tuple:
-        return tuple(_joined(items) for items in zip(*parts, strict=True))
+        return tuple(_mapped(held, arrays, records) for held in zip(*parts, strict=True))
     return first

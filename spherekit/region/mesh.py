@@ -189,6 +189,24 @@ def labels(count: int, links: Indices) -> Indices:
     return np.asarray(connected_components(joined, directed=False)[1], dtype=np.intp)
 
 
+def chains(count: int, links: Indices, directed: bool = False) -> list[Indices]:
+    """Return the numbers of things along each line that they make, open ones first.
+
+    `links` (L, 2) join at most two to each of `count` things, where `directed` the first
+    to the one after it.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import depth_first_order
+
+    joined = coo_matrix((np.ones(len(links)), (*links.T,)), (count, count)).tocsr()
+    before = np.bincount((links[:, 1] if directed else links).ravel(), minlength=count)
+    order = np.argsort(before, kind="stable")
+    _, ends = np.unique(labels(count, links)[order], return_index=True)
+    starts = order[np.sort(ends)].tolist()
+    orders = (depth_first_order(joined, k, directed, False) for k in starts)
+    return [np.asarray(line, dtype=np.intp) for line in orders]
+
+
 Margins = Callable[[Floats], ArrayLike]
 """Margins (n, k) at places (n, d): at least one, k always the same."""
 

@@ -18,6 +18,7 @@ from spherekit.region.mesh import (
     Margins,
     TriangleClass,
     bisected,
+    chains,
     check_positive,
     edge_lengths,
     edges_of,
@@ -150,16 +151,10 @@ class Refinement:
         first, second = nothing, nothing.copy()
         for of_corner, leads in ((first, pieces.leading), (second, ~pieces.leading)):
             of_corner[pieces.start[leads]] = np.flatnonzero(leads)
-        loops, free = [], first >= 0
-        for origin in np.flatnonzero(free):
-            chain, here = [], int(origin)
-            while free[here]:
-                free[here] = False
-                chain += [first[here], second[here]]
-                here = int(pieces.stop[first[here]])
-            if chain:
-                loops.append(np.array([piece for piece in chain if piece >= 0]))
-        return loops
+        corner = np.where(pieces.leading, second[pieces.start], -1)
+        ahead = np.where(corner >= 0, corner, first[pieces.stop])
+        links = np.stack([np.arange(len(ahead)), ahead], axis=1)[ahead >= 0]
+        return chains(len(ahead), links, directed=True)
 
     def _turned(self, which: Indices) -> tuple[Indices, Indices, Indices]:
         """Return the vertices of mixed triangles, the one unlike the two others first."""
