@@ -197,15 +197,14 @@ class SampledSingularities:
         return sorted(m for k in numbers if k is not None for m in self._modes[k])
 
     def met(
-        self, places: Sequence[tuple[int, float]], values: Floats, known: float = 0.0
+        self, places: Sequence[tuple[int, float]], values: Floats, margin: float = 0.0
     ) -> Iterator[tuple[float, list[int], bool]]:
         """Yield the inputs at which a configuration (V,) of places on curves is met.
 
         With the assembly modes whose pieces of the curves hold or touch it there, and
         whether it is inside: in the range, and passed by a simulation. Of one outside, as
         near to the range as turns allow, one input; and of curves that a simulation does
-        not pass. Where the range is of whole periods its end, to as much as inputs are
-        `known`, is its start.
+        not pass. Where the range is of whole periods its end, by a `margin`, is its start.
         """
         first = places[0][0]
         low, high = self.range
@@ -213,7 +212,7 @@ class SampledSingularities:
         if self._ways is not None and first not in self._ways:
             every = every[:1]
         for q in every.tolist():
-            if high - q < known and self.whole_range(first):
+            if high - q < margin and self.whole_range(first):
                 q = low
             pieces = (piece for place in places for piece in self._touched(*place, q))
             inside = bool(in_range(np.array(q), low, high))
