@@ -241,7 +241,7 @@ INHERITED = """
 AbstractAnalysis AnalysisError ArrayRows BearingFriction Chords
 ClosedKinematics CurvePoints Curves EngineError InputMotion Joint Load
 OutputKinematics Parser PlanError Problem Sampler SpherekitError
-Way Zone
+VelocityEquations Way Zone
 """
 
 

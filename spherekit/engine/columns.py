@@ -25,18 +25,16 @@ from spherekit.arrays import Floats
 from spherekit.conventions import EPS, EQUAL_CURVATURE
 from spherekit.engine.algebra import Exprs, cross, dot, sum_of, vector, vector_sum
 from spherekit.engine.expression_graph import Expr, ExpressionNode
+from spherekit.engine.kinematics import VelocityEquations
 from spherekit.engine.pose import (
     along_ways,
-    carried_vectors,
     largest,
     place_by_variables,
-    placed_by,
     root,
     size_of,
 )
-from spherekit.engine.turns import TurningPairs, turning_pairs
+from spherekit.engine.turns import turning_pairs
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.loops import LoopTree
 from spherekit.planning.poles import Pole
 from spherekit.rates.request import (
     SIGNED,
@@ -184,7 +182,7 @@ def _norm(item: Exprs) -> Expr:
     return root(dot(item, item))
 
 
-class RowTerms:
+class RowTerms(VelocityEquations):
     """The terms of a row that do not depend on the input that moves."""
 
     def __init__(
@@ -194,41 +192,19 @@ class RowTerms:
         pivots: Sequence[Pivot],
         inputs: Sequence[int],
     ) -> None:
-        self.mechanism, self.tree = mechanism, LoopTree.of(mechanism)
-        self.pairs: TurningPairs = turning_pairs(mechanism, any_profile=True)
-        self.placed = place_by_variables(mechanism, self.pairs, variables)
-        self.held = {mechanism.variables_of(pair)[0] for pair in inputs}
+        pairs = turning_pairs(mechanism, any_profile=True)
+        placed = place_by_variables(mechanism, pairs, variables)
+        super().__init__(mechanism, pairs, placed, variables, False)
+        self.held = {self.owned[pair][0] for pair in inputs}
         self.free = [v for v in range(len(variables)) if v not in self.held]
-        self.owned = [mechanism.variables_of(k) for k in range(len(mechanism.pairs))]
-        self.carried, self.lines = carried_vectors(
-            mechanism, self.pairs, self.placed, variables
-        )
-        self.vectors = [item.vector for item in self.carried]
         equations = {
             loop: {v: float(row[v]) * self.vectors[v] for v in self.free if row[v]}
             for loop, row in enumerate(self.tree.signs)
         }
         self.inverse = loop_inverse(equations, pivots)
-        self._opened(variables)
+        # Of a rotation by an angle x it is 2 sin x / 2.
+        self.residual = root(self.openness)
         self._bounds()
-
-    def _opened(self, variables: Sequence[ExpressionNode]) -> None:
-        """Set by how much loops are open: rotation vectors to first order, and the size.
-
-        Of the frames that a pair closes two axes are compared: at most by a factor of
-        sqrt(2) more than the rotation between them, never less.
-        """
-        self.gaps, square = [], 0.0
-        for chord in self.tree.chords:
-            a, b = self.tree.ends[chord]
-            chain = self.pairs.chains[chord]
-            around = placed_by(chain, self.placed[a], variables)
-            near, other = around.basis.T, self.placed[b].direction(chain.constants[-1].T).T
-            turns = [cross(y, x) for x, y in zip(near, other, strict=True)]
-            self.gaps.append((turns[0] + turns[1] + turns[2]) * 0.5)
-            for k in (0, 2):
-                square = square + dot(near[k] - other[k], near[k] - other[k])
-        self.residual = root(square)
 
     def _bounds(self) -> None:
         """Set the bounds of what variables, orientations and axes are off by."""
@@ -278,17 +254,24 @@ class RowTerms:
             sums[child] = sums[parent] + sum_of(parts[v] for v in self.owned[pair])
         return sums
 
-    def closer(self, variables: Sequence[ExpressionNode]) -> list[Expr]:
-        """Return the free variables after a step of Newton's method."""
-        step = self.solved(self.gaps)
-        return [variables[v] - step[v] for v in self.free]
+    @property
+    def closer(self) -> list[Expr]:
+        """The free variables after a step of Newton's method."""
+        step = self.answers(self.misfits)
+        return [self.variables[v] + step[v] for v in self.free]
 
-    def solved(self, right: Sequence[Exprs]) -> dict[int, Expr]:
-        """Return the free variables that right-hand sides (3,) of the loops give."""
-        return {
-            v: sum_of(dot(block, right[loop]) for loop, block in row.items())
-            for v, row in self.inverse.items()
-        }
+    def answers(self, misfits: Mapping[int, Exprs]) -> list[Expr]:
+        """Return how all variables answer to misfits (3,) of pairs, the inputs at rest."""
+        right = [
+            vector_sum(
+                misfit * float(row[self.owned[pair][0]]) for pair, misfit in misfits.items()
+            )
+            for row in self.tree.signs
+        ]
+        return [
+            sum_of(dot(x, right[loop]) for loop, x in self.inverse.get(v, {}).items())
+            for v in range(len(self.vectors))
+        ]
 
 
 class MovingTerms:
@@ -301,52 +284,28 @@ class MovingTerms:
 
     def __init__(self, rows: RowTerms, wanted: Request, columns: dict[Any, int]) -> None:
         self._rows, self._wanted = rows, wanted
-        tree, mechanism, plan = rows.tree, rows.mechanism, wanted.plan
-        (moved,) = mechanism.variables_of(plan.input)
-        rates = rows.solved(
-            [float(-sign[moved]) * rows.vectors[moved] for sign in tree.signs]
-        )
-        self._rates = rates | {v: 1.0 if v == moved else 0.0 for v in rows.held}
-        parts = {v: rate * rows.vectors[v] for v, rate in self._rates.items()}
-        self._w = w = self._links(parts)
-        self._turned = [self._turning(v) for v in range(len(rows.vectors))]
-        bias = {v: rate * self._turned[v] for v, rate in self._rates.items()}
-        over = [
-            vector_sum([float(sign) * bias[v] for v, sign in enumerate(row) if sign])
-            for row in tree.signs
-        ]
-        change = rows.solved([-1.0 * misfit for misfit in over])
-        self._change = change | dict.fromkeys(rows.held, 0.0)
-        bent = {v: self._change[v] * rows.vectors[v] + bias[v] for v in self._rates}
-        self._dw = self._links(bent)
-        self._follow_errors(self._left(w, parts), self._left(self._dw, bent))
+        moved, tree = rows.owned[wanted.plan.input][0], rows.tree
+        self._rates = rows.answers({wanted.plan.input: -1.0 * rows.vectors[moved]})
+        self._rates[moved] = 1.0
+        parts = rows.parts(self._rates)
+        self._w = along_ways(tree, parts)
+        self._change, bent = rows.accelerated(self._rates, self._w)
+        self._dw = along_ways(tree, bent)
+        self._follow_errors(self._left(self._w, parts), self._left(self._dw, bent))
         self._place(columns)
 
-    def _turning(self, variable: int) -> Exprs:
-        """Return how a variable's vector changes (3,)."""
-        carried = self._rows.carried[variable]
-        return carried.change(self._w[carried.link], self._rates[variable])
-
-    def _links(self, parts: Mapping[int, Exprs]) -> list[Exprs]:
-        """Return what links do where variables do so much (3,) of it."""
-        rows = self._rows
-        by_pair = [vector_sum([parts[v] for v in owned]) for owned in rows.owned]
-        return along_ways(rows.tree, by_pair)
-
-    def _left(self, links: Sequence[Exprs], parts: Mapping[int, Exprs]) -> Expr:
+    def _left(self, links: Sequence[Exprs], parts: Sequence[Exprs]) -> Expr:
         """Return the size of what rates leave over where loops close."""
-        rows, total = self._rows, 0.0
-        for chord in rows.tree.chords:
-            a, b = rows.tree.ends[chord]
-            over = links[a] - links[b] + vector_sum([parts[v] for v in rows.owned[chord]])
-            total = total + dot(over, over)
-        return root(total)
+        tree = self._rows.tree
+        both = ((chord, *tree.ends[chord]) for chord in tree.chords)
+        over = [links[a] - links[b] + parts[chord] for chord, a, b in both]
+        return root(sum_of(dot(x, x) for x in over))
 
     def _follow_errors(self, over: Expr, over_bent: Expr) -> None:
         """Set what links and variables are off by, in first and second derivatives."""
         rows = self._rows
-        speeds, bends = _sizes(self._rates), _sizes(self._change)
-        fast = rows.paths(speeds)
+        speeds, bends = ([size_of(x) for x in y] for y in (self._rates, self._change))
+        fast = rows.paths(dict(enumerate(speeds)))
         slips = {v: speeds[v] * off for v, off in enumerate(rows.axes)}
         off_w, off_rates = self._off(slips, over)
         again, spread = {}, {}
@@ -447,13 +406,13 @@ class MovingTerms:
         (variable,) = rows.owned[pair]
         first, second = rows.tree.ends[pair]
         carried = rows.carried[variable]
-        unit, turned, off = carried.vector, self._turned[variable], rows.axes[variable]
+        off = rows.axes[variable]
         if pair in rows.lines:
-            line = rows.lines[pair]
-            unit = line.vector
-            turned = line.change(self._w[line.link], self._rates[variable])
-            moved = rows.turns[line.link] + rows.moved.get(variable, 0.0)
+            carried = rows.lines[pair]
+            moved = rows.turns[carried.link] + rows.moved.get(variable, 0.0)
             off = moved * rows.open + rows.numbers
+        unit = carried.vector
+        turned = carried.change(self._w[carried.link], self._rates[variable])
         if {i, j} == {first, second} and pair not in rows.lines:
             sense = 1.0 if i == first else -1.0
             rate, change = sense * self._rates[variable], sense * self._change[variable]
@@ -503,8 +462,3 @@ def curved(rows: RowTerms) -> list[Expr]:
 
 def _errors(*bounds: Expr) -> dict[str, Sequence[Expr]]:
     return {name: [bound] for name, bound in zip(ERRORS, bounds, strict=True)}
-
-
-def _sizes(items: Mapping[int, Expr]) -> dict[int, Expr]:
-    """Return absolute values."""
-    return {v: size_of(x) for v, x in items.items()}

@@ -293,13 +293,12 @@ def path_kernel(
     Newton's step `alone` is real, and without rates.
     """
     structure, flow, places = terms.structure, terms.flow, terms.places
-    change, determinant = flow.answers(flow.misfits)
+    change, determinant = flow.answers(flow.misfits), flow.scale
     for variable, angle in enumerate(terms.variables):
         if angle is not places[variable]:
             change[variable] = angle - places[variable]
     rates: list[list[Expr]] = []
     if not alone:
-        determinant = flow.scale
         rates = [[rate / determinant for rate in tau] for tau in flow.tau]
     outputs = [*change, *(rate for row in rates for rate in row), determinant]
     outputs.append(flow.openness)

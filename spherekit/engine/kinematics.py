@@ -22,6 +22,7 @@ links along the velocities that an input leaves free while the others rest:
 with w_ji the angular velocity of link j per unit rate of input i.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -186,12 +187,89 @@ def _half_turn(basis: Exprs, rate: Exprs) -> Exprs:
     return total * 0.5
 
 
-class CoordinateRates:
-    """Rates at given placements of the links, `variables` those that contacts run by.
+class VelocityEquations(ABC):
+    """Velocities at given placements of the links, `variables` those that contacts run by.
 
     `vectors[v]` (3,) are the angular velocities of pairs' second links relative to the
-    first per unit rate of variables, in ground axes; `w[i][link]` (3,) those of links per
-    unit rate of input i, times `scale` as `tau[i][v]` are.
+    first per unit rate of variables, in ground axes, each `carried` by a link; `lines` are
+    those of rolling contacts, by pair.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        pairs: TurningPairs,
+        placed: Sequence[LinkOrientation],
+        variables: Sequence[Expr],
+        about_centres: bool,
+    ) -> None:
+        self.mechanism, self.pairs = mechanism, pairs
+        self.placed, self.variables = placed, variables
+        self.tree = LoopTree.of(mechanism)
+        given = mechanism, pairs, placed, variables, about_centres
+        self.carried, self.lines = carried_vectors(*given)
+        self.vectors = [carried.vector for carried in self.carried]
+        self.owned = [mechanism.variables_of(pair) for pair in range(len(self.tree.ends))]
+
+    @abstractmethod
+    def answers(self, misfits: Mapping[int, Exprs]) -> list[Expr]:
+        """Return how all variables answer to misfits (3,) of pairs, the inputs at rest."""
+
+    @cached_property
+    def _meetings(self) -> dict[int, tuple[Exprs, Exprs]]:
+        """Of pairs that close loops: a frame (3, 3) of the second link.
+
+        With it where the pair has that.
+        """
+        made = {}
+        for pair in self.tree.chords:
+            first, second = self.tree.ends[pair]
+            chain = self.pairs.chains[pair]
+            there = placed_by(chain, self.placed[first], self.variables)
+            made[pair] = self.placed[second].direction(chain.constants[-1].T), there.basis
+        return made
+
+    @property
+    def misfits(self) -> dict[int, Exprs]:
+        """By how much (3,) each pair that closes a loop is off, to first order (rad)."""
+        return {
+            pair: _half_turn(there, here) for pair, (here, there) in self._meetings.items()
+        }
+
+    @property
+    def openness(self) -> Expr:
+        """The square of by how much loops are open (rad2), half turns included."""
+        gaps = ((here - there).ravel() for here, there in self._meetings.values())
+        return 0.5 * sum_of(dot(gap, gap) for gap in gaps)
+
+    def parts(self, rates: Sequence[Expr]) -> list[Exprs]:
+        """Return what pairs turn by (3,) at rates of their variables."""
+        return [vector_sum([self.vectors[v] * rates[v] for v in of]) for of in self.owned]
+
+    def accelerated(
+        self, rates: Sequence[Expr], w: Sequence[Exprs]
+    ) -> tuple[list[Expr], list[Exprs]]:
+        """Return the accelerations of variables, and of pairs (3,), at no input's.
+
+        `rates` are those of the variables by time, `w` (3,) the links' angular velocities.
+        """
+        turning = [
+            vector_sum(
+                self.carried[v].change(w[self.carried[v].link], rates[v]) * rates[v]
+                for v in owned
+            )
+            for owned in self.owned
+        ]
+        second = self.answers({pair: x * -1.0 for pair, x in enumerate(turning)})
+        parts = zip(self.parts(second), turning, strict=True)
+        return second, [part + turned for part, turned in parts]
+
+
+class CoordinateRates(VelocityEquations):
+    """Rates of a structure in homogeneous form.
+
+    `w[i][link]` (3,) are the angular velocities of links per unit rate of input i, times
+    `scale` as `tau[i][v]` are.
     """
 
     def __init__(
@@ -200,25 +278,20 @@ class CoordinateRates:
         placed: Sequence[LinkOrientation],
         variables: Sequence[Expr] = (),
     ) -> None:
-        self.structure, self.placed, self._variables = structure, placed, variables
-        self.tree = LoopTree.of(structure.mechanism)
-        self._carried, _ = carried_vectors(
-            structure.mechanism, structure.pairs, placed, variables, about_centres=True
-        )
-        self.vectors = [carried.vector for carried in self._carried]
+        self.structure = structure
+        super().__init__(structure.mechanism, structure.pairs, placed, variables, True)
 
     def _solved(
         self, driven: Mapping[int, Expr], misfits: Mapping[int, Exprs] | None = None
     ) -> tuple[list[Expr], Expr]:
         """Return the rates of all variables at those of the driven pairs, and the scale."""
-        mechanism, span = self.structure.mechanism, self.structure.span
-        solved = {mechanism.variables_of(pair)[0]: rate for pair, rate in driven.items()}
+        solved = {self.owned[pair][0]: rate for pair, rate in driven.items()}
         scale: Expr = 1.0
         for group in self.structure.groups:
-            turned = self._parts([solved.get(v, 0.0) for v in range(len(self.vectors))])
+            turned = self.parts([solved.get(v, 0.0) for v in range(len(self.vectors))])
             for pair, misfit in (misfits or {}).items():
                 turned[pair] = turned[pair] - misfit * scale
-            rates, factor = group.rates(self.vectors, turned, span)
+            rates, factor = group.rates(self.vectors, turned, self.structure.span)
             solved = {v: rate * factor for v, rate in solved.items()} | rates
             scale = scale * factor
         return [solved[v] for v in range(len(self.vectors))], scale
@@ -241,37 +314,7 @@ class CoordinateRates:
     @cached_property
     def w(self) -> list[list[Exprs]]:
         """The angular velocities of links by each input, times the scale."""
-        return [along_ways(self.tree, self._parts(tau)) for tau in self.tau]
-
-    @cached_property
-    def _meetings(self) -> dict[int, tuple[Exprs, Exprs]]:
-        """Of pairs that close loops: the rotation (3, 3) of the second link.
-
-        With it where the pair has that.
-        """
-        made, structure = {}, self.structure
-        for pair in self.tree.chords:
-            first, second = structure.mechanism.ends[pair]
-            chain = structure.pairs.chains[pair]
-            there = placed_by(chain, self.placed[first], self._variables)
-            made[pair] = (
-                self.placed[second].direction(np.eye(3)),
-                there.direction(np.eye(3)),
-            )
-        return made
-
-    @property
-    def misfits(self) -> dict[int, Exprs]:
-        """By how much (3,) each pair that closes a loop is off, to first order (rad)."""
-        return {
-            pair: _half_turn(there, here) for pair, (here, there) in self._meetings.items()
-        }
-
-    @property
-    def openness(self) -> Expr:
-        """The square of by how much loops are open (rad2), half turns included."""
-        gaps = [(here - there).ravel() for here, there in self._meetings.values()]
-        return sum_of(0.5 * (entry * entry) for gap in gaps for entry in gap)
+        return [along_ways(self.tree, self.parts(tau)) for tau in self.tau]
 
     def misfit_rates(self, by: ExpressionNode) -> dict[int, Exprs]:
         """Return the rates (3,) of the misfits by a size, the variables held."""
@@ -286,21 +329,11 @@ class CoordinateRates:
             made[pair] = np.asarray(one - other)
         return made
 
-    def answers(self, misfits: Mapping[int, Exprs]) -> tuple[list[Expr], Expr]:
-        """Return how all variables answer to misfits (3,) of pairs, the inputs at rest.
-
-        With the determinant of the equations.
-        """
+    def answers(self, misfits: Mapping[int, Exprs]) -> list[Expr]:
+        """Return how all variables answer to misfits (3,) of pairs, the inputs at rest."""
         rates, scale = self._solved(self.structure.at_rest, misfits)
-        return [rate / scale for rate in rates], scale
-
-    def _parts(self, rates: Sequence[Expr]) -> list[Exprs]:
-        """Return what pairs turn by (3,) at rates of their variables."""
-        owned = self.structure.mechanism.variables_of
-        return [
-            vector_sum([self.vectors[v] * rates[v] for v in owned(pair)])
-            for pair in range(len(self.tree.ends))
-        ]
+        share = 1.0 / scale
+        return [rate * share for rate in rates]
 
     def seen(self, moving: int, link: int) -> Exprs:
         """Return the components (3,) of w along a link's basis while an input moves.
@@ -330,29 +363,7 @@ class CoordinateRates:
 
         `rates` are those of the variables by time, `w` (3,) the links' angular velocities.
         """
-        turning = [self._turning(pair, rates, w) for pair in range(len(self.tree.ends))]
-        misfits = {pair: np.asarray(turned * -1.0) for pair, turned in enumerate(turning)}
-        second, scale = self._solved(self.structure.at_rest, misfits)
-        share = 1.0 / scale
-        accelerated = self._parts([rate * share for rate in second])
-        return along_ways(
-            self.tree, [a + b for a, b in zip(accelerated, turning, strict=True)]
-        )
-
-    def _turning(self, pair: int, rates: Sequence[Expr], w: Sequence[Exprs]) -> Exprs:
-        """Return the change (3,) of what a pair turns by, while its rates stay."""
-        mechanism = self.structure.mechanism
-        variables = mechanism.variables_of(pair)
-        if mechanism.pairs[pair].kind.has_axis:
-            # w_first x (rate axis), and rate axis = w_second - w_first.
-            first, second = mechanism.ends[pair]
-            return cross(w[first], w[second])
-        return vector_sum(
-            [
-                self._carried[v].change(w[self._carried[v].link], rates[v]) * rates[v]
-                for v in variables
-            ]
-        )
+        return along_ways(self.tree, self.accelerated(rates, w)[1])
 
 
 class InputMoments:

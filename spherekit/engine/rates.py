@@ -188,10 +188,10 @@ class GroupEquations:
         """
         loops: list[tuple[dict[int, Exprs], Exprs]] = []
         for loop in self.loops:
-            own = ((pair, sense) for pair, sense in loop if pair in self.pairs)
             columns = {
                 v: vectors[v] * float(sense)
-                for pair, sense in own
+                for pair, sense in loop
+                if pair in self.pairs
                 for v in self._owned(pair)
             }
             rest = vector_sum(turned[pair] * float(sense) for pair, sense in loop)

@@ -172,7 +172,7 @@ class RowKernel:
     ) -> tuple[list[Expr], list[ExpressionNode]]:
         """Return all variables, then columns of them, and what these are given."""
         if self._form is None:
-            closer = dict(zip(self.free, self._rows.closer(self._variables), strict=True))
+            closer = dict(zip(self.free, self._rows.closer, strict=True))
             after = [closer.get(v, x) for v, x in enumerate(self._variables)]
             return [*after, *columns], self._variables
         given, variables, _ = self._form
@@ -245,7 +245,7 @@ class RowKernel:
     @cached_property
     def closer(self) -> ColumnFunction:
         """Those `free`, by a step of Newton's method closer to where loops close."""
-        return self._made({"free": self._rows.closer(self._variables)}, self.in_threads)
+        return self._made({"free": self._rows.closer}, self.in_threads)
 
     @property
     def _aside(self) -> dict[Any, Sequence[Expr]]:
@@ -277,7 +277,7 @@ class RowKernel:
     @cached_property
     def _wide(self) -> tuple[TermFunction, ...]:
         """A step of Newton's method, all columns and those aside, and complex columns."""
-        parts = {"free": self._rows.closer(self._variables)}, {"columns": self._columns}
+        parts = {"free": self._rows.closer}, {"columns": self._columns}
         made = [self._made(part, number=quad()) for part in (*parts, self._aside)]
         made.append(self._made(parts[1], number=complex))
         return tuple(item.function for item in made)

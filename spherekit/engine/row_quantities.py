@@ -283,7 +283,7 @@ class VariedTerms:
         columns = [term for profile in self.profiles for term in profile.terms]
         made = []
         for size in (*self.sizes, *columns):
-            moved, _ = self.flow.answers(self.flow.misfit_rates(size))
+            moved = self.flow.answers(self.flow.misfit_rates(size))
             total = derivatives(items, {size: 1.0})
             for change, partial in zip(moved, by_places, strict=True):
                 total = [x + y * change for x, y in zip(total, partial, strict=True)]
