@@ -14,14 +14,12 @@ from spherekit.analysis.contract import Findings
 from spherekit.analysis.frames import to_frame
 from spherekit.analysis.registry import create
 from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
-from spherekit.errors import AnalysisError, SolveError, SpherekitError
+from spherekit.errors import AnalysisError, SolveError
 from spherekit.guidance.follow import FollowedRotation, turn_to
 from spherekit.guidance.loci import mid_plane_form
 from spherekit.guidance.poses import (
     AtDirection,
     AtInputs,
-    AtMirror,
-    AtOrientation,
     PoseFinder,
 )
 from spherekit.model.parts import Output
@@ -325,16 +323,6 @@ def test_a_direction_of_a_mid_plane_form():
         finder.candidates(AtDirection(finder.form.frame @ finder.form.home))
 
 
-def test_a_mechanism_with_three_inputs_follows():
-    end = "a1=45+a2=60+a3=50"
-    result = ran("three_rrr", f"start=a1=40+a2=50+a3=60,end={end},samples=5,speed=60")
-    own = findings(result)
-    assert own["feasible"] and own["largest_drift_rad"] < 1e-12
-    found = degrees(result, "q_a1", "q_a2", "q_a3")
-    assert found[0] == pytest.approx([40.0, 50.0, 60.0], abs=1e-9)
-    assert found[-1] == pytest.approx([45.0, 60.0, 50.0], abs=1e-9)
-
-
 def test_one_input_turns_a_rocker_about_its_axis():
     result = ran("four_bar", "start=21=60,end=21=90,samples=4")
     assert findings(result)["feasible"]
@@ -379,22 +367,6 @@ def test_more_inputs_than_ways_to_turn_are_refused():
     assert EquivalentRotation(start="a1=1+a2=2+a3=3", end="a1=1+a2=2+a3=4").needs(
         made
     ) == Needs(tracer=True)
-
-
-def test_poses_that_fix_no_axis():
-    made = sk.load("three_rrr")
-    finder = PoseFinder(tracer_of(made.name).solver, made.outputs[0], None)
-    start = finder.candidates(AtInputs(np.radians([40.0, 50.0, 60.0])))
-    half = rotation(np.array([0.6, 0.0, 0.8]), [np.pi])[0] @ start.orientations[0]
-    with pytest.raises(SpherekitError, match="half a turn.*give the axis, with the sense"):
-        finder.rotation(start, 0, AtOrientation(half), "0")
-
-
-def test_elbows_on_one_line_fix_no_plane():
-    made = sk.load("two_dof_spm")
-    finder = PoseFinder(tracer_of(made.name).solver, made.outputs[0], mid_plane_form(made))
-    home = finder.candidates(AtMirror(0.0, 0.0))
-    assert len(home) == 8 and np.max(np.abs(home.inputs[0])) < 1e-12
 
 
 # --- pages --------------------------------------------------------------------------------

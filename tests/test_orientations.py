@@ -39,19 +39,6 @@ def test_turns_by_at_most_an_angle(angle):
     assert abs(found.volume - exact) <= found.error <= 5e-3 * found.volume
 
 
-def test_two_margins():
-    """A tilt of z, and a half of the turns about it."""
-    within = tilt([0, 0, 1], [0, 0, 1], 0.6)
-
-    def margins(q):
-        return np.concatenate([within(q), (q[:, 3] * q[:, 2])[:, None]], axis=1)
-
-    exact = 2.0 * np.pi**2 * (1.0 - np.cos(0.6))
-    found = find_orientations(margins, 1e-2)
-    assert abs(found.volume - exact) <= found.error <= 1e-2 * found.volume
-    assert found.depth > 0.0 and margins(found.place[None]).min() == found.depth
-
-
 def test_one_axis_in_common_caps():
     """The volume is 2 pi times the area in which the axis may be."""
     rng = np.random.default_rng(11)
@@ -74,5 +61,6 @@ def test_limits_of_the_work_are_told_by_the_error():
     exact = 4.0 * np.pi**2 * (1.0 - np.cos(0.6))
     found = find_orientations(within, 1e-6, most=50_000)
     assert found.evaluations < 100_000 and abs(found.volume - exact) <= found.error
+    assert found.depth > 0.0 and within(found.place[None]).min() == found.depth
     with pytest.raises(RegionError, match="tolerance is -1"):
         find_orientations(within, -1)

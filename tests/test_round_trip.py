@@ -76,16 +76,3 @@ def test_orientations_return(name, count):
         again = solver.inverse(back, [mode])
         least = rows.type_1[good].min(axis=1)
         keeps_the_law(turned(again.inputs, rows.inputs[good]), least)
-
-
-def test_orientations_return_by_elimination():
-    """All poses at the inputs, of which one is the pose given."""
-    solver = output_kinematics(sk.load("three_rrr"))
-    poses = Rotation.random(60, random_state=3).as_matrix()
-    rows = solver.inverse(poses, solver.labels)
-    good = np.flatnonzero(rows.status == Status.OK)[:60]
-    found = solver.forward(rows.inputs[good])
-    angle = angles_between(found.rotations, poses[rows.pose[good[found.row]]])
-    error = np.full(len(good), np.inf)
-    np.minimum.at(error, found.row, angle)
-    keeps_the_law(error, rows.type_2[good])
