@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Floats
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.figures import widest_swings
 from spherekit.design.homotopy import LONG, SAME, apart, straight, tracked
@@ -263,9 +263,13 @@ class FigureGradients:
         design = self.evaluator.varied.design_at(values)
         if design is None:
             return figures, gradients, 0.0
-        closed, quantities, changes = self._rows(design, mode)
+        samples, first = of.rows.T, len(of.sample)
+        places = mode.places(design, len(of.rows))
+        turns = self._turns(design, places)
+        closed, made, changes = design.at(self._kernel, samples, places, places.T, turns)
+        closed &= np.all(np.isfinite(places), axis=0)
         with np.errstate(all="ignore"):
-            every = self._expressions(quantities)
+            every = self._expressions(np.concatenate([samples, made]))
         every = every.reshape(-1, len(of.merits), len(closed))
         for k, merit in enumerate(of.merits):
             rows = of.rows_of(merit)
@@ -274,7 +278,7 @@ class FigureGradients:
             share = self._share(merit.reduction, value, figures[k])
             some = np.flatnonzero(share)
             if not merit.reduction.startswith("arg") and len(some):
-                partial, rows = every[1:, k, rows[some]], rows[some]
+                partial, rows = every[1 + first :, k, rows[some]], rows[some]
                 gradients[k] = np.einsum(
                     "cn,vcn,n->v", partial, changes[:, :, rows], share[some]
                 )
@@ -307,24 +311,6 @@ class FigureGradients:
             return np.zeros((0, places.shape[1]))
         mechanism = evaluator.kernel_mechanism(design.values)
         return evaluator.turns_at(kernel, mechanism, places[:, :, None])[:, :, 0]
-
-    def _rows(self, design: DesignAt, mode: HeldMode) -> tuple[Bools, Floats, Floats]:
-        """Return who closes (n,), quantities (c, n) and derivatives (values, c, n).
-
-        At samples, then at points.
-        """
-        kernel, samples = self._kernel, self.evaluator.figures.rows
-        places = mode.places(design, len(samples))
-        columns = None if design.profiles is None else design.profiles.columns(places.T)
-        turns, sizes = self._turns(design, places), design.sizes[:, None]
-        outputs = kernel.at(samples.T, places, sizes, columns, turns)
-        whole = np.all(np.isfinite(places), axis=0)
-        closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0) & whole
-        first, width = len(self.evaluator.figures.sample), len(kernel.columns)
-        made = outputs[kernel.reaches :].reshape(-1, width, len(samples))
-        changes = np.zeros((len(design.values), first + width, len(samples)))
-        changes[:, first:, whole] = design.by_values(made[1:, :, whole], places[:, whole].T)
-        return closed, np.concatenate([samples.T, made[0]]), changes
 
 
 def with_derivatives(

@@ -445,14 +445,10 @@ class Evaluator:
         prepared = kernel.prepare(sizes)
         for signs in product((1.0, -1.0), repeat=len(kernel.places)):
             label = "".join("+" if sign > 0 else "-" for sign in signs)
-            turns, places = self.turns(kernel, prepared, signs), self.places(signs, n)
+            turns, shape = self.turns(kernel, prepared, signs), (len(self.figures.rows), n)
+            places = np.broadcast_to(np.reshape(signs, (-1, 1, 1)), (len(signs), *shape))
             parts.append(self.figures.of(kernel, prepared, places, turns, label, COMPLETE))
         return self._with_others(parts, n, COMPLETE)
-
-    def places(self, signs: Sequence[float], n: int) -> Floats:
-        """Return the places (dyads, samples and points, n) of n designs in a mode."""
-        shape = len(signs), len(self.figures.rows), n
-        return np.broadcast_to(np.reshape(signs, (-1, 1, 1)), shape)
 
     def _followed(
         self, kernel: DesignKernel, sizes: Floats, of_file: Floats

@@ -288,12 +288,8 @@ class Sensitivity:
         """
         if any(name.startswith("torque") for name in self.quantities):
             need_tabulated(self.mechanism, samples[:, -1])
-        kernel, design = self._gradient, self._design
-        columns = None if design.profiles is None else design.profiles.columns(values)
-        places, sizes = self._placed(values).T, design.sizes[:, None]
-        made = kernel.at(samples.T, places, sizes, columns)
-        made = made.reshape(-1, len(self.quantities), len(samples))
-        return made[0], design.by_values(made[1:], values)
+        design, places = self._design, self._placed(values).T
+        return design.at(self._gradient, samples.T, places, values)[1:]
 
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
         """Return the quantities (c, n, draws) of deviating mechanisms.

@@ -10,7 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.arrays import Floats, Indices
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import TURN, Names
 from spherekit.design.profile_numbers import ProfileNumbers, has_other_profiles
 from spherekit.design.variables import (
@@ -22,6 +22,7 @@ from spherekit.design.variables import (
     reason_of,
     slope_by,
 )
+from spherekit.engine.design_kernel import DesignKernel
 from spherekit.engine.hinges import EquivalentLinkage, hinged
 from spherekit.engine.row_quantities import (
     VariedTerms,
@@ -35,7 +36,7 @@ from spherekit.files.read import acted_on
 from spherekit.files.write import with_numbers
 from spherekit.model.gears import ONE_LINE
 from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import nans
+from spherekit.sphere.rotation import all_finite, nans
 
 DEG = np.pi / 180.0
 UNLIKE = "its loads or contacts have another form"
@@ -63,20 +64,37 @@ class DesignAt:
     slopes: Floats
     profiles: ProfileNumbers | None
 
-    def by_values(self, gradients: Floats, places: Floats) -> Floats:
-        """Return derivatives (variables, c, n) from those by what kernels have.
+    def at(
+        self,
+        kernel: DesignKernel,
+        samples: Floats,
+        places: Floats,
+        values: Floats,
+        turns: Floats | None = None,
+    ) -> tuple[Bools, Floats, Floats]:
+        """Return where dyads close (n,), the columns (c, n) of a kernel, and their changes.
 
-        (k and 8 profiles, c, n), at closed configurations `places` (n, w).
+        Those (variables, c, n) by the values, the loops staying closed; `kernel` has the
+        gradients of its columns, and `samples` (k, n), `places` and `turns` are as in it;
+        `values` (n, w) are the configurations at which profiles touch, NaN where none is.
         """
-        count = len(self.sizes)
-        made = np.zeros((len(self.values), *gradients.shape[1:]))
+        profiles, count = self.profiles, len(self.sizes)
+        columns = None if profiles is None else profiles.columns(values)
+        outputs = kernel.at(samples, places, self.sizes[:, None], columns, turns)
+        closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
+        made = outputs[kernel.reaches :].reshape(-1, len(kernel.columns), len(values))
+        changes = np.zeros((len(self.values), *made.shape[1:]))
         for variable, slopes in enumerate(self.slopes.T):
             some = np.flatnonzero(slopes)  # others may have no derivative
-            made[variable] = np.tensordot(slopes[some], gradients[:count][some], 1)
-        if self.profiles is not None:
-            slopes = self.profiles.slopes(places)
-            made += np.einsum("kpn,pcn->kcn", slopes, gradients[count:])
-        return made
+            changes[variable] = np.tensordot(slopes[some], made[1 + some], 1)
+        if profiles is not None:
+            whole = all_finite(values, 1)
+            by_profiles, by_columns = (
+                profiles.slopes(values[whole]),
+                made[1 + count :, :, whole],
+            )
+            changes[:, :, whole] += np.einsum("kpn,pcn->kcn", by_profiles, by_columns)
+        return closed, made[0], changes
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ forces open.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -143,14 +144,15 @@ def reactions(motion: Motion) -> Reactions:
         torques.carried,
     )
     good = torques.status == Status.OK
-    shape = len(motion), len(mechanism.pairs)
-    wrenches = nans((*shape, 6))
-    is_open = np.zeros((*shape, 6), dtype=bool)
-    slides = np.zeros((len(motion), len(mechanism.links)), dtype=bool)
-    unbalanced = nans(len(motion))
     carried = transmitted(driven.rows(good), forces=True)
-    wrenches[good], is_open[good] = carried.wrenches, carried.is_open
-    unbalanced[good], slides[good] = carried.unbalanced, carried.slides
+
+    def spread(made: Any, none: float | bool) -> Any:
+        every = np.full((len(motion), *made.shape[1:]), none)
+        every[good] = made
+        return every
+
+    wrenches, is_open = spread(carried.wrenches, np.nan), spread(carried.is_open, False)
+    slides = spread(carried.slides, False)
     missing = IndeterminateForces()
     count = np.count_nonzero(carried.is_open, axis=(1, 2))
     if np.any(count) and not np.any(slides):
@@ -165,7 +167,7 @@ def reactions(motion: Motion) -> Reactions:
         is_open[..., 3:],
         slides,
         missing,
-        unbalanced,
+        spread(carried.unbalanced, np.nan),
         np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1),
     )
     size = max_abs(np.nan_to_num(result.moments), axis=(1, 2))
