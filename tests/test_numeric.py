@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spherekit.numeric.cells import LocalPolynomials
+from spherekit.numeric.cells import local_polynomials
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.numeric.descent import descent
@@ -39,10 +39,10 @@ def test_local_polynomials_give_functions_at_single_places():
 
     size = np.array([4.0, 5.0, 1e-3, 1.0])
     series = PiecewiseChebyshev.fit(functions, -1.0, 4.0, size=size, rounding=1e-10)
-    local = LocalPolynomials.of(series, size)
+    local = local_polynomials(series, size)
     places = np.random.default_rng(4).uniform(-1.0, 4.0, 2000)
-    places[:3] = -1.0, 4.0, local.inner[5]
-    found = np.array([local.at(float(s)) for s in places])
+    places[:3] = -1.0, 4.0, series.edges[5]
+    found = np.array([local(float(s)) for s in places])
     assert np.max(np.abs(found - functions(places)) / size) < 4e-13
     assert np.max(np.abs(found - series.at(places)) / size) < 3e-14
 

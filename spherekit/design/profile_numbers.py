@@ -18,7 +18,7 @@ from spherekit.model.parts import PoseGeometry, Profile
 from spherekit.motion.loops import contact_tracks
 from spherekit.sphere.rotation import all_finite, nans
 from spherekit.sphere.varied_curve import (
-    VariedCurve,
+    Varied,
     varied_round,
     varied_through,
 )
@@ -113,13 +113,13 @@ class ProfileNumbers:
             for place, curve in curves.items():
                 track = self.tracks[place]
                 arcs = values[:, track.variable] + track.start
-                made[k, 8 * place : 8 * place + 8] = curve.at(arcs)
+                made[k, 8 * place : 8 * place + 8] = curve(arcs)
             for place, moved in self._starts(curves).items():
                 rows = slice(8 * place, 8 * place + 8)
                 made[k, rows] += moved * along[place]
         return made
 
-    def _starts(self, curves: Mapping[int, VariedCurve]) -> dict[int, float]:
+    def _starts(self, curves: Mapping[int, Varied]) -> dict[int, float]:
         """Return how the starts of profiles move that roll from a reference pose."""
         made: dict[int, float] = {}
         for first, second in pairwise(range(len(self.tracks))):
@@ -136,10 +136,10 @@ class ProfileNumbers:
         return isinstance(self.mechanism.geometry, PoseGeometry)
 
     @cached_property
-    def _varied(self) -> list[dict[int, VariedCurve]]:
+    def _varied(self) -> list[dict[int, Varied]]:
         """Return for each variable the profiles that change with it, by their numbers."""
         profiles = profiles_of(self.mechanism)
-        made: list[dict[int, VariedCurve]] = []
+        made: list[dict[int, Varied]] = []
         for k, variable in enumerate(self.variables):
             made.append({})
             if variable.slot is not None or variable.path[0] in ACTIONS:
@@ -189,7 +189,7 @@ def numbers_of(profile: Profile) -> Floats:
     )
 
 
-def varied(profile: Profile, change: Floats, backwards: bool) -> VariedCurve:
+def varied(profile: Profile, change: Floats, backwards: bool) -> Varied:
     """Return a profile with its derivatives, `change` being that of its numbers."""
     if profile.points:
         moved = change.reshape(-1, 3)
@@ -216,7 +216,7 @@ def _along(columns: Floats) -> Floats:
 
 
 def _nearest(
-    tracks: tuple[Track, Track], curves: tuple[VariedCurve | None, VariedCurve | None]
+    tracks: tuple[Track, Track], curves: tuple[Varied | None, Varied | None]
 ) -> tuple[float, float]:
     """Return how the places move where two profiles are nearest, as these change.
 
@@ -229,7 +229,7 @@ def _nearest(
         tangent, normal, point = there.frame[0].T
         columns.append(sign * (normal + there.curvature[0] * point))
         if curve is not None:
-            change = curve.at(start)[:, 0]
+            change = curve(start)[:, 0]
             leaning, running = -change[3:6] @ normal, change[3:6] @ tangent
             swinging = change[:3] @ normal
             turned += sign * (leaning * tangent + running * normal + swinging * point)

@@ -30,7 +30,7 @@ from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.model.dynamics import DRIVE
 from spherekit.model.expression import load_names, parse
 from spherekit.model.load import TorqueTable
-from spherekit.numeric.cells import LocalPolynomials, TensorCells, TensorChebyshev
+from spherekit.numeric.cells import TensorCells, TensorChebyshev, local_polynomials
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.zeros import zeros
 from spherekit.sphere.rotation import all_finite
@@ -367,7 +367,7 @@ class StoredModel:
             return lambda q: cells.at(cell(q), q).tolist()  # type: ignore[no-any-return]
         size = np.array([function.largest for function in heading.groups[group]])
         mixed = PiecewiseChebyshev(series.edges, series.coefficients @ factors)
-        inside = LocalPolynomials.of(mixed, size @ np.abs(factors)).at
+        inside = local_polynomials(mixed, size @ np.abs(factors))
         rise = np.zeros(len(factors))
         if group == 0:
             rise[: len(heading.rise)] = heading.rise

@@ -197,45 +197,34 @@ TOLERANCE = 1e-14
 FIRST_CELLS = 16
 
 
-@dataclass(frozen=True)
-class LocalPolynomials:
-    """m functions as polynomials of degree `DEGREE` on cells of their own.
+def local_polynomials(
+    series: PiecewiseChebyshev, size: Floats
+) -> Callable[[float], list[float]]:
+    """Return the functions (m) of a series at one place, in the least time.
 
-    `inner` are the edges between cells in rising order, `centres` the middles of the
-    cells, and `rows[cell]` has the coefficients of each function by powers of the
-    distance from the middle, the constant first. All are Python floats: at a single
-    place a few functions take less time with them than the making of an array.
+    To `TOLERANCE` of the size (m,) of each, as polynomials of degree `DEGREE` by the
+    distance from the middle of cells of their own. Their coefficients are Python floats: a
+    few functions at a single place take less time with them than the making of an array.
     """
+    ends = float(series.edges[0]), float(series.edges[-1])
+    fine = PiecewiseChebyshev.fit(
+        series.at, *ends, TOLERANCE, size, FIRST_CELLS, DEGREE, rounding=ROUNDING
+    )
+    half, orders = 0.5 * np.diff(fine.edges), np.arange(DEGREE + 1)
+    powers = np.zeros((DEGREE + 1, DEGREE + 1))
+    for order in orders:
+        powers[order, : order + 1] = chebyshev.cheb2poly(np.eye(DEGREE + 1)[order])
+    monomials = np.einsum("ckm,kj->cmj", fine.coefficients, powers)
+    monomials /= half[:, None, None] ** orders
+    inner, centres = fine.edges[1:-1].tolist(), (fine.edges[:-1] + half).tolist()
+    rows = [[(*coefficients,) for coefficients in cell] for cell in monomials.tolist()]
 
-    inner: list[float]
-    centres: list[float]
-    rows: list[list[tuple[float, ...]]]
-
-    @staticmethod
-    def of(series: PiecewiseChebyshev, size: Floats) -> "LocalPolynomials":
-        """Return the functions of a series, to `TOLERANCE` of the size (m,) of each."""
-        low, high = float(series.edges[0]), float(series.edges[-1])
-        fine = PiecewiseChebyshev.fit(
-            series.at, low, high, TOLERANCE, size, FIRST_CELLS, DEGREE, rounding=ROUNDING
-        )
-        orders = np.arange(DEGREE + 1)
-        powers = np.zeros((DEGREE + 1, DEGREE + 1))
-        for order in orders:
-            powers[order, : order + 1] = chebyshev.cheb2poly(np.eye(DEGREE + 1)[order])
-        half = 0.5 * np.diff(fine.edges)
-        monomials = np.einsum("ckm,kj->cmj", fine.coefficients, powers)
-        monomials /= half[:, None, None] ** orders
-        return LocalPolynomials(
-            fine.edges[1:-1].tolist(),
-            (fine.edges[:-1] + half).tolist(),
-            [[tuple(coefficients) for coefficients in cell] for cell in monomials.tolist()],
-        )
-
-    def at(self, x: float) -> list[float]:
-        """Return the functions (m) at one place."""
-        cell = bisect_right(self.inner, x)
-        t = x - self.centres[cell]
+    def at(x: float) -> list[float]:
+        cell = bisect_right(inner, x)
+        t = x - centres[cell]
         return [
             ((((((h * t + g) * t + f) * t + e) * t + d) * t + c) * t + b) * t + a
-            for a, b, c, d, e, f, g, h in self.rows[cell]
+            for a, b, c, d, e, f, g, h in rows[cell]
         ]
+
+    return at

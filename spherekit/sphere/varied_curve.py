@@ -8,7 +8,6 @@ derivatives that agree where panels meet.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import perm
 
 import numpy as np
@@ -106,41 +105,43 @@ def _chords(points: Floats) -> Floats:
     return np.real(cosine) * slope_of(sine) - np.real(sine) * slope_of(cosine)
 
 
-@dataclass(frozen=True)
-class VariedCurve:
-    """A curve with its derivatives by something that changes it.
+Varied = Callable[[Floats], Floats]
+"""The derivatives (8, n) of a curve by what changes it, at arc lengths (n,) rad that stay:
+of the tangent, the point, the geodesic curvature k and dk/ds."""
 
-    The `path` carries them as complex steps; `table` has its arc length, `stretch` how
-    that changes at the same parameter, and the whole changes by `longer`.
+
+def _varied(
+    path: Path,
+    table: ArcLength,
+    stretch: ArcLength,
+    longer: float,
+    closed: bool,
+    backwards: bool,
+) -> Varied:
+    """Return the derivatives of a curve whose `path` carries them as complex steps.
+
+    `table` has its arc length, `stretch` how that changes at the same parameter, and the
+    whole changes by `longer`.
     """
 
-    path: Path
-    table: ArcLength
-    stretch: ArcLength
-    longer: float
-    closed: bool
-    backwards: bool = False
-
-    def at(self, s: Floats) -> Floats:
-        """Return the derivatives (8, n) at arc lengths s (n,) rad that stay.
-
-        Of the tangent, the point, the geodesic curvature k and dk/ds.
-        """
-        length = self.table.length
+    def at(s: Floats) -> Floats:
+        length = table.length
         forward, moved = s, np.zeros_like(s)
-        if self.backwards:
+        if backwards:
             forward = -s
-            if not self.closed:
-                forward, moved = forward + length, moved + self.longer
-        if self.closed:
+            if not closed:
+                forward, moved = forward + length, moved + longer
+        if closed:
             laps = np.floor(forward / length)
-            forward, moved = forward - laps * length, moved - laps * self.longer
-        u = self.table.invert(forward)
-        moved = (moved - self.stretch.at(u)) / np.real(self.path.speed(stepped(u, 0.0)))
-        frame, curvature, rate = (slope_of(x) for x in self.path.frame(stepped(u, moved)))
-        sense = -1.0 if self.backwards else 1.0
+            forward, moved = forward - laps * length, moved - laps * longer
+        u = table.invert(forward)
+        moved = (moved - stretch.at(u)) / np.real(path.speed(stepped(u, 0.0)))
+        frame, curvature, rate = (slope_of(x) for x in path.frame(stepped(u, moved)))
+        sense = -1.0 if backwards else 1.0
         rows = [sense * frame[:, :, 0].T, frame[:, :, 2].T, sense * curvature[None]]
         return np.concatenate([*rows, rate[None]])
+
+    return at
 
 
 def varied_round(
@@ -148,7 +149,7 @@ def varied_round(
     cosines: tuple[ArrayLike, ArrayLike],
     sines: tuple[ArrayLike, ArrayLike] = ((), ()),
     backwards: bool = False,
-) -> VariedCurve:
+) -> Varied:
     """Return the curve of `fourier`; of one coefficient, the radius, that of `circle`.
 
     The unit vector `centre` (3,) and the coefficients each with their derivatives.
@@ -164,12 +165,12 @@ def varied_round(
     edges = azimuth_panels(size)
     stretch = integrated(lambda u: slope_of(path.speed(stepped(u, 0.0))), edges)
     table = measure(still, edges)
-    return VariedCurve(path, table, stretch, stretch.length, True, backwards)
+    return _varied(path, table, stretch, stretch.length, True, backwards)
 
 
 def varied_through(
     points: ArrayLike, change: ArrayLike, closed: bool, backwards: bool = False
-) -> VariedCurve:
+) -> Varied:
     """Return the curve of `through` while its points move, both (m, 3)."""
     given, moved = (np.asarray(item, dtype=float) for item in (points, change))
-    return VariedCurve(*varied_spline(given, moved, closed), closed, backwards)
+    return _varied(*varied_spline(given, moved, closed), closed, backwards)
