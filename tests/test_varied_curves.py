@@ -27,7 +27,7 @@ def turned(angle):
     return np.cos(angle) * CENTRE + np.sin(angle) * SIDEWAYS
 
 
-def curves(kind, backwards):
+def curves(kind, backwards=False):
     """Return a function of a number, and the curve varied by it."""
     if kind == "circle":
         varied = varied_round((CENTRE, SIDEWAYS), ([0.6], [1.0]), backwards=backwards)
