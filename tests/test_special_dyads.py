@@ -29,7 +29,7 @@ def four_bar(arcs, driven="drive", span=(0.0, 2.0 * np.pi)):
         "1",
         tuple("1234"),
         tuple(
-            Pair(name, "R", ends)
+            Pair(name, "R", (ends[0], ends[1]))
             for name, ends in zip(PAIRS, ("12", "23", "34", "41"), strict=True)
         ),
         SizeGeometry(

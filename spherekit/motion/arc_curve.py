@@ -274,7 +274,7 @@ class ArcCurve(Chords):
     def rise(self) -> Floats:
         """Growth (variables,) of the variables in one lap (rad), zero on an open curve."""
         finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
-        return np.asarray(self.winding * finite)
+        return finite * self.winding
 
     def returns_after(self, variable: int, period: float) -> float:
         """Return the growth of a variable with which the curve's configurations return.
@@ -311,12 +311,15 @@ class ArcCurve(Chords):
         points.values[:] += np.outer(laps, self.rise)
         return points.only(inside)
 
-    def locate(self, function: Along) -> Zeros:
+    def locate(self, function: Along, variable: int | None = None) -> Zeros:
         """Return all zeros along the curve of a function, its derivative by s known.
 
         Zeros are s in [0, length), or [0, length] on an open curve, to rounding. See
-        `spherekit.numeric.zeros` for pairs that are too near to part.
+        `spherekit.numeric.zeros` for pairs that are too near to part. None of a function
+        of a `variable` that stands still along the whole curve.
         """
+        if variable is not None and self.rests(variable):
+            return Zeros(np.zeros(0), np.zeros(0, dtype=bool))
         roots = zeros(lambda s: function(self.at(s)), self.s)
         return roots.once(self.length) if self.closed else roots
 
@@ -325,9 +328,9 @@ class ArcCurve(Chords):
 
         None if it does so along the whole curve, see `rests`.
         """
-        if self.rests(variable):
-            return Zeros(np.zeros(0), np.zeros(0, dtype=bool))
-        return self.locate(lambda p: (p.tangents[:, variable], p.bends[:, variable]))
+        return self.locate(
+            lambda p: (p.tangents[:, variable], p.bends[:, variable]), variable
+        )
 
     def at_input(self, variable: int, value: float, period: float | None = None) -> Zeros:
         """Return all s at which a variable has a value (rad), whole periods apart or not.
@@ -335,19 +338,13 @@ class ArcCurve(Chords):
         `period` is that of `periods` unless it is given. Double zeros are those at which
         the variable turns back. None if it stands still along the whole curve.
         """
-        if self.rests(variable):
-            return Zeros(np.zeros(0), np.zeros(0, dtype=bool))
         period = float(self.periods[variable] if period is None else period)
-        rate = np.pi / period
 
         def chord(points: CurvePoints) -> tuple[Floats, Floats]:
-            away = points.values[:, variable] - value
-            slope = points.tangents[:, variable]
-            if rate == 0.0:
-                return away, slope
-            return np.sin(rate * away) / rate, np.cos(rate * away) * slope
+            away, slope = points.values[:, variable] - value, points.tangents[:, variable]
+            return away * np.sinc(away / period), np.cos(np.pi / period * away) * slope
 
-        return self.locate(chord)
+        return self.locate(chord, variable)
 
     def find(self, values: Floats) -> Floats:
         """Return s (n,) of configurations (n, variables) on this curve, NaN for others.

@@ -69,11 +69,11 @@ MOST_TEETH = 10_000
 class _Limits:
     """Where curves have to end: bounds of variables, and equal curvatures of profiles.
 
-    A bound is a variable, its value, and 1 from above or -1 from below. A contact is a
-    pair with the variables of its arc lengths.
+    Bounds are variables (b,), their values, and 1 from above or -1 from below. A contact
+    is a pair with the variables of its arc lengths.
     """
 
-    bounds: tuple[tuple[int, float, float], ...]
+    bounds: tuple[Indices, Floats, Floats]
     contacts: tuple[tuple[int, tuple[int, ...]], ...]
     statuses: tuple[Status, ...]
 
@@ -91,12 +91,12 @@ class _Limits:
                 if not track.curve.closed:
                     ends = -track.start, track.curve.length - track.start
                     ranges.append((track.variable, *ends, Status.OFF_PROFILE))
-        bounds = []
-        for variable, low, high, _ in ranges:
-            bounds += [(variable, low, 1.0), (variable, high, -1.0)]
+        variables = np.array([variable for variable, *_ in ranges], dtype=np.intp)
+        values = np.array([ends for _, *ends, _ in ranges], dtype=float)
+        bounds = np.repeat(variables, 2), values.ravel(), np.tile([1.0, -1.0], len(ranges))
         statuses = [status for *_, status in ranges for _ in range(2)]
         statuses += [Status.CURVATURE] * len(contacts)
-        return _Limits(tuple(bounds), tuple(contacts), tuple(statuses))
+        return _Limits(bounds, tuple(contacts), tuple(statuses))
 
     def margins(
         self, values: Floats, bends: Floats, rates: Floats
@@ -106,12 +106,12 @@ class _Limits:
         These (n, limits, variables) are by the variables (n, variables); curvatures of
         profiles and their rates are (n, pairs, 2).
         """
-        count = len(self.bounds)
+        variables, places, senses = self.bounds
+        count = len(variables)
         margins = np.empty((len(values), len(self.statuses)))
         gradients = np.zeros((*margins.shape, values.shape[1]))
-        for number, (variable, value, sense) in enumerate(self.bounds):
-            margins[:, number] = sense * (values[:, variable] - value)
-            gradients[:, number, variable] = sense
+        margins[:, :count] = senses * (values[:, variables] - places)
+        gradients[:, np.arange(count), variables] = senses
         for number, (pair, along) in enumerate(self.contacts, count):
             margins[:, number] = bends[:, pair, 0] - bends[:, pair, 1] - EQUAL_CURVATURE
             for variable, rate in zip(along, (rates[:, pair] * [1.0, -1.0]).T, strict=True):
@@ -120,12 +120,12 @@ class _Limits:
 
     def words(self, number: int) -> str:
         """Return what a limit is of."""
-        if number >= len(self.bounds):
-            pair, _ = self.contacts[number - len(self.bounds)]
+        variables, places, senses = self.bounds
+        if number >= len(variables):
+            pair, _ = self.contacts[number - len(variables)]
             return f"equal curvatures of the profiles of pair {pair}"
-        variable, value, sense = self.bounds[number]
-        side = "lowest" if sense > 0.0 else "highest"
-        return f"the {side} value {value:.6g} rad of variable {variable}"
+        side = "lowest" if senses[number] > 0.0 else "highest"
+        return f"the {side} value {places[number]:.6g} rad of variable {variables[number]}"
 
 
 @dataclass(frozen=True)

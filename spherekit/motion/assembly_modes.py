@@ -175,7 +175,7 @@ class Solver:
     @property
     def has_closed_form(self) -> bool:
         """Whether every group is a dyad, or a train of wheels."""
-        return self.assembly.has_closed_form or all(
+        return all(
             group.is_dyad or number in self.trains
             for number, group in enumerate(self.assembly.groups)
         )
@@ -463,7 +463,7 @@ def _spread(jacobian: Floats) -> Floats:
     largest, across = sizes[:, :1, None], sizes[:, 1:2, None]
     across = np.maximum(across, SMALLEST_SPREAD * largest)
     even = common / largest + (np.eye(3) - common) / across
-    return np.asarray((even[:, None] @ loops).reshape(n, rows, count))
+    return (even[:, None] @ loops).reshape(n, rows, count)
 
 
 def label_of(signs: Iterable[float]) -> str:

@@ -118,7 +118,7 @@ def ways_out(closure: Closure, values: Floats) -> Floats:
 def _spread(count: int) -> Floats:
     """Return unit vectors (n, count) spread over the sphere, the same ones every time."""
     directions = np.random.default_rng(20240616).normal(size=(SPREAD, count))
-    return np.asarray(unit_rows(directions))
+    return unit_rows(directions)
 
 
 def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:

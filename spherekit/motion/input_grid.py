@@ -106,8 +106,7 @@ def sampled(
 def straight(inputs: Sequence[Input], samples: int) -> InputGrid:
     """Return the straight path on which all inputs run through their ranges together."""
     columns = [_spaced(item.start, item.stop, samples) for item in inputs]
-    q = columns[0][:, None] if len(columns) == 1 else np.stack(columns, axis=1)
-    return InputGrid(q, (samples,))
+    return InputGrid(np.stack(columns, axis=1), (samples,))
 
 
 def grid(inputs: Sequence[Input], samples: Sequence[int]) -> InputGrid:
@@ -145,4 +144,4 @@ def given_path(q: Floats, inputs: int) -> InputGrid:
 def _spaced(low: float, high: float, count: int) -> Floats:
     if count < 1:
         raise SolveError(f"samples must be at least 1, not {count}")
-    return np.array([low]) if count == 1 else np.linspace(low, high, count)
+    return np.linspace(low, high, count)

@@ -114,7 +114,7 @@ class ModeCoalescence:
 
         NaN where a complex mode is missing, infinite, or one of infinitely many.
         """
-        return np.asarray(np.prod(self._determinants(part, q), axis=1).real)
+        return np.prod(self._determinants(part, q), axis=1).real
 
     def _determinants(self, part: int, q: Floats) -> Complexes:
         """Return the determinants (n, modes) of a group."""

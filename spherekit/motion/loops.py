@@ -148,14 +148,12 @@ def condition(matrices: Floats) -> Floats:
     Infinite where columns depend on each other, 1 where there is none, NaN of what is not
     finite.
     """
-    columns = matrices.shape[2]
+    _, rows, columns = matrices.shape
     finite = all_finite(matrices, (1, 2))
     conditions = np.where(finite, np.inf if columns else 1.0, np.nan)
-    sizes = np.linalg.svd(matrices[finite], compute_uv=False)
-    if 0 < sizes.shape[1] == columns:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            conditions[finite] = sizes[:, 0] / sizes[:, -1]
-    return np.asarray(conditions)
+    if 0 < columns <= rows:
+        conditions[finite] = np.linalg.cond(matrices[finite])
+    return conditions
 
 
 def left_inverse(matrices: Floats) -> Floats:
@@ -212,7 +210,7 @@ def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
 def pair_angle(one: Floats, other: Floats) -> Floats:
     """Return the variable (...,) rad of an R pair by its frames (..., 3, 3) in links."""
     cosine, sine = (np.sum(one[..., k] * other[..., 0], axis=-1) for k in (0, 1))
-    return np.asarray(np.arctan2(sine, cosine))
+    return np.arctan2(sine, cosine)
 
 
 def turns_of(
@@ -223,12 +221,10 @@ def turns_of(
     `ends` are the numbers of each pair's links, `placed` (n, links, 3, 3) the orientations
     of these; a gap (n, pairs) rad is the angle between the axes of a pair in its links.
     """
-    values, gaps = [], []
-    for (a, b), joint in zip(ends, joints, strict=True):
-        one, other = placed[:, a] @ joint.first, placed[:, b] @ joint.second
-        values.append(pair_angle(one, other))
-        gaps.append(arc(one[..., 2], other[..., 2]))
-    return np.stack(values, axis=1), np.stack(gaps, axis=1)
+    a, b = np.array(ends).T
+    one = placed[:, a] @ np.array([joint.first for joint in joints])
+    other = placed[:, b] @ np.array([joint.second for joint in joints])
+    return pair_angle(one, other), arc(one[..., 2], other[..., 2])
 
 
 def numbered(joints: Sequence[Joint]) -> Iterator[tuple[int, int, Joint]]:

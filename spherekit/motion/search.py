@@ -5,8 +5,9 @@ often the starts met each of the things found says when to stop, and what the se
 worth: what is met as often as the rarest of them would hardly have been missed.
 """
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -60,19 +61,18 @@ class SearchStatistics:
     variables: int
     least: int = LEAST_ROUNDS
     starts: int = 0
-    counts: Sequence[int] = ()
+    counts: Counter[int] = field(default_factory=Counter)
 
     def add(self, starts: int, met: Indices, total: int) -> None:
         """Count starts; `met` are the numbers, below `total`, of what they led to."""
         self.starts += starts
-        counts = np.bincount(met[met >= 0], minlength=total)
-        before = [*self.counts, *[0] * (len(counts) - len(self.counts))]
-        self.counts = [int(one + more) for one, more in zip(before, counts, strict=True)]
+        self.counts.update(dict.fromkeys(range(total), 0))
+        self.counts.update(met[met >= 0].tolist())
 
     @property
     def closed(self) -> int:
         """Number of starts that led to something."""
-        return sum(self.counts)
+        return self.counts.total()
 
     @property
     def goes_on(self) -> bool:
@@ -84,12 +84,12 @@ class SearchStatistics:
             return False
         if not self.closed:
             return rounds < 2 * self.least
-        return min(self.counts) < ENOUGH
+        return min(self.counts.values()) < ENOUGH
 
     @property
     def unseen(self) -> float:
         """Share of the closing starts that would meet something new (Good and Turing)."""
-        return self.counts.count(1) / max(self.closed, 1)
+        return [*self.counts.values()].count(1) / max(self.closed, 1)
 
     @property
     def share(self) -> float:
@@ -104,10 +104,10 @@ class SearchStatistics:
         count = len(self.counts)
         met = things.removesuffix("s") if count == 1 else things
         made += f", {self.closed} closed on {count} {met}"
-        least = min(self.counts)
+        least = min(self.counts.values())
         if least > 1:
             return f"{made}, on each at least {least} times; {self._missed()}"
-        few = sum(count <= 1 for count in self.counts)
+        few = sum(count <= 1 for count in self.counts.values())
         made += f", on {few} of them at most once, so that about {self.unseen:.1%} of "
         return f"{made}further ones would close on another; {self._missed()}"
 
@@ -214,23 +214,15 @@ class Distinct:
     def _near(self, number: int, values: Floats, placed: Floats, pose: Floats) -> Floats:
         """Return how far (n,) configurations are from that of a number, 0 a turn later."""
         away = max_abs(placed - pose, axis=(1, 2, 3))
-        if self._rolling:
-            mode = self.values[number]
-            again = [self._meshes_again(one, mode) for one in values]
-            away[np.array(again, dtype=bool)] = 0.0
-        return np.asarray(away)
-
-    def _meshes_again(self, one: Floats, other: Floats) -> bool:
-        """Return whether two configurations differ by whole turns of rolling wheels."""
-        shifted = False
+        again = np.ones(len(values), dtype=bool)
+        shifted = ~again
         for variable, joint in self._rolling:
-            way = one[variable] - other[variable]
-            turns = [way / lap for lap in joint.laps]
-            least = min((abs(turn - round(turn)) for turn in turns), default=abs(way))
-            if least > SAME_MODE:
-                return False
-            shifted |= abs(way) > SAME_MODE
-        return shifted
+            way = np.abs(values[:, variable] - self.values[number][variable])
+            turns = way / np.array(joint.laps)[:, None]
+            apart = np.min(np.abs(turns - np.round(turns)), axis=0, initial=np.inf)
+            again &= np.minimum(apart, way) <= SAME_MODE
+            shifted |= way > SAME_MODE
+        return np.where(again & shifted, 0.0, away)
 
 
 def search(

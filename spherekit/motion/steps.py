@@ -95,7 +95,7 @@ def taylor(values: Floats, tangents: Floats, bends: Floats, ways: Floats) -> Flo
     """
     way = ways[:, :, None]
     there = values[:, None] + way * tangents[:, None] + 0.5 * way**2 * bends[:, None]
-    return np.asarray(there.reshape(-1, values.shape[1]))
+    return there.reshape(-1, values.shape[1])
 
 
 GOING = -1
@@ -257,7 +257,7 @@ class Curves(ABC, Generic[Node]):
         miss = max_abs(chord.predict(which, along) - middles[some], axis=1)
         allowed = np.broadcast_to(rounding, len(ways))[some]
         holds[some] = self.tests.predicted(miss, ways[some], allowed)
-        return np.asarray(holds)
+        return holds
 
     def nodes_of(self, row: int) -> Node:
         """Return the nodes of a curve in order, the start first."""
@@ -385,7 +385,7 @@ def _longest(closure: Closure, at: Nodes, step: Floats) -> Floats:
                 rest = np.where(slope > 0.0, track.curve.length - place, place)
                 way = TOWARDS_END * rest / (np.abs(slope) + 1e-300)
                 step = np.minimum(step, np.maximum(way, SMALLEST_STEP))
-    return np.asarray(step)
+    return step
 
 
 def why_ended(closure: Closure, at: Nodes, row: int) -> Status:
