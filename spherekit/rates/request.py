@@ -21,7 +21,6 @@ from spherekit.planning.plan import (
     prune,
 )
 from spherekit.planning.poles import (
-    BlockPoles,
     Plan,
     Pole,
     PrimaryPole,
@@ -116,8 +115,7 @@ def request(
 
     `driven` is the input that moves; others stand still, and poles of links that they
     join are left out. The coefficient of links (i, j) is the component of w_j - w_i;
-    each w follows from the two poles of its body with those of the input. Derivatives
-    in ground axes also need the rate of one body at each pair whose axis the plan uses.
+    each w follows from the two poles of its body with those of the input.
     `links` are those whose angular velocity is wanted. `by_rank` is that of
     `spherekit.planning.poles.plan`.
     """
@@ -128,41 +126,13 @@ def request(
     turned = frozenset(links)
     to_ground = [pole_of(0, link) for link in sorted(turned - {0})]
     coefficients = list(dict.fromkeys([*(pole_of(*pole) for pole in rates), *to_ground]))
-    bodies = {a, b} | {whole.body[link] for pole in coefficients for link in pole}
-    if derivatives:
-        bodies.add(0)
-    while True:
-        needed = {whole.pole(*pole) for pole in (*wanted, *coefficients, (a, b))}
-        for body in bodies - {a, b}:
-            needed |= {pole_of(a, body), pole_of(b, body)}
-        pruned = prune(whole, sorted(pole for pole in needed if pole is not None))
-        more = _moving_bodies(pruned) - bodies if derivatives else set()
-        if not more:
-            everything = tuple(dict.fromkeys((*wanted, *coefficients)))
-            body_numbers = tuple(sorted(bodies))
-            return Request(pruned, everything, body_numbers, derivatives, circles, turned)
-        bodies |= more
-
-
-def _moving_bodies(planned: Plan) -> set[int]:
-    """The bodies whose rates tell how the axes used by a plan move.
-
-    The axis of an R pair is fixed in its first link; a contact moves along the profiles
-    of both.
-    """
-    mechanism = planned.mechanism
-    used: set[int] = set()
-    for step in planned.steps:
-        if isinstance(step, PrimaryPole):
-            used.add(step.pair)
-        elif isinstance(step, BlockPoles):
-            used |= set(step.pairs)
-        else:
-            used |= set(step.contacts)
-    bodies: set[int] = set()
-    for pair in used:
-        bodies |= set(planned.ends[pair][: mechanism.pairs[pair].kind.carriers])
-    return bodies
+    bodies = {0, a, b} | {whole.body[link] for pole in coefficients for link in pole}
+    needed = {whole.pole(*pole) for pole in (*wanted, *coefficients, (a, b))}
+    for body in bodies - {a, b}:
+        needed |= {pole_of(a, body), pole_of(b, body)}
+    pruned = prune(whole, sorted(pole for pole in needed if pole is not None))
+    every, rated = tuple(dict.fromkeys((*wanted, *coefficients))), tuple(sorted(bodies))
+    return Request(pruned, every, rated, derivatives, circles, turned)
 
 
 TURN_KNOWN = 1e-6
