@@ -4,6 +4,7 @@ The least of the greatest of several functions that have kinks, within bounds.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,12 +118,18 @@ def held_modes(
 
 def every_mode(evaluator: Evaluator, designs: Floats) -> list[list[HeldMode]]:
     """Return all modes of each design (variables, n), which are followed ones."""
+    made: list[list[HeldMode]] = [[] for _ in designs.T]
     there = [evaluator.varied.design_at(design) for design in designs.T]
-    if evaluator.varied.is_profiled:
-        return [list(_traced(evaluator, design)) if design else [] for design in there]
-    made: list[list[HeldMode]] = [[] for _ in there]
     possible = [(k, design) for k, design in enumerate(there) if design is not None]
-    if possible:
+    if evaluator.varied.is_profiled:
+        for k, design in possible:
+            assert design.profiles is not None
+            with suppress(SpherekitError):
+                tracer, _, values = evaluator.traced(design.profiles.mechanism)
+                for row, mode in enumerate(tracer.assembly_modes):
+                    followed = evaluator.newton, design, values[:, :, row]
+                    made[k].append(HeldMode(f"{mode.number} {mode.label}", followed))
+    elif possible:
         sizes = np.stack([design.sizes for _, design in possible], axis=1)
         numbers, values, labels, _ = evaluator.configurations(sizes)
         for row, number in enumerate(numbers.tolist()):
@@ -130,18 +137,6 @@ def every_mode(evaluator: Evaluator, designs: Floats) -> list[list[HeldMode]]:
             followed = evaluator.newton, design, values[:, :, row].copy()
             made[k].append(HeldMode(labels[row], followed))
     return made
-
-
-def _traced(evaluator: Evaluator, design: DesignAt) -> Iterator[HeldMode]:
-    """Yield all modes of a design with profiles."""
-    assert design.profiles is not None
-    try:
-        tracer, _, values = evaluator.traced(design.profiles.mechanism)
-    except SpherekitError:
-        return
-    for k, mode in enumerate(tracer.assembly_modes):
-        followed = evaluator.newton, design, values[:, :, k]
-        yield HeldMode(f"{mode.number} {mode.label}", followed)
 
 
 def least_greatest(

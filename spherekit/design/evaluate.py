@@ -19,6 +19,7 @@ from spherekit.conventions import TURN, Facts, Names
 from spherekit.design.figures import (
     BLOCK,
     IMPOSSIBLE,
+    INERTIAL,
     NEVER,
     NEVER_CLOSES,
     DesignSamples,
@@ -337,7 +338,8 @@ class Evaluator:
         """Whether figures read masses, which the file states by sizes of links."""
         masses: Mapping[str, Facts] = self.document.data.get("mass", {})
         follow = any("tensor" not in mass for mass in masses.values())
-        return self.figures.read_inertia and follow
+        read = any(x.split("_by_")[0].startswith(INERTIAL) for x in self.figures.columns)
+        return read and follow
 
     def classes(self, values: Floats) -> NDArray[np.str_] | None:
         """Return the Grashof class of four-bars (variables, n), None for others."""

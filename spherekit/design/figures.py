@@ -243,11 +243,6 @@ class KernelFigures:
                     "samples are a grid; take the range of a sine or cosine"
                 )
 
-    @property
-    def read_inertia(self) -> bool:
-        """Whether a figure depends on masses or loads."""
-        return any(name.split("_by_")[0].startswith(INERTIAL) for name in self.columns)
-
     def rows_of(self, merit: FigureOfMerit) -> Indices:
         """Return the numbers of the `rows` that a figure is of: samples, or its point."""
         count = len(self.samples.rows)

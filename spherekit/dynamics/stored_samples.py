@@ -7,14 +7,14 @@ Configurations between are found by Newton's method from the nearest known one, 
 the second order.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Names, Status
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
     by_arc_length,
@@ -84,11 +84,17 @@ def own_velocities(loads: Loads) -> dict[int, str]:
 class Sampler:
     """Every function to be stored, exactly, at any places of the coordinates.
 
-    `nodes` is the motion at configurations by the inputs, whose variables are `driven`.
+    `nodes` is the motion at configurations by the inputs, whose variables are `driven`;
+    `by`, `low`, `high`, `rise` and `periodic` are those of the heading.
     """
 
     nodes: CoordinateMotion
     driven: list[int]
+    by: Names
+    low: Floats
+    high: Floats
+    rise: Floats = np.zeros(0)
+    periodic = False
 
     def __init__(self, tracer: PositionAnalysis, poles: tuple[Pole, ...]) -> None:
         self.tracer, self.mechanism, self.poles = tracer, tracer.mechanism, poles
@@ -97,17 +103,10 @@ class Sampler:
         self.velocities = own_velocities(self.loads)
         self.heavy = bool(self.mechanism.masses or self.mechanism.loads)
 
-    def heading(
-        self,
-        assembly_mode: int,
-        by: Sequence[str],
-        low: Sequence[float],
-        high: Sequence[float],
-        rise: Sequence[float] = (),
-        periodic: bool = False,
-    ) -> StoredHeading:
-        """Return the heading of a model by some coordinates, without its functions."""
-        made = self.mechanism
+    def heading(self, assembly_mode: int) -> StoredHeading:
+        """Return the heading of a model of an assembly mode, without its functions."""
+        made, ends = self.mechanism, (self.low, self.high, self.rise)
+        low, high, rise = (tuple(numbers.tolist()) for numbers in ends)
         return StoredHeading(
             made.name,
             mechanism_hash(made),
@@ -118,11 +117,11 @@ class Sampler:
             tuple(pole_name(made, pole) for pole in self.poles),
             _stored_loads(self.loads),
             self.tracer.inputs,
-            tuple(by),
-            tuple(map(float, low)),
-            tuple(map(float, high)),
-            tuple(map(float, rise)),
-            periodic,
+            self.by,
+            low,
+            high,
+            rise,
+            self.periodic,
         )
 
     def names(self, heading: StoredHeading) -> dict[str, str]:
@@ -200,9 +199,11 @@ class AlongCurve(Sampler):
             offset = curve.at(curve.find(values[None])).values[0] - values
             every = curve.at(np.linspace(0.0, curve.length, CURVE_NODES)).values - offset
             self.nodes = by_variables(self.closure, every, self.driven)
-        self.periodic, self.low, self.laps = curve.closed, 0.0, 1
+        self.periodic, self.laps = curve.closed, 1
         self._note_senses()
-        self.high = self.laps * self.lap
+        self.by, self.low = ("q" if self.by_input else "s",), np.zeros(1)
+        self.high = np.array([self.laps * self.lap])
+        self.rise = curve.rise * self.sense * self.laps
 
     def columns(self, groups: Iterable[int], x: Floats) -> Floats:
         """Return the functions (n, F) of some groups: that of the motion, or of poles."""
@@ -234,7 +235,7 @@ class AlongCurve(Sampler):
         """Return the unit vectors (n, 3) of the poles, in the sense that was noted."""
         units = self._lines(motion)
         length = self.laps * self.lap
-        away = (x - self.low) % length if self.periodic else x - self.low
+        away = x % length if self.periodic else x
         nearest = np.rint(away / length * self.mark_count).astype(int)
         if self.periodic:
             nearest %= self.mark_count
@@ -281,7 +282,7 @@ class AlongCurve(Sampler):
         self.marks: Mapping[Pole, Floats] = {}
         self.mark_count = count = MARKS
         while True:
-            motion = self._motion(self.low + self.lap * np.arange(count + 1) / count)
+            motion = self._motion(self.lap * np.arange(count + 1) / count)
             home = np.sum(self._as_motion(motion).frames[0, :, :, 2], axis=0)
             senses = {p: u for p, u in self._lines(motion).items() if p not in primary}
             steps = {p: np.sum(u[1:] * u[:-1], axis=1) for p, u in senses.items()}
@@ -317,6 +318,7 @@ class OverBox(Sampler):
         super().__init__(tracer, poles)
         self.driven = [self.mechanism.angles[pair] for pair in tracer.inputs]
         self.low, self.high = np.array([item.range for item in self.mechanism.inputs]).T
+        self.by = tracer.inputs
         motion = going_on(tracer.motion(), tracer.solver)
         values = motion.values[motion.status == Status.OK]
         nodes = by_variables(self.closure, values, self.driven)

@@ -89,23 +89,15 @@ def reduced_model(
     mechanism = _storable(mechanism, tolerance, 1e-15)
     tracer = PositionAnalysis(mechanism, input_pair, assembly_mode)
     made = tracer.mechanism
-    if poles is None:
-        wanted = all_poles(len(made.links))
-    else:
+    wanted = all_poles(len(made.links))
+    if poles is not None:
         wanted = tuple(dict.fromkeys(parse_pole(made, text) for text in poles))
     sampler = AlongCurve(tracer, wanted)
-    heading = sampler.heading(
-        assembly_mode,
-        "q" if sampler.by_input else "s",
-        low=(sampler.low,),
-        high=(sampler.high,),
-        rise=(sampler.curve.rise * sampler.sense * sampler.laps).tolist(),
-        periodic=sampler.periodic,
-    )
+    heading = sampler.heading(assembly_mode)
     every = [sampler.names(heading), *map(partial(_pole_names, heading), heading.poles)]
-    names = {name: unit for group in every for name, unit in group.items()}
-    x = np.linspace(sampler.low, sampler.high, MARKS, endpoint=not sampler.periodic)
-    size = _sizes(list(names), sampler.columns(range(len(every)), x))
+    names = [name for group in every for name in group]
+    x = np.linspace(0.0, heading.high[0], MARKS, endpoint=not sampler.periodic)
+    size = _sizes(names, sampler.columns(range(len(every)), x))
     fitted, groups, at = [], [], 0
     working = ProgressReporter("fitting functions")
     for k, units in enumerate(every):
@@ -122,9 +114,9 @@ def _fitted(
     sampler: AlongCurve, group: int, tolerance: float, sizes: Floats
 ) -> tuple[PiecewiseChebyshev, Floats]:
     """Return the series of a group of functions, and the error measured of each."""
-    function, ends = partial(sampler.columns, [group]), (sampler.low, sampler.high)
+    function, high = partial(sampler.columns, [group]), float(sampler.high[0])
     series = PiecewiseChebyshev.fit(
-        function, *ends, tolerance, sizes, FIRST_CELLS, rounding=ROUNDING
+        function, 0.0, high, tolerance, sizes, FIRST_CELLS, rounding=ROUNDING
     )
     # Cells are parted unevenly, at other places than those sampled or checked.
     part = 0.5 * (np.sqrt(5.0) - 1.0)
@@ -165,8 +157,7 @@ def reduced_grid_model(
     count = min(SAMPLES, int(MOST_SAMPLES ** (1.0 / max(len(mechanism.inputs), 1))))
     tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=count, grid=True)
     sampler = OverBox(tracer, tuple(parse_pole(mechanism, text) for text in poles))
-    box = sampler.low.tolist(), sampler.high.tolist()
-    heading = sampler.heading(assembly_mode, tracer.inputs, *box)
+    heading = sampler.heading(assembly_mode)
     names = sampler.names(heading)
     for pole in heading.poles:
         for axis in "xyz":
