@@ -233,12 +233,12 @@ def test_nearest_reachable_pose_is_offered():
     for pose in ((120.0, 0.0), (-70.0, 40.0), (100.0, -60.0), (0.0, 120.0)):
         normal = normal_at(*np.radians(pose))
         found = plane.nearest(normal)
-        assert np.all(np.abs(plane.axes @ found) <= limits + 1e-12)
+        assert np.all(np.abs(plane.axes @ found) <= limits + 1e-9)
         best = np.max(np.abs(inside @ normal))
-        assert abs(found @ normal) >= best - 1e-12
+        assert abs(found @ normal) >= best - 1e-9
         assert np.arccos(abs(found @ normal)) > np.arccos(best) - 0.02
     reached = normal_at(*np.radians((40.0, 10.0)))
-    assert np.array_equal(plane.nearest(reached), reached)
+    assert plane.nearest(reached) == pytest.approx(reached, abs=1e-15)
     text = failure("two_dof_spm", "start=phi=75+gamma=-20,end=phi=120+gamma=0")
     assert "legs at 21, 61, 81 do not reach" in text
     offered = text.split("nearest pose inside is ")[1].removesuffix(" deg")

@@ -7,7 +7,6 @@ Which mechanisms have this form is found out by `spherekit.guidance.loci`.
 """
 
 from dataclasses import dataclass
-from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +14,12 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Floats
 from spherekit.conventions import REACH_SLACK
 from spherekit.numeric.crossings import wrap
+from spherekit.region.refine import find_region
 from spherekit.sphere.rotation import cross, nans, upward
+
+COARSE = 1e-2
+"""Error (sr) of the reach whose nearest point is looked for; its border does not depend on
+it."""
 
 
 @dataclass(frozen=True)
@@ -130,29 +134,13 @@ class MidPlane:
     def nearest(self, normal: Floats, margin: float = 0.0) -> Floats:
         """Return the mid-plane (3,) nearest to one (3,), all legs within reach.
 
-        It is on the border of a leg's reach, a circle about its axis, or where two of
-        them meet; `margin` (rad) is how far inside. NaN if there is none.
+        `margin` (rad) is how far inside it is at least. NaN if there is none.
         """
         limits = np.sin(np.minimum(self.arcs, np.pi - self.arcs) - margin)
-        both = [*zip(self.axes, limits, strict=True), *zip(self.axes, -limits, strict=True)]
-        through = [(cross(axis, normal), 0.0) for axis in self.axes]  # and the normal
-        candidates = [normal]
-        for (a, one), (b, other) in [*combinations(both, 2), *product(both, through)]:
-            across = cross(a, b)
-            square = across @ across
-            if square < REACH_SLACK:
-                continue
-            middle = (one * cross(b, across) - other * cross(a, across)) / square
-            left = 1.0 - middle @ middle
-            if left >= 0.0:
-                aside = np.sqrt(left / square) * across
-                candidates += [middle + aside, middle - aside]
-        every = np.stack(candidates)
-        inside = np.all(np.abs(every @ self.axes.T) <= limits + REACH_SLACK, axis=1)
-        if not np.any(inside):
-            return nans(3)
-        kept = every[inside]
-        return upward(kept[int(np.argmax(np.abs(kept @ normal)))])
+        reach = find_region(
+            lambda normals: limits**2 - (normals @ self.axes.T) ** 2, COARSE
+        )
+        return upward(reach.nearest(normal)) if reach.components else nans(3)
 
 
 def _left(arcs: ArrayLike, sine: Floats, cosine: Floats) -> Floats:

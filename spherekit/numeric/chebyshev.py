@@ -16,7 +16,7 @@ MOST_CELLS = 2**13
 RUN = 1024
 """Places in a row that are taken at once: their powers stay in the cache."""
 SHORTEST_RUN = 16
-"""Where places in a row share a cell less often than this, each has its own sum."""
+"""Where places in a row share a cell less often than this, they are sorted first."""
 ROUNDING = 1e-10
 """What functions that lose digits may be off by: see `PiecewiseChebyshev.fit`."""
 
@@ -97,11 +97,14 @@ class PiecewiseChebyshev:
         """
         cell = self._cells(x)
         if np.count_nonzero(np.diff(cell)) * SHORTEST_RUN > len(x):
-            return self.scattered(x)
+            order = np.argsort(cell, kind="stable")
+            sums = np.empty((self.coefficients.shape[2], len(x)))
+            sums[:, order] = self._in_runs(x[order], cell[order])
+            return sums
         return self._in_runs(x, cell)
 
     def scattered(self, x: Floats) -> Floats:
-        """Return the functions (m, n) at x (n,), each the same whatever the others are."""
+        """Return few functions (m, n) at x (n,), each place for itself."""
         cell = self._cells(x)
         low, high = self.edges[cell], self.edges[cell + 1]
         place = np.clip((2.0 * x - (low + high)) / (high - low), -1.0, 1.0)
