@@ -59,12 +59,17 @@ def _by_modes(at: Floats, modes: Iterable[str]) -> dict[str, list[float]]:
     having: dict[float, set[int]] = {}
     for value, joined in zip(at.tolist(), modes, strict=True):
         place = next((x for x in having if abs(x - value) < SAME_PLACE), value)
-        having.setdefault(place, set()).update(int(k) for k in joined.split("+") if k)
+        having.setdefault(place, set()).update(_numbers([joined]))
     grouped: dict[str, list[float]] = {}
     for place, numbers in sorted(having.items()):
         words = numbered("mode", sorted(numbers)) if numbers else ""
         grouped.setdefault(words, []).append(place)
     return grouped
+
+
+def _numbers(modes: Iterable[str]) -> set[int]:
+    """Return the numbers of modes that are joined by plus signs."""
+    return {int(number) for number in "+".join(modes).split("+") if number}
 
 
 def _angles(values: list[float]) -> str:
@@ -100,42 +105,44 @@ def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
     """
     curve, links = sampled.curves[number], sampled.report.outputs[output]
     variable = sampled.tracer.mechanism.angle_between(*links)
-    points = [p for p in sampled.report.points if p.curve == number and np.isfinite(p.s)]
+    points = [
+        point
+        for point in sampled.report.points
+        if (point.curve, point.output) == (number, links)
+    ]
     s = np.linspace(0.0, curve.length * (1.0 - 1e-12), TRACED)
-    s = np.unique(np.concatenate([s, np.array([p.s for p in points])]))
+    s = np.unique(np.append(s, [point.s for point in points]))
     along = sampled.output_angle(number, output, s)
-    along = along if variable is None else np.unwrap(along)
     ends = curve.at(s[[0, -1]]).values
-    grown = np.abs(np.diff(ends, axis=0)[0])
+    grown = np.abs(ends[1] - ends[0])
     input_turns = float(grown[sampled.tracer.solver.single]) / (2.0 * np.pi)
-    beyond = []
+    angle, turned = along, float(np.ptp(along))
     if variable is not None:
+        along = np.unwrap(along)
         laps = ends[:, variable] - along[[0, -1]]
-        for place, values in sampled.crossing_ends(number):
-            beyond.append(values[variable] - laps[0 if place == 0.0 else 1])
-    angle = np.append(along, beyond)
+        beyond = [
+            values[variable] - laps[int(place > 0.0)]
+            for place, values in sampled.crossing_ends(number)
+        ]
+        angle, turned = np.append(along, beyond), float(grown[variable])
     low, high = np.degrees([np.min(angle), np.max(angle)])
-    reverses = any(p.output == links and p.output_turns for p in points)
+    swing = _degrees(high - low)
+    reverses = any(point.output_turns for point in points)
     left = not curve.closed and Status.OK in curve.ends
     far = ", as far as the curve was followed" if left else ""
-    if _degrees(high - low) == "0":
-        where = f" at {_degrees(high)} deg" if variable is not None else ""
-        return f"rests{where}"
+    if swing == "0":
+        return "rests" + (f" at {_degrees(high)} deg" if variable is not None else "")
     if left and input_turns > 1.0 and not reverses:
-        turned = np.ptp(along) if variable is None else grown[variable]
         ratio = _degrees(float(np.degrees(turned)) / input_turns)
         return f"turns in one sense, by {ratio} deg in a turn of the input"
     if variable is None:
         to_and_fro = "to and fro " if reverses else ""
-        return f"turns {to_and_fro}by {_degrees(high - low)} deg about its moving pole{far}"
+        return f"turns {to_and_fro}by {swing} deg about its moving pole{far}"
     if abs(along[-1] - along[0]) > np.pi and high - low > FULL_TURN:
         return "turns fully"
     if left and not reverses:
-        return f"turns in one sense, by {_degrees(high - low)} deg{far}"
-    return (
-        f"swings {_degrees(high - low)} deg, from {_degrees(low)} to {_degrees(high)} deg"
-        f"{far}"
-    )
+        return f"turns in one sense, by {swing} deg{far}"
+    return f"swings {swing} deg, from {_degrees(low)} to {_degrees(high)} deg{far}"
 
 
 def least_angles(
@@ -190,6 +197,4 @@ def coming_near(
 def _met(points: Row, kind: str, output: str) -> set[int]:
     """Return the assembly modes in which an output meets a type of singularity."""
     here = (points["kind"] == kind) & (points["output"] == output)
-    here &= points["inside"] == "yes"
-    modes = "+".join(points["assembly_mode"][here].tolist()).split("+")
-    return {int(number) for number in modes if number}
+    return _numbers(points["assembly_mode"][here & (points["inside"] == "yes")])

@@ -45,7 +45,6 @@ from spherekit.figures.sheet import (
     as_data_url,
     colour_bar,
     name_points,
-    stroke,
     ticks_of,
     wrapped,
 )
@@ -56,13 +55,12 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
     """Return a figure of surfaces in the same space."""
     meshed = [item for item in surfaces if len(item.triangles)]
     clouds = [item for item in surfaces if not len(item.triangles)]
-    entries = [
-        (item.label, stroke(style.tone_look(item.tone), width=4.0)) for item in meshed
-    ]
     with style.look():
-        figure = sheet.figure(1, min(sheet.width, 4.5), entries)
+        figure = sheet.figure(1, min(sheet.width, 4.5))
         panel: Any = figure.add_subplot(projection="3d")
         for surface in meshed:
+            look = style.tone_look(surface.tone) | {"label": surface.label}
+            panel.plot([], [], [], linewidth=4.0, **look)  # for the legend
             panel.add_collection3d(
                 Poly3DCollection(
                     surface.vertices[surface.triangles],
@@ -77,7 +75,7 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
                 panel.scatter(*surface.vertices.T, c=style.tone_colour(surface.tone), s=3.0)
                 continue
             tint = Normalize(*map_range(surface.values, surface.values_unit))
-            look: Look = {"c": surface.values, "norm": tint, "cmap": style.HEAT}
+            look = {"c": surface.values, "norm": tint, "cmap": style.HEAT}
             panel.scatter(*surface.vertices.T, s=3.0, **look)
             words = titled(surface.label, surface.values_unit)
             colour_bar(figure, panel, surface.values, tint, style.HEAT, words, 0.12)
@@ -88,7 +86,7 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
             getattr(panel, f"set_{which}lim")(np.nanmin(column), np.nanmax(column))
             ticks_of(panel, first.unit, which, 5)
         panel.set_box_aspect((1, 1, 1), zoom=0.85)
-    return figure
+        return sheet.name(figure)
 
 
 RATIO = 0.95

@@ -8,7 +8,7 @@ Projections: A Working Manual, USGS 1395, 1987, chapters 21 and 24).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from spherekit.analysis.plotted import TURNS, broken, map_range, plotted_range, 
 from spherekit.analysis.scene import (
     Arrow,
     InputMarks,
+    Mark,
     Page,
     Scene,
     Series,
@@ -31,7 +32,6 @@ from spherekit.figures.sdk import (
     Axes,
     BoundaryNorm,
     Figure,
-    Line2D,
     Normalize,
     Transform,
     Triangulation,
@@ -41,9 +41,7 @@ from spherekit.figures.sheet import (
     Sheet,
     colour_bar,
     label_x,
-    spot,
     spot_look,
-    stroke,
     ticks_of,
     wrapped,
 )
@@ -74,25 +72,24 @@ def draw_curves(
     labels = list(dict.fromkeys(item.label for _, item in curves))
     pages = list(dict.fromkeys(scene.page for scene, _ in curves))
     together = len(pages) == 1 and 1 < len(labels) <= MOST_IN_ONE
-    entries: list[tuple[str, Line2D]] = []
-    if together:
-        entries += [(label, stroke(style.series_look(k))) for k, label in enumerate(labels)]
-    elif len(pages) > 1:
-        seen = [scene.page for scene, item in curves if np.any(np.isfinite(item.values))]
-        entries += [sheet.entry(page) for page in pages if page in seen]
-    visible = [(page, item) for page, item in marks if page in pages and len(item.inputs)]
-    named = {item.label: item for _, item in visible}
-    entries += [(label, spot(item.tone)) for label, item in named.items()]
     count = 1 if together else len(labels)
     with style.look():
         longest = max(map(len, labels)) if count > 1 else 0
-        figure, panels, across = sheet.panels(count, RATIO, entries, longest)
+        figure, panels, across = sheet.panels(count, RATIO, longest)
         every = np.concatenate([item.values for _, item in curves])
         scale = scale_of(every, curves[0][1].unit)
         for k, panel in enumerate(panels):
             shown = [x for x in curves if together or x[1].label == labels[k]]
-            _panel(panel, shown, scale, labels if together else None)
-            for page, mark in visible:
+            looks = []
+            for scene, item in shown:
+                look = style.page_look(scene.page)
+                look["label"] = sheet.title(scene.page) if len(pages) > 1 else ""
+                if together:
+                    look |= style.series_look(labels.index(item.label))
+                    look["label"] = item.label
+                looks.append(look)
+            _panel(panel, shown, scale, looks)
+            for page, mark in marks:
                 for curve in shown:
                     if curve[0].page == page:
                         _mark(panel, curve, mark)
@@ -105,27 +102,27 @@ def draw_curves(
                 panel.set_ylabel(wrapped(words))
             if k + across < count:
                 panel.set_xlabel("")
-    return figure
+        return sheet.name(figure)
 
 
 def _panel(
-    panel: Axes, curves: Sequence[Curve], scale: float, labels: Sequence[str] | None
+    panel: Axes, curves: Sequence[Curve], scale: float, looks: Sequence[Look]
 ) -> None:
     every = np.concatenate([item.values for _, item in curves])
     unit = curves[0][1].unit
     resolution = max(item.resolution for _, item in curves)
     low, high = plotted_range(every, scale, resolution)
     alike = _alike([item.values for _, item in curves], high - low)
-    for k, ((scene, item), (place, count)) in enumerate(zip(curves, alike, strict=True)):
-        look = style.page_look(scene.page)
-        if labels is not None:
-            look |= style.series_look(labels.index(item.label))
-        elif place:
-            look["linestyle"] = DASH * place, (DASH, DASH * (count - 1))
-        points = np.stack([scene.over[0].values, item.values], axis=1)
-        look |= {"label": item.label, "zorder": 2.0 + 0.01 * k, "dash_capstyle": "butt"}
-        panel.plot(*broken(points, (low, high), TURNS.get(unit)).T, **look)
+    for k, (scene, item) in enumerate(curves):
+        (place, count), look = alike[k], looks[k]
         shown = np.isfinite(item.values)  # no stroke shows values beside none
+        if place:
+            look["linestyle"] = DASH * place, (DASH, DASH * (count - 1))
+        if not shown.any():
+            look["label"] = ""
+        points = np.stack([scene.over[0].values, item.values], axis=1)
+        look |= {"zorder": 2.0 + 0.01 * k, "dash_capstyle": "butt"}
+        panel.plot(*broken(points, (low, high), TURNS.get(unit)).T, **look)
         lone = points[shown & ~(np.convolve(shown, [True, False, True])[1:-1] > 0)]
         panel.plot(*lone.T, ".", color=look["color"], markersize=3.0)
     finite = every[np.isfinite(every)]
@@ -157,9 +154,11 @@ def _mark(panel: Axes, curve: Curve, marks: InputMarks) -> None:
             continue
         value = float(np.interp(position, x, y))
         if low <= value <= high:
-            panel.plot([position], [value], zorder=4.0, **spot_look(marks.tone))
+            look = spot_look(marks.tone) | {"zorder": 4.0, "label": marks.label}
+            panel.plot([position], [value], **look)
         else:
-            panel.axvline(position, color=style.tone_colour(marks.tone), **RULE)
+            look = style.tone_look(marks.tone) | RULE | {"label": marks.label}
+            panel.axvline(position, **look)
 
 
 def _alike(every: Sequence[Floats], span: float) -> list[tuple[int, int]]:
@@ -302,12 +301,13 @@ def draw_sphere(
     if not maps and rim < HALF:
         rim = HALF
     frames, rim = ([frame], rim) if rim <= WIDEST else ([frame, opposite(frame)], HALF)
+    kinds = {(mark.label, mark.tone) for item in curves for mark in _marks(item)}
     views = [View(x, p, rim) for x in frames for p in (EQUAL_AREA, STEREOGRAPHIC)]
     with style.look():
         across = 2 if sheet.columns == 2 else 1
         rows = len(views) // across
         width = sheet.width * (0.85 if maps else 1.0)
-        figure = sheet.figure(rows, width / across + 0.3, _entries(curves))
+        figure = sheet.figure(rows, width / across + 0.3)
         panels = (
             figure.subplots(rows, across, squeeze=False, subplot_kw=POLAR).ravel().tolist()
         )
@@ -319,7 +319,7 @@ def draw_sphere(
             for item in maps:
                 _map(panel, view, item, tint, way)
             for drawn in curves:
-                _curves(panel, view, drawn, way)
+                _curves(panel, view, drawn, way, len(kinds) <= MOST_NAMED)
             panel.set_title(view.title)
         if maps:
             words = titled(maps[0].label, maps[0].unit)
@@ -327,7 +327,7 @@ def draw_sphere(
             if isinstance(tint, BoundaryNorm):
                 whole = np.unique(np.round(tint.boundaries[:-1] + 0.5))
                 bar.set_ticks(whole.tolist(), labels=[f"{n:.0f}" for n in whole])
-    return figure
+        return sheet.name(figure)
 
 
 def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
@@ -341,47 +341,27 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
     finite = directions[np.isfinite(directions).all(axis=1)]
     out = int(np.argmax(np.mean(finite**2, axis=0))) if len(finite) else 2
     view = View(centre_of(np.eye(3)[[out]]))
-    entries = [sheet.entry(page) for page in pages] if len(pages) > 1 else []
     with style.look():
-        figure, panels, _ = sheet.panels(len(labels), 1.05, entries, subplot=POLAR)
+        figure, panels, _ = sheet.panels(len(labels), 1.05, subplot=POLAR)
         for panel, label in zip(panels, labels, strict=True):
             way = _graticule(panel, view)
             panel.set_title(f"{label}, about {view.centre}")
             for scene, arrow in arrows:
                 if arrow.label == label:
-                    _path(panel, view, arrow.directions, scene.page, way)
-    return figure
+                    look = style.page_look(scene.page)
+                    look["label"] = sheet.title(scene.page) if len(pages) > 1 else ""
+                    _path(panel, view, arrow.directions, look, way)
+        return sheet.name(figure)
 
 
-def _path(panel: Axes, view: View, directions: Floats, page: Page, way: Transform) -> None:
+def _path(panel: Axes, view: View, directions: Floats, look: Look, way: Transform) -> None:
     """Draw an axis over the samples, with a gap where it goes round the rim."""
     near = np.sign(directions @ view.frame[2])[:, None] * directions
     turned = np.sum(near[1:] * near[:-1], axis=1) < 0.0
     near = np.insert(near, np.nonzero(turned)[0] + 1, np.nan, axis=0)
-    look = style.page_look(page)
     panel.plot(*view.placed(near).T, transform=way, **look)
     first = view.placed(near[np.isfinite(near).all(axis=1)][:1])
     panel.plot(*first.T, "o", color=look["color"], markersize=3.0, transform=way)
-
-
-def _entries(shown: Sequence[SphereCurves]) -> list[tuple[str, Line2D]]:
-    kinds = {
-        (
-            mark.label
-            if len(item.curves) or mark.label == item.label
-            else f"{item.label}: {mark.label}",
-            mark.tone,
-        )
-        for item in shown
-        for mark in item.marks
-        if mark.label != item.label or not len(item.curves)
-    }
-    named = sorted(kinds) if len(kinds) <= MOST_NAMED else []
-    drawn = [item for item in shown if len(item.curves)]
-    return [
-        *((item.label, stroke(style.tone_look(item.tone))) for item in drawn),
-        *((label, spot(tone)) for label, tone in named),
-    ]
 
 
 def _graticule(panel: Any, view: View) -> Transform:
@@ -437,13 +417,28 @@ def _map(panel: Axes, view: View, item: SphereMap, tint: Normalize, way: Transfo
     panel.grid(**NET)  # which tripcolor puts out
 
 
-def _curves(panel: Axes, view: View, item: SphereCurves, way: Transform) -> None:
+def _curves(
+    panel: Axes, view: View, item: SphereCurves, way: Transform, named: bool
+) -> None:
+    """Draw curves and marks; the names of marks may be in the legend."""
     look = style.tone_look(item.tone) | {"linewidth": 1.3, "zorder": 2.0}
     for curve in item.curves:
-        panel.plot(*view.placed(np.asarray(curve)).T, transform=way, **look)
-    for mark in item.marks:
-        if mark.label == item.label and len(item.curves):
-            continue
+        place = view.placed(np.asarray(curve)).T
+        panel.plot(*place, transform=way, label=item.label, **look)
+    for mark in _marks(item):
         if view.angles(mark.place[None])[0] <= view.rim + 1e-9:
             look = spot_look(mark.tone) | {"zorder": 4.0, "clip_on": False}
+            look["label"] = mark.label if named else ""
             panel.plot(*view.placed(mark.place[None])[0], transform=way, **look)
+
+
+def _marks(item: SphereCurves) -> list[Mark]:
+    """Return the marks that have to be told from curves, by names that say of what."""
+    if len(item.curves):
+        return [mark for mark in item.marks if mark.label != item.label]
+    words = {True: item.label, False: f"{item.label}: "}
+    return [
+        replace(mark, label=words[alike] + mark.label * (not alike))
+        for mark in item.marks
+        for alike in [mark.label == item.label]
+    ]

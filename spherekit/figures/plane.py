@@ -7,13 +7,11 @@ import numpy as np
 from spherekit.analysis.plotted import MOST_KINDS, TURNS
 from spherekit.analysis.scene import Portrait, Scene, titled
 from spherekit.figures import style
-from spherekit.figures.sdk import Axes, Figure, Line2D
+from spherekit.figures.sdk import Axes, Figure
 from spherekit.figures.sheet import (
     Sheet,
     name_points,
-    spot,
     spot_look,
-    stroke,
     ticks_of,
 )
 
@@ -38,35 +36,25 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
         for _, item in planes
         for mark in item.marks
     }
-    kinds = {mark.label: mark.tone for mark in marks.values()}
-    entries: list[tuple[str, Line2D]] = []
+    named = len({mark.label for mark in marks.values()}) <= MOST_KINDS
     traced = [plane for plane in planes if is_path(plane)]
-    if len(traced) > 1:
-        entries += [sheet.entry(scene.page) for scene, _ in traced]
-    named = {
-        curve.label: (curve.tone, len(curve.points) == 1)
-        for curve in curves.values()
-        if curve.label
-    }
-    entries += [
-        (label, spot(tone) if is_spot else stroke(style.tone_look(tone)))
-        for label, (tone, is_spot) in named.items()
-    ]
-    if len(kinds) <= MOST_KINDS:
-        entries += [(label, spot(tone)) for label, tone in sorted(kinds.items())]
     with style.look():
-        figure, (panel,), _ = sheet.panels(1, RATIO, entries)
+        figure, (panel,), _ = sheet.panels(1, RATIO)
         for curve in curves.values():
-            look = style.tone_look(curve.tone) | {"label": curve.label or "_"}
-            panel.plot(*curve.points.T, linewidth=0.9, zorder=1.5, **look)
+            look = style.tone_look(curve.tone) | {"linewidth": 0.9, "zorder": 1.5}
+            if len(curve.points) == 1:
+                look = spot_look(curve.tone)
+            panel.plot(*curve.points.T, label=curve.label, **look)
         for plane in traced:
-            _trace(panel, *plane)
+            _trace(panel, *plane, sheet.title(plane[0].page) if len(traced) > 1 else "")
         for mark in marks.values():
-            panel.plot(*mark.place, zorder=4.0, **spot_look(mark.tone))
+            look = spot_look(mark.tone) | {"label": mark.label if named else ""}
+            panel.plot(*mark.place, zorder=4.0, **look)
         _frame(panel, first)
         if not traced and first.x_unit == first.y_unit and not first.logarithmic:
             panel.set_aspect("equal")
-        if len(kinds) > MOST_KINDS:
+        sheet.name(figure)
+        if not named:
             figure.draw_without_rendering()
             shown = list(marks.values())
             places = np.array([mark.place for mark in shown])
@@ -75,7 +63,7 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     return figure
 
 
-def _trace(panel: Axes, scene: Scene, portrait: Portrait) -> None:
+def _trace(panel: Axes, scene: Scene, portrait: Portrait, name: str) -> None:
     """Draw the rows of a page in its colour, from a dot on."""
     line = np.stack([portrait.x, portrait.y], axis=1)
     for column, unit in ((0, portrait.x_unit), (1, portrait.y_unit)):
@@ -84,7 +72,7 @@ def _trace(panel: Axes, scene: Scene, portrait: Portrait) -> None:
             jumps = np.abs(np.diff(line[:, column])) >= 0.5 * turn
             line = np.insert(line, np.nonzero(jumps)[0] + 1, np.nan, axis=0)
     look = style.page_look(scene.page)
-    panel.plot(*line.T, linewidth=1.4, zorder=2.5, **look)
+    panel.plot(*line.T, linewidth=1.4, zorder=2.5, label=name, **look)
     finite = line[np.isfinite(line).all(axis=1)]
     if len(finite) and not portrait.curves:
         panel.plot(*finite[0], "o", color=look["color"], markersize=4.0, zorder=3.0)

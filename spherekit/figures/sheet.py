@@ -16,7 +16,6 @@ from spherekit.figures import style
 from spherekit.figures.sdk import (
     Axes,
     Figure,
-    Line2D,
     MaxNLocator,
     Normalize,
     ScalarMappable,
@@ -24,9 +23,6 @@ from spherekit.figures.sdk import (
 from spherekit.figures.style import Look
 
 P = ParamSpec("P")
-
-Entries = Sequence[tuple[str, Line2D]]
-"""What a legend has: words, and how what they name is drawn."""
 
 DEGREE_STEPS = (1, 1.2, 1.5, 1.8, 3, 4.5, 6, 9, 10)
 LONG = 60.0
@@ -97,11 +93,6 @@ class Sheet:
             )
         return page or ""
 
-    def entry(self, page: Page) -> tuple[str, Line2D]:
-        """Return what a legend has of a page."""
-        look = style.page_look(page)
-        return self.title(page), stroke({k: look[k] for k in ("color", "linestyle")})
-
     def grid(self, count: int, longest: int = 0) -> tuple[int, int]:
         """Return rows and columns of so many panels, with titles of so many letters."""
         most = style.PANELS[self.columns]
@@ -112,58 +103,45 @@ class Sheet:
             across = 2
         return -(-count // across), across
 
-    def figure(self, rows: int, row: float, entries: Entries = ()) -> Drawing:
-        """Return an empty figure with rows of panels `row` inches high, a legend below."""
-        longest = max((len(label) for label, _ in entries), default=1)
-        columns = max(1, int(self.width / (0.062 * longest + 0.5)))
-        height = rows * row + LEGEND_ROW * -(-len(entries) // columns)
-        figure = Drawing(figsize=(self.width, height), layout="constrained")
-        if entries:
+    def figure(self, rows: int, row: float) -> Drawing:
+        """Return an empty figure with rows of panels `row` inches high."""
+        return Drawing(figsize=(self.width, rows * row), layout="constrained")
+
+    def name(self, figure: Drawing) -> Drawing:
+        """Return a figure with a legend below, of what is named in any of its panels."""
+        named: dict[str, Any] = {}
+        for panel in figure.axes:
+            handles, labels = panel.get_legend_handles_labels()
+            named = dict(zip(labels, handles, strict=True)) | named
+        if named:
+            columns = max(1, int(self.width / (0.062 * max(map(len, named)) + 0.5)))
+            more = LEGEND_ROW * -(-len(named) // columns)
+            figure.set_figheight(figure.get_figheight() + more)
             figure.legend(
-                [line for _, line in entries],
-                [label for label, _ in entries],
+                named.values(),
+                named.keys(),
                 loc="outside lower center",
-                ncols=min(len(entries), columns),
+                ncols=min(len(named), columns),
                 handlelength=2.2,
                 columnspacing=1.4,
             )
         return figure
 
     def panels(
-        self,
-        count: int,
-        ratio: float,
-        entries: Entries = (),
-        longest: int = 0,
-        subplot: Look | None = None,
+        self, count: int, ratio: float, longest: int = 0, subplot: Look | None = None
     ) -> tuple[Drawing, list[Axes], int]:
         """Return a figure with so many panels, and how many are side by side.
 
-        `ratio` is the height of a panel over its width, `entries` are those of the legend,
-        `longest` the letters of the longest title, `subplot` the kind of panels.
+        `ratio` is the height of a panel over its width, `longest` the letters of the
+        longest title, `subplot` the kind of panels.
         """
         rows, across = self.grid(count, longest)
         widest = 0.55 if across == 1 and self.columns == 2 else 1.0
-        row = self.width / across * ratio * widest
-        figure = self.figure(rows, row + HEADING, entries)
-        axes = (
-            figure.subplots(rows, across, squeeze=False, subplot_kw=subplot)
-            .ravel()
-            .tolist()
-        )
-        for spare in axes[count:]:
+        figure = self.figure(rows, self.width / across * ratio * widest + HEADING)
+        panels = figure.subplots(rows, across, squeeze=False, subplot_kw=subplot).ravel()
+        for spare in panels[count:]:
             spare.remove()
-        return figure, axes[:count], across
-
-
-def stroke(look: Mapping[str, Any], width: float = 1.1) -> Line2D:
-    """Return what a legend shows of a curve that is drawn so."""
-    return Line2D([], [], linewidth=width, **look)
-
-
-def spot(tone: int) -> Line2D:
-    """Return what a legend shows of a mark."""
-    return Line2D([], [], **spot_look(tone))
+        return figure, panels[:count].tolist(), across
 
 
 def spot_look(tone: int) -> Look:

@@ -6,7 +6,6 @@ through its zeros, and there u is the limit that the derivative of w u points al
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,24 +30,12 @@ SETTLING = 3
 """Gauss-Newton steps to where a rate is least."""
 
 
-@dataclass(frozen=True)
-class Axis:
-    """Unit vectors (n, 3) along a pole, and error bounds (n,).
+Axes = tuple[dict[Pole, Floats], dict[Pole, Floats]]
+"""Unit vectors (n, 3) along poles, and bounds (n,) of their errors.
 
-    NaN with an error of 1 where the links do not move relative to each other and nothing
-    else says where their pole is.
-    """
-
-    unit: Floats
-    error: Floats
-
-    def or_better(self, unit: Floats, error: Floats) -> "Axis":
-        """Return at each row the axis with the smaller error bound, in doubt this one."""
-        error = np.minimum(np.nan_to_num(error, nan=1.0), 1.0)
-        take = error < self.error
-        return Axis(
-            np.where(take[:, None], unit, self.unit), np.where(take, error, self.error)
-        )
+NaN with an error of 1 where the links do not move relative to each other and nothing else
+says where their pole is.
+"""
 
 
 class LinkMotion:
@@ -89,36 +76,33 @@ class LinkMotion:
         w, dw = self.relative(*pole)
         return np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
 
-    def axes(self, poles: Iterable[Pole], planned: Plan | None) -> dict[Pole, Axis]:
-        """Return the axes of poles, in either sense.
+    def axes(self, poles: Iterable[Pole], planned: Plan | None) -> Axes:
+        """Return the axes of poles, in either sense, and bounds of their errors.
 
-        By the great circles of the plan where those are well conditioned. Otherwise along
-        the relative angular velocity, or its derivative where that vanishes: what has the
-        least error bound.
+        By the great circles of the plan, along the relative angular velocity, or its
+        derivative where that vanishes: what has the least error bound. At a distance x
+        from a zero of w the derivative is off the axis by about x |u'|.
         """
+        units, errors = {}, {}
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            out = {pole: self._along_rate(pole) for pole in poles}
-            if planned is not None:
-                sequence = PlannedPoles(planned, self.motion)
-                for pole, axis in out.items():
-                    unit, error = sequence.unit[pole].T, sequence.error[pole]
-                    out[pole] = Axis(unit, np.ones(len(unit))).or_better(unit, error)
-                    out[pole] = out[pole].or_better(axis.unit, axis.error)
-        return out
-
-    def _along_rate(self, pole: Pole) -> Axis:
-        """Return the axis along w, or where that vanishes along its derivative.
-
-        At a distance x from a zero of w the derivative is off the axis by about x |u'|.
-        """
-        (w, dw), (length, growth) = self.relative(*pole), self.speeds(pole)
-        unit = w / length[:, None]
-        rate = (dw - unit * np.vecdot(unit, dw)[:, None]) / length[:, None]
-        first = Axis(unit, np.ones(len(unit))).or_better(unit, self.rounding / length)
-        swing = np.linalg.norm(rate, axis=1)
-        swing = np.minimum(swing, 1.0 / np.maximum(first.error, EPS))
-        away = self.rounding / growth + length / growth * (1.0 + np.nan_to_num(swing))
-        return first.or_better(dw / growth[:, None], away)
+            sequence = None if planned is None else PlannedPoles(planned, self.motion)
+            for pole in poles:
+                (w, dw), (length, growth) = self.relative(*pole), self.speeds(pole)
+                unit, error = w / length[:, None], self.rounding / length
+                rate = (dw - unit * np.vecdot(unit, dw)[:, None]) / length[:, None]
+                swing = np.linalg.norm(rate, axis=1)
+                swing = np.minimum(swing, 1.0 / np.clip(error, EPS, 1.0))
+                away = self.rounding / growth + length / growth * (
+                    1.0 + np.nan_to_num(swing)
+                )
+                ways = [(unit, error), (dw / growth[:, None], away)]
+                if sequence is not None:
+                    ways.insert(0, (sequence.unit[pole].T, sequence.error[pole]))
+                unit, error = (np.stack(part) for part in zip(*ways, strict=True))
+                error = np.minimum(np.nan_to_num(error, nan=1.0), 1.0)
+                best = np.argmin(error, axis=0), np.arange(len(w))
+                units[pole], errors[pole] = unit[best], error[best]
+        return units, errors
 
 
 class AlongCurve:
@@ -156,23 +140,22 @@ class AlongCurve:
             )
         return self._kept[key]
 
-    def axes(self, s: Floats, poles: Iterable[Pole]) -> dict[Pole, Axis]:
-        """Return the axes of poles at s (n,), in either sense."""
+    def axes(self, s: Floats, poles: Iterable[Pole]) -> Axes:
+        """Return the axes of poles at s (n,), in either sense, and bounds of errors."""
         wanted = tuple(dict.fromkeys(pole_of(*pole) for pole in poles))
         return self.at(s).axes(wanted, self.plan_of(wanted))
 
-    def oriented(self, s: Floats, poles: Sequence[Pole]) -> dict[Pole, Axis]:
-        """Return the axes with senses that are continuous along the curve.
+    def oriented(self, s: Floats, poles: Sequence[Pole]) -> dict[Pole, Floats]:
+        """Return the axes (n, 3) with senses that are continuous along the curve.
 
         They are those of `axes` where the curve starts.
         """
         both = np.append(self.curve.s[0], s)
-        out = {}
-        for pole, axis in self.axes(both, poles).items():
-            sense = np.sum(axis.unit * self._heading(both, pole), axis=1) < 0.0
-            turned = np.where(sense == sense[0], 1.0, -1.0)[1:, None]
-            out[pole] = Axis(turned * axis.unit[1:], axis.error[1:])
-        return out
+        units, _ = self.axes(both, poles)
+        for pole, unit in units.items():
+            against = np.vecdot(unit, self._heading(both, pole)) < 0.0
+            units[pole] = np.where(against != against[0], -1.0, 1.0)[1:, None] * unit[1:]
+        return units
 
     def signed(self, s: Floats, pole: Pole) -> tuple[Floats, Floats]:
         """Return the rate (n,) of a pole's links at s, and its slope.

@@ -37,6 +37,7 @@ from spherekit.singular.stationarity import (
     OutputPart,
     StationarityConstraint,
     TangentSpace,
+    decomposed,
     tangent_space,
 )
 from spherekit.sphere.rotation import all_finite, max_abs, unit_rows
@@ -171,8 +172,7 @@ class SingularityLocus:
         """Return how singular configurations are."""
         moving = self.moving(space)
         small = self.rest.equations(space.at) @ moving.basis
-        finite = all_finite(small, (1, 2))
-        _, sizes, right = np.linalg.svd(np.where(finite[:, None, None], small, 0.0))
+        _, sizes, right, finite = decomposed(small)
         last = self.motions - 1
         smallest = np.where(finite, sizes[:, last], np.nan)
         motion = moving.along(right[:, last])
@@ -217,13 +217,13 @@ class SingularityLocus:
         both = np.concatenate([values, motions], axis=1)
         both, steps = newton(change, both, most, CORRECTED, TRUST)
         values, motions = np.split(both, 2, axis=1)
-        space, moving, motions, off, _, equations = self._linearised(
+        space, moving, motions, off, _, swing, equations = self._linearised(
             values, motions, borders, like
         )
         residual = np.maximum(space.at.gap, max_abs(off, axis=1))
         equations = equations[:, : self.rest.count + 1]
         tangents, turns, reciprocal_condition = self._tangents(
-            space, moving, motions, equations
+            space, moving, swing, equations
         )
         bad = ~(residual < ON_LOCUS)
         for array in (values, motions, tangents, turns, residual):
@@ -246,7 +246,7 @@ class SingularityLocus:
     ) -> Floats:
         """Return Newton's steps of variables and motions, in one row each (n, 2 V)."""
         values, motions = np.split(both, 2, axis=1)
-        space, moving, unit, off, shift, equations = self._linearised(
+        space, moving, unit, off, shift, swing, equations = self._linearised(
             values, motions, borders, like
         )
         miss = targets - np.einsum("nkv,nv->nk", borders, values + space.closing)
@@ -257,25 +257,24 @@ class SingularityLocus:
         change[finite] = np.einsum("nij,nj->ni", inverse, right[finite])
         ways, turning = np.split(change, [self.freedoms], axis=1)
         turned = unit - motions + moving.along(turning)
-        turned += np.einsum("ng,ngvw,nw->nv", ways, moving.bends[:, :-1], unit)
-        turned += np.einsum("nvw,nw->nv", moving.bends[:, -1], unit)
+        turned += swing[..., -1] + np.einsum("nvg,ng->nv", swing[..., :-1], ways)
         return np.concatenate([space.closing + space.along(ways), turned], axis=1)
 
     def _linearised(
         self, values: Floats, motions: Floats, borders: Floats, like: Floats | None
-    ) -> tuple[TangentSpace, TangentSpace, Floats, Floats, Floats, Floats]:
+    ) -> tuple[TangentSpace, TangentSpace, Floats, Floats, Floats, Floats, Floats]:
         """Return tangent spaces, unit motions, E x, its change by closing, and equations.
 
-        The motions are made to close the loops. The unknowns of the bordered equations are
-        the way along the basis and the change of the motion in that of `moving`.
+        The motions are made to close the loops; before the equations is how they swing
+        (n, V, g + 1) with the directions. The unknowns of the bordered equations are the
+        way along the basis and the change of the motion in that of `moving`.
         """
         space = self.space(values, like)
         moving = self.moving(space, like)
-        inside = np.einsum("nvg,nv->ng", moving.basis, motions)
-        inside = unit_rows(inside)
+        inside = unit_rows(np.einsum("nvg,nv->ng", moving.basis, motions))
         unit, rows = moving.along(inside), self.rest.equations(space.at)
-        slopes = np.einsum("ngmv,nv->nmg", self.rest.changes(space), unit)
-        slopes += rows @ np.einsum("ngvw,nw->nvg", moving.bends, unit)
+        swing = np.einsum("ngvw,nw->nvg", moving.bends, unit)
+        slopes = np.einsum("ngmv,nv->nmg", self.rest.changes(space), unit) + rows @ swing
         g, n = self.freedoms, len(values)
         top = np.concatenate([slopes[:, :, :g], rows @ moving.basis], axis=2)
         along = np.concatenate([np.zeros((n, g)), inside], axis=1)[:, None]
@@ -283,27 +282,20 @@ class SingularityLocus:
         low = np.concatenate([borders @ space.basis, still], axis=2)
         equations = np.concatenate([top, along, low], axis=1)
         off = np.einsum("nmv,nv->nm", rows, unit)
-        return space, moving, unit, off, slopes[:, :, g], equations
+        return space, moving, unit, off, slopes[:, :, g], swing, equations
 
     def _tangents(
-        self,
-        space: TangentSpace,
-        moving: TangentSpace,
-        motions: Floats,
-        equations: Floats,
+        self, space: TangentSpace, moving: TangentSpace, swing: Floats, equations: Floats
     ) -> tuple[Floats, Floats, Floats]:
         g, rank = self.freedoms, self.motions + 1
-        finite = all_finite(equations, (1, 2))
-        _, sizes, right = np.linalg.svd(np.where(finite[:, None, None], equations, 0.0))
+        _, sizes, right, finite = decomposed(equations)
         kernel = np.swapaxes(right[:, rank:], 1, 2)
-        ways, turned = kernel[:, :g], moving.basis @ kernel[:, g:]
-        turned += np.einsum("ngk,ngvw,nw->nvk", ways, moving.bends[:, :g], motions)
-        left, lengths, mixing = np.linalg.svd(ways, full_matrices=False)
-        scale = 1.0 / np.maximum(lengths, REDUNDANT)[:, None]
-        turns = turned @ np.swapaxes(mixing, 1, 2) * scale
-        conditioning = sizes[:, rank - 1] * lengths[:, -1]
-        reciprocal_condition = conditioning / np.maximum(sizes[:, 0], TINY)
-        return space.basis @ left, turns, np.where(finite, reciprocal_condition, 0.0)
+        turned = moving.basis @ kernel[:, g:] + swing[..., :g] @ kernel[:, :g]
+        left, lengths, mixing = np.linalg.svd(kernel[:, :g], full_matrices=False)
+        scale = np.maximum(lengths, REDUNDANT)[:, None]
+        turns = turned @ np.swapaxes(mixing, 1, 2) / scale
+        condition = sizes[:, rank - 1] * lengths[:, -1] / np.maximum(sizes[:, 0], TINY)
+        return space.basis @ left, turns, np.where(finite, condition, 0.0)
 
 
 def adjugate(matrices: Floats) -> Floats:
@@ -366,50 +358,22 @@ def configurations(solver: Solver, q: Floats) -> tuple[Floats, Indices]:
     return np.concatenate(parts), np.concatenate(rows)
 
 
-def slices(
-    solver: Solver,
-    free: int,
-    held: Floats,
-    budget: TimeLimit | None = None,
-) -> Iterator[Slice]:
-    """Yield all curves found with all inputs but one locked at some values.
+def _slices(solver: Solver, free: int, held: Floats, budget: TimeLimit) -> Iterator[Slice]:
+    """Yield all curves found with all inputs but one locked at values (m, inputs).
 
-    Modes are looked for at values of the free input over one turn: a curve that meets none
-    of them is missed.
-
-    Parameters
-    ----------
-    solver
-        A mechanism with at least two inputs.
-    free
-        Position in `solver.driven` of the input that is not locked.
-    held
-        (m, inputs) values (rad) at which the others are locked; the free one's are not
-        read.
-    budget
-        Time that the curves of all slices may take, unlimited by default.
+    A curve of each slice is followed side by side. Modes are looked for at values of the
+    free input, a position in `solver.driven`, over one turn: a curve that meets none of
+    them is missed.
     """
-    budget = budget or TimeLimit()
-    many = TOGETHER if solver.assembly.has_closed_form else 1
-    for first in range(0, len(held), many):
-        if not budget.goes_on(f"slice {first + 1} of {len(held)}"):
-            return
-        yield from _together(solver, free, held[first : first + many], budget)
-
-
-def _together(
-    solver: Solver, free: int, held: Floats, budget: TimeLimit
-) -> Iterator[Slice]:
-    """Yield the curves of some slices, a curve of each followed side by side."""
     probes = PROBED if solver.assembly.has_closed_form else PROBES
     turn = (np.arange(probes) + 0.5) * (2.0 * np.pi / probes) - np.pi
     q = np.repeat(held, probes, axis=0)
     q[:, free] = np.tile(turn, len(held))
     starts, row = configurations(solver, q)
-    others = [k for k in range(len(solver.driven)) if k != free]
+    others = np.delete(solver.driven, free).tolist()
     locked = [
-        lock(solver.closure, {solver.driven[k]: float(values[k]) for k in others})
-        for values in held
+        lock(solver.closure, dict(zip(others, values, strict=True)))
+        for values in np.delete(held, free, axis=1).tolist()
     ]
     kept = list(locked[0].kept)
     todo = {k: starts[row // probes == k][:, kept] for k in range(len(held))}
@@ -450,32 +414,27 @@ def cut(
     The values are taken in an order that is spread out wherever time is spent.
     """
     budget = budget or TimeLimit()
+    many = TOGETHER if solver.assembly.has_closed_form else 1
     spread = [
         low + (high - low) * (np.arange(values_of_each) + 0.5) / values_of_each
         for low, high in ranges
     ]
     sections: list[Slice] = []
     notes = []
-    count = len(ranges)
-    for free in range(count):
-        others = [k for k in range(count) if k != free]
-        mesh = np.meshgrid(*(spread[k] for k in others), indexing="ij")
-        held = np.zeros((mesh[0].size, count))
-        held[:, others] = np.stack([axis.ravel() for axis in mesh], axis=1)
-        held = held[_spread_out(len(held))]
-        share = budget.part(1.0 / (count - free))
-        sections += slices(solver, free, held, share)
+    for free in range(len(ranges)):
+        grid = [*product(*spread[:free], [0.0], *spread[free + 1 :])]
+        digits = f"0{max(1, (len(grid) - 1).bit_length())}b"
+        order = sorted(range(len(grid)), key=lambda k: format(k, digits)[::-1])
+        held = np.array(grid)[order]
+        share = budget.part(1.0 / (len(ranges) - free))
+        for first in range(0, len(held), many):
+            if not share.goes_on(f"slice {first + 1} of {len(held)}"):
+                break
+            sections += _slices(solver, free, held[first : first + many], share)
         if share.note:
             notes.append(f"{share.note} with input {free + 1} free")
     gaps = tuple((high - low) / values_of_each for low, high in ranges)
     return LockedInputSection(tuple(sections), gaps, "; ".join(notes))
-
-
-def _spread_out(count: int) -> Indices:
-    """Return numbers below `count` in an order whose every beginning is spread out."""
-    digits = max(1, (count - 1).bit_length())
-    order = sorted(range(count), key=lambda k: f"{k:0{digits}b}"[::-1])
-    return np.array(order, dtype=np.intp)
 
 
 def seeds(locked: Locked, curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:

@@ -31,7 +31,13 @@ from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.rates.transmission import hold as hold_of
 from spherekit.singular.locus import LocusPoints, SingularityLocus, adjugate
 from spherekit.singular.relation import FourLinks, relation_of
-from spherekit.singular.stationarity import InputsLocked, OutputPart, OutputStationary
+from spherekit.singular.stationarity import (
+    InputsLocked,
+    OutputPart,
+    OutputStationary,
+    decomposed,
+    tangent_space,
+)
 from spherekit.sphere.rotation import all_finite, cross, nans, unit_rows
 
 ALONE = 10.0
@@ -209,7 +215,7 @@ def _by_motions_alone(
     if not len(rows):
         return
     closure, held = Closure.of(motion.mechanism, motion.joints), _held(motion)
-    space = SingularityLocus(closure, len(held), output).space(motion.values[rows])
+    space = tangent_space(closure.at(motion.values[rows]), len(held))
     alone = unit_rows(space.basis @ adjugate(space.basis[:, held]))
     for k, four in enumerate(fours):
         rates = space.at.body_rates(alone[:, :, k])
@@ -239,7 +245,7 @@ def by_motions(
 ) -> dict[str, Any]:
     """Return those of `OutputCoefficients` that the motions that close the loops say."""
     held, closure = _held(motion), Closure.of(motion.mechanism, motion.joints)
-    space = SingularityLocus(closure, len(held), output).space(motion.values)
+    space = tangent_space(closure.at(motion.values), len(held))
     inputs, moving = space.basis[:, held], output.equations(space.at) @ space.basis
     transmission = Transmission(
         closure.tree, tuple(held), output.link, output.relative_to, output.pointing
@@ -294,11 +300,11 @@ def _type_one(inputs: Floats, output: Floats, tolerance: float) -> tuple[Floats,
     orthonormal basis is made, in which motions that move neither are lost.
     """
     both = np.concatenate([inputs, output], axis=1)
-    clean = np.where(all_finite(both, (1, 2))[:, None, None], both, 0.0)
-    left, sizes, _ = np.linalg.svd(clean, full_matrices=False)
+    left, sizes, _, _ = decomposed(both)
     moves = sizes > tolerance
-    turns = np.linalg.svd(left[:, inputs.shape[1] :] * moves[:, None], compute_uv=False)
-    turns = np.concatenate([np.ones((len(turns), 1)), turns], axis=1)
+    basis = left[:, inputs.shape[1] :, : both.shape[2]] * moves[:, None]
+    turns = np.linalg.svd(basis, compute_uv=False)
+    turns = np.pad(turns, ((0, 0), (1, 0)), constant_values=1.0)
     rank = np.sum(moves, axis=1)
     which = np.minimum(rank, output.shape[1])
     return turns[np.arange(len(turns)), which], rank < both.shape[2]

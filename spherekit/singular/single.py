@@ -24,7 +24,7 @@ from spherekit.motion.crossing import Crossing, crossing_near
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import Plan, Pole, parse_pole, pole_of
-from spherekit.singular.along import AT_REST, AlongCurve, Axis, LinkMotion
+from spherekit.singular.along import AT_REST, AlongCurve, Axes, LinkMotion
 from spherekit.singular.record import RelationAt, SingularPoint, judged
 from spherekit.singular.relation import (
     FORMS,
@@ -131,11 +131,11 @@ class SingleFreedom:
             if k not in links.different
         }
         wanted = [pole for pair in poles.values() for pole in pair]
-        axes = [along.axes(along.curve.s, wanted) for along in self.along]
+        axes = [along.axes(along.curve.s, wanted)[0] for along in self.along]
 
         def sine(k: int) -> float:
             """Return the mean sine of the angle of the poles of a link with o and i."""
-            pairs = ([there[pole].unit for pole in poles[k]] for there in axes)
+            pairs = ([there[pole] for pole in poles[k]] for there in axes)
             sines = [np.linalg.norm(cross(*pair), axis=1) for pair in pairs]
             return float(np.mean(np.nan_to_num(np.concatenate([np.zeros(1), *sines]))))
 
@@ -160,12 +160,12 @@ class SingleFreedom:
         q, y = (_rate(along.at(s), axes, links) for links in ends)
         return q, y, self._made(output, axes)
 
-    def _made(self, output: int, axes: dict[Pole, Axis]) -> list[Relation]:
+    def _made(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
         """Return the relations of form i and, if there is one, form ii."""
         out = []
         for form, links in zip(FORMS, self.links[output], strict=True):
             if links is not None:
-                out.append(relation_of(form, links, lambda pole: axes[pole].unit))
+                out.append(relation_of(form, links, axes.__getitem__))
         return [relation for relation in out if relation is not None]
 
     @cached_property
@@ -233,19 +233,19 @@ class SingleFreedom:
     def _judged(
         self,
         output: int,
-        axes: dict[Pole, Axis],
+        axes: Axes,
         there: LinkMotion,
         facts: Sequence[Type],
         resting: dict[Pole, Bools],
     ) -> list[tuple[RelationAt, ...]]:
         """Return an output's relations at n configurations, compared with the rates."""
         forms = []
-        for relation in self._made(output, axes):
-            errors = np.max([axes[pole].error for pole in relation.links.poles], axis=0)
-            names, rates = (
-                self.tracer.mechanism.links,
-                (_rate(there, axes, relation.output), _rate(there, axes, self.input)),
-            )
+        units, bounds = axes
+        names = self.tracer.mechanism.links
+        for relation in self._made(output, units):
+            errors = np.max([bounds[pole] for pole in relation.links.poles], axis=0)
+            ends = relation.output, self.input
+            rates = _rate(there, units, ends[0]), _rate(there, units, ends[1])
             forms.append(judged(relation, names, rates, errors, facts, resting))
         return list(zip(*forms, strict=True))
 
@@ -260,7 +260,7 @@ class SingleFreedom:
             if (number, pair) in resting:
                 continue
             s = along.curve.s
-            for relation in self._made(output, along.axes(s, self.poles(output))):
+            for relation in self._made(output, along.axes(s, self.poles(output))[0]):
                 links, said = relation.links, ""
                 if len(links.different) == 4:
                     to = (links.i, links.o, links.s)
@@ -413,10 +413,10 @@ def doubts(places: Floats, types: Sequence[Type], different: bool) -> list[str]:
     return notes
 
 
-def _rate(there: LinkMotion, axes: dict[Pole, Axis], links: tuple[int, int]) -> Floats:
+def _rate(there: LinkMotion, axes: dict[Pole, Floats], links: tuple[int, int]) -> Floats:
     """Return the rate (n,) of a link relative to another, by the axis of their pole."""
     w, _ = there.relative(*links[::-1])
-    return np.sum(w * axes[pole_of(*links)].unit, axis=1)
+    return np.vecdot(w, axes[pole_of(*links)])
 
 
 def _crossing_doubts(crossing: Crossing | None) -> str:

@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import nearest
 from spherekit.errors import AnalysisError
 from spherekit.model.gears import link_axes
@@ -154,6 +154,15 @@ class TangentSpace:
         return np.einsum("nvk,nk->nv", self.basis, ways)
 
 
+def decomposed(matrices: Floats) -> tuple[Floats, Floats, Floats, Bools]:
+    """Return the singular value decompositions of matrices (n, j, k), and which are finite.
+
+    Those that are not count as zero.
+    """
+    finite = all_finite(matrices, (1, 2))
+    return *np.linalg.svd(np.where(finite[:, None, None], matrices, 0.0)), finite
+
+
 def tangent_space(
     at: Linearisation,
     freedoms: int,
@@ -172,8 +181,7 @@ def tangent_space(
     jacobian = tree.jacobian(at.vectors[:, kept])
     n, rows, count = jacobian.shape
     rank = count - freedoms
-    finite = all_finite(jacobian, (1, 2))
-    left, sizes, right = np.linalg.svd(np.where(finite[:, None, None], jacobian, 0.0))
+    left, sizes, right, finite = decomposed(jacobian)
     inner = np.swapaxes(right[:, rank:], 1, 2).copy()
     if like is not None:
         one, _, other = np.linalg.svd(np.swapaxes(inner, 1, 2) @ like[:, kept])
@@ -182,8 +190,8 @@ def tangent_space(
         sense = np.linalg.det(left) * np.linalg.det(right)
         inner[:, :, -1] *= np.where(sense < 0.0, -1.0, 1.0)[:, None]
     floor = np.maximum(REDUNDANT * sizes[:, :1], TINY)
-    sizable = 1.0 / np.where(sizes[:, :rank] > floor, sizes[:, :rank], np.inf)
-    scaled = np.swapaxes(right[:, :rank], 1, 2) * sizable[:, None]
+    sizable = np.where(sizes[:, :rank] > floor, sizes[:, :rank], np.inf)
+    scaled = np.swapaxes(right[:, :rank], 1, 2) / sizable[:, None]
     inverse = scaled @ np.swapaxes(left[:, :, :rank], 1, 2)
     inner[~finite] = inverse[~finite] = np.nan
     basis = np.zeros((n, len(every), freedoms))
