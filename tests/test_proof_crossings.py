@@ -13,7 +13,7 @@ from test_proof_adversaries import FOUR_BAR, two_dyads
 
 from spherekit.cli.main import main
 from spherekit.guarantee import Guarantee
-from spherekit.proof.balls import bits, decimal, pi
+from spherekit.proof.balls import bits, library, pi
 from spherekit.proof.certificate import singularities
 from spherekit.proof.curves import certified_curves
 from spherekit.proof.modes import certified_modes
@@ -38,7 +38,7 @@ def nudged(arcs, link, step):
 def closes_at_half_a_turn(arcs):
     """Whether coupler and rocker span ground and crank in line at 180 degrees."""
     with bits(300):
-        ground, crank, coupler, rocker = (decimal(arc) * pi() / 180 for arc in arcs)
+        ground, crank, coupler, rocker = (library().arb(arc) * pi() / 180 for arc in arcs)
         apart = (ground + crank).cos()
         longest, shortest = (coupler + rocker).cos(), (coupler - rocker).cos()
         assert not (apart - longest).contains(0)

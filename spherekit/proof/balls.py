@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -141,32 +140,6 @@ def solved(square: Array, right: Array) -> Array:
     matrix = flint.acb_mat if either else flint.arb_mat
     left, sides = (matrix(given.tolist()) for given in (square, right))
     return np.array(left.solve(sides).tolist())
-
-
-def solved_exactly(square: Array, right: Array) -> list[Fraction]:
-    """Return the solution of linear equations whose real numbers have no radius.
-
-    Raises
-    ------
-    ZeroDivisionError
-        If the square matrix is singular.
-    """
-    flint = library()
-
-    def made(ball: Ball) -> Any:
-        mantissa, power = parts_of(ball)
-        return mantissa * flint.fmpq(2) ** power
-
-    rows = flint.fmpq_mat([[made(ball) for ball in row] for row in square])
-    column = flint.fmpq_mat([[made(ball)] for ball in right])
-    return [Fraction(int(e.p), int(e.q)) for e in rows.solve(column).entries()]
-
-
-def decimal(text: str) -> Ball:
-    """Return a ball around a decimal number as it is written."""
-    made = library().arb(text)
-    assert made.is_finite()
-    return made
 
 
 def exact(number: float) -> Ball:

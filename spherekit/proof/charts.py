@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Bools, Complexes, Floats, Indices
+from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
 from spherekit.proof.tubes import ROUNDING, UP
 
 WIDEST = 0.05
@@ -141,7 +141,7 @@ def polished(made: Polynomials, roots: ChartRoots) -> tuple[ChartRoots, Bools]:
     for _ in range(NEWTON_STEPS):
         values, first, _ = values_at(made, roots)
         inverse, regular = inverses(first)
-        change = np.einsum("nij,nj->ni", inverse, values)
+        change = applied(inverse, values)
         size = np.max(np.abs(change), axis=1, initial=0.0)
         good &= regular & (size < 1.0)
         roots = roots.moved(np.where(good[:, None], roots.z - change, roots.z))
@@ -159,13 +159,17 @@ def inverses(first: Complexes) -> tuple[Complexes, Bools]:
     return out, regular & np.all(np.isfinite(out), axis=(1, 2))
 
 
-def _rounding(made: Polynomials, rows: Indices) -> tuple[Floats, Floats]:
-    """Return by how much values (n, k) are off by coefficients; by sums of them too."""
+def applied(matrices: Array, vectors: Array) -> Array:
+    """Return products (n, i) of matrices (n, i, j) and vectors (n, j)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
+
+
+def _rounding(made: Polynomials, rows: Indices) -> Floats:
+    """Return by how much values (n, k) are off by coefficients and sums of them."""
     sizes = [np.abs(array).reshape(len(array), -1) for array in made.values]
     count = np.array([array.shape[1] for array in sizes], dtype=float)
     total = np.stack([np.sum(array, axis=1) for array in sizes], axis=1)
-    off = np.broadcast_to(made.error * count, total[rows].shape)
-    return off, off + 4 * ROUNDING * count * total[rows]
+    return np.asarray(count * (made.error + 4 * ROUNDING * total)[rows])
 
 
 def _along(
@@ -193,26 +197,24 @@ def _along(
 def tubes(
     made: Polynomials, roots: ChartRoots, half: Floats, moving: Floats, off: Floats
 ) -> tuple[Bools, Floats, Floats, Floats, Floats, Complexes]:
-    """Return where points (n,) have one root for every input of boxes, and what else.
+    """Return where points (n,) have one root for every input of boxes, and where it is.
 
-    At the centre of the box the root is within the first distance (n,), and alone within
-    the second; over the box it is within the third of the axis of its tube, and within
-    (n, k) of its place at the centre; then the slopes (n, k, inputs) of that axis.
-
-    Their half widths are `half` (m, inputs). What is given to the system at the centres
-    moves by `moving` (m, given, inputs) times the inputs, and by at most `off` (m, given)
-    rad more. It is to second order along the axes of tubes, bounded beyond: derivatives are
-    at most the system's constant times `growth` in `reach`, `axis` on the axis, times
-    powers of `steps`, those by what is given of `turned` (S. Bernstein).
+    At the centre it is within the first distance (n,), alone within the second; in the box
+    within the third of its tube's axis, whose slopes (n, k, inputs) are last, and within
+    (n, k) of its place there. What is given to the system moves by `moving` (m, given,
+    inputs) times the inputs, `half` (m, inputs) at most, and by at most `off` (m, given)
+    rad more. It is to second order along the axes, bounded beyond: derivatives are at most
+    the constant times `growth` in `reach`, `axis` on the axis, times powers of `steps`,
+    those by what is given of `turned` (S. Bernstein).
     """
-    count, half, stray = roots.z.shape[1], half[roots.row], off[roots.row]
-    moving = moving[roots.row]
+    count = roots.z.shape[1]
+    half, stray, moving = (given[roots.row] for given in (half, off, moving))
     values, first, by_given = values_at(made, roots)
     inverse, regular = inverses(first)
     size = np.abs(inverse)
     by_input = by_given @ moving
     rates = -inverse @ by_input
-    moved = np.einsum("njg,ng->nj", np.abs(rates), half) * UP
+    moved = applied(np.abs(rates), half) * UP
     reach = np.abs(roots.z) + moved + WIDEST
     steps = 2.0 * made.degrees[:, :count]
     turned = made.degrees[:, count:].astype(float)
@@ -221,19 +223,19 @@ def tubes(
     axis = made.constant * np.exp(np.log(near) @ steps.T) * UP
     # by how much the angles, in all, change at most in each equation
     across = moved @ steps.T
-    spread = np.einsum("ngd,nd->ng", np.abs(moving), half) @ turned.T
+    spread = applied(np.abs(moving), half) @ turned.T
     strays = stray @ turned.T
     way = (across + spread + strays) * UP
     along, mixed, curved = _along(made, roots, moving, inverse, rates, half)
-    off, blur = (part * growth for part in _rounding(made, roots.row))
-    spare = (made.constant * growth * (spread + strays) + off) * UP
+    blur = growth * _rounding(made, roots.row)
+    spare = (made.constant * growth * (spread + strays) + blur) * UP
     far = axis * (0.5 * (spread + strays) ** 2 + across * strays + way**3 / 6.0)
-    far += np.einsum("nig,ng->ni", np.abs(by_given), stray)
-    rest = np.einsum("nig,ng->ni", np.abs(first @ rates + by_input), half)
-    far += rest + blur * (1.0 + way + 0.5 * way**2) + ROUNDING * np.abs(values)
-    start = np.abs(np.einsum("nij,nj->ni", inverse, values))
-    still = start + np.einsum("nij,nj->ni", size, blur + ROUNDING * np.abs(values))
-    miss = start + curved + np.einsum("nij,nj->ni", size, far)
+    lost = ROUNDING * np.abs(values)
+    far += applied(np.abs(by_given), stray) + blur * (1.0 + way + 0.5 * way**2) + lost
+    far += applied(np.abs(first @ rates + by_input), half)
+    start = np.abs(applied(inverse, values))
+    still = start + applied(size, blur + lost)
+    miss = start + curved + applied(size, far)
     turning = np.einsum("nij,njld->nild", inverse, along)
     part = np.abs(np.eye(count) - inverse @ first)
     part += np.einsum("nild,nd->nil", np.abs(turning), half)
@@ -246,7 +248,7 @@ def tubes(
     around = ChartRoots(reach.astype(complex), roots.inverse, roots.row)
     bent = np.abs(around.derivatives([np.abs(array) for array in made.values], 2))
     bent += spare[:, :, None, None] * steps[:, :, None] * steps[:, None, :]
-    bend = np.einsum("nij,nj->ni", size, np.sum(bent, axis=(2, 3)))
+    bend = applied(size, np.sum(bent, axis=(2, 3)))
     miss, bend = (np.max(bound * UP, axis=1, initial=0.0) for bound in (miss, bend))
     unique, slope, good = _contracted(miss, slack, bend)
     radius = MARGIN * np.max(still * UP, axis=1, initial=0.0) / (1.0 - slope)

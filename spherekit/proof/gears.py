@@ -46,16 +46,15 @@ from spherekit.proof.balls import (
     angle_of,
     axes_about,
     carried,
-    decimal,
     exact,
     exactly,
     floats,
     frames_of_pose,
     frames_of_sizes,
+    library,
     middle,
     pi,
     solved,
-    solved_exactly,
     unit,
     wide,
 )
@@ -180,6 +179,8 @@ class Touching:
 
 AXES = {"through_xyz", "through_lonlat", "xyz", "lonlat"}
 """Keys of pairs in files that say where their axis is."""
+MOST_TEETH = 10**6
+"""Largest denominator of ratios of teeth."""
 PHASE = 1e-13
 """A start that the reader finds of a phase is known to this (rad)."""
 
@@ -258,18 +259,21 @@ class Written:
         return self._followed(rows, -rows[:, list(self.structure.inputs)])
 
     def exact_ratios(self) -> list[Fraction] | None:
-        """Return the rates of followers by the only input, None unless all have teeth."""
-        rows, structure = self._relations(), self.structure
-        if not all(factor.is_exact() for factor in rows.flat):
-            return None
-        (driven,) = structure.inputs
-        return solved_exactly(rows[:, list(structure.followers)], -rows[:, driven])
+        """Return the rates of followers by the only input, None unless all have teeth.
+
+        They are ratios of determinants of teeth, and balls of 80 bits have just one such.
+        """
+        toothed = all(factor.is_exact() for factor in self._relations().flat)
+        balls = [ratio for (ratio,) in self.ratios()] if toothed else []
+        made = [Fraction(middle(b)).limit_denominator(MOST_TEETH) for b in balls]
+        pairs = zip(balls, made, strict=True)
+        sure = toothed and all((b * x.denominator).contains(x.numerator) for b, x in pairs)
+        return made if sure else None
 
     def _followed(self, rows: Array, right: Array) -> list[list[Ball]]:
         """Return the angles that follow, or their rates, from the columns of `right`."""
         square = rows[:, list(self.structure.followers)]
-        made: list[list[Ball]] = solved(square, right).tolist()
-        return made
+        return list(map(list, solved(square, right)))
 
     def _relations(self) -> Array:
         """Return the factors (meshes, pairs) of sums of angles that stay the same."""
@@ -536,5 +540,7 @@ def text_of(number: float) -> str:
 def _number(number: float) -> Ball:
     """Return a number of a file as it is written."""
     if isinstance(number, LiteralNumber):
-        return decimal(number.text.replace("_", ""))
+        made = library().arb(number.text.replace("_", ""))
+        assert made.is_finite()
+        return made
     return exact(number)

@@ -29,6 +29,7 @@ from spherekit.proof.balls import circle
 from spherekit.proof.charts import (
     ChartRoots,
     Polynomials,
+    applied,
     are_apart,
     are_real,
     inverses,
@@ -140,14 +141,14 @@ def _at(
     """Return values (n, k), derivatives by z (n, k, k), and by t (n, k)."""
     here, first = (points.derivatives(ends, order) for order in (0, 1))
     parts = np.stack([1.0 - t, t], axis=1)
-    values = np.einsum("nke,ne->nk", here, parts)
+    values = applied(here, parts)
     return values, np.einsum("nkle,ne->nkl", first, parts), here[..., 1] - here[..., 0]
 
 
 def _solved(matrices: Complexes, right: Complexes) -> Complexes:
     """Return solutions (n, k), NaN where a matrix is singular."""
     inverse, regular = inverses(matrices)
-    return np.where(regular[:, None], np.einsum("nij,nj->ni", inverse, right), np.nan)
+    return np.where(regular[:, None], applied(inverse, right), np.nan)
 
 
 WIDEST_ANGLE = 0.3
@@ -244,7 +245,7 @@ class System:
         _, first, by_given = values_at(self.at(turns_of(start)), roots)
         ways = wrap(given - start)[roots.row]
         rates = -inverses(first)[0] @ by_given
-        return roots.moved(roots.z + np.einsum("njg,ng->nj", rates, ways))
+        return roots.moved(roots.z + applied(rates, ways))
 
     def _found(self, made: Polynomials) -> ChartRoots:
         """Return all roots at what is given, zeros if some are lost."""
@@ -348,6 +349,6 @@ def _angles(
     # log(1 + w) is off from w by at most this
     w = reach / size
     off = 0.5 * w**2 / (1.0 - w) + width[:, None] / size
-    lost = 1e-15 * np.einsum("nkd,nd->nk", np.abs(rates), half)
+    lost = 1e-15 * applied(np.abs(rates), half)
     off = np.where(w < 0.5, 1.05 * off + np.abs(size - 1.0) + lost + 1e-13, np.inf)
     return np.asarray(sense * np.angle(roots.z)), rates.real, off
