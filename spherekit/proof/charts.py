@@ -208,7 +208,7 @@ def tubes(
     those by what is given of `turned` (S. Bernstein).
     """
     count = roots.z.shape[1]
-    half, stray, moving = (given[roots.row] for given in (half, off, moving))
+    half, stray, moving = (box[roots.row] for box in (half, off, moving))
     values, first, by_given = values_at(made, roots)
     inverse, regular = inverses(first)
     size = np.abs(inverse)
@@ -221,15 +221,13 @@ def tubes(
     growth = np.exp(np.log(np.maximum(reach, 1.0)) @ steps.T) * UP
     near = np.maximum(np.abs(roots.z) + moved, 1.0)
     axis = made.constant * np.exp(np.log(near) @ steps.T) * UP
-    # by how much the angles, in all, change at most in each equation
-    across = moved @ steps.T
-    spread = applied(np.abs(moving), half) @ turned.T
-    strays = stray @ turned.T
-    way = (across + spread + strays) * UP
+    across, strays = moved @ steps.T, stray @ turned.T
+    given = applied(np.abs(moving), half) @ turned.T + strays
+    way = (across + given) * UP
     along, mixed, curved = _along(made, roots, moving, inverse, rates, half)
     blur = growth * _rounding(made, roots.row)
-    spare = (made.constant * growth * (spread + strays) + blur) * UP
-    far = axis * (0.5 * (spread + strays) ** 2 + across * strays + way**3 / 6.0)
+    spare = (made.constant * growth * given + blur) * UP
+    far = axis * (0.5 * given**2 + across * strays + way**3 / 6.0)
     lost = ROUNDING * np.abs(values)
     far += applied(np.abs(by_given), stray) + blur * (1.0 + way + 0.5 * way**2) + lost
     far += applied(np.abs(first @ rates + by_input), half)
