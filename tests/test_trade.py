@@ -305,8 +305,7 @@ def test_a_run_takes_a_stored_trade(capsys, stored):
 def test_a_simulation_takes_integrator_and_tolerance_of_a_stored_trade(
     capsys, tmp_path, monkeypatch
 ):
-    few = [Setting(integrator="numpy", tolerance=t) for t in (1e-4, 1e-7, 1e-11)]
-    monkeypatch.setattr("spherekit.tradeoff.measure.of_simulation", lambda: few)
+    monkeypatch.setattr("spherekit.tradeoff.measure.TOLERANCES", [1e-4, 1e-7, 1e-11])
     kept = stored_trade(tmp_path, *MOVED)
     capsys.readouterr()
     given = ["run", "four_bar", *MOVED, "--trade", kept]

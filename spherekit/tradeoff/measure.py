@@ -18,7 +18,7 @@ from spherekit.analysis.batch import Fields
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
 from spherekit.analysis.rows import InMemory
-from spherekit.analysis.running.evaluation import ENGINES, ORDINARY, Integrator, Setting
+from spherekit.analysis.running.evaluation import ORDINARY, Integrator, Setting
 from spherekit.analysis.running.sampling import Sampling, simulated_course
 from spherekit.analysis.running.summary import RunPlan, job_of, links_of
 from spherekit.analysis.running.verify import in_many_digits
@@ -37,7 +37,6 @@ from spherekit.numeric.crossings import wrap
 from spherekit.progress import ProgressReporter
 from spherekit.proof.balls import FEWEST, exactly, floats, pi
 from spherekit.rates.request import (
-    ROUTES,
     PoleField,
     turn_round,
 )
@@ -68,24 +67,8 @@ class Effort:
 
 
 INTEGRATORS: tuple[Integrator, ...] = ("numpy", "compiled")
-DECADES = range(3, 16)
-"""Tolerances of simulations, as negative powers of ten."""
-
-
-def of_samples() -> list[Setting]:
-    """Return the settings for samples of the inputs: routes and engines."""
-    every = [Setting(route=route) for route in ROUTES]
-    return every + [Setting(engine=engine) for engine in ENGINES if engine != "numpy"]
-
-
-def of_simulation() -> list[Setting]:
-    """Return the settings for simulations: integrators and tolerances."""
-    return [
-        Setting(integrator=integrator, tolerance=float(f"1e-{decade}"))
-        for integrator in INTEGRATORS
-        for decade in DECADES
-        if float(f"1e-{decade}") >= LEAST[integrator]
-    ]
+TOLERANCES = [float(f"1e-{decade}") for decade in range(3, 16)]
+"""Those of simulations."""
 
 
 @dataclass(frozen=True)
@@ -376,7 +359,12 @@ def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
     more digits than float64; where none can be made, the tightest float64 one, and the
     words say why.
     """
-    settings = of_simulation() if effort.settings is None else effort.settings
+    settings = effort.settings or [
+        Setting(integrator=integrator, tolerance=tolerance)
+        for integrator in INTEGRATORS
+        for tolerance in TOLERANCES
+        if tolerance >= LEAST[integrator]
+    ]
     best, course, compiling = _tightest(plan, study)
     try:
         tables, poles, without = _in_many_digits(plan, study, course)

@@ -188,21 +188,9 @@ class Trade:
         """Return everything ready for JSON."""
         chosen = None if tolerance is None else self.cheapest(tolerance)
         names = {measured.name for measured in self.pareto}
-        return {
-            "mechanism": self.mechanism,
-            "analysis": self.analysis,
-            "made_for": dict(self.made_for),
-            "samples": self.samples,
-            "checked_samples": self.checked,
-            "checked_rows": self.rows,
-            "reference": self.reference,
-            "reference_error": self.floor,
+        return {key: getattr(self, name) for key, name in STORED.items()} | {
             "margin": MARGIN,
-            "derivatives": self.derivatives,
-            "columns": [
-                {"column": name, "measured": how, "scale": scale}
-                for name, how, scale in self.columns
-            ],
+            "columns": [dict(zip(COLUMN, row, strict=True)) for row in self.columns],
             "settings": [
                 _row(measured, self.samples, measured.name in names)
                 for measured in self.settings
@@ -210,6 +198,21 @@ class Trade:
             "tolerance": tolerance,
             "recommended": None if chosen is None else chosen.name,
         }
+
+
+STORED = {
+    "mechanism": "mechanism",
+    "analysis": "analysis",
+    "made_for": "made_for",
+    "samples": "samples",
+    "checked_samples": "checked",
+    "checked_rows": "rows",
+    "reference": "reference",
+    "reference_error": "floor",
+    "derivatives": "derivatives",
+}
+"""Under which names a trade is stored, and what of it."""
+COLUMN = "column", "measured", "scale"
 
 
 def check_tolerance(mechanism: str, tolerance: float) -> None:
@@ -287,14 +290,10 @@ def read_trade(path: AnyPath) -> Trade:
             file = file / FILE
         if file.exists() and not file.is_file():
             raise ValueError("a folder or a device, not a regular file")
-        data = json.loads(file.read_text(encoding="utf-8"))
+        return _trade(json.loads(file.read_text(encoding="utf-8")))
     except FileNotFoundError:
         raise AnalysisError(f"{file}: there is no trade; {again}") from None
-    except (OSError, ValueError) as problem:
-        raise AnalysisError(f"{file}: is not a trade ({problem}); {again}") from None
-    try:
-        return _trade(data)
-    except (KeyError, TypeError, ValueError) as problem:
+    except (OSError, KeyError, TypeError, ValueError) as problem:
         raise AnalysisError(
             f"{file}: is not a trade that this version reads ({problem!r}); {again}"
         ) from None
@@ -312,79 +311,58 @@ def check_run(stored: Trade, now: Facts, where: str) -> None:
 
 
 def _trade(data: Facts) -> Trade:
-    rows = data["settings"]
-    return Trade(
-        mechanism=data["mechanism"],
-        analysis=data["analysis"],
-        samples=data["samples"],
-        checked=data["checked_samples"],
-        rows=data["checked_rows"],
-        reference=data["reference"],
-        floor=data["reference_error"],
-        derivatives=data["derivatives"],
-        columns=tuple(
-            (column["column"], column["measured"], column["scale"])
-            for column in data["columns"]
-        ),
-        settings=tuple(_measured(row, data["samples"]) for row in rows),
-        made_for=dict(data["made_for"]),
-    )
+    columns = (tuple(column[key] for key in COLUMN) for column in data["columns"])
+    settings = (_measured(row, data["samples"]) for row in data["settings"])
+    stored = {name: data[key] for key, name in STORED.items()}
+    return Trade(columns=tuple(columns), settings=tuple(settings), **stored)
 
 
 def _measured(row: Facts, samples: int) -> Measured:
-    first = _number(row["first_seconds"])
+    numbers = {key: np.nan if value is None else value for key, value in row.items()}
+    first = numbers["first_seconds"]
     return Measured(
         name=row["name"],
         setting=None if row["setting"] is None else Setting(**row["setting"]),
         first=first,
-        per_sample=1e-6 * _number(row["microseconds_per_sample"]),
-        per_sample_median=(_number(row["seconds_median"]) - first) / samples,
+        per_sample=1e-6 * numbers["microseconds_per_sample"],
+        per_sample_median=(numbers["seconds_median"] - first) / samples,
         compile=row["compile_seconds"],
-        error=_number(row["error"]),
+        error=numbers["error"],
         column=row["worst_column"],
-        estimate=_number(row["own_estimate"]),
+        estimate=numbers["own_estimate"],
         missing=row["missing"],
         reason=row["reason"],
     )
 
 
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)
-
-
 HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling")
-TO_THE_RIGHT = ("time", "median", "compiling")
+SIDES = "<<<<>>>"
+"""On which side of their columns the cells are."""
 
 
 def as_text(trade: Trade, tolerance: float | None = None) -> str:
     """Return the table for people, the columns' scales, and the recommendation."""
-    lines = [_heading(trade)]
     front = {measured.name for measured in trade.pareto}
     rows: list[Names] = [HEADINGS]
-    for candidate in trade.settings:
-        if not candidate.reason:
-            rows.append(_cells(trade, candidate, candidate.name in front))
-    widths = [max(len(row[k]) for row in rows) for k in range(len(HEADINGS))]
+    rows += [_cells(trade, x, x.name in front) for x in trade.settings if not x.reason]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [_heading(trade)]
     for row in rows:
-        cells = (
-            cell.rjust(width) if heading in TO_THE_RIGHT else cell.ljust(width)
-            for heading, cell, width in zip(HEADINGS, row, widths, strict=True)
-        )
-        lines.append("  ".join(cells).rstrip())
+        cells = zip(row, SIDES, widths, strict=True)
+        made = (f"{cell:{side}{width}}" for cell, side, width in cells)
+        lines.append("  ".join(made).rstrip())
     lines.append(
         "*: no other is quicker and as accurate. Times are processor times of a run"
         + _scaled(trade)
         + ", the best of the rounds and their median; compiling comes once."
     )
-    if any(np.isfinite(measured.estimate) for measured in trade.settings):
-        lines += [
-            f"  {measured.name}: the analysis's own estimate of its error "
-            f"{measured.estimate:.1e}"
-            for measured in trade.settings
-            if np.isfinite(measured.estimate)
-        ]
-    lines += _scales(trade)
-    lines += _not_applying(trade)
+    lines += [
+        f"  {measured.name}: the analysis's own estimate of its error "
+        f"{measured.estimate:.1e}"
+        for measured in trade.settings
+        if np.isfinite(measured.estimate)
+    ]
+    lines += [*_scales(trade), *_not_applying(trade)]
     if tolerance is not None:
         lines.append(advice(trade, tolerance))
     return "\n".join(lines)
@@ -493,11 +471,9 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     Settings are numbered; a tolerance is a line, and its choice a mark.
     """
     counting = [candidate for candidate in trade.settings if candidate.counts]
-    points = _points(trade, counting)
+    points, front = _points(trade, counting), _points(trade, trade.pareto)
     (left, bottom), (right, top) = _frame(points)
-    curves, marks = [], []
-    front = _points(trade, trade.pareto)
-    curves.append(PlaneCurve(front, FRONT, "no other is quicker and as accurate"))
+    curves, marks = [PlaneCurve(front, FRONT, "no other is quicker and as accurate")], []
     for numbered, (measured, place) in enumerate(zip(counting, points, strict=True), 1):
         tone = FRONT if measured in trade.pareto else EVALUATED
         marks.append(Mark(str(numbered), place, tone))
@@ -536,7 +512,7 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
 def _points(trade: Trade, counting: Sequence[Measured]) -> Floats:
     """Return (n, 2) times and errors."""
     rows = [(measured.total(trade.samples), measured.error) for measured in counting]
-    return np.maximum(np.array(rows, dtype=float).reshape(-1, 2), LEAST)
+    return np.maximum(np.reshape(rows, (-1, 2)), LEAST)
 
 
 def _frame(points: Floats) -> tuple[Floats, Floats]:

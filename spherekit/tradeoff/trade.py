@@ -15,7 +15,7 @@ from spherekit.analysis.contract import AbstractAnalysis, Sweep
 from spherekit.analysis.registry import create
 from spherekit.analysis.run import run
 from spherekit.analysis.running import rows_at_once
-from spherekit.analysis.running.evaluation import ORDINARY, Setting
+from spherekit.analysis.running.evaluation import ENGINES, ORDINARY, Setting
 from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.running.summary import RunPlan
 from spherekit.analysis.study import Subject, study_of, takes
@@ -28,7 +28,7 @@ from spherekit.errors import AnalysisError
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.proof.balls import FEWEST as DIGITS
-from spherekit.rates.request import Request
+from spherekit.rates.request import ROUTES, Request
 from spherekit.sphere.rotation import all_finite, max_abs
 from spherekit.tradeoff.measure import (
     Deviation,
@@ -38,7 +38,6 @@ from spherekit.tradeoff.measure import (
     Timed,
     deviations_of,
     measured,
-    of_samples,
     plan_of,
     reads_poles,
     reference_at,
@@ -177,7 +176,8 @@ def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
     plan = plan_of(course, analysis)
     right, poles, without = reference_at(plan)
     words = f"the closure equations in {DIGITS} digits{without}"
-    every = of_samples() if effort.settings is None else effort.settings
+    engines = [Setting(engine=engine) for engine in ENGINES if engine != "numpy"]
+    every = effort.settings or [*(Setting(route=route) for route in ROUTES), *engines]
 
     def way(setting: Setting, judged: bool) -> Timed:
         if judged or long is None or setting != ORDINARY:
