@@ -18,7 +18,7 @@ from spherekit.analysis.tables import (
     Table,
     TableArrays,
 )
-from spherekit.arrays import Floats
+from spherekit.arrays import Array, Floats
 from spherekit.conventions import Facts, Status
 from spherekit.errors import AnalysisError
 from spherekit.files.atomic import check_own
@@ -26,7 +26,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.numeric.crossings import wrap
 from spherekit.progress import ProgressReporter
 from spherekit.proof.balls import Ball, bits, exact, middle, upper
-from spherekit.proof.certificate import CertifiedPole, enclosed_poles
+from spherekit.proof.certificate import enclosed_poles
 from spherekit.proof.construction import construct
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
@@ -151,7 +151,7 @@ def prove_poles(
     names, links = written.structure.pairs, mechanism.links
     columns = [written.motion_columns()[pair] for pair in made.pairs]
     working = ProgressReporter("proving poles")
-    proven: dict[tuple[int, int, str, frozenset[str]], CertifiedPole] = {}
+    proven: dict[tuple[int, int, str, frozenset[str]], tuple[Array, Ball]] = {}
     with bits(PRECISION):
         equations = Equations(written, made)
         good = np.flatnonzero(np.asarray(motion["status"]) == Status.OK)
@@ -168,10 +168,11 @@ def prove_poles(
             gap[count:] = wrap(gap[count:])
             if not places or max_abs(gap) > NEAR:
                 continue
-            for pole in enclosed_poles(equations, places):
-                ends = frozenset((links[pole.first], links[pole.second]))
-                sample, mode = (int(motion[c][row]) for c in ("sample", "assembly_mode"))
-                proven[sample, mode, names[pole.driven], ends] = pole
+            sample, mode = (int(motion[c][row]) for c in ("sample", "assembly_mode"))
+            for (driven, *two), direction, coefficient in enclosed_poles(equations, places):
+                if direction is not None:
+                    key = sample, mode, names[driven], frozenset(links[k] for k in two)
+                    proven[key] = direction, coefficient
         parts: list[Facts] = []
         for number in range(len(poles["sample"])):
             given = {name: column[number] for name, column in poles.items()}
@@ -179,8 +180,8 @@ def prove_poles(
             ends = frozenset((str(given["link"]), str(given["relative_to"])))
             place = int(given["sample"]), int(given["assembly_mode"])
             enclosed = proven.get((*place, str(given["moving"]), ends))
-            if given["status"] == Status.OK and enclosed and enclosed.direction is not None:
-                parts[-1] |= _proven(given, enclosed.direction, enclosed.coefficient)
+            if given["status"] == Status.OK and enclosed:
+                parts[-1] |= _proven(given, *enclosed)
     words = (
         Counter(part[name] for part in parts if name in part)
         for name in ("error_bound_is", "velocity_coefficient_error_bound_is")
@@ -229,7 +230,7 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
     construct(Written.of(mechanism).structure)
 
 
-def _proven(given: Facts, direction: Sequence[Ball], coefficient: Ball) -> Facts:
+def _proven(given: Facts, direction: Array, coefficient: Ball) -> Facts:
     """Return what is proven of a row of poles."""
     u = np.array([float(given[f"u{axis}"]) for axis in "xyz"])
     axis = np.array([middle(ball) for ball in direction])

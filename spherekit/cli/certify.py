@@ -120,7 +120,7 @@ Made = tuple[Lines, Facts, bool]
 def _at(written: Any, text: str, with_poles: bool) -> Made:
     """Return lines and certificate of the modes at inputs."""
     from spherekit.errors import AnalysisError
-    from spherekit.proof.certificate import certified_poles, modes_certificate, pole_table
+    from spherekit.proof.certificate import modes_certificate, pole_table
     from spherekit.proof.modes import certified_modes
 
     mechanism = written.mechanism
@@ -135,7 +135,7 @@ def _at(written: Any, text: str, with_poles: bool) -> Made:
     lines = [f"{mechanism.name}: {modes.claim}", *_mode_lines(modes)]
     certificate = modes_certificate(modes)
     if with_poles:
-        certificate["poles"] = pole_table(modes, certified_poles(modes))
+        certificate["poles"] = pole_table(modes)
         lines += map(_pole_line, certificate["poles"])
     return lines, certificate, modes.complete
 

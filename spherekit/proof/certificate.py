@@ -148,55 +148,23 @@ def _meets(one: StationaryPlace, others: Sequence[StationaryPlace]) -> bool:
     return any(bool(np.all(gap <= off)) for gap, off in apart)
 
 
-@dataclass(frozen=True)
-class CertifiedPole:
-    """The pole of link `first` relative to `second`, while one input moves at unit rate.
-
-    `direction` are three balls in ground axes, `coefficient` a ball, not negative: the
-    angular velocity is the coefficient times the direction. Where it may vanish,
-    `direction` is None.
-    """
-
-    mode: int
-    driven: int
-    first: int
-    second: int
-    direction: tuple[Ball, ...] | None
-    coefficient: Ball
+EnclosedPole = tuple[tuple[int, int, int], Array | None, Ball]
+"""The driven pair, the link that moves, and the link it is seen from; then three balls in
+ground axes of the direction, None where it may have none, and one, not negative, of the
+velocity coefficient. The angular velocity is this times the direction."""
 
 
-def certified_poles(modes: CertifiedModes) -> list[CertifiedPole]:
-    """Return the poles of all pairs of links in all certified real modes.
+def enclosed_poles(equations: Equations, places: Sequence[Ball]) -> Iterator[EnclosedPole]:
+    """Yield the poles of all pairs of links at narrow balls of all variables.
 
     With several inputs each moves in turn, the others locked.
     """
-    with modes.sharp() as (equations, places):
-        return [
-            pole
-            for number, place in enumerate(places)
-            for pole in enclosed_poles(equations, place, number)
-        ]
-
-
-def enclosed_poles(
-    equations: Equations, places: Sequence[Ball], mode: int = 0
-) -> Iterator[CertifiedPole]:
-    """Yield the poles of all pairs of links at narrow balls of all variables."""
-    made = equations.construction
-    for column in range(made.inputs):
+    for column, pair in enumerate(equations.construction.driven):
         turning = _angular_velocities(equations, places, column)
         for second, first in combinations(range(len(turning)), 2):
             spin = turning[first] - turning[second]
-            size = (spin @ spin).sqrt()
-            turns = lower(size) > 0.0
-            yield CertifiedPole(
-                mode,
-                made.driven[column],
-                first,
-                second,
-                tuple(spin / size) if turns else None,
-                size,
-            )
+            size: Ball = (spin @ spin).sqrt()
+            yield (pair, first, second), spin / size if lower(size) > 0.0 else None, size
 
 
 def _angular_velocities(equations: Equations, places: Sequence[Ball], driven: int) -> Array:
@@ -219,7 +187,7 @@ def _angular_velocities(equations: Equations, places: Sequence[Ball], driven: in
         if parts and link < structure.bodies:
             spin = sum(parts) @ jet[()].T
             velocities[link] = spin[2, 1], spin[0, 2], spin[1, 0]
-    return velocities if made.root == 0 else velocities @ placed[0][()]
+    return np.asarray(velocities @ placed[0][()])
 
 
 FORMAT = 1
@@ -368,11 +336,16 @@ def _wheels(written: Written, made: Construction) -> list[dict[str, Any]]:
     turns = {step.pairs: step.turns for step in made.steps}
     with bits(WHEEL_BITS):
         angles, off = _near(written.given([exact(0.0)])[1:])
-    keys = "pair", "turns", "at_zero_rad", "off"
-    names = [structure.pairs[pair] for pair in structure.followers]
-    every = [turns[(pair,)] for pair in structure.followers]
-    rows = zip(names, every, angles, off, strict=True)
-    return [dict(zip(keys, row, strict=True)) for row in rows]
+    rows = zip(structure.followers, angles, off, strict=True)
+    return [
+        {
+            "pair": structure.pairs[pair],
+            "turns": turns[(pair,)],
+            "at_zero_rad": angle,
+            "off": spare,
+        }
+        for pair, angle, spare in rows
+    ]
 
 
 def map_certificate(boxes: InputMap) -> dict[str, Any]:
@@ -419,26 +392,32 @@ def wheels_certificate(
     }
 
 
-def pole_table(
-    modes: CertifiedModes, poles: Sequence[CertifiedPole]
-) -> list[dict[str, Any]]:
-    """Return enclosures of poles: float64 numbers, and how far off they are at most."""
-    structure = modes.written.structure
-    table = []
-    for pole in poles:
-        numbers, off = _near((*(pole.direction or ()), pole.coefficient))
-        table.append(
-            {
-                "mode": pole.mode,
-                "moving": structure.pairs[pole.driven],
-                "link": structure.links[pole.first],
-                "relative_to": structure.links[pole.second],
-                "direction": numbers[:-1] or None,
-                "direction_off": max(off[:-1], default=None),
-                "velocity_coefficient": numbers[-1],
-                "velocity_coefficient_off": off[-1],
-            }
+def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
+    """Return enclosures of all poles in all certified real modes.
+
+    As float64 numbers, and how far these are off at most.
+    """
+    structure, table = modes.written.structure, []
+    with modes.sharp() as (equations, places):
+        poles = (
+            (k, p) for k, at in enumerate(places) for p in enclosed_poles(equations, at)
         )
+        for mode, ((driven, first, second), direction, coefficient) in poles:
+            (*numbers, size), (*off, spare) = _near(
+                [*(() if direction is None else direction), coefficient]
+            )
+            table.append(
+                {
+                    "mode": mode,
+                    "moving": structure.pairs[driven],
+                    "link": structure.links[first],
+                    "relative_to": structure.links[second],
+                    "direction": numbers or None,
+                    "direction_off": max(off, default=None),
+                    "velocity_coefficient": size,
+                    "velocity_coefficient_off": spare,
+                }
+            )
     return table
 
 

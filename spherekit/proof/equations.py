@@ -25,6 +25,7 @@ from spherekit.proof.balls import (
     Frame,
     Vector,
     exact,
+    exactly,
     lower,
     revolute,
 )
@@ -135,10 +136,11 @@ class Equations:
 
     def orientations(self, places: Sequence[Ball], order: int = 0) -> dict[int, Jet]:
         """Return the jets of all links' orientations in the root, at balls of variables."""
-        _, placed = self._placed(places, order)
+        placed: dict[int, Jet] = {self.construction.root: {(): exactly(np.eye(3))}}
+        placed |= self._placed(places, order)[1]
         for step in self.construction.steps:
             above, _ = self.construction.placed[step.link]
-            if above is not None and above != self.construction.root:
+            if above is not None:
                 placed[step.link] = product(
                     placed[above], placed[step.link], np.matmul, order
                 )

@@ -16,7 +16,6 @@ from spherekit.guarantee import Completeness, Guarantee
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import (
     Ball,
-    Frame,
     angle_of,
     bits,
     circle,
@@ -26,7 +25,7 @@ from spherekit.proof.balls import (
     pi,
 )
 from spherekit.proof.construction import Construction, construct
-from spherekit.proof.equations import Equations, Jet
+from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
 from spherekit.proof.paving import FIRST, Left, Ranges, paved
 from spherekit.proof.roots import Root, root_near
@@ -320,16 +319,9 @@ def pair_angles(equations: Equations, places: Sequence[Ball]) -> list[Ball]:
             angles.append(places[construction.pairs.index(number)])
             continue
         first, second = (
-            _turned(placed.get(link), frame)
+            frame @ placed[link][()].T
             for link, frame in zip(ends, equations.frames[number], strict=True)
         )
         cosine, sine, _ = first @ second[0]
         angles.append(angle_of(cosine, sine))
     return angles
-
-
-def _turned(jet: Jet | None, frame: Frame) -> Frame:
-    """Return a frame of a link in the axes of the root."""
-    if jet is None:
-        return frame
-    return np.asarray(frame @ jet[()].T)
