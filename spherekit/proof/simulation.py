@@ -117,66 +117,6 @@ def knots(parts: Sequence[Component], until: float) -> list[Ball]:
     return [inside[t] for t in sorted(inside)]
 
 
-def force(
-    mechanism: Mechanism,
-    parts: Sequence[Component],
-    moving: Moving,
-    sides: Sides,
-    inside: float,
-) -> tuple[Array, list[Array]]:
-    """Return the generalised force of parts of loads (n,), and the switches' conditions.
-
-    These are in the order in which expressions are evaluated; numbers in these are the
-    float64 they are. `inside` is a time (s) between the knots that the rows lie between.
-    """
-    variables, conditions = mechanism.angles, list[Array]()
-    total = exactly(np.zeros(len(moving.t)))
-
-    def named(name: str) -> Any:
-        kind, _, pair = name.partition("_")
-        if kind == "t":
-            return moving.t
-        if kind == "theta":
-            return moving.values[:, variables[pair]]
-        return moving.rates[:, variables[pair]] * moving.speed
-
-    def side(condition: Array) -> Any:
-        """Return the side of the next condition (n,)."""
-        conditions.append(np.atleast_1d(condition))
-        return np.sign(floats(condition)) if sides is None else sides[len(conditions) - 1]
-
-    def applied(name: str, given: Sequence[Any]) -> Any:
-        """Return a function of expressions; NaN outside its domain."""
-        if name in ("sign", "abs"):
-            return side(given[0]) * given[0] ** (name == "abs")
-        if name in KINKED:
-            upward, best = 1 if name == "max" else -1, given[0]
-            for item in given[1:]:
-                gap = best - item
-                best = (best + item + upward * side(gap) * gap) / 2
-            return best
-        if not hasattr(exact(0.0), name):
-            return ON_ARRAYS[name](*given)
-        return np.frompyfunc(lambda x, *y: getattr(x, name)(*y), len(given), 1)(*given)
-
-    for part in parts:
-        if isinstance(part.magnitude, TorqueTable):
-            magnitude = _of_table(part.magnitude, moving.t, inside)
-        else:
-            magnitude = fold(expression_of(part.magnitude).root, exact, named, applied)
-        rates = [moving.rates[:, variables[part.pair]]] if part.pair else []
-        for moment in part.moments:
-            link = mechanism.link_number[moment.link]
-            w, turn = moving.w[:, link], moving.rotations[:, link]
-            if moment.arm is not None:
-                w = np.cross(w, turn @ exactly(moment.arm))
-            direction = exactly(moment.direction)
-            direction = turn @ direction if moment.axes == "link" else direction
-            rates.append(np.sum(w * direction, axis=1))
-        total = total + magnitude * sum(rates)
-    return total, conditions
-
-
 def _of_table(table: TorqueTable, t: Array, inside: float) -> Array:
     """Return a table's torque along the line that it has at the time `inside`."""
     times, torques = exactly(table.times), exactly(table.torques)
@@ -358,7 +298,59 @@ class ExactSimulation:
     def _force(
         self, moving: Moving, sides: Sides, inside: float
     ) -> tuple[Array, list[Array]]:
-        return force(self.mechanism, self._parts, moving, sides, inside)
+        """Return the generalised force of the loads (n,), and the switches' conditions.
+
+        These are in the order in which expressions are evaluated; numbers in these are the
+        float64 they are. `inside` is a time (s) between the knots about the rows.
+        """
+        variables, conditions = self.mechanism.angles, list[Array]()
+        total = exactly(np.zeros(len(moving.t)))
+
+        def named(name: str) -> Any:
+            kind, _, pair = name.partition("_")
+            if kind == "t":
+                return moving.t
+            if kind == "theta":
+                return moving.values[:, variables[pair]]
+            return moving.rates[:, variables[pair]] * moving.speed
+
+        def side(condition: Array) -> Any:
+            """Return the side of the next condition (n,)."""
+            conditions.append(np.atleast_1d(condition))
+            return (
+                np.sign(floats(condition)) if sides is None else sides[len(conditions) - 1]
+            )
+
+        def applied(name: str, given: Sequence[Any]) -> Any:
+            """Return a function of expressions; NaN outside its domain."""
+            if name in ("sign", "abs"):
+                return side(given[0]) * given[0] ** (name == "abs")
+            if name in KINKED:
+                upward, best = 1 if name == "max" else -1, given[0]
+                for item in given[1:]:
+                    gap = best - item
+                    best = (best + item + upward * side(gap) * gap) / 2
+                return best
+            if not hasattr(exact(0.0), name):
+                return ON_ARRAYS[name](*given)
+            return np.frompyfunc(lambda x, *y: getattr(x, name)(*y), len(given), 1)(*given)
+
+        for part in self._parts:
+            if isinstance(part.magnitude, TorqueTable):
+                magnitude = _of_table(part.magnitude, moving.t, inside)
+            else:
+                magnitude = fold(expression_of(part.magnitude).root, exact, named, applied)
+            rates = [moving.rates[:, variables[part.pair]]] if part.pair else []
+            for moment in part.moments:
+                link = self.mechanism.link_number[moment.link]
+                w, turn = moving.w[:, link], moving.rotations[:, link]
+                if moment.arm is not None:
+                    w = np.cross(w, turn @ exactly(moment.arm))
+                direction = exactly(moment.direction)
+                direction = turn @ direction if moment.axes == "link" else direction
+                rates.append(np.sum(w * direction, axis=1))
+            total = total + magnitude * sum(rates)
+        return total, conditions
 
     def _closed(self, t: Array, c: Array, along: int) -> Closed:
         """Return the closed configurations at times with a variable held."""
