@@ -9,8 +9,9 @@ whole turns those are meant with which the driven wheel has rolled least at an i
 from dataclasses import dataclass
 from fractions import Fraction
 
+import numpy as np
 from flint import arb
-from proof_checker import cross, dot, need, vector
+from proof_checker import across, need
 
 HALF_TURN_APART = 1e-6
 """Azimuths (rad) so near to half a turn may be rolled least in both senses."""
@@ -79,24 +80,16 @@ def as_ball(fraction):
 def contact_azimuths(sizes, pairs, wheels, carrier, inner):
     """Where the contact is about both centres, in the wheels, with all angles zero."""
     held = [sizes.frame(pair, carrier) for pair in pairs]
-    a, b = ([frame[k, 2].real for k in range(3)] for frame in held)
-    cosine = dot(a, b)
-    ahead = [y - cosine * x for x, y in zip(a, b, strict=True)]
-    back = [x - cosine * y for x, y in zip(a, b, strict=True)]
-    # circles one within the other touch beyond the centre of the smaller one
-    towards = [-e for e in ahead] if inner else ahead, back
+    a, b = (frame[:, 2] for frame in held)
+    ahead, back = b - (a @ b) * a, a - (a @ b) * b
     azimuths = []
+    # circles one within the other touch beyond the centre of the smaller one
+    towards = -ahead if inner else ahead, back
     for pair, wheel, frame, way in zip(pairs, wheels, held, towards, strict=True):
         own = sizes.frame(pair, wheel)
-        there = own * frame.transpose() * vector(way)
-        direction = [e.real for e in there.entries()]
-        axis = [own[k, 2].real for k in range(3)]
-        first = int(abs(float(axis[0].mid())) > 0.9)
-        x = [int(k == first) - axis[first] * e for k, e in enumerate(axis)]
-        length = dot(x, x).sqrt()
-        y = [e / length for e in cross(axis, x)]
-        x = [e / length for e in x]
-        azimuths.append(arb.atan2(dot(direction, y), dot(direction, x)))
+        direction, axis = own @ frame.T @ way, own[:, 2]
+        x = across(axis)
+        azimuths.append(arb.atan2(direction @ np.cross(axis, x), direction @ x))
     return azimuths
 
 

@@ -4,15 +4,33 @@ In e^(i angle) = a / b a rotation times a b is a polynomial in a and b, which ar
 points (z, 1) and (1, w): so an angle at infinity is a solution like others.
 """
 
-from itertools import combinations
+from itertools import combinations, product
 
+import numpy as np
 from flint import acb, acb_poly, arb, ctx
-from proof_checker import Dual, System, alone, cross, dot, need, permanent_of, rows, vector
+from proof_checker import (
+    System,
+    about,
+    alone,
+    ball,
+    constant,
+    inverse_near,
+    largest,
+    mid,
+    need,
+    parted,
+    parts_of,
+    permanent_of,
+    put,
+    spin,
+    square,
+    times,
+    wrapped,
+)
 
 WIDE = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 NARROW = (1e-12, 1e-10, 1e-8, 1e-6, 1e-4)
 DEEPEST = 7
-PERIOD = 6.283185307179586
 
 
 class Half:
@@ -31,51 +49,39 @@ class Half:
         """P and its derivatives at balls of the points and of all other angles."""
         self.points = dict(zip(self.unknowns, centre, strict=True))
         self.driven, self.done = driven, {}
-        found = [self._put(link)[0] for link in self.links]
-        value = rows([[f.value[0, 0]] for f in found])
-        slope = rows([[s[0, 0] for s in f.slopes] for f in found])
-        return value, slope
-
-    def _constant(self, matrix):
-        return Dual(matrix, [0 * matrix for _ in range(self.count)])
+        return parts_of([self._put(link)[0] for link in self.links])
 
     def _local(self, link):
         """The matrix of a link in the one before, times its scale, and the scale."""
         if link not in self.done:
-            across = len(self.steps[link]["by"]) == 1
-            self.done[link] = self._turned(link) if across else self._put(link)[1:]
+            turned = len(self.steps[link]["by"]) == 1
+            self.done[link] = self._turned(link) if turned else self._put(link)[1:]
         return self.done[link]
 
     def _turned(self, link):
         step = self.steps[link]
         (pair,), (parent,) = step["by"], step["on"]
         sense = 1 if self.system.sizes.ends[pair][0] == parent else -1
-        before = self._constant(self.system.frames[pair, parent])
-        after = self._constant(self.system.frames[pair, link].transpose())
-        slopes = [rows([[0] * 3] * 3) for _ in range(self.count)]
-        scale = self._constant(rows([[1]]))
+        before = constant(self.system.frames[pair, parent], self.count)
+        after = constant(self.system.frames[pair, link].T, self.count)
+        scale = constant(ball([[1]]), self.count)
         if pair in self.points:
             column = self.unknowns.index(pair)
-            z = self.points[pair]
-            one = acb(1)
+            z, one = self.points[pair], acb(1)
             a, b, up, down = (one, z, 0, one) if self.inverse[column] else (z, one, one, 0)
             c, s, w = (a * a + b * b) / 2, (a * a - b * b) / acb(0, 2), a * b
-            dc, ds, dw = (
-                a * up + b * down,
-                (a * up - b * down) / acb(0, 1),
-                a * down + up * b,
-            )
-            slopes[column] = rows([[dc, -sense * ds, 0], [sense * ds, dc, 0], [0, 0, dw]])
-            scale.value = rows([[w]])
-            scale.slopes[column] = rows([[dw]])
+            dc, ds = a * up + b * down, (a * up - b * down) / acb(0, 1)
+            dw = a * down + up * b
+            turn = constant(spin(c, sense * s, w), self.count)
+            turn[1 + column] = spin(dc, sense * ds, dw)
+            scale[0], scale[1 + column] = w, dw
         else:
-            s, c = acb(self.driven[pair]).sin_cos()
-            w = acb(1)
+            s, c = self.driven[pair].sin_cos()
+            turn = constant(spin(c, sense * s, 1), self.count)
             if pair in self.moving:
-                column = len(self.unknowns) + self.moving.index(pair)
-                slopes[column] = rows([[-s, -sense * c, 0], [sense * c, -s, 0], [0, 0, 0]])
-        turn = Dual(rows([[c, -sense * s, 0], [sense * s, c, 0], [0, 0, w]]), slopes)
-        return before @ turn @ after, scale
+                column = 1 + len(self.unknowns) + self.moving.index(pair)
+                turn[column] = spin(-s, sense * c, 0)
+        return times(times(before, turn), after), scale
 
     def _way(self, link):
         step = self.steps.get(link)
@@ -83,51 +89,28 @@ class Half:
             return []
         if len(step["by"]) == 1:
             return [*self._way(step["on"][0]), link]
-        return [*self._parted(*step["on"])[0], link]
-
-    def _parted(self, one, other):
-        one, other, shared = self._way(one), self._way(other), []
-        while one and other and one[0] == other[0]:
-            shared.append(one.pop(0))
-            other.pop(0)
-        return shared, one, other
+        return [*parted(*map(self._way, step["on"]))[0], link]
 
     def _put(self, link):
         """The equation of a link put on two axes, its matrix times its scale, the scale."""
         step = self.steps[link]
-        _, *ways = self._parted(*step["on"])
-        own = [[self.system.frames[p, link][k, 2] for k in range(3)] for p in step["by"]]
-        axes, scales = [], []
+        _, *ways = parted(*map(self._way, step["on"]))
+        out, scales = [], []
         for way, pair, parent in zip(ways, step["by"], step["on"], strict=True):
-            frame = self.system.frames[pair, parent]
-            axis = self._constant(vector([frame[k, 2] for k in range(3)]))
-            scale = self._constant(rows([[1]]))
+            axis = constant(self.system.frames[pair, parent][:, 2:], self.count)
+            scale = constant(ball([[1]]), self.count)
             for each in reversed(way):
-                matrix, size = self._local(each)
-                axis, scale = matrix @ axis, scale @ size
-            axes.append(axis)
+                place, size = self._local(each)
+                axis, scale = times(place, axis), times(scale, size)
+            out.append(axis)
             scales.append(scale)
-        both = scales[0] @ scales[1]
-        miss = axes[0].T @ axes[1] + both @ self._constant(rows([[-dot(*own)]]))
-        normal = cross(*own)
-        need(dot(normal, normal).real > 0, f"the arc of {link} may be 0 or 180 degrees")
-        inverse = rows([own[0], own[1], normal]).transpose().inv()
-        third = System.crossed(*axes)
-        columns = [axes[0] @ scales[1], axes[1] @ scales[0], third]
-        parts = [
-            each @ self._constant(rows([[inverse[k, j] for j in range(3)]]))
-            for k, each in enumerate(columns)
-        ]
-        return miss, parts[0] + parts[1] + parts[2], both
+        axes = [self.system.frames[pair, link][:, 2] for pair in step["by"]]
+        return *put(link, axes, out, scales), times(*scales)
 
 
 def plain(inverse, z):
     """The pair (a, b) of a point."""
     return (acb(1), z) if inverse else (z, acb(1))
-
-
-def square(z, radius):
-    return z + acb(arb(0, radius), arb(0, radius))
 
 
 class Solved:
@@ -140,20 +123,17 @@ class Solved:
             half = Half(system, part["equations"], part["unknowns"], inverse)
             small = next((r for r in NARROW if proven(half, centre, r, driven)), None)
             need(small is not None, "a solution of a system is not shown")
-            within = [square(z, small) for z in centre]
+            within = [z + square(small) for z in centre]
             balls.append([plain(i, z) for i, z in zip(inverse, within, strict=True)])
             if any(not abs(z).contains(1) for z in within):
                 continue
             large = next(r for r in (*WIDE, small) if proven(half, centre, r, driven))
-            for z, c in zip(within, centre, strict=True):
-                gap = 1 / z.conjugate() - c
-                fits = max(abs(gap.real).upper(), abs(gap.imag).upper()) < arb(large)
-                need(fits, "a solution that may be real or not")
+            pairs = zip(within, centre, strict=True)
+            gap = largest([1 / z.conjugate() - c for z, c in pairs])
+            need(gap < arb(large), "a solution that may be real or not")
+            senses = (-1 if i else 1 for i in inverse)
             self.real.append(
-                [
-                    (-z.log().imag if i else z.log().imag)
-                    for i, z in zip(inverse, within, strict=True)
-                ]
+                [i * z.log().imag for i, z in zip(senses, within, strict=True)]
             )
         for one, other in combinations(balls, 2):
             apart = any(
@@ -201,14 +181,10 @@ def check_systems(system, certificate, driven):
         }
         following = []
         for path in paths:
-            points = next(
-                (each for each in part["solved"] if near(each["given"], path, used)), None
-            )
-            need(points is not None, "a system that is not solved for a mode")
-            tried = [
-                (each["inverse"], [acb(*z) for z in each["z"]])
-                for each in points["solutions"]
-            ]
+            close = [each for each in part["solved"] if near(each["given"], path, used)]
+            need(close, "a system that is not solved for a mode")
+            solutions = close[0]["solutions"]
+            tried = [(each["inverse"], [acb(*z) for z in each["z"]]) for each in solutions]
             for angles in Solved(system, part, path, tried, bound).real:
                 own = zip(part["unknowns"], angles, strict=True)
                 following.append({**path, **dict(own)})
@@ -217,11 +193,7 @@ def check_systems(system, certificate, driven):
 
 
 def near(given, path, used):
-    for name in used:
-        gap = float(path[name].mid()) - given[name]
-        if abs((gap + PERIOD / 2) % PERIOD - PERIOD / 2) > 1e-6:
-            return False
-    return True
+    return all(abs(wrapped(float(path[n].mid()) - given[n])) < 1e-6 for n in used)
 
 
 def roots_of(system, part, driven):
@@ -231,7 +203,7 @@ def roots_of(system, part, driven):
     size = part["degree"] + 1
     turns = [acb(0, 2 * arb.pi() * k / size).exp() for k in range(size)]
     middle = {pair: arb(angle.mid()) for pair, angle in driven.items()}
-    values = [half.values([z], middle)[0][0, 0] for z in turns]
+    values = [half.values([z], middle)[0][0] for z in turns]
     made = [
         sum(v * z ** (size - k) for v, z in zip(values, turns, strict=True)) / size
         for k in range(size)
@@ -254,17 +226,12 @@ def followed(system, part, driven):
     need(part["solved"], "a system without solutions to start from")
     middle = {pair: float(angle.mid()) for pair, angle in driven.items()}
 
-    def gaps(given):
-        return {
-            pair: (angle - given[pair] + PERIOD / 2) % PERIOD - PERIOD / 2
-            for pair, angle in middle.items()
-            if pair in given and pair in part["used"]
-        }
+    def gaps(each):
+        near = {pair: each["given"][pair] for pair in part["used"] if pair in each["given"]}
+        return {pair: wrapped(middle[pair] - angle) for pair, angle in near.items()}
 
-    start = min(
-        part["solved"], key=lambda each: max(map(abs, gaps(each["given"]).values()))
-    )
-    apart = gaps(start["given"])
+    start = min(part["solved"], key=lambda each: max(map(abs, gaps(each).values())))
+    apart = gaps(start)
     steps = 1 + int(max(map(abs, apart.values())) / STEP)
     points = []
     for solution in start["solutions"]:
@@ -280,8 +247,7 @@ def followed(system, part, driven):
             half = Half(system, part["equations"], part["unknowns"], inverse)
             for _ in range(4):
                 value, slope = half.values(z, place)
-                change = slope.mid().solve(value.mid()).entries()
-                z = [(a - b).mid() for a, b in zip(z, change, strict=True)]
+                z = list(mid(np.array(z) - inverse_near(slope) @ mid(value)))
         points.append((inverse, z))
     return points
 
@@ -343,10 +309,6 @@ class Counting:
         return real
 
 
-def largest(entries):
-    return max(abs(part).upper() for e in entries for part in (e.real, e.imag))
-
-
 class Axis:
     """One solution over a box of inputs: z + Z d + w, with d from the box's centre.
 
@@ -354,47 +316,44 @@ class Axis:
     """
 
     def __init__(self, system, part, path, half, inverse, centre):
-        self.inverse, self.centre, moving = inverse, centre, list(path)
+        self.inverse, self.centre, moving = inverse, np.array(centre), list(path)
         self.half = Half(system, part["equations"], part["unknowns"], inverse, moving)
-        self.steps = [arb(0, h) for h in half]
-        count = len(centre)
-        rates = rows([path[name][1] for name in moving])
-        more = vector([arb(0, path[name][2]) for name in moving])
+        self.steps, count = about(half), len(centre)
+        self.one = ball(np.eye(count))
+        rates = ball([path[name][1] for name in moving])
+        more = about([path[name][2] for name in moving])
         middle = {name: path[name][0] for name in moving}
-        turned = (rates * vector(self.steps) + more).entries()
-        self.given = {n: middle[n] + t.real for n, t in zip(moving, turned, strict=True)}
+        turned = rates @ self.steps + more
+        self.given = {n: middle[n] + t for n, t in zip(moving, turned, strict=True)}
         value, slope = self.half.values(centre, middle)
-        inner, outer = parted(slope, count)
-        self.pull = inner.mid().inv().mid()
-        self.rates = (-1 * (self.pull * (outer * rates))).mid()
-        ahead = (self.rates * vector(self.steps)).entries()
-        self.along = [c + a for c, a in zip(centre, ahead, strict=True)]
-        inner, outer = parted(self.half.values(self.along, self.given)[1], count)
-        change = (inner * self.rates + outer * rates) * vector(self.steps)
-        self.start = -1 * (self.pull * (value + change + outer * more))
-        self.radius = 1.5 * largest(self.start.entries()) + arb(1e-14)
+        self.pull = inverse_near(slope[:, :count])
+        self.rates = mid(-self.pull @ (slope[:, count:] @ rates))
+        self.along = self.centre + self.rates @ self.steps
+        _, slope = self.half.values(self.along, self.given)
+        inner, outer = slope[:, :count], slope[:, count:]
+        change = (inner @ self.rates + outer @ rates) @ self.steps
+        self.start = -self.pull @ (value + change + outer @ more)
+        self.radius = 1.5 * largest(self.start) + arb(1e-14)
         self.rest = self.image(self.radius)
 
     def image(self, radius):
         """What the operator makes of all w of a radius, within that."""
-        around = acb(arb(0, radius), arb(0, radius))
-        count = len(self.centre)
-        _, slope = self.half.values([z + around for z in self.along], self.given)
-        inner, _ = parted(slope, count)
-        one = rows([[int(r == c) for c in range(count)] for r in range(count)])
-        moved = self.start + (one - self.pull * inner) * vector([around] * count)
-        if not largest(moved.entries()) < radius:
+        around = np.full(len(self.centre), square(radius))
+        _, slope = self.half.values(self.along + around, self.given)
+        inner = slope[:, : len(self.centre)]
+        moved = self.start + (self.one - self.pull @ inner) @ around
+        if not largest(moved) < radius:
             raise NotShown
-        return moved.entries()
+        return moved
 
     def ball(self):
-        return [a + w for a, w in zip(self.along, self.rest, strict=True)]
+        return self.along + self.rest
 
     def parts(self):
         """Of each angle z, Z / z, w / z and (Z d + w) / z."""
         for row, (z, w) in enumerate(zip(self.centre, self.rest, strict=True)):
-            bent = [self.rates[row, d] / z for d in range(len(self.steps))]
-            yield z, bent, w / z, dot(bent, self.steps) + w / z
+            bent = self.rates[row] / z
+            yield z, bent, w / z, bent @ self.steps + w / z
 
     def need_real(self):
         """Show that the mirror image 1 / conj z of the solution is that solution."""
@@ -403,10 +362,8 @@ class Axis:
         for z, bent, rest, moved in self.parts():
             size = 1 / (z * z.conjugate())
             back = moved.conjugate()
-            first = sum(
-                (size * k.conjugate() + k) * d
-                for k, d in zip(bent, self.steps, strict=True)
-            )
+            mirrored = np.array([k.conjugate() for k in bent])
+            first = (size * mirrored + bent) @ self.steps
             far = size * (back * back / (1 + back) - rest.conjugate())
             if not largest([z * (size - 1 - first + far)]) < wide:
                 raise NotShown
@@ -425,12 +382,6 @@ class Axis:
         return made
 
 
-def parted(slope, count):
-    """The derivatives by the unknowns, and those by all other angles."""
-    table = slope.tolist()
-    return rows([row[:count] for row in table]), rows([row[count:] for row in table])
-
-
 class NotShown(Exception):
     """What is tried is not proven over a box: it may be over its parts."""
 
@@ -443,28 +394,26 @@ def check_map(certificate):
     names = list(certificate["inputs"])
     ends = [[system.sizes.angle(e) for e in certificate["inputs"][n]] for n in names]
     boxes = certificate["boxes"]
-    for one, other in combinations(boxes, 2):
-        gaps = zip(one["centre_rad"], other["centre_rad"], strict=True)
-        sums = zip(one["half_rad"], other["half_rad"], strict=True)
-        apart = any(
-            abs(a - b) > r + s - 1e-9 for (a, b), (r, s) in zip(gaps, sums, strict=True)
-        )
-        need(apart, "two boxes overlap")
-    whole, areas = 1.0, {}
-    for low, high in ends:
-        whole *= float((high - low).mid())
-    for box in boxes:
-        for (low, high), c, r in zip(ends, box["centre_rad"], box["half_rad"], strict=True):
-            need(r > 0, "an empty box")
-            need(arb(c) - r > low - 1e-9 and arb(c) + r < high + 1e-9, "a box outside")
-        (r, s) = box["half_rad"]
-        areas[box["is"]] = areas.get(box["is"], 0.0) + 4 * r * s / whole
+    centres, halves = (
+        np.array([box[k] for box in boxes]) for k in ("centre_rad", "half_rad")
+    )
+    apart = np.abs(centres[:, None] - centres) > halves[:, None] + halves - 1e-9
+    same = np.eye(len(boxes), dtype=bool)
+    need(np.all(np.any(apart, axis=2) | same), "two boxes overlap")
+    low, high = np.array(ends).T
+    need(np.all(halves > 0), "an empty box")
+    need(np.all(ball(centres) - ball(halves) > low - 1e-9), "a box outside")
+    need(np.all(ball(centres) + ball(halves) < high + 1e-9), "a box outside")
+    parts = 2 * halves / mid(high - low).astype(float)
+    areas = {}
+    for box, area in zip(boxes, np.prod(parts, axis=1), strict=True):
+        areas[box["is"]] = areas.get(box["is"], 0.0) + area
     need(abs(sum(areas.values()) - 1) < 1e-6, "boxes do not fill the ranges")
     for words, share in certificate["shares"].items():
         need(abs(areas.get(words, 0.0) - share) < 1e-6, "another share")
     counting = Counting(system, certificate["systems"])
     for box in boxes:
-        place = [arb(c) for c in box["centre_rad"]]
+        place = ball(box["centre_rad"])
         if box["is"] == "regular":
             check_regular(counting, place, box["half_rad"], box["modes"], 0)
         elif box["is"] == "contains type II":
@@ -479,20 +428,17 @@ def check_regular(counting, place, half, modes, depth):
         need(found == modes, "another number of modes in a box")
         return
     need(depth < DEEPEST, "a box that is not shown to be regular")
-    for signs in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
-        parts = zip(place, half, signs, strict=True)
-        middle = [c + arb(s * r) / 2 for c, r, s in parts]
-        check_regular(counting, middle, [r / 2 for r in half], modes, depth + 1)
+    half = np.array(half) / 2
+    for signs in product((-1, 1), repeat=2):
+        check_regular(counting, place + ball(signs * half), half, modes, depth + 1)
 
 
 def check_contains(counting, box):
     seen = set()
+    centre, half = np.array(box["centre_rad"]), np.array(box["half_rad"])
     for steps in (2, 4, 16):
-        for j in range(steps + 1):
-            for k in range(steps + 1):
-                parts = zip(box["centre_rad"], box["half_rad"], (j, k), strict=True)
-                place = [arb(c + r * 0.999 * (2 * n / steps - 1)) for c, r, n in parts]
-                seen.add(counting.at(place, [0.0, 0.0]))
-                if len(seen - {None}) > 1:
-                    return
+        for grid in product(np.linspace(-0.999, 0.999, steps + 1), repeat=2):
+            seen.add(counting.at(ball(centre + half * grid), [0.0, 0.0]))
+            if len(seen - {None}) > 1:
+                return
     need(False, "a box that is not shown to have a singular configuration")

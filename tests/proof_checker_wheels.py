@@ -8,8 +8,9 @@ wheels, so that values at five angles of each bound it everywhere.
 
 import itertools
 
-from flint import acb_mat, arb, ctx
-from proof_checker import Sizes, cross, dot, need, rows, vector
+import numpy as np
+from flint import arb, ctx
+from proof_checker import Sizes, ball, matrix, need, size, spin
 
 TOUCHING = 1e-9
 """Decimal numbers say only nearly that a wheel's carrier is where its circle is."""
@@ -67,12 +68,12 @@ class Wheels:
         on = [
             self.sizes.frame(n, k) for n, k in zip(item["axes"], item["links"], strict=True)
         ]
-        a, b = ([frame[k, 2].real for k in range(3)] for frame in on)
+        a, b = (frame[:, 2] for frame in on)
         one, other = (self.sizes.ends[name] for name in item["axes"])
         carrier = next(link for link in one if link in other)
-        two = [self.sizes.frame(name, carrier) for name in item["axes"]]
-        held = [[frame[k, 2].real for k in range(3)] for frame in two]
-        arc = arb.atan2(dot(cross(*held), cross(*held)).sqrt(), dot(*held))
+        one, other = (self.sizes.frame(name, carrier)[:, 2] for name in item["axes"])
+        normal = np.cross(one, other)
+        arc = arb.atan2((normal @ normal).sqrt(), one @ other)
         if "teeth" in item:
             first, second = (arb(int(count)) for count in item["teeth"])
             return a, b, first, second, arc, inner
@@ -86,32 +87,25 @@ class Wheels:
         """
         first, second = self.sizes.data["pairs"][contact]["links"]
         a, b, u, v, arc, inner = self.sides(contact)
-        place = rows([[int(r == c) for c in range(3)] for r in range(3)])
-        turning = {}
+        place, turning = ball(np.eye(3)), {}
         for (pair, side), angle in zip(self.way(first, second), angles, strict=True):
             ends = self.sizes.ends[pair]
             before = self.sizes.frame(pair, ends[side])
             after = self.sizes.frame(pair, ends[1 - side])
             sense = -1 if side else 1
             s, c = angle.sin_cos()
-            turn = rows([[c, -sense * s, 0], [sense * s, c, 0], [0, 0, 1]])
-            axis = place * before * vector([0, 0, sense])
-            turning[pair] = [entry.real for entry in axis.entries()]
-            place = place * before * turn * after.transpose()
-        far = [entry.real for entry in (place * vector(b)).entries()]
-        gap = dot(a, far) - arc.cos()
-        contact_line = [
-            (-v if inner else v) * x + u * y for x, y in zip(a, far, strict=True)
-        ]
-        slip = {pair: cross(axis, contact_line) for pair, axis in turning.items()}
-        return gap, slip
+            turning[pair] = sense * (place @ before[:, 2])
+            place = place @ before @ spin(c, sense * s, 1) @ after.T
+        far = place @ b
+        line = (-v if inner else v) * a + u * far
+        slip = {pair: np.cross(axis, line) for pair, axis in turning.items()}
+        return a @ far - arc.cos(), slip
 
 
 def check_wheels(certificate):
     """Show that wheels roll without slip at the ratios given, and at no others."""
     ctx.prec = 80
     wheels = Wheels(certificate)
-    columns = range(len(wheels.columns))
     table = []
     for contact in wheels.contacts:
         first, second = wheels.sizes.data["pairs"][contact]["links"]
@@ -122,14 +116,9 @@ def check_wheels(certificate):
         for angles in itertools.product(nodes, repeat=len(way)):
             gap, slip = wheels.slips(contact, angles)
             need(abs(gap) < allowed, "circles that do not touch")
-            for column in columns:
-                for row in range(3):
-                    total = sum(
-                        wheels.rates[pair][column] * slip[pair][row] for pair in slip
-                    )
-                    need(abs(total) < allowed, "wheels that slip")
-        table += [
-            [slip.get(pair, [0] * 3)[row] for pair in wheels.followers] for row in range(3)
-        ]
-    square = acb_mat(table).transpose() * acb_mat(table)
-    need(not square.det().contains(0), "ratios that may be others")
+            total = sum(np.outer(slip[pair], wheels.rates[pair]) for pair in slip)
+            need(np.all(size(total) < allowed), "wheels that slip")
+        nothing = ball(np.zeros(3))
+        table.append(np.stack([slip.get(p, nothing) for p in wheels.followers], axis=1))
+    every = np.concatenate(table)
+    need(not matrix(every.T @ every).det().contains(0), "ratios that may be others")
