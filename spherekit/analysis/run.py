@@ -9,7 +9,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from typing import Any
 
-from spherekit.analysis.batch import Angles, Batch, Fields, table_scenes
+from spherekit.analysis.batch import Angles, Fields, table_scenes
 from spherekit.analysis.computed import findings_of, scenes_of
 from spherekit.analysis.contract import AbstractAnalysis, Analyses
 from spherekit.analysis.execution import Execution
@@ -27,7 +27,7 @@ from spherekit.analysis.running.cost import AXES, RECORDING, SEARCH, SIMULATION,
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.recording import RecordingSession
 from spherekit.analysis.running.run_state import RunState
-from spherekit.analysis.running.sampling import EVENTS, courses_of
+from spherekit.analysis.running.sampling import courses_of
 from spherekit.analysis.running.summary import (
     RunPlan,
     actual_cost,
@@ -42,11 +42,10 @@ from spherekit.analysis.running.summary import (
 )
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.study import Subject, chosen, study_of, takes
-from spherekit.analysis.tables import Table, Tables
 from spherekit.argument_validation import checked
 from spherekit.conventions import Facts, listing
-from spherekit.engine.kernels import ENGINES, Engine
-from spherekit.errors import AnalysisError, FileError, OutputError, SpherekitError
+from spherekit.engine.kernels import ENGINES
+from spherekit.errors import AnalysisError, OutputError, SpherekitError
 from spherekit.model.study import Study
 from spherekit.motion.motion import Motion
 from spherekit.rates.request import SignContinuation
@@ -114,11 +113,12 @@ def executed(
 
     Its motion is traced where anything asks for it, or to `follow` it.
     """
-    for name, value, default in (
-        ("engine", execution.engine, "auto"),
-        ("crossings", study.crossings, "end"),
-    ):
-        if study.start is None and value != default:
+    in_simulations = {
+        "engine": execution.engine != "auto",
+        "crossings": study.crossings != "end",
+    }
+    for name, is_said in in_simulations.items():
+        if study.start is None and is_said:
             raise AnalysisError(
                 f"run: {name} does nothing without a simulation: give start"
             )
@@ -130,7 +130,13 @@ def executed(
     folder = execution.folder
     with nullcontext() if folder is None else RunFolder.opened(folder) as place:
         _, refused = asked = needs_of_each(analyses, study.mechanism)
-        engine = engine_of(place, execution.unfinished, execution.engine)
+        began = began_with(place, execution.unfinished)
+        engine, setting = execution.engine, execution.setting
+        if engine == "auto" and began.get("engine") in ENGINES:
+            engine = began["engine"]
+        if execution.accuracy is not None and "setting" in began:
+            with suppress(TypeError):  # of another version, which is refused below
+                setting = Setting(**began["setting"])
         follow = follow or traced(study, analyses, execution)
         with ledger.stage(solving):
             pending = courses_of(study, engine, follow)
@@ -139,9 +145,7 @@ def executed(
             ):  # only the whole course is of use
                 pending = iter(deque(pending, maxlen=1))
             course = next(pending)
-        setting, shown = execution.setting, recorder is not None or study.verify is not None
-        if execution.accuracy is not None:
-            setting = setting_of(place, execution.unfinished, setting)
+        shown = recorder is not None or study.verify is not None
         job = job_of(course, analyses, asked, execution.block, setting, shown)
         if place is not None:
             place.claim(file_names(job.tables(), execution.formats))
@@ -194,7 +198,8 @@ def executed(
             if stage is not None:
                 with ledger.stage(RECORDING):
                     stage.finish()
-            add_events(job, standing, store)
+            for table in job.motion_tables[1:]:
+                job.hand_over(MOTION, table, job.course.events(), standing, store)
             summary = summary_of(job, standing)
             if stage is not None:
                 summary["recording"] = stage.summary()
@@ -257,77 +262,33 @@ def evaluate_block(
                 findings = findings_of(analysis, batch, before)
             if stage is not None:
                 with ledger.stage(RECORDING):
-                    _show(stage, analysis, declared, tables, batch, motion)
+                    scenes = scenes_of(analysis, batch)
+                    scenes = scenes or table_scenes(declared, tables, batch)
+                    with faults_of(analysis.name, "showing its scene"):
+                        stage.scenes(scenes, motion, analysis.name)
         except OutputError:
             raise
         except SpherekitError as problem:
             standing.failures[analysis.name] = str(problem)
             continue
         standing.findings[analysis.name] = findings
-        for table, stored in zip(declared, job.stored_tables_of(analysis), strict=True):
-            if store is not None:
-                named = stored.named(tables[table.name], job.names)
-                store.add(analysis.name, stored, named)
-            standing.add_rows(analysis.name, table, tables[table.name], batch)
-    if job.motion_tables:
-        stored = job.motion_tables[0]
-        rows = stored.named(motion_rows(course, motion, fields), job.names)
-        if store is not None:
-            store.add(MOTION, stored, rows)
-        standing.add_rows(MOTION, stored, rows)
+        for table in declared:
+            rows = tables[table.name]
+            job.hand_over(analysis.name, table, rows, standing, store, batch)
+    for table in job.motion_tables[:1]:
+        rows = motion_rows(course, motion, fields)
+        job.hand_over(MOTION, table, rows, standing, store)
     standing.add(course.tracer, motion, fields)
     standing.done += motion.samples
     return fields, angles
 
 
-def _show(
-    stage: RecordingSession,
-    analysis: AbstractAnalysis,
-    declared: Sequence[Table],
-    tables: Tables,
-    batch: Batch,
-    motion: Motion,
-) -> None:
-    """Record what an analysis shows of a block, or else the columns of its tables."""
-    scenes = scenes_of(analysis, batch) or table_scenes(declared, tables, batch)
-    with faults_of(analysis.name, "showing its scene"):
-        stage.scenes(scenes, motion, analysis.name)
-
-
-def add_events(
-    job: RunPlan, standing: RunState, store: StoredParts | InMemory | None
-) -> None:
-    """Hand over what happened in the course of a simulation, known when it is whole."""
-    if job.course.simulation is not None:
-        events = job.course.events()
-        if store is not None:
-            store.add(MOTION, EVENTS.of(job.mechanism), events)
-        standing.add_rows(MOTION, EVENTS, events)
-
-
-def _began(place: RunFolder | None, unfinished: Unfinished, what: str) -> Any:
-    """Return what a run that goes on was begun with, None of one that starts."""
+def began_with(place: RunFolder | None, unfinished: Unfinished) -> Facts:
+    """Return the identity of an unfinished run that is gone on with, else {}."""
     if place is None or unfinished != "resume" or not place.unfinished:
-        return None
+        return {}
     identity = place.read().get("identity")
-    return identity.get(what) if isinstance(identity, dict) else None
-
-
-def engine_of(place: RunFolder | None, unfinished: Unfinished, engine: Engine) -> Engine:
-    """Return the engine: to go on, the one that was chosen when the run began."""
-    began = _began(place, unfinished, "engine") if engine == "auto" else None
-    return next((choice for choice in ENGINES if choice == began), engine)
-
-
-def setting_of(
-    place: RunFolder | None, unfinished: Unfinished, setting: Setting
-) -> Setting:
-    """Return the setting: to go on, the one that was chosen when the run began."""
-    began = _began(place, unfinished, "setting")
-    try:
-        return Setting(**began) if isinstance(began, dict) else setting
-    except TypeError:
-        return setting
+    return identity if isinstance(identity, dict) else {}
 
 
 def taken_up(
@@ -361,9 +322,7 @@ def taken_up(
                 for table in declared:
                     deque(store.pieces(name, table), maxlen=0)
             return RunState.restored(state["standing"]), store
-    except (OutputError, FileError) as problem:
-        raise place.damaged(str(problem)) from None
-    except (LookupError, TypeError, ValueError, AttributeError) as problem:
+    except (SpherekitError, LookupError, TypeError, ValueError, AttributeError) as problem:
         raise place.damaged(f"{type(problem).__name__}: {problem}") from None
     if differs:
         raise OutputError(

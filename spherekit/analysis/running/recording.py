@@ -1,5 +1,6 @@
 """What of a run goes to a recorder: the scenes of every sample, or of every k-th."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Protocol
@@ -14,7 +15,7 @@ from spherekit.analysis.link_scenes import (
 )
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.scene import Axis, Portrait, RecordingHead, Scene
+from spherekit.analysis.scene import Axis, Portrait, Range, RecordingHead, Scene
 from spherekit.arrays import Bools, Floats, Integers
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.motion import Motion
@@ -67,19 +68,18 @@ class RecordingSession:
         first: int,
     ) -> None:
         """Start the recording of samples from `first` on."""
-        mechanism, is_grid = course.tracer.mechanism, len(course.shape) > 1
+        mechanism = course.tracer.mechanism
         self._recorder, self._course, self._first = recorder, course, first
         self._every = every or -(-course.total // MOST_LOGGED)
-        self._row = course.shape[-1] if is_grid else None
+        self._row = course.shape[-1] if len(course.shape) > 1 else None
         self._shapes = link_shapes(mechanism)
         self._seen, self._logged_to = first, 0
         self._held: list[tuple[Portrait, Scene, Motion]] = []
         self._has_graph = False
-        logged = np.flatnonzero(self._is_logged(np.arange(course.total)))
-        inputs, times = course.inputs, course.every_t
-        single = inputs.shape[1] == 1 and times is None
-        self._inputs = inputs[logged, 0] if single else None
+        logged = self._is_logged(np.arange(course.total))
+        times, single = course.every_t, course.inputs.shape[1] == 1
         self._times = None if times is None else times[logged]
+        self._inputs = course.inputs[logged, 0] if single and times is None else None
         properties = {
             "spherekit": __version__,
             "mechanism_hash": mechanism_hash(mechanism),
@@ -89,7 +89,6 @@ class RecordingSession:
             properties["logged"] = f"one of {self._every} successive samples"
         if first:
             properties["resumed"] = f"samples before {first} are not in this recording"
-        row = None if self._row is None else -(-self._row // self._every)
         recorder.start(
             RecordingHead(
                 [static_scene(plans, self._shapes)],
@@ -97,7 +96,7 @@ class RecordingSession:
                 course.titles,
                 properties,
                 course.middle,
-                row,
+                None if self._row is None else -(-self._row // self._every),
                 self._times,
             )
         )
@@ -114,16 +113,19 @@ class RecordingSession:
 
     def finish(self) -> None:
         """Log the portraits that waited for the extent of the whole motion."""
-        ranges: dict[tuple[object, str], list[Floats]] = {}
+        spans: dict[tuple[object, str], list[tuple[Range, Range]]] = defaultdict(list)
         for portrait, scene, _ in self._held:
-            span = np.array([portrait.x_range, portrait.y_range])
-            ranges.setdefault((scene.page, portrait.path), []).append(span)
+            spans[scene.page, portrait.path] += [(portrait.x_range, portrait.y_range)]
         for portrait, scene, motion in self._held:
-            spans = np.array(ranges[scene.page, portrait.path])
-            low, high = np.min(spans[:, :, 0], axis=0), np.max(spans[:, :, 1], axis=0)
-            x_range, y_range = zip(low.tolist(), high.tolist(), strict=True)
+            x_range, y_range = (
+                (min(low), max(high))
+                for low, high in (
+                    zip(*ranges, strict=True)
+                    for ranges in zip(*spans[scene.page, portrait.path], strict=True)
+                )
+            )
             whole = replace(portrait, x_range=x_range, y_range=y_range)
-            self._log([replace(scene, primitives=(whole,))], motion, scene.source)
+            self._log(replace(scene, primitives=(whole,)), motion)
         self._held.clear()
 
     def summary(self) -> dict[str, int]:
@@ -132,78 +134,63 @@ class RecordingSession:
 
     def motion(self, motion: Motion) -> None:
         """Log the links of a block."""
-        chosen = self._chosen(motion)
-        self._seen = max(self._seen, int(motion.sample[-1]) + 1)
-        shown = chosen[: motion.samples]
-        if not np.any(shown):
+        motion, _ = self._chosen(motion)
+        if not motion.samples:
             return
-        if not np.all(shown):
-            motion = replace(motion.rows(chosen), samples=int(np.sum(shown)))
-        self._log(motion_scenes(motion, self._shapes, self._course.timed), motion, MOTION)
+        for scene in motion_scenes(motion, self._shapes, self._course.timed):
+            self._log(replace(scene, source=MOTION), motion)
         if not self._has_graph:  # after the first rows, which should not wait for it
             self._has_graph = True
             still = replace(motion, samples=0)
-            self._log_block(graph_scene(motion.mechanism), still, MOTION)
+            self._log_block(replace(graph_scene(motion.mechanism), source=MOTION), still)
 
     def scenes(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         """Log what an analysis of this name shows of a block."""
-        chosen = self._chosen(motion)
+        motion, shown = self._chosen(motion)
+        waits = self._course.going_on or self._held
+        for given in scenes:
+            thinned = given if np.all(shown) else given.thinned(shown)
+            scene = replace(thinned, source=source)
+            if waits and not scene.over:
+                parts = scene.primitives
+                held = [x for x in parts if isinstance(x, Portrait)]
+                rest = tuple(x for x in parts if not isinstance(x, Portrait))
+                self._held += [(portrait, scene, motion) for portrait in held]
+                scene = replace(scene, primitives=rest)
+            self._log(scene, motion)
+
+    def _chosen(self, motion: Motion) -> tuple[Motion, Bools]:
+        """Return a block at the samples that are logged, and which (n,) these are."""
+        self._seen = max(self._seen, int(motion.sample[-1]) + 1)
+        chosen = self._is_logged(motion.sample) & (motion.sample >= self._logged_to)
         shown = chosen[: motion.samples]
         if not np.all(shown):
             motion = replace(motion.rows(chosen), samples=int(np.sum(shown)))
-            scenes = [scene.thinned(shown) for scene in scenes]
-        if self._course.going_on or self._held:
-            self._held += [
-                (primitive, replace(scene, source=source), motion)
-                for scene in scenes
-                for primitive in scene.primitives
-                if isinstance(primitive, Portrait) and not scene.over
-            ]
-            scenes = [
-                scene
-                if scene.over
-                else replace(
-                    scene,
-                    primitives=tuple(
-                        x for x in scene.primitives if not isinstance(x, Portrait)
-                    ),
-                )
-                for scene in scenes
-            ]
-        self._log(scenes, motion, source)
-
-    def _chosen(self, motion: Motion) -> Bools:
-        """Return (n,) which rows of a block are logged."""
-        fresh = motion.sample >= self._logged_to
-        return self._is_logged(motion.sample) & fresh
+        return motion, shown
 
     def _is_logged(self, sample: Integers) -> Bools:
         """Return (n,) whether samples (n,) are logged."""
         last = (sample == self._course.total - 1) & (self._row is None)
         return (sample % (self._row or self._course.total) % self._every == 0) | last
 
-    def _log(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
-        for scene in scenes:
-            if not scene.over:
-                if motion.samples:
-                    self._log_block(scene, motion, source)
-                continue
-            count = len(scene.over[0].values)
-            spread = (
-                None if line is None else np.linspace(line[0], line[-1], count + 1)[:-1]
-                for line in (self._inputs, self._times)
-            )
-            self._recorder.log(replace(scene, source=source), np.arange(count), *spread)
-
-    def _log_block(self, scene: Scene, motion: Motion, source: str) -> None:
-        k, timing = motion.samples, motion.timing
-        inputs = (
-            motion.q[:k]
-            if (motion.inputs.shape[1] == 1 and not self._course.timed)
-            else None
+    def _log(self, scene: Scene, motion: Motion) -> None:
+        if not scene.over:
+            if motion.samples:
+                self._log_block(scene, motion)
+            return
+        count = len(scene.over[0].values)
+        spread = (
+            None if line is None else np.linspace(line[0], line[-1], count + 1)[:-1]
+            for line in (self._inputs, self._times)
         )
-        times = timing.t[:k] if timing is not None and self._course.timed else None
-        shown = replace(scene, over=self._axes(motion), source=source)
+        self._recorder.log(scene, np.arange(count), *spread)
+
+    def _log_block(self, scene: Scene, motion: Motion) -> None:
+        k, timed = motion.samples, self._course.timed
+        single = motion.inputs.shape[1] == 1 and not timed
+        inputs = motion.q[:k] if single else None
+        times = motion.timing.t[:k] if timed and motion.timing is not None else None
+        shown = replace(scene, over=self._axes(motion))
         self._recorder.log(shown, motion.sample[:k], inputs, times)
 
     def _axes(self, motion: Motion) -> tuple[Axis, ...]:

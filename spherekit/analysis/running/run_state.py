@@ -1,8 +1,7 @@
 """How far a run is, what it carries from block to block, and what its summary counts."""
 
 import hashlib
-import platform
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self
@@ -11,19 +10,15 @@ import numpy as np
 
 from spherekit.analysis.batch import Batch, Fields, run_status
 from spherekit.analysis.contract import Analyses, Findings
-from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.running.kernel_columns import LazyField
-from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.tables import Table, TableData
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
 from spherekit.conventions import STATUS_MEANING, Facts, Names, Status
 from spherekit.files.plain import as_json
-from spherekit.files.write import mechanism_hash
 from spherekit.motion.loops import rank_mobility, redundancy
 from spherekit.motion.motion import AngleUnwrapping, Motion, PositionAnalysis
 from spherekit.numeric.unread import Interleaved
 from spherekit.rates.request import SignContinuation
-from spherekit.version import __version__
 
 Counts = dict[str, int]
 """How often each status is there, by its name."""
@@ -36,10 +31,10 @@ BOUNDS = {
 }
 """What the summary calls the largest of bounds of poles."""
 
-MODE, POLES, FAILED, ROWS, FIELDS = "mode", "poles", "failed", "rows", "fields"
+MODE, POLES, FAILED, ROWS = "mode", "poles", "failed", "rows"
 JUDGED, BY_EQUATIONS, BY_KERNEL = "judged", "by_equations", "by_kernel"
 """What is counted: rows by `MODE` and status, `POLES` by status, rows of tables by
-analysis, table and status where they `FAILED`, `ROWS` of tables, and of `FIELDS` those that
+analysis, table and status where they `FAILED`, `ROWS` of tables, and rows of fields that
 were judged, solved by the velocity equations, and given by a kernel."""
 
 
@@ -103,10 +98,10 @@ class RunState:
         fields: Fields,
     ) -> None:
         """Count a block."""
-        status = run_status(motion, fields)
-        for number, mode in enumerate(motion.assembly_modes):
-            of_mode = status[number * motion.samples : (number + 1) * motion.samples]
-            self._count((MODE, str(mode.number)), _counts(of_mode))
+        shape = len(motion.assembly_modes), motion.samples
+        status = run_status(motion, fields).reshape(shape)
+        for mode, of_mode in zip(motion.assembly_modes, status, strict=True):
+            self._count((MODE, str(mode.number)), of_mode)
         self._note(RESIDUAL, motion.residual)
         good = _good(motion.status)
         self._note(OFF, motion.configuration_error[good])
@@ -114,22 +109,19 @@ class RunState:
             if poles.status is not motion.status:
                 good = _good(poles.status)
             for codes, often in _counted_once(poles.pole_status.values()):
-                counts = _counts(codes[good])
-                if len(fields) == 1 or set(counts) != {Status.NO_POLE.name}:
+                some = codes[good]
+                if len(fields) == 1 or np.any(some != Status.NO_POLE):
                     # Links that other inputs hold together have none.
-                    self._count((POLES,), counts, often)
+                    self._count((POLES,), some, often)
             for name, largest in BOUNDS.items():
                 if isinstance(poles, LazyField):
                     self._note(largest, np.array([poles.largest[name]]))
                     continue
                 for bound, _ in _counted_once(getattr(poles, name).values()):
                     self._note(largest, bound[good])
-            solved = {
-                JUDGED: len(poles.by_equations),
-                BY_EQUATIONS: int(np.count_nonzero(poles.by_equations)),
-                BY_KERNEL: int(np.count_nonzero(poles.by_kernel)),
-            }
-            self._count((FIELDS,), solved)
+            self.counts[JUDGED,] += len(poles.by_equations)
+            self.counts[BY_EQUATIONS,] += int(np.count_nonzero(poles.by_equations))
+            self.counts[BY_KERNEL,] += int(np.count_nonzero(poles.by_kernel))
         if self.rank is None and np.any(motion.status == Status.OK):
             row = int(np.argmax(motion.status == Status.OK))
             closure = tracer.solver.closure
@@ -138,8 +130,13 @@ class RunState:
             count, pairs = redundancy(tree, vectors)
             self.redundant = {"count": count, "pairs": motion.mechanism.names_of(pairs)}
 
-    def _count(self, key: Names, counts: Counts, often: int = 1) -> None:
-        self.counts.update({(*key, name): often * n for name, n in counts.items()})
+    def _count(
+        self, key: Names, status: SmallIntegers, often: int = 1, but: Names = ()
+    ) -> None:
+        """Count how often each code is there, but for some."""
+        for code, n in enumerate(np.bincount(status.ravel()).tolist()):
+            if n and (name := Status(code).name) not in but:
+                self.counts[*key, name] += often * n
 
     def _note(self, name: str, values: Floats) -> None:
         """Keep the largest finite number; what is infinite counts as none."""
@@ -158,9 +155,9 @@ class RunState:
         self.counts[ROWS, name, table.name] += len(next(iter(data.values())))
         if batch is None:
             return
-        needs, passed_over = batch.needs, {Status.OK.name}
+        needs, passed_over = batch.needs, [Status.OK.name]
         if needs.directions | needs.rates | needs.planes:
-            passed_over |= {Status.NO_POLE.name, Status.ILL_CONDITIONED.name}
+            passed_over += [Status.NO_POLE.name, Status.ILL_CONDITIONED.name]
         for column in (c.name for c in table.columns if c.kind == "status"):
             given = data[column]
             parts = given.parts if isinstance(given, Interleaved) else (given,)
@@ -168,8 +165,7 @@ class RunState:
                 if table.in_assembly_modes and len(codes) % max(len(batch), 1) == 0:
                     of_rows = codes.reshape(len(batch), -1)
                     codes = of_rows[of_rows != batch.status[:, None]]
-                counts = {k: n for k, n in _counts(codes).items() if k not in passed_over}
-                self._count((FAILED, name, table.name), counts, often)
+                self._count((FAILED, name, table.name), codes, often, tuple(passed_over))
 
     @property
     def configurations(self) -> int:
@@ -202,16 +198,17 @@ class RunState:
 
     def errors(self) -> dict[str, float | None]:
         """Return the largest errors reached."""
-        every = self.counts[FIELDS, JUDGED]
-        solved = {
-            name: self.counts[FIELDS, key] / every if every else None
-            for name, key in (
-                ("fraction_by_velocity_equations", BY_EQUATIONS),
-                ("fraction_by_kernel", BY_KERNEL),
-            )
+        every = self.counts[JUDGED,]
+        return {
+            **{name: self.largest.get(name) for name in (RESIDUAL, OFF, *BOUNDS.values())},
+            **{
+                name: self.counts[key,] / every if every else None
+                for name, key in (
+                    ("fraction_by_velocity_equations", BY_EQUATIONS),
+                    ("fraction_by_kernel", BY_KERNEL),
+                )
+            },
         }
-        reached = (RESIDUAL, OFF, *BOUNDS.values())
-        return {name: self.largest.get(name) for name in reached} | solved
 
 
 def _good(status: SmallIntegers) -> slice | Bools:
@@ -220,57 +217,12 @@ def _good(status: SmallIntegers) -> slice | Bools:
     return slice(None) if np.all(held) else np.asarray(held)
 
 
-def _counts(status: SmallIntegers) -> Counts:
-    """Return how often each code is there."""
-    counts = np.bincount(status.ravel(), minlength=len(Status)).tolist()
-    return {code.name: counts[code] for code in Status if counts[code]}
-
-
 def _counted_once(arrays: Iterable[Array]) -> Iterable[tuple[Array, int]]:
     """Return arrays without those that are there again, and how often each is."""
-    counted: dict[tuple[int, tuple[int, ...]], tuple[Array, int]] = {}
+    alike: dict[tuple[int, tuple[int, ...]], list[Array]] = defaultdict(list)
     for array in arrays:
-        key = array.__array_interface__["data"][0], array.strides
-        counted[key] = array, counted.get(key, (array, 0))[1] + 1
-    return counted.values()
-
-
-def identity_of(
-    course: Sampling, analyses: Analyses, block: int, setting: Setting
-) -> Facts:
-    """Return what makes a run the one it is, ready for JSON.
-
-    Two runs with the same identity give the same bits on one machine.
-    """
-    simulation, timing, inputs = course.simulation, course.timing, course.inputs
-    mechanism = course.tracer.mechanism
-    if simulation is not None:  # its loads, first sample and times say what follows
-        mechanism, inputs = simulation.mechanism, inputs[:1]
-        timing = None if timing is None else timing.rows(slice(1))
-    return {
-        "spherekit": __version__,
-        "numpy": np.__version__,
-        "machine": f"{platform.system()} {platform.machine()}",
-        "mechanism": mechanism.name,
-        "mechanism_hash": mechanism_hash(mechanism),
-        "inputs": list(course.tracer.inputs),
-        "samples": "x".join(map(str, course.shape))
-        if simulation is None
-        else f"{course.planned} over {course.duration} s",
-        "assembly_modes": [
-            [item.number, item.label] for item in course.tracer.assembly_modes
-        ],
-        "analyses": identities_of(analyses),
-        "engine": None if simulation is None else simulation.engine.name,
-        "tolerance": course.tolerance,
-        "setting": asdict(setting),
-        "over_time": course.timed,
-        "input_values": _digest(inputs),
-        "times": None
-        if timing is None
-        else [_digest(timing.t), _digest(timing.dq), _digest(timing.ddq)],
-        "samples_in_a_block": block,
-    }
+        alike[array.__array_interface__["data"][0], array.strides].append(array)
+    return [(same[0], len(same)) for same in alike.values()]
 
 
 def identities_of(analyses: Analyses) -> list[list[Any]]:
@@ -281,7 +233,7 @@ def identities_of(analyses: Analyses) -> list[list[Any]]:
     ]
 
 
-def _digest(values: Floats) -> str:
+def digest(values: Floats) -> str:
     """Return the SHA-256 of an array's bits, piece by piece."""
     digest = hashlib.sha256()
     for start in range(0, len(values), 1 << 16):

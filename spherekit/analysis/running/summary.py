@@ -5,6 +5,7 @@ And what is said of rows that were verified in many digits.
 A run made ready: what is evaluated for whom, of which part, in which blocks.
 """
 
+import platform
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -17,20 +18,21 @@ from spherekit.analysis.batch import Angles, Batch, Fields, Needs, run_status
 from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import AbstractAnalysis, Analyses, Findings
 from spherekit.analysis.declared import declared
-from spherekit.analysis.folder import need_memory
+from spherekit.analysis.folder import StoredParts, need_memory
 from spherekit.analysis.link_scenes import plan_notes
 from spherekit.analysis.result import MOTION, stems
+from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.cost import RECORDING, Timer, counts_of
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.recording import Recorder
 from spherekit.analysis.running.rows_at_once import BatchRunner
 from spherekit.analysis.running.run_state import (
     BY_EQUATIONS,
-    FIELDS,
     MODE,
     ROWS,
     RunState,
-    identity_of,
+    digest,
+    identities_of,
 )
 from spherekit.analysis.running.sampling import EVENTS, Sampling
 from spherekit.analysis.study import requests_for
@@ -141,6 +143,21 @@ class RunPlan:
         """Return the tables that an analysis gives; see `computed` for what it raises."""
         return computed(analysis, self.tables_of(analysis), batch)
 
+    def hand_over(
+        self,
+        name: str,
+        table: Table,
+        rows: TableData,
+        standing: RunState,
+        store: StoredParts | InMemory | None,
+        batch: Batch | None = None,
+    ) -> None:
+        """Store and count rows of a block, with the names of assembly modes."""
+        if store is not None:
+            stored = table.with_names(self.mechanism)
+            store.add(name, stored, stored.named(rows, self.names))
+        standing.add_rows(name, table, rows, batch)
+
     def over(self, course: Sampling) -> "RunPlan":
         """Return it for a course that is known further, or has begun again."""
         source = source_of(self.setting, course, self.requests, self.needs)
@@ -148,19 +165,41 @@ class RunPlan:
 
     @property
     def identity(self) -> Facts:
-        """What makes the run the one it is, ready for JSON."""
-        source = self.source
-        kernel = source.kernel.engine if isinstance(source, BatchRunner) else None
-        identity = identity_of(self.course, self.analyses, self.block, self.setting)
-        return identity | {"kernel": kernel}
+        """What makes the run the one it is, ready for JSON.
+
+        Two runs with the same identity give the same bits on one machine.
+        """
+        course, source = self.course, self.source
+        simulation, timing, inputs = course.simulation, course.timing, course.inputs
+        mechanism, samples = self.mechanism, "x".join(map(str, course.shape))
+        if simulation is not None:  # its loads, first sample and times say what follows
+            mechanism, inputs = simulation.mechanism, inputs[:1]
+            timing = None if timing is None else timing.rows(slice(1))
+            samples = f"{course.planned} over {course.duration} s"
+        times = [] if timing is None else [timing.t, timing.dq, timing.ddq]
+        return {
+            "spherekit": __version__,
+            "numpy": np.__version__,
+            "machine": f"{platform.system()} {platform.machine()}",
+            "mechanism": mechanism.name,
+            "mechanism_hash": mechanism_hash(mechanism),
+            "inputs": list(course.tracer.inputs),
+            "samples": samples,
+            "assembly_modes": [[m.number, m.label] for m in course.tracer.assembly_modes],
+            "analyses": identities_of(self.analyses),
+            "engine": None if simulation is None else simulation.engine.name,
+            "tolerance": course.tolerance,
+            "setting": asdict(self.setting),
+            "over_time": course.timed,
+            "input_values": digest(inputs),
+            "times": [digest(values) for values in times],
+            "samples_in_a_block": self.block,
+            "kernel": source.kernel.engine if isinstance(source, BatchRunner) else None,
+        }
 
     def tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
         """Return the tables of an analysis."""
         return tuple(table.of(self.mechanism) for table in analysis.tables)
-
-    def stored_tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
-        """Return the tables of an analysis, with the names of assembly modes."""
-        return tuple(t.with_names(self.mechanism) for t in self.tables_of(analysis))
 
     @property
     def names(self) -> Mapping[int, str]:
@@ -175,19 +214,22 @@ class RunPlan:
         """
         if not self.course.tracer.assembly_modes:
             return ()
-        table = motion_table(self.course).with_names(self.mechanism)
-        return (
-            (table,)
-            if self.course.simulation is None
-            else (table, EVENTS.of(self.mechanism))
-        )
+        events = [] if self.course.simulation is None else [EVENTS.of(self.mechanism)]
+        return motion_table(self.course), *events
 
     def tables(self, failed: Collection[str] = ()) -> Mapping[str, tuple[Table, ...]]:
-        """Return the tables of the motion and of all analyses but those that failed."""
-        return {MOTION: self.motion_tables} | {
-            analysis.name: self.stored_tables_of(analysis)
+        """Return the tables of the motion and of all analyses but those that failed.
+
+        With the names of assembly modes.
+        """
+        plain = {MOTION: self.motion_tables} | {
+            analysis.name: self.tables_of(analysis)
             for analysis in self.analyses
             if analysis.name not in failed
+        }
+        return {
+            name: tuple(table.with_names(self.mechanism) for table in tables)
+            for name, tables in plain.items()
         }
 
 
@@ -454,7 +496,7 @@ def actual_cost(
             name: standing.configurations * sum(item[name] for item in per_input.values())
             for name in ("poles", "axis_derivatives", "link_rates")
         },
-        "velocity_equation_solves": standing.counts[FIELDS, BY_EQUATIONS],
+        "velocity_equation_solves": standing.counts[BY_EQUATIONS,],
         "tables": {
             stem: {
                 "rows": standing.counts[ROWS, name, table.name],

@@ -352,14 +352,13 @@ def _within_bounds(
 
     With the worst of each.
     """
-    judged: dict[str, list[tuple[Floats, Floats]]] = {name: [] for name in BOUNDED}
-    subjects = []
-    links = rows.motion.mechanism.links
+    told: dict[str, Facts]
+    told = {name: {"count": 0, "within_bound": 0, "over_bound": 0.0} for name in BOUNDED}
+    motion, links = rows.motion, rows.motion.mechanism.links
     for (exact, wanted, field), nearest in zip(compared, references, strict=True):
-        moving = rows.motion.mechanism.pairs[exact.driven].name
+        moving = motion.mechanism.pairs[exact.driven].name
         for pole in wanted.poles:
             low, high = (links[k] for k in pole)
-            subjects.append({"link": high, "relative_to": low, "moving": moving})
             with exact.arithmetic.within():
                 given = field.direction[pole]
                 apart = floats(exact_direction(exact, pole, given) - given)
@@ -368,37 +367,25 @@ def _within_bounds(
                 for name in ("velocity_coefficient", "acceleration_coefficient")
             )
             errors = np.linalg.norm(apart, axis=1), rate, change
-            for of_name, off, name in zip(judged.values(), errors, BOUNDS, strict=True):
-                of_name.append((off, getattr(field, name)[pole]))
-    return {name: _within(rows, subjects, some) for name, some in judged.items()}
-
-
-def _within(
-    rows: _Rows,
-    subjects: Sequence[Mapping[str, str]],
-    numbers: Sequence[tuple[Floats, Floats]],
-) -> Facts:
-    """Return how many numbers lie within their bounds, and the worst, of all subjects."""
-    if not numbers:
-        return {"count": 0, "within_bound": 0, "over_bound": 0.0}
-    error, bound = np.array(numbers).swapaxes(0, 1)
-    judged = rows.has_reference & np.isfinite(error) & np.isfinite(bound)
-    over = np.where(judged, error / np.maximum(bound, TINY), 0.0)
-    told = {
-        "count": int(np.sum(judged)),
-        "within_bound": int(np.sum(judged & (over <= 1.0))),
-        "over_bound": float(np.max(over, initial=0.0)),
-    }
-    if not told["count"]:
-        return told
-    k, row = map(int, np.unravel_index(np.argmax(over), over.shape))
-    return told | {
-        "error": float(error[k, row]),
-        "bound": float(bound[k, row]),
-        "sample": int(rows.motion.sample[row]),
-        "assembly_mode": int(rows.motion.assembly_mode[row]),
-        "subject": dict(subjects[k]),
-    }
+            for facts, error, name in zip(told.values(), errors, BOUNDS, strict=True):
+                bound = getattr(field, name)[pole]
+                judged = rows.has_reference & np.isfinite(error) & np.isfinite(bound)
+                over = np.where(judged, error / np.maximum(bound, TINY), -1.0)
+                facts["count"] += int(np.sum(judged))
+                facts["within_bound"] += int(np.sum(judged & (over <= 1.0)))
+                row = int(np.argmax(over))
+                if over[row] > facts["over_bound"] or (
+                    judged[row] and "bound" not in facts
+                ):
+                    facts |= {
+                        "over_bound": float(over[row]),
+                        "error": float(error[row]),
+                        "bound": float(bound[row]),
+                        "sample": int(motion.sample[row]),
+                        "assembly_mode": int(motion.assembly_mode[row]),
+                        "subject": {"link": high, "relative_to": low, "moving": moving},
+                    }
+    return told
 
 
 def _largest(values: Floats) -> float:
