@@ -385,6 +385,28 @@ def read_parquet(path: Path) -> "pd.DataFrame":
     return frame_of_parts([path])
 
 
+def read_csv(source: Path | io.BytesIO) -> "pd.DataFrame":
+    """Return the cells of a CSV file as text, by lines after the header but blank ones.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read, or is no such file.
+    """
+    import pandas as pd
+
+    frame = pd.read_csv(
+        source,
+        dtype=str,
+        keep_default_na=False,
+        skip_blank_lines=False,
+        index_col=False,
+        encoding="utf-8-sig",
+    )
+    frame.columns = frame.columns.str.strip()
+    return frame[(frame != "").any(axis=1)]
+
+
 def _with_words(rows: "pa.Table") -> "pa.Table":
     """Return rows with words in place of their numbers."""
     import pyarrow as pa

@@ -1,21 +1,23 @@
 """Numbers from the columns of CSV and Parquet files, bad cells named by their place."""
 
-import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spherekit.analysis.frames import read_parquet
+from spherekit.analysis.frames import read_csv, read_parquet
 from spherekit.analysis.tables import COLUMNS
 from spherekit.arrays import Floats
 from spherekit.errors import FileError
 from spherekit.files.document import piped
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PARQUET = ".parquet"
 MOST_SHOWN = 5
@@ -43,12 +45,7 @@ def columns_of(path: Path) -> dict[str, str]:
     FileError
         If it cannot be read, or is no such file.
     """
-    if path.suffix == PARQUET:
-        headers = list(map(str, read_parquet(path).columns))
-    else:
-        with _rows(path) as rows:
-            headers = list(_header(path, rows))
-    return {_NAMED.sub("", header): header for header in headers}
+    return {_NAMED.sub("", header): header for header in map(str, _frame(path).columns)}
 
 
 def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
@@ -59,26 +56,18 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
     FileError
         If it cannot be read, or a cell is not a finite number, with line or row.
     """
-    rows: list[tuple[str, Sequence[Any]]] = []
+    cells, word, first = _frame(path)[list(names)], "line", 2
     if path.suffix == PARQUET:
-        frame = read_parquet(path)
-        units = dict(frame.attrs.get("units", {}))
-        cells = frame[list(names)].itertuples(index=False)
-        rows += ((f"row {number}", row) for number, row in enumerate(cells, 1))
+        word, first = "row", 1
+        units = dict(cells.attrs.get("units", {}))
     else:
         units = _units_beside(path)
-        with _rows(path) as reader:
-            header = _header(path, reader)
-            order = [header.index(name) for name in names]
-            for row in filter(None, reader):
-                picked = [row[k] if k < len(row) else "" for k in order]
-                rows.append((f"line {reader.line_num}", picked))
-    values = [[_number(cell) for cell in row] for _, row in rows]
+    values = np.array([[_number(x) for x in row] for row in cells.itertuples(index=False)])
+    values = values.reshape(-1, len(names))
+    places = [f"{word} {number + first}" for number in cells.index]
     bad = [
-        f"{place}, column {name}: {_shown(cell)}"
-        for (place, row), numbers in zip(rows, values, strict=True)
-        for name, cell, number in zip(names, row, numbers, strict=True)
-        if not np.isfinite(number)
+        f"{places[row]}, column {names[k]}: {_shown(cells.iat[row, k])}"
+        for row, k in np.argwhere(~np.isfinite(values)).tolist()
     ]
     if bad:
         more = f" and {len(bad) - MOST_SHOWN} more" if len(bad) > MOST_SHOWN else ""
@@ -86,15 +75,14 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
             f"{path}: {'; '.join(bad[:MOST_SHOWN])}{more}; every cell has to be a number"
         )
     said = {name: match[1] for name in names if (match := _NAMED.search(name))}
-    places = [place for place, _ in rows]
-    return Numbers(np.array(values).reshape(-1, len(names)), places, units | said)
+    return Numbers(values, places, units | said)
 
 
 def _units_beside(path: Path) -> dict[str, str]:
     """Return the units of the columns of a CSV file that the folder of a run states."""
-    with suppress(FileError, OSError), _rows(path.with_name(COLUMNS)) as rows:
-        stated = [row for row in rows if len(row) > 2 and row[0] == path.stem]
-        return {column: unit for _, column, unit, *_ in stated}
+    with suppress(FileError, KeyError):
+        stated = _frame(path.with_name(COLUMNS)).set_index("table").loc[[path.stem]]
+        return dict(zip(stated["column"], stated["unit"], strict=True))
     return {}
 
 
@@ -105,32 +93,22 @@ def _number(cell: Any) -> float:
         return np.nan
 
 
-def _shown(cell: Any) -> str:
+def _shown(cell: object) -> str:
     text = str(cell).strip()
     return "empty" if text in ("nan", "") else f'"{text[:40]}" is not a finite number'
 
 
-def _header(path: Path, rows: Iterator[list[str]]) -> list[str]:
-    header = [name.strip() for name in next(rows, [])]
-    if not any(header):
-        raise FileError(f"{path}: is not a CSV file with a header: its first line is empty")
-    return header
-
-
-@contextmanager
-def _rows(path: Path) -> "Iterator[Any]":
-    """Yield the reader of a CSV file."""
+def _frame(path: Path) -> "pd.DataFrame":
+    """Return the cells of a file; of CSV as text, by lines after the header."""
+    if path.suffix == PARQUET:
+        return read_parquet(path)
     try:
         data = piped(path)
-        if data is not None:
-            yield csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""))
-            return
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            yield csv.reader(file)
+        return read_csv(path if data is None else io.BytesIO(data))
     except OSError as problem:
         raise FileError(
             f"{path}: cannot be read: {problem.strerror or problem}; give the path of a "
             "CSV or Parquet file"
         ) from None
-    except (csv.Error, UnicodeDecodeError) as problem:
-        raise FileError(f"{path}: is not a CSV file: {problem}") from None
+    except ValueError as problem:
+        raise FileError(f"{path}: is not a CSV file with a header: {problem}") from None
