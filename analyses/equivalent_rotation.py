@@ -23,7 +23,6 @@ from spherekit.plugin import (
     Mechanism,
     ModelError,
     Needs,
-    Output,
     Scene,
     SolveError,
     Status,
@@ -32,12 +31,8 @@ from spherekit.plugin import (
     input_columns,
 )
 from spherekit.plugin.rotations import (
-    FixedAxisRotation,
     MidPlaneArchitecture,
-    PoseCandidates,
     PoseFinder,
-    RotationSamples,
-    TimeScaling,
     chosen_output,
     dead_centre,
     mid_plane_form,
@@ -48,7 +43,7 @@ from spherekit.plugin.rotations import (
 )
 
 from .posed_workspace import read_end, read_pose
-from .rotation_scenes import RotationScenes, mid_planes
+from .rotation_scenes import FoundRotation, mid_planes
 
 MODE = Column("working_mode", "", "signs of the working mode's legs", "text")
 DIRECTION = tuple(
@@ -93,23 +88,6 @@ ENDS: Mapping[Status, str] = {
 """What it means that a rotation ends before its whole angle."""
 FEASIBLE = 1e-9
 """A rotation that departs by less (rad) is one about a fixed axis."""
-
-
-@dataclass(frozen=True)
-class FoundRotation:
-    """A rotation with its samples, its schedule, or why there is none of these.
-
-    `form` is the mechanism's mid-plane symmetric architecture.
-    """
-
-    output: Output
-    start: PoseCandidates
-    number: int
-    rotation: FixedAxisRotation
-    samples: RotationSamples
-    form: MidPlaneArchitecture | None
-    schedule: TimeScaling | None
-    unscheduled: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,14 +201,14 @@ class EquivalentRotation(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of the rotation and of its schedule."""
         result = self._found(batch)
-        mechanism, at = batch.mechanism, result.samples
-        tilted = tilt_torsion(at.orientation)
+        mechanism, at, rows = batch.mechanism, result.samples, result.rows
+        azimuth, tilt, torsion = tilt_torsion(at.orientation).T
         first = {
             "sample": np.arange(len(at.theta)),
             "theta": at.theta,
-            "azimuth": tilted[:, 0],
-            "tilt": tilted[:, 1],
-            "torsion": tilted[:, 2],
+            "azimuth": azimuth,
+            "tilt": tilt,
+            "torsion": torsion,
             **input_columns(mechanism, at.inputs),
             **input_columns(mechanism, at.rates, "dq_dtheta"),
             "orientation_error": at.orientation_error,
@@ -242,8 +220,7 @@ class EquivalentRotation(AbstractAnalysis):
             mirrors = mirror_angles(mid_planes(result.form, at.orientation))
             first["phi"], first["gamma"], _ = mirrors
         second = []
-        if result.schedule is not None:
-            rows = result.schedule.table(self.samples)
+        if rows is not None:
             second.append(
                 {
                     "t": rows.t,
@@ -263,25 +240,13 @@ class EquivalentRotation(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page with the rotation, and one with its schedule if there is one."""
         result = self._found(batch)
-        findings = self.findings(batch)
-        scenes = RotationScenes(
-            batch.mechanism,
-            lambda values: batch.tracer.solver.closure.at(values).placed,
-            result.output,
-            result.rotation,
-            result.form,
-            self._words(result, findings.warnings),
-        )
-        pages = [scenes.rotation(result.samples)]
-        if result.schedule is not None:
-            pages.append(scenes.schedule(result.schedule.table(self.samples)))
-        return tuple(pages)
+        return result.pages(self._words(result, self.findings(batch).warnings))
 
     def findings(self, batch: Batch) -> Findings:
         """Return axis, angle, feasibility, places of type II, and the duration."""
         result = self._found(batch)
-        turn, at, start = result.rotation, result.samples, result.start
-        orientation_error = _largest(at.orientation_error)
+        turn, at, start = result.turn, result.samples, result.start
+        orientation_error, drift = map(_largest, (at.orientation_error, at.drift))
         failed = ~np.isin(at.status, (Status.OK, Status.AT_SINGULARITY))
         kept = orientation_error < FEASIBLE and not np.any(failed)
         figures: dict[str, Any] = {
@@ -293,7 +258,7 @@ class EquivalentRotation(AbstractAnalysis):
             "reached_rad": turn.reached,
             "end": Status(turn.end).name,
             "largest_orientation_error_rad": orientation_error,
-            "largest_drift_rad": _largest(at.drift),
+            "largest_drift_rad": drift,
             "crossings_rad": list(turn.crossings),
             "start": {
                 "mode": start.labels[result.number],
@@ -340,14 +305,13 @@ class EquivalentRotation(AbstractAnalysis):
         return batch.once("found", lambda: self._rotation(batch))
 
     def _rotation(self, batch: Batch) -> FoundRotation:
-        mechanism = batch.mechanism
+        mechanism, inputs = batch.mechanism, batch.moving_inputs
         output = chosen_output(mechanism, self.output or None)
         try:
             form = mid_plane_form(mechanism, output.name)
         except ModelError:
             form = None
         finder = PoseFinder(batch.tracer.solver, output, form, batch.motion)
-        inputs = batch.moving_inputs
         end = read_end(self.end, inputs, f"{self.name}: end")
         try:
             start = finder.candidates(read_pose(self.start, inputs, "start"))
@@ -363,35 +327,36 @@ class EquivalentRotation(AbstractAnalysis):
                     f"theta: {max(self.theta):g} deg is beyond the rotation, whose angle "
                     f"is {np.degrees(turn.angle):.9g} deg"
                 )
-        samples = turn.at(theta)
         schedule, unscheduled = None, ""
-        if (self.speed or self.acceleration) and turn.end != Status.OK:
+        speed, acceleration = (
+            np.radians(limit) if limit else None
+            for limit in (self.speed, self.acceleration)
+        )
+        if (speed is not None or acceleration is not None) and turn.end != Status.OK:
             unscheduled = "the mechanism does not follow all the way"
-        elif self.speed or self.acceleration:
-            speed, acceleration = (
-                np.radians(limit) if limit else None
-                for limit in (self.speed, self.acceleration)
-            )
+        elif speed is not None or acceleration is not None:
+            how = self.shape, self.cycle or None
             try:
-                schedule = time_optimal(
-                    turn, speed, acceleration, self.shape, self.cycle or None
-                )
+                schedule = time_optimal(turn, speed, acceleration, *how)
             except SolveError as problem:
                 unscheduled = str(problem)
         return FoundRotation(
+            mechanism,
+            lambda values: batch.tracer.solver.closure.at(values).placed,
             output,
             start,
             number,
             turn,
-            samples,
+            turn.at(theta),
             form,
             schedule,
+            None if schedule is None else schedule.table(self.samples),
             unscheduled,
         )
 
     def _words(self, result: FoundRotation, warnings: tuple[str, ...]) -> str:
         """Return what is to be read beside the page, as Markdown."""
-        turn, at = result.rotation, result.samples
+        turn, at = result.turn, result.samples
         x, y, z = turn.axis
         lines = [
             "# Equivalent rotation",
@@ -418,7 +383,7 @@ class EquivalentRotation(AbstractAnalysis):
 
 def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]:
     """Yield what is not as it was asked for; `failed` are rows of the samples."""
-    turn, at = result.rotation, result.samples
+    turn, at = result.turn, result.samples
     orientation_error = _largest(at.orientation_error)
     if turn.end != Status.OK:
         dead = dead_centre(turn)

@@ -40,7 +40,7 @@ from spherekit.plugin import (
     pole_of,
 )
 from spherekit.plugin.designs import FigureOfMerit
-from spherekit.plugin.motion import BlockPoles, LinePole, Plan, PrimaryPole, describe
+from spherekit.plugin.motion import BlockPoles, LinePole, PrimaryPole, describe
 from spherekit.plugin.rotations import link_axes, quaternion
 
 REACH = 2.5
@@ -48,63 +48,46 @@ REACH = 2.5
 PAIR_TONE, POLE_TONE = 0, 2
 
 
-class Chart:
-    """The gnomonic chart: the plane that touches the sphere at x, seen from its centre.
+def chart(
+    mechanism: Mechanism,
+    poles: Sequence[Pole],
+    directions: Floats,
+    normals: Floats,
+    words: Sequence[str] = (),
+    moving: str = "",
+) -> Diagram:
+    """Return the gnomonic chart of axes (n, k, 3) of poles and great circles (n, m, 3).
 
-    An axis (x, y, z) is the point (y/x, z/x) = (tan xi, tan zeta), a great circle a
-    straight line (R. Di Gregorio, lecture 2, Barcelona 2019). Here x is the ground axis
-    that is nearest to the middle of the ground's pairs, and y and z the two that follow.
+    It is the plane that touches the sphere at x, seen from its centre. An axis (x, y, z)
+    is the point (y/x, z/x) = (tan xi, tan zeta), a great circle a straight line (R. Di
+    Gregorio, lecture 2, Barcelona 2019). Here x is the ground axis that is nearest to the
+    middle of the ground's pairs, and y and z the two that follow. `moving` is the input
+    that moves while others are locked.
     """
-
-    def __init__(self, mechanism: Mechanism, ground: Floats) -> None:
-        """Choose the axes of the chart by the pair axes (k, 3) of the ground."""
-        middle = np.sum(ground, axis=0) if len(ground) else np.array([1.0, 0.0, 0.0])
-        self.first = int(np.argmax(np.abs(middle)))
-        self.order = [(self.first + k) % 3 for k in range(3)]
-        self.names = ["xyz"[k] for k in self.order]
-
-    def points(self, directions: Floats) -> Floats:
-        """Return (tan xi, tan zeta) (..., 2) of axes (..., 3); NaN at infinity."""
-        x, y, z = (directions[..., k] for k in self.order)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            tangents = np.stack([y / x, z / x], axis=-1)
-        return np.where(np.isfinite(tangents), tangents, np.nan)
-
-    def lines(self, normals: Floats) -> Floats:
-        """Return lines (..., 3), as in `Diagram`, of great circles by normals (..., 3)."""
-        x, y, z = (normals[..., k] for k in self.order)
-        return np.stack([y, z, x], axis=-1)
-
-    def diagram(
-        self,
-        names: Sequence[str],
-        directions: Floats,
-        tones: Sequence[int],
-        normals: Floats,
-        words: Sequence[str] = (),
-        moving: str = "",
-    ) -> Diagram:
-        """Return the chart of axes (n, k, 3) and great circles (n, m, 3).
-
-        `moving` is the input that moves while others are locked.
-        """
-        first, second, third = self.names
-        places = self.points(directions)
-        return Diagram(
-            f"plots/chart/{moving}" if moving else "plots/chart",
-            f"{moving} moves: gnomonic chart" if moving else "gnomonic chart",
-            f"tan ξ = {second}/{first}",
-            f"tan ζ = {third}/{first}",
-            (-REACH, REACH),
-            (-REACH, REACH),
-            names,
-            places,
-            tones,
-            self.lines(normals),
-            words,
-            np.arctan(places),
-            ("ξ", "ζ"),
-        )
+    ground = link_axes(mechanism)[mechanism.links[0]]
+    axes = [axis for name, axis in ground.items() if name in mechanism.pair_number]
+    middle = np.sum(axes, axis=0) if axes else np.array([1.0, 0.0, 0.0])
+    x = int(np.argmax(np.abs(middle)))
+    y, z = (x + 1) % 3, (x + 2) % 3
+    with np.errstate(divide="ignore", invalid="ignore"):
+        places = directions[..., [y, z]] / directions[..., [x]]
+    places = np.where(np.isfinite(places), places, np.nan)
+    primary = mechanism.pole_pairs
+    return Diagram(
+        f"plots/chart/{moving}" if moving else "plots/chart",
+        f"{moving} moves: gnomonic chart" if moving else "gnomonic chart",
+        f"tan ξ = {'xyz'[y]}/{'xyz'[x]}",
+        f"tan ζ = {'xyz'[z]}/{'xyz'[x]}",
+        (-REACH, REACH),
+        (-REACH, REACH),
+        [f"P{_short(mechanism, pole)}" for pole in poles],
+        places,
+        [PAIR_TONE if pole in primary else POLE_TONE for pole in poles],
+        normals[..., [y, z, x]],
+        words,
+        np.arctan(places),
+        ("ξ", "ζ"),
+    )
 
 
 def axode_traces(batch: Batch, pole: Pole, label: str, rows: slice) -> list[Primitive]:
@@ -145,14 +128,12 @@ def _two_circles(batch: Batch, step: LinePole, row: int) -> Floats:
     return normals[[one, other]]
 
 
-def construction(
-    batch: Batch, plan: Plan, chart: Chart, row: int, names: dict[Pole, str]
-) -> Scene:
-    """Return a page on which row k is step k of a plan at one configuration.
+def construction(batch: Batch, row: int) -> Scene:
+    """Return a page on which row k is step k of the plan at one configuration.
 
     Poles appear as they are found, with the two great circles that give each.
     """
-    mechanism = batch.mechanism
+    mechanism, plan = batch.mechanism, batch.plans[0]
     axes = [x for x in plan.steps if isinstance(x, PrimaryPole) and not x.round]
     primary = [step.pole for step in axes]
     stages: list[tuple[str, Sequence[Pole], LinePole | None]]
@@ -160,14 +141,15 @@ def construction(
     for step in plan.steps:
         if step in axes:
             continue
-        passes = step.passes if isinstance(step, BlockPoles) else ()
-        later = {passed.pole for passed in passes}
-        poles = step.poles if isinstance(step, BlockPoles) else (step.pole,)
-        first = [pole for pole in poles if pole not in later]
-        by_lines = [(first, step if isinstance(step, LinePole) else None)]
-        by_lines += [([passed.pole], passed) for passed in passes]
+        made: list[tuple[Sequence[Pole], LinePole | None]]
+        if isinstance(step, BlockPoles):
+            later = {passed.pole for passed in step.passes}
+            made = [([pole for pole in step.poles if pole not in later], None)]
+            made += [([passed.pole], passed) for passed in step.passes]
+        else:
+            made = [([step.pole], step if isinstance(step, LinePole) else None)]
         said = describe(plan, step).split("\n")
-        stages += [(text, *new) for text, new in zip(said, by_lines, strict=True)]
+        stages += [(text, *new) for text, new in zip(said, made, strict=True)]
     words = [text for text, *_ in stages]
     n, every = len(stages), list(plan.rounds)
     directions = np.full((n, len(every), 3), np.nan)
@@ -178,29 +160,22 @@ def construction(
         if line is not None:
             circles[number] = _two_circles(batch, line, row)
     turned = np.stack([batch.rotation(link)[row] for link in mechanism.links])
-    parts: list[Primitive] = [
-        *link_bodies(mechanism, np.broadcast_to(turned, (n, *turned.shape)))
-    ]
-    for k, pole in enumerate(every):
-        parts.append(
-            Arrow(
-                f"found/{names[pole]}",
-                names[pole],
-                directions[:, k],
-                pole in primary,
-                path_shown=False,
-            )
-        )
-    parts += [
-        GreatCircle(f"circle_{k}", f"great circle {k + 1}", circles[:, k]) for k in (0, 1)
-    ]
-    tones = [PAIR_TONE if pole in primary else POLE_TONE for pole in every]
-    labels = [names[pole] for pole in every]
-    parts.append(chart.diagram(labels, directions, tones, circles, words))
+    names = [f"P{_short(mechanism, pole)}" for pole in every]
     listed = "\n".join(f"{k:3d}  {text}" for k, text in enumerate(words))
-    parts.append(Text("steps", "Steps", f"```\n{listed}\n```"))
-    over = Axis("step", "", np.arange(float(n)))
-    return Scene("Construction", tuple(parts), (over,))
+    parts: tuple[Primitive, ...] = (
+        *link_bodies(mechanism, np.broadcast_to(turned, (n, *turned.shape))),
+        *(
+            Arrow(f"found/{name}", name, u, pole in primary, path_shown=False)
+            for name, pole, u in zip(names, every, directions.swapaxes(0, 1), strict=True)
+        ),
+        *(
+            GreatCircle(f"circle_{k}", f"great circle {k + 1}", circles[:, k])
+            for k in (0, 1)
+        ),
+        chart(mechanism, every, directions, circles, words),
+        Text("steps", "Steps", f"```\n{listed}\n```"),
+    )
+    return Scene("Construction", parts, (Axis("step", "", np.arange(float(n))),))
 
 
 COEFFICIENTS = ("velocity_coefficient", "acceleration_coefficient")
@@ -396,105 +371,63 @@ class Poles(AbstractAnalysis):
         good = np.flatnonzero(batch.status == Status.OK)
         first = len(batch) > 0 and int(batch.sample[0]) == 0
         if first and len(good) and self._stepwise(batch.mechanism):
-            names = {
-                pole: f"P{_short(batch.mechanism, pole)}"
-                for pole in self.poles(batch.mechanism)
-            }
             in_mode = good[batch.assembly_mode[good] == batch.assembly_mode[good[0]]]
-            chart, row = _chart(batch), int(in_mode[len(in_mode) // 3])
-            pages.append(construction(batch, batch.plans[0], chart, row, names))
+            pages.append(construction(batch, int(in_mode[len(in_mode) // 3])))
         return tuple(pages)
 
-    def _parts(self, batch: Batch, rows: slice, moved: int) -> list[Primitive]:
-        """Return what is seen of one assembly mode while one input moves."""
-        mechanism = batch.mechanism
+    def _parts(self, batch: Batch, rows: slice, moved: int) -> Iterator[Primitive]:
+        """Yield what is seen of one assembly mode while one input moves."""
+        mechanism, pair = batch.mechanism, batch.moving_inputs[moved]
         several = len(batch.moving_inputs) > 1
-        pair = batch.moving_inputs[moved]
-        home = f"{pair}/" if several else ""
-        primary = mechanism.pole_pairs
+        home, alone, title = (
+            (f"{pair}/", f" by {pair}", f"{pair} moves: ") if several else ("", "", "")
+        )
+        primary, shown = mechanism.pole_pairs, self.shown(mechanism)
         driven = pole_of(*mechanism.ends[mechanism.pair_number[pair]])
-        unit = _short(mechanism, driven)
-        alone = f" by {pair}" if several else ""
-        title = f"{pair} moves: " if several else ""
-        body = batch.plans[moved].body
-        shown = self.shown(mechanism)
-        wanted = self.poles(mechanism)
+        body, wanted = batch.plans[moved].body, self.poles(mechanism)
         many = len(wanted) > MANY
         brief = all(len(name) == 1 for name in mechanism.links)
-        parts: list[Primitive] = []
         for pole in wanted:
             low, high = (mechanism.links[k] for k in pole)
-            short = _short(mechanism, pole)
-            first = not many or (moved == 0 and (pole[0] == 0 or pole == shown))
-            if moved == 0 or pole not in primary:
-                parts.append(
-                    Arrow(
-                        f"pole/{home}{high}_{low}",
-                        (f"P{short}" if brief else f"{high}/{low}")
-                        + (alone if pole not in primary else ""),
-                        batch.direction(*pole, moved)[rows],
-                        pole in primary,
-                        first or pole in primary,
-                    )
-                )
+            short, is_primary = _short(mechanism, pole), pole in primary
+            to_ground, where = pole[0] == 0, f"{home}{high}_{low}"
+            if moved == 0 or not is_primary:
+                first = moved == 0 and (to_ground or pole == shown)
+                label = f"P{short}" if brief else f"{high}/{low}"
+                label += "" if is_primary else alone
+                u = batch.direction(*pole, moved)[rows]
+                seen = first or is_primary or not many
+                yield Arrow(f"pole/{where}", label, u, is_primary, seen)
             if pole == driven or body[pole[0]] == body[pole[1]]:
                 continue
-            name = f"ω{short}/ω{unit}" if brief else f"{high}/{low}"
-            for order, letter, values in (
-                ("velocity", name, batch.velocity_coefficient(*pole, moved)),
+            name = f"ω{short}/ω{_short(mechanism, driven)}" if brief else f"{high}/{low}"
+            kind = (" to ground" if to_ground else " between links") if many else ""
+            for order, letter, values, unit in (
+                ("velocity", name, batch.velocity_coefficient(*pole, moved), ""),
                 (
                     "acceleration",
                     f"({name})′" if brief else name,
                     batch.acceleration_coefficient(*pole, moved),
+                    "1/rad",
                 ),
             ):
-                group = f"{title}{order} coefficients"
-                if many:
-                    group += " to ground" if pole[0] == 0 else " between links"
-                where = f"plots/{order}/{home}{high}_{low}"
-                per = "" if order == "velocity" else "1/rad"
-                link = pole[1] if pole[0] == 0 else None
-                parts.append(Series(where, letter, group, values[rows], per, link))
-        if not moved:
-            for pole in self._drawn(mechanism):
-                parts += axode_traces(batch, pole, f"P{_short(mechanism, pole)}", rows)
-        if shown is not None:
-            parts += self._construction(batch, rows, moved, shown)
-        return parts
-
-    def _construction(
-        self, batch: Batch, rows: slice, moved: int, shown: Pole
-    ) -> Iterator[Primitive]:
-        """Yield a pole's great circles, and the diagram of all poles with them."""
-        mechanism, pair = batch.mechanism, batch.moving_inputs[moved]
-        several = len(batch.moving_inputs) > 1
-        primary, wanted = mechanism.pole_pairs, self.poles(mechanism)
+                group = f"{title}{order} coefficients{kind}"
+                path, link = f"plots/{order}/{where}", pole[1] if to_ground else None
+                yield Series(path, letter, group, values[rows], unit, link)
+        for pole in () if moved else self._drawn(mechanism):
+            yield from axode_traces(batch, pole, f"P{_short(mechanism, pole)}", rows)
+        if shown is None:
+            return
         normals = batch.planes(*shown, moved)[rows]
-        first_seen = sorted(wanted, key=lambda pole: (pole in primary, pole[0] != 0))
-        yield _chart(batch).diagram(
-            [f"P{_short(mechanism, pole)}" for pole in first_seen],
-            np.stack([batch.direction(*p, moved)[rows] for p in first_seen], axis=1),
-            [PAIR_TONE if p in primary else POLE_TONE for p in first_seen],
-            normals,
-            moving=pair if several else "",
-        )
-        for k in () if len(wanted) > MANY and moved else (0, 1):
+        order_seen = sorted(wanted, key=lambda pole: (pole in primary, pole[0] != 0))
+        u = np.stack([batch.direction(*p, moved)[rows] for p in order_seen], axis=1)
+        yield chart(mechanism, order_seen, u, normals, moving=pair if several else "")
+        for k in () if many and moved else (0, 1):
             yield GreatCircle(
-                f"construction/{f'{pair}/' if several else ''}circle_{k}",
-                f"great circle {k + 1} of P{_short(mechanism, shown)}"
-                + (f" by {pair}" if several else ""),
+                f"construction/{home}circle_{k}",
+                f"great circle {k + 1} of P{_short(mechanism, shown)}{alone}",
                 normals[:, k],
             )
-
-
-def _chart(batch: Batch) -> Chart:
-    mechanism = batch.mechanism
-    axes = [
-        axis
-        for name, axis in link_axes(mechanism)[mechanism.links[0]].items()
-        if name in mechanism.pair_number
-    ]
-    return Chart(mechanism, np.array(axes).reshape(-1, 3))
 
 
 def _short(mechanism: Mechanism, pole: Pole) -> str:

@@ -1,6 +1,6 @@
 """What the analysis `equivalent_rotation` shows: the mechanism on its way, and in time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,9 @@ from spherekit.plugin import (
 from spherekit.plugin.rotations import (
     FixedAxisRotation,
     MidPlaneArchitecture,
+    PoseCandidates,
     RotationSamples,
+    TimeScaling,
     Trajectory,
     link_axes,
 )
@@ -36,108 +38,116 @@ PLANE_TONES = {0: 1, -1: 4}
 
 
 @dataclass(frozen=True)
-class RotationScenes:
-    """Pages about a rotation.
+class FoundRotation:
+    """A rotation with its samples, its schedule in `rows`, or why there is none of these.
 
     `place` gives orientations (n, links, 3, 3) in ground axes at values (n, variables);
-    `form` is the mechanism's mid-plane symmetric architecture, `words` stand beside the
-    pages.
+    `form` is the mechanism's mid-plane symmetric architecture.
     """
 
     mechanism: Mechanism
     place: Callable[[Floats], Floats]
     output: Output
+    start: PoseCandidates
+    number: int
     turn: FixedAxisRotation
+    samples: RotationSamples
     form: MidPlaneArchitecture | None
-    words: str
+    schedule: TimeScaling | None
+    rows: Trajectory | None
+    unscheduled: str
 
-    def rotation(self, samples: RotationSamples) -> Scene:
-        """Return the page on which row k is sample k."""
-        parts = self._stage(samples)
-        parts += self._driving("q", "driving angles", samples.inputs, "rad")
-        words = "rates of driving angles by theta"
-        parts += self._driving("dq_dtheta", words, samples.rates, "")
+    def pages(self, words: str) -> tuple[Scene, ...]:
+        """Return the page on which row k is sample k, and one evenly spread over time.
+
+        The words stand beside both.
+        """
+        samples, rows = self.samples, self.rows
         lost = np.array(self.turn.crossings)[:, None]
-        if len(lost):
-            parts.append(InputMarks("marks/lost", "type II", lost, LOST_TONE))
-        for label, values in (
-            ("orientation_error", samples.orientation_error),
-            ("drift of the axis", samples.drift),
-        ):
-            path = f"plots/{label.split()[0]}"
-            group = "error of orientation about the fixed axis"
-            parts.append(Series(path, label, group, values, "rad"))
-        parts.append(
-            Series("plots/type_2", "type_2", "transmission measure", samples.type_2)
-        )
-        parts.append(Text("words", "Rotation", self.words))
+        marks = [InputMarks("marks/lost", "type II", lost, LOST_TONE)] if len(lost) else []
+        errors = "error of orientation about the fixed axis"
+        parts: list[Primitive] = [
+            *self._stage(samples),
+            *self._driving("q", "driving angles", samples.inputs, "rad"),
+            *self._driving("dq_dtheta", "rates of driving angles by theta", samples.rates),
+            *marks,
+            Series(
+                "plots/orientation_error",
+                "orientation_error",
+                errors,
+                samples.orientation_error,
+                "rad",
+            ),
+            Series("plots/drift", "drift of the axis", errors, samples.drift, "rad"),
+            Series("plots/type_2", "type_2", "transmission measure", samples.type_2),
+            Text("words", "Rotation", words),
+        ]
         over = Axis("theta", "rad", samples.theta)
-        return Scene("Equivalent rotation", tuple(parts), (over,))
+        pages = [Scene("Equivalent rotation", tuple(parts), (over,))]
+        if rows is not None:
+            step = rows.t[-1] / (len(rows.t) - 1)
+            ddq = rows.accelerations
+            words += f"\n\nRow k of this page is at k x {step:.6g} s."
+            parts = [
+                *self._stage(self.turn.at(rows.theta)),
+                *self._driving("q", "driving angles in time", rows.inputs, "rad"),
+                *self._driving("dq", "driving speeds", rows.rates, "rad/s"),
+                *self._driving("ddq", "driving accelerations", ddq, "rad/s2"),
+                Text("words", "Rotation", words),
+            ]
+            over = Axis("time", "s", rows.t)
+            pages.append(Scene("Equivalent rotation in time", tuple(parts), (over,)))
+        return tuple(pages)
 
-    def schedule(self, rows: Trajectory) -> Scene:
-        """Return the page on which rows are evenly spread over the duration."""
-        parts = self._stage(self.turn.at(rows.theta))
-        parts += self._driving("q", "driving angles in time", rows.inputs, "rad")
-        parts += self._driving("dq", "driving speeds", rows.rates, "rad/s")
-        parts += self._driving("ddq", "driving accelerations", rows.accelerations, "rad/s2")
-        step = rows.t[-1] / (len(rows.t) - 1)
-        words = f"{self.words}\n\nRow k of this page is at k x {step:.6g} s."
-        parts.append(Text("words", "Rotation", words))
-        over = Axis("time", "s", rows.t)
-        return Scene("Equivalent rotation in time", tuple(parts), (over,))
-
-    def _driving(self, kind: str, group: str, values: Floats, unit: str) -> list[Series]:
+    def _driving(
+        self, kind: str, group: str, values: Floats, unit: str = ""
+    ) -> list[Series]:
         """Return the plots of values (n, inputs) of the driven pairs."""
         return [
             Series(f"plots/{kind}/{pair}", pair, group, values[:, k], unit)
             for k, pair in enumerate(self.turn.inputs)
         ]
 
-    def _stage(self, samples: RotationSamples) -> list[Primitive]:
-        """Return the links, the axis, arcs of the output, and mid-planes."""
+    def _stage(self, samples: RotationSamples) -> Iterator[Primitive]:
+        """Yield the links, the axis, arcs of the output, and mid-planes."""
         mechanism, placed = self.mechanism, self.place(samples.values)
         base = placed[:, mechanism.link_number[self.output.relative_to]]
-        parts: list[Primitive] = [*link_bodies(mechanism, placed)]
-        parts.append(Arrow("axis", "axis of the rotation", base @ self.turn.axis, False))
-        every = self.place(self.turn.at(np.linspace(0.0, self.turn.angle, DRAWN)).values)
+        yield from link_bodies(mechanism, placed)
+        yield Arrow("axis", "axis of the rotation", base @ self.turn.axis, False)
         link = mechanism.link_number[self.output.link]
-        for name, direction in self._directions():
-            path = every[:, link] @ direction
-            finite = path[np.isfinite(path[:, 0])]
-            if len(finite):
+        directions = link_axes(mechanism)[self.output.link]
+        if self.output.direction is not None:
+            directions = {self.output.name: np.array(self.output.direction)}
+        every = np.linspace(0.0, self.turn.angle, DRAWN)
+        whole, lost = (
+            self.place(self.turn.at(theta).values)[:, link] if len(theta) else np.zeros(0)
+            for theta in (every, np.array(self.turn.crossings))
+        )
+        for name, direction in directions.items():
+            path = _finite(whole @ direction)
+            if len(path):
                 marks = [
-                    Mark("start", finite[0], PATH_TONE),
-                    Mark("end", finite[-1], PATH_TONE),
+                    Mark(word, path[k], PATH_TONE)
+                    for k, word in ((0, "start"), (-1, "end"))
                 ]
-                parts.append(
-                    SphereCurves(
-                        f"arc/{name}", f"arc of {name}", [finite], PATH_TONE, marks
-                    )
-                )
-        if self.turn.crossings:
-            lost = self.turn.at(np.array(self.turn.crossings)).values
-            tips = self.place(lost)[:, link] @ self._directions()[0][1]
-            name, finite = "type II singularity", tips[np.isfinite(tips[:, 0])]
-            marks = [Mark(name, tip, LOST_TONE) for tip in finite]
-            parts.append(SphereCurves("lost", name, [], LOST_TONE, marks))
+                label = f"arc of {name}"
+                yield SphereCurves(f"arc/{name}", label, [path], PATH_TONE, marks)
+        if len(lost):
+            name, tips = "type II singularity", lost @ next(iter(directions.values()))
+            marks = [Mark(name, tip, LOST_TONE) for tip in _finite(tips)]
+            yield SphereCurves("lost", name, [], LOST_TONE, marks)
         if self.form is not None:
             normals = mid_planes(self.form, samples.orientation)
             moving = np.einsum("nij,nj->ni", base @ self.form.frame, normals)
-            finite = moving[np.isfinite(moving[:, 0])]
+            finite = _finite(moving)
             for k, name in ((0, "start"), (-1, "end")) if len(finite) else ():
-                circle = _circle(finite[k])
-                label = f"mid-plane, {name}"
-                parts.append(
-                    SphereCurves(f"mid_plane/{name}", label, [circle], PLANE_TONES[k])
-                )
-            parts.append(GreatCircle("mid_plane/now", "mid-plane", moving))
-        return parts
+                circle, label = [_circle(finite[k])], f"mid-plane, {name}"
+                yield SphereCurves(f"mid_plane/{name}", label, circle, PLANE_TONES[k])
+            yield GreatCircle("mid_plane/now", "mid-plane", moving)
 
-    def _directions(self) -> list[tuple[str, Floats]]:
-        """Return what of the output link draws arcs: its direction, or all its axes."""
-        if self.output.direction is not None:
-            return [(self.output.name, np.array(self.output.direction))]
-        return list(link_axes(self.mechanism)[self.output.link].items())
+
+def _finite(vectors: Floats) -> Floats:
+    return vectors[np.isfinite(vectors[:, 0])]
 
 
 def mid_planes(form: MidPlaneArchitecture, orientations: Floats) -> Floats:
