@@ -118,8 +118,7 @@ def _arrow(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
 
 
 def write_table(
-    folder: Path,
-    stem: str,
+    stem: Path,
     table: Table,
     pieces: Iterable[Mapping[str, Any]],
     notes: Mapping[str, str],
@@ -127,6 +126,8 @@ def write_table(
     formats: Sequence[Format] | None,
 ) -> list[str]:
     """Write the pieces of a table, CSV and Parquet side by side; return the files' names.
+
+    The `stem` is their path without an ending.
 
     CSV holds every number with the fewest digits that give it back, and empty cells for
     NaN. Parquet carries units and `notes`. Memory does not grow with the rows.
@@ -144,25 +145,29 @@ def write_table(
     }
     rest = (_arrow(table, piece, degrees) for piece in pieces)
     first = next(rest, None) or _arrow(table, none, degrees)
-    names = {k: f"{stem}.{k}" for k in FILE_SIZE if k in (formats or FILE_SIZE)}
+    paths = {
+        kind: stem.with_name(f"{stem.name}.{kind}")
+        for kind in FILE_SIZE
+        if kind in (formats or FILE_SIZE)
+    }
     with ExitStack() as stack:
-        if "parquet" in names:
+        if "parquet" in paths:
             schema = _noted(first.schema, {"units": table.units(degrees), **notes})
-            parquet = stack.enter_context(_parquet(folder / names["parquet"], schema))
-        if "csv" in names:
-            text = stack.enter_context(writing(folder / names["csv"]))
+            parquet = stack.enter_context(_parquet(paths["parquet"], schema))
+        if "csv" in paths:
+            text = stack.enter_context(writing(paths["csv"]))
             text.write(_csv([first.column_names]))
         for piece in chain([first], rest):
-            if "parquet" in names:
+            if "parquet" in paths:
                 parquet.write_table(piece.cast(schema))
-            if "csv" in names:
+            if "csv" in paths:
                 texts = [x for x in piece.columns if pa.types.is_dictionary(x.type)]
                 words = [word for x in texts for word in x.chunk(0).dictionary.to_pylist()]
                 plain = SPECIAL.isdisjoint("".join(words))
                 style: Literal["none", "needed"] = "none" if plain else "needed"
                 options = pc.WriteOptions(include_header=False, quoting_style=style)
                 pc.write_csv(_with_words(piece), text, options)
-    return list(names.values())
+    return [path.name for path in paths.values()]
 
 
 def pieces_in(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:

@@ -123,7 +123,7 @@ class ProvenPoles:
             check_own(folder / f"{PROVEN.name}.{kind}", b"proven_u")
         notes = {"analysis": "poles", "mechanism_hash": mechanism_hash}
         rows = pieces_of(PROVEN, self.data)
-        return write_table(folder, PROVEN.name, PROVEN, rows, notes, degrees, formats)
+        return write_table(folder / PROVEN.name, PROVEN, rows, notes, degrees, formats)
 
 
 def prove_poles(

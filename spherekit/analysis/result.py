@@ -32,7 +32,7 @@ from spherekit.analysis.tables import (
     formats_of,
 )
 from spherekit.argument_validation import checked
-from spherekit.conventions import Facts, choices, counted, listing
+from spherekit.conventions import Facts, choices, counted, listing, with_units
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.atomic import make_folder, write_bytes
 from spherekit.markup import html_list, html_table
@@ -286,14 +286,11 @@ class RunResult:
 def _first_rows(analysis: str, table: Table, data: TableArrays) -> str:
     """Return the first rows of a table as HTML, with the units of its columns."""
     columns = [np.asarray(data[column.name]) for column in table.columns]
-    count = len(columns[0]) if columns else 0
-    header = [
-        f"{column.name} [{column.unit}]" if column.unit else column.name
-        for column in table.columns
-    ]
+    units = {column.name: column.unit for column in table.columns}
     rows = zip(*(values[:FIRST_ROWS].tolist() for values in columns), strict=True)
     name = analysis if table.name == analysis else f"{analysis}/{table.name}"
-    return html_table(header, rows, f"{name}: {counted(count, 'row')}")
+    caption = f"{name}: {counted(len(columns[0]), 'row')}"
+    return html_table(with_units(units, units), rows, caption)
 
 
 def file_names(declared: Declared, formats: Sequence[Format] | None) -> list[str]:
@@ -318,7 +315,6 @@ def _units(declared: Declared, degrees: bool) -> Facts:
 
 def result_of(
     declared: Declared,
-    failures: Mapping[str, str],
     store: StoredParts | InMemory | None,
     place: RunFolder | None,
     summary: Facts,
@@ -336,10 +332,7 @@ def result_of(
     data: dict[str, dict[str, TableArrays]] = {name: {} for name in declared}
     summary = {**summary, "units": _units(declared, degrees=False)}
     by_stem = stems(declared)
-    if place is None and isinstance(store, InMemory):
-        for name, table in by_stem.values():
-            data[name][table.name] = store.table(name, table)
-    elif place is not None and store is not None:
+    if place is not None and store is not None:
         from spherekit.analysis.frames import ParquetColumns
 
         rows = {stem: store.pieces(*key) for stem, key in by_stem.items()}
@@ -349,11 +342,14 @@ def result_of(
             path = place.path / f"{stem}.parquet"
             if path in files:
                 data[name][table.name] = ParquetColumns(path, table, degrees)
+    elif isinstance(store, InMemory):
+        for name, table in by_stem.values():
+            data[name][table.name] = store.table(name, table)
     results = {
         name: AnalysisResult(name, tuple(tables), data[name])
         for name, tables in declared.items()
     }
-    return RunResult(results, failures, summary, tuple(files))
+    return RunResult(results, summary=summary, files=tuple(files))
 
 
 def write_results(
@@ -390,7 +386,7 @@ def write_results(
     names: list[str] = []
     for stem, (analysis, table) in by_stem.items():
         notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
-        for name in write_table(made, stem, table, rows[stem], notes, degrees, formats):
+        for name in write_table(made / stem, table, rows[stem], notes, degrees, formats):
             key = f"{name.rpartition('.')[2]}_bytes"
             cost[stem][key] = (made / name).stat().st_size
             names.append(name)

@@ -212,9 +212,10 @@ def executed(
             if execution.accuracy is not None:
                 reached = {"setting": str(job.setting)}
                 summary["accuracy"] = {**execution.accuracy, **reached}
-            declared, failures = job.tables(standing.failures), standing.failures
             how = study.degrees, execution.formats
-            return result_of(declared, failures, store, place, summary, *how)
+            declared = job.tables(standing.failures)
+            result = result_of(declared, store, place, summary, *how)
+            return replace(result, failures=standing.failures)
 
 
 def traced(study: Study, analyses: Analyses, execution: Execution) -> bool:
