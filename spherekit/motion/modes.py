@@ -41,7 +41,7 @@ from spherekit.motion.input_grid import InputGrid, spread_rows
 from spherekit.motion.input_turning_points import input_turning_points
 from spherekit.motion.search import SAME_MODE, SearchStatistics
 from spherekit.motion.steps import determinant_sign
-from spherekit.motion.turns import into_range
+from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import graph_mobility, inputs_to_declare
 from spherekit.progress import ProgressReporter
@@ -211,10 +211,11 @@ class ModeSearch:
         solver, q = self.solver, self.input_grid.q
         if (reference := solver.reference) is None:
             return
-        held, ends = reference[list(solver.driven)], (np.min(q, axis=0), np.max(q, axis=0))
-        inside = (ends[0] <= held) & (held <= ends[1])
-        near = np.where(inside, held, into_range(held, *ends, solver.periods))
-        values = solver.moved(reference[None], near)
+        held = reference[list(solver.driven)]
+        away = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0)) - held
+        outside = np.abs(away) > 0.5 * np.ptp(q, axis=0)
+        far = np.where(outside, whole_laps(away, solver.periods), 0.0)
+        values = solver.moved(reference[None], held + far)
         self._add(*self._guided(values)[0])
         if not self.assembly_modes and len(held) == 1 and solver.meshes is not None:
             self._add_along(values[0])

@@ -91,26 +91,16 @@ class Pebbles:
         return self.free[body]
 
     def _fetch(self, body: int, closed: set[int]) -> bool:
-        came_from: dict[int, int] = {}
-        seen = {body} | closed
-        stack = [body]
-        while stack:
-            at = stack.pop()
-            for neighbour in self.out[at]:
-                if neighbour in seen:
-                    continue
-                seen.add(neighbour)
-                came_from[neighbour] = at
-                if self.free[neighbour]:
-                    self.free[neighbour] -= 1
-                    while neighbour != body:
-                        before = came_from[neighbour]
-                        self.out[before].remove(neighbour)
-                        self.out[neighbour].append(before)
-                        neighbour = before
+        """Move a free pebble to `body` along constraints; False if none can be reached."""
+        for other in self.out[body]:
+            if other not in closed:
+                closed.add(other)
+                if self.free[other] or self._fetch(other, closed):
+                    self.free[other] -= 1
                     self.free[body] += 1
+                    self.out[body].remove(other)
+                    self.out[other].append(body)
                     return True
-                stack.append(neighbour)
         return False
 
     def insert(self, a: int, b: int) -> bool:
@@ -142,16 +132,6 @@ class Pebbles:
         self.gather(a, FREEDOMS)
         if self.gather(b, 1, keep=[a]) >= 1:
             return None
-        return self.reach([a, b])
-
-    def moving_part(self, a: int, b: int) -> set[int]:
-        """Return the smallest set with both bodies and one freedom.
-
-        Valid where the whole has one freedom and no part is rigid: the sets with one
-        freedom that contain both bodies are then closed under intersection.
-        """
-        self.gather(a, FREEDOMS)
-        self.gather(b, 1, keep=[a])
         return self.reach([a, b])
 
     def merge(self, part: set[int], into: int) -> None:
@@ -471,7 +451,7 @@ def split(
         groups.append(
             _group(mechanism, body_of, base, inside, any(n in meshes for n in inside))
         )
-        game.gather(base, 3)
+        game.gather(base, FREEDOMS)
         game.merge(part, base)
         body_of = [base if body in part else body for body in body_of]
         open_pairs = {n: ends for n, ends in open_pairs.items() if n not in inside}
@@ -503,24 +483,14 @@ def _group(
 
 
 def _smallest_part(
-    game: Pebbles,
-    open_pairs: dict[int, tuple[int, int]],
-    body_of: list[int],
+    game: Pebbles, open_pairs: dict[int, tuple[int, int]], body_of: list[int]
 ) -> set[int]:
-    joined: dict[int, set[int]] = {}
-    for one, other in open_pairs.values():
-        a, b = body_of[one], body_of[other]
-        joined.setdefault(a, set()).add(b)
-        joined.setdefault(b, set()).add(a)
-    best: set[int] | None = None
-    for a in sorted(joined):
-        game.gather(a, 3)
-        for b in sorted(joined[a]):
-            if b > a:
-                part = game.reach([a, b])
-                if best is None or len(part) < len(best):
-                    best = part
-                    if len(part) == SMALLEST:
-                        return part
-    assert best is not None
-    return best
+    """Return the smallest rigid part with both bodies of a pair, the first of them."""
+    parts = []
+    couples = (sorted((body_of[a], body_of[b])) for a, b in open_pairs.values())
+    for a, b in sorted({(low, high) for low, high in couples}):
+        game.gather(a, FREEDOMS)
+        parts.append(game.reach([a, b]))
+        if len(parts[-1]) == SMALLEST:
+            break
+    return min(parts, key=len)

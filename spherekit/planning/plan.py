@@ -187,7 +187,8 @@ def _smallest_block(
         if game is None:
             parts[pole] = set(chain.bodies)
         elif pole not in parts:
-            parts[pole] = game.moving_part(*pole)
+            # smallest with one freedom: such sets are closed under intersection here
+            parts[pole] = game.rigid_part(*pole) or game.reach(pole)
     inside = min((parts[pole] for pole in unknown), key=len)
     return BlockPoles(
         links=tuple(sorted(inside)),
@@ -265,19 +266,16 @@ def _cheapest_lines(
     """Return third links of different great circles that suffice, and what they need."""
     i, j = step.pole
     needs = {k: cost[pole_of(i, k)] | cost[pole_of(j, k)] for k in step.via}
-    lines = max(2 - len(step.contacts), 0)
     every = circles(mask_of(step.via), step.pole, coaxial)
     cheapest = (min(links, key=lambda k: (len(needs[k]), k)) for links in every)
     first = sorted(cheapest, key=lambda k: (len(needs[k]), k))[:12]
-    if lines == 0:
-        return (), frozenset()
-    if lines == 1:
-        return (first[0],), needs[first[0]]
-    a, b = min(
-        ((a, b) for n, a in enumerate(first) for b in first[n + 1 :]),
-        key=lambda pair: (len(needs[pair[0]] | needs[pair[1]]), pair),
-    )
-    return (a, b), needs[a] | needs[b]
+
+    def needed(links: Iterable[int]) -> frozenset[Pole]:
+        return frozenset[Pole]().union(*(needs[k] for k in links))
+
+    choices = combinations(first, max(2 - len(step.contacts), 0))
+    chosen = min(choices, key=lambda links: (len(needed(links)), links))
+    return chosen, needed(chosen)
 
 
 @checked(PlanError)

@@ -132,8 +132,7 @@ class LinePole:
     @property
     def case(self) -> str:
         """The lecture's case of the first two lines: a, b or c."""
-        lines = min(len(self.via), 2)
-        return {2: "a", 1: "b", 0: "c"}[lines if not self.contacts else min(lines, 1)]
+        return "cba"[min(len(self.via), 1 if self.contacts else 2)]
 
     @property
     def sources(self) -> tuple[Pole, ...]:

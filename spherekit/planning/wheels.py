@@ -158,15 +158,8 @@ def least_rolled(
     turns = np.zeros(laps.shape, dtype=np.int64)
     if not steps:
         return turns
-    most = next(
-        (
-            m
-            for m in range(MOST_TURNS, 0, -1)
-            if (2 * m + 1) ** len(steps) <= MOST_ASSEMBLIES
-        ),
-        None,
-    )
-    if most is None:
+    most = min(MOST_TURNS, int(0.5 * (MOST_ASSEMBLIES ** (1.0 / len(steps)) - 1.0)))
+    if most < 1:
         return None
     counts = np.indices((2 * most + 1,) * len(steps)).reshape(len(steps), -1).T - most
     rolled = put + counts @ np.array(steps)
