@@ -10,9 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.linalg import lu_factor, lu_solve
-
-MOST_ROUNDS = 200
 
 
 @dataclass(frozen=True)
@@ -25,42 +22,16 @@ class Hinge:
     axis: np.ndarray
 
 
-@dataclass(frozen=True)
-class Bearing:
-    """Friction of -grip tanh(rate / speed) per N m across the axis of a hinge."""
-
-    grip: float
-    speed: float
-
-
-@dataclass(frozen=True)
-class Mesh:
-    """Two gears on a carrier: they turn about each other as it holds the pitch point."""
-
-    first: int
-    second: int
-    carrier: int
-    point: np.ndarray
-
-
 class MultiBody:
     """Bodies with tensors (n, 3, 3) about the centre at the start, in ground axes."""
 
-    def __init__(self, tensors, hinges, meshes=()):
-        self.tensors = np.array(tensors)
-        self.hinges = tuple(hinges)
-        self.meshes = tuple(meshes)
+    def __init__(self, tensors, hinges):
+        self.tensors, self.hinges = np.array(tensors), tuple(hinges)
         self.count = len(self.tensors)
-        held = [(each.first, each.second, each.first, each.axis) for each in self.hinges]
-        held += [
-            (each.first, each.second, each.carrier, each.point) for each in self.meshes
-        ]
-        first, second, carrier, lines = zip(*held, strict=True)
-        self._first, self._second = np.array(first), np.array(second)
-        self._carrier, self._axes = np.array(carrier), np.array(lines)
+        held = [(each.first, each.second, each.axis) for each in self.hinges]
+        first, second, lines = zip(*held, strict=True)
+        self._first, self._second, self._axes = map(np.array, (first, second, lines))
         self._across = np.array([np.linalg.svd(line[None])[2][1:] for line in lines])
-        rows = self._rows(self._across)
-        self._repeats = np.linalg.matrix_rank(rows) < len(rows)
 
     def rates(self, given):
         """Return the angular velocities (n, 3) at the start for the rates of pairs."""
@@ -75,14 +46,11 @@ class MultiBody:
         right = np.concatenate([np.zeros(len(rows) - len(given)), list(given.values())])
         return np.asarray(np.linalg.lstsq(rows, right, rcond=None)[0]).reshape(-1, 3)
 
-    def solve(self, torque, w, times, rtol=1e-11, longest=5e-3, bearings=None):
+    def solve(self, torque, w, times, rtol=1e-11, longest=5e-3):
         """Return the angles (times,) that each pair has turned since the start.
 
         `torque` gives torques (N m) at pairs by the time, the angles turned and the rates.
-        Bearings at pairs rub: the equations of motion and Coulomb's law of each are solved
-        together, by successive substitution to the last digit.
         """
-        rubbing = bearings or {}
         n, names = self.count, [each.name for each in self.hinges]
         whole = np.tile([1.0, 0.0, 0.0, 0.0], n)
         start = np.concatenate([whole, w.ravel(), np.zeros(len(names))])
@@ -92,7 +60,7 @@ class MultiBody:
             angles = y[7 * n :]
             turn = np.concatenate([np.eye(3)[None], _matrices(q)])
             turning = np.concatenate([np.zeros((1, 3)), w])
-            held = turn[self._carrier]
+            held = turn[self._first]
             axes = np.einsum("kij,kj->ki", held, self._axes)
             across = np.einsum("kij,kaj->kai", held, self._across)
             apart = turning[self._second] - turning[self._first]
@@ -111,7 +79,7 @@ class MultiBody:
             spin = np.einsum("kij,kj->ki", tensors, w)
             free = moments[1:] - np.cross(w, spin)
             rows = self._rows(across)
-            moved = np.cross(turning[self._carrier][:, None], across)
+            moved = np.cross(turning[self._first][:, None], across)
             gaps = -np.sum(moved * apart[:, None], axis=2).ravel()
             size = 3 * n
             matrix = np.zeros((size + len(rows), size + len(rows)))
@@ -120,28 +88,7 @@ class MultiBody:
                 matrix[part, part] = tensors[body]
             matrix[size:, :size], matrix[:size, size:] = rows, rows.T
             right = np.concatenate([free.ravel(), gaps])
-            if rubbing:
-                factored = lu_factor(matrix)
-                found = lu_solve(factored, right)
-                for _ in range(MOST_ROUNDS):
-                    rubbed = right.copy()
-                    held = -found[size:].reshape(-1, 2)
-                    for name, bearing in rubbing.items():
-                        k = names.index(name)
-                        slowed = np.tanh(speeds[k] / bearing.speed) * bearing.grip
-                        slowed *= -np.hypot(*held[k])
-                        for body, sign in ((self._second[k], 1.0), (self._first[k], -1.0)):
-                            if body:
-                                part = slice(3 * body - 3, 3 * body)
-                                rubbed[part] += sign * slowed * axes[k]
-                    before, found = found, lu_solve(factored, rubbed)
-                    if np.max(np.abs(found - before)) <= 1e-15 * np.max(np.abs(found)):
-                        break
-                faster = found[:size]
-            elif self._repeats:
-                faster = _along_null_space(matrix[:size, :size], rows, free.ravel(), gaps)
-            else:
-                faster = np.linalg.solve(matrix, right)[:size]
+            faster = np.linalg.solve(matrix, right)[:size]
             return np.concatenate([_quaternion_rates(q, w).ravel(), faster, speeds])
 
         found = solve_ivp(
@@ -164,15 +111,6 @@ class MultiBody:
             rows[part, 3 * j : 3 * j + 3] += across[number]
             rows[part, 3 * i : 3 * i + 3] -= across[number]
         return rows[:, 3:]
-
-
-def _along_null_space(tensors, rows, free, gaps):
-    """Return the accelerations where rows repeat each other: multipliers are not known."""
-    _, sizes, back = np.linalg.svd(rows)
-    left = back[np.count_nonzero(sizes > 1e-9) :].T
-    own = np.linalg.lstsq(rows, gaps, rcond=1e-9)[0]
-    along = np.linalg.solve(left.T @ tensors @ left, left.T @ (free - tensors @ own))
-    return np.asarray(own + left @ along)
 
 
 def _matrices(q):

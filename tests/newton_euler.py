@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import spherekit as sk
 from spherekit.model.dynamics import Mass
@@ -63,17 +64,24 @@ def row_of(found, row, joint):
     return made, values, values[made.angles[joint]], found.t[row], *moved, joint
 
 
-def newton_euler(mechanism, values, angle, t, dq, ddq, joint, full=False):
+def newton_euler(mechanism, values, angle, t, dq, ddq, joint, full=False, torques=None):
     """Return the torques (m,) at the inputs from the equations of all links with reactions.
 
-    `dq` and `ddq` (m,) are those of the inputs. Angular velocities of all links are the
+    `dq` and `ddq` (m,) are those of the inputs. The loads are those of `loaded`, or
+    `torques` at pairs alone. Angular velocities of all links are the
     unknowns; no pair variable is differentiated. `full` gives by pair the reactions about
     the directions that it holds: of R pairs x and y of its frame, of contacts the tangent
     and, where they do not slide, the normal.
     """
     turns, w, alpha, plans, A, drive = links_moving(mechanism, values, dq, ddq)
     count = len(mechanism.links)
-    applied = moments(mechanism, turns, w, angle, t, joint)
+    if torques is None:
+        applied = moments(mechanism, turns, w, angle, t, joint)
+    else:
+        applied = np.zeros((count, 3))
+        for k, a, b, _, _, axis in plans:
+            size = torques.get(mechanism.pairs[k].name, 0.0)
+            applied[b], applied[a] = applied[b] + size * axis, applied[a] - size * axis
     right = []
     for link in range(1, count):
         mass = next(m for m in mechanism.masses if m.link == mechanism.links[link])
@@ -89,6 +97,38 @@ def newton_euler(mechanism, values, angle, t, dq, ddq, joint, full=False):
         moments_by_pair[mechanism.pairs[k].name] = reactions[at : at + held]
         at += held
     return moments_by_pair
+
+
+def hold_to(found, drive, grips=(), speed=1.0, within=1e-11):
+    """Hold a simulation to be the motion under torques at its inputs.
+
+    In each step its variables and rates are integrals of its rates and accelerations, at
+    which links that pairs hold together need the torques that `drive` gives of a time and
+    the rates of the inputs. Bearings at pairs rub by what these `grips` make of the moment
+    across.
+    """
+    count, made, chebyshev = 28, found.mechanism, np.polynomial.chebyshev
+    nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    for start, length in zip(found.path.starts, found.path.lengths, strict=True):
+        t = start + 0.5 * length * (nodes + 1.0)
+        history = found.at(t)
+        for rates, values in (
+            (history.value_rates, history.values),
+            (history.input_accelerations, history.input_rates),
+        ):
+            series = chebyshev.chebfit(nodes, 0.5 * length * rates, count - 1)
+            gap = chebyshev.chebval(nodes, chebyshev.chebint(series)).T - values
+            assert np.max(np.abs(gap - gap[0])) < within
+        moving = history.input_rates[9], history.input_accelerations[9]
+        state = made, history.values[9], 0.0, t[9], *moving, ""
+        rubbing = dict.fromkeys(grips, 0.0)
+        for _ in range(60 if grips else 0):
+            held = newton_euler(*state, full=True, torques=rubbing)
+            for pair in grips:
+                slowed = np.tanh(history.value_rates[9, made.angles[pair]] / speed)
+                rubbing[pair] = -grips[pair] * slowed * np.hypot(*held[pair])
+        needed = newton_euler(*state, torques=rubbing)
+        assert needed == pytest.approx(drive(t[9], moving[0]), abs=within)
 
 
 def links_moving(mechanism, values, dq, ddq):
