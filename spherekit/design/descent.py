@@ -17,7 +17,7 @@ from spherekit.design.requirements import MATCH, Specification
 from spherekit.design.sweep import Columns
 from spherekit.design.varied import DEG, DesignAt
 from spherekit.engine.compiler import TermFunction
-from spherekit.engine.design_kernel import PathKernel, design_kernel
+from spherekit.engine.design_kernel import DesignKernel, PathKernel
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -240,7 +240,7 @@ class FigureGradients:
     def __init__(self, evaluator: Evaluator) -> None:
         self.evaluator, figures = evaluator, evaluator.figures
         terms = evaluator.varied.terms()
-        self._kernel = design_kernel(terms, figures.columns, gradients=True)
+        self._kernel = DesignKernel(terms, figures.columns, gradients=True)
         rows = symbols([*figures.sample, *figures.columns])
         named = {x.arguments[0]: (x, x) for x in rows}
         items = [expression_terms(item, named) for item in figures.expressions]

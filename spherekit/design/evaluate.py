@@ -39,13 +39,7 @@ from spherekit.design.variables import (
     sizes_of,
 )
 from spherekit.design.varied import UNLIKE, VariedMechanism
-from spherekit.engine.design_kernel import (
-    DesignKernel,
-    PathKernel,
-    arc_function,
-    design_kernel,
-    path_kernel,
-)
+from spherekit.engine.design_kernel import DesignKernel, PathKernel, arc_function
 from spherekit.engine.hinges import hinged
 from spherekit.engine.row_quantities import (
     VariedTerms,
@@ -90,7 +84,6 @@ def kernel_angles(
     `prepared` (k, n) is what the kernel has of them, `signs` (dyads,) are their dyads',
     `width` is what a sample has.
     """
-    assert kernel.angles is not None
     first = width + len(signs)
     last, function = first + len(kernel.turning), kernel.angles
 
@@ -301,18 +294,18 @@ class Evaluator:
             return None
         terms = self.varied.terms()
         if not terms.closed_form:
-            paths = path_kernel(terms)
+            paths = PathKernel(terms)
             start = start_set(paths, self.varied.nominal, *self._every_size())
             if start is None:
                 return None
             self._paths = paths, start
-        return design_kernel(terms, self.figures.columns)
+        return DesignKernel(terms, self.figures.columns)
 
     def _every_size(self) -> tuple[VariedTerms, Floats]:
         """Return terms of all sizes of the mechanism, and what these are in the file."""
         contacts = self.varied.contacts
         if contacts is not None:
-            terms = VariedTerms.of(
+            terms = VariedTerms(
                 contacts.mechanism,
                 self.inputs,
                 [f"turned_{k}" for k in range(len(contacts.numbers))],
@@ -385,7 +378,7 @@ class Evaluator:
     @cached_property
     def newton(self) -> PathKernel:
         """Newton's step alone, by which configurations follow to other designs."""
-        return path_kernel(self.varied.terms(), alone=True)
+        return PathKernel(self.varied.terms(), alone=True)
 
     @property
     def _followed_together(self) -> int:
@@ -601,18 +594,18 @@ class Evaluator:
 
     def _single(self, mechanism: Mechanism) -> Evaluated:
         if plan_assembly(mechanism.with_inputs(*self.inputs)).has_closed_form:
-            terms = VariedTerms.of(mechanism, self.inputs)
-            kernel = design_kernel(terms, self.figures.columns, compiled=False)
+            terms = VariedTerms(mechanism, self.inputs)
+            kernel = DesignKernel(terms, self.figures.columns, compiled=False)
             return self._modes(kernel, np.empty((0, 1)))
         tracer, motion, values = self.traced(mechanism)
         profiled = self.varied.is_profiled
-        terms = VariedTerms.of(
+        terms = VariedTerms(
             mechanism,
             self.inputs,
             geometry=lambda _: turning_pairs(mechanism, as_columns=profiled),
             closed=next(iter(motion.values[~motion.failed]), None),
         )
-        kernel = design_kernel(terms, self.figures.columns, compiled=False)
+        kernel = DesignKernel(terms, self.figures.columns, compiled=False)
         modes, claim = tracer.assembly_modes, tracer.claim.guarantee.value
         made = self.figures.of(
             kernel,

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
-from spherekit.engine.design_kernel import At, PathKernel, path_kernel
+from spherekit.engine.design_kernel import At, PathKernel
 from spherekit.engine.row_quantities import VariedTerms
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import assemblies
@@ -270,7 +270,7 @@ def start_set(
     names = structure.mechanism.names_of(structure.input_pairs)
     inputs = structure.mechanism.with_inputs(*names).inputs
     q = np.array([complex(0.5 * (i.start + i.stop), 0.7) for i in inputs])
-    general = path_kernel(terms, compiled=False)
+    general = PathKernel(terms, compiled=False)
     rng = np.random.default_rng(20)
     low, high = np.sort([(i.start, i.stop) for i in inputs], axis=1).T
     places = rng.uniform(low, high, (SEEDED, len(inputs)))

@@ -166,7 +166,7 @@ class ProfileNumbers:
 
 
 def tracks_of(mechanism: Mechanism, apart: float = TOUCHING) -> list[Track]:
-    """Return the profiles of all contacts, in the order of `TurningPairs.columns`."""
+    """Return the profiles of all contacts, in the order of `TurningPairs.handed_in`."""
     contacts = contact_tracks(joints_of(mechanism, apart))
     return [track for _, tracks in contacts for track in tracks]
 

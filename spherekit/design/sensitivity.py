@@ -23,12 +23,7 @@ from spherekit.design.variables import (
     sizes_of,
 )
 from spherekit.design.varied import DesignAt, VariedMechanism
-from spherekit.engine.design_kernel import (
-    DesignKernel,
-    PathKernel,
-    design_kernel,
-    path_kernel,
-)
+from spherekit.engine.design_kernel import DesignKernel, PathKernel
 from spherekit.engine.hinges import EquivalentLinkage, hinged
 from spherekit.engine.row_quantities import (
     VariedTerms,
@@ -255,15 +250,15 @@ class Sensitivity:
 
     @cached_property
     def _gradient(self) -> DesignKernel:
-        return design_kernel(self._terms, self.quantities, gradients=True, compiled=False)
+        return DesignKernel(self._terms, self.quantities, gradients=True, compiled=False)
 
     @cached_property
     def _plain(self) -> DesignKernel:
-        return design_kernel(self._terms, self.quantities, compiled=False)
+        return DesignKernel(self._terms, self.quantities, compiled=False)
 
     @cached_property
     def _newton(self) -> PathKernel:
-        return path_kernel(self._terms, compiled=False, alone=True)
+        return PathKernel(self._terms, compiled=False, alone=True)
 
     def _placed(self, values: Floats) -> Floats:
         """Return the variables (n, v) that the kernel has, from those of a motion."""

@@ -148,7 +148,7 @@ class VariedMechanism:
         acting = [int(k) - first for k in self.differing if k >= first]
         if contacts is not None:
             names = {k: f"turned_{k}" for k in self.of_contacts}
-            return VariedTerms.of(
+            return VariedTerms(
                 contacts.mechanism,
                 self.inputs,
                 tuple(names.values()),
@@ -157,7 +157,7 @@ class VariedMechanism:
                 acting,
             )
         chosen, handed_in = [self.variables[k] for k in self.sized], self.is_profiled
-        return VariedTerms.of(
+        return VariedTerms(
             self.mechanism,
             self.inputs,
             [variable.name for variable in chosen],

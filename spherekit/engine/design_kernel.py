@@ -13,6 +13,7 @@ analytic, and off the real axis their solutions neither meet nor vanish.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -113,29 +114,53 @@ _OPERATIONS: Mapping[str, Callable[..., Parts]] = {
 }
 
 
-@dataclass(frozen=True)
 class DesignKernel:
-    """A function of designs and samples.
+    """A function of designs and samples of a topology that is written in `terms`.
 
     `prepare` takes the sizes (variables, n) to what is the same at all samples of a design.
     `evaluate` takes a sample, the places of the links (then the columns of profiles that
     are handed in) and what is prepared to the
-    `columns`, then to their derivatives, size by size, where they were asked for. Places
+    `columns`, then to their derivatives, size by size, where `gradients` are asked for.
+    Columns are names of `row_quantities`, `EngineError` where there is none of it. Places
     are the sign of each dyad in closed form; then the first outputs, one for each dyad, are
-    not negative where it closes. Otherwise they are the variables of all pairs.
+    not negative where it closes. Otherwise they are the variables of all pairs. It is
+    `compiled` where heyoka is installed, or ready at once.
 
     Loads that count turns take those (rad) of the pairs `turning`, after the places and the
     columns of profiles. `angles` is the function of the same rows that gives the first
     outputs and then the variables of these pairs less the turns.
     """
 
-    places: tuple[str, ...]
-    closed_form: bool
-    columns: tuple[str, ...]
-    prepare: TermFunction
-    evaluate: TermFunction
-    turning: tuple[str, ...] = ()
-    angles: TermFunction | None = None
+    def __init__(
+        self,
+        terms: VariedTerms,
+        columns: Sequence[str],
+        gradients: bool = False,
+        compiled: bool = True,
+    ) -> None:
+        outputs = [terms.quantity(name) for name in columns]
+        if gradients:
+            outputs += [slope for slopes in terms.by_sizes(outputs) for slope in slopes]
+        self.places, self.columns = terms.places, tuple(columns)
+        self.closed_form, self._compiled = terms.closed_form, compiled and available()
+        torques = any(column.split("_by_")[0] == "torque" for column in columns)
+        turns = terms.turns if torques else {}
+        self.turning = tuple(turns)
+        moving = [*terms.sample, *terms.places, *terms.handed_in, *turns.values()]
+        items = [*terms.squares, *outputs, *(terms.angle(pair) for pair in turns)]
+        self._rows, fixed = hoisted(items, moving, "design_")
+        self._given, self._reached = [*moving, *fixed], len(terms.squares)
+        self._count = self._reached + len(outputs)
+        self.prepare = term_function([*fixed.values()], terms.sizes, self._compiled)
+        self.evaluate = self._made(self._rows[: self._count])
+
+    def _made(self, rows: Sequence[Expr]) -> TermFunction:
+        return term_function(rows, self._given, self._compiled)
+
+    @cached_property
+    def angles(self) -> TermFunction:
+        """See above."""
+        return self._made([*self._rows[: self._reached], *self._rows[self._count :]])
 
     @property
     def reaches(self) -> int:
@@ -163,72 +188,23 @@ class DesignKernel:
             return np.asarray(self.evaluate(np.concatenate(parts)))
 
 
-def design_kernel(
-    terms: VariedTerms,
-    columns: Sequence[str],
-    gradients: bool = False,
-    compiled: bool = True,
-) -> DesignKernel:
-    """Return the kernel of a topology.
-
-    Parameters
-    ----------
-    terms
-        What it is written in.
-    columns
-        Names of `row_quantities`.
-    gradients
-        Whether their derivatives by all sizes are wanted too.
-    compiled
-        Whether to compile, where heyoka is installed, or to be ready at once.
-
-    Raises
-    ------
-    EngineError
-        If a column is not known.
-    """
-    outputs = [terms.quantity(name) for name in columns]
-    if gradients:
-        outputs += [slope for slopes in terms.by_sizes(outputs) for slope in slopes]
-    squares = terms.squares
-    torques = any(column.split("_by_")[0] == "torque" for column in columns)
-    turns = terms.turns if torques else {}
-    angles = [terms.angle(pair) for pair in turns]
-    moving = [*terms.sample, *terms.places, *terms.handed_in, *turns.values()]
-    row_terms, fixed = hoisted([*squares, *outputs, *angles], moving, "design_")
-    count, every = len(squares) + len(outputs), [*moving, *fixed]
-    compiled = compiled and available()
-    return DesignKernel(
-        tuple(place.arguments[0] for place in terms.places),
-        terms.closed_form,
-        tuple(columns),
-        term_function(list(fixed.values()), terms.sizes, compiled),
-        term_function(row_terms[:count], every, compiled),
-        tuple(turns),
-        term_function([*row_terms[: len(squares)], *row_terms[count:]], every, compiled)
-        if turns
-        else None,
-    )
-
-
 def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], TermFunction]:
     """Return the links with two axes, and the function of sizes that gives their arcs.
 
     The arcs (links, n) are in [0, pi] rad.
     """
-    mechanism, pairs = terms.structure.mechanism, terms.structure.pairs
+    mechanism, pairs = terms.mechanism, terms.structure.pairs
     axes: dict[int, list[Exprs]] = {k: [] for k in range(len(mechanism.links))}
     for pair, ends in enumerate(mechanism.ends):
         if pair not in pairs.sides:
             for link, axis in zip(ends, pairs.axes(pair), strict=True):
                 axes[link].append(constants(axis))
-    links = tuple(link for link, directions in axes.items() if len(directions) == 2)
-    arcs = []
-    for link in links:
-        one, other = axes[link]
-        normal = cross(one, other)
-        arcs.append(function("atan2", np.sqrt(dot(normal, normal)), dot(one, other)))
-    return links, array_function(arcs, terms.sizes)
+    both = {link: (*held, cross(*held)) for link, held in axes.items() if len(held) == 2}
+    arcs = [
+        function("atan2", np.sqrt(dot(normal, normal)), dot(one, other))
+        for one, other, normal in both.values()
+    ]
+    return tuple(both), array_function(arcs, terms.sizes)
 
 
 @dataclass(frozen=True)
@@ -245,34 +221,54 @@ class At:
     open: Array
 
 
-@dataclass(frozen=True)
 class PathKernel:
     """Newton's step and the rates of a topology whose sizes are inputs.
 
-    `prepare` takes the sizes (sizes, n) to what is the same at all samples of a design,
-    `real` and `complex` variables, the columns of profiles that are handed in, and these to
-    `At`; `turning` to the triple products that dyads are named by, `groups` has ``+`` for
-    each of them and ``~`` for other groups. `driven` are the inputs that rates are by.
+    `terms` are of variables, not of signs. `prepare` takes the sizes (sizes, n) to what is
+    the same at all samples of a design, `real` and `complex` variables, the columns of
+    profiles that are handed in, and these to `At`; `turning` to the triple products that
+    dyads are named by, `groups` has ``+`` for each of them and ``~`` for other groups.
+    `driven` are the inputs that rates are by. Newton's step `alone` is real, and without
+    rates.
     """
 
-    variables: int
-    driven: list[int]
-    prepare: TermFunction
-    real: TermFunction
-    complex: ComplexFunction | None
-    groups: str
-    turning: TermFunction
+    def __init__(
+        self, terms: VariedTerms, compiled: bool = True, alone: bool = False
+    ) -> None:
+        structure, flow, places = terms.structure, terms.flow, terms.places
+        self.variables, self.driven = len(places), [] if alone else [*structure.inputs]
+        change = flow.answers(flow.misfits)
+        for variable, angle in enumerate(terms.variables):
+            if angle is not places[variable]:
+                change[variable] = angle - places[variable]
+        taus = [] if alone else flow.tau
+        outputs = [*change, *(rate / flow.scale for tau in taus for rate in tau)]
+        outputs += [flow.scale, flow.openness]
+        every = structure.assembly.groups
+        self.groups = "".join("+" if group.is_dyad else "~" for group in every)
+        turning = []
+        for group in every:
+            if group.is_dyad and not alone:
+                axes = [flow.vectors[flow.owned[pair][0]] for pair in group.pairs]
+                turning.append(dot(axes[0], cross(axes[1], axes[2])))
+        given, count = [*places, *terms.handed_in], len(outputs)
+        rows, fixed = hoisted([*outputs, *turning], given, "design_")
+        inputs, compiled = [*given, *fixed], compiled and available()
+        self.prepare = term_function([*fixed.values()], terms.sizes, compiled)
+        self.real = term_function(rows[:count], inputs, compiled)
+        self.turning = array_function(rows[count:], inputs)
+        self.complex: ComplexFunction | None = None
+        if not alone:
+            numbers = inputs[len(places) :]
+            self.complex = complex_function(rows[:count], places, numbers, compiled)
 
     def labels(self, values: Floats, prepared: Floats) -> list[str]:
         """Return the signs of dyads, ``~`` for other groups, at closed configurations."""
         rows = np.concatenate([values, prepared])
-        signs = iter(np.where(self.turning(rows) >= 0.0, "+", "-"))
-        columns = [next(signs) if g == "+" else None for g in self.groups]
-        width = values.shape[1]
-        return [
-            "".join("~" if column is None else str(column[k]) for column in columns)
-            for k in range(width)
-        ]
+        labels = np.full((len(self.groups), values.shape[1]), "~")
+        dyads = [k for k, group in enumerate(self.groups) if group == "+"]
+        labels[dyads] = np.where(self.turning(rows) >= 0.0, "+", "-")
+        return ["".join(column) for column in labels.T]
 
     def at(self, values: Array, prepared: Floats) -> At:
         """Return what the equations are at values (variables, n) and prepared (k, n)."""
@@ -283,42 +279,3 @@ class PathKernel:
         v, k = self.variables, len(self.driven)
         rates = columns[v : (k + 1) * v].reshape(k, v, values.shape[1])
         return At(columns[:v], rates, columns[-2], columns[-1])
-
-
-def path_kernel(
-    terms: VariedTerms, compiled: bool = True, alone: bool = False
-) -> PathKernel:
-    """Return the kernel; `terms` are of variables, not of signs.
-
-    Newton's step `alone` is real, and without rates.
-    """
-    structure, flow, places = terms.structure, terms.flow, terms.places
-    change, determinant = flow.answers(flow.misfits), flow.scale
-    for variable, angle in enumerate(terms.variables):
-        if angle is not places[variable]:
-            change[variable] = angle - places[variable]
-    rates: list[list[Expr]] = []
-    if not alone:
-        rates = [[rate / determinant for rate in tau] for tau in flow.tau]
-    outputs = [*change, *(rate for row in rates for rate in row), determinant]
-    outputs.append(flow.openness)
-    dyads = [group for group in structure.assembly.groups if group.is_dyad and not alone]
-    turning = []
-    for group in dyads:
-        owned = [structure.mechanism.variables_of(pair) for pair in group.pairs]
-        axes = [flow.vectors[variable] for (variable,) in owned]
-        turning.append(dot(axes[0], cross(axes[1], axes[2])))
-    given = [*places, *terms.handed_in]
-    rows, fixed = hoisted([*outputs, *turning], given, "design_")
-    rows, turning = rows[: len(outputs)], rows[len(outputs) :]
-    inputs = [*given, *fixed]
-    compiled = compiled and available()
-    return PathKernel(
-        len(places),
-        [] if alone else list(structure.inputs),
-        term_function(list(fixed.values()), terms.sizes, compiled),
-        term_function(rows, inputs, compiled),
-        None if alone else complex_function(rows, places, inputs[len(places) :], compiled),
-        "".join("+" if group.is_dyad else "~" for group in structure.assembly.groups),
-        array_function(turning, inputs),
-    )

@@ -150,7 +150,7 @@ class Structure:
         """Return |A x B|^2 of two variables' vectors where it is constant, else None."""
         owners = self.mechanism.variable_owners
         if owners[one] == owners[other]:
-            if self.pairs.columns:
+            if self.pairs.handed_in:
                 return None
             chain = self.pairs.chains[owners[one]]
             sizes = [turn.scale for turn in chain.turns if isinstance(turn, AxisRotation)]

@@ -127,8 +127,7 @@ class UnitTwist:
     @property
     def bent(self) -> Expr:
         """A bound of how the slide changes on the link."""
-        columns = (side.columns for side in self.sides)
-        return self.bend + sum(x.series.most_bent for x in columns if x is not None)
+        return self.bend + sum(side.series.most_bent for side in self.sides if side.terms)
 
     def change(self, w: Exprs, rate: Expr) -> Exprs:
         """Return the rate (3,) of the vector while the link turns and the variable runs."""
@@ -164,7 +163,7 @@ def carried_vectors(
         ]
         if len(owned) == 2:
             carried |= zip(owned, around, strict=True)
-        elif about_centres and not any(side.columns for side in sides):
+        elif about_centres and not any(side.terms for side in sides):
             one, other = (part.vector for part in around)
             carried[owned[0]] = UnitTwist(one + other, ends[0], slide=cross(one, other))
         else:

@@ -8,7 +8,6 @@ which is measured: every way in which loops can stay open is gone by a small ste
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any, Literal
 
@@ -30,7 +29,7 @@ from spherekit.engine.dyads import COMPILED, closed_form
 from spherekit.engine.expression_graph import Expr, ExpressionNode, substituted, symbols
 from spherekit.engine.pose import largest
 from spherekit.engine.system import FloatFunction, float_function, term_function
-from spherekit.engine.turns import ProfileColumns, with_columns
+from spherekit.engine.turns import ProfileSide, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import max_abs
@@ -68,22 +67,32 @@ WideRows = tuple[Floats, Floats, Floats, Bools]
 loops open by one radian, all ways added up; where (n,) Newton's method closed them."""
 
 
-@dataclass(frozen=True)
 class ColumnFunction:
-    """A function of pair variables and columns of profiles; `places` name its columns."""
+    """The function of some parts, by name, of variables and columns of `profiles`.
 
-    function: TermFunction
-    profiles: tuple[ProfileColumns, ...]
-    places: Mapping[Any, slice]
+    `places` name its columns, `width` is their number.
+    """
 
-    @property
-    def width(self) -> int:
-        """The number of columns."""
-        return max(place.stop for place in self.places.values())
+    def __init__(
+        self,
+        parts: Mapping[Any, Sequence[Expr]],
+        given: Sequence[ExpressionNode],
+        profiles: Sequence[ProfileSide],
+        compiled: bool = False,
+        number: type[Any] = float,
+    ) -> None:
+        outputs: list[Expr] = []
+        self.places: dict[Any, slice] = {}
+        for key, items in parts.items():
+            self.places[key] = slice(len(outputs), len(outputs) + len(items))
+            outputs += items
+        self.width, self._profiles = len(outputs), profiles
+        given = [*given, *(term for profile in profiles for term in profile.terms)]
+        self.function = term_function(outputs, given, compiled, number)
 
     def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return all columns (width, n) of variables (variables, n)."""
-        return self.function(with_columns(values, self.profiles), out)
+        return self.function(with_columns(values, self._profiles), out)
 
 
 class RowKernel:
@@ -110,7 +119,7 @@ class RowKernel:
         self._columns = [x[1] if isinstance(x, tuple) else x for x in columns]
         in_doubt = any(moving.in_doubt for moving in self.moving)
         self.vouches = bool(motion.free) and not in_doubt
-        self._profiles = rows.pairs.columns
+        self._profiles = rows.pairs.handed_in
         self._form = None if self._profiles else closed_form(mechanism, motion.assembly)
         worst = [moving.worst / LARGEST_ERROR for moving in self.moving]
         self._doubts = [rows.flatness * NEARLY_FLAT, *worst, *curved(rows)]
@@ -184,20 +193,8 @@ class RowKernel:
         parts: Mapping[Any, Sequence[Expr]],
         compiled: bool = False,
         number: type[Any] = float,
-        given: Sequence[ExpressionNode] | None = None,
     ) -> ColumnFunction:
-        """Return the function of some parts, of all variables if of nothing else."""
-        ends = np.cumsum([len(items) for items in parts.values()]).tolist()
-        places = {
-            key: slice(end - len(items), end)
-            for (key, items), end in zip(parts.items(), ends, strict=True)
-        }
-        every = [x for items in parts.values() for x in items]
-        if given is None:
-            columns = (term for profile in self._profiles for term in profile.terms)
-            given = [*self._variables, *columns]
-        made = term_function(every, given, compiled, number)
-        return ColumnFunction(made, self._profiles, places)
+        return ColumnFunction(parts, self._variables, self._profiles, compiled, number)
 
     @property
     def _deciding(self) -> dict[Any, Sequence[Expr]]:
@@ -235,7 +232,7 @@ class RowKernel:
         stand_in = dict(zip(self._variables, variables, strict=True))
         parts = {key: substituted(x, stand_in) for key, x in self._deciding.items()}
         every = {"variables": variables, **parts, "squares": squares}
-        return self._made(every, self.in_threads, given=given)
+        return ColumnFunction(every, given, (), self.in_threads)
 
     @cached_property
     def whole(self) -> ColumnFunction:
@@ -263,16 +260,6 @@ class RowKernel:
     def aside(self) -> ColumnFunction:
         """What else decides about a row, of the first input."""
         return self._made(self._aside)
-
-    @cached_property
-    def _signed(self) -> ColumnFunction:
-        parts = ((k, self._columns[moving.signs]) for k, moving in enumerate(self.moving))
-        return self._made(dict(parts))
-
-    def signed_at(self, values: Floats, number: int) -> Floats:
-        """Return (8, poles, n) what has a sign of its own, of few rows and an input."""
-        part = self._signed(values)[self._signed.places[number]]
-        return part.reshape(8, len(part) // 8, values.shape[1])
 
     @cached_property
     def _wide(self) -> tuple[TermFunction, ...]:

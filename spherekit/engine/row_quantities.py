@@ -7,7 +7,7 @@ the numbers in it, those of the texts of laws included, come one after another.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import count, permutations, product
 from typing import Any
@@ -32,8 +32,8 @@ from spherekit.engine.kinematics import (
     Structure,
 )
 from spherekit.engine.loads import LoadState, forces_of
-from spherekit.engine.pose import LinkOrientation, place_by_variables
-from spherekit.engine.turns import ProfileColumns, TurningPairs
+from spherekit.engine.pose import place_by_variables
+from spherekit.engine.turns import TurningPairs
 from spherekit.errors import EngineError
 from spherekit.model.actions import wound_pairs
 from spherekit.model.dynamics import need_no_rubbing
@@ -156,9 +156,12 @@ Geometry = Callable[[Mapping[str, Expr]], TurningPairs]
 """The pairs in which sizes, by name, are terms."""
 
 
-@dataclass(frozen=True)
 class VariedTerms:
     """What kernels of a topology are written in, and their quantities.
+
+    By default in closed form where there is one. `differing` says which numbers of masses
+    and loads are terms, after the sizes; `closed` is a configuration (variables,) of the
+    mechanism, if one is known.
 
     Attributes
     ----------
@@ -175,20 +178,15 @@ class VariedTerms:
     turns
         Of passive pairs whose variables loads depend on, by name: what their turns (rad)
         add to angles that places give.
+
+    Raises
+    ------
+    EngineError
+        If the engine does not know the mechanism's pairs or groups.
     """
 
-    structure: Structure
-    actions: Actions
-    sizes: tuple[ExpressionNode, ...]
-    sample: tuple[ExpressionNode, ...]
-    places: tuple[ExpressionNode, ...]
-    variables: tuple[Expr, ...]
-    links: tuple[LinkOrientation, ...]
-    squares: Sequence[Expr]
-    turns: Mapping[str, ExpressionNode]
-
-    @staticmethod
-    def of(
+    def __init__(
+        self,
         mechanism: Mechanism,
         inputs: Sequence[str],
         sizes: Sequence[str] = (),
@@ -196,52 +194,33 @@ class VariedTerms:
         closed_form: bool | None = None,
         differing: Sequence[int] = (),
         closed: Floats | None = None,
-    ) -> "VariedTerms":
-        """Return the terms of a mechanism; by default in closed form where there is one.
-
-        `differing` says which of the numbers of masses and loads are terms, after the
-        sizes; `closed` is a configuration (variables,) of the mechanism, if one is known.
-
-        Raises
-        ------
-        EngineError
-            If the engine does not know the mechanism's pairs or groups.
-        """
+    ) -> None:
         terms = symbols(sizes)
         pairs = geometry(dict(zip(sizes, terms, strict=True))) if geometry else None
-        structure = Structure.of(mechanism, inputs, pairs, closed)
-        sample = symbols(sample_names(inputs))
+        self.mechanism, self.inputs = mechanism, [*inputs]
+        self.structure = structure = Structure.of(mechanism, inputs, pairs, closed)
+        self.sample = symbols(sample_names(inputs))
         if closed_form is None:
             closed_form = structure.assembly.has_closed_form
-        squares: list[Expr] = []
-        variables: list[Expr] = []
+        self.squares: list[Expr] = []
+        self.variables: list[Expr] = []
         if closed_form:
-            places = symbols([f"sign_{k + 1}" for k in range(len(structure.groups))])
-            links, squares = place_by_inputs(structure, sample[: len(inputs)], places)
+            self.places = symbols(f"sign_{k + 1}" for k in range(len(structure.groups)))
+            q = self.sample[: len(inputs)]
+            self.links, self.squares = place_by_inputs(structure, q, self.places)
         else:
-            places = symbols(mechanism.variable_names)
-            following = structure.following([places[v] for v in structure.inputs])
-            variables = [following.get(v, place) for v, place in enumerate(places)]
-            links = place_by_variables(mechanism, structure.pairs, variables)
-        more = symbols([f"number_{k}" for k in differing])
+            self.places = symbols(mechanism.variable_names)
+            following = structure.following([self.places[v] for v in structure.inputs])
+            self.variables = [following.get(v, x) for v, x in enumerate(self.places)]
+            self.links = place_by_variables(mechanism, structure.pairs, self.variables)
+        more = symbols(f"number_{k}" for k in differing)
         of_place, place = dict(zip(differing, more, strict=True)), count()
-        return VariedTerms(
-            structure,
-            with_other_numbers(
-                actions_of(mechanism), lambda number: of_place.get(next(place), number)
-            ),
-            sizes=(*terms, *more),
-            sample=tuple(sample),
-            places=tuple(places),
-            variables=tuple(variables),
-            links=tuple(links),
-            squares=squares,
-            turns={
-                pair: symbols([f"turns_of_{pair}"])[0]
-                for pair in wound_pairs(structure.mechanism)
-                if pair not in inputs
-            },
+        self.actions = with_other_numbers(
+            actions_of(mechanism), lambda number: of_place.get(next(place), number)
         )
+        self.sizes = (*terms, *more)
+        passive = (pair for pair in wound_pairs(mechanism) if pair not in inputs)
+        self.turns = {pair: symbols([f"turns_of_{pair}"])[0] for pair in passive}
 
     @cached_property
     def flow(self) -> CoordinateRates:
@@ -254,21 +233,16 @@ class VariedTerms:
         return bool(self.squares) or not self.places
 
     @property
-    def profiles(self) -> tuple[ProfileColumns, ...]:
-        """The profiles whose columns are handed in after the places."""
-        return self.structure.pairs.columns
-
-    @property
     def handed_in(self) -> list[ExpressionNode]:
-        """The columns of profiles."""
-        both = ((*profile.terms, profile.last) for profile in self.profiles)
-        return [term for terms in both for term in terms]
+        """What is handed in of profiles, after the places."""
+        profiles = self.structure.pairs.handed_in
+        return [term for profile in profiles for term in (*profile.terms, profile.last)]
 
     def _by_place(self, items: Sequence[Expr], v: int) -> list[Expr]:
         """Return the derivatives by a variable, along the profiles that run with it."""
         rates: dict[ExpressionNode, Expr] = {self.places[v]: 1.0}
-        for profile in self.profiles:
-            if profile.variable == v:
+        for profile in self.structure.pairs.handed_in:
+            if profile.track.variable == v:
                 rates |= zip(profile.terms, profile.along, strict=True)
         return derivatives(items, rates)
 
@@ -280,7 +254,8 @@ class VariedTerms:
         if self.closed_form:
             return [derivatives(items, {size: 1.0}) for size in self.sizes]
         by_places = [self._by_place(items, v) for v in range(len(self.places))]
-        columns = [term for profile in self.profiles for term in profile.terms]
+        profiles = self.structure.pairs.handed_in
+        columns = [term for profile in profiles for term in profile.terms]
         made = []
         for size in (*self.sizes, *columns):
             moved = self.flow.answers(self.flow.misfit_rates(size))
@@ -289,16 +264,6 @@ class VariedTerms:
                 total = [x + y * change for x, y in zip(total, partial, strict=True)]
             made.append(total)
         return made
-
-    @property
-    def mechanism(self) -> Mechanism:
-        """The mechanism."""
-        return self.structure.mechanism
-
-    @cached_property
-    def inputs(self) -> list[str]:
-        """The names of the inputs' pairs."""
-        return list(self.mechanism.names_of(self.structure.input_pairs))
 
     @cached_property
     def _moments(self) -> InputMoments:

@@ -28,7 +28,6 @@ from spherekit.model.joints import Track, revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair
 from spherekit.motion.loops import contact_tracks, numbered
-from spherekit.sphere.profile import Curve
 from spherekit.sphere.profile_series import ProfileSeries
 from spherekit.sphere.rotation import frame_from, transpose
 
@@ -38,50 +37,8 @@ LAST = "d2k"
 """The second derivative of the curvature, where derivatives of all columns are wanted."""
 
 
-@dataclass(frozen=True)
-class ProfileColumns:
-    """What a profile is where its pair touches it, as variables of terms.
-
-    It lies at the pair variable of this number plus `start` (rad). `last` is the second
-    derivative of the curvature, by which the last of the `terms` changes.
-    """
-
-    variable: int
-    start: float
-    curve: Curve
-    terms: tuple[ExpressionNode, ...]
-    last: ExpressionNode
-
-    @cached_property
-    def series(self) -> ProfileSeries:
-        """What rows read the columns from."""
-        return ProfileSeries.of(self.curve)
-
-    @property
-    def frame(self) -> Exprs:
-        """(3, 3) the tangent, the normal and the point, in the axes of the link."""
-        tangent, point = vector(self.terms[:3]), vector(self.terms[3:6])
-        return np.stack([tangent, cross(point, tangent), point], axis=1)
-
-    @property
-    def curvature(self) -> Expr:
-        """The curvature."""
-        return self.terms[6]
-
-    @property
-    def slope(self) -> Expr:
-        """Its derivative by the arc length."""
-        return self.terms[7]
-
-    @property
-    def along(self) -> list[Expr]:
-        """The derivatives of the terms by the arc length."""
-        tangent, normal, point = self.frame.T
-        return [*(normal * self.curvature - point), *tangent, self.slope, self.last]
-
-
 def with_columns(
-    values: Array, profiles: Sequence[ProfileColumns], base: Floats | None = None
+    values: Array, profiles: Sequence["ProfileSide"], base: Floats | None = None
 ) -> Array:
     """Return variables (variables, n) with the columns of profiles below them.
 
@@ -94,11 +51,11 @@ def with_columns(
     made[:count] = values
     for k, profile in enumerate(profiles):
         rows = slice(count + width * k, count + width * (k + 1))
-        at = profile.variable
+        _, at, start = profile.track
         place = (values if base is None else base)[at]
-        made[rows] = profile.series.at(place + profile.start)
+        made[rows] = profile.series.at(place + start)
         if base is not None:
-            slopes = profile.series.slopes(place + profile.start).astype(values.dtype)
+            slopes = profile.series.slopes(place + start).astype(values.dtype)
             made[rows] += slopes * (values[at] - place.astype(values.dtype))
     return made
 
@@ -144,14 +101,28 @@ class JointTransform:
 class ProfileSide:
     """A profile of a contact: the `chain` from its link to its moving frame there.
 
-    `curvature` and `slope`, its derivative by the arc length, are numbers of circles and
-    columns of others, `columns`.
+    `curvature` and `slope`, its derivative by the arc length, are numbers of circles. Of
+    others the `terms` of `PARTS` are handed in, these two among them, and `last`, by which
+    the last of these changes.
     """
 
+    track: Track
     chain: JointTransform
     curvature: Expr
     slope: Expr
-    columns: ProfileColumns | None
+    terms: tuple[ExpressionNode, ...] = ()
+    last: Expr = 0.0
+
+    @cached_property
+    def series(self) -> ProfileSeries:
+        """What rows read the terms from."""
+        return ProfileSeries.of(self.track.curve)
+
+    @property
+    def along(self) -> list[Expr]:
+        """The derivatives of the terms by the arc length."""
+        tangent, normal, point = _frame(self.terms).T
+        return [*(normal * self.curvature - point), *tangent, self.slope, self.last]
 
 
 @dataclass(frozen=True)
@@ -173,10 +144,9 @@ class TurningPairs:
         return chain.constants[0][:, 2], chain.constants[-1][2]
 
     @property
-    def columns(self) -> tuple[ProfileColumns, ...]:
-        """What is handed in of profiles, in its order."""
-        both = (side.columns for pair in self.sides.values() for side in pair)
-        return tuple(side for side in both if side is not None)
+    def handed_in(self) -> tuple[ProfileSide, ...]:
+        """The profiles of which terms are handed in, in their order."""
+        return tuple(side for both in self.sides.values() for side in both if side.terms)
 
 
 def turning_pairs(
@@ -239,11 +209,8 @@ def _side(
         *terms, last = symbols(
             [f"profile_{pair.name}_{link}_{part}" for part in (*PARTS, LAST)]
         )
-        columns = ProfileColumns(
-            track.variable, track.start, track.curve, tuple(terms), last
-        )
-        chain = JointTransform((np.eye(3), np.eye(3)), (columns.frame,))
-        return ProfileSide(chain, columns.curvature, columns.slope, columns)
+        chain = JointTransform((np.eye(3), np.eye(3)), (_frame(terms),))
+        return ProfileSide(track, chain, terms[6], terms[7], tuple(terms), last)
     # The moving frame A of a curve of constant curvature k turns about n + k p, which is
     # fixed (from its derivative): A(s) = A(0) U Z(s sqrt(1 + k^2)) U^T.
     start = track.curve.at(np.zeros(1))
@@ -252,4 +219,10 @@ def _side(
     centre = frame_from(np.array([0.0, 1.0, k]) / size, np.array([1.0, 0.0, 0.0]))
     turn = AxisRotation(track.variable, size, size * track.start)
     chain = JointTransform((start.frame[0] @ centre, transpose(centre)), (turn,))
-    return ProfileSide(chain, k, 0.0, None)
+    return ProfileSide(track, chain, k, 0.0)
+
+
+def _frame(terms: Sequence[Expr]) -> Exprs:
+    """Return (3, 3) the tangent, the normal and the point of a profile, in link axes."""
+    tangent, point = vector(terms[:3]), vector(terms[3:6])
+    return np.stack([tangent, cross(point, tangent), point], axis=1)

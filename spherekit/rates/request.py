@@ -276,7 +276,7 @@ def signed(
         starts = [number * motion.samples for number in range(len(held))]
         rows = [np.flatnonzero(row) + at for at, row in zip(starts, held, strict=True)]
         stops = {
-            number: Stops(some, np.ones(len(some) - 1, dtype=bool))
+            number: (some, np.ones(len(some) - 1, dtype=bool))
             for number, some in enumerate(rows)
             if len(some)
         }
@@ -306,17 +306,9 @@ def turn_round(field: PoleField, pole: Pole, signs: Floats) -> None:
         part *= signs
 
 
-@dataclass(frozen=True)
-class Stops:
-    """Rows of one assembly mode where directions are looked at.
-
-    `rows` (k,) rise; `linked` (k - 1,) says that a direction may reverse from one of them
-    to the next.
-    """
-
-    rows: Indices
-    linked: Bools
-
+Stops = tuple[Indices, Bools]
+"""Rows (k,) of one assembly mode where directions are looked at, rising, and from which of
+them (k - 1,) to the next a direction may reverse."""
 
 Turning = Callable[[Floats, Any, Any], Array]
 """Gives -1 (poles, k) where directions (3, poles, k) are turned round, else 1, at rows (k,)
@@ -349,19 +341,19 @@ def signs_at_stops(
     made = np.ones((len(signed), len(motion)), dtype=np.int8)
     if not signed or not stops:
         return lambda unit, rows, modes: made[:, rows]
-    units, vectors, changes = at(np.concatenate([item.rows for item in stops.values()]))
+    units, vectors, changes = at(np.concatenate([rows for rows, _ in stops.values()]))
     if motion.inputs.shape[1] > 1:
         changes = np.zeros_like(vectors)  # by the way of all inputs it is not known
     is_good = all_finite(units, 0)
     is_moved = all_finite(vectors, 0) & np.any(vectors != 0.0, axis=0)
     is_moved &= is_good
     first = 0
-    for number, item in stops.items():
-        mode, rows, here = motion.assembly_modes[number], item.rows, first
+    for number, (rows, linked) in stops.items():
+        mode, here = motion.assembly_modes[number], first
         first += len(rows)
         way, end = _way(motion, rows), (number + 1) * motion.samples
         sense = np.ones(len(rows)) if motion.sense is None else motion.sense[rows]
-        since = np.append(0, np.cumsum(item.linked))
+        since = np.append(0, np.cumsum(linked))
         for j, pole in enumerate(signed):
             some = slice(here, first)
             good = np.flatnonzero(is_moved[j, some])

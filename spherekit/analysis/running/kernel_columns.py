@@ -69,7 +69,8 @@ class ComputedColumns:
 
         With relative angular velocities and their derivatives, each (3, poles, k).
         """
-        parts = self.kernel.signed_at(self._values[:, rows], number)
+        columns = self.kernel.whole(self._values[:, rows])
+        parts = self.kernel.moving[number].with_sign(columns)
         unit, turn, rate, change = parts[:3], parts[3:6], parts[6], parts[7]
         with np.errstate(invalid="ignore", over="ignore"):  # of rows found with care
             v, dv = rate * unit, change * unit + rate * turn

@@ -274,7 +274,7 @@ def stops_of(
             depth = np.zeros(len(some), dtype=np.intp)
             np.add.at(depth, first, 1)
             np.add.at(depth, last, -1)
-            stops[mode] = Stops(some, np.cumsum(depth)[:-1] > 0)
+            stops[mode] = some, np.cumsum(depth)[:-1] > 0
     return stops
 
 
