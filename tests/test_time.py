@@ -19,7 +19,7 @@ from spherekit.analysis.tables import Column, Table
 from spherekit.cli.main import main
 from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.errors import AnalysisError, FileError, ModelError, UndeclaredNeed
+from spherekit.errors import AnalysisError, FileError, UndeclaredNeed
 from spherekit.files.study import load_study
 from spherekit.model.dynamics import JointLimit
 from spherekit.model.study import ConstantSpeed, Start
@@ -191,12 +191,6 @@ def test_faults_with_several_inputs(study):
     laws = "".join(f"[inputs.{p}.law]\n{LAWS['constant']}\n" for p in ("21", "51"))
     with pytest.raises(FileError, match="samples: over time the samples are times"):
         run(study(grid + laws))
-
-
-def test_without_inertia_nothing_is_simulated():
-    bare = replace(sk.load("four_bar"), masses=())
-    with pytest.raises(ModelError):
-        sk.run(bare, "poles", start=Start(0.0), duration=1.0)
 
 
 @pytest.mark.parametrize(
