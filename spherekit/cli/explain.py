@@ -124,15 +124,12 @@ def _tell(facts: Facts, links: int) -> None:
             f"{', '.join(at_once['analyses'])}; about {size_text(at_once['bytes_a_row'])} "
             "of memory for each sample of each assembly mode"
         )
-    if facts["asked"]:
-        _print_plans(facts, links * (links - 1) // 2)
-    else:
-        print("asked of the samples: no poles")
-
-
-def _print_plans(facts: Facts, every: int) -> None:
     asked = facts["asked"]
-    print(f"asked: {len(asked)} of {counted(every, 'pole')}: {', '.join(asked)}")
+    if not asked:
+        print("asked of the samples: no poles")
+        return
+    every = counted(links * (links - 1) // 2, "pole")
+    print(f"asked: {len(asked)} of {every}: {', '.join(asked)}")
     for entry in facts["plans"]:
         if entry["locked"]:
             print(f"while {entry['moving']} moves, {', '.join(entry['locked'])} locked:")
@@ -152,15 +149,11 @@ def _predicted(sizes: Facts, recording: bool) -> Lines:
     """Return the sizes in lines for people; perhaps those of a `recording` were asked."""
     if "reason" in sizes:
         return [f"sizes: not predicted; {sizes['reason']}"]
-    assembly_modes = sizes["assembly_modes"]
-    who = (
-        "for each assembly mode"
-        if assembly_modes is None
-        else f"{counted(assembly_modes, 'assembly mode')}"
-    )
+    modes = sizes["assembly_modes"]
+    who = "for each assembly mode" if modes is None else counted(modes, "assembly mode")
     lines = [f"predicted, {who}: {counted(sizes['configurations'], 'configuration')}"]
     solves = sizes["velocity_equation_solves"]
-    if solves and assembly_modes is not None:
+    if solves and modes is not None:
         lines.append(
             f"  velocity equations solved about {solves} times, once for each input"
         )
@@ -171,14 +164,13 @@ def _predicted(sizes: Facts, recording: bool) -> Lines:
         f"{megabytes(table['parquet_bytes'])} as Parquet"
         for name, table in sizes["tables"].items()
     ]
-    if "recording" in sizes:
-        recorded = sizes["recording"]
+    if recorded := sizes.get("recording"):
         lines.append(
             f"  recording: {recorded['entities']} entities, "
             f"{counted(recorded['rows'], 'row')}, {megabytes(recorded['bytes'])}"
         )
     missing = [f"analysis {name}" for name in sizes["not_predicted"]]
-    if assembly_modes is None:
+    if modes is None:
         missing.insert(0, "the number of assembly modes")
         missing += ["the recording"] if recording else []
     if missing:

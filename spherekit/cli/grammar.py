@@ -79,8 +79,8 @@ def sample_counts(text: str) -> int | tuple[int, ...]:
         raise argparse.ArgumentTypeError(
             f"needs whole numbers of at least 1, such as 361 or 41x21, not {text!r}"
         )
-    counts = tuple(int(part) for part in parts)
-    return counts[0] if len(counts) == 1 else counts
+    first, *others = map(int, parts)
+    return (first, *others) if others else first
 
 
 def numbers(text: str) -> tuple[float, ...]:
@@ -152,13 +152,15 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong and how to learn more, and exit."""
-        message = re.sub(r"invalid float value: (.*)", r"\1 is not a number", message)
-        message = re.sub(r"invalid int value: (.*)", r"\1 is not a whole number", message)
-        message = re.sub(
-            r"argument (?:\S+/)?(--\S+): expected one argument$",
-            r"\g<0>; one that starts with - is written \1=-VALUE",
-            message,
-        )
+        for wrong, right in (
+            (r"invalid float value: (.*)", r"\1 is not a number"),
+            (r"invalid int value: (.*)", r"\1 is not a whole number"),
+            (
+                r"argument (?:\S+/)?(--\S+): expected one argument$",
+                r"\g<0>; one that starts with - is written \1=-VALUE",
+            ),
+        ):
+            message = re.sub(wrong, right, message)
         hint = self._meant(message) or "."
         print(f"{self.prog}: {message}{hint} See: {self.prog} --help", file=sys.stderr)
         sys.exit(USAGE)

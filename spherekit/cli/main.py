@@ -69,7 +69,11 @@ def _executed(words: list[str]) -> int:
         grammar.print_help(sys.stderr)
         return USAGE
     if options.traceback:
-        _trace_plugins()
+        import logging
+
+        log = logging.getLogger("spherekit.plugins")  # what plugins raise, with its trace
+        log.setLevel(logging.DEBUG)
+        log.addHandler(logging.StreamHandler())
     try:
         need_space(LEAST_SPACE, "numerical libraries need")
         with progress_listener(None if options.quiet else _say):
@@ -112,15 +116,6 @@ def _causes(problem: BaseException | None) -> Iterator[BaseException]:
     while problem is not None:
         yield problem
         problem = problem.__cause__ or problem.__context__
-
-
-def _trace_plugins() -> None:
-    """Print the trace of what a plugin raises, beside the sentence that says so."""
-    import logging
-
-    log = logging.getLogger("spherekit.plugins")
-    log.setLevel(logging.DEBUG)
-    log.addHandler(logging.StreamHandler())
 
 
 def note(options: Namespace, *texts: str) -> None:

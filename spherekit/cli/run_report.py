@@ -28,10 +28,10 @@ def report(summary: Any) -> str:
     lines += by_equal_counts(summary["assembly_modes"])
     if summary["assembly_modes"]:
         lines.append(f"assembly modes: {summary['search']}")
-    lacking = {n: c for n, c in summary["pole_status"].items() if n != "OK"}
+    poles = summary["pole_status"]
+    lacking = [f"{count} {name}" for name, count in poles.items() if name != "OK"]
     if lacking:
-        counts = ", ".join(f"{count} {name}" for name, count in lacking.items())
-        lines.append(f"  of {sum(summary['pole_status'].values())} pole axes: {counts}")
+        lines.append(f"  of {sum(poles.values())} pole axes: {', '.join(lacking)}")
     lines += [f"  {sentence}" for sentence in failed_rows(summary)]
     meanings = summary["status_meaning"].items()
     lines += [f"  {name}: {meaning}" for name, meaning in meanings if name != "OK"]
@@ -108,45 +108,42 @@ def _errors(reached: Any) -> Lines:
 
 def by_equal_counts(assembly_modes: Sequence[Any]) -> Lines:
     """Return a line for all assembly modes whose samples have the same statuses."""
-    alike: dict[str, list[Any]] = {}
+    alike: dict[str, Lines] = {}
     for mode in assembly_modes:
         counts = ", ".join(f"{n} {name}" for name, n in mode["status"].items())
-        alike.setdefault(counts, []).append(mode)
+        title = ", ".join(filter(None, (mode["mode"], mode.get("name"))))
+        alike.setdefault(counts, []).append(f"{mode['number']} ({title})")
     return [
-        f"  assembly mode{'s' * (len(modes) > 1)} "
-        + ", ".join(f"{item['number']} ({_title(item)})" for item in modes)
-        + f": {'each ' * (len(modes) > 1)}{counts}"
+        f"  assembly mode{'s' * (len(modes) > 1)} {', '.join(modes)}: "
+        f"{'each ' * (len(modes) > 1)}{counts}"
         for counts, modes in alike.items()
     ]
 
 
-def _title(mode: Any) -> str:
-    """Return what a mode is called beside its number, as in `AssemblyMode.title`."""
-    return ", ".join(filter(None, (mode["mode"], mode.get("name"))))
-
-
 def spent(cost: Any) -> Lines:
     """Return what a run has cost in lines for people."""
-    seconds = cost["seconds"]
-    whole = sum(seconds.values())
-    shown = [(name, took) for name, took in seconds.items() if took > 0.005 * whole]
-    stages = ", ".join(f"{name} {duration(took)}" for name, took in shown)
-    counts = [
-        (cost["configurations"], "configuration"),
-        (cost["poles"], "pole"),
-        (cost["axis_derivatives"], "derivative"),
-        (cost["link_rates"], "link rate"),
-    ]
-    evaluated = ", ".join(counted(number, noun) for number, noun in counts if number)
+    seconds, whole = cost["seconds"], sum(cost["seconds"].values())
+    stages = ", ".join(
+        f"{name} {duration(took)}" for name, took in seconds.items() if took > 0.005 * whole
+    )
+    evaluated = ", ".join(
+        counted(cost[key], noun)
+        for key, noun in (
+            ("configurations", "configuration"),
+            ("poles", "pole"),
+            ("axis_derivatives", "derivative"),
+            ("link_rates", "link rate"),
+        )
+        if cost[key]
+    )
     lines = [f"cost: {evaluated}{'; ' * bool(evaluated)}{duration(whole)} s ({stages})"]
-    tables = cost["tables"]
-    rows = sum(table["rows"] for table in tables.values())
+    tables = cost["tables"].values()
+    rows = sum(table["rows"] for table in tables)
     line = f"  {counted(rows, 'row')} in {counted(len(tables), 'table')}"
     for kind, name in (("csv_bytes", "CSV"), ("parquet_bytes", "Parquet")):
-        if all(kind in table for table in tables.values()):
-            line += f", {megabytes(sum(table[kind] for table in tables.values()))} {name}"
-    if "recording" in cost:
-        recording = cost["recording"]
+        if all(kind in table for table in tables):
+            line += f", {megabytes(sum(table[kind] for table in tables))} {name}"
+    if recording := cost.get("recording"):
         size = megabytes(recording["bytes"])
         line += f"; recording: {recording['entities']} entities, {size}"
     return [*lines, line]
@@ -164,21 +161,21 @@ def megabytes(count: int) -> str:
 
 def accuracy_line(choice: Any) -> str:
     """Return which setting was taken for a tolerance, and what it reached."""
-    error = choice["predicted_error"]
+    error, reached = choice["predicted_error"], choice["achieved_error"]
     predicted = "" if error is None else f", predicted error {error:.1e}"
     line = (
         f"tolerance {choice['tolerance']:g}: {choice['setting']} "
         f"({choice['why']}){predicted}"
     )
     unmet = "" if choice["met"] else ": THE TOLERANCE IS NOT MET"
-    if choice["achieved_error"] is None and error is not None:
+    if reached is not None:
+        return (
+            f"{line}; {reached:.1e} reached at {choice['check_rows']} check rows "
+            f"({choice['worst_column']}){unmet}"
+        )
+    if error is not None:
         return f"{line} by that trade{unmet}"
-    if choice["achieved_error"] is None:
-        return f"{line}; nothing that depends on samples was asked for"
-    return (
-        f"{line}; {choice['achieved_error']:.1e} reached at {choice['check_rows']} "
-        f"check rows ({choice['worst_column']}){unmet}"
-    )
+    return f"{line}; nothing that depends on samples was asked for"
 
 
 def progress(quiet: bool) -> Callable[[int, int], None] | None:

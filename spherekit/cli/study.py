@@ -72,16 +72,14 @@ def with_locks(
         return mechanism
     pairs: dict[str, float] = {}
     for text in texts:
-        pair, equals, value = text.partition("=")
+        pair, _, value = text.partition("=")
         try:
             pairs[pair] = float(value)
         except ValueError:
-            equals = ""
-        if not equals:
             raise AnalysisError(
                 f'--lock: "{text}" does not read as PAIR=VALUE, such as 21=30, with a '
                 "number in the unit of the mechanism file"
-            )
+            ) from None
     return lock(mechanism, pairs, angle_unit=angle_unit_of_mechanism(file))
 
 

@@ -92,9 +92,10 @@ def execute(options: Namespace) -> int:
     )
     sweep = replace(sweep, where=tuple(options.where or ()))
     result = perform(sweep, options.output, options.workers, options.dask)
-    if options.json:
-        _lines(result)
-    elif not options.quiet:
+    for row in result.frame().to_dict("records") if options.json else ():
+        plain = {key: None if value != value else value for key, value in row.items()}
+        print(json.dumps(plain, ensure_ascii=False))
+    if not (options.json or options.quiet):
         _tell(result)
     sys.stdout.flush()
     if options.output is None and not options.json:
@@ -102,23 +103,15 @@ def execute(options: Namespace) -> int:
     return 0
 
 
-def _lines(result: "SweepResult") -> None:
-    for row in result.frame().to_dict("records"):
-        plain = {key: None if value != value else value for key, value in row.items()}
-        print(json.dumps(plain, ensure_ascii=False))
-
-
 def _tell(result: "SweepResult") -> None:
     frame: Any = result.frame()
     units = frame.attrs["units"]
     failed = frame["status"] != "OK"
-    words = [
-        counted(result.sweep.space.count, "design"),
-        counted(len(frame), "row") + ", one for each assembly mode",
-    ]
+    words = f"{counted(result.sweep.space.count, 'design')}, "
+    words += f"{counted(len(frame), 'row')}, one for each assembly mode"
     if failed.any():
-        words.append(f"{int(failed.sum())} of them impossible or never closing")
-    print(f"{result.sweep.mechanism.name}: {', '.join(words)}")
+        words += f", {int(failed.sum())} of them impossible or never closing"
+    print(f"{result.sweep.mechanism.name}: {words}")
     if frame.empty:
         print(f"none meets {' and '.join(result.sweep.where)}")
     else:
@@ -141,16 +134,18 @@ def _tell(result: "SweepResult") -> None:
 
 def _reasons(failed: Any) -> Lines:
     """Return why designs have no figures, a line for all that differ in numbers only."""
-    alike: dict[tuple[str, str], list[tuple[int, str]]] = {}
-    for row in failed.itertuples():
-        key = row.status, without_numbers(row.reason)
-        alike.setdefault(key, []).append((int(row.design), row.reason))
-    ranked = sorted(alike.items(), key=lambda item: -len(item[1]))
+    alike = [
+        failed["status"].astype(str),
+        failed["reason"].astype(str).map(without_numbers),
+    ]
+    ranked = [rows for _, rows in failed.groupby(alike, sort=False)]
+    ranked.sort(key=lambda rows: -len(rows))
     lines = []
-    for (status, _), rows in ranked[:REASONS]:
-        of_first = f"of {rows[0][0]} " if (len({reason for _, reason in rows}) > 1) else ""
-        designs = numbered("design", [design for design, _ in rows])
-        lines.append(f"  {status}, {designs}: {of_first}{rows[0][1]}")
+    for rows in ranked[:REASONS]:
+        status, reason, designs = rows["status"].iloc[0], rows["reason"], [*rows["design"]]
+        of_first = f"of {designs[0]} " if reason.nunique() > 1 else ""
+        named = numbered("design", designs)
+        lines.append(f"  {status}, {named}: {of_first}{reason.iloc[0]}")
     if len(ranked) > REASONS:
         left = counted(len(ranked) - REASONS, "more reason")
         lines.append(f"  ... {left}, in the column reason")

@@ -47,14 +47,12 @@ def execute(options: Namespace) -> int:
         check_tolerance(study.mechanism.name, options.tol)
     if options.rounds < 1:
         raise AnalysisError(f"--rounds {options.rounds}: give a whole number of at least 1")
-    if options.analysis is not None:
-        analysis = create(options.analysis)
-    else:
-        analysis, *others = analyses_of(study)
-        if others:
-            raise AnalysisError(
-                f"{options.file}: names several analyses; say which with -a NAME"
-            )
+    given = [create(options.analysis)] if options.analysis is not None else None
+    analysis, *others = given or analyses_of(study)
+    if others:
+        raise AnalysisError(
+            f"{options.file}: names several analyses; say which with -a NAME"
+        )
     _check_places(options)
     result = trade(study, analysis, rounds=options.rounds)
     if options.output is not None:
