@@ -369,8 +369,8 @@ class MujocoModel:
                 drawn = {"size": _drawn(PIN_RADIUS * radius), "rgba": "1 0.77 0 1"}
                 _add(body, "site", name=output.name, pos=place, **drawn)
         for load, _ in self.actuated:
-            if not isinstance(load, PairTorque) and load.link == link:
-                point = load.point if isinstance(load, PointForce) else np.zeros(3)
+            if getattr(load, "link", None) == link:
+                point = getattr(load, "point", np.zeros(3))
                 _add(body, "site", name=load.name, pos=point, size=_drawn(1e-3 * radius))
 
     def _equalities(self, tendons: Element, equal: Element) -> None:

@@ -234,10 +234,9 @@ class _Reader:
         )
 
     def load(self, name: str, item: Table) -> Load:
-        kind = LOADS[item.get("kind", PairTorque.kind)]
-        stated: Callable[..., Load] = kind
-        fields = {key: value for key, value in item.items() if key != "kind"}
-        return stated(name, **{**kind.absent, **fields})
+        kind: Any = LOADS[item.get("kind", PairTorque.kind)]
+        fields = {key: item[key] for key in kind.keys if key in item}
+        return kind(name, **{**kind.absent, **fields})  # type: ignore[no-any-return]
 
     def mass(self, link: str, item: Table, axes: Callable[[], LinkAxes]) -> Mass:
         mass, centre = item.get("mass"), item.get("centre")
@@ -263,8 +262,7 @@ class _Reader:
             tensor = np.array(item[key])
             check_tensor(f"mass.{link}.{key}", tensor)
             if key == "tensor_at_centre":
-                assert mass is not None
-                tensor = moved_to_sphere_centre(tensor, mass, np.array(centre))
+                tensor = moved_to_sphere_centre(tensor, item["mass"], np.array(centre))
             if "frame" in item:
                 frame = framed("frame", axes_frame)
                 tensor = frame @ tensor @ frame.T

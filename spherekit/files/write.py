@@ -34,7 +34,7 @@ from spherekit.files.units import in_file, table_of
 from spherekit.model.dynamics import PairTorque
 from spherekit.model.load import Load, not_written
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import AngleUnit, Pair, PoseGeometry, Profile
+from spherekit.model.parts import AngleUnit, Pair, PoseGeometry, SizeGeometry
 
 _Table = dict[str, Any]
 
@@ -107,10 +107,11 @@ def _lines(mechanism: Mechanism, unit: AngleUnit) -> Iterator[str]:
 
 def _content(mechanism: Mechanism) -> dict[str, _Table]:
     """Return the tables of the file; a table may be left out where it is empty."""
-    source = mechanism.source
+    geometry, source = mechanism.geometry, mechanism.source
+    sizes = geometry.links if isinstance(geometry, SizeGeometry) else {}
     content: dict[str, _Table] = {
         "source": {} if source is None else table_of(source),
-        "links": {link: _link(mechanism, link) for link in mechanism.links},
+        "links": {x: table_of(sizes[x]) if x in sizes else {} for x in mechanism.links},
         "pairs": {item.name: _pair(mechanism, item) for item in mechanism.pairs},
         "inputs": {item.pair: table_of(item) for item in mechanism.inputs},
         "outputs": {item.name: table_of(item) for item in mechanism.outputs},
@@ -123,13 +124,6 @@ def _content(mechanism: Mechanism) -> dict[str, _Table]:
     return {name: table for name, table in content.items() if table}
 
 
-def _link(mechanism: Mechanism, link: str) -> _Table:
-    geometry = mechanism.geometry
-    if isinstance(geometry, PoseGeometry) or link not in geometry.links:
-        return {}
-    return table_of(geometry.links[link])
-
-
 def _pair(mechanism: Mechanism, pair: Pair) -> _Table:
     table: _Table = {"type": pair.type, "links": pair.links}
     geometry = mechanism.geometry
@@ -140,15 +134,10 @@ def _pair(mechanism: Mechanism, pair: Pair) -> _Table:
         where = {"zero": geometry.zeros}
     table |= {key: given[pair.name] for key, given in where.items() if pair.name in given}
     table |= table_of(pair)
-    if pair.profiles is not None:
-        profiles = zip(pair.links, pair.profiles, strict=True)
-        table["profiles"] = {link: _profile(profile) for link, profile in profiles}
+    for link, profile in zip(pair.links, pair.profiles or (), strict=False):
+        closed = {"closed": profile.closed} if profile.points else {}
+        table.setdefault("profiles", {})[link] = table_of(profile) | closed
     return table
-
-
-def _profile(profile: Profile) -> _Table:
-    table = table_of(profile)
-    return {**table, "closed": profile.closed} if profile.points else table
 
 
 def _load(load: Load) -> _Table:

@@ -171,12 +171,10 @@ def _coupling(table: CouplingTable, target: Path) -> Exported:
     else:
         write_text(target, header(table))
     sure, reached = np.sum(table.sure), np.sum(np.isfinite(table.error))
-    notes = []
-    if sure < reached:
-        notes.append(
-            f"{reached - sure} of {reached} cells with a mode in all corners are not sure "
-            f"to {table.tolerance:g} rad and are not read; more samples make more sure"
-        )
+    doubtful = (
+        f"{reached - sure} of {reached} cells with a mode in all corners are not sure to "
+        f"{table.tolerance:g} rad and are not read; more samples make more sure"
+    )
     nodes = "x".join(map(str, table.count))
     held = (
         f"a coupling table of {counted(len(table.variables), 'variable')} on {nodes} nodes "
@@ -184,7 +182,7 @@ def _coupling(table: CouplingTable, target: Path) -> Exported:
         f"errors measured: {table.angle_error:.2g} rad of angles, "
         f"{table.coefficient_error:.2g} of coefficients"
     )
-    return Exported(target, held, tuple(notes))
+    return Exported(target, held, (doubtful,) if sure < reached else ())
 
 
 def _functions(

@@ -212,10 +212,10 @@ def whole(primitive: Primitive, rows: Floats, row: int | None) -> Stills:
         colour = colours.link_colour(primitive.number)
         yield "curve", _curves(lines, 1.006, colour, 1.8)
     elif lines and isinstance(primitive, Arrow):
-        thin = primitive.primary or row is not None
-        colour = colours.GOLD if row is None else colours.BRONZE
-        colour = colours.SILVER if primitive.primary else colour
-        yield "path", _curves(lines, 1.003, colour, 0.7 if thin else 1.2)
+        colour, width = colours.SILVER, 0.7
+        if not primitive.primary:
+            colour, width = (colours.GOLD, 1.2) if row is None else (colours.BRONZE, 0.7)
+        yield "path", _curves(lines, 1.003, colour, width)
 
 
 def _curves(
@@ -312,15 +312,17 @@ def _still_map(item: SphereMap) -> Stills:
     tints = colours.heat_of(item.values, *map_range(item.shown_values, item.unit))
     places = MAP_LIFT * item.vertices
     if len(item.triangles):
-        seen: rr.AsComponents = rr.Mesh3D(
-            vertex_positions=places,
-            triangle_indices=item.triangles,
-            vertex_normals=item.vertices,
-            vertex_colors=tints,
+        yield (
+            "",
+            rr.Mesh3D(
+                vertex_positions=places,
+                triangle_indices=item.triangles,
+                vertex_normals=item.vertices,
+                vertex_colors=tints,
+            ),
         )
     else:
-        seen = rr.Points3D(places, colors=tints, radii=rr.Radius.ui_points(4.0))
-    yield "", seen
+        yield "", rr.Points3D(places, colors=tints, radii=rr.Radius.ui_points(4.0))
 
 
 def _still_surface(surface: Surface) -> Stills:
@@ -355,7 +357,9 @@ def _still_surface(surface: Surface) -> Stills:
             (1.0, 0.94 * ends[1][axis], f"{high[axis]:.4g}"),
             (2.0, 0.0, titled(name, surface.unit)),
         ):
-            where.append(np.where(np.arange(3) == axis, at, corner + far * out))
+            place = corner + far * out
+            place[axis] = at
+            where.append(place)
             words.append(text)
     yield (
         "words",
@@ -364,18 +368,12 @@ def _still_surface(surface: Surface) -> Stills:
 
 
 def _still_graph(graph: Graph) -> Stills:
+    names, labels, numbers = zip(*graph.nodes, strict=True)
     tints = [
         colours.SILVER if number is None else colours.link_colour(number)
-        for _, _, number in graph.nodes
+        for number in numbers
     ]
-    yield (
-        "",
-        rr.GraphNodes(
-            [identifier for identifier, _, _ in graph.nodes],
-            labels=[label for _, label, _ in graph.nodes],
-            colors=tints,
-            positions=np.array(GRAPH_SIZE) * np.reshape(graph.positions, (-1, 2)),
-        ),
-    )
+    places = np.array(GRAPH_SIZE) * np.reshape(graph.positions, (-1, 2))
+    yield "", rr.GraphNodes(names, labels=labels, colors=tints, positions=places)
     if graph.edges:
         yield "", rr.GraphEdges(list(graph.edges), graph_type="undirected")

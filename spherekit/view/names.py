@@ -225,10 +225,13 @@ def labels_of_arrows(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.ob
     patterns, which = np.unique(np.argmax(same, axis=2), axis=0, return_inverse=True)
     words = np.empty(patterns.shape, dtype=object)
     for row, firsts in enumerate(patterns.tolist()):
-        names: dict[int, list[str]] = {}
-        for arrow, first in zip(arrows, firsts, strict=True):
-            names.setdefault(first, []).append(arrow.label)
-        words[row] = [listing(names.get(k, ()), MOST) for k in range(len(arrows))]
+        words[row] = [
+            listing(
+                [x.label for x, first in zip(arrows, firsts, strict=True) if first == k],
+                MOST,
+            )
+            for k in range(len(arrows))
+        ]
     labels = words[which.reshape(-1)]
     return {
         arrow.path: labels[:, k]

@@ -204,19 +204,15 @@ def _settled(client: ViewerClient, view_id: str | None) -> bytes:
     And once the viewer's notice that it listens is gone, which nothing keeps away.
     """
     deadline = time.monotonic() + NOTICE_TIMEOUT
-    data = client.take_screenshot(view_id=view_id)
-    frame = 0
+    rows = NOTICE_ROWS[view_id is not None]
+    data, frame = client.take_screenshot(view_id=view_id), 0
     while frame < FRAMES:
         time.sleep(0.1)
         last, data = data, client.take_screenshot(view_id=view_id)
-        if (
-            _shows_notice(data, NOTICE_ROWS[view_id is not None])
-            and time.monotonic() < deadline
-        ):
-            continue
-        if data == last:
-            break
-        frame += 1
+        if not _shows_notice(data, rows) or time.monotonic() >= deadline:
+            if data == last:
+                break
+            frame += 1
     return data
 
 
@@ -279,17 +275,12 @@ def _check_sample(recording: Path, sample: int) -> None:
     """Raise `OutputError` if no page of a recording has a sample."""
     samples: set[int] = set()
     for chunk in RrdReader(str(recording)).stream():
-        if chunk.is_static:
-            continue
         batch = chunk.to_record_batch()
-        if SAMPLE not in batch.schema.names:
-            continue
-        numbers = batch.column(SAMPLE).to_pylist()
-        if sample in numbers:
-            return
-        samples.update(numbers)
-    span = f"{min(samples)} to {max(samples)}" if samples else "none"
-    raise OutputError(f"{recording} has no sample {sample}; its samples: {span}")
+        if not chunk.is_static and SAMPLE in batch.schema.names:
+            samples.update(batch.column(SAMPLE).to_pylist())
+    if sample not in samples:
+        span = f"{min(samples)} to {max(samples)}" if samples else "none"
+        raise OutputError(f"{recording} has no sample {sample}; its samples: {span}")
 
 
 def _loaded(client: ViewerClient, recording: Path) -> dict[str, int]:

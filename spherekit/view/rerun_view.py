@@ -268,21 +268,17 @@ class RerunRecorder:
     def start(self, head: RecordingHead) -> None:
         """Begin the recording with all that does not move."""
         times, inputs, sight = head.times, head.inputs, facing(head.focus)
+        line, step, span, words = SAMPLE, 1.0, None, ""
         if times is not None and len(times) > 0:
             self._span = span = float(times[0]), float(times[-1])
+            line, words = TIME, f"`{TIME}` is the time."
             step = (span[1] - span[0]) / max(len(times) - 1, 1)
-            layout = Layout(self.root, TIME, step, span, sight)
-            words = f"`{TIME}` is the time."
         elif inputs is not None and len(inputs) > 0:
-            self._input = line = input_timeline(inputs)
-            degrees = np.degrees([np.min(inputs), np.max(inputs)])
-            self._span = float(degrees[0]), float(degrees[1])
-            ticks = max(1, round((line.last - line.first) / max(len(inputs) - 1, 1)))
-            layout = Layout(self.root, line.name, ticks, (line.first, line.last), sight)
-            words = line.describe()
-        else:
-            layout = Layout(self.root, SAMPLE, 1, None, sight)
-            words = ""
+            self._input = ticks = input_timeline(inputs)
+            self._span = float(np.degrees(inputs.min())), float(np.degrees(inputs.max()))
+            line, span, words = ticks.name, (ticks.first, ticks.last), ticks.describe()
+            step = max(1, round((ticks.last - ticks.first) / max(len(inputs) - 1, 1)))
+        layout = Layout(self.root, line, step, span, sight)
         if "logged" in head.properties:
             words += f" This recording has {head.properties['logged']}."
         self._charts = Charts(layout, self._outputs)
@@ -326,10 +322,13 @@ class RerunRecorder:
         """
         plotted, layout = self._started, self._started.layout
         scene = in_degrees(scene)
-        roomy = [
-            charts.roomy(p) if isinstance(p, Portrait) else p for p in scene.primitives
-        ]
-        scene = replace(scene, primitives=tuple(roomy))
+        scene = replace(
+            scene,
+            primitives=tuple(
+                charts.roomy(item) if isinstance(item, Portrait) else item
+                for item in scene.primitives
+            ),
+        )
         answers = asked_for(scene)
         lines = self._time(samples, inputs, times)
         for primitive in scene.primitives:
@@ -395,13 +394,15 @@ class RerunRecorder:
         self, samples: Integers, inputs: Floats | None, times: Floats | None
     ) -> tuple[Axis, ...]:
         """Return what a scene that does not say it is plotted over."""
-        if times is not None and self._span is not None:
-            return (Axis("time", "s", times, self._span),)
-        if inputs is not None and self._span is not None:
-            return (Axis("input", "deg", np.degrees(inputs), self._span),)
-        number = samples.astype(float)
-        low, high = np.min(number, initial=np.inf), np.max(number, initial=-np.inf)
-        return (Axis("sample", "", number, (float(low), float(high))),)
+        name, unit, values, span = "sample", "", samples.astype(float), self._span
+        if span is not None and times is not None:
+            name, unit, values = "time", "s", times
+        elif span is not None and inputs is not None:
+            name, unit, values = "input", "deg", np.degrees(inputs)
+        else:
+            ends = np.min(values, initial=np.inf), np.max(values, initial=-np.inf)
+            span = float(ends[0]), float(ends[1])
+        return (Axis(name, unit, values, span),)
 
     def finish(self) -> None:
         """Record the path of every pole, and make all files final; once is enough."""
@@ -409,8 +410,8 @@ class RerunRecorder:
             return
         if self._charts is not None:
             self._charts.draw(self._outputs.places)
-            compared = bool(self._charts.layout.compared)
-            if compared or self._laid_out != len(self._outputs.seen):
+            size = len(self._outputs.seen)
+            if self._charts.layout.compared or self._laid_out != size:
                 self._lay_out(final=True)
         self._finished = True
         for path, (primitive, blocks) in self._whole.items():
@@ -492,10 +493,9 @@ class RerunRecorder:
         assembly mode that comes in would make a file grow with the square of their number.
         """
         size = len(self._outputs.seen)
-        due = final or size >= 4 * self._laid_out
-        reached = self._outputs.places if due else self._outputs.live
-        if due:
-            self._laid_out = size
+        reached = self._outputs.live
+        if final or size >= 4 * self._laid_out:
+            self._laid_out, reached = size, self._outputs.places
         if reached:
             blueprint = self._started.layout.blueprint()
             for output in reached:

@@ -4,8 +4,8 @@ from itertools import combinations, product
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, Integers
-from spherekit.sphere.rotation import unit_rows
+from spherekit.arrays import Floats, Integers
+from spherekit.sphere.rotation import all_finite, unit_rows
 
 LONGEST_CHORD = np.radians(3.0)
 """Longer steps along a path are cut into pieces, so that it stays on the sphere."""
@@ -49,13 +49,13 @@ def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
 
 def graticule() -> list[Floats]:
     """Return the meridians and parallels every 30 degrees."""
-    circle = unit_circle()
+    circle, up = unit_circle(), np.array([0.0, 0.0, 1.0])
     lines = []
-    for longitude in np.radians(np.arange(0, 180, 30)):
-        east = [np.cos(longitude), np.sin(longitude), 0.0]
-        lines.append(circle[:, :2] @ np.array([east, [0.0, 0.0, 1.0]]))
-    for latitude in np.radians(np.arange(-60, 90, 30)):
-        lines.append(circle * np.cos(latitude) + [0.0, 0.0, np.sin(latitude)])
+    for east in np.radians(np.arange(0, 180, 30)):
+        side = np.array([np.cos(east), np.sin(east), 0.0])
+        lines.append(circle[:, :2] @ np.array([side, up]))
+    for north in np.radians(np.arange(-60, 90, 30)):
+        lines.append(circle * np.cos(north) + np.sin(north) * up)
     return lines
 
 
@@ -66,7 +66,7 @@ def path_on_sphere(directions: Floats, row: int | None = None) -> list[Floats]:
     sample to the next, and after every `row` samples if that is given. A direction that
     does not move has no path.
     """
-    finite: Bools = np.asarray(np.isfinite(directions).all(axis=1))
+    finite = all_finite(directions, 1)
     joined = finite[1:] & finite[:-1]
     joined &= np.einsum("ij,ij->i", directions[1:], directions[:-1]) > 0.0
     if row is not None:
@@ -78,7 +78,7 @@ def path_on_sphere(directions: Floats, row: int | None = None) -> list[Floats]:
 
 def unbroken(points: Floats) -> list[Floats]:
     """Return the polylines between the NaN rows of points (n, k)."""
-    finite: Bools = np.asarray(np.isfinite(points).all(axis=1))
+    finite = all_finite(points, 1)
     pieces = np.split(points, np.flatnonzero(~(finite[1:] & finite[:-1])) + 1)
     return [piece for piece in pieces if len(piece) > 1]
 

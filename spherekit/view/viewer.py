@@ -132,23 +132,19 @@ def _assembled(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
         pass
     tracer = PositionAnalysis(mechanism, samples=PLACES)
     motion = tracer.motion()
-    closed = np.flatnonzero(~motion.failed)
+    closed = motion.rows(~motion.failed)
     if not len(closed):
         raise SolveError(
             f"{mechanism.name}: no configuration closes at {PLACES} places in the ranges "
             "of its inputs, so there is nothing to show; change the ranges or the sizes"
         )
-    here = motion.sample == int(motion.sample[closed[0]])
+    here = closed.rows(closed.sample == closed.sample[0])
     at = ", ".join(
         f"{item.pair} = {np.degrees(q):.4g} deg"
-        for item, q in zip(mechanism.inputs, motion.inputs[closed[0]], strict=True)
+        for item, q in zip(mechanism.inputs, here.inputs[0], strict=True)
     )
-    modes = tuple(
-        mode
-        for mode, failed in zip(motion.assembly_modes, motion.failed[here], strict=True)
-        if not failed
-    )
-    chosen = replace(motion.rows(here & ~motion.failed), samples=1, assembly_modes=modes)
+    modes = tuple(x for x in motion.assembly_modes if x.number in here.assembly_mode)
+    chosen = replace(here, samples=1, assembly_modes=modes)
     return tracer, chosen, f"it does not close where its inputs begin; shown at {at}"
 
 
@@ -156,21 +152,18 @@ def _zeros(motion: Motion, row: int) -> list[Primitive]:
     """Return an arc at every R pair from its zero to where it is."""
     mechanism = motion.mechanism
     parts: list[Primitive] = []
-    driven = set(mechanism.input_pairs)
-    for number, pair in enumerate(mechanism.pairs):
-        if not pair.kind.has_axis:
-            continue
-        x, y, axis = motion.frames[row, number].T
-        (variable,) = mechanism.variables_of(number)
+    for name, variable in mechanism.angles.items():
+        x, y, axis = motion.frames[row, mechanism.pair_number[name]].T
         value = float(motion.values[row, variable])
         turn = np.linspace(-value, 0.0, max(2, int(abs(value) / 0.05) + 2))[:, None]
         around = np.cos(turn) * x + np.sin(turn) * y
         fan = np.cos(ZERO_ARC) * axis + np.sin(ZERO_ARC) * around
-        zero = np.stack([axis, fan[0]])
-        words = f"{np.degrees(value):.4g}\u00b0"
-        marks = [Mark(words, fan[len(fan) // 2], ZERO_TONE)] if pair.name in driven else []
-        path = f"zero/{pair.name}"
-        parts.append(SphereCurves(path, pair.name, [zero, fan], ZERO_TONE, marks))
+        marks = []
+        if name in mechanism.input_pairs:
+            words = f"{np.degrees(value):.4g}\u00b0"
+            marks = [Mark(words, fan[len(fan) // 2], ZERO_TONE)]
+        lines = [np.stack([axis, fan[0]]), fan]
+        parts.append(SphereCurves(f"zero/{name}", name, lines, ZERO_TONE, marks))
     return parts
 
 
@@ -180,25 +173,21 @@ def _sizes(motion: Motion, row: int, note: str) -> Text:
     lines = [f"# {mechanism.name}", "", *([note, ""] if note else [])]
     lines += ["| link | arcs between its axes, deg |", "|---|---|"]
     for link, places in link_axes(mechanism).items():
-        names = list(places)
         sizes = [
             f"{a}\u2013{b} {_degrees(float(arc(places[a], places[b])))}"
-            for a, b in pairwise(names)
+            for a, b in pairwise(places)
         ]
-        lines.append(f"| {link} | {', '.join(sizes) or ', '.join(names)} |")
+        lines.append(f"| {link} | {', '.join(sizes or places)} |")
     lines += ["", "| pair | type | links | here, deg | driven |", "|---|---|---|---|---|"]
     ranges = {
         item.pair: f"{np.degrees(item.start):.5g} to {np.degrees(item.stop):.5g}"
         for item in mechanism.inputs
     }
     for number, pair in enumerate(mechanism.pairs):
-        here = ", ".join(
-            _degrees(motion.values[row, variable])
-            for variable in mechanism.variables_of(number)
-        )
+        values = motion.values[row, list(mechanism.variables_of(number))]
         lines.append(
-            f"| {pair.name} | {pair.type} | {' '.join(pair.links)} | {here} | "
-            f"{ranges.get(pair.name, '')} |"
+            f"| {pair.name} | {pair.type} | {' '.join(pair.links)} | "
+            f"{', '.join(map(_degrees, values))} | {ranges.get(pair.name, '')} |"
         )
     lines += ["", "Thin white arcs run from the zero of each R pair to where it is."]
     if mechanism.source is not None:
