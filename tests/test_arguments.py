@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 from public_packages import TOPICS
+from refusals import TABLES, check_call
 
 import spherekit as sk
 import spherekit.engine as sk_engine
 from spherekit.argument_validation import _fits, _resolved, checked, judges
-from spherekit.errors import ArgumentError, SpherekitError
+from spherekit.errors import SpherekitError
 from spherekit.model.load import Load
 
 FRONT = ("spherekit", "spherekit.engine", "spherekit.view")
@@ -165,22 +166,15 @@ def test_every_public_callable_is_checked(packages, least):
     assert count > least
 
 
-@pytest.mark.parametrize(
-    ("named", "said"),
-    [
-        ({"analysis": "polez"}, 'did you mean "poles"'),
-        ({"analysis": 5}, "analysis is 5"),
-        ({"table": "x"}, 'no table "x"'),
-        ({"degrees": "deg"}, "True or False"),
-    ],
-)
-def test_wrong_questions_to_a_result(named, said, tmp_path):
-    result = sk.run(FOUR_BAR, samples=3)
-    with pytest.raises(SpherekitError, match=said):
-        result.frame(**named)
-    for formats in ("csv", ("xls",)):
-        with pytest.raises(SpherekitError, match="formats"):
-            result.write(tmp_path / "out", formats=formats)
+@pytest.mark.parametrize("call", TABLES["arguments"])
+def test_messages_say_where_what_and_what_to_try(call, tmp_path, monkeypatch):
+    from spherekit.plugin import Arrow, Table, conformance
+    from spherekit.plugin.workspace import closed_kinematics, find_region
+
+    monkeypatch.chdir(tmp_path)
+    offered = Arrow, Table, conformance, closed_kinematics, find_region
+    names = {each.__name__: each for each in offered} | {"sk": sk, "FOUR_BAR": FOUR_BAR}
+    check_call(call, names, TABLES["arguments"][call])
     assert list(tmp_path.iterdir()) == []
 
 
@@ -214,28 +208,6 @@ def test_what_the_types_allow_passes():
         asked()
     with pytest.raises(SpherekitError, match=r'asked: no argument is "cnt"; did you mean'):
         asked(cnt=3)
-
-
-def test_too_many_arguments_are_told_beside_a_correct_option():
-    with pytest.raises(SpherekitError, match="run: too many positional arguments"):
-        sk.run(FOUR_BAR, "poles", "statics", samples=3)
-
-
-def test_messages_say_where_what_and_what_to_try():
-    from spherekit.plugin import Arrow, Table, conformance
-    from spherekit.plugin.workspace import closed_kinematics, find_region
-
-    five_bar = sk.load("five_bar")
-    for wrong, said in [
-        (lambda: closed_kinematics("five_bar"), "mechanism is .*spherekit.load"),
-        (lambda: closed_kinematics(five_bar, outptu="x"), 'did you mean "output"'),
-        (lambda: find_region(print, most=1e6), "find_region: most .* a whole number"),
-        (lambda: Arrow("a", "b", 3.0), "Arrow: missing a required argument: 'primary'"),
-        (lambda: Table("a", "b", ["sample"]), r"Table: columns .* each Column"),
-        (lambda: conformance(int), "conformance: analysis .* AbstractAnalysis or one that"),
-    ]:
-        with pytest.raises(ArgumentError, match=said):
-            wrong()
 
 
 def test_names_are_those_of_the_library_to_help_and_to_pickle():

@@ -8,7 +8,6 @@ import pytest
 from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
-from spherekit.errors import ModelError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
 from spherekit.model.dynamics import JointLimit, Mass
@@ -112,10 +111,6 @@ def test_tensors_of_few_digits_pass():
 def test_a_torque_table_is_linear_and_ends_or_repeats():
     once = sk.TorqueTable("m", "drive", (1.0, 2.0, 4.0), (1.0, 5.0, 1.0))
     np.testing.assert_array_equal(once.at([[1.0, 1.5], [3.0, 4.0]]), [[1, 3], [3, 1]])
-    with pytest.raises(ModelError, match=r"loads\.m: asked for t from 0 to 2 s, but"):
-        once.at([0.0, 2.0])
-    with pytest.raises(ModelError, match="asked for"):
-        once.at(math.nan)
     again = replace(once, periodic=True)
     np.testing.assert_array_equal(again.at([1.5, 4.5, -1.5]), [3.0, 3.0, 3.0])
 
@@ -128,9 +123,7 @@ WEIGHT = sk.Gravity("weight", (0.0, 0.0, -9.81))
 
 @pytest.mark.parametrize("call", TABLES["masses and loads"])
 def test_mechanisms_made_in_python_are_checked_too(call):
-    check_call(
-        call, globals() | {"JointLimit": JointLimit}, TABLES["masses and loads"][call]
-    )
+    check_call(call, globals(), TABLES["masses and loads"][call])
 
 
 def test_gravity_needs_no_mass_of_links_that_rest_or_have_no_inertia():

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from closed_forms import FOUR_BAR_ARCS, four_bar_angles
+from refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.errors import FileError, ModelError, SolveError
+from spherekit.errors import SolveError
 from spherekit.files.read import loads
 from spherekit.files.write import dumps
 
@@ -98,15 +99,9 @@ def test_a_name_of_no_mode_is_told(modes, said, tmp_path, capsys):
     assert said in " ".join(capsys.readouterr().err.split())
 
 
-def test_what_is_no_name_is_refused():
-    with pytest.raises(FileError, match=r'modes.p.99: no pair is named "99"|modes.p'):
-        made({"p": {"99": 1.0}})
-    with pytest.raises(FileError, match="a number is that of a mode"):
-        made({"0": {"21": 1.0}})
-    with pytest.raises((FileError, ModelError), match="is a contact pair"):
-        contact = sk.load("roller_cam")
-        pair = next(p.name for p in contact.pairs if not p.kind.has_axis)
-        loads(f"{dumps(contact)}\n[modes.p]\n{pair} = 1.0\n")
+@pytest.mark.parametrize("call", TABLES["names of modes"])
+def test_what_is_no_name_is_refused(call):
+    check_call(call, globals(), TABLES["names of modes"][call])
 
 
 def test_validate_says_the_names(capsys):
