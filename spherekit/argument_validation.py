@@ -75,9 +75,8 @@ def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[
                 words = _unbound(signature, kwargs, fault)
                 raise error(f"{_called(function)}: {words}") from None
             for name, value in given.items():
-                several = (
-                    signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL
-                )
+                kind = signature.parameters[name].kind
+                several = kind is inspect.Parameter.VAR_POSITIONAL
                 for item in value if several else (value,):
                     complaint = fault_of(name, item, hints()[name])
                     if complaint:
@@ -123,9 +122,10 @@ def _unbound(signature: inspect.Signature, named: Iterable[str], fault: TypeErro
     """Return in words why arguments do not fit a signature."""
     kinds = {item.kind for item in signature.parameters.values()}
     parameters = [name for name in signature.parameters if name != "self"]
-    for name in named:
-        if name not in parameters and inspect.Parameter.VAR_KEYWORD not in kinds:
-            return f'no argument is "{name}"{choices(name, parameters, "Arguments", 30)}'
+    others = [name for name in named if name not in parameters]
+    if others and inspect.Parameter.VAR_KEYWORD not in kinds:
+        said = choices(others[0], parameters, "Arguments", 30)
+        return f'no argument is "{others[0]}"{said}'
     return f"{fault}. Arguments: {listing(parameters, 30)}"
 
 
@@ -138,9 +138,7 @@ def check_fields(made: object, error: type[SpherekitError], where: str) -> None:
             raise error(f"{where}: {fault}")
 
 
-@functools.cache
-def _hints_of(kind: Any) -> dict[str, Any]:
-    return get_type_hints(kind)
+_hints_of = functools.cache(get_type_hints)
 
 
 def _resolved(function: Callable[..., Any], hint: Any) -> Any:
@@ -163,9 +161,8 @@ def fault_of(name: str, value: Any, hint: Any) -> str:
         hint_of = nearest(value, allowed) or ";"
         words = listing(f'"{word}"' for word in allowed)
         return f'{name} "{value}" is not known{hint_of} allowed: {words}'
-    shown = repr(value)
+    shown, words = repr(value), in_words(hint)
     shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
-    words = in_words(hint)
     if isinstance(value, str | os.PathLike) and "Mechanism" in words:
         words += "; spherekit.load reads it by its name or path"
     return f"{name} is {shown} ({type(value).__name__}), it has to be {words}"
@@ -188,12 +185,13 @@ def _fits(value: Any, hint: Any) -> bool:
     if isinstance(value, np.ndarray) and value.dtype == object and hint == Array:
         return True  # numbers of another arithmetic
     if hint is ArrayLike or get_origin(hint) is np.ndarray:
-        return _is_numeric(value, hint)
+        with contextlib.suppress(TypeError, ValueError):
+            return np.asarray(value).dtype.kind in ("U" if _is_text(hint) else NUMBERS)
+        return False
     if hint in _SIMPLE:
         types, _ = _SIMPLE[hint]
-        if isinstance(value, bool | np.bool_):
-            return hint is bool
-        return isinstance(value, types)
+        of_truth = isinstance(value, bool | np.bool_)
+        return isinstance(value, types) and of_truth == (hint is bool)
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Literal:
         return any(type(value) is type(choice) and value == choice for choice in inner)
@@ -226,14 +224,6 @@ def _parts(inner: tuple[Any, ...]) -> tuple[Any, ...]:
     if not set(numbers) <= set(inner):
         return inner
     return (ArrayLike, *(part for part in inner if part not in numbers))
-
-
-def _is_numeric(value: Any, hint: Any) -> bool:
-    """Return whether an array of numbers, or of text, can be made of a value."""
-    try:
-        return np.asarray(value).dtype.kind in ("U" if _is_text(hint) else NUMBERS)
-    except (TypeError, ValueError):
-        return False
 
 
 @functools.cache

@@ -56,7 +56,8 @@ class TimeLimit:
     def __init__(self, seconds: float = float("inf"), what: str = "search") -> None:
         self.seconds, self.what = seconds, what
         self._started = time.process_time()
-        self._note = ""
+        self.note = ""
+        """What was not done in words, or nothing."""
         self._working = ProgressReporter(what)
 
     @property
@@ -83,14 +84,9 @@ class TimeLimit:
             ended = f"stopped after {self.seconds:.3g} s of processor time"
         else:
             ended = "no processor time was left"
-        self._note = f"{ended} before {doing}"
+        self.note = f"{ended} before {doing}"
         return False
 
     def tell(self, doing: str) -> None:
         """Tell what is being done now, if it is time for that."""
         self._working.tell(lambda: f"{doing}, {self.taken:.0f} s")
-
-    @property
-    def note(self) -> str:
-        """What was not done in words, or nothing."""
-        return self._note

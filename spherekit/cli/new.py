@@ -97,9 +97,7 @@ def files_of(name: str) -> dict[str, str]:
     }
     files = {}
     for path in sorted((TEMPLATES / "analysis").glob(f"*{MADE}")):
-        text = path.read_text("utf-8")
-        for word, replacement in words.items():
-            text = text.replace(word, replacement)
+        text = re.sub("@[A-Z]+@", lambda word: words[word[0]], path.read_text("utf-8"))
         files[path.name.removesuffix(MADE).replace("NAME", name)] = text
     return files
 

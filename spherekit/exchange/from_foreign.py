@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import chain, count
+from itertools import chain, count, groupby
 from typing import Any
 
 import numpy as np
@@ -216,10 +216,9 @@ class ForeignTables:
             pairs.append(Turning(name, links, axis, *more))
             return name
 
-        by_body: dict[int, list[int]] = {}
-        for k in self.turning:
-            by_body.setdefault(int(self.m.jnt_bodyid[k]), []).append(k)
-        for body, joints in by_body.items():
+        for body, (*joints,) in groupby(
+            self.turning, self.m.jnt_bodyid.tolist().__getitem__
+        ):
             below, last = self.link[self.m.body_parentid[body]], self.link[body]
             if below == last:
                 them = listing(self.model.joints[k] for k in joints)

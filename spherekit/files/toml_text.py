@@ -62,10 +62,8 @@ def value_text(value: object) -> str:
         return str(value)
     if isinstance(value, str):
         return _string(value)
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int):
-        return str(value)
+    if isinstance(value, int):  # true and false too
+        return str(value).lower()
     if isinstance(value, float):
         return repr(float(value))
     if isinstance(value, datetime.date | datetime.time):

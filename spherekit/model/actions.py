@@ -16,15 +16,13 @@ from spherekit.model.mechanism import Mechanism
 
 def used_pairs(mechanism: Mechanism) -> frozenset[str]:
     """Return the R pairs whose variable or rate the loads depend on."""
-    names = mechanism.angles
-    pairs: set[str] = set()
-    for part in _all(mechanism):
-        if part.pair in names:
-            pairs.add(part.pair)
-        if isinstance(part.magnitude, Expression):
-            used = part.magnitude.names
-            pairs |= {n for n in names if {f"theta_{n}", f"dtheta_{n}"} & used}
-    return frozenset(pairs)
+    said, parts = _names(mechanism), _all(mechanism)
+    pairs = {part.pair for part in parts}
+    return frozenset(
+        name
+        for name in mechanism.angles
+        if name in pairs or said & {f"theta_{name}", f"dtheta_{name}"}
+    )
 
 
 def acting_links(mechanism: Mechanism) -> frozenset[int]:
@@ -36,12 +34,7 @@ def acting_links(mechanism: Mechanism) -> frozenset[int]:
 
 def wound_pairs(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the R pairs whose variable loads depend on, in order; turns may count."""
-    used = {
-        name
-        for part in _all(mechanism)
-        if isinstance(part.magnitude, Expression)
-        for name in part.magnitude.names
-    }
+    used = _names(mechanism)
     return tuple(name for name in mechanism.angles if f"theta_{name}" in used)
 
 
@@ -54,8 +47,7 @@ def need_tabulated(mechanism: Mechanism, t: Floats) -> None:
 
 def smooth(mechanism: Mechanism) -> bool:
     """Return whether no load has kinks or jumps, those of tables left out."""
-    laws = [part.magnitude for part in _all(mechanism)]
-    return all(law.smooth for law in laws if isinstance(law, Expression))
+    return all(law.smooth for law in _laws(mechanism))
 
 
 def steep(mechanism: Mechanism) -> tuple[Expression, ...]:
@@ -63,11 +55,8 @@ def steep(mechanism: Mechanism) -> tuple[Expression, ...]:
 
     See `spherekit.model.expression.Expression.steep`; the knots of tables are known.
     """
-    laws = [part.magnitude for part in _all(mechanism)]
-    every = [law.steep for law in laws if isinstance(law, Expression)]
-    return tuple(
-        {argument.root: argument for arguments in every for argument in arguments}.values()
-    )
+    arguments = (argument for law in _laws(mechanism) for argument in law.steep)
+    return tuple({argument.root: argument for argument in arguments}.values())
 
 
 def used_links(mechanism: Mechanism) -> frozenset[str]:
@@ -77,3 +66,13 @@ def used_links(mechanism: Mechanism) -> frozenset[str]:
 
 def _all(mechanism: Mechanism) -> Sequence[Component]:
     return [part for load in mechanism.loads for part in load.components(mechanism)]
+
+
+def _laws(mechanism: Mechanism) -> list[Expression]:
+    laws = (part.magnitude for part in _all(mechanism))
+    return [law for law in laws if isinstance(law, Expression)]
+
+
+def _names(mechanism: Mechanism) -> set[str]:
+    """Return the names that magnitudes use."""
+    return {name for law in _laws(mechanism) for name in law.names}

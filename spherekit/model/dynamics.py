@@ -414,16 +414,13 @@ class Spring(Load):
     """
 
     kind = "spring"
+    law = "-{stiffness}*(theta_{pair} - {rest})"
     keys = MappingProxyType({"pair": "pair", "stiffness": "N m/rad", "rest": "angle"})
 
     name: str
     pair: str
     stiffness: float
     rest: float = 0.0
-
-    def components(self, mechanism: Loaded) -> Components:
-        away = f"(theta_{self.pair} - {number_text(self.rest)})"
-        return acting(mechanism, f"-{number_text(self.stiffness)}*{away}", self.pair)
 
 
 @checked_class(ModelError)
@@ -435,15 +432,12 @@ class Damper(Load):
     """
 
     kind = "damper"
+    law = "-{damping}*dtheta_{pair}"
     keys = MappingProxyType({"pair": "pair", "damping": "N m s/rad"})
 
     name: str
     pair: str
     damping: float
-
-    def components(self, mechanism: Loaded) -> Components:
-        torque = f"-{number_text(self.damping)}*dtheta_{self.pair}"
-        return acting(mechanism, torque, self.pair)
 
 
 @checked_class(ModelError)
@@ -456,6 +450,7 @@ class Friction(Load):
     """
 
     kind = "friction"
+    law = "-({torque}*tanh(dtheta_{pair}/{speed}) + {viscous}*dtheta_{pair})"
     keys = MappingProxyType(
         {"pair": "pair", "torque": "N m", "speed": "rate", "viscous": "N m s/rad"}
     )
@@ -466,12 +461,6 @@ class Friction(Load):
     torque: float
     viscous: float
     speed: float
-
-    def components(self, mechanism: Loaded) -> Components:
-        rate = f"dtheta_{self.pair}"
-        dry = f"{number_text(self.torque)}*tanh({rate}/{number_text(self.speed)})"
-        torque = f"-({dry} + {number_text(self.viscous)}*{rate})"
-        return acting(mechanism, torque, self.pair)
 
 
 LOADS: Mapping[str, type[Load]] = MappingProxyType(

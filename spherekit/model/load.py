@@ -164,6 +164,8 @@ class Load(ABC):
     """What fields without a default are where a file leaves them out."""
     velocity_unit: ClassVar[str] = ""
     """The unit of what its components work on, per unit rate of an angle."""
+    law: ClassVar[str] = ""
+    """The torque at its pair as an expression, its fields in braces, if that is all."""
 
     def check(self, key: str, mechanism: Loaded) -> None:
         """Raise `ModelError` where its numbers or places at a key have no meaning.
@@ -175,9 +177,11 @@ class Load(ABC):
             if value is not None:
                 need(holds, f"{key}.{name}", value, mechanism)
 
-    @abstractmethod
     def components(self, mechanism: Loaded) -> Components:
         """Return what it is made of: magnitudes, and what they work on."""
+        fields = vars(self).items()
+        given = {k: x if isinstance(x, str) else number_text(x) for k, x in fields}
+        return acting(mechanism, self.law.format(**given), given["pair"])
 
 
 class BearingFriction(Load):

@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import reduce
 from types import MappingProxyType
 from typing import Any
 
@@ -296,10 +295,10 @@ def _but(of_pairs: Mapping[str, Any], pair: Pair) -> dict[str, Any]:
 
 def _added(masses: Iterable[Mass]) -> tuple[Mass, ...]:
     """Return masses in which those of one link are one."""
-    of_links: dict[str, list[Mass]] = {}
+    added: dict[str, Mass] = {}
     for item in masses:
-        of_links.setdefault(item.link, []).append(item)
-    return tuple(reduce(_sum, of_link) for of_link in of_links.values())
+        added[item.link] = _sum(added[item.link], item) if item.link in added else item
+    return tuple(added.values())
 
 
 def _sum(one: Mass, other: Mass) -> Mass:

@@ -202,9 +202,9 @@ class Start:
         if isinstance(given, str):
             parts = (part.partition("=") for part in given.split(","))
             given = {key.strip(): text for key, _, text in parts}
-        keys, read = [item.name for item in fields(Start)], {}
+        read = {}
         for key, state in given.items():
-            if key not in keys:
+            if key not in ("q", "dq"):
                 raise ModelError(f'start: "{key}" is neither q nor dq; {START_SHOWN}')
             try:
                 read[key] = _numbers(state)
@@ -227,9 +227,8 @@ class Start:
         """
         state = []
         for key, given in (("q", self.q), ("dq", self.dq)):
-            numbers = np.atleast_1d(np.asarray(given, dtype=float))
-            if key == "dq" and given == 0.0:
-                numbers = np.zeros(len(inputs))
+            resting = key == "dq" and given == 0.0
+            numbers = np.zeros(len(inputs)) if resting else np.array(given, float, ndmin=1)
             if len(numbers) != len(inputs):
                 raise ModelError(
                     f"start: {key} has {counted(len(numbers), 'number')}, needs "
