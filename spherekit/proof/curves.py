@@ -105,18 +105,20 @@ class CertifiedCurves:
         boxes = zip(*self.left, strict=True)
         parts = [(self.input_at(q - r), self.input_at(q + r)) for q, r in boxes]
         open_ = zip(self.saddles, self.open_at(self.driven), strict=True)
-        around: list[tuple[Floats, float, tuple[float, ...]]] = [
-            (saddle.centre, off, (0.0,)) for saddle, off in open_ if off
-        ]
+        around = [(saddle.centre, off, 0.0) for saddle, off in open_ if off]
         # parts of chains along which the input may stop, that may reach into the range
-        doubts = (doubt for _, doubts in self.stopping for doubt in doubts)
-        around += [(doubt.place, doubt.off, (-1.0, 0.0, 1.0)) for doubt in doubts]
-        for place, off, ends in around:
+        around += [
+            (doubt.place, doubt.off, part)
+            for _, doubts in self.stopping
+            for doubt in doubts
+            for part in (-1.0, 0.0, 1.0)
+        ]
+        for place, off, part in around:
             half = off * self.laps
-            for end in (part * half for part in ends):
-                within = self.inside(self.input_at(place) + end)
-                if within is not None:
-                    parts.append((within - end - half, within - end + half))
+            within = self.inside(self.input_at(place) + part * half)
+            if within is not None:
+                middle = within - part * half
+                parts.append((middle - half, middle + half))
         joined: list[tuple[float, float]] = []
         for low, high in sorted(parts):
             if joined and low <= joined[-1][1] + 1e-12:

@@ -33,7 +33,7 @@ from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written, text_of
 from spherekit.proof.roots import zero_within
 from spherekit.proof.saddles import Quadrant, Saddle, saddle_near
-from spherekit.proof.tubes import CertifiedArc, Zone
+from spherekit.proof.tubes import CertifiedArc, Zone, covered
 
 NEAR = 1e-9
 """Variables (rad) that differ by less are tried as the same."""
@@ -221,10 +221,7 @@ class Crossings:
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return whether boxes of radii (n, v) are in the part of space of a saddle."""
-        out = np.zeros(len(centres), dtype=bool)
-        for saddle in self.saddles:
-            out |= saddle.covers(centres, radii)
-        return out
+        return covered(self.saddles, centres, radii)
 
     def still(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
         """Return whether a variable is proven the same along a whole chain of pieces.

@@ -424,7 +424,7 @@ class Linkage:
             last = size
             moved = np.where(going[:, None], change, exactly(0.0))
             values[:, free] = middles(values[:, free] + moved)
-        first, second = (sizes * 2)[:2] if len(sizes) == 1 else sizes[:2]
+        first, second = sizes[0], sizes[:2][-1]
         wild = (second > rounding) & (second > CONTRACTION * first)
         off = largest(gaps), largest(values - start)
         return Closed(values, free, inverse, condition, *off, wild, status)

@@ -13,7 +13,6 @@ import numpy as np
 from spherekit.arrays import Bools, Floats
 from spherekit.conventions import TURN
 from spherekit.guarantee import Completeness, Guarantee
-from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import (
     Ball,
     angle_of,
@@ -30,7 +29,7 @@ from spherekit.proof.gears import Written
 from spherekit.proof.paving import FIRST, Left, Ranges, paved
 from spherekit.proof.roots import Root, root_near
 from spherekit.proof.systems import SEEDS, System, counted, modes_near, systems_of
-from spherekit.proof.tubes import UP, corrected
+from spherekit.proof.tubes import Zone, corrected, covered
 
 SMALLEST = 1e-6
 MOST_BOXES = 500_000
@@ -282,14 +281,16 @@ class _Search:
 
     def _covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return which boxes are in balls of which the root is known."""
-        out = np.zeros(len(centres), dtype=bool)
         count = self.equations.unknowns
-        for root in self.real:
-            middle = np.array([middle_of(ball).real for ball in root.centre])
-            apart = wrap(centres[:, :count] - middle)
-            reach = np.abs(apart) + radii[:, :count] * UP + 1e-13
-            out |= np.all(reach <= root.unique, axis=1)
-        return out
+        balls = (
+            Zone(
+                np.array([*map(middle, root.centre)]),
+                np.eye(count),
+                np.full(count, root.unique),
+            )
+            for root in self.real
+        )
+        return covered(balls, centres[:, :count], radii[:, :count])
 
     def _look(self, centres: Floats, radii: Floats) -> bool:
         """Look for real roots next to boxes; return whether there are new ones."""

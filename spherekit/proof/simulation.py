@@ -397,7 +397,15 @@ class ExactSimulation:
                 along, p = best, p if rates[best] > 0.0 else -p
             left = (targets[0] - self.end).mid()
             length = left if left < length else length
-            step = self._solved(values[0, along], p, along, length, left, sides)
+            step: _Step | None = None
+            while step is None or step.error > ACCEPTED:
+                if float(length) < min(SHORTEST * self.until, float(left)):
+                    raise EngineError(
+                        f"{self.mechanism.name}: no step of the reference is short enough "
+                        f"at {float(self.end):.6g} s; smooth the loads"
+                    )
+                step = self._picard(values[0, along], p, along, length, sides)
+                length = (length / 2).mid()
             roots = self._roots(step)
             x, switch, at_once = min(
                 roots, key=lambda r: float(r[0]), default=(exact(1.0), None, False)
@@ -425,21 +433,6 @@ class ExactSimulation:
             length = (step.length * factor).mid()
         if not self._steps:
             raise EngineError(f"{self.mechanism.name}: the motion ends where it starts")
-
-    def _solved(
-        self, c: Ball, p: Ball, along: int, length: Ball, left: Ball, sides: Sides
-    ) -> _Step:
-        """Return a step from the end so far, shortened until it is accurate."""
-        while True:
-            if float(length) < SHORTEST * self.until and float(length) < float(left):
-                raise EngineError(
-                    f"{self.mechanism.name}: no step of the reference is short enough at "
-                    f"{float(self.end):.6g} s; smooth the loads"
-                )
-            step = self._picard(c, p, along, length, sides)
-            if step is not None and step.error <= ACCEPTED:
-                return step
-            length = (length / 2).mid()
 
     def _picard(
         self, c: Ball, p: Ball, along: int, length: Ball, sides: Sides

@@ -8,6 +8,7 @@ ordinary place. Everything is float64 with bounds of what it is off by.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +57,12 @@ class Zone:
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return whether boxes (n, v) of radii (n, v) are in it."""
         return self._within(centres, radii @ np.abs(self.frame) * UP + 1e-13)
+
+
+def covered(zones: Iterable[Zone], centres: Floats, radii: Floats) -> Bools:
+    """Return whether boxes (n, v) of radii (n, v) are each in one of several parts."""
+    nowhere = np.zeros(len(centres), dtype=bool)
+    return np.any([nowhere, *(z.covers(centres, radii) for z in zones)], axis=0)
 
 
 @dataclass(frozen=True)
