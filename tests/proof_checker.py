@@ -264,37 +264,86 @@ class System:
 
     def values(self, unknown, driven):
         """F (k,) and F' (k, unknowns) at balls of the unknowns."""
-        count = len(unknown)
-        placed = {self.made["root"]: constant(ball(np.eye(3)), count)}
-        angle = {**dict(zip(self.unknowns, unknown, strict=True)), **driven}
-        found = []
-        for step in self.made["steps"]:
-            link, on, by = step["link"], step["on"], step["by"]
-            before = [
-                self.frames[pair, parent] for pair, parent in zip(by, on, strict=True)
-            ]
-            if len(by) == 2:
-                out = [
-                    times(placed[parent], constant(frame[:, 2:], count))
-                    for parent, frame in zip(on, before, strict=True)
-                ]
-                axes = [self.frames[pair, link][:, 2] for pair in by]
-                made, places = put(link, axes, out, [constant(ball([[1]]), count)] * 2)
-                found.append(made)
-                placed[link] = places
-                continue
-            (pair,), (parent,) = by, on
-            variable, rate, offset = self.turning.get(pair, (pair, arb(1), arb(0)))
-            sense = 1 if self.sizes.ends[pair][0] == parent else -1
-            s, c = (angle[variable] * rate + offset).sin_cos()
-            turn = constant(spin(c, sense * s, 1), count)
-            if variable in self.unknowns:
-                change = spin(-s, sense * c, 0)
-                turn[1 + self.unknowns.index(variable)] = rate * change
-            after = constant(self.frames[pair, link].T, count)
-            turn = times(constant(before[0], count), turn)
-            placed[link] = times(times(placed[parent], turn), after)
-        return parts_of(found)
+        angles = {**dict(zip(self.unknowns, unknown, strict=True)), **driven}
+        links = [step["link"] for step in self.onto]
+        return Half(self, links, [], [], self.unknowns).values([], angles)
+
+
+class Half:
+    """Equations of links, polynomials in the e^(i angle) of pairs or in their inverses.
+
+    Derivatives are by these, and then by the pairs `moving`.
+    """
+
+    def __init__(self, system, links, unknowns, inverse, moving=()):
+        self.system, self.links, self.inverse = system, links, inverse
+        self.unknowns, self.moving = unknowns, list(moving)
+        self.count = len(unknowns) + len(self.moving)
+        self.steps = {step["link"]: step for step in system.made["steps"]}
+
+    def values(self, centre, driven):
+        """P and its derivatives at balls of the points and of all other angles."""
+        self.points = dict(zip(self.unknowns, centre, strict=True))
+        self.driven, self.done = driven, {}
+        return parts_of([self._put(link)[0] for link in self.links])
+
+    def _local(self, link):
+        """The matrix of a link in the one before, times its scale, and the scale."""
+        if link not in self.done:
+            turned = len(self.steps[link]["by"]) == 1
+            self.done[link] = self._turned(link) if turned else self._put(link)[1:]
+        return self.done[link]
+
+    def _turned(self, link):
+        step = self.steps[link]
+        (pair,), (parent,) = step["by"], step["on"]
+        sense = 1 if self.system.sizes.ends[pair][0] == parent else -1
+        before = constant(self.system.frames[pair, parent], self.count)
+        after = constant(self.system.frames[pair, link].T, self.count)
+        scale = constant(ball([[1]]), self.count)
+        if pair in self.points:
+            column = self.unknowns.index(pair)
+            z, one = self.points[pair], acb(1)
+            a, b, up, down = (one, z, 0, one) if self.inverse[column] else (z, one, one, 0)
+            c, s, w = (a * a + b * b) / 2, (a * a - b * b) / acb(0, 2), a * b
+            dc, ds = a * up + b * down, (a * up - b * down) / acb(0, 1)
+            dw = a * down + up * b
+            turn = constant(spin(c, sense * s, w), self.count)
+            turn[1 + column] = spin(dc, sense * ds, dw)
+            scale[0], scale[1 + column] = w, dw
+        else:
+            turning = self.system.turning.get(pair, (pair, arb(1), arb(0)))
+            variable, rate, offset = turning
+            s, c = (self.driven[variable] * rate + offset).sin_cos()
+            turn = constant(spin(c, sense * s, 1), self.count)
+            if variable in self.moving:
+                column = 1 + len(self.unknowns) + self.moving.index(variable)
+                turn[column] = rate * spin(-s, sense * c, 0)
+        return times(times(before, turn), after), scale
+
+    def _way(self, link):
+        step = self.steps.get(link)
+        if step is None:
+            return []
+        if len(step["by"]) == 1:
+            return [*self._way(step["on"][0]), link]
+        return [*parted(*map(self._way, step["on"]))[0], link]
+
+    def _put(self, link):
+        """The equation of a link put on two axes, its matrix times its scale, the scale."""
+        step = self.steps[link]
+        _, *ways = parted(*map(self._way, step["on"]))
+        out, scales = [], []
+        for way, pair, parent in zip(ways, step["by"], step["on"], strict=True):
+            axis = constant(self.system.frames[pair, parent][:, 2:], self.count)
+            scale = constant(ball([[1]]), self.count)
+            for each in reversed(way):
+                place, size = self._local(each)
+                axis, scale = times(place, axis), times(scale, size)
+            out.append(axis)
+            scales.append(scale)
+        axes = [self.system.frames[pair, link][:, 2] for pair in step["by"]]
+        return *put(link, axes, out, scales), times(*scales)
 
 
 def spin(c, s, still):

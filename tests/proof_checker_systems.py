@@ -9,145 +9,25 @@ from itertools import combinations, product
 import numpy as np
 from flint import acb, acb_poly, arb, ctx
 from proof_checker import (
+    Half,
     System,
     about,
-    alone,
     ball,
-    constant,
     inverse_near,
     largest,
     mid,
     need,
-    parted,
-    parts_of,
     permanent_of,
-    put,
-    spin,
     square,
-    times,
     wrapped,
 )
 
-WIDE = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-NARROW = (1e-12, 1e-10, 1e-8, 1e-6, 1e-4)
 DEEPEST = 7
-
-
-class Half:
-    """Equations of links, polynomials in the e^(i angle) of pairs or in their inverses.
-
-    Derivatives are by these, and then by the pairs `moving`.
-    """
-
-    def __init__(self, system, links, unknowns, inverse, moving=()):
-        self.system, self.links, self.inverse = system, links, inverse
-        self.unknowns, self.moving = unknowns, list(moving)
-        self.count = len(unknowns) + len(self.moving)
-        self.steps = {step["link"]: step for step in system.made["steps"]}
-
-    def values(self, centre, driven):
-        """P and its derivatives at balls of the points and of all other angles."""
-        self.points = dict(zip(self.unknowns, centre, strict=True))
-        self.driven, self.done = driven, {}
-        return parts_of([self._put(link)[0] for link in self.links])
-
-    def _local(self, link):
-        """The matrix of a link in the one before, times its scale, and the scale."""
-        if link not in self.done:
-            turned = len(self.steps[link]["by"]) == 1
-            self.done[link] = self._turned(link) if turned else self._put(link)[1:]
-        return self.done[link]
-
-    def _turned(self, link):
-        step = self.steps[link]
-        (pair,), (parent,) = step["by"], step["on"]
-        sense = 1 if self.system.sizes.ends[pair][0] == parent else -1
-        before = constant(self.system.frames[pair, parent], self.count)
-        after = constant(self.system.frames[pair, link].T, self.count)
-        scale = constant(ball([[1]]), self.count)
-        if pair in self.points:
-            column = self.unknowns.index(pair)
-            z, one = self.points[pair], acb(1)
-            a, b, up, down = (one, z, 0, one) if self.inverse[column] else (z, one, one, 0)
-            c, s, w = (a * a + b * b) / 2, (a * a - b * b) / acb(0, 2), a * b
-            dc, ds = a * up + b * down, (a * up - b * down) / acb(0, 1)
-            dw = a * down + up * b
-            turn = constant(spin(c, sense * s, w), self.count)
-            turn[1 + column] = spin(dc, sense * ds, dw)
-            scale[0], scale[1 + column] = w, dw
-        else:
-            s, c = self.driven[pair].sin_cos()
-            turn = constant(spin(c, sense * s, 1), self.count)
-            if pair in self.moving:
-                column = 1 + len(self.unknowns) + self.moving.index(pair)
-                turn[column] = spin(-s, sense * c, 0)
-        return times(times(before, turn), after), scale
-
-    def _way(self, link):
-        step = self.steps.get(link)
-        if step is None:
-            return []
-        if len(step["by"]) == 1:
-            return [*self._way(step["on"][0]), link]
-        return [*parted(*map(self._way, step["on"]))[0], link]
-
-    def _put(self, link):
-        """The equation of a link put on two axes, its matrix times its scale, the scale."""
-        step = self.steps[link]
-        _, *ways = parted(*map(self._way, step["on"]))
-        out, scales = [], []
-        for way, pair, parent in zip(ways, step["by"], step["on"], strict=True):
-            axis = constant(self.system.frames[pair, parent][:, 2:], self.count)
-            scale = constant(ball([[1]]), self.count)
-            for each in reversed(way):
-                place, size = self._local(each)
-                axis, scale = times(place, axis), times(scale, size)
-            out.append(axis)
-            scales.append(scale)
-        axes = [self.system.frames[pair, link][:, 2] for pair in step["by"]]
-        return *put(link, axes, out, scales), times(*scales)
 
 
 def plain(inverse, z):
     """The pair (a, b) of a point."""
     return (acb(1), z) if inverse else (z, acb(1))
-
-
-class Solved:
-    """All solutions of one system, proven: those that are real are angles."""
-
-    def __init__(self, system, part, driven, points, bound):
-        need(len(points) == bound, "not as many solutions as there can be")
-        self.real, balls = [], []
-        for inverse, centre in points:
-            half = Half(system, part["equations"], part["unknowns"], inverse)
-            small = next((r for r in NARROW if proven(half, centre, r, driven)), None)
-            need(small is not None, "a solution of a system is not shown")
-            within = [z + square(small) for z in centre]
-            balls.append([plain(i, z) for i, z in zip(inverse, within, strict=True)])
-            if any(not abs(z).contains(1) for z in within):
-                continue
-            large = next(r for r in (*WIDE, small) if proven(half, centre, r, driven))
-            pairs = zip(within, centre, strict=True)
-            gap = largest([1 / z.conjugate() - c for z, c in pairs])
-            need(gap < arb(large), "a solution that may be real or not")
-            senses = (-1 if i else 1 for i in inverse)
-            self.real.append(
-                [i * z.log().imag for i, z in zip(senses, within, strict=True)]
-            )
-        for one, other in combinations(balls, 2):
-            apart = any(
-                not (a * d - b * c).contains(0)
-                for (a, b), (c, d) in zip(one, other, strict=True)
-            )
-            need(apart, "two solutions may be one")
-
-
-def proven(half, centre, radius, driven):
-    try:
-        return alone(half, centre, radius, driven)
-    except ZeroDivisionError:
-        return False
 
 
 def check_parts(system, parts):
@@ -169,31 +49,9 @@ def check_parts(system, parts):
 def check_systems(system, certificate, driven):
     """Show that there are as many real modes as roots are given."""
     ctx.prec = 80
-    parts = certificate["systems"]
-    bounds, table = check_parts(system, parts)
-    paths = [dict(driven)]
-    for part, bound in zip(parts, bounds, strict=True):
-        used = {
-            name
-            for link in part["equations"]
-            for name, degree in zip(system.unknowns, table[link], strict=True)
-            if degree and name not in part["unknowns"]
-        }
-        following = []
-        for path in paths:
-            close = [each for each in part["solved"] if near(each["given"], path, used)]
-            need(close, "a system that is not solved for a mode")
-            solutions = close[0]["solutions"]
-            tried = [(each["inverse"], [acb(*z) for z in each["z"]]) for each in solutions]
-            for angles in Solved(system, part, path, tried, bound).real:
-                own = zip(part["unknowns"], angles, strict=True)
-                following.append({**path, **dict(own)})
-        paths = following
-    need(len(paths) == certificate["modes"], "another number of modes by systems")
-
-
-def near(given, path, used):
-    return all(abs(wrapped(float(path[n].mid()) - given[n])) < 1e-6 for n in used)
+    place = [driven[name] for name in system.inputs]
+    found = Counting(system, certificate["systems"]).at(place, [0.0] * len(place))
+    need(found == certificate["modes"], "another number of modes by systems")
 
 
 def roots_of(system, part, driven):

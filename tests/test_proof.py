@@ -99,39 +99,31 @@ def test_sizes_within_a_tolerance_have_the_modes_that_are_proven_for_all_of_them
 def tampered(certificate, moves):
     """Return a certificate changed so that what it says is not so, or not shown."""
     changed = copy.deepcopy(certificate)
-    roots = changed["roots"]
-    root = moves.choice(roots)
+    roots, text = changed["roots"], changed["mechanism"]
+    root, step = moves.choice(roots), moves.choice(changed["construction"]["steps"])
     part = moves.choice(root["centre"])
-    kind = moves.randrange(10)
-    if kind == 0:
-        mantissa, exponent = part[0]
-        step = 1 << max(mantissa.bit_length() - moves.randrange(2, 30), 1)
-        part[0] = [mantissa + step, exponent]
-    elif kind == 1:
-        root["real"] = not root["real"]
-    elif kind == 2:
-        roots.remove(root)
-    elif kind == 3:
-        changed["bound"] += moves.choice((-1, 1, 8))
-    elif kind == 4:
-        changed["modes"] += moves.choice((-1, 1, 2))
-    elif kind == 5:
-        other = moves.choice([each for each in roots if each is not root])
-        roots[roots.index(root)] = copy.deepcopy(other)
-    elif kind == 6:
-        root["radius"] *= 2.0 ** -moves.randrange(20, 60)
-    elif kind == 7:
-        key = next(iter(changed["inputs"]))
-        off = 10.0 ** -moves.randrange(1, 9)
-        changed["inputs"][key] = repr(float(changed["inputs"][key]) + off)
-    elif kind == 8:
-        step = moves.choice(changed["construction"]["steps"])
-        step["by"] = step["by"][::-1] if len(step["by"]) == 2 else 2 * step["by"]
-    else:
-        text = changed["mechanism"]
-        places = [k for k in range(len(text)) if text.startswith("arcs = [", k)]
-        place = moves.choice(places)
-        changed["mechanism"] = text[: place + 8] + "0.001" + text[place + 9 :]
+    ((key, value),) = list(changed["inputs"].items())[:1]
+    mantissa, exponent = part[0]
+    shift = 1 << max(mantissa.bit_length() - moves.randrange(2, 30), 1)
+    other = moves.choice([each for each in roots if each is not root])
+    place = moves.choice([k for k in range(len(text)) if text.startswith("arcs = [", k)])
+    by = step["by"][::-1] if len(step["by"]) == 2 else 2 * step["by"]
+    off = 10.0 ** -moves.randrange(1, 9)
+    owner, key, value = moves.choice(
+        [
+            (part, 0, [mantissa + shift, exponent]),
+            (root, "real", not root["real"]),
+            (changed, "roots", [each for each in roots if each is not root]),
+            (changed, "bound", changed["bound"] + moves.choice((-1, 1, 8))),
+            (changed, "modes", changed["modes"] + moves.choice((-1, 1, 2))),
+            (roots, roots.index(root), copy.deepcopy(other)),
+            (root, "radius", root["radius"] * 2.0 ** -moves.randrange(20, 60)),
+            (changed["inputs"], key, repr(float(value) + off)),
+            (step, "by", by),
+            (changed, "mechanism", f"{text[: place + 8]}0.001{text[place + 9 :]}"),
+        ]
+    )
+    owner[key] = value
     return changed
 
 

@@ -134,26 +134,23 @@ def certificate_of(curves):
 
 def tampered(certificate, moves):
     changed = copy.deepcopy(certificate)
-    curve = moves.choice(changed["curves"])
-    piece = moves.choice(curve["pieces"])
-    kind = moves.randrange(6)
+    curves = changed["curves"]
+    pieces = (curve := moves.choice(curves))["pieces"]
+    piece, at = moves.choice(pieces), moves.randrange(len(pieces) - 1)
+    kind, side = moves.randrange(6), moves.randrange(2)
     if kind == 0:
-        changed["curves"].remove(curve)
+        curves.remove(curve)
     elif kind == 1:
-        piece["centre"][moves.randrange(2)] += moves.choice(
-            (-1, 1)
-        ) * 10 ** -moves.randrange(1, 7)
+        piece["centre"][side] += (-1) ** side * 10 ** -moves.randrange(1, 7)
     elif kind == 2:
         piece["radius"] *= 30.0
     elif kind == 3:
-        at = moves.randrange(len(curve["pieces"]))
-        del curve["pieces"][at : at + 3]
+        del pieces[at : at + 3]
     elif kind == 4:
-        changed["curves"].append(copy.deepcopy(curve))
+        curves.append(copy.deepcopy(curve))
     else:
         # any but the last, after which none comes
-        piece = moves.choice(curve["pieces"][:-1])
-        piece["frame"][0] = [-each for each in piece["frame"][0]]
+        pieces[at]["frame"][0] = [-each for each in pieces[at]["frame"][0]]
     return changed
 
 
