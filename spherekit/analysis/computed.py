@@ -76,7 +76,7 @@ def _columns(where: str, table: Table, data: Any) -> dict[str, Array | Interleav
 
 
 def _typed(where: str, column: Column, data: Any) -> Array | Interleaved:
-    kind, held = column.kind, {"text": "U", "number": "fiub"}.get(column.kind, "iub")
+    kind = column.kind
     if (
         isinstance(data, Interleaved)
         and data.ndim == 1
@@ -89,15 +89,15 @@ def _typed(where: str, column: Column, data: Any) -> Array | Interleaved:
         raise PluginError(f"{where} is no array of one number or text a row") from None
     if values.ndim != 1:
         raise PluginError(f"{where} has the shape {values.shape}, it needs one value a row")
-    fits = values.dtype.kind in held
+    fits = values.dtype.kind in ("U" if kind == "text" else "fiub")
     if kind == "text" and not fits:
         fits = all(isinstance(text, str) for text in values)
-    elif values.dtype.kind == "f" and not fits:
+    elif kind != "number" and values.dtype.kind == "f":
         fits = bool(np.all(values == np.floor(values)))
     if not fits and len(values):
+        (first,) = values[:1].tolist()
         raise PluginError(
-            f"{where} was declared to hold {_WORDS[kind]}, but holds "
-            f"{values[0].item() if hasattr(values[0], 'item') else values[0]!r}"
+            f"{where} was declared to hold {_WORDS[kind]}, but holds {first!r}"
         )
     return values.astype(TYPES.get(kind, str), copy=False)
 

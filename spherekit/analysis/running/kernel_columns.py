@@ -17,7 +17,6 @@ from spherekit.numeric.unread import LazyColumn, Reader, put
 from spherekit.planning.poles import Pole
 from spherekit.rates.request import PoleField, Request, Turning, turn_round
 from spherekit.rates.sequence import PlannedPoles
-from spherekit.sphere.rotation import nans
 
 SLICE = 8184
 """Rows of a slice: no power of two, for columns would then share the lines of the cache."""
@@ -145,7 +144,7 @@ class LazyField:
     directions, rates and changes, NaN where there are none, `largest` those of all rows.
     """
 
-    KNOWN = ("status", "pole_status", "by_equations", "by_kernel", "loss", "planes")
+    KNOWN = ("status", "pole_status", "by_equations", "by_kernel", "loss")
 
     def __init__(
         self,
@@ -155,7 +154,7 @@ class LazyField:
         vouched: Bools,
         errors: Sequence[float],
     ) -> None:
-        self._source, self._number = source, number
+        self._source, self._number, self._motion = source, number, motion
         self._places = source.kernel.moving[number].of
         self._is_made = False
         wanted, rows, n = source.requests[number], source.doubtful, len(motion)
@@ -177,7 +176,6 @@ class LazyField:
                 self.largest[name] = np.fmax.reduce([self.largest[name], *finite])
         self._field = PoleField(
             **{name: {} for name in self._places},
-            planes=_PlanesWhenRead(wanted, motion),
             status=status,
             pole_status=pole_status,
             by_equations=by_equations,
@@ -204,6 +202,9 @@ class LazyField:
                         columns.append((LazyColumn(self._source, key, n), out))
                     getattr(self._field, name)[of] = made.T if len(made) > 1 else made[0]
             put(columns, [(slice(0, n), 0)])
+            wanted = self._source.requests[self._number]
+            drawn = PlannedPoles(wanted.plan, self._motion)
+            self._field.planes.update({x: drawn.circles(x) for x in wanted.planes})
         return self._field
 
     def column(self, name: str, pole: Pole, k: int) -> LazyColumn | Floats:
@@ -220,17 +221,3 @@ def _with(codes: SmallIntegers, rows: Indices, some: SmallIntegers) -> SmallInte
     made = codes.copy()
     made[rows] = some
     return made
-
-
-class _PlanesWhenRead(dict[Pole, Floats]):
-    """The great circles of poles, drawn when they are first read."""
-
-    def __init__(self, wanted: Request, motion: Motion) -> None:
-        super().__init__()
-        self._wanted, self._motion = wanted, motion
-
-    def __missing__(self, pole: Pole) -> Floats:
-        self[pole] = nans((len(self._motion), 2, 3))
-        if pole in self._wanted.planes:
-            self[pole] = PlannedPoles(self._wanted.plan, self._motion).circles(pole)
-        return self[pole]

@@ -169,18 +169,15 @@ class Sampling:
     def events(self) -> TableArrays:
         """Return the table of the simulation's events."""
         assert self.simulation is not None
-        events = self.simulation.events
-        return {
-            "t": np.array([event.t for event in events], dtype=float),
-            "kind": np.array([event.kind for event in events], dtype=str),
-            "pair": np.array([event.pair for event in events], dtype=str),
-            **input_columns(
-                self.tracer.mechanism,
-                np.array([event.inputs for event in events], dtype=float).reshape(
-                    len(events), -1 if events else len(self.tracer.inputs)
-                ),
+        mechanism = self.tracer.mechanism
+        return EVENTS.stacked(
+            mechanism,
+            (
+                {"t": event.t, "kind": event.kind, "pair": event.pair}
+                | input_columns(mechanism, np.array([event.inputs], dtype=float))
+                for event in self.simulation.events
             ),
-        }
+        )
 
     def cost(self) -> dict[str, Any]:
         """Return what a simulation took, and the forecast that chose its engine."""
