@@ -71,6 +71,11 @@ class Asking(AbstractAnalysis):
         return Needs()
 
 
+def rows_of(batch, **columns):
+    """Return the columns of a table with a row for each of a batch."""
+    return {"sample": batch.sample, "assembly_mode": batch.assembly_mode, **columns}
+
+
 LECTURE_TABLE = [
     ["■", "x", "I", "x", "II", "x"],
     ["x", "■", "x", "I", "III", "III"],

@@ -6,14 +6,13 @@ from typing import ClassVar, final
 
 import numpy as np
 import pytest
-from common import Asking, Listener
+from common import Asking, Listener, rows_of
 
 import spherekit as sk
 from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import Findings
 from spherekit.analysis.scene import Axis, Portrait, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
-from spherekit.errors import UndeclaredNeed
 from spherekit.motion.motion import AngleUnwrapping, PositionAnalysis
 
 BACK = {"laws": {"21": sk.ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
@@ -150,20 +149,12 @@ class Counting(Asking):
         Table("counting", "", (SAMPLE, ASSEMBLY_MODE, Column("x", "", ""))),
     )
     joins: bool = True
-    reads: str = "41"
 
     def needs(self, mechanism):
         return Needs(continued_values=frozenset(["41"]))
 
     def compute(self, batch):
-        values = batch.continued_value(self.reads)
-        return {
-            "counting": {
-                "sample": batch.sample,
-                "assembly_mode": batch.assembly_mode,
-                "x": values,
-            }
-        }
+        return {"counting": rows_of(batch, x=batch.continued_value("41"))}
 
     def findings(self, batch):
         return Findings({"rows": len(batch)})
@@ -183,12 +174,6 @@ def test_findings_of_blocks_are_joined():
     result = sk.run(made, [Counting(joins=False), "poles"], samples=25, block=4)
     assert "define joined()" in result.failures["counting"]
     assert len(result.frame("poles")) == 25 * 2 * 6
-
-
-def test_what_was_not_declared_is_not_read():
-    result = sk.run(sk.load("four_bar"), Counting(reads="32"), samples=3)
-    assert 'continued_value("32")' in result.failures["counting"]
-    assert issubclass(UndeclaredNeed, sk.SpherekitError)
 
 
 @final
@@ -268,21 +253,3 @@ def test_it_is_not_asked_again_when_a_run_goes_on(tmp_path):
     assert len(result.frame("apart")) == 3
     assert result.summary["remarks"] == ["apart: Three."]
     assert result.summary["analyses"][0]["findings"] == {"third": 3.0}
-
-
-@pytest.mark.parametrize(
-    "name, text",
-    [
-        ("five_bar", "inverse_kinematics:poses=x=0.1+y=0.2+z=0.97"),
-        ("five_bar", "workspace:tolerance=0.1"),
-    ],
-)
-def test_analyses_of_poses_do_not_hold_up_the_blocks(name, text):
-    made = sk.load(name)
-    alone = sk.run(made, text, samples=3, assembly_mode=0)
-    both = sk.run(made, [text, "poles"], samples=9, assembly_mode=0, block=2)
-    assert not alone.failures and not both.failures
-    assert both.summary["samples_in_a_block"] == 2
-    assert len(alone.frame()) == len(both.frame()) > 0
-    first, second = (each.summary["analyses"][0]["findings"] for each in (alone, both))
-    assert first == second

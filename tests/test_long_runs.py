@@ -18,7 +18,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from common import Asking, Listener
+from common import Asking, Listener, rows_of
 
 import spherekit as sk
 from spherekit.analysis import folder as store
@@ -398,11 +398,7 @@ class Words(Asking):
         words = [odd[k * k % len(odd)] for k in batch.sample.tolist()]
         none = np.zeros(0)
         return {
-            "words": {
-                "sample": batch.sample,
-                "assembly_mode": batch.assembly_mode,
-                "word": words,
-            },
+            "words": rows_of(batch, word=words),
             "plain": {"x": batch.sample},
             "empty": {"sample": none, "assembly_mode": none, "y": none},
         }
@@ -410,6 +406,15 @@ class Words(Asking):
     def scene(self, batch):
         rows = batch.assembly_mode_rows().items()
         return tuple(Scene(b, (Series("s", "s", "g", batch.q[own]),)) for b, own in rows)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Whole(Asking):
+    """The analysis of texts as one that wants all samples at once."""
+
+    name, tables, compute = Words.name, Words.tables, Words.compute
+    plain: bool = False
 
 
 @pytest.mark.parametrize("plain", [True, False])
@@ -482,15 +487,14 @@ def test_the_engine_that_began_goes_on(tmp_path):
 
 
 def test_whole_batches_are_not_resumed_and_need_memory(tmp_path, monkeypatch, capsys):
-    whole = at_once()
     with pytest.raises(KeyboardInterrupt) as caught:
-        sk.run(sk.load("four_bar"), whole(), folder=tmp_path, progress=interrupt(1, True))
+        sk.run(sk.load("four_bar"), Whole(), folder=tmp_path, progress=interrupt(1, True))
     assert "361 of 361 samples are done and kept" in note(caught.value)
-    result = sk.run(sk.load("four_bar"), whole(), folder=tmp_path, unfinished="resume")
+    result = sk.run(sk.load("four_bar"), Whole(), folder=tmp_path, unfinished="resume")
     assert result.summary["samples_in_a_block"] == 361 and len(result.frame("words")) == 722
     monkeypatch.setattr(store, "usable_memory", lambda: 10**8)
     with pytest.raises(AnalysisError, match=r"words looks at all samples at once.* 100 MB"):
-        sk.run(sk.load("four_bar"), whole(), samples=50_000)
+        sk.run(sk.load("four_bar"), Whole(), samples=50_000)
     assert main(["explain", "four_bar", "-a", "singularities", "-a", "eksergian"]) == 0
     assert "keeps nothing: singularities; about" in capsys.readouterr().out
 
@@ -503,22 +507,6 @@ def test_tables_that_were_not_kept_are_told(tmp_path):
             use()
     with pytest.raises(AnalysisError, match="kept no tables"):
         four_bar(tmp_path, formats=("csv",)).frame()
-
-
-def at_once():
-    """The analysis of texts as one that wants all samples at once."""
-
-    @final
-    @dataclass(frozen=True, kw_only=True)
-    class Whole(Asking):
-        """See there."""
-
-        name: ClassVar = "words"
-        tables: ClassVar = Words.tables
-        compute = Words.compute
-        plain: bool = False
-
-    return Whole
 
 
 def shown(listener):

@@ -74,6 +74,7 @@ class Greedy(Asking):
             "velocity_coefficient": lambda: batch.velocity_coefficient(0, 1),
             "pole": lambda: batch.direction(0, 2),
             "value": lambda: batch.pair_value("21"),
+            "continued": lambda: batch.continued_value("32"),
             "rotation": lambda: batch.rotation("2"),
             "acceleration_coefficient": lambda: batch.acceleration_coefficient(0, 1),
             "nonsense": lambda: 1 / 0,
@@ -109,16 +110,11 @@ class Ranges(Asking):
         )
 
 
-def test_columns_for_each_input():
-    frame = sk.run(sk.load("four_bar"), Ranges(), samples=3).frame()
-    assert list(frame) == ["sample", "q", "status"]
-    frame = sk.run(sk.load("five_bar"), Ranges(), samples=3).frame()
-    names = [item.pair for item in sk.load("five_bar").inputs]
-    assert list(frame)[1:3] == [f"q_{name}" for name in names]
-
-
-def test_findings_are_in_the_summary():
-    result = sk.run(sk.load("four_bar"), Ranges(), samples=3)
+def test_columns_for_each_input_and_findings_in_the_summary():
+    result = sk.run("five_bar", Ranges(), samples=3)
+    assert list(result.frame()) == ["sample", "q_21", "q_51", "status"]
+    result = sk.run("four_bar", Ranges(), samples=3)
+    assert list(result.frame()) == ["sample", "q", "status"]
     (own,) = result.summary["analyses"]
     assert own["findings"]["modes"] == 2
     assert own["findings"]["widest"] == pytest.approx(2 * np.pi, abs=1e-12)
@@ -151,6 +147,7 @@ def test_an_analysis_of_whole_batches():
         ("velocity_coefficient", "Needs(rates=...)"),
         ("pole", "links 3 and 1"),
         ("value", 'pair_value("21")'),
+        ("continued", 'continued_value("32")'),
         ("rotation", 'rotation("2")'),
         ("acceleration_coefficient", "derivatives=True"),
         ("nonsense", "ZeroDivisionError"),

@@ -96,13 +96,6 @@ def test_input_grids(name, samples):
     assert found.share == np.mean(ways.careful.status == Status.OK)
 
 
-def test_long_runs_without_poles(monkeypatch):
-    """Analyses that ask for no poles have the same rows however many there are."""
-    few = sk.run("four_bar", "dynamics", samples=20).frame()
-    monkeypatch.setattr(rows_at_once, "FEWEST", 0)
-    assert sk.run("four_bar", "dynamics", samples=20).frame().equals(few)
-
-
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["watt", "two_dof_spm", "three_rrr"])
 def test_directions_reverse_within_blocks(name, monkeypatch):

@@ -7,7 +7,7 @@ from typing import ClassVar, final
 import mpmath as mp
 import numpy as np
 import pytest
-from common import Asking
+from common import Asking, rows_of
 from exact_four_bar import angle, arcs_of
 
 import spherekit as sk
@@ -109,13 +109,23 @@ def test_the_same_rows_whatever_the_blocks():
     assert spread[0] < 7 and spread[-1] > 13
 
 
-def test_a_wrong_rate_is_found(monkeypatch, capsys):
-    def perturbed(motion, wanted, memory=None, *rest):
-        field = evaluate(motion, wanted, memory)
-        field.velocity_coefficient[(0, 3)][:] += 1e-9
-        return field
+@pytest.fixture
+def perturbed(monkeypatch):
+    """Have a change made in all fields of poles."""
 
-    monkeypatch.setattr(summary, "evaluate", perturbed)
+    def perturb(change):
+        def wrong(motion, wanted, memory=None, *rest):
+            field = evaluate(motion, wanted, memory)
+            change(field)
+            return field
+
+        monkeypatch.setattr(summary, "evaluate", wrong)
+
+    return perturb
+
+
+def test_a_wrong_rate_is_found(perturbed, capsys):
+    perturbed(lambda field: np.add.at(field.velocity_coefficient[0, 3], slice(None), 1e-9))
     arguments = ["run", "four_bar", "--samples", "9", "--verify", "4"]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
@@ -128,14 +138,8 @@ def test_a_wrong_rate_is_found(monkeypatch, capsys):
     assert main([*arguments, "--strict"]) == 3
 
 
-def test_a_wrong_direction_is_outside_its_bound(monkeypatch):
-    def perturbed(motion, wanted, memory=None, *rest):
-        field = evaluate(motion, wanted, memory)
-        turned = field.direction[(1, 3)] + 1e-10 * np.array([0.0, 1.0, 0.0])
-        field.direction[(1, 3)][:] = turned
-        return field
-
-    monkeypatch.setattr(summary, "evaluate", perturbed)
+def test_a_wrong_direction_is_outside_its_bound(perturbed):
+    perturbed(lambda field: np.add.at(field.direction[1, 3], np.s_[:, 1], 1e-10))
     verdict = verified(samples=9, verify=4)
     assert any("4 of 24 pole directions are off" in fault for fault in faults(verdict))
     directions = verdict["directions"]
@@ -208,27 +212,10 @@ class Risen(Asking):
 
     def compute(self, batch):
         values = batch.continued_value("32").reshape(2, -1)
-        rise = (values - values[:, :1]).ravel()
-        return {
-            "risen": {
-                "sample": batch.sample,
-                "assembly_mode": batch.assembly_mode,
-                "rise": rise,
-            }
-        }
+        return {"risen": rows_of(batch, rise=(values - values[:, :1]).ravel())}
 
 
-def test_whole_motions_have_their_rows_replaced():
-    path = np.linspace(0.0, -25.0, 160)[:, None]
-    result = sk.run(sk.load("four_bar"), Risen(), path=path, verify=9)
-    verdict = result.summary["verified"]
-    assert verdict["not_verified"] == [] and verdict["beyond"] == []
-    found = column(verdict, "risen", "rise")
-    assert found["compared"] and found["deviation"] < 2e-14
-    assert np.ptp(result.frame()["rise"]) > 20.0
-
-
-def test_a_wrong_variable_of_a_whole_motion_is_found(monkeypatch):
+def test_whole_motions_have_their_rows_replaced(monkeypatch):
     """Angles that drift away show in what an analysis makes of all samples at once.
 
     The row that is off most is then the last one that is verified, several turns on.
@@ -236,7 +223,12 @@ def test_a_wrong_variable_of_a_whole_motion_is_found(monkeypatch):
     drift = 1e-9
     right = AngleUnwrapping.continued
     path = np.linspace(0.0, -25.0, 160)[:, None]
-    sound = sk.run(sk.load("four_bar"), Risen(), path=path).frame()
+    result = sk.run(sk.load("four_bar"), Risen(), path=path, verify=9)
+    verdict, sound = result.summary["verified"], result.frame()
+    assert verdict["not_verified"] == [] and verdict["beyond"] == []
+    found = column(verdict, "risen", "rise")
+    assert found["compared"] and found["deviation"] < 2e-14
+    assert np.ptp(sound["rise"]) > 20.0
 
     def drifting(memory, motion, names, solver):
         angles = right(memory, motion, names, solver)
@@ -255,15 +247,9 @@ def test_a_wrong_variable_of_a_whole_motion_is_found(monkeypatch):
     assert found["deviation"] == pytest.approx(drift * found["sample"], abs=1e-12)
 
 
-def test_a_wrong_inertia_is_found(monkeypatch):
+def test_a_wrong_inertia_is_found(perturbed):
     """The torque of the source's four-bar is that of the Batch, so its errors show."""
-
-    def perturbed(motion, wanted, memory=None, *rest):
-        field = evaluate(motion, wanted, memory)
-        field.w[3][:] *= 1.0 + 1e-8
-        return field
-
-    monkeypatch.setattr(summary, "evaluate", perturbed)
+    perturbed(lambda field: np.multiply.at(field.w[3], slice(None), 1.0 + 1e-8))
     verdict = verified(analyses="eksergian", samples=9, verify=3)
     assert {"eksergian.B", "inertia.B"} <= set(verdict["beyond"])
     item = column(verdict, "inertia", "B")
