@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from chains import mechanism, random_axes, random_chain, with_contacts
-from mode_judge import Structure
+from independent import lacking, multi_start
 
 from spherekit.errors import PlanError
 from spherekit.model.parts import Input
@@ -17,8 +17,6 @@ INPUTS = 5
 """Inputs over the range, at random, at which modes are counted."""
 STARTS = 600
 """Starts of the judge at each."""
-SAME = 1e-4
-"""Rotation matrices of a mode of the judge and of the same one elsewhere differ by less."""
 
 
 @dataclass
@@ -63,13 +61,13 @@ def judge(tally, made, seed):
     """Add what a run and the search for all curves have of a mechanism's modes."""
     random = np.random.default_rng([seed, 1])
     inputs = random.uniform(-HALF, HALF, INPUTS)
-    structure = Structure.of(made)
     tracer = PositionAnalysis(made, samples=91)
     solver, found = tracer.solver, tracer.configurations
-    for q, (modes, _) in zip(inputs, structure.modes(inputs, STARTS, random), strict=True):
-        on_assembly_modes = [
-            solver.evaluate(assembly_mode, np.array([[q]])).rotations
-            for assembly_mode in tracer.assembly_modes
+    for q in inputs:
+        turns, links = multi_start(made, random, STARTS, q)
+        on_modes = [
+            solver.evaluate(mode, np.array([[q]])).rotations
+            for mode in tracer.assembly_modes
         ]
         on_curves = [
             solver.closure.at(
@@ -77,14 +75,12 @@ def judge(tally, made, seed):
             ).placed
             for each in found.curves
         ]
-        tally.modes += len(modes)
-        tally.missed_by_run += _lacking(structure, made, modes, on_assembly_modes)
-        tally.missed_by_curves += _lacking(structure, made, modes, on_curves)
+        tally.modes += len(turns)
+        tally.missed_by_run += lacking(turns, _of_bodies(on_modes, links))
+        tally.missed_by_curves += lacking(turns, _of_bodies(on_curves, links))
 
 
-def _lacking(structure, made, modes, placed):
-    """Return how many modes are none of the configurations placed."""
-    every = np.concatenate([np.zeros((0, len(made.links), 3, 3)), *placed])
-    seen = structure.seen(made.links, every[np.all(np.isfinite(every), axis=(1, 2, 3))])
-    away = np.max(np.abs(modes[:, None] - seen[None]), axis=(2, 3, 4), initial=0.0)
-    return int(np.sum(np.min(away, axis=1, initial=np.inf) > SAME))
+def _of_bodies(placed, links):
+    """Return orientations (n, bodies, 3, 3) of those known, of a link of each body."""
+    every = np.concatenate(placed)[:, links]
+    return every[np.all(np.isfinite(every), axis=(1, 2, 3))]

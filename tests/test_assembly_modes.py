@@ -53,7 +53,7 @@ def check_complete(chain, driven, axes, random, starts):
     assert found.is_complete
     placed, gaps = poses(solver, found)
     assert np.max(np.abs(gaps)) < 1e-13
-    searched, links = multi_start(joints(chain), driven, axes, random, starts)
+    searched, links = multi_start(made, random, starts)
     apart = np.max(np.abs(placed[:, None, links] - placed[None, :, links]), axis=(2, 3, 4))
     assert np.all(apart + np.eye(len(placed)) > 1e-6)
     for turn in searched:

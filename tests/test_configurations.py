@@ -51,14 +51,13 @@ def check_against_search(chain, axes, driven, inputs, starts, random):
     """
     tracer, found = with_curves(chain, axes, driven)
     assert not found.mismatches and found.guarantee is Guarantee.COMPLETE
-    edges = joints(chain)
     here = there = 0
     for q in random.uniform(0.0, TURN, inputs):
         values = crossing_values(tracer, found, q)
         at = tracer.solver.closure.at(values)
         placed = at.placed
         assert np.max(at.gap, initial=0.0) < 1e-12
-        searched, links = multi_start(edges, (driven,), axes, random, starts, q=q)
+        searched, links = multi_start(tracer.mechanism, random, starts, q=q)
         for turn in searched:
             gaps = np.max(np.abs(placed[:, links] - turn), axis=(1, 2, 3))
             assert np.min(gaps) < 1e-5

@@ -44,6 +44,7 @@ from spherekit.motion.meshes import GearPhases, meshes_of
 from spherekit.motion.steps import determinant_sign, walk
 from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
+from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import Assembly
 from spherekit.planning.wheels import (
     GearTrain,
@@ -102,7 +103,7 @@ class AssemblyMode:
 
 
 @dataclass(frozen=True)
-class Evaluated:
+class Evaluated(ArrayRows):
     """An assembly mode at n inputs: variables, orientations, status and residual."""
 
     values: Floats

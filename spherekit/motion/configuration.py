@@ -266,17 +266,17 @@ class _CurveSearch:
     def add(self, values: Floats) -> None:
         """Follow new curves from configurations (n, variables)."""
         failed: list[tuple[Floats, str]] = []
+        for curve in self.curves:
+            values = values[~curve.passes(values)]
         while len(values):
             middle = len(values) // 2
             given, values = values[middle], np.delete(values, middle, axis=0)
-            curve = next((c for c in self.curves if c.passes(given[None])[0]), None)
-            if curve is None:
-                try:
-                    curve = follow_arc(self.solver.closure, given, longest=self.longest)
-                except SolveError as problem:
-                    failed.append((given, str(problem)))
-                    continue
-                self.curves.append(curve)
+            try:
+                curve = follow_arc(self.solver.closure, given, longest=self.longest)
+            except SolveError as problem:
+                failed.append((given, str(problem)))
+                continue
+            self.curves.append(curve)
             values = values[~curve.passes(values)]
         for given, words in failed:
             # a curve that ends there may do so because others cross it
@@ -333,14 +333,14 @@ class _CurveSearch:
                 here = assemblies(self.solver, np.array([q]))
                 if here.is_complete:
                     self.counted.append((float(q), len(here.values)))
-        ends = np.array([end for piece in pieces for end in (piece.lowest, piece.highest)])
+        lows, highs = np.array([(p.lowest, p.highest) for p in pieces]).reshape(-1, 2).T
         crossed = np.array([end[self.solver.single] for end in _crossing_ends(self.curves)])
         for q, modes in self.counted:
-            away = np.min(np.abs(ends - q), initial=np.inf)
+            away = np.min(np.abs([lows - q, highs - q]), initial=np.inf)
             past = np.min(np.abs(wrap(crossed - q)), initial=np.inf)
             if away < NEAR_DEAD or past < NEAR_CROSSING:
                 continue
-            crossings = sum(piece.lowest < q < piece.highest for piece in pieces)
+            crossings = np.sum((lows < q) & (q < highs))
             if crossings < modes or (complete and crossings != modes):
                 self.problems.append(
                     f"at the input {np.degrees(q):.6g} deg there are {modes} modes, but "

@@ -35,7 +35,7 @@ from spherekit.motion.elimination import (
     random_starts,
     signs_at,
 )
-from spherekit.motion.groups import State, place_dyad
+from spherekit.motion.groups import place_dyad
 from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow_each, sheets_through
 from spherekit.motion.input_grid import InputGrid, spread_rows
 from spherekit.motion.input_turning_points import input_turning_points
@@ -123,20 +123,30 @@ class ModeSearch:
         if solver.has_closed_form:
             self._enumerate(search)
         else:
-            self._gather(search)
-        if len(self.assembly_modes) >= MOST_ASSEMBLY_MODES:
-            words = f"stopped at {MOST_ASSEMBLY_MODES} modes; there may be more"
-            self.claim = Completeness(Guarantee.SAMPLED, words)
+            self._add_reference()
+            if search or not self.assembly_modes:
+                self.claim = self._all_modes()
+            freedoms = min(self._freedoms, default=len(solver.driven))
+            if not self.assembly_modes and freedoms != len(solver.driven):
+                raise self._other_rank(freedoms)
+        count, stopped = len(self.assembly_modes), ""
+        if count >= MOST_ASSEMBLY_MODES:
+            stopped = f"at {MOST_ASSEMBLY_MODES} modes"
         if self._is_spent:
             steps = self._nodes + self._in_vain
-            modes = counted(len(self.assembly_modes), "mode")
-            words = f"stopped after {steps} steps along {modes}; there may be more"
+            stopped = f"after {steps} steps along {counted(count, 'mode')}"
+        if stopped:
+            words = f"stopped {stopped}; there may be more"
             self.claim = Completeness(Guarantee.SAMPLED, words)
         if not self.assembly_modes:
             raise SolveError(_why_nothing_closes(solver, input_grid))
 
     def _enumerate(self, search: bool) -> None:
-        """Find the modes of dyads and trains of wheels."""
+        """Find the modes of dyads and trains of wheels.
+
+        Redundant constraints that leave another mobility than there are inputs, by the
+        greatest rank of some configurations, are refused.
+        """
         solver, reference = self.solver, self.solver.reference
         signs = [] if reference is None else [signs_at(solver, reference)]
         if search or not signs:
@@ -147,22 +157,15 @@ class ModeSearch:
                 for number in range(len(self.groups))
             ]
             for of_mode, state in chains(solver, q, MOST_ASSEMBLY_MODES):
-                self._check_rank(state)
                 signs.append(of_mode)
+                if any(group.redundant for group in self.groups):
+                    closed = state.values[~state.lost]
+                    some = closed[spread_rows(len(closed), RANKED)]
+                    freedoms = min(map(solver.freedoms, some))
+                    if freedoms != len(solver.driven):
+                        raise self._other_rank(freedoms)
         different = list(dict.fromkeys(signs))[:MOST_ASSEMBLY_MODES]
         self.assembly_modes = [AssemblyMode(k, one) for k, one in enumerate(different)]
-
-    def _check_rank(self, state: State) -> None:
-        """Refuse redundant constraints that leave another mobility than there are inputs.
-
-        The rank is the greatest of the configurations of a state that close.
-        """
-        if any(group.redundant for group in self.groups):
-            closed = state.values[~state.lost]
-            some = closed[spread_rows(len(closed), RANKED)]
-            freedoms = min(map(self.solver.freedoms, some))
-            if freedoms != len(self.solver.driven):
-                raise self._other_rank(freedoms)
 
     def _other_rank(self, freedoms: int) -> PlanError:
         """Return the error of a mechanism whose inputs are not its freedoms by rank."""
@@ -185,15 +188,6 @@ class ModeSearch:
         dead = input_turning_points(self.solver, *grid.range, MOST_COST, MOST_TIME)
         step = float(np.ptp(grid.q)) / (PROBED_INPUTS - 1)
         return dead.probes(step)[:, None], dead.claim(step)
-
-    def _gather(self, search: bool) -> None:
-        """Find the modes of irreducible groups."""
-        self._add_reference()
-        if search or not self.assembly_modes:
-            self.claim = self._all_modes()
-        freedoms = min(self._freedoms, default=len(self.solver.driven))
-        if not self.assembly_modes and freedoms != len(self.solver.driven):
-            raise self._other_rank(freedoms)
 
     @property
     def _is_spent(self) -> bool:

@@ -23,7 +23,13 @@ from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import TimeLaw
-from spherekit.motion.assembly_modes import AssemblyMode, Solver, assembled, named
+from spherekit.motion.assembly_modes import (
+    AssemblyMode,
+    Evaluated,
+    Solver,
+    assembled,
+    named,
+)
 from spherekit.motion.configuration import Configurations, configuration_curves
 from spherekit.motion.guides import ModeOverGrid
 from spherekit.motion.input_grid import given_path, sampled, spread_rows
@@ -294,8 +300,9 @@ def motion_of(solver: Solver, values: Floats) -> Motion:
     Singular ones are rows like others: their status is OK.
     """
     at, inputs = solver.closure.at(values), values[:, list(solver.driven)]
-    rows = _in_rows(solver, (), inputs, 0, values, at.placed)
-    return replace(rows, residual=at.gap, is_path=False)
+    status = np.full(len(values), Status.OK, dtype=np.int8)
+    there = Evaluated(values, at.placed, status, at.gap)
+    return _in_rows(solver, (), inputs, 0, there, False)
 
 
 def _in_rows(
@@ -303,8 +310,8 @@ def _in_rows(
     assembly_modes: tuple[AssemblyMode, ...],
     q: Floats,
     first_sample: int,
-    values: Floats,
-    rotations: Floats,
+    there: Evaluated,
+    is_path: bool,
 ) -> Motion:
     """Return configurations at inputs q (k, inputs), mode after mode, as a motion."""
     numbers = [mode.number for mode in assembly_modes] or [0]
@@ -318,10 +325,11 @@ def _in_rows(
         sample=np.tile(np.arange(first_sample, first_sample + k), count),
         assembly_mode=np.repeat(numbers, k),
         inputs=np.tile(q, (count, 1)),
-        values=values,
-        placed=rotations,
-        status=np.full(k * count, Status.OK, dtype=np.int8),
-        residual=nans(k * count),
+        values=there.values,
+        placed=there.rotations,
+        status=there.status,
+        residual=there.residual,
+        is_path=is_path,
     )
 
 
@@ -474,16 +482,11 @@ class PositionAnalysis:
         if not self.assembly_modes:
             none = np.empty((0, len(self.mechanism.variable_owners)))
             return replace(motion_of(self.solver, none), samples=len(q))
-        parts = [self.solver.evaluate(mode, q, rows) for mode in self.assembly_modes]
-        values, rotations, status, residual = (
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("values", "rotations", "status", "residual")
-        )
-        motion = _in_rows(
-            self.solver, self.assembly_modes, q, first_sample, values, rotations
+        there = Evaluated.joined(
+            [self.solver.evaluate(mode, q, rows) for mode in self.assembly_modes]
         )
         is_path = self.input_grid.is_path
-        return replace(motion, status=status, residual=residual, is_path=is_path)
+        return _in_rows(self.solver, self.assembly_modes, q, first_sample, there, is_path)
 
     def sparse(self, most: int) -> Motion:
         """Return the motion at about `most` of the samples, spread evenly."""
