@@ -174,7 +174,7 @@ class FollowedRotation(Way):
         ):
             status[(status == Status.OK) & wrong] = why
         slopes, bends = self._rates(theta, near)
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(all="ignore"):
             w = unit_rows(np.matvec(near.turning, slopes))
         lost = theta > self.reached
         lost |= ~assembled(status)

@@ -218,8 +218,7 @@ def _assembled(
     across = cross(first, second)
     if np.linalg.norm(across) < SAME:
         raise _refusal(mechanism, "the axes of both driven pairs lie on one line")
-    z, x = across / np.linalg.norm(across), (first + second)
-    frame = frame_from(z, x / np.linalg.norm(x))
+    frame = frame_from(unit_rows(across), unit_rows(first + second))
     axes = bases @ frame
     left, _, right = np.linalg.svd(axes.T @ tips)
     image = left @ np.diag([1.0, 1.0, -np.linalg.det(left @ right)]) @ right

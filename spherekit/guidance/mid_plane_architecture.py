@@ -111,7 +111,7 @@ class MidPlaneArchitecture:
         longer = np.sum(way * (directions + self.home), axis=1, keepdims=True)
         way = way - 0.5 * longer * directions
         distance = np.linalg.norm(way, axis=1)
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(all="ignore"):
             return np.asarray(way / distance[:, None]), distance
 
     def angles_to(self, directions: Floats) -> tuple[Floats, Floats, Floats]:
@@ -132,7 +132,7 @@ class MidPlaneArchitecture:
         swept = self.frame.T @ swept
         along = np.einsum("ni,nik->nk", normals, swept)
         x, y, z = normals.T
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(all="ignore"):
             slopes = swept - normals[:, :, None] * along[:, None]
             slopes /= distance[:, None, None]
             scale = np.stack([-1.0 / np.hypot(y, z), 1.0 / np.hypot(x, z)], axis=1)

@@ -61,7 +61,7 @@ class MidPlane:
         """
         flat, square, left = self._flat(normals)
         aside = cross(np.broadcast_to(normals[:, None], flat.shape), flat)
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(all="ignore"):
             root = np.sqrt(left) * np.asarray(modes, dtype=float)
             elbows = np.cos(self.arcs)[:, None] * flat + root[..., None] * aside
             return elbows / square[..., None], root
@@ -73,7 +73,7 @@ class MidPlane:
         leg does not reach the mid-plane.
         """
         flat, square, left = self._flat(normals)
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(all="ignore"):
             return np.cos(self.arcs)[:, None] * flat / square[..., None], left
 
     def _flat(self, normals: Floats) -> tuple[Floats, Floats, Floats]:
@@ -98,7 +98,7 @@ class MidPlane:
         )
         across = cross(first, second)
         length = np.linalg.norm(across, axis=1, keepdims=True)
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(all="ignore"):
             return upward(np.where(length > REACH_SLACK, across / length, np.nan))
 
     def _elbow(self, leg: int, reading: Floats) -> Floats:

@@ -97,7 +97,7 @@ class Optimality:
         rank = self.values.shape[1] - self.target.freedoms
         left, sizes, right = np.linalg.svd(self.at.jacobian)
         kept, flatness = sizes[:, :rank], np.ones(len(sizes))
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):
             inverse = transpose(right[:, :rank]) / kept[:, None] @ transpose(left)[:, :rank]
         if sizes.shape[1]:
             flatness = kept[:, -1] / kept[:, 0]

@@ -90,7 +90,7 @@ def bracketed_zeros(
 
 def _share(a: Floats, b: Floats, c: Floats, fa: Floats, fb: Floats, fc: Floats) -> Floats:
     """Return how far from a to b the next place is."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    with np.errstate(all="ignore"):
         place, value = (a - b) / (c - b), (fa - fb) / (fc - fb)
         safe = (value**2 < place) & ((1.0 - value) ** 2 < 1.0 - place)
         first = fa / (fb - fa) * (fc / (fb - fc))
@@ -174,7 +174,7 @@ def crossings(
         cells = np.stack([ends[0], inner, inner, ends[1]], axis=1).reshape(-1, 2)
     places, slopes = np.concatenate(roots, axis=1)
     for _ in range(POLISHING_STEPS if len(places) else 0):
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):
             step = -function(places) / slopes
         places = places + np.where(np.abs(step) < MOVED, step, 0.0)
     parts = _merged(np.concatenate(doubtful))

@@ -153,7 +153,7 @@ def polished(
         before = ~_changes(value, fa[going])
         a[going] = np.where(before, x[going], a[going])
         b[going] = np.where(before, b[going], x[going])
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):
             new = x[going] - value / slope
         inside = (new >= a[going]) & (new <= b[going])
         new = np.where(inside, new, 0.5 * (a[going] + b[going]))

@@ -201,7 +201,7 @@ def input_rates(tops: Floats, bottoms: Floats) -> tuple[Floats, Floats]:
     or (n, 1), both finite at a singular configuration. The measures (n, inputs) are those
     of type I, see `spherekit.output.inverse.Inverse`.
     """
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(all="ignore"):
         return tops / bottoms[..., None], np.abs(bottoms) / np.linalg.norm(tops, axis=2)
 
 

@@ -70,7 +70,7 @@ def as_assembled(held: Solver, released: Solver, values: Floats) -> Floats | Non
     lengths = _lengths(held, meshes, values[rolled])
     tried = np.repeat(values[None], len(lengths), axis=0)
     tried[:, rolled] = lengths
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(all="ignore"):
         closed = held.closure.solve(tried, [*held.driven, *rolled], iterations=30)
     best, least = None, np.inf
     for whole in closed.values[closed.gap < CLOSURE_TOLERANCE]:

@@ -280,7 +280,7 @@ class InverseKinematics:
         """Return what is told (..., n) of each mode at poses, as arrays (m, ..., n)."""
         n = len(given)
         arrays: list[Array] = []
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(all="ignore"):
             for start in range(0, max(n, 1), ROWS):
                 rows = slice(start, start + ROWS)
                 views = self._views(given[rows], starts[rows], modes, start)
@@ -357,7 +357,7 @@ class InverseKinematics:
         given = self._checked(poses)
         self._check(given.T, 0)
         if self._turned is not None:
-            with np.errstate(invalid="ignore", divide="ignore"):
+            with np.errstate(all="ignore"):
                 return self._every_turn(self._turned, given)
         coordinates = azimuth_tilt(given) if self.wrist.points else euler_zyz(given)
         released = Solver(self.own, plan_assembly(self.own))

@@ -64,7 +64,7 @@ def _shared(groups: Groups) -> Callable[[Of[Made]], Of[Made]]:
             signs = (s if k in needed else 0 for k, s in enumerate(mode.signs))
             key = (method, what, *signs)
             if key not in mode.shared:
-                with np.errstate(invalid="ignore", divide="ignore"):
+                with np.errstate(all="ignore"):
                     mode.shared[key] = method(mode, what)
             made: Made = mode.shared[key]
             return made

@@ -15,8 +15,8 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import EPS
 from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.region.mesh import Evaluator, active, chosen, least, unit
-from spherekit.sphere.rotation import arc, cross, nans
+from spherekit.region.mesh import Evaluator, active, chosen, least
+from spherekit.sphere.rotation import arc, cross, nans, unit_rows
 
 ORDERS = (2, 4, 8, 16)
 """Steps between the nodes of a piece, doubled until its area is known well enough."""
@@ -172,7 +172,7 @@ class BoundarySegments(ArrayRows):
         left, and no other may be negative there.
         """
         number, widest = self.margin[chord], HIGHEST * self.length[chord] * (1.0 - u * u)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):
             centre = np.where(widest > 0.0, np.clip(guess / widest, -1.0, 1.0), 0.0)
 
         def rows(part: Floats, which: Indices) -> Floats:
@@ -223,7 +223,7 @@ class BoundarySegments(ArrayRows):
         rows = (rows - margin[:, None]).reshape(len(which), len(u), rows.shape[1])
         a, b, c = rows[:, :-2], rows[:, 1:-1], rows[:, 2:]
         bend, slope = a - 2.0 * b + c, 0.5 * (c - a)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):
             turn = -slope / bend
             lowest = np.where(np.abs(turn) < 1.0, b + 0.5 * slope * turn, b)
             dips = np.any(np.minimum(lowest, b) < -evaluate.floor, axis=1)
@@ -268,7 +268,7 @@ FARTHEST = 4.0
 
 def along(start: Floats, end: Floats, angle: Floats) -> Floats:
     """Return the points (n, 3) at angles (rad) from `start` on the arcs to `end`."""
-    toward = unit(cross(cross(start, end - start), start))
+    toward = unit_rows(cross(cross(start, end - start), start))
     return np.cos(angle)[:, None] * start + np.sin(angle)[:, None] * toward
 
 
@@ -311,14 +311,16 @@ def corners(
     (n, 3) are the ends of the chords, where the first and the second margin of each
     `pair` (n, 2) of numbers are 0.
     """
-    first, length = unit(start + end), arc(start, end)
-    toward = unit(cross(cross(start, end - start), first))
+    first, length = unit_rows(start + end), arc(start, end)
+    toward = unit_rows(cross(cross(start, end - start), first))
     frame = np.stack([toward, cross(first, toward)], axis=1)
     steps = DIFFERENCE * np.eye(3, 2, -1)
 
     def places(x: Floats, which: Indices) -> Floats:
         """Return the points (k, ..., 3) at places (k, ..., 2) of the tangent planes."""
-        return unit(np.einsum("n...d,ndx->n...x", x, frame[which]) + first[which, None])
+        return unit_rows(
+            np.einsum("n...d,ndx->n...x", x, frame[which]) + first[which, None]
+        )
 
     x, going = np.zeros((len(start), 1, 2)), np.arange(len(start))
     for _ in range(MOST_STEPS):

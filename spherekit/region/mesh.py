@@ -17,16 +17,11 @@ from numpy.typing import ArrayLike
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.errors import RegionError
-from spherekit.sphere.rotation import arc, cross, max_abs, pointing
+from spherekit.sphere.rotation import arc, cross, max_abs, pointing, unit_rows
 
 EDGES = ((0, 1), (1, 2), (2, 0))
 _TILT = np.array([[0.36, 0.48, -0.8], [-0.8, 0.60, 0.0], [0.48, 0.64, 0.6]])
 """A rotation that keeps the first vertices away from the axes of common regions."""
-
-
-def unit(vectors: Floats) -> Floats:
-    """Return vectors (..., 3) scaled to length 1."""
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 @cache
@@ -39,7 +34,7 @@ def icosahedron(spacing: float) -> tuple[Floats, Indices]:
     golden = 0.5 * (1.0 + np.sqrt(5.0))
     signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]], dtype=float)
     flat = np.column_stack([np.zeros(4), signs[:, 0], golden * signs[:, 1]])
-    points = unit(np.concatenate([np.roll(flat, k, axis=1) for k in range(3)]))
+    points = unit_rows(np.concatenate([np.roll(flat, k, axis=1) for k in range(3)]))
     dots = points @ points.T
     near = (dots > 0.4) & (dots < 0.5)
     faces = [
@@ -95,7 +90,7 @@ def refined(points: Floats, triangles: Indices, spacing: float) -> tuple[Floats,
         edges, sides = edges_of(triangles)
         a, b, c = triangles.T
         ab, bc, ca = len(points) + sides.T
-        points = np.concatenate([points, unit(points[edges].sum(axis=1))])
+        points = np.concatenate([points, unit_rows(points[edges].sum(axis=1))])
         quarters = [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
         triangles = np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
     return points, triangles
@@ -152,7 +147,7 @@ def bisected(
         cut[sides[closing, 0]] = True
     middle = np.full(len(edges), -1, dtype=np.intp)
     middle[cut] = len(points) + np.arange(np.count_nonzero(cut))
-    points = np.concatenate([points, unit(points[edges[cut]].sum(axis=1))])
+    points = np.concatenate([points, unit_rows(points[edges[cut]].sum(axis=1))])
     n1, n2, n3 = triangles.T
     m1, m2, m3 = middle[sides].T
     first, second, third = cut[sides].T
@@ -443,7 +438,7 @@ def _within_cone(corners: Floats, values: Floats, error: Floats, uncertain: Bool
     second = (slopes[:, 1] - shift * first) / height
     room = np.hypot(1.0 / base, (1.0 + np.abs(shift) / base) / height)
     size = np.hypot(first, second)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
         slack = SLOPE_SLACK * error * room / size
     slack = np.where(size > 0.0, slack, np.inf)
     angle = np.where(uncertain, np.arctan2(second, first), np.nan)

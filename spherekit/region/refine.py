@@ -27,8 +27,8 @@ from spherekit.region.mesh import (
     labels,
     least,
     triangle_areas,
-    unit,
 )
+from spherekit.sphere.rotation import unit_rows
 
 FINEST = 1e-6
 """Triangles with edges shorter than this (rad) are not cut further."""
@@ -175,7 +175,7 @@ class Refinement:
         edges, sides = edges_of(triangles)
         low, high = np.moveaxis(self.points[edges], 1, 0)
         centres = self.points[triangles].sum(axis=1)
-        places = unit(np.concatenate([low + high, 3.0 * low + high, centres]))
+        places = unit_rows(np.concatenate([low + high, 3.0 * low + high, centres]))
         margins = self.evaluate(places)
         middle, check, centre = np.split(margins, [len(edges), 2 * len(edges)])
         rows = [self.values[triangles.T], middle[sides.T], check[sides.T], centre[None]]

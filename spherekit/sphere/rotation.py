@@ -74,15 +74,13 @@ def frame_toward(axis: Floats, other: Floats) -> Floats:
 
     `axis` and `other` are unit vectors (..., 3); NaN where they lie on one line.
     """
-    side = cross(axis, other)
-    side = side / np.linalg.norm(side, axis=-1, keepdims=True)
+    side = unit_rows(cross(axis, other))
     return frame_from(axis, cross(side, axis))
 
 
 def perpendicular(axis: Floats) -> Floats:
     """Return one unit vector at right angles to each unit vector `axis` (..., 3)."""
-    side = cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=-1)])
-    return side / np.linalg.norm(side, axis=-1, keepdims=True)
+    return unit_rows(cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=-1)]))
 
 
 def rotation_vector(matrix: Floats) -> Floats:
@@ -126,8 +124,7 @@ def quaternion(matrix: Floats) -> Floats:
     rows[:, 3, 3:] = 1.0 + trace
     four = np.diagonal(rows, axis1=1, axis2=2)
     best = np.argmax(np.where(np.isnan(four), -1.0, four), axis=1)
-    chosen = rows[np.arange(len(r)), best]
-    return chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
+    return unit_rows(rows[np.arange(len(r)), best])
 
 
 def from_quaternion(quaternions: Array) -> Array:
@@ -471,8 +468,8 @@ def all_finite(values: ArrayLike, axis: int | tuple[int, ...] | None = None) -> 
 
 
 def unit_rows(vectors: Floats) -> Floats:
-    """Return vectors (n, k) of length 1 along those given."""
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    """Return vectors (..., k) of length 1 along those given."""
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def nans(shape: int | tuple[int, ...]) -> Floats:

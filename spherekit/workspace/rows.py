@@ -377,7 +377,7 @@ class ClosedKinematics(OutputKinematics, ABC):
         count = len(poses)
         parts = []
         for mode in modes:
-            with np.errstate(invalid="ignore", divide="ignore"):
+            with np.errstate(all="ignore"):
                 rows = self.at(poses, signs[mode])
                 values = [rows.angle(pair) for pair in pairs]
                 part = InverseRows(

@@ -11,7 +11,7 @@ from spherekit.output.dyads import Signs
 from spherekit.region.mesh import spread
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.refine import Region, find_region
-from spherekit.sphere.rotation import from_quaternion, nans
+from spherekit.sphere.rotation import from_quaternion, nans, unit_rows
 from spherekit.workspace.rows import AngleLimit, ClosedKinematics, left_of
 
 FIRST_LOOK = 2000
@@ -82,7 +82,7 @@ def margins_of(
     """Return the margins (n, bounds) of a mode, of directions or quaternions xyzw."""
 
     def margins(places: Floats) -> Floats:
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(all="ignore"):
             rows = kinematics.at(_poses(kinematics, places), signs)
             return np.stack([bound.column(rows) for bound in bounds], axis=1)
 
@@ -96,7 +96,7 @@ def judge(
 
     The measures are NaN where no inputs are.
     """
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(all="ignore"):
         rows = kinematics.at(_poses(kinematics, places), signs)
         inputs = rows.inputs
         gone = np.where(np.isnan(inputs).any(axis=1), np.nan, 0.0)
@@ -308,7 +308,7 @@ def _beyond(start: Floats, aim: Floats, step: float) -> Floats:
     way = aim - (aim @ start) * start
     size = float(np.linalg.norm(way))
     turned = start + (step / size) * way if size > 0.0 else start
-    return turned / np.linalg.norm(turned)
+    return unit_rows(turned)
 
 
 def _on_way(outside: Floats, held: Floats, inside: Callable[[Floats], Bools]) -> Floats:
@@ -316,8 +316,7 @@ def _on_way(outside: Floats, held: Floats, inside: Callable[[Floats], Bools]) ->
     low, high = 0.0, 1.0
     for _ in range(WAY_ROUNDS):
         parts = np.linspace(low, high, WAY_SAMPLES)
-        places = (1.0 - parts[:, None]) * outside + parts[:, None] * held
-        places /= np.linalg.norm(places, axis=1, keepdims=True)
+        places = unit_rows((1.0 - parts[:, None]) * outside + parts[:, None] * held)
         last = int(np.flatnonzero(~inside(places))[-1])
         low, high = float(parts[last]), float(parts[last + 1])
         held_there = places[last + 1]
