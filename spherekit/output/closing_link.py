@@ -153,53 +153,33 @@ class DyadsWithClosingLink:
 
     def _brackets(self, directions: Floats, signs: Signs) -> list[Array]:
         """Return rows, two turns with a root of f between, and f at these."""
-        n = directions.shape[1]
-        spacing = 2.0 * np.pi / SAMPLES
-        row, start = (
-            part.ravel() for part in np.mgrid[:n, -np.pi : np.pi - 0.5 * spacing : spacing]
-        )
-        row = row.astype(np.intp)
-        placed = self.place(directions[:, row], start, signs)
-        low, tilt = self.gap(placed), self.slope(placed, directions[:, row])
-        high, end_tilt = (
-            np.roll(part.reshape(n, SAMPLES), -1, axis=1).ravel() for part in (low, tilt)
-        )
-        turns_back = ((low <= 0.0) == (high <= 0.0)) & (low * tilt < 0.0)
-        turns_back &= high * end_tilt > 0.0
-        reached = np.isfinite(low)
-        odd = np.flatnonzero(turns_back | (reached != np.isfinite(high)))
-        way = np.where(reached[odd], spacing, -spacing)
-        first = np.where(reached[odd], start[odd], start[odd] + spacing)
-        alike = np.where(turns_back, tilt, np.nan)[odd]
-        last, at_last = self._last(directions[:, row[odd]], first, way, signs, alike)
-        plain = np.setdiff1d(np.arange(len(row)), odd)
-        cells = [
-            (row[plain], start[plain], start[plain] + spacing, low[plain], high[plain]),
-            (row[odd], start[odd], last, low[odd], at_last),
-            (row[odd], last, start[odd] + spacing, at_last, high[odd]),
-        ]
-        every = [np.concatenate(parts) for parts in zip(*cells, strict=True)]
-        crossed = (every[3] >= 0.0) != (every[4] >= 0.0)
-        crossed &= np.isfinite(every[3] + every[4])
-        return [part[crossed] for part in every]
+        n, spacing = directions.shape[1], 2.0 * np.pi / SAMPLES
+        row = np.repeat(np.arange(n), SAMPLES + 1)
+        turn = np.tile(np.linspace(-np.pi, np.pi, SAMPLES + 1), n)
+        placed = self.place(directions[:, row], turn, signs)
+        gap, tilt = self.gap(placed), self.slope(placed, directions[:, row])
+        turns_back = ((gap[:-1] <= 0.0) == (gap[1:] <= 0.0)) & (gap[:-1] * tilt[:-1] < 0.0)
+        turns_back &= gap[1:] * tilt[1:] > 0.0
+        reached = np.isfinite(gap)
+        odd = turns_back | (reached[:-1] != reached[1:])
+        odd = np.flatnonzero(odd & (row[:-1] == row[1:]))
+        start, some = turn[odd + ~reached[odd]], directions[:, row[odd]]
+        alike = np.where(turns_back, tilt[:-1], np.nan)[odd]
 
-    def _last(
-        self, directions: Floats, turn: Floats, way: Floats, signs: Signs, slope: Floats
-    ) -> tuple[Floats, Floats]:
-        """Return the last turns (n,) like the first ones on the way, and f there.
-
-        Alike in that all dyads are in reach and, where its slope is given and not NaN, in
-        the sign of that.
-        """
-
-        def unlike(at: Floats, some: Indices) -> Floats:
-            placed = self.place(directions[:, some], at, signs)
-            turned = self.slope(placed, directions[:, some]) * slope[some] <= 0.0
+        def unlike(at: Floats, which: Indices) -> Floats:
+            """Return -1 where all dyads are in reach and f goes on as at the start."""
+            placed = self.place(some[:, which], at, signs)
+            turned = self.slope(placed, some[:, which]) * alike[which] <= 0.0
             return np.where(np.isfinite(self.gap(placed)) & ~turned, -1.0, 1.0)
 
-        one = np.ones(len(turn))
-        _, last = bracketed_zeros(unlike, turn, turn + way, -one, one)
-        return last, self.gap(self.place(directions, last, signs))
+        one, way = np.ones(len(odd)), np.where(reached[odd], spacing, -spacing)
+        _, last = bracketed_zeros(unlike, start, start + way, -one, one)
+        row, turn = np.insert(row, odd + 1, row[odd]), np.insert(turn, odd + 1, last)
+        gap = np.insert(gap, odd + 1, self.gap(self.place(some, last, signs)))
+        crossed = (gap[:-1] >= 0.0) != (gap[1:] >= 0.0)
+        crossed &= np.isfinite(gap[:-1] + gap[1:]) & (row[:-1] == row[1:])
+        at = np.flatnonzero(crossed)
+        return [row[at], turn[at], turn[at + 1], gap[at], gap[at + 1]]
 
 
 def turned(wrist: VirtualOutputChain, solver: Solver) -> DyadsWithClosingLink | None:
