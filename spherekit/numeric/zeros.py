@@ -26,8 +26,8 @@ SAME = 1e-10
 """Zeros nearer to each other than this part of the range are one."""
 
 
-MOST_STEPS = 100
-"""Steps to a zero in its cell."""
+ROUNDED = 1e-13
+"""Where a function is below this part of what touches zero, it is zero."""
 
 
 @dataclass(frozen=True)
@@ -72,14 +72,20 @@ def zeros(function: Function, grid: Floats) -> Zeros:
     crossed.append(cells[:, ~turning & _changes(cells[2], cells[4])])
     tops, sides = _about_extrema(function, cells[:, turning], floor)
     low, high, at_low, _, at_high, _ = np.concatenate([*crossed, sides], axis=1)
-    simple = polished(lambda x, _: function(x), low, high, at_low, at_high)
+
+    def near(x: Floats, _: Indices) -> Floats:
+        there = function(x)[0]
+        return np.where(np.abs(there) < ROUNDED * floor, 0.0, there)
+
+    simple, _ = bracketed_zeros(near, low, high, at_low, at_high, EPS)
     ends, slopes = grid[[0, -1]], np.abs(slope[[0, -1]])
     edge = np.abs(value[[0, -1]]) <= floor
     bends = np.abs(np.diff(slope)[[0, -1]] / np.diff(grid)[[0, -1]])
     touched = edge & (slopes**2 <= 2.0 * floor * bends)
-    ways = 2.0 * slopes[touched] / np.maximum(bends[touched], np.finfo(float).tiny)
-    for end, way in zip(ends[touched], ways, strict=True):
-        tops = tops[np.abs(tops - end) > way]
+    ways = slopes + np.sqrt(slopes**2 + 2.0 * floor * bends)
+    ways /= np.maximum(bends, np.finfo(float).tiny)
+    for end, way in zip(ends[touched], ways[touched], strict=True):
+        tops, simple = (x[np.abs(x - end) > way] for x in (tops, simple))
     places = np.concatenate([tops, ends[touched], simple, ends[edge]])
     double = np.arange(len(places)) < len(tops) + np.sum(touched)
     order = np.argsort(places, kind="stable")
@@ -128,43 +134,6 @@ def _about_extrema(
     right[0], right[2], right[3] = top, value, slope
     sides = np.concatenate([left[:, ~touches], right[:, ~touches]], axis=1)
     return top[touches], sides[:, _changes(sides[2], sides[4])]
-
-
-def polished(
-    function: Callable[[Floats, Indices], tuple[Floats, Floats]],
-    low: Floats,
-    high: Floats,
-    at_low: Floats,
-    at_high: Floats,
-) -> Floats:
-    """Return the zero (n,) in each cell by Newton's method, by halving where it leaves.
-
-    `function` gives values and derivatives (m,) of the functions with numbers (m,) at
-    places (m,); those at the ends (n,) of cells are of opposite signs.
-    """
-    a, b, fa = low.copy(), high.copy(), at_low
-    x = a + np.clip(-fa / np.where(at_high != fa, at_high - fa, 1.0), 0.0, 1.0) * (b - a)
-    moved = np.full(len(x), np.inf)
-    going = np.arange(len(x))
-    for _ in range(MOST_STEPS):
-        if not len(going):
-            break
-        value, slope = function(x[going], going)
-        before = ~_changes(value, fa[going])
-        a[going] = np.where(before, x[going], a[going])
-        b[going] = np.where(before, b[going], x[going])
-        with np.errstate(all="ignore"):
-            new = x[going] - value / slope
-        inside = (new >= a[going]) & (new <= b[going])
-        new = np.where(inside, new, 0.5 * (a[going] + b[going]))
-        step = np.abs(new - x[going])
-        ratio = step / moved[going]
-        rounding = EPS * np.maximum(1.0, np.abs(new))
-        settled = (step <= 2.0 * rounding) | ((step < 1e-9) & (ratio > 0.25))
-        settled |= inside & (ratio > 0.0) & (step * ratio**2 < 0.1 * rounding)
-        x[going], moved[going] = new, np.where(inside, step, np.inf)
-        going = going[~settled]
-    return np.asarray(x)
 
 
 def _changes(one: Floats, other: Floats) -> Bools:

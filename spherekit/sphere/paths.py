@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import EPS
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
-from spherekit.numeric.zeros import polished
+from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.sphere.rotation import arc, cross, frame_from, max_abs
 
 UNIT_TOLERANCE = 1e-6
@@ -353,12 +353,11 @@ class ArcLength:
             panel = np.searchsorted(self.starts[1:-1], s, side="right")
             target = s - self.starts[panel]
 
-            def gap(x: Floats, rows: Indices) -> tuple[Floats, Floats]:
-                covered, rate = self.within(panel[rows], x)
-                return covered - target[rows], rate
+            def gap(x: Floats, rows: Indices) -> Floats:
+                return self.within(panel[rows], x)[0] - target[rows]
 
             one, left = np.ones_like(s), np.diff(self.starts)[panel] - target
-            x = polished(gap, -one, one, -target, left)
+            x, _ = bracketed_zeros(gap, -one, one, -target, left, EPS)
             half = 0.5 * np.diff(self.edges)[panel]
             return (self.edges[panel] + half * (1.0 + x) - s * self._pace)[:, None]
 
