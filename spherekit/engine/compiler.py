@@ -146,21 +146,80 @@ StepEnd = Literal["step", "limit", "switch", "not_finite", "event"]
 turned, the state is not finite, or an event ends the integration."""
 
 
-@dataclass(frozen=True)
 class Integrator:
-    """A compiled Taylor integrator of given equations, with its events.
+    """A compiled Taylor integrator of equations (variable, its rate by time), with events.
 
-    It computes with the type `number`.
-
-    `seen` collects what occurs in a run: events by number, with the time.
+    For one `tolerance`; it computes with the type `number`. `moment` is the variable that
+    stands for the time, `constants` are those whose values are set before each run. `seen`
+    collects what occurs in a run: events by number, with the time.
     """
 
-    adaptive: Any
-    number: type[Any]
-    events: tuple[EventFunction, ...]
-    terminal: tuple[int, ...]
-    outcomes: Mapping[int, StepEnd]
-    seen: list[tuple[int, float]]
+    def __init__(
+        self,
+        equations: Sequence[tuple[ExpressionNode, Expr]],
+        moment: ExpressionNode,
+        constants: Sequence[ExpressionNode],
+        tolerance: float,
+        compact: bool,
+        events: Sequence[EventFunction],
+        number: type[Any],
+    ) -> None:
+        module = heyoka()
+        self.number, self.events = number, tuple(events)
+        self.terminal: list[int] = []
+        self.seen: list[tuple[int, float]] = []
+        names = _plain([variable for variable, _ in equations])
+        stated = list(names.values())
+        names |= {symbol: module.par[k] for k, symbol in enumerate(constants)}
+        names[moment] = module.time
+        conditions = _lowered([event.expression for event in events], names)
+        passing, ending = [], []
+        for which, (event, condition) in enumerate(zip(events, conditions, strict=True)):
+            if event.kind == "switch":
+                action = {"callback": self._flip(event, which)}
+            elif event.kind in ENDING:
+                sense = {-1: "negative", 0: "any", 1: "positive"}[event.sense]
+                action = {"direction": getattr(module.event_direction, sense)}
+            else:
+                note = self._note(which)
+                passing.append(module.nt_event(condition, note, fp_type=number))
+                continue
+            ending.append(module.t_event(condition, fp_type=number, **action))
+            self.terminal.append(which)
+        rates = _lowered([rate for _, rate in equations], names)
+        self.adaptive = module.taylor_adaptive(
+            list(zip(stated, rates, strict=True)),
+            np.zeros(len(stated), dtype=number),
+            tol=number(tolerance),
+            compact_mode=compact,
+            # What optimises more of long code takes most of the time of compiling it and
+            # gains little; compact code is short.
+            opt_level=3 if compact else 1,
+            t_events=ending,
+            nt_events=passing,
+            fp_type=number,
+        )
+        ends = module.taylor_outcome
+        self.outcomes: dict[int, StepEnd] = {
+            int(ends.success): "step",
+            int(ends.time_limit): "limit",
+            int(ends.err_nf_state): "not_finite",
+        }
+
+    def _note(self, which: int) -> Callable[[Any, Any, int], None]:
+        return lambda _, when, sense: self.seen.append((which, float(when)))
+
+    def _flip(self, event: EventFunction, which: int) -> Callable[[Any, int], bool]:
+        def turn(running: Any, sense: int) -> bool:
+            now = float(running.time)
+            self.seen.append((which, now))
+            if sense:
+                running.pars[event.switch] = self.number(sense)
+            state, constants = running.state.astype(float), running.pars.astype(float)
+            stuck = event.sticks and event.sticks(state, now, constants)
+            return not stuck and len(self.seen) < MOST_SWITCHES
+
+        return turn
 
     def start(self, state: Floats, time: float, parameters: Floats) -> None:
         """Set the state, the time and the parameters before a run."""
@@ -209,80 +268,3 @@ class Integrator:
     def coefficients(self) -> Floats:
         """(states, order + 1) Taylor coefficients of the last step, from its start."""
         return np.array(self.adaptive.tc, dtype=float)
-
-
-def compile_integrator(
-    equations: Sequence[tuple[ExpressionNode, Expr]],
-    moment: ExpressionNode,
-    constants: Sequence[ExpressionNode],
-    tolerance: float,
-    compact: bool,
-    events: Sequence[EventFunction] = (),
-    number: type[Any] = float,
-) -> Integrator:
-    """Compile the equations (variable, its rate by time) for one tolerance.
-
-    `moment` is the variable that stands for the time, `constants` are those whose values
-    are set before each run.
-    """
-    module = heyoka()
-    names = _plain([variable for variable, _ in equations])
-    stated = list(names.values())
-    names |= {symbol: module.par[k] for k, symbol in enumerate(constants)}
-    names[moment] = module.time
-    conditions = _lowered([event.expression for event in events], names)
-    seen: list[tuple[int, float]] = []
-
-    def note(which: int) -> Callable[[Any, Any, int], None]:
-        return lambda _, when, sense: seen.append((which, float(when)))
-
-    def flip(event: EventFunction, which: int) -> Callable[[Any, int], bool]:
-        def turn(running: Any, sense: int) -> bool:
-            now = float(running.time)
-            seen.append((which, now))
-            if sense:
-                running.pars[event.switch] = number(sense)
-            state, constants = running.state.astype(float), running.pars.astype(float)
-            stuck = event.sticks and event.sticks(state, now, constants)
-            return not stuck and len(seen) < MOST_SWITCHES
-
-        return turn
-
-    passing, ending, terminal = [], [], []
-    for which, (event, expression) in enumerate(zip(events, conditions, strict=True)):
-        if event.kind == "switch":
-            action = {"callback": flip(event, which)}
-        elif event.kind in ENDING:
-            sense = {-1: "negative", 0: "any", 1: "positive"}[event.sense]
-            action = {"direction": getattr(module.event_direction, sense)}
-        else:
-            passing.append(module.nt_event(expression, note(which), fp_type=number))
-            continue
-        ending.append(module.t_event(expression, fp_type=number, **action))
-        terminal.append(which)
-    rates = _lowered([rate for _, rate in equations], names)
-    made = module.taylor_adaptive(
-        list(zip(stated, rates, strict=True)),
-        np.zeros(len(stated), dtype=number),
-        tol=number(tolerance),
-        compact_mode=compact,
-        # What optimises more of long code takes most of the time of compiling it and gains
-        # little; compact code is short.
-        opt_level=3 if compact else 1,
-        t_events=ending,
-        nt_events=passing,
-        fp_type=number,
-    )
-    ends = module.taylor_outcome
-    return Integrator(
-        made,
-        number,
-        tuple(events),
-        tuple(terminal),
-        {
-            int(ends.success): "step",
-            int(ends.time_limit): "limit",
-            int(ends.err_nf_state): "not_finite",
-        },
-        seen,
-    )

@@ -19,7 +19,6 @@ from spherekit.engine.compiler import (
     TermFunction,
     available,
     compile_function,
-    compile_integrator,
     heyoka,
 )
 from spherekit.engine.dyads import COMPILED
@@ -262,9 +261,7 @@ def _compile(
     homogeneous = [rate for tau in system.tau for rate in tau]
     return CompiledEquation(
         layout,
-        compile_integrator(
-            equations, MOMENT, parameters, tolerance, compact, events, number
-        ),
+        Integrator(equations, MOMENT, parameters, tolerance, compact, events, number),
         compile_function(
             [*homogeneous, system.measure], layout.variable_terms, compact=True
         ),

@@ -36,12 +36,6 @@ EVEN = 17
 BESIDE = 1e-6
 """and two so near to the ends that what turns back beside an end is seen."""
 
-FINER = 9
-"""Places in a bracket of a zero or a turn, which one round narrows to two of its gaps,"""
-
-ROUNDS = 6
-"""and the number of such rounds."""
-
 Look = Callable[[Indices, Floats], tuple[Floats, Floats]]
 """Of steps by number (n,) at parts x (n,) of them, from 0 to 1: what the equation of motion
 misses there (n,), and the steep arguments (n, arguments)."""
@@ -57,8 +51,16 @@ def good_until(look: Look, steps: int) -> Floats:
     owner, x = np.repeat(np.arange(steps), len(even)), np.tile(even, steps)
     missed, arguments = look(owner, x)
     shaped = arguments.reshape(steps, len(even), arguments.shape[1])
-    more = (_turns(look, even, shaped), _zeros(look, even, shaped))
-    which, places = (np.concatenate(parts) for parts in zip(*more, strict=True))
+
+    def value(step: Indices, x: Floats) -> Floats:
+        return look(step, x)[1]
+
+    def slope(step: Indices, x: Floats) -> Floats:
+        return value(step, x + BESIDE) - value(step, x - BESIDE)
+
+    zeros = _zeros(value, shaped, even[:-1], even[1:])
+    turns = _zeros(slope, np.diff(shaped, axis=1), even[:-2], even[2:])
+    which, places = (np.concatenate(parts) for parts in zip(turns, zeros, strict=True))
     if len(which):
         order = np.lexsort((places, which))
         which, places = which[order], places[order]
@@ -78,50 +80,21 @@ def good_until(look: Look, steps: int) -> Floats:
     return good
 
 
-def _turns(look: Look, even: Floats, shaped: Floats) -> tuple[Indices, Floats]:
-    """Return steps and places at which arguments (steps, even, arguments) turn back."""
-    slopes = np.diff(shaped, axis=1)
-    step, place, argument = np.nonzero(slopes[:, :-1] * slopes[:, 1:] < 0.0)
-    sense = np.sign(slopes[step, place, argument])
-    low, width = even[place], even[place + 2] - even[place]
-    rows = np.arange(len(step))
-    for _ in range(ROUNDS if len(step) else 0):
-        values = sense[:, None] * _finer(look, step, low, width, argument)
-        best = np.clip(np.argmax(values, axis=1), 1, FINER - 2)
-        gap = width / (FINER - 1.0)
-        low, width = low + (best - 1) * gap, 2.0 * gap
-        before, here, after = (values[rows, best + k] for k in (-1, 0, 1))
-    if not len(step):
-        return step, low
-    bend = before - 2.0 * here + after
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shift = np.clip(0.5 * (before - after) / bend, -1.0, 1.0)
-    return step, low + 0.5 * width * (1.0 + np.where(np.isfinite(shift), shift, 0.0))
+def _zeros(
+    value: Callable[[Indices, Floats], Floats], rows: Floats, low: Floats, high: Floats
+) -> tuple[Indices, Floats]:
+    """Return steps and places at which arguments are zero, by their values at places.
 
+    Of opposite signs in successive `rows` (steps, places, arguments) they are between `low`
+    and `high` (places,).
+    """
+    step, place, argument = np.nonzero(rows[:, :-1] * rows[:, 1:] < 0.0)
 
-def _zeros(look: Look, even: Floats, shaped: Floats) -> tuple[Indices, Floats]:
-    """Return steps and places at which arguments (steps, even, arguments) are zero."""
-    step, place, argument = np.nonzero(shaped[:, :-1] * shaped[:, 1:] < 0.0)
+    def at(x: Floats, which: Indices) -> Floats:
+        return value(step[which], x)[np.arange(len(x)), argument[which]]
 
-    def value(x: Floats, which: Indices) -> Floats:
-        return look(step[which], x)[1][np.arange(len(x)), argument[which]]
-
-    ends = (shaped[step, place + k, argument] for k in (0, 1))
-    return step, bracketed_zeros(value, even[place], even[place + 1], *ends)[0]
-
-
-def _finer(
-    look: Look,
-    step: Indices,
-    low: Floats,
-    width: Floats,
-    argument: Indices,
-) -> Floats:
-    """Return one argument of each bracket (n,) at its places (n, FINER)."""
-    x = low[:, None] + width[:, None] * np.linspace(0.0, 1.0, FINER)
-    _, arguments = look(np.repeat(step, FINER), x.ravel())
-    chosen = np.repeat(argument, FINER)
-    return np.asarray(arguments[np.arange(x.size), chosen].reshape(x.shape))
+    ends = (rows[step, place + k, argument] for k in (0, 1))
+    return step, bracketed_zeros(at, low[place], high[place], *ends)[0]
 
 
 STRETCH = 50

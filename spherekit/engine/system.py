@@ -82,84 +82,32 @@ def constant(number: int) -> ExpressionNode:
     return made
 
 
-@dataclass(frozen=True)
 class ParameterLayout:
     """The terms of the state, and where what is set for each run stands.
 
-    That are the integrator's parameters, in this order: whole turns of each variable; the
-    unit of momentum and its reciprocal; the least measure of independence; low and high of
-    each stop; the time from which tables run, value and slope of each; the sides of the
-    switches, which are those of `conditions` that loads switch on.
+    The state is all `variable_terms`, `momentum_terms` and `work_terms`: so many
+    `variables`, as many `freedoms` as inputs, whose `momenta` are there, and `works` of the
+    loads. What is set are the integrator's parameters, in this order: whole turns of each
+    variable; the `unit` of momentum and its reciprocal; the `least` measure of
+    independence; low and high of each `stop`; the time from which each `table` runs, value
+    and slope of each; the `side` of the first of the switches, which are those of
+    `conditions` that loads switch on.
     """
 
-    variable_terms: list[ExpressionNode]
-    momentum_terms: list[ExpressionNode]
-    work_terms: list[ExpressionNode]
-    stops: int
-    tables: list[str]
-    conditions: list[Expr]
-
-    @staticmethod
-    def of(mechanism: Mechanism) -> "ParameterLayout":
-        """Return the layout for a mechanism with as many freedoms as inputs."""
-        return ParameterLayout(
-            symbols(mechanism.variable_names),
-            symbols([f"momentum_{k}" for k in range(len(mechanism.inputs))]),
-            symbols([f"work_{k}" for k in range(len(mechanism.loads))]),
-            len(mechanism.joint_limits),
-            [load.name for load in mechanism.loads if isinstance(load, TorqueTable)],
-            [],
-        )
-
-    @property
-    def state(self) -> list[ExpressionNode]:
-        """All terms of the state: variables, momenta, works."""
-        return [*self.variable_terms, *self.momentum_terms, *self.work_terms]
-
-    @property
-    def variables(self) -> int:
-        """How many variables there are."""
-        return len(self.variable_terms)
-
-    @property
-    def freedoms(self) -> int:
-        """How many momenta there are."""
-        return len(self.momentum_terms)
-
-    @property
-    def momenta(self) -> slice:
-        """The momenta among the state."""
-        return slice(self.variables, self.variables + self.freedoms)
-
-    @property
-    def works(self) -> slice:
-        """The works among the state."""
-        return slice(self.variables + self.freedoms, None)
-
-    @property
-    def unit(self) -> int:
-        """The unit of momentum, its reciprocal after it."""
-        return self.variables
-
-    @property
-    def least(self) -> int:
-        """The measure of independence at which a run ends."""
-        return self.variables + 2
-
-    @property
-    def stop(self) -> int:
-        """The first stop's low."""
-        return self.variables + 3
-
-    @property
-    def table(self) -> int:
-        """The time from which tables run."""
-        return self.stop + 2 * self.stops
-
-    @property
-    def side(self) -> int:
-        """The side of the first switch."""
-        return self.table + 1 + 2 * len(self.tables)
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.variables = v = len(mechanism.variable_names)
+        self.freedoms = m = len(mechanism.inputs)
+        self.variable_terms = symbols(mechanism.variable_names)
+        self.momentum_terms = symbols(f"momentum_{k}" for k in range(m))
+        self.work_terms = symbols(f"work_{k}" for k in range(len(mechanism.loads)))
+        self.state = [*self.variable_terms, *self.momentum_terms, *self.work_terms]
+        self.momenta, self.works = slice(v, v + m), slice(v + m, None)
+        tables = (load for load in mechanism.loads if isinstance(load, TorqueTable))
+        self.tables = [load.name for load in tables]
+        self.unit, self.least, self.stop = v, v + 2, v + 3
+        self.table = self.stop + 2 * len(mechanism.joint_limits)
+        self.side = self.table + 1 + 2 * len(self.tables)
+        self.conditions: list[Expr] = []
 
     def moving(self, flow: CoordinateRates, rates: Sequence[Expr]) -> LoadState:
         """Return what loads see of a motion by the coordinates; see `LoadState`."""
@@ -223,7 +171,7 @@ def tensors(mechanism: Mechanism) -> dict[int, Floats]:
 
 def one_freedom(mechanism: Mechanism) -> System:
     """Return the equation of a mechanism whose first input is the input."""
-    layout = ParameterLayout.of(mechanism)
+    layout = ParameterLayout(mechanism)
     structure = Structure.of(mechanism, mechanism.inputs[0].pair)
     variables, (momentum,) = layout.variable_terms, layout.momentum_terms
     placed = place_by_variables(mechanism, structure.pairs, variables)
@@ -389,7 +337,7 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     held
         The variables of the mechanism's own inputs, for the event "type_2".
     """
-    layout = ParameterLayout.of(mechanism)
+    layout = ParameterLayout(mechanism)
     structure = Structure.of(mechanism, mechanism.input_pairs, closed=values)
     variables = layout.variable_terms
     placed = place_by_variables(mechanism, structure.pairs, variables)
