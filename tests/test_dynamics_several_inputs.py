@@ -196,5 +196,3 @@ def test_inputs_without_laws_go_along_their_ranges():
     # Its masses are balanced, and its ratios constant: nothing is needed.
     needed = table[["tau_left_axle", "tau_right_axle"]].to_numpy()
     assert np.max(np.abs(needed)) < 1e-15
-    with pytest.raises(sk.SpherekitError, match="nothing says how they move"):
-        sk.run("five_bar", "dynamics", samples=3, grid=True)

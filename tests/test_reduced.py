@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from common import bare
+from refusals import TABLES, check_call
 
 from spherekit.cli.main import main
 from spherekit.dynamics.inverse import inverse_dynamics
@@ -149,22 +150,10 @@ def test_an_open_curve_refuses_places_beyond_its_ends(four_bar):
             model.pole("3/1", x)
 
 
-def test_bad_requests_name_the_nearest_match(four_bar, models):
-    with pytest.raises(SolveError, match=r'pole "3/5" is not stored; did you mean "3/'):
-        models[0].pole("3/5", 0.1)
-    models[0].value("B", 0.1)  # and is kept
-    with pytest.raises(SolveError, match='pole "B" is not stored'):
-        models[0].pole("B", 0.1)
-    with pytest.raises(
-        SolveError, match='"theta_12" is not stored; did you mean "theta_21"'
-    ):
-        models[0].value("theta_12", 0.1)
-    with pytest.raises(SolveError, match="asked for q = nan"):
-        models[0].torque(float("nan"), 1.0, 0.0)
-    with pytest.raises(SolveError, match="asked for q = inf"):
-        models[0].inertia([0.1, np.inf])
-    with pytest.raises(SolveError, match='"B" is not stored'):
-        reduced_model(bare("stephenson"), poles=()).torque(0.1, 1.0, 0.0)
+@pytest.mark.parametrize("call", TABLES["stored models"])
+def test_bad_requests_name_the_nearest_match(models, call):
+    names = {"model": models[0], "reduced_model": reduced_model, "bare": bare}
+    check_call(call, names, TABLES["stored models"][call])
 
 
 def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):

@@ -214,7 +214,3 @@ def test_the_command_writes_tables_and_says_where(tmp_path, capsys):
     said = capsys.readouterr().err
     assert str(tmp_path / "tables" / "poles") in said
     assert len(pd.read_parquet(tmp_path / "tables" / "poles")) == 120
-    with pytest.raises(DesignError, match='no table "pole"'):
-        sk.sweep("four_bar", {"links.2.arc": [20.0]}, "max(q)", samples=3).table("pole")
-    with pytest.raises(DesignError, match="of which"):
-        sk.sweep("four_bar", {"links.2.arc": [20.0]}, "max(q)", tables=True)

@@ -6,7 +6,6 @@ from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.variables import design_variable
-from spherekit.errors import DesignError
 from spherekit.files.read import read
 from spherekit.files.write import document_of, number_path, with_numbers
 from spherekit.model.study import Study
@@ -119,16 +118,6 @@ def test_what_is_said_of_several_inputs():
     assert np.allclose(rows["there"], there.variable_coefficient("43", "51"), rtol=1e-12)
     low = sk.load("five_bar").inputs[1].start
     assert np.allclose(rows["where"], np.degrees(low))
-    for reduce, message in (
-        ("at(q_21, 30)", "2 inputs"),
-        ("argmax(q_21)", "whose value"),
-        ("argmax(q_21, 32)", "whose value"),
-    ):
-        with pytest.raises(DesignError, match=message):
-            sk.sweep("five_bar", vary, reduce, samples=3)
-    with pytest.raises(DesignError, match="a grid"):
-        grid = Study("", sk.load("five_bar"), samples=(3, 3))
-        sk.sweep(grid, vary, "swing(theta_32)")
 
 
 def test_modes_beyond_dyads_are_followed_to_those_of_a_run():

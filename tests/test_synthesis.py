@@ -4,13 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import text_of
+from refusals import TABLES, changed, check_call, text_of
 
 import spherekit as sk
 from spherekit.design.descent import FigureGradients, HeldMode, least_greatest
 from spherekit.design.requirements import nondominated
 from spherekit.design.synthesis import one_linkage
-from spherekit.errors import AnalysisError, DesignError, FileError
 from spherekit.files.library import find
 from spherekit.front.designs import specification_of
 
@@ -235,46 +234,14 @@ def test_numbers_at_their_limits_have_slopes():
     assert not any(steady is None for steady in varied.steady)
 
 
-HEAD = 'format = 1\nmechanism = "four_bar"\nsamples = 9\nminimise = "x"\n'
-VARY = '[vary]\n"links.2.arc" = [10, 40]\n'
-LARGEST = '[figures]\nx = "max(q)"'
-MATCH = '[match]\nquantity = "theta_41"\nat = [1, 2]\nvalues = [1]'
-MISTAKES = [
-    (HEAD.replace('minimise = "x"', "") + VARY, FileError, "minimise"),
-    (HEAD + VARY, DesignError, "figure of merit"),
-    (HEAD.replace('"x"', '"y"') + VARY + LARGEST, DesignError, "minimise"),
-    (HEAD + VARY + LARGEST.replace("max", "most"), AnalysisError, "max"),
-    (HEAD + VARY.replace("2", "8", 1) + LARGEST, FileError, 'there is no "8"'),
-    (HEAD.replace('"x"', '"match"') + VARY + MATCH, FileError, "1 values for 2 inputs"),
-    (HEAD + 'where = ["x > 1000"]\n' + VARY + LARGEST, DesignError, "of 8 designs meets"),
-]
-
-
-@pytest.mark.parametrize("text, error, message", MISTAKES)
-def test_mistakes_say_what_is_wrong(text, error, message, tmp_path):
-    path = tmp_path / "synthesis.toml"
-    path.write_text(text)
-    with pytest.raises(error, match=message):
+@pytest.mark.parametrize("call", TABLES["syntheses"])
+def test_mistakes_say_what_is_wrong(call, tmp_path):
+    def made(*changes):
+        path = tmp_path / "synthesis.toml"
+        path.write_text(changed(text_of("synthesis_small"), *changes))
         sk.synthesize(path, designs=8, starts=1)
 
-
-def test_what_none_of_the_designs_meets_is_said(tmp_path):
-    path = tmp_path / "synthesis.toml"
-    text = """
-format = 1
-mechanism = "four_bar"
-samples = 9
-minimise = "peak"
-where = ["closes > 0.9", "peak < 0"]
-figures = { peak = "max(abs(rate_41))" }
-vary = { "links.2.arc" = [10.0, 20.0], "links.1.arc" = [LOW, HIGH] }
-"""
-    path.write_text(text.replace("LOW", "60.0").replace("HIGH", "70.0"))
-    with pytest.raises(DesignError, match=r"peak < 0 holds in 0 of 16 rows; widen"):
-        sk.synthesize(path, designs=8, starts=1)
-    path.write_text(text.replace("LOW", "172.0").replace("HIGH", "179.0"))
-    with pytest.raises(DesignError, match=r"8 of 8 close at no sample; widen"):
-        sk.synthesize(path, designs=8, starts=1)
+    check_call(call, {"made": made}, TABLES["syntheses"][call])
 
 
 def test_match_is_the_angle_that_points_are_missed_by(tmp_path):

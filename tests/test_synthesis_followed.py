@@ -6,7 +6,6 @@ import pytest
 import spherekit as sk
 from spherekit.design.descent import FigureGradients, every_mode
 from spherekit.design.variables import EIGHTH
-from spherekit.errors import DesignError
 from spherekit.files.library import find
 from spherekit.front.designs import specification_of
 
@@ -193,21 +192,3 @@ def test_a_mode_ends_where_its_designs_do(tmp_path):
         back = moved.places(here, 9)
         held = np.isfinite(moved.followed[2][0])
         assert back[:, held] == pytest.approx(mode.followed[2][:, held], abs=1e-9)
-
-
-def test_several_objectives_need_dyads(tmp_path):
-    path = written(
-        tmp_path / "front.toml", "double_butterfly", "a", AXES, {"a": "rms(rate_F)"}, 9
-    )
-    text = path.read_text().replace('minimise = "a"', 'minimise = ["a", "-a"]')
-    path.write_text(text)
-    with pytest.raises(DesignError, match="minimise one, and bound the others"):
-        sk.synthesize(path, designs=4, starts=1)
-
-
-def test_rollers_on_other_profiles_are_swept(tmp_path):
-    figures = {"a": "rms(rate_follower_pivot)"}
-    vary = {"pairs.contact.follower.roller": [10.0, 14.0]}
-    path = written(tmp_path / "roller.toml", "shaped_cam", "a", vary, figures, 9)
-    with pytest.raises(DesignError, match="sweep it instead"):
-        sk.synthesize(path, designs=4, starts=1)
