@@ -79,16 +79,6 @@ def test_the_relation_holds_in_every_row(rocker):
     assert np.all(good[good["form"] == "ii"]["transmission"].notna())
 
 
-def test_the_nearest_dead_centre_is_as_far_as_the_inputs_say(rocker):
-    result, _ = rocker
-    points, frame = result.frame(), result.frame(NAME, "relation")
-    good = frame[frame["status"].astype(str) == "OK"]
-    dead = points[points["kind"] == "II"]["q"].to_numpy()
-    away = np.abs(good["q"].to_numpy()[:, None] - dead)
-    away = np.min(np.minimum(away, 2.0 * np.pi - away), axis=1)
-    assert np.max(np.abs(good["input_margin_II"] - away)) < 1e-9
-
-
 def test_findings_count_and_warn_as_near_asks(rocker):
     figures, warnings = findings_of(rocker[0])
     kinds = rocker[0].frame()["kind"].value_counts().to_dict()
