@@ -153,20 +153,18 @@ class SeveralInputs:
             for locus in self.loci[output.name]:
                 if locus.everywhere:
                     told = {"kind": locus.kind, "inside": "yes", "residual": 0.0}
-                    told |= {"output": name, "curve": -1}
-                    told |= {"note": "in every configuration", **_claimed(locus.claim)}
-                    parts.append(told)
+                    told |= {"output": name, "curve": -1, **_claimed(locus.claim)}
+                    parts.append(told | {"note": "in every configuration"})
                 elif isinstance(locus, SingularSurface):
                     vertices = self._rows(locus.points, output, locus.claim)
-                    vertices |= {"curve": locus.component, "note": "vertex of a surface"}
-                    parts.append(vertices)
+                    note = "vertex of a surface"
+                    parts.append(vertices | {"curve": locus.component, "note": note})
                 else:
                     for curve in locus.curves:
                         whole = self._rows(curve.points, output, locus.claim)
-                        whole |= {"curve": number, "s": curve.s}
-                        whole["note"] = "closed" if curve.closed else "open"
-                        if curve.why:
-                            whole["condition"] = curve.why
+                        note = "closed" if curve.closed else "open"
+                        whole |= {"curve": number, "s": curve.s, "note": note}
+                        whole |= {"condition": curve.why} if curve.why else {}
                         away = np.abs(wrap(curve.both.values[:, None] - met))
                         fresh = ~np.any(np.max(away, axis=2) < SAME, axis=1)
                         both = self._rows(curve.both.rows(fresh), output, locus.claim)
@@ -177,19 +175,17 @@ class SeveralInputs:
         return SINGULARITIES.stacked(self.batch.mechanism, parts)
 
     def _rows(self, points: SingularPoints, output: Output, claim: Completeness) -> Row:
-        batch, number = self.batch, self.batch.mechanism.link_number
-        links, rest = (
-            (number[output.link], number[output.relative_to]),
-            output_of(batch.mechanism, output.name),
-        )
+        batch, mechanism = self.batch, self.batch.mechanism
+        number, rest = mechanism.link_number, output_of(mechanism, output.name)
+        links = number[output.link], number[output.relative_to]
         motion, by_rank = batch.tracer.given(points.values), batch.tracer.by_rank
         return {
             "kind": [RowType(code).label for code in points.type],
             "condition": what_vanishes(motion, rest, points.pointing, by_rank),
-            **input_columns(batch.mechanism, points.inputs),
+            **input_columns(mechanism, points.inputs),
             **configuration_columns(batch, points.values, links, points.pointing),
             "inside": np.where(points.inside, "yes", "no"),
-            "output": named(batch.mechanism, output),
+            "output": named(mechanism, output),
             "residual": points.residual,
             **_claimed(claim),
         }

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from spherekit.analysis.scene import Range
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.sphere.rotation import nans
 
 LONELY = {"curves": 16.0, "colours": 5.0}
@@ -75,6 +75,11 @@ def map_range(values: Floats, unit: str) -> Range:
     return plotted_range(finite, scale_of(finite, unit), MAP_RESOLUTION, "colours")
 
 
+def parted(line: Floats, gaps: Bools) -> Floats:
+    """Return points (n, k) with NaN between two where there is a gap (n - 1,)."""
+    return np.insert(line, np.flatnonzero(gaps) + 1, np.nan, axis=0)
+
+
 def broken(line: Floats, frame: Range, turn: float | None) -> Floats:
     """Return points (n, 2) with a gap (NaN) where the curve is not what a stroke says.
 
@@ -87,8 +92,7 @@ def broken(line: Floats, frame: Range, turn: float | None) -> Floats:
     gap = ((before < low) & (after > high)) | ((before > high) & (after < low))
     if turn is not None:
         gap |= np.abs(after - before) >= 0.5 * turn
-    (places,) = np.nonzero(gap)
-    return np.insert(line, places + 1, np.nan, axis=0)
+    return parted(line, gap)
 
 
 def cut(line: Floats, frame: Range) -> Floats:

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from spherekit.analysis.plotted import map_range, plotted_range, scale_of
+from spherekit.analysis.plotted import map_range, parted, plotted_range, scale_of
 from spherekit.analysis.scene import (
     Arrow,
     Axis,
@@ -107,8 +107,11 @@ def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figur
                 panel.set_xlabel(item.x_label)
             if place % across == 0:
                 panel.set_ylabel(item.y_label)
+            ranges = item.x_range, item.y_range
             for k, name in enumerate(item.names):
-                path = _joined(item.places[:, k], item)
+                path = item.places[:, k]
+                far = np.abs(np.diff(path, axis=0)) > FAR * np.ptp(ranges, axis=1)
+                path = parted(path, np.any(far, axis=1))
                 panel.plot(*path.T, label=name, **_look(item, k))
         figure.draw_without_rendering()
         for panel, (_, item) in zip(panels, items, strict=True):
@@ -121,13 +124,6 @@ def _look(item: Diagram, number: int) -> Look:
     if item.tones[number] == 0:
         return {"color": style.INK}
     return style.series_look(int(np.count_nonzero(item.tones[:number])))
-
-
-def _joined(path: Floats, item: Diagram) -> Floats:
-    """Return a path (n, 2) with gaps where it passes through infinity."""
-    size = np.ptp([item.x_range, item.y_range], axis=1)
-    far = np.any(np.abs(np.diff(path, axis=0)) > FAR * size, axis=1)
-    return np.insert(path, np.flatnonzero(far) + 1, np.nan, axis=0)
 
 
 def _label(panel: Axes, item: Diagram) -> None:

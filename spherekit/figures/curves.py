@@ -13,7 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.plotted import TURNS, broken, map_range, plotted_range, scale_of
+from spherekit.analysis.plotted import (
+    TURNS,
+    broken,
+    map_range,
+    parted,
+    plotted_range,
+    scale_of,
+)
 from spherekit.analysis.scene import (
     Arrow,
     InputMarks,
@@ -358,7 +365,7 @@ def _path(panel: Axes, view: View, directions: Floats, look: Look, way: Transfor
     """Draw an axis over the samples, with a gap where it goes round the rim."""
     near = np.sign(directions @ view.frame[2])[:, None] * directions
     turned = np.sum(near[1:] * near[:-1], axis=1) < 0.0
-    near = np.insert(near, np.nonzero(turned)[0] + 1, np.nan, axis=0)
+    near = parted(near, turned)
     panel.plot(*view.placed(near).T, transform=way, **look)
     first = view.placed(near[np.isfinite(near).all(axis=1)][:1])
     panel.plot(*first.T, "o", color=look["color"], markersize=3.0, transform=way)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from spherekit.analysis.plotted import MOST_KINDS, TURNS
+from spherekit.analysis.plotted import MOST_KINDS, TURNS, parted
 from spherekit.analysis.scene import Portrait, Scene, titled
 from spherekit.figures import style
 from spherekit.figures.sdk import Axes, Figure
@@ -66,11 +66,8 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
 def _trace(panel: Axes, scene: Scene, portrait: Portrait, name: str) -> None:
     """Draw the rows of a page in its colour, from a dot on."""
     line = np.stack([portrait.x, portrait.y], axis=1)
-    for column, unit in ((0, portrait.x_unit), (1, portrait.y_unit)):
-        turn = TURNS.get(unit)
-        if turn is not None:
-            jumps = np.abs(np.diff(line[:, column])) >= 0.5 * turn
-            line = np.insert(line, np.nonzero(jumps)[0] + 1, np.nan, axis=0)
+    turns = [TURNS.get(unit, np.inf) for unit in (portrait.x_unit, portrait.y_unit)]
+    line = parted(line, np.any(np.abs(np.diff(line, axis=0)) >= np.multiply(0.5, turns), 1))
     look = style.page_look(scene.page)
     panel.plot(*line.T, linewidth=1.4, zorder=2.5, label=name, **look)
     finite = line[np.isfinite(line).all(axis=1)]

@@ -121,9 +121,9 @@ def aspects(
     PlanError
         If the mechanism has not one freedom for each input.
     """
-    unknown = [kind for kind in free_of if kind not in ("I", "II")]
-    if unknown:
-        raise AnalysisError(f'aspects are free of "I" and "II", not of "{unknown[0]}"')
+    for kind in free_of:
+        if kind not in ("I", "II"):
+            raise AnalysisError(f'aspects are free of "I" and "II", not of "{kind}"')
     asked = mechanism.outputs or "I" in free_of
     rest = output_of(mechanism, output, pointing) if asked else None
     solver = solver_of(mechanism)
@@ -151,8 +151,7 @@ def _starts(solver: Solver, input_grid: InputGrid) -> tuple[Floats, Indices]:
             np.unique(np.linspace(0, count - 1, min(PROBES, count)).astype(int))
             for count in input_grid.shape
         ]
-        mesh = np.meshgrid(*places, indexing="ij")
-        rows = np.ravel_multi_index([axis.ravel() for axis in mesh], input_grid.shape)
+        rows = np.ravel_multi_index(np.ix_(*places), input_grid.shape).ravel()
     values, which = configurations(solver, input_grid.q[rows])
     return values, rows[which]
 
@@ -292,9 +291,7 @@ class _Spread:
         label = labels(n, np.searchsorted(kept, np.concatenate(self.joined)))
         sizes = np.bincount(label)
         order = np.argsort(-sizes, kind="stable")
-        rank = np.empty_like(order)
-        rank[order] = np.arange(len(order))
-        label, sizes = rank[label], sizes[order]
+        label, sizes = np.argsort(order)[label], sizes[order]
         modes = np.zeros(len(sizes), dtype=np.int64)
         pairs, often = np.unique(np.stack([label, nodes.row]), axis=1, return_counts=True)
         np.maximum.at(modes, pairs[0], often)

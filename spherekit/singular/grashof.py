@@ -80,12 +80,13 @@ def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
     None for other mechanisms.
     """
     ends = mechanism.ends
-    joined = [sum(k in links for links in ends) for k in range(len(mechanism.links))]
+    joined = np.bincount(np.ravel(ends), minlength=len(mechanism.links)).tolist()
     turning = all(pair.kind.has_axis for pair in mechanism.pairs)
     if not turning or joined != [2, 2, 2, 2] or len(mechanism.inputs) != 1:
         return None
-    driven = mechanism.pair_number[mechanism.inputs[0].pair]
-    fixed, moved = ends[driven][:: -1 if ends[driven][1] == 0 else 1]
+    fixed, moved = ends[mechanism.pair_number[mechanism.inputs[0].pair]]
+    if moved == 0:
+        fixed, moved = moved, fixed
     (output,) = (
         sum(links) - fixed for links in ends if fixed in links and moved not in links
     )
@@ -240,15 +241,15 @@ def local_least(
 
 def _ends(sampled: SampledSingularities, number: int) -> tuple[Floats, Floats]:
     """Return where the range or a curve ends, and places a little inward (k,)."""
-    curve, whole = sampled.curves[number], sampled.whole_range(number)
-    stops = Status.AT_SINGULARITY not in curve.ends and not curve.closed
-    places = [np.zeros((2, 0))]
-    for piece in sampled.configurations.curves[number].pieces:
-        ends = np.array([piece.start, piece.stop])
-        q = curve.at(ends).values[:, sampled.tracer.solver.single] + piece.shift
-        taken = (np.min(np.abs(q[:, None] - sampled.range), axis=1) < AT_END) & (not whole)
-        taken |= stops & (np.minimum(ends, curve.length - ends) < AT_END)
-        within = INWARD * (piece.stop - piece.start) * np.array([1.0, -1.0])
-        places.append(np.stack([ends, ends + within])[:, taken])
-    ends, inward = np.concatenate(places, axis=1)
-    return ends, inward
+    curve, pieces = sampled.curves[number], sampled.configurations.curves[number].pieces
+    ends = np.array([(piece.start, piece.stop) for piece in pieces]).reshape(-1, 2)
+    shifts = np.array([piece.shift for piece in pieces])
+    turned = curve.at(ends.ravel()).values[:, sampled.tracer.solver.single]
+    q = turned.reshape(ends.shape) + shifts[:, None]
+    taken = np.zeros(ends.shape, dtype=bool)
+    if not sampled.whole_range(number):
+        taken |= np.min(np.abs(q[..., None] - sampled.range), axis=2) < AT_END
+    if Status.AT_SINGULARITY not in curve.ends and not curve.closed:
+        taken |= np.minimum(ends, curve.length - ends) < AT_END
+    inward = ends + INWARD * np.diff(ends) * [1.0, -1.0]
+    return ends[taken], inward[taken]

@@ -266,18 +266,9 @@ def by_motions(
     one, beside = _type_one(inputs, moving, tolerance)
     condition = np.where(motion.failed, np.nan, space.reciprocal_condition)
     first, second, crossed = one < tolerance, two < tolerance, condition < tolerance
-    kind = np.select(
-        [~np.isfinite(two), second & first & ~crossed, second, crossed, first, beside],
-        [
-            RowType.UNKNOWN,
-            RowType.III,
-            RowType.II,
-            RowType.SELF_MOTION,
-            RowType.I,
-            RowType.SELF_MOTION,
-        ],
-        RowType.REGULAR,
-    ).astype(np.int8)
+    kind = ((first & ~crossed) + 2 * second).astype(np.int8)
+    kind[(kind == RowType.REGULAR) & (crossed | beside)] = RowType.SELF_MOTION
+    kind[~np.isfinite(two)] = RowType.UNKNOWN
     alone_singular = np.any(~(np.abs(np.stack(rates)) > ALONE * tolerance), axis=(0, 2))
     singular = (kind > 0) & (kind <= RowType.III)
     return {

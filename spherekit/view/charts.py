@@ -60,22 +60,8 @@ def _line(count: int) -> float:
     return min(WIDEST_LINE, max(LINE, FRAME_HEIGHT / count))
 
 
-@dataclass
-class Curve:
-    """One series of a chart, growing block by block."""
-
-    label: str
-    colour: colours.Colour
-    unit: str
-    resolution: float
-    values: list[Floats] = field(default_factory=list)
-    places: list[tuple[Floats, ...]] = field(default_factory=list)
-
-    @property
-    def whole(self) -> tuple[list[Floats], Floats]:
-        """The places on each axis, and the values, of all blocks."""
-        rows = [np.concatenate(axis) for axis in zip(*self.places, strict=True)]
-        return rows, np.concatenate(self.values)
+Block = tuple[tuple[Axis, ...], Series]
+"""Some rows of a series, and what these are over."""
 
 
 @dataclass
@@ -84,7 +70,9 @@ class Chart:
 
     title: str
     over: tuple[Axis, ...]
-    curves: dict[str, Curve] = field(default_factory=dict)
+    curves: dict[str, list[Block]] = field(default_factory=dict)
+    """Their series by their paths, block by block."""
+    tints: dict[str, colours.Colour] = field(default_factory=dict)
     columns: int = 0
     """Of the legend, if not as many as its curves need."""
 
@@ -103,13 +91,19 @@ class Chart:
             self.columns = min(-(-len(self.curves) // most), MOST_COLUMNS)
         return WIDTH - LEFT - self.columns * LEGEND
 
-    def add(self, path: str, series: Series) -> Curve:
-        """Return the curve of a series, a new one in a colour of its own."""
+    def add(self, path: str, series: Series, over: tuple[Axis, ...]) -> None:
+        """Take a block of a series, a new one in a colour of its own."""
         if path not in self.curves:
-            used = [curve.colour for curve in self.curves.values()]
-            colour = colours.of_series(series.link, used)
-            self.curves[path] = Curve(series.label, colour, series.unit, series.resolution)
-        return self.curves[path]
+            self.tints[path] = colours.of_series(series.link, [*self.tints.values()])
+        block = over, replace(series, values=series.values.copy())
+        self.curves.setdefault(path, []).append(block)
+
+    def whole(self, path: str) -> tuple[list[Floats], Floats]:
+        """Return the places on each axis, and the values, of all blocks of a series."""
+        blocks = self.curves[path]
+        axes = zip(*(over for over, _ in blocks), strict=True)
+        places = [np.concatenate([axis.values for axis in every]) for every in axes]
+        return places, np.concatenate([series.values for _, series in blocks])
 
     def across(self, values: Floats) -> Floats:
         """Return where values on the first axis are in the frame."""
@@ -125,7 +119,7 @@ class Chart:
 
     def legend(self, paths: Sequence[str]) -> tuple[Floats, list[colours.Colour]]:
         """Return where the names (k, 2) of some curves are, and their colours."""
-        tints = [self.curves[path].colour for path in self.curves if path in paths]
+        tints = [self.tints[path] for path in self.curves if path in paths]
         if self.is_map:
             return np.array([[self.width + 0.5 * LEGEND, -TOP]]), tints
         most = int(FRAME_HEIGHT / LINE)
@@ -139,19 +133,19 @@ class Chart:
         if self.is_map:
             yield from self._map()
             return
-        curves = [(curve, *curve.whole) for curve in self.curves.values()]
-        unit = curves[0][0].unit
-        resolution = max(curve.resolution for curve, _, _ in curves)
-        every = np.concatenate([values for _, _, values in curves])
+        first = [blocks[0][1] for blocks in self.curves.values()]
+        unit, resolution = first[0].unit, max(series.resolution for series in first)
+        curves = {path: self.whole(path) for path in self.curves}
+        every = np.concatenate([values for _, values in curves.values()])
         span = plotted_range(every, scale_of(every, unit), resolution)
         yield from frame(self.width, side_of(self.over[0]), side("", span, unit == "deg"))
-        for number, (curve, rows, values) in enumerate(curves):
+        for number, (path, (rows, values)) in enumerate(curves.items()):
             line = np.stack([_part(rows[0], *self.over[0].extent), values], axis=1)
             line = cut(broken(line, span, TURNS.get(unit)), span)
             line[:, 1] = _part(line[:, 1], *span)
             lines = shapes.unbroken(in_frame(line, self.width))
             if lines:
-                yield f"curves/{number}", strips(lines, curve.colour)
+                yield f"curves/{number}", strips(lines, self.tints[path])
         if self.over[0].unit == "deg":
             yield from self._marked(marks)
 
@@ -169,12 +163,13 @@ class Chart:
             yield f"marks/{number}/words", _words(names, tint, len(x) <= MOST_LABELS)
 
     def _map(self) -> Stills:
-        (curve,) = self.curves.values()
-        x, y, cells = gridded(*curve.whole)
+        (path,) = self.curves
+        _, series = self.curves[path][0]
+        x, y, cells = gridded(*self.whole(path))
         first, second = self.over[:2]
         yield from frame(self.width, side_of(first), side_of(second), lined=False)
         low, high = plotted_range(
-            cells, scale_of(cells, curve.unit), curve.resolution, "colours"
+            cells, scale_of(cells, series.unit), series.resolution, "colours"
         )
         across = _nearest(x, first.extent, round(self.width))
         down = _nearest(y, second.extent, round(FRAME_HEIGHT))[::-1]
@@ -199,12 +194,11 @@ class Chart:
 
 def compared(modes: Sequence[Chart]) -> Chart:
     """Return the chart of all modes: the first in full colours, others lighter."""
-    first = modes[0]
-    whole = Chart(first.title, first.over)
+    whole = replace(modes[0], curves={}, tints={})
     for step, chart in enumerate(modes):
-        for path, curve in chart.curves.items():
-            whole.curves[path] = replace(curve, colour=colours.shaded(curve.colour, step))
-    whole.columns = first.columns
+        whole.curves |= chart.curves
+        for path, tint in chart.tints.items():
+            whole.tints[path] = colours.shaded(tint, step)
     return whole
 
 
@@ -394,14 +388,14 @@ def written(value: float, step: float) -> str:
     return f"{value:.{digits}f}".replace("-", "\u2212")
 
 
-def legend_words(curves: Sequence[Curve]) -> list[str]:
+def legend_words(latest: Sequence[Series]) -> list[str]:
     """Return the names with their values, row after row of the last blocks."""
     columns = []
-    for curve in curves:
-        label = curve.label
+    for series in latest:
+        label = series.label
         short = label if len(label) <= LONGEST else f"{label[: LONGEST - 1]}…"
-        values = curve.values[-1].tolist()
-        columns.append([f"{short}  {_number(x, curve.resolution)}" for x in values])
+        values = series.values.tolist()
+        columns.append([f"{short}  {_number(x, series.resolution)}" for x in values])
     return [words for row in zip(*columns, strict=True) for words in row]
 
 

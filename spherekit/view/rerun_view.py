@@ -100,9 +100,7 @@ class Charts:
             view = partial(plane, where, title, charts.BOUNDS)
             layout.plots.append(Plot(scene.page, where, asked_for(scene), view, compared))
         path = layout.path(scene.page, item)
-        curve = self.charts[where].add(path, item)
-        curve.values.append(np.array(item.values))
-        curve.places.append(tuple(axis.values for axis in over))
+        self.charts[where].add(path, item, over)
         touched.setdefault(where, []).append(path)
         return is_new
 
@@ -120,7 +118,7 @@ class Charts:
             columns = chart.cursor([axis.values for axis in over])
             self.outputs.columns(cursor, lines, columns, count)
             self.outputs.first(legend, [("", charts.legend_style(*chart.legend(paths)))])
-            words = charts.legend_words([chart.curves[path] for path in paths])
+            words = charts.legend_words([chart.curves[path][-1][1] for path in paths])
             columns = rr.Points2D.columns(labels=words).partition([len(paths)] * count)
             self.outputs.columns(legend, lines, columns, count)
 
@@ -138,7 +136,7 @@ class Charts:
             if len(of_modes) > 1 and curves <= MOST_COMPARED:
                 whole, first = charts.compared(of_modes), of_modes[0].curves
                 self.layout.compared[path] = whole.title
-                names = [curve.label for curve in first.values()]
+                names = [blocks[0][1].label for blocks in first.values()]
                 style = charts.legend_style(*whole.legend(list(first)), names)
                 self.outputs.still(path, [*whole.drawn(), ("legend", style)], places)
 
