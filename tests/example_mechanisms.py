@@ -37,6 +37,13 @@ def cam(ground, profile, follower, contact="external"):
     return sk.Mechanism("cam", "1", links, pairs, SizeGeometry(sizes), inputs=inputs)
 
 
+def one_link(tensor, *loads, mass=None, centre=None, axis=(1.0, 0.0, 0.0), **more):
+    """Return a link that turns about an axis in the ground, at the pair 12."""
+    pairs, axes = (Pair("12", "R", ("1", "2")),), PoseGeometry({"12": axis})
+    made = sk.Mechanism("one_link", "1", ("1", "2"), pairs, axes).with_inputs("12")
+    return replace(made.with_mass("2", tensor, mass, centre), loads=loads, **more)
+
+
 def open_cam():
     """Return a cam whose profile of waves is an arc alone, and a roller on it."""
     angles = np.linspace(-1.0, 1.0, 60)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from chains import mechanism
+from example_mechanisms import one_link
 from newton_euler import heavy, hold_to
 
 import spherekit as sk
@@ -11,10 +11,8 @@ import spherekit as sk
 def spun(grip, positions=(0.2, 0.7)):
     """Return a wheel out of balance on one axis, on two bearings 0.5 m apart or on one."""
     tensor = (2.0, 0.0, 0.3), (0.0, 2.0, 0.4), (0.3, 0.4, 1.0)
-    made = mechanism("1-2", np.array([[0.0, 0.0, 1.0]]))
-    made = made.with_inputs(made.pairs[0].name).with_mass(made.links[1], tensor)
-    rub = sk.Bearings("rub", made.pairs[0].name, positions, 0.25 * grip, 1.0, 1e-3)
-    return made.with_loads(rub)
+    rub = sk.Bearings("rub", "12", positions, 0.25 * grip, 1.0, 1e-3)
+    return one_link(tensor, rub, axis=(0.0, 0.0, 1.0))
 
 
 @pytest.mark.parametrize("positions", [(0.2, 0.7), (0.25,)])

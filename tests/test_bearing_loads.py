@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from chains import mechanism
+from example_mechanisms import one_link
 from newton_euler import loaded, row_of, spatial
 from refusals import text_of
 from test_reactions import STARTS, moving
@@ -138,13 +138,10 @@ def test_a_spinning_shaft_is_slowed_by_its_weight_on_the_fixed_bearing():
 
     So C a = -c r m g, and the angle is w t - c r m g t^2 / (2 C).
     """
-    made = mechanism("1-2", np.array([[0.0, 0.0, 1.0]]))
-    pair, link = made.pairs[0].name, made.links[1]
-    made = made.with_inputs(pair).with_mass(
-        link, np.diag([0.5, 0.5, 0.2]), mass=4.0, centre=(0.0, 0.0, 0.3)
-    )
-    rub = sk.Bearings("rub", pair, (0.2, 0.7), 0.05, 0.4, 1e-3, axial=(1.0, 0.0))
-    made = made.with_loads(sk.Gravity("weight", (0.0, 0.0, -10.0)), rub)
+    rub = sk.Bearings("rub", "12", (0.2, 0.7), 0.05, 0.4, 1e-3, axial=(1.0, 0.0))
+    loads, up = (sk.Gravity("weight", (0.0, 0.0, -10.0)), rub), (0.0, 0.0, 1.0)
+    tensor, centre = np.diag([0.5, 0.5, 0.2]), (0.0, 0.0, 0.3)
+    made = one_link(tensor, *loads, mass=4.0, centre=centre, axis=up)
     slowed = 0.4 * 0.05 * 40.0 / 0.2
     found = sk.simulate(made, sk.Start(0.0, 9.0), 1.0)
     history = found.at([0.5, 1.0])

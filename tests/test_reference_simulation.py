@@ -1,12 +1,14 @@
 """Simulations in wide numbers against closed forms, and what a trade says of others."""
 
 from dataclasses import replace
+from functools import partial
 
 import mpmath as mp
 import numpy as np
 import pytest
 from exact_four_bar import arcs_of
 from exact_four_bar import four_bar as four_bar_at
+from example_mechanisms import one_link
 
 import spherekit as sk
 from spherekit.analysis.registry import create
@@ -16,10 +18,8 @@ from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.reference import reference_simulation
 from spherekit.engine.compiler import available
 from spherekit.errors import EngineError
-from spherekit.model.dynamics import Gravity, JointLimit, Mass, PairTorque, Spring
+from spherekit.model.dynamics import Gravity, JointLimit, PairTorque, Spring
 from spherekit.model.load import TorqueTable
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Pair, PoseGeometry
 from spherekit.model.study import Start
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.proof.balls import Digits
@@ -36,20 +36,9 @@ def digits():
         yield
 
 
-def pendulum(*loads, joint_limits=()):
-    """Return one link that turns about x in the ground, its centre below."""
-    made = Mechanism(
-        "pendulum",
-        "1",
-        ("1", "2"),
-        (Pair("12", "R", ("1", "2")),),
-        PoseGeometry({"12": (1.0, 0.0, 0.0)}),
-    )
-    tensor = ((INERTIA, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.5))
-    mass = Mass("2", tensor, WEIGHT, (0.0, 0.0, -0.25))
-    return replace(
-        made.with_inputs("12"), masses=(mass,), loads=loads, joint_limits=joint_limits
-    )
+pendulum = partial(
+    one_link, np.diag([INERTIA, 0.5, 0.5]), mass=WEIGHT, centre=(0.0, 0.0, -0.25)
+)
 
 
 def off(found, expected):

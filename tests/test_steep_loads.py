@@ -1,10 +1,11 @@
 """Loads that change at once, by both engines against free bodies integrated by SciPy."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import pytest
+from example_mechanisms import one_link as linked
 from multibody import Hinge, MultiBody
 
 from spherekit.cli.main import FAILED_SAMPLES, main
@@ -14,8 +15,6 @@ from spherekit.errors import EngineError, SolveError
 from spherekit.files.read import load
 from spherekit.files.write import dump
 from spherekit.model.dynamics import Friction, JointLimit, Mass, PairTorque
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Pair, PoseGeometry
 from spherekit.model.study import Start
 from spherekit.motion.motion import PositionAnalysis
 
@@ -178,19 +177,7 @@ def test_sticking_is_that_of_an_outside_integrator(engine):
 INERTIA = 0.75
 
 
-def one_link(*loads, joint_limits=()):
-    """Return one link of this inertia that turns about x in the ground."""
-    made = Mechanism(
-        "one_link",
-        "1",
-        ("1", "2"),
-        (Pair("12", "R", ("1", "2")),),
-        PoseGeometry({"12": (1.0, 0.0, 0.0)}),
-    ).with_inputs("12")
-    tensor = ((INERTIA, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.5))
-    return replace(
-        made, masses=(Mass("2", tensor),), loads=loads, joint_limits=joint_limits
-    )
+one_link = partial(linked, np.diag([INERTIA, 0.5, 0.5]))
 
 
 def torque(text):
