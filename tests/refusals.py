@@ -1,4 +1,4 @@
-"""What is refused, as data: `refusals.toml` says of each mistake what its message says.
+"""What is refused or told, as data: `refusals.toml` says what the message of each says.
 
 Of files a row is (what stands in the file of the table's name, what is put there instead,
 fragments of the message), of calls and commands the fragments alone. A message says where

@@ -91,21 +91,12 @@ def test_commands_lock(tmp_path, capsys):
     assert main(["plan", *held]) == main(["validate", *held]) == 0
     model = str(tmp_path / "x.xml")
     assert main(["export", *held, "--to", "mjcf", "--at", "80", "-o", model]) == 0
-    capsys.readouterr()
-    assert main(["run", "five_bar", "--lock", "51"]) == 1
-    assert "--lock" in capsys.readouterr().err
     study = tmp_path / "held.study.toml"
     study.write_text(
         'format = 1\nmechanism = "five_bar"\nangle_unit = "deg"\nsamples = 5\n'
         "[lock]\n51 = 80.0\n[analyses.poles]\n"
     )
     assert [item.pair for item in sk.load_study(study).mechanism.inputs] == ["21"]
-
-
-def test_locked_mechanisms_are_verified(tmp_path, capsys):
-    locked = ["--lock", "51=80", "--samples", "3", "--verify", "2"]
-    assert main(["run", "five_bar", *locked]) == 0
-    assert "rates lie within their error bound" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("call", TABLES["locks"])

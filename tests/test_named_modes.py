@@ -1,6 +1,5 @@
 """Names of assembly modes in a file: which mode they are of, and where they are said."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -102,8 +101,3 @@ def test_a_name_of_no_mode_is_told(modes, said, tmp_path, capsys):
 @pytest.mark.parametrize("call", TABLES["names of modes"])
 def test_what_is_no_name_is_refused(call):
     check_call(call, globals(), TABLES["names of modes"][call])
-
-
-def test_validate_says_the_names(capsys):
-    assert main(["validate", "four_bar", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["modes"] == {"p1": 0, "p0": 1}

@@ -28,7 +28,7 @@ from spherekit.errors import OutputError
 from spherekit.figures.collector import Collector
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.sphere.rotation import frame_from, perpendicular, quaternion
-from spherekit.view.blueprint import input_scale, input_timeline
+from spherekit.view.blueprint import input_scale, input_ticks, input_timeline
 from spherekit.view.names import Names, facing, seen
 from spherekit.view.pictures import screenshot
 from spherekit.view.program import free_ports
@@ -282,12 +282,11 @@ def test_input_timeline_uses_the_coarsest_whole_unit():
         ([-0.125, 7.0], "input_deg_x1000"),
         ([1.0 / 3.0], "input_deg_x1000"),
     ]:
-        line = input_timeline(np.radians(degrees))
-        assert line.name == name
-        assert line.exact == (degrees != [1.0 / 3.0])
-        ticks = np.rint(np.array(degrees) * line.scale)
-        assert np.array_equal(line.ticks(np.radians(degrees)), ticks)
-        assert input_scale(name) == line.scale
+        line, scale, exact = input_timeline(np.radians(degrees))
+        assert (line, exact) == (name, degrees != [1.0 / 3.0])
+        ticks = np.rint(np.array(degrees) * scale)
+        assert np.array_equal(input_ticks(np.radians(degrees), scale), ticks)
+        assert input_scale(name) == scale
     assert input_scale("sample") is None
 
 

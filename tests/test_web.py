@@ -58,8 +58,3 @@ def test_the_command_says_the_address_and_ends_with_ctrl_c(recording, capsys, mo
 def interrupted(seconds):
     if seconds > 60.0 and threading.current_thread() is threading.main_thread():
         raise KeyboardInterrupt
-
-
-def test_web_and_a_picture_exclude_each_other(recording, capsys):
-    assert main(["view", str(recording), "--web", "--png", "x.png"]) == 1
-    assert "--web" in capsys.readouterr().err

@@ -269,8 +269,21 @@ class MujocoModel:
         for k, note in enumerate((*cited, *self.notes)):
             root.insert(k, ElementTree.Comment(f" {note.replace('--', '- -')} "))
         part = {child.tag: child for child in root if isinstance(child.tag, str)}
-        self._kept(part["custom"])
-        self._world(part["worldbody"])
+        # What MuJoCo has no place for and `spherekit import` reads again.
+        kept: Attributes
+        kept = {f"input_{item.pair}": (item.start, item.stop) for item in mechanism.inputs}
+        kept |= {f"value_{cut.pair}": cut.value for cut in made.cuts}
+        for name, numbers in kept.items():
+            _add(part["custom"], "numeric", name=name, data=numbers)
+        if made.made_up:
+            _add(part["custom"], "text", name="masses", data="made up")
+        ground = part["worldbody"][-1]
+        self._turned(ground, made.rotations[0])
+        self._looks(ground, mechanism.ground)
+        self._bodies(ground, mechanism.ground)
+        for name in (x.name for x, attributes in self.actuated if "refsite" in attributes):
+            size = _drawn(1e-3 * radius)
+            _add(part["worldbody"], "site", name=f"{name}_axes", size=size)
         self._equalities(part["tendon"], part["equality"])
         self._actuators(part["actuator"])
         for output in mechanism.outputs:
@@ -285,27 +298,6 @@ class MujocoModel:
             root.remove(empty)
         ElementTree.indent(root)
         return ElementTree.tostring(root, encoding="unicode") + "\n"
-
-    def _kept(self, custom: Element) -> None:
-        """Keep what MuJoCo has no place for and `spherekit import` reads again."""
-        for item in self.mechanism.inputs:
-            _add(custom, "numeric", name=f"input_{item.pair}", data=(item.start, item.stop))
-        for cut in self.made.cuts:
-            _add(custom, "numeric", name=f"value_{cut.pair}", data=cut.value)
-        if self.made.made_up:
-            _add(custom, "text", name="masses", data="made up")
-
-    def _world(self, world: Element) -> None:
-        name = self.mechanism.ground
-        ground = world.find("body")
-        assert ground is not None
-        self._turned(ground, self.made.rotations[0])
-        self._looks(ground, name)
-        self._bodies(ground, name)
-        for load, attributes in self.actuated:
-            if "refsite" in attributes:
-                size = _drawn(1e-3 * self.radius)
-                _add(world, "site", name=f"{load.name}_axes", size=size)
 
     def _bodies(self, parent: Element, link: str) -> None:
         """Add the bodies on the hinges of a link, second ones last, and those on these."""

@@ -25,43 +25,25 @@ SCALES = (1, 10, 100, 1000)
 """A viewer timeline holds whole numbers only; these are the units to a degree."""
 
 
-class InputTimeline(NamedTuple):
-    """The input angle counted in 1/`scale` degrees."""
+def input_timeline(inputs: Floats) -> tuple[str, int, bool]:
+    """Return the coarsest timeline on which all input angles (n,) rad are whole.
 
-    scale: int
-    exact: bool
-    """False if even thousandths of a degree round some of the samples."""
-    first: int
-    last: int
-
-    @property
-    def name(self) -> str:
-        """Name of the timeline, such as ``input_deg`` or ``input_deg_x10``."""
-        return INPUT if self.scale == 1 else f"{INPUT}_x{self.scale}"
-
-    def ticks(self, inputs: Floats) -> Integers:
-        """Return input angles (n,) rad as whole units of this timeline."""
-        ticks: Integers = np.rint(np.degrees(inputs) * self.scale)
-        return ticks.astype(np.int64)
-
-    def describe(self) -> str:
-        """Return one sentence for the notes of a recording."""
-        unit = "degrees" if self.scale == 1 else f"1/{self.scale} degrees"
-        rounded = "" if self.exact else ", rounded"
-        return f"`{self.name}` is the input in {unit}{rounded}."
-
-
-def input_timeline(inputs: Floats) -> InputTimeline:
-    """Return the coarsest timeline on which all input angles (n,) rad are whole."""
-    degrees = np.degrees(inputs)
-    fits = [
-        scale
-        for scale in SCALES
-        if np.max(np.abs(degrees * scale - np.rint(degrees * scale))) <= 1e-6
-    ]
+    That is its name, such as ``input_deg`` or ``input_deg_x10``, its units to a degree, and
+    whether these are exact: even thousandths of a degree may round some of the samples.
+    """
+    fits = [scale for scale in SCALES if _off(np.degrees(inputs) * scale) <= 1e-6]
     scale = fits[0] if fits else SCALES[-1]
-    ticks = np.rint(degrees * scale).astype(np.int64)
-    return InputTimeline(scale, bool(fits), int(ticks.min()), int(ticks.max()))
+    return INPUT if scale == 1 else f"{INPUT}_x{scale}", scale, bool(fits)
+
+
+def _off(ticks: Floats) -> float:
+    """Return by how much numbers are not whole."""
+    return float(np.max(np.abs(ticks - np.rint(ticks))))
+
+
+def input_ticks(inputs: Floats, scale: int) -> Integers:
+    """Return input angles (n,) rad as whole numbers, so many to a degree."""
+    return np.rint(np.degrees(inputs) * scale).astype(np.int64)
 
 
 def input_scale(name: str) -> int | None:

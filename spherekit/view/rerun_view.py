@@ -47,12 +47,12 @@ from spherekit.view.blueprint import (
     MOST_COMPARED,
     SAMPLE,
     TIME,
-    InputTimeline,
     Layout,
     Plot,
     View,
     asked_for,
     graph,
+    input_ticks,
     input_timeline,
     plane,
     slug,
@@ -221,7 +221,8 @@ class RerunRecorder:
         if not outputs:
             raise ValueError("a recorder needs a path, a port, a url or a notebook")
         self._outputs = Outputs(outputs)
-        self._input: InputTimeline | None = None
+        self._scale: int | None = None
+        """Units of the timeline of the input to a degree, if there is one."""
         self._span: tuple[float, float] | None = None
         self._names: dict[Page, Names] = {}
         self._row: int | None = None
@@ -272,10 +273,13 @@ class RerunRecorder:
             line, words = TIME, f"`{TIME}` is the time."
             step = (span[1] - span[0]) / max(len(times) - 1, 1)
         elif inputs is not None and len(inputs) > 0:
-            self._input = ticks = input_timeline(inputs)
+            line, scale, exact = input_timeline(inputs)
             self._span = float(np.degrees(inputs.min())), float(np.degrees(inputs.max()))
-            line, span, words = ticks.name, (ticks.first, ticks.last), ticks.describe()
-            step = max(1, round((ticks.last - ticks.first) / max(len(inputs) - 1, 1)))
+            self._scale, ticks = scale, input_ticks(inputs, scale)
+            span = int(ticks.min()), int(ticks.max())
+            step = max(1, round((span[1] - span[0]) / max(len(inputs) - 1, 1)))
+            unit = "degrees" if scale == 1 else f"1/{scale} degrees"
+            words = f"`{line}` is the input in {unit}{'' if exact else ', rounded'}."
         layout = Layout(self.root, line, step, span, sight)
         if "logged" in head.properties:
             words += f" This recording has {head.properties['logged']}."
@@ -377,15 +381,16 @@ class RerunRecorder:
     ) -> list[rr.TimeColumn]:
         """Return where rows are on the timelines."""
         lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
-        if self._started.layout.timeline == TIME:
+        line = self._started.layout.timeline
+        if line == TIME:
             if times is None or len(times) != len(samples):
                 raise ValueError("each sample needs its time")
-            lines.append(rr.TimeColumn(TIME, duration=times))
-        if self._input is not None:
+            lines.append(rr.TimeColumn(line, duration=times))
+        if self._scale is not None:
             if inputs is None or len(inputs) != len(samples):
                 raise ValueError("each sample needs its input value")
-            ticks = self._input.ticks(inputs)
-            lines.append(rr.TimeColumn(self._input.name, sequence=ticks))
+            ticks = input_ticks(inputs, self._scale)
+            lines.append(rr.TimeColumn(line, sequence=ticks))
         return lines
 
     def _axis(
