@@ -1,4 +1,4 @@
-"""Equations of motion of several inputs, against links as free bodies held together."""
+"""Equations of motion of several inputs, against Newton's and Euler's of the links."""
 
 from dataclasses import replace
 
