@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.arrays import Array, Bools, Floats, Indices
+from spherekit.arrays import Array, Floats, Indices
 from spherekit.errors import CountError
 from spherekit.model.joints import revolutes
 from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.closure import newton
 from spherekit.numeric.crossings import bracketed_zeros, wrap
 from spherekit.output.dyads import Dyads, Signs
 from spherekit.output.posed_mode import Fraction, PosedMode, difference
@@ -109,24 +110,16 @@ class DyadsWithClosingLink:
         rate = self.rate(placed)
         return dot(rate.top, directions) / rate.bottom
 
-    def close(self, directions: Floats, turn: Floats, signs: Signs) -> tuple[Floats, Bools]:
-        """Return turns (n,) that close the bar, by Newton's method, and which converged."""
-        turn = turn.copy()
-        active = np.arange(len(turn))
-        converged = np.zeros(len(turn), dtype=bool)
-        for _ in range(STEPS):
-            some, at = directions[:, active], turn[active]
-            placed = self.place(some, at, signs)
-            gap = self.gap(placed)
-            step = -gap / self.slope(placed, some)
-            size, closed = np.abs(step), np.abs(gap) < CLOSED
-            step *= LONGEST / np.maximum(size, LONGEST)
-            turn[active] = np.where(np.isfinite(step), at + step, at)
-            converged[active] = (size < CONVERGED) & closed
-            active = active[size >= CONVERGED]
-            if not len(active):
-                break
-        return turn, converged
+    def close(self, directions: Floats, turn: Floats, signs: Signs) -> Floats:
+        """Return turns (n,) that close the bar, by Newton's method."""
+
+        def change(at: Floats, rows: Indices) -> Floats:
+            placed = self.place(directions[:, rows], at[:, 0], signs)
+            step = -self.gap(placed) / self.slope(placed, directions[:, rows])
+            return np.where(np.isfinite(step), step, 0.0)[:, None]
+
+        values, _ = newton(change, turn[:, None], STEPS, CONVERGED, LONGEST)
+        return np.asarray(values[:, 0])
 
     def roots(self, directions: Floats, signs: Signs) -> tuple[Indices, Floats, Floats]:
         """Return every turn found at directions (3, n): rows, turns, senses of f.

@@ -30,7 +30,7 @@ from spherekit.model.joints import revolutes
 from spherekit.motion.assembly_modes import FLAT_DYAD, Solver, label_of
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import turns_of
-from spherekit.output.closing_link import CLOSED, DyadsWithClosingLink, turned
+from spherekit.output.closing_link import CLOSED, CONVERGED, DyadsWithClosingLink, turned
 from spherekit.output.dyads import Dyads, Signs, reciprocal
 from spherekit.output.forward import PoseSolutions, solved
 from spherekit.output.posed_mode import PosedMode
@@ -454,11 +454,13 @@ def _closed(
 ) -> PosedMode:
     """Return one mode with the output turned so that the bar closes, next to `near`."""
     mode, wanted = signs[:-1], signs[-1]
-    turn, converged = turned.close(directions, turned.turn_of(directions, near), mode)
+    turn = turned.close(directions, turned.turn_of(directions, near), mode)
     placed = turned.place(directions, turn, mode)
     slope, status = turned.slope(placed, directions), placed.status.copy()
+    gap = np.abs(turned.gap(placed))
     within = status != Status.OUT_OF_REACH
     status[within & (np.abs(slope) < FLAT_DYAD)] = Status.AT_SINGULARITY
     status[within & (slope * wanted <= 0.0)] = Status.MODE_LOST
-    status[within & ~converged] = Status.NOT_CONVERGED
+    closes = (gap < CLOSED) & (gap < CONVERGED * np.abs(slope))
+    status[within & ~closes] = Status.NOT_CONVERGED
     return replace(placed, turn=(turned.rate(placed), directions, status))

@@ -14,9 +14,10 @@ from numpy.polynomial import chebyshev
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import EPS
 from spherekit.numeric.crossings import bracketed_zeros
+from spherekit.numeric.descent import descent
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.region.mesh import Evaluator, active, chosen, least
-from spherekit.sphere.rotation import arc, cross, nans, unit_rows
+from spherekit.sphere.rotation import arc, cross, max_abs, nans, unit_rows
 
 ORDERS = (2, 4, 8, 16)
 """Steps between the nodes of a piece, doubled until its area is known well enough."""
@@ -254,11 +255,8 @@ class BoundarySegments(ArrayRows):
         return np.concatenate([self.frames[chain[:1], 0], points])
 
 
-MOST_STEPS = 30
 DIFFERENCE = 1e-6
 """Steps by which slopes of margins are found, as part of the chord."""
-SETTLED = 1e-11
-"""A corner is found when it moves by less than this (rad): the next step is 1e-6 of it."""
 BEYOND = 1e-7
 """Where the smallest margin is exactly 0, the one that ends the region is looked for this
 much farther on, as part of the edge."""
@@ -307,39 +305,33 @@ def corners(
 ) -> tuple[Floats, Bools]:
     """Return the points (n, 3) near chords where two margins are 0, and whether found.
 
-    By Newton's method in the tangent plane, with slopes by differences: `start` and `end`
+    By least squares in the tangent plane, with slopes by differences: `start` and `end`
     (n, 3) are the ends of the chords, where the first and the second margin of each
     `pair` (n, 2) of numbers are 0.
     """
     first, length = unit_rows(start + end), arc(start, end)
     toward = unit_rows(cross(cross(start, end - start), first))
-    frame = np.stack([toward, cross(first, toward)], axis=1)
-    steps = DIFFERENCE * np.eye(3, 2, -1)
+    frame = np.stack([toward, cross(first, toward)], axis=1) * length[:, None, None]
 
     def places(x: Floats, which: Indices) -> Floats:
-        """Return the points (k, ..., 3) at places (k, ..., 2) of the tangent planes."""
-        return unit_rows(
-            np.einsum("n...d,ndx->n...x", x, frame[which]) + first[which, None]
-        )
+        """Return the points (k, m, 3) at places (k, m, 2) of the tangent planes."""
+        return unit_rows(x @ frame[which] + first[which, None])
 
-    x, going = np.zeros((len(start), 1, 2)), np.arange(len(start))
-    for _ in range(MOST_STEPS):
-        if not len(going):
-            break
-        beside = x[going] + steps * length[going, None, None]
-        rows = evaluate(places(beside, going).reshape(-1, 3))
-        numbers = np.repeat(pair[going], 3, axis=0).T
+    def residuals(x: Floats, which: Indices) -> tuple[Floats, Floats]:
+        beside = x[:, None] + DIFFERENCE * np.eye(3, 2, -1)
+        rows = evaluate(places(beside, which).reshape(-1, 3))
+        numbers = np.repeat(pair[which], 3, axis=0).T
         value = np.stack([chosen(rows, number) for number in numbers], axis=1)
         value = value.reshape(-1, 3, 2)
-        slope = (value[:, 1:] - value[:, :1]) / (DIFFERENCE * length[going, None, None])
-        step = -value[:, :1] @ np.linalg.pinv(slope)
-        size, most = np.linalg.norm(step[:, 0], axis=1), FARTHEST * length[going]
-        step *= np.minimum(1.0, most / np.where(size > 0.0, size, 1.0))[:, None, None]
-        x[going] += step
-        going = going[size >= SETTLED]
-    sound = np.linalg.norm(x[:, 0], axis=1) < FARTHEST * length
-    sound[going] = False
-    return np.where(sound[:, None], places(x, np.arange(len(start)))[:, 0], np.nan), sound
+        slope = (value[:, 1:] - value[:, :1]) / DIFFERENCE
+        return value[:, 0], np.swapaxes(slope, 1, 2)
+
+    x, squares = descent(residuals, np.zeros((len(start), 2)), -FARTHEST, FARTHEST)
+    sound = np.sqrt(squares) <= SLACK * np.max(evaluate.floor)
+    sound &= max_abs(x, axis=1) < FARTHEST
+    return np.where(
+        sound[:, None], places(x[:, None], np.arange(len(x)))[:, 0], np.nan
+    ), sound
 
 
 BESIDE = 1e-6

@@ -354,7 +354,7 @@ class ArcLength:
             target = s - self.starts[panel]
 
             def gap(x: Floats, rows: Indices) -> Floats:
-                return self.within(panel[rows], x)[0] - target[rows]
+                return self.within(panel[rows], x) - target[rows]
 
             one, left = np.ones_like(s), np.diff(self.starts)[panel] - target
             x, _ = bracketed_zeros(gap, -one, one, -target, left, EPS)
@@ -369,21 +369,19 @@ class ArcLength:
         """Return the arc lengths (n,) of parameters u (n,)."""
         panel = np.searchsorted(self.edges[1:-1], u, side="right")
         low, high = self.edges[panel], self.edges[panel + 1]
-        covered, _ = self.within(panel, (2.0 * u - low - high) / (high - low))
-        return self.starts[panel] + covered
+        return self.starts[panel] + self.within(
+            panel, (2.0 * u - low - high) / (high - low)
+        )
 
-    def within(self, panel: Indices, x: Floats) -> tuple[Floats, Floats]:
-        """Return the arc length from a panel's start to x, and ds/dx, both (n,)."""
+    def within(self, panel: Indices, x: Floats) -> Floats:
+        """Return the arc length (n,) from a panel's start to x."""
         before, here = np.ones_like(x), x
-        rate = self.speeds[0, panel]
-        covered = rate * (1.0 + x)
+        covered = self.speeds[0, panel] * (1.0 + x)
         for degree in range(1, len(self.speeds)):
             after = ((2 * degree + 1) * x * here - degree * before) / (degree + 1)
-            part = self.speeds[degree, panel]
-            rate = rate + part * here
-            covered = covered + part * (after - before) / (2 * degree + 1)
+            covered += self.speeds[degree, panel] * (after - before) / (2 * degree + 1)
             before, here = here, after
-        return covered, rate
+        return covered
 
 
 def measure(path: FourierPath | SplinePath, edges: Floats) -> ArcLength:
