@@ -13,7 +13,7 @@ from spherekit.model.graph import layout
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion
 from spherekit.planning.poles import Plan, PrimaryPole, as_markdown, describe
-from spherekit.sphere.rotation import arc, quaternion
+from spherekit.sphere.rotation import arc, frame_toward, quaternion
 
 CURVE_STEP = np.radians(2.0)
 PROFILE_POINTS = 181
@@ -128,10 +128,9 @@ def link_curves(joints: Floats) -> list[Floats]:
     middle = joints.sum(axis=0)
     length = np.linalg.norm(middle)
     pole = middle / length if length > 1e-6 else joints[0]
-    side = joints - np.outer(joints @ pole, pole)
-    east = side[int(np.argmax(np.linalg.norm(side, axis=1)))]
-    east = east / np.linalg.norm(east)
-    order = np.argsort(np.arctan2(side @ np.cross(pole, east), side @ east), kind="stable")
+    farthest = joints[int(np.argmin(np.abs(joints @ pole)))]
+    x, y, _ = (joints @ frame_toward(pole, farthest)).T
+    order = np.argsort(np.arctan2(y, x), kind="stable")
     return [
         great_arc(joints[a], joints[b])
         for a, b in zip(order, np.roll(order, -1), strict=True)
@@ -149,38 +148,34 @@ def _apart(joints: Floats) -> Floats:
 
 def great_arc(a: Floats, b: Floats) -> Floats:
     """Return points (k, 3) along the shorter great-circle arc between unit vectors."""
-    angle = float(arc(a, b))
-    across = b - (a @ b) * a
-    length = np.linalg.norm(across)
-    if length < 1e-12:
+    if np.linalg.norm(np.cross(a, b)) < 1e-12:
         return np.array([a, b])
+    angle = float(arc(a, b))
     t = np.linspace(0.0, angle, max(2, int(np.ceil(angle / CURVE_STEP)) + 1))[:, None]
-    return np.cos(t) * a + np.sin(t) * (across / length)
+    return np.cos(t) * a + np.sin(t) * frame_toward(a, b)[:, 0]
 
 
 def _text(plans: Sequence[Plan]) -> Text:
     mechanism = plans[0].mechanism
     lines = [f"# Plan of {mechanism.name}"]
     for plan in plans:
-        driven = mechanism.pairs[plan.input]
-        locked = listing(mechanism.names_of(plan.locked))
+        driven, locked = mechanism.pairs[plan.input], mechanism.names_of(plan.locked)
+        link, base = driven.links[1], driven.links[0]
+        lines.append(
+            f"Input: pair {driven.name}, link {link} relative to {base}"
+            f"{f'; locked: {listing(locked)}' if locked else ''}."
+        )
+        lines += ["", as_markdown(plan), ""]
         steps = [
             describe(plan, step)
             for step in plan.steps
             if not isinstance(step, PrimaryPole) or step.round
         ]
-        lines += [
-            f"Input: pair {driven.name}, link {driven.links[1]} relative to "
-            f"{driven.links[0]}" + (f"; locked: {locked}." if locked else "."),
-            "",
-            as_markdown(plan),
-            "",
-            *(["```", *steps, "```", ""] if steps else []),
-        ]
-    lines += [
+        lines += ["```", *steps, "```", ""] if steps else []
+    lines.append(
         "x: primary pole (axis of a pair). I, II, ...: the pass of the "
-        "Aronhold-Kennedy theorem that finds it. *: found with an irreducible part.",
-    ]
+        "Aronhold-Kennedy theorem that finds it. *: found with an irreducible part."
+    )
     if mechanism.source is not None:
         lines += ["", f"Source: {mechanism.source.citation}"]
     return Text("plan", "Plan", "\n".join(lines))

@@ -297,22 +297,19 @@ def _simulated_courses(
     most = max(FEWEST_AT_ONCE, len(t) // PORTIONS)
     course: Sampling | None = None
     for run, made, until in pieces:
-        if course is None or run is not course.run:
+        if course is not None and run is not course.run:
             course = None
-        done = 0 if course is None else len(course)
-        if np.isfinite(until):
+        done, ready = 0 if course is None else len(course), len(t)
+        going_on = bool(np.isfinite(until))
+        if going_on:
             ready = int(np.searchsorted(t, until))
             if ready == 0 or ready < min(2 * done, done + most):
                 continue
-            times = t[:ready]
-        else:
-            times = t
-        extended = simulated_course(tracer, made(), times, tolerance, course)
         course = replace(
-            extended,
+            simulated_course(tracer, made(), t[:ready], tolerance, course),
             duration=float(t[-1]),
             planned=len(t),
-            going_on=bool(np.isfinite(until)),
+            going_on=going_on,
             run=run,
         )
         yield course
@@ -415,35 +412,21 @@ def simulated_course(
 ) -> Sampling:
     """Return a simulation at times t (n,) s, as far as it went, as a course.
 
-    `before` is the course of its first samples, if these are known.
+    Where it ended before the last of them, its end is the last row. `before` is the course
+    of its first samples, if these are known.
     """
-    q, timing = _over_time(simulation, t, before)
-    duration = float(t[-1])
-    whole = tracer, q, (len(q),), timing, True
-    return Sampling(*whole, {}, duration, simulation, tolerance)
-
-
-def _over_time(
-    simulation: Simulation, t: Floats, before: Sampling | None
-) -> tuple[Floats, Timing]:
-    """Return the input (n, 1) rad and its timing at those of times t before the end.
-
-    Where the simulation ended before the last of them, its end is the last row.
-    """
-    last = simulation.end.t
-    if last < t[-1]:
+    duration, last = float(t[-1]), simulation.end.t
+    if last < duration:
         t = np.append(t[t < last], last)
-    q, dq, ddq = (np.empty((len(t), len(simulation.driven))) for _ in range(3))
-    done = 0
+    parts: list[tuple[Floats, Floats, Floats]] = []
     if before is not None and before.timing is not None:
-        done = len(before)
-        q[:done], dq[:done], ddq[:done] = before.inputs, before.timing.dq, before.timing.ddq
-    for start in range(done, len(t), BLOCK):
-        rows = slice(start, start + BLOCK)
-        states = simulation.at(t[rows])
-        q[rows], dq[rows] = states.inputs, states.input_rates
-        ddq[rows] = states.input_accelerations
-    return q, Timing(t, dq, ddq)
+        parts.append((before.inputs, before.timing.dq, before.timing.ddq))
+    for start in range(0 if before is None else len(before), len(t), BLOCK):
+        states = simulation.at(t[start : start + BLOCK])
+        parts.append((states.inputs, states.input_rates, states.input_accelerations))
+    q, dq, ddq = map(np.concatenate, zip(*parts, strict=True))
+    whole = tracer, q, (len(q),), Timing(t, dq, ddq), True
+    return Sampling(*whole, {}, duration, simulation, tolerance)
 
 
 def motion_of(
