@@ -43,29 +43,28 @@ def declared(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
 
 
 def _fault(needs: Any, mechanism: Mechanism) -> str:
+    """Return what is wrong with a pole, pair or link that is declared, or nothing."""
     if not isinstance(needs, Needs):
         return f"needs returns a {type(needs).__name__}, it has to return Needs(...)"
+    count, name = len(mechanism.links), mechanism.name
     for what, held in vars(needs).items():
         for item in held if isinstance(held, frozenset) else ():
-            fault = _fault_of_item(what, item, mechanism)
+            fault = ""
+            if what in (*_POLES, "links"):
+                ends = np.ravel(item)
+                if np.any((ends < 0) | (ends >= count)):
+                    fault = f", but the links of {name} have the numbers 0 to {count - 1}"
+                elif not np.all(ends[:-1] < ends[1:]):
+                    fault = "; pole_of(link, other) puts the smaller first"
+            else:
+                is_link = what in _LINKS
+                kind = "link" if is_link else "pair"
+                names = mechanism.link_number if is_link else mechanism.pair_number
+                if item not in names:
+                    said = choices(item, names, f"{kind}s")
+                    fault = f", but {name} has no {kind} of that name{said}"
+                elif what in _PAIRS and mechanism.pair(item).kind.freedoms > 1:
+                    fault = ", a pair with two variables, which has no single one"
             if fault:
                 return f"Needs({what}=...) holds {item!r}{fault}"
-    return ""
-
-
-def _fault_of_item(what: str, item: Any, mechanism: Mechanism) -> str:
-    """Return what is wrong with a pole, pair or link that is declared, or nothing."""
-    if what in (*_POLES, "links"):
-        ends, count = np.ravel(item), len(mechanism.links)
-        if np.any((ends < 0) | (ends >= count)):
-            return f", but the links of {mechanism.name} have the numbers 0 to {count - 1}"
-        rises = np.all(ends[:-1] < ends[1:])
-        return "" if rises else "; pole_of(link, other) puts the smaller first"
-    names = mechanism.link_number if what in _LINKS else mechanism.pair_number
-    kind = "link" if what in _LINKS else "pair"
-    if item not in names:
-        said = choices(item, names, f"{kind}s")
-        return f", but {mechanism.name} has no {kind} of that name{said}"
-    if what in _PAIRS and mechanism.pair(item).kind.freedoms > 1:
-        return ", a pair with two variables, which has no single one"
     return ""

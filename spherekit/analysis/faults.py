@@ -59,19 +59,9 @@ def failed(analysis: str, why: str) -> str:
 
 def described(problem: BaseException) -> str:
     """Return an exception with the last line of a plugin's own that led to it."""
-    words = str(problem).strip().partition("\n")[0]
-    frames = traceback.extract_tb(problem.__traceback__)
-    plugin_frames = [frame for frame in frames if _is_own(frame.filename)]
-    where = (
-        f" ({Path(plugin_frames[-1].filename).name}, line {plugin_frames[-1].lineno})"
-        if plugin_frames
-        else ""
-    )
+    words, where = str(problem).strip().partition("\n")[0], ""
+    for frame in traceback.extract_tb(problem.__traceback__):
+        path, ours = frame.filename, frame.filename.startswith((*NOT_TO_BLAME, "<"))
+        if not ours and (path.startswith(INSTALLED) or not path.startswith(STANDARD)):
+            where = f" ({Path(path).name}, line {frame.lineno})"
     return f"{type(problem).__name__}{': ' if words else ''}{words}{where}"
-
-
-def _is_own(filename: str) -> bool:
-    """Return whether a file is neither spherekit's, NumPy's nor Python's."""
-    if filename.startswith((*NOT_TO_BLAME, "<")):
-        return False
-    return filename.startswith(INSTALLED) or not filename.startswith(STANDARD)

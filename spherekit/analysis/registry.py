@@ -33,14 +33,10 @@ def registered(*classes: type[AbstractAnalysis]) -> Iterator[None]:
 
 
 def _entries() -> Mapping[str, list[EntryPoint]]:
-    return _entries_of(*_places())
-
-
-def _places() -> tuple[tuple[str, int], ...]:
-    """Return the folders that packages are looked for in, and when each last changed."""
+    """Return the entry points of the folders that packages are in, as these are now."""
     there = ((place, Path(place)) for place in sys.path)
-    return tuple(
-        (place, path.stat().st_mtime_ns if path.exists() else 0) for place, path in there
+    return _entries_of(
+        *((x, path.stat().st_mtime_ns if path.exists() else 0) for x, path in there)
     )
 
 

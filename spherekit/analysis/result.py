@@ -293,12 +293,6 @@ def _first_rows(analysis: str, table: Table, data: TableArrays) -> str:
     return html_table(with_units(units, units), rows, caption)
 
 
-def file_names(declared: Declared, formats: Sequence[Format] | None) -> list[str]:
-    """Return the names that the files of tables may get."""
-    kinds = formats or FILE_SIZE
-    return [*(f"{stem}.{kind}" for stem in stems(declared) for kind in kinds), COLUMNS]
-
-
 def stems(declared: Declared) -> dict[str, tuple[str, Table]]:
     """Return what files are called without their ending: whose, and of which table."""
     return {

@@ -21,7 +21,7 @@ from spherekit.analysis.folder import (
     differences,
     need_disk_for_run,
 )
-from spherekit.analysis.result import MOTION, RunResult, file_names, result_of
+from spherekit.analysis.result import MOTION, RunResult, result_of, stems
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.cost import AXES, RECORDING, SEARCH, SIMULATION, Timer
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
@@ -42,6 +42,7 @@ from spherekit.analysis.running.summary import (
 )
 from spherekit.analysis.running.verify import Verifier
 from spherekit.analysis.study import Subject, chosen, study_of, takes
+from spherekit.analysis.tables import COLUMNS, FILE_SIZE
 from spherekit.argument_validation import checked
 from spherekit.conventions import Facts, listing
 from spherekit.engine.kernels import ENGINES
@@ -148,7 +149,9 @@ def executed(
         shown = recorder is not None or study.verify is not None
         job = job_of(course, analyses, asked, execution.block, setting, shown)
         if place is not None:
-            place.claim(file_names(job.tables(), execution.formats))
+            kinds = execution.formats or FILE_SIZE
+            names = [f"{stem}.{kind}" for stem in stems(job.tables()) for kind in kinds]
+            place.claim([*names, COLUMNS])
         standing, store = taken_up(job, place, execution.unfinished, execution.tables)
         ledger.before = standing.seconds
         stage = None

@@ -411,7 +411,17 @@ class Scene:
         """Return the scene at some of its samples (n,), or itself if its rows are none."""
         if self.over:
             return self
-        return replace(self, primitives=tuple(_thinned(p, chosen) for p in self.primitives))
+        (kept,) = np.nonzero(chosen)
+        parts = []
+        for part in self.primitives:
+            rows: Facts = {
+                name: values[kept]
+                if isinstance(values, np.ndarray)
+                else [values[k] for k in kept[kept < len(values)]]
+                for name, values in rows_of(part).items()
+            }
+            parts.append(replace(part, **rows))
+        return replace(self, primitives=tuple(parts))
 
 
 def titled(label: str, unit: str) -> str:
@@ -465,16 +475,6 @@ def rows_of(primitive: Primitive) -> Facts:
     """Return the fields of a primitive that have a row for each sample, by name."""
     fields = {name: getattr(primitive, name) for name in ROWS.get(type(primitive), ())}
     return {name: rows for name, rows in fields.items() if rows is not None}
-
-
-def _thinned(primitive: Primitive, chosen: Bools) -> Primitive:
-    kept: Facts = {
-        name: rows[chosen]
-        if isinstance(rows, np.ndarray)
-        else [row for row, is_in in zip(rows, chosen, strict=False) if is_in]
-        for name, rows in rows_of(primitive).items()
-    }
-    return replace(primitive, **kept)
 
 
 @checked_class(OutputError)

@@ -112,8 +112,13 @@ def _given(study: Study, cls: type[AbstractAnalysis], values: Mapping[str, Any])
         return study.fault(("analyses", cls.name, *path), message)
 
     def read(key: str, value: Any, hint: Any) -> Any:
+        def items(value: Any) -> list[Any]:
+            if not isinstance(value, list):
+                raise ValueError(value)
+            return value
+
         try:
-            return read_as(hint, value, _one, _items)
+            return read_as(hint, value, _one, items)
         except ValueError:
             raise fault((key,), mismatch(value, in_words(hint, _FILE))) from None
 
@@ -129,12 +134,6 @@ def _one(hint: Any, value: Any) -> Any:
     if get_origin(hint) is Literal and value in get_args(hint):
         return value
     raise ValueError(value)
-
-
-def _items(value: Any) -> list[Any]:
-    if not isinstance(value, list):
-        raise ValueError(value)
-    return value
 
 
 Second = TypeVar("Second")

@@ -58,10 +58,14 @@ class ComputedColumns:
         self._odd[doubtful] = True
         self._parts = slices_of(len(motion.assembly_modes), motion.samples, SLICE)
         self._turned: Sequence[Turning] = ()
-        if len(doubtful):
-            rows = motion.rows(doubtful)
-            pairs = zip(requests, kernel.moving, strict=False)
-            self.careful = [_careful(rows, item, at.signed) for item, at in pairs]
+        rows = motion.rows(doubtful) if len(doubtful) else None
+        for wanted, at in zip(requests, kernel.moving, strict=False):
+            if rows is not None:
+                late = found(rows, replace(wanted, planes=frozenset()))
+                for pole in at.signed:
+                    turned = np.where(late.velocity_coefficient[pole] < 0.0, -1.0, 1.0)
+                    turn_round(late, pole, turned)
+                self.careful.append(late)
 
     def relative_at(self, number: int, rows: Indices) -> tuple[Floats, Floats, Floats]:
         """Return of an input the directions without a sense, not turned round, at rows.
@@ -126,14 +130,6 @@ class ComputedColumns:
             at = self.doubtful[low:high] - rows.start
             made[at] = late.reshape(len(late), -1)[low:high, k]
         return made
-
-
-def _careful(rows: Motion, wanted: Request, signed: Sequence[Pole]) -> PoleField:
-    """Return the poles of rows by themselves; rates `signed` not negative."""
-    field = found(rows, replace(wanted, planes=frozenset()))
-    for pole in signed:
-        turn_round(field, pole, np.where(field.velocity_coefficient[pole] < 0.0, -1.0, 1.0))
-    return field
 
 
 class LazyField:

@@ -137,7 +137,13 @@ class Rows:
             if by_form:
                 lost = lost_by(columns[places["squares"]])
             else:
-                lost = self._lost(mode, q, given)
+                # Where nothing was predicted, beyond the end of the curve.
+                lost = np.isnan(given[self.kernel.free[0]])
+                guide = self._tracer.assembly_modes[mode].guide
+                if isinstance(guide, ModeCurve):
+                    lost[lost] = guide.at(q[:, lost].T, None)[2] == Status.OUT_OF_REACH
+                else:
+                    lost[:] = False
                 is_open = (closure[0] > rounding) & np.isfinite(closure[0])
                 self._close(columns, numbers, np.flatnonzero(is_open))
                 self.closure[:, rows] = columns[places["closure"]]
@@ -147,19 +153,6 @@ class Rows:
             if not np.any(well) or not np.all(well | lost):
                 return None
             return Seen(self.kernel, deciding, columns[:, well], numbers[well])
-
-    def _lost(self, number: int, q: Floats, values: Floats) -> Bools:
-        """Return (n,) which samples a mode surely does not reach, at inputs (inputs, n).
-
-        What lies beyond the curve that a mode follows, so that no variables (variables, n)
-        were predicted, is out of reach where that curve ends for this reason.
-        """
-        guide = self._tracer.assembly_modes[number].guide
-        lost = np.isnan(values[self.kernel.free[0]])
-        if not isinstance(guide, ModeCurve):
-            return np.zeros_like(lost)
-        lost[lost] = guide.at(q[:, lost].T, None)[2] == Status.OUT_OF_REACH
-        return np.asarray(lost)
 
     def _close(self, columns: Floats, numbers: Indices, at: Indices) -> None:
         """Take a step of Newton's method at some rows of a slice; keep what is near by."""

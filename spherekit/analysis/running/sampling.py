@@ -15,7 +15,6 @@ from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import drives
 from spherekit.engine.kernels import Engine
 from spherekit.errors import ModelError, SolveError
-from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import ConstantSpeed, Law, Study
 from spherekit.motion.motion import (
     BLOCK,
@@ -280,7 +279,10 @@ def courses_of(
         return
     inputs, laws = _inputs(study), study.laws
     if not laws:
-        laws = {inputs[0]: _at_speed(mechanism)}
+        laws = {inputs[0]: ConstantSpeed(UNIT_SPEED)}
+        # Through its range at 1 rad/s.
+        for driven in mechanism.inputs:
+            laws = {inputs[0]: ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)}
     q, timing = by_laws(inputs, laws, t)
     tracer = PositionAnalysis(mechanism, None, assembly_mode, study.search, path=q)
     yield Sampling(tracer, q, (len(q),), timing, True, laws, study.duration)
@@ -393,14 +395,6 @@ def _inputs(study: Study) -> list[str]:
     """Return the names of the driven pairs."""
     pairs = study.mechanism.pairs
     return [pairs[pair].name for pair in driven_pairs(study.mechanism)]
-
-
-def _at_speed(mechanism: Mechanism) -> ConstantSpeed:
-    """Return the law by which the only input turns through its range at 1 rad/s."""
-    if not mechanism.inputs:
-        return ConstantSpeed(UNIT_SPEED)
-    (driven,) = mechanism.inputs
-    return ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)
 
 
 def simulated_course(
