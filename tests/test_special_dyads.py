@@ -6,40 +6,15 @@ import warnings
 import numpy as np
 import pytest
 from chains import FOUR_BAR, STEPHENSON, mechanism, random_axes
+from example_mechanisms import four_bar
 from scipy.optimize import brentq
 
 import spherekit as sk
 from spherekit.conventions import Status
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Input, LinkSizes, Pair, SizeGeometry
 from spherekit.motion import modes
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.numeric.crossings import crossings
-
-PAIRS = ("drive", "tip", "joint", "hinge")
-"""Of the links 1-2, 2-3, 3-4 and 4-1."""
-
-
-def four_bar(arcs, driven="drive", span=(0.0, 2.0 * np.pi)):
-    """Return the four-bar of these arcs (deg) of links 1 (the ground) to 4."""
-    held = [("hinge", "drive"), ("drive", "tip"), ("tip", "joint"), ("joint", "hinge")]
-    return Mechanism(
-        "bars",
-        "1",
-        tuple("1234"),
-        tuple(
-            Pair(name, "R", (ends[0], ends[1]))
-            for name, ends in zip(PAIRS, ("12", "23", "34", "41"), strict=True)
-        ),
-        SizeGeometry(
-            {
-                link: LinkSizes(axes, (float(np.radians(arc)),))
-                for link, axes, arc in zip("1234", held, arcs, strict=True)
-            }
-        ),
-        inputs=(Input(driven, *span),),
-    )
 
 
 @pytest.fixture(autouse=True)
@@ -60,9 +35,9 @@ def no_warning():
 )
 def test_two_bars_that_can_turn_together_are_singular_and_not_out_of_reach(arcs, folded):
     """The tip of the rocker lies on the crank's axis, or opposite to it."""
-    made = four_bar(arcs, "hinge")
+    made = four_bar(np.radians(arcs)).with_inputs("41")
     gap = np.array([folded, folded + 1e-3, folded + 0.1])
-    motion = PositionAnalysis(made).at(gap)
+    motion = PositionAnalysis(made).at(np.pi - gap)  # the file counts 41 from there
     status = motion.status.reshape(len(motion.assembly_modes), -1)
     assert np.all(status[:, 0] == Status.AT_SINGULARITY)
     assert np.all(motion.residual.reshape(len(motion.assembly_modes), -1)[:, 0] < 1e-13)
