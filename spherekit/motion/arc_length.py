@@ -199,7 +199,7 @@ def follow_arc(
 
 
 def follow_arcs(
-    closures: Sequence[Closure], starts: Floats, longest: float = LONGEST
+    closures: Sequence[Closure], starts: Floats, longest: float
 ) -> list[ArcCurve | None]:
     """Return the curves through configurations (n, variables), side by side.
 

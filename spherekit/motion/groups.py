@@ -5,7 +5,7 @@ axes (those of one of its links); `State` holds them for a batch of samples.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,8 +36,8 @@ class State:
     variables: tuple[tuple[int, ...], ...]
     within: dict[int, Floats]
     values: Floats
-    lost: Bools = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    slack: Floats = field(default_factory=lambda: np.zeros(0))
+    lost: Bools
+    slack: Floats
 
     @staticmethod
     def start(

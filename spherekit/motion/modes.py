@@ -56,8 +56,8 @@ MOST_FOLLOWED = 60000
 MOST_IN_VAIN = 12000
 """The same for steps that led to none: a mode has some tens of nodes, and about three
 such steps; thousands where a configuration is singular in higher order."""
-PROBES = 5
-"""Inputs at which modes are looked for where those at which they meet are not known."""
+PROBED = np.array([0.5, 0.3, 0.7, 0.1, 0.9])
+"""Where in a range modes are looked for if the inputs at which they meet are unknown."""
 FINER = 3
 """So many times more of them where elimination finds all modes at an input."""
 MOST_COST = 3e-3
@@ -314,12 +314,9 @@ class ModeSearch:
 
     def _scattered(self) -> Floats:
         """Return samples (k, inputs) spread over the input grid, its middle first."""
-        parts = (np.arange(PROBES) + 0.5) / PROBES
-        order = np.argsort(np.abs(parts - 0.5), kind="stable")
-        rows = np.zeros(PROBES, dtype=np.intp)
+        rows = np.zeros(len(PROBED), dtype=np.intp)
         for axis, count in enumerate(self.input_grid.shape):
-            step = np.roll(parts[order], axis * (PROBES // 2))
-            rows = rows * count + np.minimum((step * count).astype(np.intp), count - 1)
+            rows = rows * count + (np.roll(PROBED, 2 * axis) * count).astype(np.intp)
         return self.input_grid.q[np.unique(rows)]
 
     def _eliminated(self) -> Completeness | None:
@@ -332,7 +329,7 @@ class ModeSearch:
             return claim if all_complete(self.methods) else None
         low, high = self.input_grid.range
         dead = input_turning_points(self.solver, low, high, MOST_COST, MOST_TIME)
-        step = (high - low) / PROBES
+        step = (high - low) / len(PROBED)
         done = dead.probes(step)
         self._probe(done[:, None])
         if all_complete(self.methods) and dead.gap(step):

@@ -50,19 +50,13 @@ def turns_in_range(
         Inputs (k,), those of one rising, and the positions (k,) of what they come from.
     """
     first = into_range(q, low, high, period)
-    count = np.ones(len(first), dtype=np.intp)
-    if np.isfinite(period):
-        more = np.floor((high - first + ROUNDED) / period).astype(np.intp)
-        whole = whole_periods(low, high, period)
-        if whole:
-            more = np.minimum(more, whole - 1)
-        count += np.maximum(more, 0)
-    which = np.repeat(np.arange(len(first)), count)
-    lap = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-    turned = first[which]
-    if np.isfinite(period):
-        turned = turned + lap * period
-    return turned, which
+    if not np.isfinite(period):
+        return first, np.arange(len(first))
+    more = np.maximum(np.floor((high - first + ROUNDED) / period), 0.0)
+    whole = whole_periods(low, high, period)
+    laps = [np.arange(1 + min(k, whole - 1 if whole else k)) for k in more.tolist()]
+    which = np.repeat(np.arange(len(first)), [len(lap) for lap in laps])
+    return first[which] + period * np.concatenate([*laps, np.zeros(0)]), which
 
 
 def whole_periods(low: float, high: float, period: float) -> int:
@@ -70,8 +64,6 @@ def whole_periods(low: float, high: float, period: float) -> int:
     if not np.isfinite(period):
         return 0
     count = round((high - low) / period)
-    if not count:
-        return 0
     return count if abs(high - low - count * period) <= ROUNDED * (1 + count) else 0
 
 

@@ -76,21 +76,20 @@ def roman(number: int) -> str:
 
 def cells(plan: "Plan") -> list[list[str]]:
     """Return the Table's entries, row by row, without headings; empty where unplanned."""
-    place = {body: k for k, body in enumerate(plan.bodies)}
-    grid = [["" for _ in place] for _ in place]
     starred = {
         pole
         for block in plan.blocks
         for pole, number in block.rounds.items()
         if number == block.round
     }
-    for k in range(len(place)):
-        grid[k][k] = SELF_MARK
-    for (i, j), number in plan.rounds.items():
-        mark = roman(number) or PRIMARY_MARK
-        a, b = place[i], place[j]
-        grid[a][b] = grid[b][a] = mark + ("*" if (i, j) in starred else "")
-    return grid
+    marks = {
+        pole: (roman(number) or PRIMARY_MARK) + "*" * (pole in starred)
+        for pole, number in plan.rounds.items()
+    }
+    return [
+        [SELF_MARK if i == j else marks.get(pole_of(i, j), "") for j in plan.bodies]
+        for i in plan.bodies
+    ]
 
 
 Pole = tuple[int, int]
