@@ -23,7 +23,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import EPS, EQUAL_CURVATURE
-from spherekit.engine.algebra import Exprs, cross, dot, sum_of, vector, vector_sum
+from spherekit.engine.algebra import Exprs, cross, dot, sum_of, vector_sum
 from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.engine.kinematics import VelocityEquations
 from spherekit.engine.pose import (
@@ -48,7 +48,7 @@ REPEATED = 1e-9
 
 FLATTER = 0.2
 """Three variables that are this much flatter than the best ones may still be chosen first,
-where that fills less of the equations."""
+where fewer loops have them."""
 
 Pivot = tuple[int, tuple[int, ...]]
 """A loop, and the variables that it gives, at most three."""
@@ -67,15 +67,13 @@ def pivots_of(jacobians: Floats) -> tuple[Pivot, ...] | None:
         best = _most_regular(left, loops, columns)
         if best is None:
             return None
-        loop, pivot_columns = best
+        loop, chosen = best
         pivots.append(best)
         loops.remove(loop)
-        columns = [c for c in columns if c not in pivot_columns]
-        inverse = np.linalg.pinv(left[:, loop][:, :, list(pivot_columns)])
-        for other in loops:
-            used = left[:, other][:, :, list(pivot_columns)]
-            if np.any(used):
-                left[:, other] -= used @ (inverse @ left[:, loop])
+        columns = [c for c in columns if c not in chosen]
+        solved = np.linalg.pinv(left[:, loop][:, :, list(chosen)]) @ left[:, loop]
+        others = left[:, loops]
+        left[:, loops] = others - others[..., list(chosen)] @ solved[:, None]
     return tuple(pivots)
 
 
@@ -85,59 +83,46 @@ def _most_regular(
     """Return the pivot whose axes depend least on each other, wherever they do most."""
     rated: list[tuple[float, int, Pivot]] = []
     for loop in loops:
-        used_columns = [c for c in columns if np.any(left[:, loop, :, c])]
-        sizes = np.linalg.svd(left[:, loop][:, :, columns], compute_uv=False)
+        rows = left[:, loop]
+        sizes = np.linalg.svd(rows[:, :, columns], compute_uv=False)
         rank = int(np.sum(np.max(sizes, axis=0) > REPEATED))
-        for chosen in combinations(used_columns, rank) if rank else ():
-            block = left[:, loop][:, :, list(chosen)]
+        used = [c for c in columns if np.any(rows[:, :, c])]
+        for chosen in combinations(used, rank) if rank else ():
+            block = rows[:, :, list(chosen)]
             spread = np.prod(np.linalg.norm(block, axis=1), axis=1)
             flat = np.prod(np.linalg.svd(block, compute_uv=False), axis=1)
-            flat = flat / np.maximum(spread, 1e-300)
-            more = [c for c in columns if c not in chosen and c in used_columns]
-            users = [
-                o for o in loops if o != loop and np.any(left[:, o][:, :, list(chosen)])
-            ]
-            fills = sum(not np.any(left[:, o, :, c]) for o in users for c in more)
-            cost = 4 * fills + len(users) * (1 + len(more))
-            rated.append((float(np.min(flat)), -cost, (loop, chosen)))
+            flat = np.min(flat / np.maximum(spread, 1e-300))
+            users = np.any(left[:, loops][..., list(chosen)], axis=(0, 2, 3))
+            rated.append((float(flat), -int(np.sum(users)), (loop, chosen)))
     if not rated or not (most := max(rated)[0]) > 0.0:
         return None
     near = [candidate for candidate in rated if candidate[0] >= FLATTER * most]
     return max(near, key=lambda candidate: (candidate[1], candidate[0]))[2]
 
 
-LoopInverse = Mapping[int, Mapping[int, Exprs]]
-"""`inverse[variable][loop]` (3,) say by how much what a loop has on its right-hand side
-counts for a variable; those that are zero are missing."""
+def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
+    """Return the inverse (variables, loops, 3) of equations (loops, 3, variables).
+
+    It says by how much what a loop has on its right-hand side counts for a variable.
+    """
+    loops, _, count = equations.shape
+    unit = np.eye(3 * loops).astype(object).reshape(loops, 3, 3 * loops)
+    rows = [*np.concatenate([equations, unit], axis=2)]
+    inverse = np.zeros((count, loops, 3)).astype(object)
+    for loop, chosen in pivots:
+        at = list(chosen)
+        axes, rows[loop][:, at] = rows[loop][:, at].T.copy(), 0.0
+        rows[loop] = _inverse(axes) @ rows[loop]
+        for other in range(loops):
+            if other != loop:
+                used, rows[other][:, at] = rows[other][:, at].copy(), 0.0
+                rows[other] = rows[other] - used @ rows[loop]
+    for loop, chosen in pivots:
+        inverse[list(chosen)] = rows[loop][:, count:].reshape(-1, loops, 3)
+    return inverse
 
 
-def loop_inverse(columns: LoopInverse, pivots: Sequence[Pivot]) -> LoopInverse:
-    """Return the inverse of equations whose `columns[loop][variable]` (3,) are not zero."""
-    left = {loop: dict(by_variable) for loop, by_variable in columns.items()}
-    unit = np.array([[1.0 if i == j else 0.0 for j in range(3)] for i in range(3)], object)
-    right: dict[int, dict[int, Exprs]] = {loop: {loop: unit} for loop in columns}
-    for loop, pivot_columns in pivots:
-        back = _inverse([left[loop].pop(variable) for variable in pivot_columns])
-        left[loop] = {v: np.asarray(back @ x) for v, x in left[loop].items()}
-        right[loop] = {m: np.asarray(back @ x) for m, x in right[loop].items()}
-        for other in columns:
-            if other == loop or not any(v in left[other] for v in pivot_columns):
-                continue
-            size = len(next(left[other][v] for v in pivot_columns if v in left[other]))
-            zero = vector([0.0] * size)
-            used = np.stack([left[other].pop(v, zero) for v in pivot_columns], axis=1)
-            for mine, its in ((left[other], left[loop]), (right[other], right[loop])):
-                for key, value in its.items():
-                    change = used @ value
-                    mine[key] = mine[key] - change if key in mine else -1.0 * change
-    return {
-        variable: {m: block[k] for m, block in right[loop].items()}
-        for loop, pivot_columns in pivots
-        for k, variable in enumerate(pivot_columns)
-    }
-
-
-def _inverse(axes: Sequence[Exprs]) -> Exprs:
+def _inverse(axes: Exprs) -> Exprs:
     """Return what (m, 3) gives the parts along m axes of a vector in their span."""
     if len(axes) == 1:
         return np.stack([axes[0] * (1.0 / dot(axes[0], axes[0]))])
@@ -197,11 +182,9 @@ class RowTerms(VelocityEquations):
         super().__init__(mechanism, pairs, placed, variables, False)
         self.held = {self.owned[pair][0] for pair in inputs}
         self.free = [v for v in range(len(variables)) if v not in self.held]
-        equations = {
-            loop: {v: float(row[v]) * self.vectors[v] for v in self.free if row[v]}
-            for loop, row in enumerate(self.tree.signs)
-        }
-        self.inverse = loop_inverse(equations, pivots)
+        signs = self.tree.signs.astype(object)
+        signs[:, sorted(self.held)] = 0.0
+        self.inverse = loop_inverse(np.stack(self.vectors, axis=1) * signs[:, None], pivots)
         # Of a rotation by an angle x it is 2 sin x / 2.
         self.residual = root(self.openness)
         self._bounds()
@@ -209,13 +192,10 @@ class RowTerms(VelocityEquations):
     def _bounds(self) -> None:
         """Set the bounds of what variables, orientations and axes are off by."""
         tree = self.tree
-        squares = {
-            v: sum_of(x * x for block in row.values() for x in block)
-            for v, row in self.inverse.items()
-        }
-        self.moved = {v: root(square) for v, square in squares.items()}
-        sensitivity = root(sum_of(squares.values()))
-        turns = self.paths({v: self.moved.get(v, 0.0) for v in range(len(self.vectors))})
+        squares = [dot(row.flat, row.flat) for row in self.inverse]
+        self.moved = [root(square) for square in squares]
+        sensitivity = root(sum_of(squares))
+        turns = self.paths(self.moved)
         paths = np.count_nonzero(tree.paths, axis=1)
         longest = int(np.max(np.count_nonzero(tree.signs, axis=1), initial=0))
         rounding = EPS * (2.0 + longest)
@@ -229,7 +209,7 @@ class RowTerms(VelocityEquations):
         self.open, self.numbers = open_, numbers
         self.axes, self.slides = [], []
         for v, carried in enumerate(self.carried):
-            moved = self.moved.get(v, 0.0)
+            moved = self.moved[v]
             turn = turns[carried.link] * open_ + numbers
             self.axes.append(carried.size * turn + carried.slid * (moved * open_))
             self.slides.append(carried.slid * turn + carried.bent * (moved * open_))
@@ -243,11 +223,12 @@ class RowTerms(VelocityEquations):
         left = root(1.0 - 2.0 * self.bend)
         self.moved_by = sensitivity * gap * 2.0 / (1.0 + left) + 2.0 * EPS
 
-    def paths(self, parts: Mapping[int, Expr]) -> list[Expr]:
+    def paths(self, parts: Sequence[Expr]) -> list[Expr]:
         """Return for each link how far variables that move by so much turn it at most."""
-        return self.added({v: self.carried[v].size * part for v, part in parts.items()})
+        sizes = (carried.size for carried in self.carried)
+        return self.added([size * part for size, part in zip(sizes, parts, strict=True)])
 
-    def added(self, parts: Mapping[int, Expr]) -> list[Expr]:
+    def added(self, parts: Sequence[Expr]) -> list[Expr]:
         """Return for each link the sum of parts of the variables on the way to it."""
         sums: list[Expr] = [0.0] * self.tree.count
         for pair, parent, child in self.tree.placements:
@@ -263,15 +244,11 @@ class RowTerms(VelocityEquations):
     def answers(self, misfits: Mapping[int, Exprs]) -> list[Expr]:
         """Return how all variables answer to misfits (3,) of pairs, the inputs at rest."""
         right = [
-            vector_sum(
-                misfit * float(row[self.owned[pair][0]]) for pair, misfit in misfits.items()
-            )
+            vector_sum(x * float(row[self.owned[pair][0]]) for pair, x in misfits.items())
             for row in self.tree.signs
         ]
-        return [
-            sum_of(dot(x, right[loop]) for loop, x in self.inverse.get(v, {}).items())
-            for v in range(len(self.vectors))
-        ]
+        sides = [x for side in right for x in side]
+        return [dot(row.flat, sides) for row in self.inverse]
 
 
 class MovingTerms:
@@ -305,43 +282,40 @@ class MovingTerms:
         """Set what links and variables are off by, in first and second derivatives."""
         rows = self._rows
         speeds, bends = ([size_of(x) for x in y] for y in (self._rates, self._change))
-        fast = rows.paths(dict(enumerate(speeds)))
-        slips = {v: speeds[v] * off for v, off in enumerate(rows.axes)}
+        fast = rows.paths(speeds)
+        slips = [speed * off for speed, off in zip(speeds, rows.axes, strict=True)]
         off_w, off_rates = self._off(slips, over)
-        again, spread = {}, {}
+        again, spread = list[Expr](), list[Expr]()
         for v, carried in enumerate(rows.carried):
-            off_rate, spin = off_rates.get(v, 0.0), fast[carried.link]
+            off_rate, spin, off = off_rates[v], fast[carried.link], rows.axes[v]
             turned = carried.size * spin + speeds[v] * carried.slid
-            off_turned = carried.size * off_w[carried.link] + spin * rows.axes[v]
+            off_turned = carried.size * off_w[carried.link] + spin * off
             off_turned = off_turned + carried.slid * off_rate + speeds[v] * rows.slides[v]
-            again[v] = bends[v] * rows.axes[v] + speeds[v] * off_turned + turned * off_rate
-            spread[v] = bends[v] * carried.size + speeds[v] * turned
+            again.append(bends[v] * off + speeds[v] * off_turned + turned * off_rate)
+            spread.append(bends[v] * carried.size + speeds[v] * turned)
         off_dw, off_change = self._off(again, over_bent)
         self._off_w, self._off_dw = off_w, off_dw
-        self._off_rates = {v: off_rates.get(v, 0.0) + slip for v, slip in slips.items()}
-        self._off_change = {v: off_change.get(v, 0.0) + slip for v, slip in again.items()}
+        self._off_rates = [sum(both) for both in zip(off_rates, slips, strict=True)]
+        self._off_change = [sum(both) for both in zip(off_change, again, strict=True)]
         self._swings = rows.added(spread)
         self.over, self.over_bent = over, over_bent
         self.fast = sum_of(speeds[v] * x.size for v, x in enumerate(rows.carried))
-        self.swings = sum_of(spread.values())
+        self.swings = sum_of(spread)
         bent = sum_of(dot(rate, rate) for rate in self._dw)
         self.part = sum_of(off_dw) / root(1.0 + bent)
         self.worst = self.part * (LARGEST_ERROR / LARGEST_PART)
 
-    def _off(
-        self, slips: Mapping[int, Expr], over: Expr
-    ) -> tuple[list[Expr], dict[int, Expr]]:
+    def _off(self, slips: Sequence[Expr], over: Expr) -> tuple[list[Expr], list[Expr]]:
         """Return what links and variables are off by, in a derivative.
 
         `slips` are what the terms of variables in the equations are off by, `over` what the
         equations have left.
         """
         rows = self._rows
-        often = np.count_nonzero(rows.tree.signs, axis=0)
-        whole = over + sum_of(float(often[v]) * slip for v, slip in slips.items())
-        along = rows.added(slips)
-        links = [turn * whole + path for turn, path in zip(rows.turns, along, strict=True)]
-        return links, {v: moved * whole for v, moved in rows.moved.items()}
+        often = np.count_nonzero(rows.tree.signs, axis=0).astype(float).tolist()
+        whole = over + dot(often, slips)
+        along = zip(rows.turns, rows.added(slips), strict=True)
+        return [x * whole + path for x, path in along], [x * whole for x in rows.moved]
 
     def _place(self, columns: dict[Any, int]) -> None:
         """Add the columns, of which those with a sign are of their own."""
@@ -409,7 +383,7 @@ class MovingTerms:
         off = rows.axes[variable]
         if pair in rows.lines:
             carried = rows.lines[pair]
-            moved = rows.turns[carried.link] + rows.moved.get(variable, 0.0)
+            moved = rows.turns[carried.link] + rows.moved[variable]
             off = moved * rows.open + rows.numbers
         unit = carried.vector
         turned = carried.change(self._w[carried.link], self._rates[variable])

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.engine.algebra import sum_of, vector, vector_sum
+from spherekit.engine.algebra import sum_of, vector_sum
 from spherekit.engine.columns import (
     ERRORS,
     LARGEST_ERROR,
@@ -246,13 +246,11 @@ class RowKernel:
 
     @property
     def _aside(self) -> dict[Any, Sequence[Expr]]:
-        rows, chords, first = self._rows, range(len(self._rows.tree.chords)), self.moving[0]
-        given = [rows.inverse.get(v, {}) for v in rows.free]
-        zero = vector([0.0, 0.0, 0.0])
+        rows, first = self._rows, self.moving[0]
         return {
             "shape": [rows.flatness, rows.bend, sum_of(curved(rows))],
             "turns": rows.turns,
-            "inverse": [x for row in given for loop in chords for x in row.get(loop, zero)],
+            "inverse": [*rows.inverse[rows.free].flat],
             "left": [first.part, first.over, first.over_bent, first.fast, first.swings],
         }
 
