@@ -206,15 +206,19 @@ def relation_plots(relation: Row, count: int, rows: slice) -> list[Primitive]:
     for start in range(0, len(relation["c"]), count):
         output, form, moving = (relation[k][start] for k in ("output", "form", "moving"))
         by, at = f" by {moving}" * several, slice(start + rows.start, start + rows.stop)
-        pair, angles = f"input-output relation, form {form}", f"angles, form {form}"
-        series = {name: (name + by, pair, "") for name in ("c", "d")}
-        series |= {name: (words, angles, "rad") for name, words in _ANGLES.items()}
-        for name, (words, group, unit) in series.items():
-            end = words.replace(" ", "_") if group == pair else name
-            path = f"plots/{form}/{output.replace('/', '_')}/{end}"
-            if np.any(np.isfinite(relation[name][at])):
+        folder = f"plots/{form}/{output.replace('/', '_')}"
+        relating, angles = f"input-output relation, form {form}", f"angles, form {form}"
+        for name, words, end, group, unit in (
+            *(
+                (name, name + by, (name + by).replace(" ", "_"), relating, "")
+                for name in "cd"
+            ),
+            *((name, words, name, angles, "rad") for name, words in _ANGLES.items()),
+        ):
+            values, path = relation[name][at], f"{folder}/{end}"
+            if np.any(np.isfinite(values)):
                 label = f"{words}, output {output}"
-                parts[path] = Series(path, label, group, relation[name][at], unit)
+                parts[path] = Series(path, label, group, values, unit)
     return [*parts.values()]
 
 

@@ -81,18 +81,18 @@ class SingularityAnalysis(AbstractAnalysis):
         """Return the relative motions wanted, as numbers of links."""
         if self.output:
             return tuple(ordered_pole(mechanism, text) for text in self.output)
-        number = mechanism.link_number
-        moved = [set(_ends(mechanism, item.pair)) for item in mechanism.inputs]
-        declared = [(number[o.link], number[o.relative_to]) for o in mechanism.outputs]
-        others = [links for links in declared if set(links) not in moved]
+        number, ends = mechanism.link_number, mechanism.ends
+        declared = dict.fromkeys(
+            (number[output.link], number[output.relative_to])
+            for output in mechanism.outputs
+        )
+        if len(mechanism.inputs) > 1:
+            return tuple(declared)
+        driven = set(ends[mechanism.pair_number[mechanism.inputs[0].pair]])
+        others = tuple(links for links in declared if set(links) != driven)
         if others:
-            return tuple(dict.fromkeys(others))
-        driven = set().union(*moved)
-        beside = [
-            next(link for link in ends if link)
-            for ends in mechanism.ends
-            if 0 in ends and not set(ends) <= driven
-        ]
+            return others
+        beside = [max(two) for two in ends if 0 in two and not set(two) <= driven]
         rest = beside or [k for k in range(1, len(mechanism.links)) if k not in driven]
         return tuple((link, 0) for link in dict.fromkeys(rest))
 
@@ -115,12 +115,8 @@ class SingularityAnalysis(AbstractAnalysis):
                 f"singularities: near: {self.near:g} is not an angle in degrees; 0 or "
                 f"more is"
             )
-        for name, value in (
-            ("slices", self.slices),
-            ("mesh", self.mesh),
-            ("input_grid", self.input_grid),
-            ("seconds", self.seconds),
-        ):
+        for name in ("slices", "mesh", "input_grid", "seconds"):
+            value = getattr(self, name)
             if value is not None and not value >= 0:
                 raise AnalysisError(
                     f"singularities: {name}: {value:g} is negative; 0 leaves it out"
@@ -137,14 +133,7 @@ class SingularityAnalysis(AbstractAnalysis):
                     f"singularities: input_grid: {no_aspects(mechanism)}; leave it out, or "
                     "give 0"
                 )
-            number = mechanism.link_number
-            outputs = [
-                (number[output.link], number[output.relative_to])
-                for output in mechanism.outputs
-            ]
-        else:
-            outputs = list(self.outputs(mechanism))
-        links = frozenset(link for output in outputs for link in output)
+        links = frozenset(link for output in self.outputs(mechanism) for link in output)
         return Needs(tracer=True, links=links)
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
@@ -173,7 +162,3 @@ class SingularityAnalysis(AbstractAnalysis):
             )
 
         return batch.once("half", half)
-
-
-def _ends(mechanism: Mechanism, pair: str) -> tuple[int, int]:
-    return mechanism.ends[mechanism.pair_number[pair]]

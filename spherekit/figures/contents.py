@@ -53,32 +53,25 @@ from spherekit.figures.style import Columns, Look
 
 def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
     """Return a figure of surfaces in the same space."""
-    meshed = [item for item in surfaces if len(item.triangles)]
-    clouds = [item for item in surfaces if not len(item.triangles)]
     with style.look():
         figure = sheet.figure(1, min(sheet.width, 4.5))
         panel: Any = figure.add_subplot(projection="3d")
-        for surface in meshed:
-            look = style.tone_look(surface.tone) | {"label": surface.label}
-            panel.plot([], [], [], linewidth=4.0, **look)  # for the legend
-            panel.add_collection3d(
-                Poly3DCollection(
-                    surface.vertices[surface.triangles],
-                    facecolors=style.tone_colour(surface.tone),
-                    alpha=0.6,
-                    shade=True,
-                    linewidths=0.0,
-                )
-            )
-        for surface in clouds:
-            if surface.values is None:
-                panel.scatter(*surface.vertices.T, c=style.tone_colour(surface.tone), s=3.0)
-                continue
-            tint = Normalize(*map_range(surface.values, surface.values_unit))
-            look = {"c": surface.values, "norm": tint, "cmap": style.HEAT}
-            panel.scatter(*surface.vertices.T, s=3.0, **look)
-            words = titled(surface.label, surface.values_unit)
-            colour_bar(figure, panel, surface.values, tint, style.HEAT, words, 0.12)
+        for surface in surfaces:
+            colour, values = style.tone_colour(surface.tone), surface.values
+            if len(surface.triangles):
+                look: Look = {"color": colour, "label": surface.label}
+                panel.plot([], [], [], linewidth=4.0, **look)  # for the legend
+                faces = surface.vertices[surface.triangles]
+                look = {"facecolors": colour, "alpha": 0.6, "shade": True}
+                panel.add_collection3d(Poly3DCollection(faces, linewidths=0.0, **look))
+            elif values is None:
+                panel.scatter(*surface.vertices.T, c=colour, s=3.0)
+            else:
+                tint = Normalize(*map_range(values, surface.values_unit))
+                look = {"c": values, "norm": tint, "cmap": style.HEAT}
+                panel.scatter(*surface.vertices.T, s=3.0, **look)
+                words = titled(surface.label, surface.values_unit)
+                colour_bar(figure, panel, values, tint, style.HEAT, words, 0.12)
         every = np.concatenate([item.vertices for item in surfaces])
         first = surfaces[0]
         for which, name, column in zip("xyz", first.axes, every.T, strict=True):

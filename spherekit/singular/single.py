@@ -10,11 +10,11 @@ chosen, which are no singularities.
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache, cached_property
-from itertools import pairwise, product
+from itertools import chain, pairwise, product
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Floats
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.errors import PlanError
 from spherekit.model.mechanism import Mechanism
@@ -24,7 +24,7 @@ from spherekit.motion.crossing import Crossing, crossing_near
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import Plan, Pole, parse_pole, pole_of
-from spherekit.singular.along import AT_REST, AlongCurve, Axes, LinkMotion
+from spherekit.singular.along import AT_REST, AlongCurve, LinkMotion
 from spherekit.singular.record import RelationAt, SingularPoint, judged
 from spherekit.singular.relation import (
     FORMS,
@@ -123,24 +123,19 @@ class SingleFreedom:
         """
         if links.o in (links.r, links.i):
             return None
+        count = len(self.tracer.mechanism.links)
+        others = [k for k in range(count) if k not in links.different]
         if links.s != links.r:
             return links
-        poles = {
-            k: (pole_of(links.o, k), pole_of(links.i, k))
-            for k in range(len(self.tracer.mechanism.links))
-            if k not in links.different
-        }
-        wanted = [pole for pair in poles.values() for pole in pair]
-        axes = [along.axes(along.curve.s, wanted)[0] for along in self.along]
-
-        def sine(k: int) -> float:
-            """Return the mean sine of the angle of the poles of a link with o and i."""
-            pairs = ([there[pole] for pole in poles[k]] for there in axes)
-            sines = [np.linalg.norm(cross(*pair), axis=1) for pair in pairs]
-            return float(np.mean(np.nan_to_num(np.concatenate([np.zeros(1), *sines]))))
-
-        best = max(poles, key=lambda k: (sine(k), -k), default=None)
-        return None if best is None else replace(links, s=best)
+        if not others:
+            return None
+        pairs = [(pole_of(links.o, k), pole_of(links.i, k)) for k in others]
+        sines = np.zeros(len(others))
+        for along in self.along:
+            axes, _ = along.axes(along.curve.s, [*chain(*pairs)])
+            turns = [cross(axes[one], axes[other]) for one, other in pairs]
+            sines += np.nansum(np.linalg.norm(turns, axis=2), axis=1)
+        return replace(links, s=others[int(np.argmax(sines))])
 
     def poles(self, output: int) -> list[Pole]:
         """Return the poles of an output's relations, each once."""
@@ -210,11 +205,7 @@ class SingleFreedom:
         places = common_zeros(along, [pole_of(*pair) for pair in ends])
         (s, error, _), double = places[:3].tolist(), places[3:]
         types = [TYPES[moves] for moves in zip(*(~np.isnan(double)).tolist(), strict=True)]
-        there, axes = along.at(places[0]), along.axes(places[0], self.poles(output))
-        rest = {
-            pole: there.speeds(pole)[0] <= AT_REST * there.rounding
-            for pole in self.poles(output)
-        }
+        there = along.at(places[0])
         return [
             SingularPoint(kind, ends[1], ((number, place),), *row)
             for kind, place, *row in zip(
@@ -225,28 +216,24 @@ class SingleFreedom:
                 *(double == 0.0).tolist(),
                 np.any(double == 1.0, axis=0).tolist(),
                 doubts(places, types, ends[0] != ends[1]),
-                self._judged(output, axes, there, types, rest),
+                self._judged(output, there, types),
                 strict=True,
             )
         ]
 
     def _judged(
-        self,
-        output: int,
-        axes: Axes,
-        there: LinkMotion,
-        facts: Sequence[Type],
-        resting: dict[Pole, Bools],
+        self, output: int, there: LinkMotion, facts: Sequence[Type]
     ) -> list[tuple[RelationAt, ...]]:
         """Return an output's relations at n configurations, compared with the rates."""
         forms = []
-        units, bounds = axes
-        names = self.tracer.mechanism.links
+        names, poles = self.tracer.mechanism.links, tuple(self.poles(output))
+        units, bounds = there.axes(poles, self.along[0].plan_of(poles))
+        still = {pole: there.speeds(pole)[0] <= AT_REST * there.rounding for pole in poles}
         for relation in self._made(output, units):
             errors = np.max([bounds[pole] for pole in relation.links.poles], axis=0)
             ends = relation.output, self.input
             rates = _rate(there, units, ends[0]), _rate(there, units, ends[1])
-            forms.append(judged(relation, names, rates, errors, facts, resting))
+            forms.append(judged(relation, names, rates, errors, facts, still))
         return list(zip(*forms, strict=True))
 
     @cached_property
@@ -320,15 +307,14 @@ class SingleFreedom:
         count = 0 if crossing is None else len(crossing.tangents)
         if crossing is None or not count:
             return ()
-        tangents, poles = crossing.tangents, self.poles(output)
+        tangents = crossing.tangents
         values = np.tile(crossing.values, (count, 1))
         there = LinkMotion(self.tracer, values, tangents, np.full_like(tangents, np.nan))
-        axes = there.axes(poles, self.along[0].plan_of(tuple(poles)))
         return tuple(
             replace(at, note=ONE_CURVE)
             if at.type is None and {*self.outputs[output]} != {*self.input}
             else at
-            for rows in self._judged(output, axes, there, [Type.III] * count, {})
+            for rows in self._judged(output, there, [Type.III] * count)
             for at in rows
         )
 
