@@ -423,34 +423,23 @@ def _bound_in_part(rows: Floats, whole: Bools, low: Floats, high: Floats) -> Non
 
 
 def _within_cone(corners: Floats, values: Floats, error: Floats, uncertain: Bools) -> Bools:
-    """Return whether the gradients of the uncertain margins lie in a cone.
+    """Return whether the gradients of the uncertain margins lie in a cone about their mean.
 
     `corners` (n, 3, 3) are those of the triangles, `values` (6, n, k) the margins at them
     and at mid-edge, `error` (n, k) how far the margins are off.
     """
-    n = len(corners)
     slopes = np.tensordot(_SLOPES, values, axes=1)
     one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     base = np.linalg.norm(one, axis=1)[:, None]
     shift = np.sum(one * other, axis=1)[:, None] / base
     height = np.linalg.norm(cross(one, other), axis=1)[:, None] / base
-    first = slopes[:, 0] / base
-    second = (slopes[:, 1] - shift * first) / height
+    along = slopes[:, 0] / base
+    gradient = along + 1j * (slopes[:, 1] - shift * along) / height
+    size = np.abs(gradient)
     room = np.hypot(1.0 / base, (1.0 + np.abs(shift) / base) / height)
-    size = np.hypot(first, second)
     with np.errstate(all="ignore"):
         slack = SLOPE_SLACK * error * room / size
-    slack = np.where(size > 0.0, slack, np.inf)
-    angle = np.where(uncertain, np.arctan2(second, first), np.nan)
-    slack, angle = (
-        np.moveaxis(columns, 1, 0).reshape(n, 3 * uncertain.shape[1])
-        for columns in (slack, angle)
-    )
-    rising = np.sort(angle, axis=1)
-    last = np.maximum(np.count_nonzero(~np.isnan(angle), axis=1) - 1, 0)
-    around = rising[np.arange(n), last] - 2.0 * np.pi
-    gaps = np.diff(np.column_stack([around, rising]), axis=1)
-    widest = np.argmax(np.where(np.isnan(gaps), -1.0, gaps), axis=1)
-    gap, end = gaps[np.arange(n), widest], rising[np.arange(n), widest]
-    along = np.cos(angle - (end + np.pi - 0.5 * gap)[:, None]) - slack
-    return np.all((along > np.sin(0.5 * SHARPEST)) | np.isnan(angle), axis=1)
+        ways = np.where(uncertain, gradient / size, 0.0)
+        axis = np.sum(ways, axis=(0, 2))
+        rise = np.real(ways * np.conj(axis / np.abs(axis))[:, None]) - slack
+    return np.all((rise > np.sin(0.5 * SHARPEST)) | ~uncertain, axis=(0, 2))
