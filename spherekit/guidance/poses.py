@@ -189,20 +189,18 @@ class PoseFinder:
     def _of_values(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
         placed = self.solver.closure.at(values).placed
         driven = list(self.solver.driven)
+        near = OutputTarget.of(self.mechanism, self.output).at(values, np.eye(3)[None])
+        free = np.minimum(near.output_singular_value, near.loop_conditioning) > UNFIXED
+        transmission = Transmission.of(self.mechanism, self.output)
+        free &= transmission.of_values(self.solver.closure, values) > SINGULAR
         candidates = PoseCandidates(
             values,
             self.solver.reduced(values[:, driven]),
             pose_of(self.mechanism, self.output, placed),
             tuple(labels),
-            self._singular(values),
+            ~free,
         )
         return candidates.ordered(np.argsort(candidates.singular, kind="stable"))
-
-    def _singular(self, values: Floats) -> Bools:
-        near = OutputTarget.of(self.mechanism, self.output).at(values, np.eye(3)[None])
-        free = np.minimum(near.output_singular_value, near.loop_conditioning) > UNFIXED
-        transmission = Transmission.of(self.mechanism, self.output)
-        return ~(free & (transmission.of_values(self.solver.closure, values) > SINGULAR))
 
     def _inverse(self, pose: Floats, points: bool) -> PoseCandidates:
         """Return the configurations at an orientation (3, 3) or direction (3,)."""

@@ -207,24 +207,20 @@ class Optimality:
         )
         return held + np.matvec(free, along)
 
-    def step(self) -> Floats:
+    def step(self, exact: bool) -> Floats:
         """Return the change (n, variables) of Newton's method towards the nearest one.
 
-        Where a^2 / 2 is not convex the curvature is left out, which always descends.
+        Where a^2 / 2 is not convex the curvature is left out, which always descends. Where
+        the link can follow, `exact`, the orientation is one more equation, which also holds
+        the links where the loops alone do not.
         """
+        if exact:
+            right = np.concatenate([-self.at.residual, self.left], axis=1)
+            return np.matvec(self.system_inverse, right)
         plain = transpose(self.swing) @ self.swing
         convex = self.least_eigenvalue > 1e-6 * self.output_singular_value**2
         used = np.where(convex[:, None, None], self.stiffness, plain)
         return self._balanced(np.vecmat(self.left, self.turning), -self.at.residual, used)
-
-    def exact_step(self) -> Floats:
-        """Return the change (n, variables) of Newton's method where the link can follow.
-
-        The orientation is one more equation then, which also holds the links where the
-        loops alone do not.
-        """
-        right = np.concatenate([-self.at.residual, self.left], axis=1)
-        return np.matvec(self.system_inverse, right)
 
     def miss(self, exact: bool) -> Floats:
         """Return by how much (n,) loops are open, and how far off the link is (rad).
@@ -388,7 +384,7 @@ class Way:
 
         def change(some: Floats, rows: Indices) -> Floats:
             near = self.target.at(some, wanted[rows])
-            return np.nan_to_num(near.exact_step() if self.exact else near.step())
+            return np.nan_to_num(near.step(self.exact))
 
         values, steps = newton(change, guess, CORRECTIONS, SETTLED, LARGEST_CHANGE)
         return self.target.at(values, wanted), steps

@@ -80,22 +80,15 @@ def bracketed_zeros(
         gap = np.abs(b[going] - x)
         settled = (value == 0.0) | (gap <= 2.0 * least)
         going, gap, least = going[~settled], gap[~settled], least[~settled]
-        share = np.clip(
-            _share(a[going], b[going], c[going], fa[going], fb[going], fc[going]),
-            np.minimum(least / gap, 0.5),
-            np.maximum(1.0 - least / gap, 0.5),
-        )
+        x, y, z, fx, fy, fz = (part[going] for part in (a, b, c, fa, fb, fc))
+        with np.errstate(all="ignore"):
+            place, level = (x - y) / (z - y), (fx - fy) / (fz - fy)
+            safe = (level**2 < place) & ((1.0 - level) ** 2 < 1.0 - place)
+            share = fx / (fy - fx) * (fz / (fy - fz))
+            share += (z - x) / (y - x) * (fx / (fz - fx)) * (fy / (fz - fy))
+            room_left = np.minimum(least / gap, 0.5)
+            share = np.clip(np.where(safe, share, 0.5), room_left, 1.0 - room_left)
     return np.where(np.abs(fa) < np.abs(fb), a, b), np.where(fa < 0.0, a, b)
-
-
-def _share(a: Floats, b: Floats, c: Floats, fa: Floats, fb: Floats, fc: Floats) -> Floats:
-    """Return how far from a to b the next place is."""
-    with np.errstate(all="ignore"):
-        place, value = (a - b) / (c - b), (fa - fb) / (fc - fb)
-        safe = (value**2 < place) & ((1.0 - value) ** 2 < 1.0 - place)
-        first = fa / (fb - fa) * (fc / (fb - fc))
-        second = (c - a) / (b - a) * (fa / (fc - fa)) * (fb / (fc - fb))
-        return np.where(safe, first + second, 0.5)
 
 
 DEGREE = 32

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices
+from spherekit.arrays import Floats
 
 Function = Callable[[Floats], Floats]
 """Values (n,) at places (n,)."""
@@ -69,7 +69,12 @@ def _resolved(function: Function, grid: Floats) -> tuple[Floats, Floats]:
             break
         middle = 0.5 * (x[cells] + x[cells + 1])
         value = function(middle)
-        error = np.abs(_cubic(x, y, cells, middle) - value)
+        count = min(4, len(x))
+        nodes = np.clip(cells - 1, 0, len(x) - count)[:, None] + np.arange(count)
+        gaps = x[nodes][:, :, None] - x[nodes][:, None]
+        parts, other = np.ones_like(gaps), ~np.eye(count, dtype=bool)
+        np.divide((middle[:, None] - x[nodes])[:, None], gaps, out=parts, where=other)
+        error = np.abs(np.vecdot(y[nodes], np.prod(parts, axis=2)) - value)
         again = (error > RESOLVED * value) | (depth < HALVED)
         new = np.searchsorted(x, middle)
         left = new + np.arange(len(new)) - 1
@@ -77,14 +82,3 @@ def _resolved(function: Function, grid: Floats) -> tuple[Floats, Floats]:
         doubtful = np.zeros(len(x) - 1, dtype=bool)
         doubtful[left] = doubtful[left + 1] = again
     return x, y
-
-
-def _cubic(x: Floats, y: Floats, cells: Indices, at: Floats) -> Floats:
-    """Return the polynomials through the four values about cells, at a place in each."""
-    count = min(4, len(x))
-    nodes = np.clip(cells - 1, 0, len(x) - count)[:, None] + np.arange(count)
-    ways = at[:, None] - x[nodes]
-    gaps = x[nodes][:, :, None] - x[nodes][:, None]
-    same = np.eye(count, dtype=bool)
-    parts = np.divide(ways[:, None], gaps, out=np.ones_like(gaps), where=~same)
-    return np.vecdot(y[nodes], np.prod(parts, axis=2))

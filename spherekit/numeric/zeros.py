@@ -63,7 +63,13 @@ def zeros(function: Function, grid: Floats) -> Zeros:
     crossed: list[Floats] = []
     for _ in range(DEEPEST):
         cells, error = _halved(function, cells)
-        empty, monotone = _kinds(cells, error + floor)
+        a, b, fa, da, fb, db = cells
+        third = (b - a) / 3.0  # by Bernstein's bounds
+        control = np.stack([fa, fa + third * da, fb - third * db, fb])
+        empty, monotone = (
+            np.all(x > error + floor, axis=0) | np.all(x < -error - floor, axis=0)
+            for x in (control, np.diff(control, axis=0))
+        )
         crossed.append(cells[:, monotone & _changes(cells[2], cells[4])])
         cells = cells[:, ~empty & ~monotone]
         if not cells.size:
@@ -107,16 +113,6 @@ def _halved(function: Function, cells: Floats) -> tuple[Floats, Floats]:
     left = np.stack([a, middle, fa, da, value, slope])
     right = np.stack([middle, b, value, slope, fb, db])
     return np.concatenate([left, right], axis=1), np.tile(error, 2)
-
-
-def _kinds(cells: Floats, error: Floats) -> tuple[Bools, Bools]:
-    """Return which cells have no zero, and which are monotone, by Bernstein's bounds."""
-    a, b, fa, da, fb, db = cells
-    third = (b - a) / 3.0
-    control = np.stack([fa, fa + third * da, fb - third * db, fb])
-    rises = np.diff(control, axis=0)
-    empty = np.all(control > error, axis=0) | np.all(control < -error, axis=0)
-    return empty, np.all(rises > error, axis=0) | np.all(rises < -error, axis=0)
 
 
 def _about_extrema(

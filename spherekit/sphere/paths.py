@@ -413,8 +413,12 @@ def integrated(
     ready: list[tuple[Floats, Floats, Floats]] = []
     total = 0.0
     noise = np.zeros(len(low)) if rounding is None else rounding
+    nodes, weights = leggauss(_ORDER)
+    rows = np.polynomial.legendre.legvander(nodes, _ORDER - 1) * weights[:, None]
+    rows *= np.arange(_ORDER) + 0.5
     for depth in range(_DEEPEST + 1):
-        series = gauss_series(rate, low, high)
+        half = 0.5 * (high - low)[:, None]
+        series = half * (rate(low[:, None] + half * (1.0 + nodes)) @ rows)
         largest = max_abs(series, axis=1)
         if depth == 0:
             total = 2.0 * float(np.sum(largest))
@@ -437,12 +441,3 @@ def integrated(
         starts=np.concatenate([[0.0], np.cumsum(2.0 * speeds[:, 0])]),
         speeds=np.ascontiguousarray(speeds.T),
     )
-
-
-def gauss_series(rate: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
-    """Return the Legendre series (panels, order) of a rate by x, -1 to 1 on each panel."""
-    nodes, weights = leggauss(_ORDER)
-    rows = np.polynomial.legendre.legvander(nodes, _ORDER - 1) * weights[:, None]
-    rows *= np.arange(_ORDER) + 0.5
-    half = 0.5 * (high - low)[:, None]
-    return half * (rate(low[:, None] + half * (1.0 + nodes)) @ rows)

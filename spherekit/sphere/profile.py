@@ -89,7 +89,14 @@ class Curve:
         arcs = np.asarray(s, dtype=float)
         if self.backwards:
             arcs = (0.0 if self.closed else self.length) - arcs
-        arcs, inside = _into(arcs, self.length, self.closed)
+        length, slack = self.length, 4.0 * EPS * self.length
+        inside = finite = np.isfinite(arcs)
+        arcs = np.where(finite, arcs, np.nan)
+        if self.closed:
+            arcs = np.mod(arcs, length)
+        else:
+            inside = (arcs >= -slack) & (arcs <= length + slack)
+            arcs = np.clip(arcs, 0.0, length)
         return arcs if self.table is None else self.table.invert(arcs), inside
 
     def at(self, s: ArrayLike) -> CurvePoint:
@@ -212,13 +219,3 @@ def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, A
         table = measure(path, knots)
         yield path, table
         steps = np.diff(table.at_edge(knots))
-
-
-def _into(s: Floats, length: float, closed: bool) -> tuple[Floats, Bools]:
-    """Return arc lengths (n,) brought into 0 to `length`, and whether they belong."""
-    finite = np.isfinite(s)
-    if closed:
-        return np.mod(np.where(finite, s, np.nan), length), finite
-    slack = 4.0 * EPS * length
-    inside = (s >= -slack) & (s <= length + slack)
-    return np.clip(np.where(finite, s, np.nan), 0.0, length), inside

@@ -172,10 +172,6 @@ def point(angle: Numbers) -> Numbers:
     return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def _point_rate(angle: Numbers) -> Numbers:
-    return np.stack([np.zeros_like(angle), -np.sin(angle), np.cos(angle)], axis=-1)
-
-
 def _angle(points: Complexes) -> Complexes:
     """Return angles (...,) of points (..., 3) with any common factor."""
     ahead = (points[..., 1] + 1j * points[..., 2]) / points[..., 0]
@@ -336,7 +332,9 @@ def determinants(equations: Numbers, angles: Complexes) -> Complexes:
 
 def _jets(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
     """Return values (n, m, t) of n systems at angles (n, m, t), and derivatives (.., t)."""
-    both = np.stack([point(angles), _point_rate(angles)], axis=3)
+    points = point(angles)
+    rates = np.stack([0.0 * angles, -points[..., 2], points[..., 1]], axis=-1)
+    both = np.stack([points, rates], axis=3)
     jets = np.einsum("nkx...,nmax->nmk...a", equations, both[:, :, 0])
     for angle in range(1, angles.shape[2]):
         jets = np.einsum("nmkx...,nmax->nmk...a", jets, both[:, :, angle])
