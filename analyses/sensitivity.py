@@ -28,7 +28,7 @@ from spherekit.plugin import (
 )
 from spherekit.plugin.designs import Distribution, Sensitivity, SizeDeviations
 
-from .dynamics import curve, largest_of, repeated, row_columns
+from .dynamics import as_loads_see, curve, largest_of, repeated, row_columns
 
 DEG = np.pi / 180.0
 EQUAL = 1e-9
@@ -199,7 +199,7 @@ class SensitivityAnalysis(AbstractAnalysis):
     def _spread(self, batch: Batch) -> Spread:
         sensitivity, deviations = self._asked(batch.mechanism)
         samples = _samples(batch, sensitivity)
-        configurations = _configurations(batch, sensitivity)
+        configurations = as_loads_see(batch).values
         with np.errstate(all="ignore"):
             values, gradients = sensitivity.at(samples, configurations)
             failed = batch.status != Status.OK
@@ -335,15 +335,6 @@ def _samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
         return sensitivity.at_rest(batch.inputs)
     motion = batch.inputs, batch.input_rates, batch.input_accelerations, batch.t[:, None]
     return np.concatenate(motion, axis=1)
-
-
-def _configurations(batch: Batch, sensitivity: Sensitivity) -> Floats:
-    """Return the variables (n, v), with their turns where loads count these."""
-    values = batch.motion.values.copy()
-    for pair in sensitivity.wound:
-        (variable,) = batch.mechanism.variables_of(batch.mechanism.pair_number[pair])
-        values[:, variable] = batch.continued_value(pair)
-    return values
 
 
 def _moments(off: Floats) -> Floats:

@@ -29,6 +29,7 @@ from spherekit.design.homotopy import (
 )
 from spherekit.engine.design_kernel import PathKernel
 from spherekit.motion.input_grid import InputGrid
+from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import max_abs, nans
 
 BENDS = (0.5, -0.9, 1.7)
@@ -104,7 +105,7 @@ def _gathered(
     values[:, k, mode] = solutions[:, k, row]
     first = np.argmax(np.isfinite(values[0]), axis=0)
     there = values[:, first, np.arange(len(first))]
-    keys = np.round(there - 2.0 * np.pi * np.round(there / (2.0 * np.pi)), 6)
+    keys = np.round(wrap(there), 6)
     order = np.lexsort((*keys[::-1], first, design))
     design, values, there = design[order], values[:, :, order], there[:, order]
     prepared = kernel.prepare(sizes[:, design])
@@ -267,9 +268,9 @@ def _smooth(at: _Sample, sample: _Sample, rows: Indices, h: Floats) -> Bools:
     one, other = (x.along(h)[:, rows].real for x in (at, sample))
     with np.errstate(all="ignore"):
         # Other ways here may have counted other whole turns.
-        away = moved - 0.5 * (one + other)
-        turns = 2.0 * np.pi * np.round(away / (2.0 * np.pi))
-        off, size = max_abs(away - turns, axis=0), max_abs(moved - turns, axis=0)
+        mean = 0.5 * (one + other)
+        away = wrap(moved - mean)
+        off, size = max_abs(away, axis=0), max_abs(mean + away, axis=0)
         same = (at.determinant[rows].real > 0.0) == (sample.determinant[rows].real > 0.0)
         lengths = np.linalg.norm(one, axis=0) * np.linalg.norm(other, axis=0)
         cosine = np.sum(one * other, axis=0) / lengths

@@ -21,6 +21,7 @@ from spherekit.engine.design_kernel import At, PathKernel
 from spherekit.engine.row_quantities import VariedTerms
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import assemblies
+from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import all_finite, max_abs
 
 SOON = 2.0**-8
@@ -209,8 +210,7 @@ def _length(step: Array) -> Floats:
 def apart(one: Array, other: Array) -> Floats:
     """Return by how much solutions (variables, ...) differ, whole turns left out."""
     gap = one - other
-    turned = gap.real - 2.0 * np.pi * np.round(gap.real / (2.0 * np.pi))
-    return np.max(np.hypot(turned, gap.imag), axis=0)
+    return np.max(np.hypot(wrap(gap.real), gap.imag), axis=0)
 
 
 def distinct(values: Array) -> Bools:

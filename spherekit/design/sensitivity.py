@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import TURN, Names, choices, listing, nearest
+from spherekit.conventions import Names, choices, listing, nearest
 from spherekit.design.homotopy import SHORT, Profiles, straight, tracked
 from spherekit.design.profile_numbers import APART, has_other_profiles
 from spherekit.design.variables import (
@@ -35,6 +35,7 @@ from spherekit.files.write import document_of
 from spherekit.model.actions import acting_links, need_tabulated, wound_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
+from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import driven_at
 from spherekit.progress import ProgressReporter
 
@@ -321,8 +322,8 @@ class Sensitivity:
         start = np.repeat(self._placed(values).T, draws, axis=1)
         sizes = np.tile(of_draws, n)
         away = sizes - self._design.sizes[:, None]
-        angles = away[: len(self._varied.of_contacts)]
-        angles -= TURN * np.round(angles / TURN)  # those of wheels are of any turn
+        count = len(self._varied.of_contacts)
+        away[:count] = wrap(away[:count])  # angles of wheels are of any turn
         way = straight((sizes - away, sizes))
         now, closed = tracked(self._newton, way, start, profiles, SHORT)
         there = np.repeat(samples.T, draws, axis=1)

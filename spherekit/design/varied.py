@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.conventions import TURN, Names
+from spherekit.conventions import Names
 from spherekit.design.profile_numbers import ProfileNumbers, has_other_profiles
 from spherekit.design.variables import (
     ACTIONS,
@@ -36,6 +36,7 @@ from spherekit.files.read import acted_on
 from spherekit.files.write import with_numbers
 from spherekit.model.gears import ONE_LINE
 from spherekit.model.mechanism import Mechanism
+from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import all_finite, nans
 
 DEG = np.pi / 180.0
@@ -310,7 +311,7 @@ class VariedMechanism:
         def read(beside: Floats) -> Floats:
             # Of angles whole turns do not matter: wheels are put together by them.
             away, of_angles = self._differing(beside) - begun, len(self.of_contacts)
-            away[:of_angles] -= TURN * np.round(away[:of_angles] / TURN)
+            away[:of_angles] = wrap(away[:of_angles])
             return away
 
         slope = None

@@ -20,6 +20,7 @@ from spherekit.dynamics.coordinates import (
     by_arc_length,
     by_variables,
     christoffel,
+    continued,
     determined,
     inertia,
 )
@@ -285,8 +286,8 @@ class AlongCurve(Sampler):
             motion = self._motion(self.lap * np.arange(count + 1) / count)
             home = np.sum(self._as_motion(motion).frames[0, :, :, 2], axis=0)
             senses = {p: u for p, u in self._lines(motion).items() if p not in primary}
-            steps = {p: np.sum(u[1:] * u[:-1], axis=1) for p, u in senses.items()}
-            if min((np.min(np.abs(s)) for s in steps.values()), default=1.0) > 0.7:
+            steps = [np.abs(np.sum(u[1:] * u[:-1], axis=1)) for u in senses.values()]
+            if np.min(steps, initial=1.0) > 0.7:
                 break
             if count >= MOST_MARKS:
                 raise SolveError(
@@ -294,11 +295,7 @@ class AlongCurve(Sampler):
                     "ask for fewer poles"
                 )
             count *= 2
-        marks = {}
-        for pole, unit in senses.items():
-            first = -1.0 if unit[0] @ home < 0.0 else 1.0
-            chain = first * np.cumprod(np.append(1.0, np.sign(steps[pole])))
-            marks[pole] = unit * chain[:, None]
+        marks = {p: u * continued(u, home)[:, None] for p, u in senses.items()}
         if self.periodic:
             back = {p: float(u[0] @ u[-1]) for p, u in marks.items()}
             if any(side < 0.0 for side in back.values()):

@@ -25,7 +25,6 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.dynamics.stored_model import (
     StoredFunction,
-    StoredHeading,
 )
 from spherekit.dynamics.stored_samples import MARKS, AlongCurve, OverBox
 from spherekit.dynamics.tabulated import StoredModel
@@ -94,7 +93,11 @@ def reduced_model(
         wanted = tuple(dict.fromkeys(parse_pole(made, text) for text in poles))
     sampler = AlongCurve(tracer, wanted)
     heading = sampler.heading(assembly_mode)
-    every = [sampler.names(heading), *map(partial(_pole_names, heading), heading.poles)]
+    every = [sampler.names(heading)]
+    for pole in heading.poles:
+        units = dict.fromkeys([f"pole {pole} {axis}" for axis in "xyz"], "")
+        rate = f"rate {pole}"
+        every.append(units | {rate: "", heading.derivative(rate): "1/rad"})
     names = [name for group in every for name in group]
     x = np.linspace(0.0, heading.high[0], MARKS, endpoint=not sampler.periodic)
     size = _sizes(names, sampler.columns(range(len(every)), x))
@@ -205,12 +208,6 @@ def _stored(
 ) -> tuple[StoredFunction, ...]:
     parts = zip(names.items(), sizes.tolist(), (error / sizes).tolist(), strict=True)
     return tuple(StoredFunction(name, unit, most, off) for (name, unit), most, off in parts)
-
-
-def _pole_names(heading: StoredHeading, pole: str) -> dict[str, str]:
-    """Return the names of a pole's functions along a curve, with their units."""
-    axis = {f"pole {pole} {axis}": "" for axis in "xyz"}
-    return axis | {f"rate {pole}": "", heading.derivative(f"rate {pole}"): "1/rad"}
 
 
 def _sizes(names: list[str], values: Floats) -> Floats:
