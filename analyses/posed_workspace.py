@@ -74,21 +74,22 @@ def read_end(
     values = np.array([given[name] for name in kind])
     if kind == inputs or ANGLES.issuperset(kind):
         values = np.radians(values)
-    if kind == inputs:
-        return AtInputs(values)
-    if kind == MIRROR:
-        return AtMirror(*values)
     if kind in (DIRECTION, QUATERNION, TURN):
-        length = float(np.linalg.norm(values[:3] if kind == TURN else values))
+        vector = values[:3] if kind == TURN else values
+        length = float(np.linalg.norm(vector))
         if length == 0.0:
             raise AnalysisError(f'{where}: "{text}" has no direction: all numbers are 0')
         if kind == TURN and not values[3] > 0.0:
             raise AnalysisError(
                 f'{where}: "{text}": angle has to be above 0; turn the axis round instead'
             )
-        if kind == TURN:
-            return AtRotation(values[:3] / length, float(np.radians(values[3])))
-        values = values / length
+        vector /= length
+    if kind == inputs:
+        return AtInputs(values)
+    if kind == MIRROR:
+        return AtMirror(*values)
+    if kind == TURN:
+        return AtRotation(values[:3], float(np.radians(values[3])))
     pose = posed(kind, values[None])[0]
     return AtDirection(pose) if pose.ndim == 1 else AtOrientation(pose)
 

@@ -25,6 +25,7 @@ from spherekit.analysis.running.cost import TABLES
 from spherekit.analysis.tables import (
     COLUMNS,
     FILE_SIZE,
+    TYPES,
     Declared,
     Format,
     Table,
@@ -367,8 +368,10 @@ def write_results(
 
     started = time.perf_counter()
     by_stem, cost = stems(declared), summary["cost"]["tables"]
-    in_memory = sum(
-        table.row_bytes * cost[stem]["rows"] for stem, (_, table) in by_stem.items()
+    in_memory = sum(  # texts as numbers of words
+        np.dtype(TYPES.get(column.kind, np.int32)).itemsize * cost[stem]["rows"]
+        for stem, (_, table) in by_stem.items()
+        for column in table.columns
     )
     csv = FILE_SIZE["csv"] * in_memory
     asked, formats = formats, formats_of(formats, csv)

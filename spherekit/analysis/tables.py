@@ -181,12 +181,6 @@ class Table:
         return {c.name: made if c == MODE_NAME else data[c.name] for c in self.columns}
 
     @property
-    def row_bytes(self) -> int:
-        """Bytes of a row in memory, texts as numbers of words."""
-        kinds = (TYPES.get(column.kind, np.int32) for column in self.columns)
-        return sum(np.dtype(kind).itemsize for kind in kinds)
-
-    @property
     def in_assembly_modes(self) -> bool:
         """Whether rows belong to samples of assembly modes."""
         return {SAMPLE.name, ASSEMBLY_MODE.name} <= {column.name for column in self.columns}

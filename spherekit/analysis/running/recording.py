@@ -77,7 +77,9 @@ class RecordingSession:
         self._held: list[tuple[Portrait, Scene, Motion]] = []
         self._has_graph = False
         logged = self._is_logged(np.arange(course.total))
-        times, single = course.every_t, course.inputs.shape[1] == 1
+        times, single = course.t, course.inputs.shape[1] == 1
+        if times is not None and course.going_on and course.planned is not None:
+            times = np.linspace(0.0, course.duration or 0.0, course.planned)
         self._times = None if times is None else times[logged]
         self._inputs = course.inputs[logged, 0] if single and times is None else None
         properties = {

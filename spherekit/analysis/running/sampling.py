@@ -84,13 +84,6 @@ class Sampling:
         """(k,) times of the samples (s), if the samples are times."""
         return self.timing.t if self.timed and self.timing is not None else None
 
-    @property
-    def every_t(self) -> Floats | None:
-        """Times (s) of all samples, also of those to come, if the samples are times."""
-        if self.t is None or not self.going_on or self.planned is None:
-            return self.t
-        return np.linspace(0.0, self.duration or 0.0, self.planned)
-
     @cached_property
     def extents(self) -> list[Floats]:
         """Least and greatest inputs and rates of all samples."""

@@ -241,15 +241,12 @@ class _Rows:
 
     def of(self, data: Mapping[str, Any]) -> Indices:
         """Return the row that each row of a table belongs to, -1 if none."""
-        number = {place: row for row, place in enumerate(_places(vars(self.motion)))}
-        places = _places(data)
-        return np.array([number.get(place, -1) for place in places], dtype=np.intp)
-
-
-def _places(data: Mapping[str, Any]) -> Iterator[tuple[int, int]]:
-    """Yield the sample and the assembly mode of each row."""
-    columns = (np.asarray(data[column.name]) for column in (SAMPLE, ASSEMBLY_MODE))
-    return zip(*(values.tolist() for values in columns), strict=True)
+        places, wanted = (
+            np.asarray(x[ASSEMBLY_MODE.name]) + 1j * np.asarray(x[SAMPLE.name])
+            for x in (vars(self.motion), data)
+        )
+        row = np.minimum(np.searchsorted(places, wanted), len(places) - 1)
+        return np.where(places[row] == wanted, row, -1)
 
 
 def _replaced(whole: _Read, rows: _Rows, better: _Read) -> _Read:
