@@ -12,6 +12,7 @@ Figures of merit: one number of a design in an assembly mode, from its rows.
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
@@ -142,34 +143,29 @@ def parse_merit(text: str, radians: float) -> FigureOfMerit:
             f"least=min(transmission_angle_43); reductions: {listing(REDUCTIONS)}"
         )
     name, reduction, expression = match.groups()
-    point: tuple[float, ...] = ()
-    place, ending = "", ""
-    rows = _TABLE.fullmatch(expression)
-    table, only = None, ""
-    if rows:
+    table, only, place, texts = None, "", "", list[str]()
+    if rows := _TABLE.fullmatch(expression):
         table, only, expression = rows.groups()
+    point: tuple[float, ...] = ()
     if reduction == "at":
-        parts = _POINT.fullmatch(expression)
-        try:
-            expression, texts = parts.groups() if parts else ("", "")
-            point = tuple(float(part) * radians for part in texts.split(",")[1:])
-        except ValueError:
-            point = ()
+        if parts := _POINT.fullmatch(expression):
+            expression, ends = parts.groups()
+            texts = ends.split(",")[1:]
+        with suppress(ValueError):
+            point = tuple(float(part) * radians for part in texts)
         if not point:
             raise AnalysisError(
                 f'"{text}": at needs an expression and an input, at(theta_41, 30)'
             )
-        ending = "_".join(texts.split(",")).replace(" ", "")
     elif reduction.startswith("arg") and (parts := _PLACE.fullmatch(expression)):
         expression, place = parts.groups()
-        ending = f"_{place}"
+        texts = [place]
+    expression = expression.strip()
     if name is None:
-        words = f"{reduction}_{expression.strip()}{ending}"
+        words = "_".join([reduction, expression, *texts]).replace(" ", "_")
         name = re.sub(r"\W+", "_", words).strip("_")
     only_of = tuple(re.findall(r"(\w+)\s*=\s*(\w+)", only))
-    return FigureOfMerit(
-        name, reduction, expression.strip(), point, table, "", only_of, place
-    )
+    return FigureOfMerit(name, reduction, expression, point, table, "", only_of, place)
 
 
 CONTRACT = 1

@@ -180,26 +180,22 @@ def pieces_in(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]
     """
     import pyarrow as pa
 
-    held: list[pa.Table] = []
-    count = 0
-
-    def taken() -> Mapping[str, Any]:
-        nonlocal held, count
-        whole = pa.concat_tables(held)
-        held, count = [whole[CHUNK:]], max(0, count - CHUNK)
+    def plain(rows: pa.Table) -> Mapping[str, Any]:
         return {
             name: column if pa.types.is_dictionary(column.type) else column.to_numpy()
-            for name, column in zip(whole.column_names, whole[:CHUNK].columns, strict=True)
+            for name, column in zip(rows.column_names, rows.columns, strict=True)
         }
 
+    held: list[pa.Table] = []
     for path, group in groups:
         with _opened(path) as file:
             held.append(file.read_row_group(group, use_threads=False))
-        count += len(held[-1])
-        while count >= CHUNK:
-            yield taken()
-    if count:
-        yield taken()
+        while sum(map(len, held)) >= CHUNK:
+            whole = pa.concat_tables(held)
+            held = [whole[CHUNK:]]
+            yield plain(whole[:CHUNK])
+    if sum(map(len, held)):
+        yield plain(pa.concat_tables(held))
 
 
 def _noted(schema: "pa.Schema", notes: Mapping[str, Any]) -> "pa.Schema":

@@ -171,7 +171,7 @@ def study_of(
         If `input_pair` names no R pair.
     """
     extra = {item.name for item in fields(second)}  # type: ignore[arg-type]
-    allowed = {"input_pair", *_of_study(second), *extra}
+    allowed = _options_of(second)
     for name in options:
         if name not in allowed:
             raise AnalysisError(
@@ -196,10 +196,20 @@ def study_of(
     return study, second(**{k: v for k, v in options.items() if k in extra})
 
 
-def _of_study(second: type) -> list[str]:
-    """Return the fields of a study that are options beside those of a second object."""
+def _options_of(second: type) -> dict[str, inspect.Parameter]:
+    """Return the options of `study_of` by name, as parameters of a function."""
     without = {*GIVEN, *getattr(second, "unused", ())}
-    return [item.name for item in fields(Study) if item.name not in without]
+    items = [item for item in fields(Study) if item.name not in without]
+    named: dict[str, tuple[Any, Any]] = {"input_pair": (None, str | Sequence[str] | None)}
+    for item in (*items, *fields(second)):
+        factory = item.default_factory
+        default = item.default if factory is MISSING else factory()
+        named[item.name] = default, item.type
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return {
+        name: inspect.Parameter(name, kind, default=default, annotation=hint)
+        for name, (default, hint) in named.items()
+    }
 
 
 def takes(second: type) -> Callable[[Function], Function]:
@@ -207,24 +217,13 @@ def takes(second: type) -> Callable[[Function], Function]:
 
     def shown(function: Function) -> Function:
         signature = inspect.signature(function)
-        options = [item for item in fields(Study) if item.name in _of_study(second)]
         first = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
-        named = [_keyword("input_pair", str | Sequence[str] | None, None)]
-        for item in (*options, *fields(second)):
-            factory = item.default_factory
-            default = item.default if factory is MISSING else factory()
-            named.append(_keyword(item.name, item.type, default))
         function.__signature__ = signature.replace(  # type: ignore[attr-defined]
-            parameters=[*first, *named]
+            parameters=[*first, *_options_of(second).values()]
         )
         return function
 
     return shown
-
-
-def _keyword(name: str, hint: Any, default: Any) -> inspect.Parameter:
-    kind = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(name, kind, default=default, annotation=hint)
 
 
 def needs_of(mechanism: Mechanism, analyses: Analyses) -> Needs:
