@@ -28,7 +28,7 @@ from spherekit.analysis.tables import (
     TableData,
     arrays,
 )
-from spherekit.arrays import Array, Bools, Floats, Indices
+from spherekit.arrays import Array, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Facts, Status
 from spherekit.errors import AnalysisError, SpherekitError
 from spherekit.files.plain import finite
@@ -168,7 +168,8 @@ class Verifier:
             return verdict | {"problem": str(problem)}
         status = np.max([reference.status for reference in exact], axis=0)
         compared = list(zip(exact, self._wanted, fields, strict=False))
-        rows = _Rows(motion, status == Status.OK, exact[0].condition)
+        self._motion, self._condition = motion, exact[0].condition
+        self._has_reference = status == Status.OK
         alone = self._kept, _Read(better, nearest, _as_far(better, self._kept.angles))
         motions = [motion_rows(self._course, read.motion, read.fields) for read in alone]
         pairs: list[_Pair]
@@ -178,10 +179,10 @@ class Verifier:
                 rowless = needs.tracer or needs == Needs(time=needs.time)
                 if analysis.name in failed or rowless:
                     raise AnalysisError("it failed, or reads other rows")
-                pairs += self._pairs(analysis, alone, rows)
+                pairs += self._pairs(analysis, alone)
             except SpherekitError:
                 verdict["not_verified"].append(analysis.name)
-        columns = [item for pair in pairs for item in _compared(rows, *pair)]
+        columns = [item for pair in pairs for item in self._compared(*pair)]
         return verdict | {
             "rows": len(motion),
             "without_reference": [
@@ -191,21 +192,21 @@ class Verifier:
                     "status": Status(int(status[row])).name,
                     "distance_rad": finite(exact[0].distance[row]),
                 }
-                for row in np.flatnonzero(~rows.has_reference)
+                for row in np.flatnonzero(~self._has_reference)
             ],
             "largest_condition": _largest(exact[0].condition),
             "largest_distance_rad": _largest(exact[0].distance),
             **_of_columns(columns),
-            **_within_bounds(rows, compared, nearest),
+            **self._within_bounds(compared, nearest),
             "seconds": time.perf_counter() - started,
         }
 
     def _pairs(
-        self, analysis: AbstractAnalysis, both: tuple[_Read, _Read], rows: "_Rows"
+        self, analysis: AbstractAnalysis, both: tuple[_Read, _Read]
     ) -> list["_Pair"]:
         """Return the tables of an analysis by what was read, and by what is right."""
         if analysis.at_once and self._whole is not None:
-            both = self._whole, _replaced(self._whole, rows, both[1])
+            both = self._whole, self._replaced(self._whole, both[1])
         job = self._job
         first, second = (
             job.given(analysis, job.batch(analysis, x.motion, x.fields, x.angles))
@@ -216,47 +217,133 @@ class Verifier:
             for table in job.tables_of(analysis)
         ]
 
-
-_Pair = tuple[str, Table, TableData, TableData]
-"""An analysis, a table of it, its rows, and those that are right."""
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """The rows compared, whether each has a reference, and its conditioning."""
-
-    motion: Motion
-    has_reference: Bools
-    condition: Floats
-
     @property
-    def allowed(self) -> Floats:
+    def _allowed(self) -> Floats:
         """How many roundings, times its conditioning, a number of each row may be off.
 
         Rows of a simulation close no better than its tolerance; those are not faults.
         """
-        residual = self.motion.residual
+        residual = self._motion.residual
         simulated = residual > CLOSURE_TOLERANCE
         return BEYOND + np.where(simulated, OPEN * residual / EPS, 0.0)
 
-    def of(self, data: Mapping[str, Any]) -> Indices:
+    def _rows_of(self, data: Mapping[str, Any]) -> Indices:
         """Return the row that each row of a table belongs to, -1 if none."""
         places, wanted = (
             np.asarray(x[ASSEMBLY_MODE.name]) + 1j * np.asarray(x[SAMPLE.name])
-            for x in (vars(self.motion), data)
+            for x in (vars(self._motion), data)
         )
         row = np.minimum(np.searchsorted(places, wanted), len(places) - 1)
         return np.where(places[row] == wanted, row, -1)
 
+    def _replaced(self, whole: _Read, better: _Read) -> _Read:
+        """Return what is read of a whole motion, with rows that have a reference put in."""
+        motion = replace(whole.motion, placed=whole.motion.rotations)
+        row, order = self._rows_of(vars(motion)), np.arange(len(motion))
+        at = np.flatnonzero((row >= 0) & self._has_reference[row])
+        order[at] = len(motion) + row[at]
+        made = _Read.joined([replace(whole, motion=motion), better]).rows(order)
+        return replace(made, motion=replace(made.motion, samples=motion.samples))
 
-def _replaced(whole: _Read, rows: _Rows, better: _Read) -> _Read:
-    """Return what is read of a whole motion, with rows that have a reference put in."""
-    motion = replace(whole.motion, placed=whole.motion.rotations)
-    row, order = rows.of(vars(motion)), np.arange(len(motion))
-    at = np.flatnonzero((row >= 0) & rows.has_reference[row])
-    order[at] = len(motion) + row[at]
-    made = _Read.joined([replace(whole, motion=motion), better]).rows(order)
-    return replace(made, motion=replace(made.motion, samples=motion.samples))
+    def _compared(
+        self, analysis: str, table: Table, given: TableData, reference: TableData
+    ) -> Iterator[Facts]:
+        """Yield for each column of numbers the place where it deviates most."""
+        if not table.in_assembly_modes:
+            return
+        row = self._rows_of(given)
+        if not np.any(row >= 0):
+            return
+        first, second = (
+            {name: values[row >= 0] for name, values in arrays(data).items()}
+            for data in (given, reference)
+        )
+        row = row[row >= 0]
+        subjects = [c.name for c in table.columns if c.kind == "text"]
+        for column in table.columns:
+            if column.kind != "number" or column == RESIDUAL:
+                continue
+            one, other = (
+                np.where(self._has_reference[row], data[column.name], np.nan)
+                for data in (first, second)
+            )
+            off = np.abs(one - other)
+            if column.unit == "rad":
+                off = np.abs(wrap(off))
+            share = off / (EPS * np.maximum(1.0, np.abs(other)) * self._condition[row])
+            compared = bool(np.any(np.isfinite(off)))
+            apart, rough = (
+                {
+                    **{name: int(first[name][at]) for name in ("sample", "assembly_mode")},
+                    "subject": {name: str(first[name][at]) for name in subjects},
+                    "value": finite(one[at]),
+                    "reference": finite(other[at]),
+                }
+                for at in (int(np.nanargmax(x)) if compared else 0 for x in (off, share))
+            )
+            yield {
+                "analysis": analysis,
+                "table": table.name,
+                "column": column.name,
+                "unit": column.unit,
+                "compared": compared or not np.any(np.isfinite(one)),
+                "deviation": _largest(off),
+                **apart,
+                "in_roundings": _largest(share),
+                "beyond": bool(np.any(share > self._allowed[row])),
+                "worst": rough,
+                "given_by_one_alone": int(np.sum(np.isnan(one) != np.isnan(other))),
+            }
+
+    def _within_bounds(
+        self,
+        compared: Sequence[tuple[ExactRows, Request, PoleField]],
+        references: Sequence[PoleField],
+    ) -> dict[str, Facts]:
+        """Return how many directions, rates and derivatives lie within their bounds.
+
+        With the worst of each.
+        """
+        told: dict[str, Facts]
+        told = {
+            name: {"count": 0, "within_bound": 0, "over_bound": 0.0} for name in BOUNDED
+        }
+        motion, links = self._motion, self._motion.mechanism.links
+        for (exact, wanted, field), nearest in zip(compared, references, strict=True):
+            moving = motion.mechanism.pairs[exact.driven].name
+            for pole in wanted.poles:
+                low, high = (links[k] for k in pole)
+                with exact.arithmetic.within():
+                    given = field.direction[pole]
+                    apart = floats(exact_direction(exact, pole, given) - given)
+                rate, change = (
+                    np.abs(getattr(field, name)[pole] - getattr(nearest, name)[pole])
+                    for name in ("velocity_coefficient", "acceleration_coefficient")
+                )
+                errors = np.linalg.norm(apart, axis=1), rate, change
+                for facts, error, name in zip(told.values(), errors, BOUNDS, strict=True):
+                    bound = getattr(field, name)[pole]
+                    judged = self._has_reference & np.isfinite(error) & np.isfinite(bound)
+                    over = np.where(judged, error / np.maximum(bound, TINY), -1.0)
+                    facts["count"] += int(np.sum(judged))
+                    facts["within_bound"] += int(np.sum(judged & (over <= 1.0)))
+                    row = int(np.argmax(over))
+                    if over[row] > facts["over_bound"] or (
+                        judged[row] and "bound" not in facts
+                    ):
+                        facts |= {
+                            "over_bound": float(over[row]),
+                            "error": float(error[row]),
+                            "bound": float(bound[row]),
+                            "sample": int(motion.sample[row]),
+                            "assembly_mode": int(motion.assembly_mode[row]),
+                            "subject": {"link": high, "relative_to": low, "moving": moving},
+                        }
+        return told
+
+
+_Pair = tuple[str, Table, TableData, TableData]
+"""An analysis, a table of it, its rows, and those that are right."""
 
 
 def _as_far(better: Motion, angles: Angles) -> Angles:
@@ -267,57 +354,6 @@ def _as_far(better: Motion, angles: Angles) -> Angles:
         value = better.values[:, number]
         turned[name] = value + TURN * np.round((angle - value) / TURN)
     return turned
-
-
-def _compared(
-    rows: _Rows, analysis: str, table: Table, given: TableData, reference: TableData
-) -> Iterator[Facts]:
-    """Yield for each column of numbers the place where it deviates most."""
-    if not table.in_assembly_modes:
-        return
-    row = rows.of(given)
-    if not np.any(row >= 0):
-        return
-    first, second = (
-        {name: values[row >= 0] for name, values in arrays(data).items()}
-        for data in (given, reference)
-    )
-    row = row[row >= 0]
-    subjects = [c.name for c in table.columns if c.kind == "text"]
-    for column in table.columns:
-        if column.kind != "number" or column == RESIDUAL:
-            continue
-        one, other = (
-            np.where(rows.has_reference[row], data[column.name], np.nan)
-            for data in (first, second)
-        )
-        off = np.abs(one - other)
-        if column.unit == "rad":
-            off = np.abs(wrap(off))
-        share = off / (EPS * np.maximum(1.0, np.abs(other)) * rows.condition[row])
-        compared = bool(np.any(np.isfinite(off)))
-        apart, rough = (
-            {
-                **{name: int(first[name][at]) for name in ("sample", "assembly_mode")},
-                "subject": {name: str(first[name][at]) for name in subjects},
-                "value": finite(one[at]),
-                "reference": finite(other[at]),
-            }
-            for at in (int(np.nanargmax(x)) if compared else 0 for x in (off, share))
-        )
-        yield {
-            "analysis": analysis,
-            "table": table.name,
-            "column": column.name,
-            "unit": column.unit,
-            "compared": compared or not np.any(np.isfinite(one)),
-            "deviation": _largest(off),
-            **apart,
-            "in_roundings": _largest(share),
-            "beyond": bool(np.any(share > rows.allowed[row])),
-            "worst": rough,
-            "given_by_one_alone": int(np.sum(np.isnan(one) != np.isnan(other))),
-        }
 
 
 def _of_columns(columns: Sequence[Facts]) -> Facts:
@@ -338,51 +374,6 @@ def _of_columns(columns: Sequence[Facts]) -> Facts:
         },
         "beyond": [name(item) for item in told if item["beyond"]],
     }
-
-
-def _within_bounds(
-    rows: _Rows,
-    compared: Sequence[tuple[ExactRows, Request, PoleField]],
-    references: Sequence[PoleField],
-) -> dict[str, Facts]:
-    """Return how many directions, rates and derivatives lie within their bounds.
-
-    With the worst of each.
-    """
-    told: dict[str, Facts]
-    told = {name: {"count": 0, "within_bound": 0, "over_bound": 0.0} for name in BOUNDED}
-    motion, links = rows.motion, rows.motion.mechanism.links
-    for (exact, wanted, field), nearest in zip(compared, references, strict=True):
-        moving = motion.mechanism.pairs[exact.driven].name
-        for pole in wanted.poles:
-            low, high = (links[k] for k in pole)
-            with exact.arithmetic.within():
-                given = field.direction[pole]
-                apart = floats(exact_direction(exact, pole, given) - given)
-            rate, change = (
-                np.abs(getattr(field, name)[pole] - getattr(nearest, name)[pole])
-                for name in ("velocity_coefficient", "acceleration_coefficient")
-            )
-            errors = np.linalg.norm(apart, axis=1), rate, change
-            for facts, error, name in zip(told.values(), errors, BOUNDS, strict=True):
-                bound = getattr(field, name)[pole]
-                judged = rows.has_reference & np.isfinite(error) & np.isfinite(bound)
-                over = np.where(judged, error / np.maximum(bound, TINY), -1.0)
-                facts["count"] += int(np.sum(judged))
-                facts["within_bound"] += int(np.sum(judged & (over <= 1.0)))
-                row = int(np.argmax(over))
-                if over[row] > facts["over_bound"] or (
-                    judged[row] and "bound" not in facts
-                ):
-                    facts |= {
-                        "over_bound": float(over[row]),
-                        "error": float(error[row]),
-                        "bound": float(bound[row]),
-                        "sample": int(motion.sample[row]),
-                        "assembly_mode": int(motion.assembly_mode[row]),
-                        "subject": {"link": high, "relative_to": low, "moving": moving},
-                    }
-    return told
 
 
 def _largest(values: Floats) -> float:
