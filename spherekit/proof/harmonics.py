@@ -10,12 +10,21 @@ inequality for the derivatives.
 from collections.abc import Callable, Sequence
 from functools import cache
 from math import prod
-from typing import Any
 
 import numpy as np
 
 from spherekit.arrays import Array, Complexes, Floats, Indices
-from spherekit.proof.balls import UNIT, Ball, exact, exactly, floats, middles, pi, upper
+from spherekit.proof.balls import (
+    UNIT,
+    Ball,
+    exact,
+    exactly,
+    floats,
+    library,
+    middles,
+    pi,
+    upper,
+)
 
 CHUNK = 2000
 """Configurations at once, so that the sums stay in the processor's cache."""
@@ -156,11 +165,10 @@ def _norm(nodes: int) -> float:
     return float(np.sum(1.0 / np.abs(np.sin(halves))) / nodes) * (1 + 1e-9)
 
 
-def _transform(nodes: int) -> Any:
+def _transform(nodes: int) -> Array:
     """Return what takes values at evenly spaced angles to coefficients (nodes, nodes)."""
-    rows = [[exact(1.0) / nodes] * nodes]
-    for wave in range(1, nodes // 2 + 1):
-        angles = [2 * pi() * (wave * part % nodes) / nodes for part in range(nodes)]
-        rows.append([2 * angle.cos() / nodes for angle in angles])
-        rows.append([2 * angle.sin() / nodes for angle in angles])
-    return np.array(rows, dtype=object)
+    waves = np.array(library().acb_mat.dft(nodes).tolist()) / exact(nodes).sqrt()
+    rows = [[z.real for z in waves[0]]]
+    for row in waves[1 : nodes // 2 + 1]:
+        rows += [[2 * z.real for z in row], [-2 * z.imag for z in row]]
+    return np.array(rows)
