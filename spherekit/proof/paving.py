@@ -4,11 +4,9 @@ A box goes if an equation cannot vanish in it: |f| at its centre is more than it
 the bound of its second derivatives allow over the box. It goes too if it is inside a
 piece. All others are halved. What is left when boxes are small is undecided.
 
-With f and F' at a box's centre, the values of the linear parts over the box are a zonotope,
-and zero is outside of it if and only if it is beyond one of its facets (McMullen, On
-zonotopes, 1971). The normal of a facet is a sum of equations in which all variables but
-two, or one where there are as many as equations, have no slope. Any sum is one that may be
-taken, so that nothing rests on how well its weights are computed.
+Nor can a sum of equations vanish where one of them cannot be made up for by others: taken
+are the sums of the pseudo-inverse of F', in which the slope by one variable is largest. Any
+sum is one that may be taken, so that nothing rests on how well its weights are computed.
 
 Two or more inputs: boxes in which no mode is singular, and those in which one is.
 
@@ -21,7 +19,6 @@ part have different numbers, a singular configuration lies between.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 
@@ -37,8 +34,8 @@ from spherekit.proof.gears import Written
 from spherekit.proof.systems import System, counted, systems_of
 from spherekit.proof.tubes import ROUNDING, UP
 
-FLATTEST = 1e-9
-"""Least determinant of slopes by which weights are computed."""
+RIDGE = 1e-9
+"""What is added to the squares of slopes, so that weights are finite."""
 
 
 def apart(values: Floats, slopes: Floats, radii: Floats, bent: Floats) -> Bools:
@@ -54,31 +51,13 @@ def apart(values: Floats, slopes: Floats, radii: Floats, bent: Floats) -> Bools:
         (n, k) by how much at most the equations differ from their linear parts over the
         boxes, errors included.
     """
-    out = np.zeros(len(values), dtype=bool)
-    count = values.shape[1]
-    moving = np.flatnonzero(np.any(radii > 0.0, axis=0))
-    if count == 1 or not count <= len(moving) <= count + 1:
-        return out
-    steep = slopes[..., moving]
-    columns = np.array(list(combinations(range(len(moving)), count)))
-    sizes = np.abs(np.linalg.det(np.moveaxis(steep[..., columns], 2, 1)))
-    rows = np.flatnonzero(np.max(sizes, axis=1) > FLATTEST)
-    steep, kept = steep[rows], columns[np.argmax(sizes[rows], axis=1)]
-    # the normals of facets, from the inverse of the columns whose determinant is largest
-    weights = inverse = np.linalg.inv(np.take_along_axis(steep, kept[:, None], axis=2))
-    if len(moving) > count:
-        left = np.sum(np.arange(len(moving))) - np.sum(kept, axis=1)
-        also = inverse @ np.take_along_axis(steep, left[:, None, None], axis=2)
-        one, other = np.array(list(combinations(range(count), 2))).T
-        facets = also[:, one] * inverse[:, other] - also[:, other] * inverse[:, one]
-        weights = np.concatenate([inverse, facets], axis=1)
-    wide, values = radii[rows][:, moving], values[rows]
-    size = np.abs(values) + np.einsum("nkv,nv->nk", np.abs(steep), wide)
-    reach = np.einsum("nwv,nv->nw", np.abs(weights @ steep), wide)
-    reach += np.einsum("nwk,nk->nw", np.abs(weights), bent[rows] + ROUNDING * size)
+    across = slopes.swapaxes(1, 2)
+    weights = across @ np.linalg.inv(slopes @ across + RIDGE * np.eye(values.shape[1]))
+    size = np.abs(values) + np.einsum("nkv,nv->nk", np.abs(slopes), radii)
+    reach = np.einsum("nwv,nv->nw", np.abs(weights @ slopes), radii)
+    reach += np.einsum("nwk,nk->nw", np.abs(weights), bent + ROUNDING * size)
     sums = np.abs(np.einsum("nwk,nk->nw", weights, values))
-    out[rows] = np.any(sums > reach * UP, axis=1)
-    return out
+    return np.asarray(np.any(sums > reach * UP, axis=1))
 
 
 CHUNK = 20000
