@@ -12,11 +12,11 @@ from spherekit.arrays import Array
 from spherekit.conventions import listing
 from spherekit.engine.algebra import cross, dot
 from spherekit.engine.compiler import TermFunction, available
-from spherekit.engine.dyads import COMPILED, place_by_inputs
-from spherekit.engine.expression_graph import Expr, ExpressionNode, function, symbols
+from spherekit.engine.dyads import COMPILED
+from spherekit.engine.expression_graph import Expr, ExpressionNode, function
 from spherekit.engine.expression_graph import derivatives as derivatives_of
-from spherekit.engine.kinematics import CoordinateRates, InputMoments, Structure
-from spherekit.engine.pose import LinkOrientation, place_by_variables
+from spherekit.engine.kinematics import CoordinateRates, InputMoments
+from spherekit.engine.row_quantities import VariedTerms
 from spherekit.engine.system import tensors, term_function
 from spherekit.errors import EngineError
 from spherekit.model.mechanism import Mechanism
@@ -179,9 +179,14 @@ def kernel(
     )
 
     def make() -> Kernel:
-        structure = Structure.of(mechanism, input_pair)
-        inputs, placed = _placed(structure, source)
-        flow = CoordinateRates(structure, placed, inputs)
+        if source not in ("variables", "input"):
+            raise EngineError(
+                f'{mechanism.name}: source "{source}" is not known; it is variables or '
+                "input"
+            )
+        terms = VariedTerms(mechanism, [input_pair], closed_form=source == "input")
+        q = terms.sample[:1] if source == "input" else []
+        inputs, flow = [*q, *terms.places], terms.flow
         scale = _scale(flow, coordinate)
         parts = [*_poles(flow, scale, chosen)]
         if with_inertia:
@@ -229,29 +234,13 @@ def _engine(mechanism: Mechanism, engine: Engine) -> Literal["numpy", "compiled"
     return engine
 
 
-def _placed(
-    structure: Structure, source: Source
-) -> tuple[list[ExpressionNode], list[LinkOrientation]]:
-    """Return the inputs, and the links placed by them."""
-    mechanism = structure.mechanism
-    if source == "variables":
-        inputs = symbols(mechanism.variable_names)
-        return inputs, place_by_variables(mechanism, structure.pairs, inputs)
-    if source != "input":
-        raise EngineError(
-            f'{mechanism.name}: source "{source}" is not known; it is variables or input'
-        )
-    inputs = symbols(["q", *(f"sign_{k + 1}" for k in range(len(structure.groups)))])
-    return inputs, place_by_inputs(structure, inputs[:1], inputs[1:])[0]
-
-
 def _scale(flow: CoordinateRates, coordinate: Coordinate) -> Expr:
     """Return dp by a coordinate."""
     if coordinate == "input":
         return 1.0 / flow.scale
     if coordinate != "arc":
         raise EngineError(
-            f'{flow.structure.mechanism.name}: coordinate "{coordinate}" is not known; it '
+            f'{flow.mechanism.name}: coordinate "{coordinate}" is not known; it '
             "is input or arc"
         )
     tau = flow.tau[0]
@@ -278,7 +267,7 @@ _Part = tuple[Any, Mapping[str, Sequence[str]], Sequence[Expr]]
 
 def _poles(flow: CoordinateRates, scale: Expr, poles: Sequence[Pole]) -> Iterator[_Part]:
     """Yield unit vectors along pole axes, and the rates along them."""
-    mechanism = flow.structure.mechanism
+    mechanism = flow.mechanism
     for pole in poles:
         variable = mechanism.angle_between(*pole)
         if variable is None:
@@ -297,7 +286,7 @@ def _poles(flow: CoordinateRates, scale: Expr, poles: Sequence[Pole]) -> Iterato
 def _turning(flow: CoordinateRates, scale: Expr, links: Sequence[int]) -> Iterator[_Part]:
     """Yield the angular velocities of links."""
     for link in links:
-        name = flow.structure.mechanism.links[link]
+        name = flow.mechanism.links[link]
         labels = {
             part: [written.format(k) + f"_{name}" for k in "xyz"]
             for part, written in _TURNING.items()

@@ -48,6 +48,7 @@ from spherekit.engine.pose import (
     LinkOrientation,
     along_ways,
     carried_vectors,
+    place_by_variables,
     placed_by,
 )
 from spherekit.engine.rates import GroupEquations
@@ -266,7 +267,7 @@ class VelocityEquations(ABC):
 
 
 class CoordinateRates(VelocityEquations):
-    """Rates of a structure in homogeneous form.
+    """Rates of a structure in homogeneous form, by default placed by its variables.
 
     `w[i][link]` (3,) are the angular velocities of links per unit rate of input i, times
     `scale` as `tau[i][v]` are.
@@ -275,11 +276,12 @@ class CoordinateRates(VelocityEquations):
     def __init__(
         self,
         structure: Structure,
-        placed: Sequence[LinkOrientation],
-        variables: Sequence[Expr] = (),
+        variables: Sequence[Expr],
+        placed: Sequence[LinkOrientation] = (),
     ) -> None:
-        self.structure = structure
-        super().__init__(structure.mechanism, structure.pairs, placed, variables, True)
+        self.structure, given = structure, (structure.mechanism, structure.pairs)
+        placed = placed or place_by_variables(*given, variables)
+        super().__init__(*given, placed, variables, True)
 
     def _solved(
         self, driven: Mapping[int, Expr], misfits: Mapping[int, Exprs] | None = None

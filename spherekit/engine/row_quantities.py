@@ -32,7 +32,7 @@ from spherekit.engine.kinematics import (
     Structure,
 )
 from spherekit.engine.loads import LoadState, forces_of
-from spherekit.engine.pose import place_by_variables
+from spherekit.engine.pose import LinkOrientation
 from spherekit.engine.turns import TurningPairs
 from spherekit.errors import EngineError
 from spherekit.model.actions import wound_pairs
@@ -173,8 +173,8 @@ class VariedTerms:
         The variables of `sample_names`, and the signs of dyads or the variables of pairs.
     variables
         Of pairs, where these are the places; those that follow from others as terms.
-    links, squares
-        What `place_by_inputs` gives of these; without a closed form the links alone.
+    squares
+        What `place_by_inputs` gives of signs.
     turns
         Of passive pairs whose variables loads depend on, by name: what their turns (rad)
         add to angles that places give.
@@ -204,15 +204,15 @@ class VariedTerms:
             closed_form = structure.assembly.has_closed_form
         self.squares: list[Expr] = []
         self.variables: list[Expr] = []
+        self._placed: list[LinkOrientation] = []
         if closed_form:
             self.places = symbols(f"sign_{k + 1}" for k in range(len(structure.groups)))
             q = self.sample[: len(inputs)]
-            self.links, self.squares = place_by_inputs(structure, q, self.places)
+            self._placed, self.squares = place_by_inputs(structure, q, self.places)
         else:
             self.places = symbols(mechanism.variable_names)
             following = structure.following([self.places[v] for v in structure.inputs])
             self.variables = [following.get(v, x) for v, x in enumerate(self.places)]
-            self.links = place_by_variables(mechanism, structure.pairs, self.variables)
         more = symbols(f"number_{k}" for k in differing)
         of_place, place = dict(zip(differing, more, strict=True)), count()
         self.actions = with_other_numbers(
@@ -225,7 +225,7 @@ class VariedTerms:
     @cached_property
     def flow(self) -> CoordinateRates:
         """The rates."""
-        return CoordinateRates(self.structure, self.links, self.variables)
+        return CoordinateRates(self.structure, self.variables, self._placed)
 
     @property
     def closed_form(self) -> bool:
@@ -343,7 +343,7 @@ class VariedTerms:
         angles = self._angles()
         state = LoadState(
             mechanism,
-            self.links,
+            flow.placed,
             flow.tau,
             flow.w,
             angles,
@@ -374,7 +374,7 @@ class VariedTerms:
         if not self.closed_form:
             return self.variables[self._variable(pair)]
         number = self.mechanism.pair_number[pair]
-        return angle_of(self.structure, number, self.links)
+        return angle_of(self.structure, number, self._placed)
 
     def transmission_angle(self, pair: str) -> Expr:
         """Return the angle in [0, pi/2] between the arcs of the dyad a pair is amid."""

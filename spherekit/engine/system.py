@@ -69,7 +69,6 @@ from spherekit.engine.kinematics import (
     Structure,
 )
 from spherekit.engine.loads import LoadState, generalised_forces
-from spherekit.engine.pose import place_by_variables
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism
 
@@ -113,7 +112,7 @@ class ParameterLayout:
         """Return what loads see of a motion by the coordinates; see `LoadState`."""
         turns = [constant(k) for k in range(self.variables)]
         given = self.variable_terms, turns, rates, MOMENT, self._switch, self._table
-        return LoadState(flow.structure.mechanism, flow.placed, flow.tau, flow.w, *given)
+        return LoadState(flow.mechanism, flow.placed, flow.tau, flow.w, *given)
 
     def _switch(self, condition: Expr) -> Expr:
         """Return the factor of a condition."""
@@ -173,9 +172,10 @@ def one_freedom(mechanism: Mechanism) -> System:
     """Return the equation of a mechanism whose first input is the input."""
     layout = ParameterLayout(mechanism)
     structure = Structure.of(mechanism, mechanism.inputs[0].pair)
-    variables, (momentum,) = layout.variable_terms, layout.momentum_terms
-    placed = place_by_variables(mechanism, structure.pairs, variables)
-    flow = CoordinateRates(structure, placed, variables)
+    (momentum,), flow = (
+        layout.momentum_terms,
+        CoordinateRates(structure, layout.variable_terms),
+    )
     masses = InputMoments(flow, tensors(mechanism))
     share = power(masses.unit * masses.matrix[0][0], -0.5)
     speed = constant(layout.unit) * momentum * share
@@ -340,8 +340,7 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     layout = ParameterLayout(mechanism)
     structure = Structure.of(mechanism, mechanism.input_pairs, closed=values)
     variables = layout.variable_terms
-    placed = place_by_variables(mechanism, structure.pairs, variables)
-    flow = CoordinateRates(structure, placed, variables)
+    flow = CoordinateRates(structure, variables)
     size = mass_size(mechanism)
     root = float(np.sqrt(size))
     share = 1.0 / flow.scale
