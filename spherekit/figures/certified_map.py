@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from spherekit.arrays import Floats
 from spherekit.figures import style
-from spherekit.figures.sdk import Figure, Line2D, PatchCollection, Rectangle
+from spherekit.figures.sdk import Figure, PatchCollection, Rectangle
 from spherekit.figures.sheet import Drawing
 
 CONTAINS, UNDECIDED = "type II in the cell", "undecided"
@@ -34,7 +34,6 @@ def draw_certified_map(
         axes = figure.add_subplot()
         colours = {str(count): SHADES[k % len(SHADES)] for k, count in enumerate(counts)}
         colours |= {CONTAINS: CONTAINING, UNDECIDED: DOUBTFUL}
-        marks = []
         for kind, colour in colours.items():
             centres, half = areas[kind]
             if not len(centres):
@@ -47,12 +46,10 @@ def draw_certified_map(
                 PatchCollection(boxes, facecolor=colour, edgecolor=colour, linewidth=0.1)
             )
             words = f"{kind} modes" if kind.isdigit() else kind
-            marks.append(
-                Line2D([], [], marker="s", linestyle="", color=colour, label=words)
-            )
+            axes.plot([], [], "s", color=colour, label=words)  # for the legend
         axes.autoscale_view()
         axes.set_aspect("equal")
         axes.set_xlabel(f"input {names[0]}, deg")
         axes.set_ylabel(f"input {names[1]}, deg")
-        figure.legend(handles=marks, loc="outside lower center", ncols=2)
+        figure.legend(loc="outside lower center", ncols=2)
     return figure

@@ -169,23 +169,21 @@ def _mark(panel: Axes, curve: Curve, marks: InputMarks) -> None:
 
 
 def _alike(every: Sequence[Floats], span: float) -> list[tuple[int, int]]:
-    """Return of each curve which of those it is that it lies on, and how many these are."""
+    """Return of each curve which of those it is that it lies on, and how many these are.
+
+    They cannot be told apart where both are, over as many rows.
+    """
     leader: list[int] = []
     for k, values in enumerate(every):
-        earlier = (n for n in range(k) if leader[n] == n and _same(values, every[n], span))
-        leader.append(next(earlier, k))
-    return [
-        (leader[:k].count(leader[k]), leader.count(leader[k])) for k in range(len(every))
-    ]
-
-
-def _same(one: Floats, other: Floats, span: float) -> bool:
-    """Return whether curves of as many rows cannot be told apart where both are."""
-    if len(one) != len(other):
-        return False
-    gap = np.abs(one - other)
-    gap = gap[np.isfinite(gap)]
-    return bool(len(gap)) and float(np.quantile(gap, 0.9)) < ALIKE * span
+        leader.append(k)
+        for n in range(k):
+            if leader[n] == n and len(every[n]) == len(values):
+                gap = np.abs(every[n] - values)
+                gap = gap[np.isfinite(gap)]
+                if len(gap) and np.quantile(gap, 0.9) < ALIKE * span:
+                    leader[k] = n
+                    break
+    return [(leader[:k].count(n), leader.count(n)) for k, n in enumerate(leader)]
 
 
 AXES = ("x", "y", "z")

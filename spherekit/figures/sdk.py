@@ -9,7 +9,6 @@ try:
     from matplotlib.collections import LineCollection, PatchCollection
     from matplotlib.colors import BoundaryNorm, Normalize
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
     from matplotlib.patches import Rectangle
     from matplotlib.patheffects import withStroke
     from matplotlib.ticker import MaxNLocator
@@ -26,7 +25,6 @@ __all__ = [
     "Axes",
     "BoundaryNorm",
     "Figure",
-    "Line2D",
     "LineCollection",
     "MaxNLocator",
     "Normalize",

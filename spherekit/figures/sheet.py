@@ -2,10 +2,9 @@
 
 import base64
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import wraps
-from typing import Any, ParamSpec
+from typing import Any, cast
 
 import numpy as np
 
@@ -22,8 +21,6 @@ from spherekit.figures.sdk import (
 )
 from spherekit.figures.style import Look
 
-P = ParamSpec("P")
-
 DEGREE_STEPS = (1, 1.2, 1.5, 1.8, 3, 4.5, 6, 9, 10)
 LONG = 60.0
 """Degrees from which on an axis has these steps."""
@@ -39,21 +36,10 @@ SCREEN = 160
 """Dots per inch in a notebook."""
 
 
-def _in_look(function: Callable[P, None]) -> Callable[P, None]:
-    """Return a function that draws in the look of spherekit."""
-
-    @wraps(function)
-    def _drawn(*args: P.args, **options: P.kwargs) -> None:
-        with style.look():
-            function(*args, **options)
-
-    return _drawn
-
-
 class Drawing(Figure):
     """A matplotlib figure in the look of spherekit, shown in notebooks as it is."""
 
-    savefig = _in_look(Figure.savefig)
+    savefig = cast(Any, style.look())(Figure.savefig)
 
     def _repr_png_(self) -> bytes:
         return as_bytes(self)
@@ -148,7 +134,7 @@ def spot_look(tone: int) -> Look:
     """Return how marks of a kind are drawn."""
     return {
         "linestyle": "none",
-        "marker": style.tone_marker(tone),
+        "marker": style.MARKERS[tone % len(style.MARKERS)],
         "markersize": 4.0,
         "markerfacecolor": style.tone_colour(tone),
         "markeredgecolor": "white",

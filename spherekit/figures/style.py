@@ -107,8 +107,3 @@ def tone_colour(number: int) -> str:
 def tone_look(number: int) -> Look:
     """Return how curves of a kind are drawn."""
     return {"color": tone_colour(number)}
-
-
-def tone_marker(number: int) -> str:
-    """Return the shape of marks of a kind."""
-    return MARKERS[number % len(MARKERS)]

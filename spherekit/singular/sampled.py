@@ -62,23 +62,25 @@ def _modes(
 ) -> dict[int, tuple[int, ...]] | None:
     """Return the modes of the whole in each of the part, None if one has no place."""
     motion: Motion = tracer.sparse(COMPARED)
-    modes: dict[int, tuple[int, ...]] = {mode.number: () for mode in part.assembly_modes}
     k = motion.samples
     there = {
         mode.number: part.solver.evaluate(mode, motion.inputs[:k]).values
         for mode in part.assembly_modes
     }
+    modes: dict[int, tuple[int, ...]] = dict.fromkeys(there, ())
     for place, mode in enumerate(tracer.assembly_modes):
         rows = slice(place * k, (place + 1) * k)
         good = motion.status[rows] == Status.OK
         values = motion.values[rows][good][:, variables]
-        for number, of_part in there.items():
-            away = np.abs(wrap(of_part[good] - values))
-            if len(values) and np.max(away, initial=0.0) < SAME_CONFIGURATION:
-                modes[number] += (mode.number,)
-                break
-        else:
+        alike = (
+            number
+            for number, of_part in there.items()
+            if max_abs(wrap(of_part[good] - values)) < SAME_CONFIGURATION
+        )
+        number = next(alike, None) if len(values) else None
+        if number is None:
             return None
+        modes[number] += (mode.number,)
     return modes
 
 
