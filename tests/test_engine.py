@@ -7,17 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from closed_forms import (
-    FOUR_BAR_ARCS,
-    four_bar_angles,
-    four_bar_coefficients,
-    four_bar_frames,
-    four_bar_poles,
-)
 from example_mechanisms import four_bar
 from newton_euler import body, loaded
 from refusals import TABLES, check_call
-from scipy.integrate import solve_ivp
 
 import spherekit as sk
 from spherekit.dynamics.start import PoseStart
@@ -209,55 +201,6 @@ def test_positions_beyond_reach_are_nan(engine):
     assert np.all(np.isnan(rows[numbers, 0])) and np.all(np.isfinite(rows[:, 1]))
 
 
-class PaperModel:
-    """B, dB/dq, theta_41 and its coefficient over q from the paper's formulas.
-
-    Trigonometric interpolants of 256 samples, which are exact to rounding.
-    """
-
-    def __init__(self, mode):
-        q = 2.0 * np.pi * np.arange(256) / 256
-        frames = four_bar_frames(q, FOUR_BAR_ARCS, mode)
-        poles = four_bar_poles(q, FOUR_BAR_ARCS, mode)
-        w31, w41 = four_bar_coefficients(q, FOUR_BAR_ARCS, mode)
-        w = {
-            2: frames[2][:, :, 2],
-            3: poles["31"] * w31[:, None],
-            4: frames[1][:, :, 2] * w41[:, None],
-        }
-        inertia = np.zeros(len(q))
-        for mass in load("four_bar").masses:
-            own = np.einsum("nji,nj->ni", frames[int(mass.link)], w[int(mass.link)])
-            inertia += np.einsum("ni,ij,nj->n", own, np.array(mass.tensor), own)
-        self.mode = mode
-        self.order = np.arange(129)
-        self.inertia, self.rocker = np.fft.rfft(inertia) / 256, np.fft.rfft(w41) / 256
-
-    def at(self, q):
-        """Return B, dB/dq, theta_41, dtheta_41/dq at one q."""
-        wave = 2.0 * np.exp(1j * self.order * q)
-        wave[0] = 1.0
-        angle = four_bar_angles(np.array([q]), FOUR_BAR_ARCS, self.mode)[0]
-        return (
-            np.sum(self.inertia * wave).real,
-            np.sum(1j * self.order * self.inertia * wave).real,
-            angle,
-            np.sum(self.rocker * wave).real,
-        )
-
-    def solve(self, torque, q, rate, times):
-        """Return q(t) for generalised forces torque(t, q, dq, theta_41, dtheta_41, w)."""
-
-        def change(t, state):
-            q, dq = state
-            inertia, slope, angle, w = self.at(q)
-            force = torque(t, q, dq, angle, w * dq, w)
-            return [dq, (force - 0.5 * slope * dq * dq) / inertia]
-
-        how = {"method": "DOP853", "t_eval": times, "rtol": 1e-13, "atol": 1e-13}
-        return solve_ivp(change, (times[0], times[-1]), [q, rate], **how).y[0]
-
-
 DRIVING = "10*sin(2*t)"
 
 
@@ -274,40 +217,6 @@ def with_torque(mechanism, pair, torque):
 def run(mechanism, start, until, **options):
     """Return the compiled simulation."""
     return sk.simulate(mechanism, start, until, engine="compiled", **options)
-
-
-def paper_mode(mechanism, start):
-    """Return the paper's mode number p of a configuration of the four-bar."""
-    angle = start[mechanism.variable_names.index("theta_41")]
-    both = [four_bar_angles(np.array([0.3]), FOUR_BAR_ARCS, p)[0] for p in (0, 1)]
-    return int(np.argmin(np.abs(np.sin(0.5 * (np.array(both) - angle)))))
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("assembly_mode", [0, 1])
-def test_forward_dynamics_of_the_paper_against_a_runge_kutta_code(engine, assembly_mode):
-    made, times = load("four_bar"), np.linspace(0.0, 10.0, 41)
-    tolerance, near = {"numpy": (1e-9, 1e-10), "compiled": (1e-12, 5e-12)}[engine]
-    how = {"torque": DRIVING, "assembly_mode": assembly_mode, "engine": engine}
-    found = sk.simulate(made, Start(0.3, 1.0), 10.0, tolerance=tolerance, check=True, **how)
-
-    def torque(t, q, dq, angle, turning, w):
-        on_rocker = -5.0 * np.sin(angle) - 2.0 * turning
-        return 10.0 * np.sin(2.0 * t) - np.sin(q) - 2.0 * dq + w * on_rocker
-
-    model = PaperModel(paper_mode(made, start_of(made, 0.3, assembly_mode)))
-    history = found.at(times)
-    expected = model.solve(torque, 0.3, 1.0, times)
-    assert np.max(np.abs(history.q - expected)) < near
-    checks = found.checks
-    assert found.end.kind == "time" and checks.error < tolerance
-    assert checks.closure < max(1e-12, 0.1 * tolerance) and checks.energy < 10 * tolerance
-    assert engine == "numpy" or checks.power < 1e-10
-    resting = [event.t for event in found.events if event.kind == "rest"]
-    assert np.max(np.abs(found.at(resting).dq)) < 1e-9
-    rate = history.dq / history.speed[:, 0]
-    inertia = np.sum(history.M[..., 0, 0], axis=1) / rate**2
-    assert np.max(np.abs(inertia - [model.at(q)[0] for q in history.q])) < tolerance
 
 
 def with_all_loads(name):
