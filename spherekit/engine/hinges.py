@@ -158,7 +158,7 @@ def hinged(
     if train is not None:
         # A contact that slides has two pairs in place of one.
         places = (kept.index(n) + sum(m < n for m in contacts) for n in train.followers)
-        train = replace(train, followers=tuple(places))
+        train = train._replace(followers=tuple(places))
     slide = tuple(kept.index(n) for n in contacts)
     return EquivalentLinkage(mechanism, tuple(kept), slide, constants, round_ones, train)
 

@@ -14,8 +14,9 @@ verified steps, however far samples lie apart.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -77,8 +78,7 @@ CLEARLY = 0.5
 """So much nearer than every other mode, as a part, the one meant is."""
 
 
-@dataclass(frozen=True)
-class AssemblyMode:
+class AssemblyMode(NamedTuple):
     """One assembly mode over the ranges of the inputs.
 
     `signs` has +1 or -1 for each dyad and 0 for each irreducible group; `guide` is
@@ -505,7 +505,7 @@ def named(
             faults.append(f"modes.{name}: {why}; no mode has this name")
         else:
             names[place] = name
-    made = (replace(mode, name=names.get(k, "")) for k, mode in enumerate(assembly_modes))
+    made = (mode._replace(name=names.get(k, "")) for k, mode in enumerate(assembly_modes))
     return tuple(made), tuple(faults)
 
 

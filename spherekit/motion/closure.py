@@ -9,6 +9,7 @@ relative orientation differs from sample to sample.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -147,8 +148,7 @@ def least_change(matrices: Floats, right: Floats) -> Floats:
     return np.einsum("nij,nj->ni", np.linalg.pinv(matrices, rcond=REDUNDANT), right)
 
 
-@dataclass(frozen=True)
-class Locked:
+class Locked(NamedTuple):
     """A closure with some variables locked, and the way back to all variables.
 
     `closure` has the variables `kept` of the whole closure, in order; `values` (V,) holds

@@ -9,7 +9,7 @@ what the given input says is an independent check.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,8 +59,7 @@ SAME_INPUT = 1e-5
 """Dead points (rad) found in two ways may differ by this."""
 
 
-@dataclass(frozen=True)
-class Piece:
+class Piece(NamedTuple):
     """The part of a curve from `start` to `stop` (s in rad) that is one assembly mode.
 
     The input only rises or only falls in it, from `lowest` to `highest`, and lies in its
@@ -127,16 +126,14 @@ def turning_inputs(
     return np.asarray(low + np.mod(values - low, period)) if np.isfinite(period) else values
 
 
-@dataclass(frozen=True)
-class ConfigurationCurve:
+class ConfigurationCurve(NamedTuple):
     """A curve and its pieces within the input range, in order of arc length."""
 
     curve: ArcCurve
     pieces: tuple[Piece, ...]
 
 
-@dataclass(frozen=True)
-class Configurations:
+class Configurations(NamedTuple):
     """The configuration curves that meet an input range, and what is known of others.
 
     Attributes
@@ -246,7 +243,7 @@ def _assigned(
         for row in np.flatnonzero(gap < SAME_CONFIGURATION):
             numbers[row] = assembly_mode.number
     every = zip(pieces, numbers, strict=True)
-    return tuple(replace(piece, assembly_mode=number) for piece, number in every)
+    return tuple(piece._replace(assembly_mode=number) for piece, number in every)
 
 
 class _CurveSearch:

@@ -8,7 +8,7 @@ the directions of no or two curves, for k = 3 of up to four (Keller 1977 calls t
 algebraic bifurcation equations).
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,8 +42,7 @@ SAME = 1e-6
 """Points (rad) nearer to each other than this part of the radius are one."""
 
 
-@dataclass(frozen=True)
-class Crossing:
+class Crossing(NamedTuple):
     """A configuration where the closure equations lose rank.
 
     Attributes

@@ -27,9 +27,10 @@ wheels are in mesh, each start has an input and the lengths rolled that belong t
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain, combinations, islice, permutations, repeat
+from typing import NamedTuple
 
 import numpy as np
 
@@ -142,8 +143,7 @@ def bars_of(group: Group) -> dict[int, list[tuple[int, int]]]:
     return bars
 
 
-@dataclass(frozen=True)
-class Order:
+class Order(NamedTuple):
     """A tree left by bars, in an order in which its angles can be eliminated.
 
     `bodies` and `pairs` are those of the tree, the pair of the remaining angle first;
@@ -295,8 +295,7 @@ MOVED = 1e-2
 """Farthest (rad) that an angle of a real root moves until the group is closed."""
 
 
-@dataclass(frozen=True)
-class Method:
+class Method(NamedTuple):
     """How the modes of one group were found.
 
     `roots` is the number of complex solutions that were all computed, 0 for a search;
@@ -358,7 +357,7 @@ def solutions(
         distinct.add(at.values[closed])
         method = Method(0 if problem else orders_of(group)[0].roots, problem)
     if not method.is_complete:
-        method = replace(method, census=search(closure, distinct, given))
+        method = method._replace(census=search(closure, distinct, given))
     values = distinct.values
     values.sort(key=in_order)
     return values, method
@@ -394,8 +393,7 @@ FLAT = 1e-5
 """Configurations nearer to a dead centre (relative singular value) are not told apart."""
 
 
-@dataclass(frozen=True)
-class Assemblies:
+class Assemblies(NamedTuple):
     """The k modes at one choice of the inputs.
 
     `signs` are those of dyads, `values` (k, variables) rad; `methods[g]` says how the modes

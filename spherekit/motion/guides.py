@@ -10,6 +10,7 @@ but never through a configuration at which the inputs do not determine the motio
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -67,8 +68,7 @@ class ModeCurve:
         return (*self.predict(along), why)
 
 
-@dataclass(frozen=True)
-class ModeOverGrid:
+class ModeOverGrid(NamedTuple):
     """Configurations of one mode at the samples of an input grid.
 
     `values` (n, variables), NaN where the mode was not reached; `status` (n,): OK, or why

@@ -17,7 +17,7 @@ is not. Driven at one pair a six-bar is two dyads, at another a triad.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -183,8 +183,7 @@ CHEAP = 2e-3
 """A pair whose functions of meeting modes take less than this (s) is good enough."""
 
 
-@dataclass(frozen=True)
-class InputTurningPoints:
+class InputTurningPoints(NamedTuple):
     """The inputs from `low` to `high` (rad) at which two real modes meet.
 
     `places` (k,) rise. In the parts `doubtful` (d, 2) some may be missing: in all of the

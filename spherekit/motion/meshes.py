@@ -9,9 +9,9 @@ rest of the mechanism does not close.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from math import lcm
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,8 +37,7 @@ MOST_TURNS = 12
 """Whole turns of an input by which a configuration found may have been put together."""
 
 
-@dataclass(frozen=True)
-class GearPhases:
+class GearPhases(NamedTuple):
     """The rolled lengths that follow from the inputs alone.
 
     `variables` are their numbers; `lengths` (m,) those at the inputs `anchor` (k,), rad;

@@ -16,8 +16,8 @@ them, and constraints point from the link whose pebble they hold to the other li
 """
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
 from itertools import chain
+from typing import NamedTuple
 
 from spherekit.conventions import listing
 from spherekit.errors import CountError, PlanError
@@ -290,8 +290,7 @@ def _locked(
     return body, game
 
 
-@dataclass(frozen=True)
-class Group:
+class Group(NamedTuple):
     """Bodies that become one body when their pairs are closed together.
 
     `bodies` are sets of link numbers already rigid relative to each other; the first
@@ -354,8 +353,7 @@ class Group:
         return f"{len(self.bodies)}-body group with {self.loops} loops"
 
 
-@dataclass(frozen=True)
-class Assembly:
+class Assembly(NamedTuple):
     """The locked input pairs, then the groups in solving order.
 
     `bodies[link]` is the smallest link that the locked inputs join a link to.
@@ -404,7 +402,7 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     except CountError:
         # All bodies together, where constraints are redundant.
         whole = _group(mechanism, merged_links, merged_links[0], open_pairs, True)
-        groups = (replace(whole, revolute=False),)
+        groups = (whole._replace(revolute=False),)
     return Assembly(inputs, merged_links, groups)
 
 

@@ -12,8 +12,7 @@ the inputs, these and the lengths rolled are linear functions of the inputs.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,8 +45,7 @@ Axes = Mapping[int, tuple[Floats, Floats]]
 """Axes (3,) of R pairs in their first and second link, by number."""
 
 
-@dataclass(frozen=True)
-class GearMesh:
+class GearMesh(NamedTuple):
     """Two wheels on a carrier: by which pairs each is turned in it, and the signs.
 
     `contact` is the number of the rolling contact among the pairs of the mechanism. `ways`
@@ -176,8 +174,7 @@ MOST_TEETH = 64
 """Whole turns by which wheels are tried whose contact repeats those of others."""
 
 
-@dataclass(frozen=True)
-class GearTrain:
+class GearTrain(NamedTuple):
     """The angles of pairs, and the lengths rolled, that follow from the inputs.
 
     `followers` are the numbers of pairs; `ratios` (followers, inputs) the rates of their
