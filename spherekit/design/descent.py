@@ -28,7 +28,7 @@ from spherekit.engine.expression_graph import (
 from spherekit.engine.row_quantities import row_quantities
 from spherekit.engine.system import array_function
 from spherekit.errors import SpherekitError
-from spherekit.sphere.rotation import all_finite, nans
+from spherekit.sphere.rotation import all_finite, max_abs, nans
 
 Parts = tuple[Floats, Floats, Floats, Floats]
 """Values (k,), gradients (k, n), limits' values (m,) and gradients (m, n) at a place."""
@@ -95,7 +95,7 @@ class HeldMode:
             return self.label == other.label
         _, design, configurations = other.followed
         values = self.places(design, configurations.shape[1])
-        both = np.all(np.isfinite(values) & np.isfinite(configurations), axis=0)
+        both = all_finite(values, 0) & all_finite(configurations, 0)
         gaps = apart(values[:, both], configurations[:, both])
         return bool(np.any(both) and np.max(gaps) < SAME)
 
@@ -180,11 +180,9 @@ def least_greatest(
         radius *= 0.5
         if radius < SHORTEST:
             break
-        near = [
-            k
-            for k, place in enumerate(places)
-            if np.max(np.abs(place - x)) <= NEAR * radius
-        ][-KEPT:]
+        near = [k for k, place in enumerate(places) if max_abs(place - x) <= NEAR * radius][
+            -KEPT:
+        ]
         places, made = [places[k] for k in near], [made[k] for k in near]
     return x, now
 
@@ -253,8 +251,8 @@ class FigureGradients:
         rad and SI, NaN where there is no such design, or the mode cannot be followed to it.
         """
         of = self.evaluator.figures
-        figures = np.full(len(of.merits), np.nan)
-        gradients = np.full((len(of.merits), len(values)), np.nan)
+        figures = nans(len(of.merits))
+        gradients = nans((len(of.merits), len(values)))
         design = self.evaluator.varied.design_at(values)
         if design is None:
             return figures, gradients, 0.0
@@ -262,7 +260,7 @@ class FigureGradients:
         places = mode.places(design, len(of.rows))
         turns = self._turns(design, places)
         closed, made, changes = design.at(self._kernel, samples, places, places.T, turns)
-        closed &= np.all(np.isfinite(places), axis=0)
+        closed &= all_finite(places, 0)
         with np.errstate(all="ignore"):
             every = self._expressions(np.concatenate([samples, made]))
         every = every.reshape(-1, len(of.merits), len(closed))
@@ -472,7 +470,7 @@ class Descent:
                 return None
             off, slopes = (wanted - aim) / self.size, gradients / self.size[:, None]
             made = off, slopes, limits, by_limits
-            return made if all(np.all(np.isfinite(part)) for part in made) else None
+            return made if all(map(all_finite, made)) else None
 
         return least_greatest(parts, x, ENOUGH)
 
@@ -516,7 +514,7 @@ class Descent:
         for k in np.argsort(missed, kind="stable"):
             if len(taken) > OTHERS:
                 return
-            if all(np.max(np.abs(places[k] - place)) >= BESIDE for place in taken):
+            if all(max_abs(places[k] - place) >= BESIDE for place in taken):
                 taken.append(places[k])
                 yield places[k]
 

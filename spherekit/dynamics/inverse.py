@@ -32,7 +32,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, PositionAnalysis, Timing, by_laws, going_on
 from spherekit.planning.inputs import driven_at
 from spherekit.rates.request import request
-from spherekit.sphere.rotation import all_finite
+from spherekit.sphere.rotation import all_finite, nans
 
 DEAD_CENTRE = 1e-6
 """Inputs that say less surely how all variables move lose half the digits of rates."""
@@ -473,7 +473,7 @@ def output_stiffness(
     good = solution.rate_status == Status.OK
     w[~good] = np.nan
     compliance = np.einsum("nia,nib,i->nab", w, w, 1.0 / stiffness)
-    values, vectors = np.full((len(w), 3), np.nan), np.full((len(w), 3, 3), np.nan)
+    values, vectors = nans((len(w), 3)), nans((len(w), 3, 3))
     values[good], turned = np.linalg.eigh(compliance[good])
     vectors[good] = np.swapaxes(turned, 1, 2)
     values[values < RIGID * values[:, -1:]] = 0.0

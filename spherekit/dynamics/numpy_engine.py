@@ -274,7 +274,7 @@ class Collocation:
                     inverse = self._inverse(t, states, rates, length, scale)
                 place = equation.variables
                 moved[:, place] = states[:, place] + inverse @ (moved - states)[:, place]
-            change = float(np.max(np.abs(moved - states) / scale))
+            change = float(max_abs((moved - states) / scale))
             states = moved
             if not np.isfinite(change) or (count > 4 and change > 4.0 * last):
                 break
@@ -285,7 +285,7 @@ class Collocation:
         frames = dynamics.motion.rates if equation.freedoms == 1 else self.frame[None]
         step = Step(start, length, state, series, frames)
         if settled and np.all(dynamics.motion.status == Status.OK):
-            left_out = np.max(np.abs(series[-3:]), axis=0) * length / TAIL
+            left_out = max_abs(series[-3:], axis=0) * length / TAIL
             error = float(np.max(left_out / scale)) / tolerance
         if error <= 1.0 and not self._looked(step, scale, tolerance):
             error = np.inf

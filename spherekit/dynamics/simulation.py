@@ -38,7 +38,7 @@ from spherekit.errors import SolveError
 from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Timing
-from spherekit.sphere.rotation import all_finite
+from spherekit.sphere.rotation import all_finite, max_abs
 
 EventKind = Literal[
     "dead_centre", "type_2", "crossing", "rest", "joint_limit", "switch", "lift_off"
@@ -357,9 +357,9 @@ class Simulation:
         push = np.linalg.norm(missed, axis=1)
         steps = np.append(np.tile(lengths, 3), 0.0)
         return Checks(
-            energy=float(np.max(np.abs(kinetic - work - (kinetic[0] - work[0])))),
-            energy_scale=float(max(np.max(kinetic), np.max(np.abs(work)))),
-            power=float(np.max(np.abs(np.sum(momenta * missed, axis=1)))),
+            energy=float(max_abs(kinetic - work - (kinetic[0] - work[0]))),
+            energy_scale=float(max(np.max(kinetic), max_abs(work))),
+            power=float(max_abs(np.sum(momenta * missed, axis=1))),
             momentum=float(np.max(push * steps)) / size,
             closure=max(path.drift, float(np.max(np.abs(gap), initial=0.0))),
             error=self.error,

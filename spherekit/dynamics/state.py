@@ -66,7 +66,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import Linearisation
 from spherekit.motion.motion import Timing
-from spherekit.sphere.rotation import all_finite, transpose
+from spherekit.sphere.rotation import all_finite, max_abs, nans, transpose
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ def rubbed(
     SolveError
         If a reaction is open that friction follows from.
     """
-    carried = np.full((len(good), len(loads.rubbing)), np.nan)
+    carried = nans((len(good), len(loads.rubbing)))
     driven, locked = every.rows(good), np.zeros(len(good), dtype=bool)
     mechanism, motion = driven.mechanism, driven.motion
     velocities = np.swapaxes(loads.velocities(motion)[..., loads.rubbing], 1, 2)
@@ -240,7 +240,7 @@ def _need_determined(
 def _solved(still: Floats, change: Floats, factors: Floats) -> tuple[Floats, Bools, int]:
     """Return what is carried, given a, b and r of the module."""
     sizes = np.sum(np.linalg.norm(change, axis=3), axis=2)
-    feedback = np.max(np.abs(np.linalg.eigvals(np.abs(factors)[..., None] * sizes)), axis=1)
+    feedback = max_abs(np.linalg.eigvals(np.abs(factors)[..., None] * sizes), axis=1)
 
     def at(friction: Floats) -> tuple[Floats, Floats]:
         forces = still + np.einsum("nkjal,nl->nkja", change, friction)
@@ -261,17 +261,14 @@ def _solved(still: Floats, change: Floats, factors: Floats) -> tuple[Floats, Boo
         matrix = np.where(regular[:, None, None], one - slope, one)
         newton = friction + np.linalg.solve(matrix, (plain - friction)[..., None])[..., 0]
         tried = [(guess, *at(guess)) for guess in (plain, newton)]
-        left = [
-            np.max(np.abs(f - factors * np.sum(size, axis=2)), axis=1)
-            for f, _, size in tried
-        ]
+        left = [max_abs(f - factors * np.sum(size, axis=2), axis=1) for f, _, size in tried]
         better = left[1] < left[0]
         friction, forces, strengths = (
             np.where(better.reshape(-1, *[1] * (old.ndim - 1)), new, old)
             for old, new in zip(*tried, strict=True)
         )
         carried = np.sum(strengths, axis=2)
-        gap = np.max(np.abs(carried - before), axis=1)
+        gap = max_abs(carried - before, axis=1)
         moved = regular & ~(gap <= SETTLED * np.max(carried, axis=1))
         if not np.any(moved):
             break
@@ -299,7 +296,7 @@ class Roots:
     @classmethod
     def of(cls, M: Floats) -> "Roots":
         """Return the roots of M (n, m, m)."""
-        finite = np.all(np.isfinite(M), axis=(1, 2))
+        finite = all_finite(M, (1, 2))
         squares, vectors = np.linalg.eigh(np.where(finite[:, None, None], M, 0.0))
         with np.errstate(invalid="ignore"):
             sizes = np.sqrt(np.where(finite[:, None] & (squares > 0.0), squares, np.nan))
