@@ -191,7 +191,7 @@ class FollowedRotation(Way):
             values=kept(near.values),
             orientation=kept(near.reached),
             orientation_error=kept(angles_between(near.reached, self.wanted(theta))),
-            drift=kept(arc(w, np.broadcast_to(self.axis, w.shape))),
+            drift=kept(arc(w, self.axis)),
             type_2=kept(held),
             status=status,
         )

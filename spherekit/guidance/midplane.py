@@ -60,7 +60,7 @@ class MidPlane:
         reach.
         """
         flat, square, left = self._flat(normals)
-        aside = cross(np.broadcast_to(normals[:, None], flat.shape), flat)
+        aside = cross(normals[:, None], flat)
         with np.errstate(all="ignore"):
             root = np.sqrt(left) * np.asarray(modes, dtype=float)
             elbows = np.cos(self.arcs)[:, None] * flat + root[..., None] * aside
@@ -80,7 +80,7 @@ class MidPlane:
         """Return the base axes in the mid-plane (n, legs, 3), their squares, root^2."""
         sine = normals @ self.axes.T
         flat = self.axes - sine[..., None] * normals[:, None]
-        square = np.sum(flat * flat, axis=-1)
+        square = np.vecdot(flat, flat)
         return flat, square, _left(self.arcs, sine, np.sqrt(square))
 
     def readings(self, elbows: Floats) -> Floats:
@@ -113,8 +113,7 @@ class MidPlane:
         signs = []
         for k, leg in enumerate(self.driven):
             elbow = self._elbow(leg, inputs[:, k])
-            axis = np.broadcast_to(self.axes[leg], elbow.shape)
-            signs.append(np.sign(np.sum(normals * cross(axis, elbow), axis=1)))
+            signs.append(np.sign(np.vecdot(normals, cross(self.axes[leg], elbow))))
         return np.stack(signs, axis=1)
 
     def solutions(self, normals: Floats) -> dict[tuple[int, int], Floats]:

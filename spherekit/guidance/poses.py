@@ -245,7 +245,7 @@ class PoseFinder:
                 off = angles_between(orientation[None], turned)
             case AtDirection(direction):
                 points = turned @ np.array(self.output.direction)
-                off = arc(points, np.broadcast_to(direction, points.shape))
+                off = arc(points, direction)
         best = int(np.argmin(off))
         return (
             f"; nearest among the samples, {np.degrees(off[best]):.3g} deg off, is "

@@ -209,14 +209,6 @@ def turned(wrist: VirtualOutputChain, solver: Solver) -> DyadsWithClosingLink | 
 
 
 def _around(directions: Floats) -> tuple[Floats, Floats]:
-    """Return two unit vectors (3, n) that make a right-handed frame with directions.
-
-    They have a jump where the direction is -z only (T. Duff et al., Building an
-    orthonormal basis, revisited, 2017).
-    """
-    x, y, z = directions
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    one = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x])
-    return one, np.stack([b, sign + y * y * a, -y])
+    """Return two unit vectors (3, n) that make a right-handed frame with directions."""
+    one = perpendicular(directions.T).T
+    return one, cross(directions, one)

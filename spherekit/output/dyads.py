@@ -19,7 +19,7 @@ from spherekit.model.joints import Revolute
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Assembly, Group
 from spherekit.sphere.dyad import HalfAngle
-from spherekit.sphere.rotation import cross
+from spherekit.sphere.rotation import arc, cross
 
 Signs = tuple[int, ...]
 
@@ -174,8 +174,7 @@ class Dyads:
         return joint.first if self.ends[pair][0] == link else joint.second
 
     def _arc(self, link: int, one: int, other: int) -> float:
-        a, b = self.axis_in(one, link), self.axis_in(other, link)
-        return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+        return float(arc(self.axis_in(one, link), self.axis_in(other, link)))
 
     def _spread(self, link: int, *vector: float) -> Floats:
         """Return how a vector of a placed link follows from its dyad's axes, p outer, q.

@@ -11,6 +11,7 @@ places bounds its error. What is said is as sure as these samples.
 from collections.abc import Callable, Mapping
 from enum import IntEnum
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,15 +37,11 @@ def icosahedron(spacing: float) -> tuple[Floats, Indices]:
     flat = np.column_stack([np.zeros(4), signs[:, 0], golden * signs[:, 1]])
     points = unit_rows(np.concatenate([np.roll(flat, k, axis=1) for k in range(3)]))
     dots = points @ points.T
-    near = (dots > 0.4) & (dots < 0.5)
-    faces = [
-        (i, j, k) if np.linalg.det(points[[i, j, k]]) > 0.0 else (i, k, j)
-        for i in range(12)
-        for j in range(i)
-        for k in range(j)
-        if near[i, j] and near[j, k] and near[i, k]
-    ]
-    return refined(points @ _TILT.T, np.array(faces, dtype=np.intp), spacing)
+    triples = (np.array(three) for three in combinations(range(12), 3))
+    faces = np.array([k for k in triples if np.min(dots[np.ix_(k, k)]) > 0.4])
+    inward = np.linalg.det(points[faces]) < 0.0
+    faces[inward] = faces[inward, ::-1]
+    return refined(points @ _TILT.T, faces, spacing)
 
 
 @cache

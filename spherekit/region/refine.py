@@ -490,11 +490,9 @@ def _parts(
     label = labels(len(inside), edges[alike])
     total = np.zeros(int(label.max()) + 1)
     for state, sizes in ((True, areas), (False, search.areas - areas)):
-        held = inside[triangles] == state
-        which = np.argmax(held, axis=1)[:, None]
-        part = label[np.take_along_axis(triangles, which, axis=1)[:, 0]]
-        some = held.any(axis=1)
-        total += np.bincount(part[some], sizes[some], len(total))
+        which = np.argmax(inside[triangles] == state, axis=1)
+        owner = triangles[np.arange(len(triangles)), which]
+        total += np.bincount(label[owner], sizes, len(total))
     is_region = np.zeros(len(total), dtype=bool)
     is_region[label] = inside
     order = np.argsort(-total, kind="stable")

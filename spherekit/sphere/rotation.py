@@ -441,11 +441,7 @@ def mirror_of(matrices: Floats) -> tuple[Floats, Floats]:
     """
     _, vectors = np.linalg.eigh(0.5 * (matrices + transpose(matrices)))
     normals = upward(vectors[..., 0])
-    between = matrices @ reflections(normals)
-    skew = between - transpose(between)
-    sine = 0.5 * np.sqrt(skew[:, 2, 1] ** 2 + skew[:, 0, 2] ** 2 + skew[:, 1, 0] ** 2)
-    cosine = 0.5 * (np.trace(between, axis1=1, axis2=2) - 1.0)
-    return normals, np.asarray(np.arctan2(sine, cosine))
+    return normals, angles_between(reflections(normals), matrices)
 
 
 STEP = 2.0**-120

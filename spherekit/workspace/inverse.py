@@ -115,7 +115,7 @@ class _MidPlaneRows:
 
     def cosine(self, one: int, other: int) -> Floats:
         ends = [self._axis(pair) for pair in (one, other)]
-        return np.broadcast_to(np.sum(ends[0] * ends[1], axis=1), len(self.points))
+        return np.broadcast_to(np.vecdot(*ends), len(self.points))
 
     def angle(self, pair: int) -> Floats:
         for k, (base, _, _) in enumerate(self.form.legs):

@@ -129,7 +129,13 @@ def direction_workspaces(
     """
 
     def find(margins: Margins) -> tuple[Floats, Floats, Region]:
-        region = _region(margins, tolerance)
+        with np.errstate(invalid="ignore"):
+            inside = np.all(margins(spread(FIRST_LOOK)) >= 0.0, axis=1)
+        part = max(float(np.mean(inside)), LEAST_PART)
+        region = find_region(margins, tolerance * 0.5 * part * 4.0 * np.pi)
+        goal = tolerance * region.area
+        if region.error > goal > 0.0 and part == LEAST_PART:
+            region = find_region(margins, goal)
         return region.points, region.values, region
 
     shared = _found_once(kinematics, bounds, modes, find)
@@ -159,18 +165,6 @@ def _found_once(
         else:
             kept.append((*find(margins), signs))
             yield signs, kept[-1][2], None
-
-
-def _region(margins: Margins, tolerance: float) -> Region:
-    """Return a region with an error relative to its area, or as near as it gets."""
-    with np.errstate(invalid="ignore"):
-        inside = np.all(margins(spread(FIRST_LOOK)) >= 0.0, axis=1)
-    part = max(float(np.mean(inside)), LEAST_PART)
-    region = find_region(margins, tolerance * 0.5 * part * 4.0 * np.pi)
-    goal = tolerance * region.area
-    if region.error > goal > 0.0 and part == LEAST_PART:
-        region = find_region(margins, goal)
-    return region
 
 
 def orientation_workspaces(
