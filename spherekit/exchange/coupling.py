@@ -7,7 +7,7 @@ import json
 import re
 from dataclasses import dataclass, fields
 from itertools import combinations_with_replacement, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,8 +36,7 @@ WORDS = (
 """What the heading of an archive says; the rest are arrays of their names."""
 
 
-@dataclass(frozen=True)
-class Coupled:
+class Coupled(NamedTuple):
     """What a table says at inputs (n, m): NaN where it is not sure.
 
     `angles` (n, K) the passive variables, rad; `coefficients` (n, K, m) their rates per
@@ -147,7 +146,7 @@ class CouplingTable:
         good &= self.sure[number, np.ravel_multi_index(tuple(cells.T), tuple(last))]
         coupled = self.blended(number, cells, filled - cells)
         np.add(coupled.angles, turns @ self.rise[number], out=coupled.angles)
-        for part in vars(coupled).values():
+        for part in coupled:
             part[~good] = np.nan
         return coupled
 

@@ -162,8 +162,7 @@ def _table(
 ) -> CouplingTable:
     """Return the table of a grid, with errors from one of a third of its steps."""
     fine = tuple(PARTS * (count - 1) + 1 for count in counts)
-    samples = fine if len(fine) > 1 else fine[0]
-    tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=samples)
+    tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=fine)
     motion = going_on(tracer.motion(), tracer.solver)
     good, columns = np.flatnonzero(~motion.failed), list(chosen)
     parts = by_variables(tracer.solver.closure, motion.values[good], tracer.solver.driven)
@@ -176,7 +175,7 @@ def _table(
 
     first = spread(np.swapaxes(parts.rates[:, :, columns], 1, 2))
     second = spread(np.moveaxis(parts.second[:, :, :, columns], 3, 1))
-    low, high = [p[0] for p in poles], [p[1] for p in poles]
+    low, high = ([pole[end] for pole in poles] for end in (0, 1))
     usable = all_finite(first, (2, 3)) & all_finite(second, (2, 3, 4))
     exact: dict[str, Any] = {
         "angles": np.where(usable[..., None], spread(parts.values[:, columns]), np.nan),
@@ -187,10 +186,10 @@ def _table(
             np.moveaxis(parts.dw[:, :, :, high] - parts.dw[:, :, :, low], 3, 1)
         ),
     }
-    owned = [period for joint in motion.joints for period in joint.periods]
-    periods, q = np.array(owned)[columns], tracer.input_grid.q
-    thirds = (slice(None, None, PARTS),) * len(fine)
-    even = np.arange(motion.samples).reshape(fine)[thirds].ravel()
+    periods = np.array([p for joint in motion.joints for p in joint.periods])
+    q = tracer.input_grid.q
+    every = np.arange(motion.samples).reshape(fine)
+    even = every[(slice(None, None, PARTS),) * len(fine)].ravel()
     cells = len(modes), math.prod(n - 1 for n in counts)
     table = CouplingTable(
         mechanism=mechanism.name,
@@ -198,7 +197,7 @@ def _table(
         made_by=__version__,
         inputs=tracer.inputs,
         variables=tuple(mechanism.variable_names[v] for v in chosen),
-        poles=tuple(f"{mechanism.links[p[1]]}/{mechanism.links[p[0]]}" for p in poles),
+        poles=tuple(f"{mechanism.links[b]}/{mechanism.links[a]}" for a, b in poles),
         modes=tuple(modes),
         tolerance=tolerance,
         start=q[0],
@@ -211,7 +210,7 @@ def _table(
         sure=np.ones(cells, dtype=bool),
         coefficient_error=0.0,
     )
-    _find_periods(table, periods)
+    _find_periods(table, periods[columns])
     return replace(table, coefficient_error=_measured(table, exact, fine))
 
 

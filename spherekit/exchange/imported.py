@@ -2,8 +2,8 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath
@@ -18,8 +18,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import AngleUnit
 
 
-@dataclass(frozen=True)
-class Imported:
+class Imported(NamedTuple):
     """A mechanism from another program's file.
 
     `text` is its mechanism file, commented; `notes` say what was left out or changed.

@@ -4,9 +4,8 @@ The plan of a mechanism, given as such or named.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -47,8 +46,7 @@ OWN: Mapping[str, tuple[Kind, ...]] = {
 """What each argument belongs to, of those that not every kind has."""
 
 
-@dataclass(frozen=True)
-class Exported:
+class Exported(NamedTuple):
     """A file that was written: what it holds, and `notes` on what it leaves out."""
 
     path: Path

@@ -32,8 +32,7 @@ SAME_RATIO = 1e-12
 """Ratios of two lengths that differ by less, relative, are the same."""
 
 
-@dataclass(frozen=True)
-class PairStates:
+class PairStates(NamedTuple):
     """Pairs of n samples as their variables have them.
 
     `first`, `second`: (n, pairs, 3, 3) frames in the axes of the pair's two bodies, which
@@ -61,11 +60,11 @@ class PairStates:
 
     def take(self, pairs: slice | list[int]) -> "PairStates":
         """Return the states of some of the pairs."""
-        return PairStates(*(part[:, pairs] for part in vars(self).values()))
+        return PairStates._make(part[:, pairs] for part in self)
 
     def put(self, pairs: slice | list[int], part: "PairStates") -> None:
         """Replace the states of some of the pairs."""
-        for mine, its in zip(vars(self).values(), vars(part).values(), strict=True):
+        for mine, its in zip(self, part, strict=True):
             mine[:, pairs] = its
 
 

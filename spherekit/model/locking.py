@@ -62,20 +62,10 @@ def restated(
 ) -> dict[str, Any]:
     """Return pairs, outputs, masses and loads of a mechanism said otherwise.
 
-    Parameters
-    ----------
-    made
-        The mechanism; its geometry is left to the caller.
-    names
-        New names of links, of those that get one.
-    turns
-        Of links that get other axes.
-    ground
-        What turns vectors along the axes of the ground (3, 3), if these change.
-    words
-        What stands for names in expressions.
-    turned_profile
-        A profile of a pair in axes turned by a rotation.
+    The geometry is left to the caller. `names` are new names of links, `turns` the
+    rotations of those that get other axes, `ground` (3, 3) turns vectors along the axes of
+    the ground, if these change, `words` stand for names in expressions, and
+    `turned_profile` gives a profile of a pair in axes turned by a rotation.
     """
     turns = {
         link: turn for link, turn in turns.items() if not np.array_equal(turn, np.eye(3))
@@ -176,12 +166,11 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     """
     driven = mechanism.input_pairs
     if driven and set(driven) <= set(pairs):
+        several = len(driven) > 1
         raise ModelError(
-            f"{mechanism.name}: lock: {listing(driven)} are all inputs there are, so that "
-            "nothing would move; leave one of them free"
-            if len(driven) > 1
-            else f"{mechanism.name}: lock: {driven[0]} is the only input, so that nothing "
-            "would move; leave it free"
+            f"{mechanism.name}: lock: {listing(driven)} "
+            f"{'are all inputs there are' if several else 'is the only input'}, so that "
+            f"nothing would move; leave {'one of them' if several else 'it'} free"
         )
     for name, value in pairs.items():
         mechanism = _locked(mechanism, mechanism.pair(name), in_radians(value, angle_unit))
@@ -327,38 +316,24 @@ def sizes_by_frames(
             axes = carried.setdefault(link, {})
             if pair.name in of_end:
                 axes[pair.name] = of_end[pair.name][:, 2]
-    links = {
-        link: kept[link] if link in kept else _sizes(link, axes)
-        for link, axes in carried.items()
-    }
-    return SizeGeometry(links, _zeros(pairs, links, frames))
-
-
-def _zeros(
-    pairs: Sequence[Pair], links: Mapping[str, LinkSizes], wanted: tuple[Frames, Frames]
-) -> dict[str, float]:
-    """Return the zeros (rad) of pairs with which their frames in sizes are those wanted.
-
-    Only the sum over both links of a pair counts: the frames may be turned alike.
-    """
+    links = {}
+    for link, axes in carried.items():
+        unpaired = (f"{link}_z", f"{link}_y")
+        arcs, angles = [0.5 * np.pi], []
+        for x, y, z in axes.values():
+            arcs.append(float(np.arctan2(np.hypot(x, y), z)))
+            angles.append(float(np.arctan2(-x, y)))
+        made = LinkSizes((*unpaired, *axes), tuple(arcs), tuple(angles), unpaired)
+        links[link] = kept.get(link, made)
+    # Only the sum of zeros over both links of a pair counts: frames may be turned alike.
     have = frames_of_sizes(pairs, SizeGeometry(links, {}))
     zeros = {}
-    for name in wanted[0]:
+    for name in frames[0]:
         ahead, back = (
-            want[name].T @ frames[name] for want, frames in zip(wanted, have, strict=True)
+            want[name].T @ of_end[name] for want, of_end in zip(frames, have, strict=True)
         )
         zeros[name] = _about(back) - _about(ahead)
-    return zeros
-
-
-def _sizes(link: str, axes: Mapping[str, Floats]) -> LinkSizes:
-    """Return a link by the axes (3,) that it carries."""
-    unpaired = (f"{link}_z", f"{link}_y")
-    arcs, angles = [0.5 * np.pi], []
-    for x, y, z in axes.values():
-        arcs.append(float(np.arctan2(np.hypot(x, y), z)))
-        angles.append(float(np.arctan2(-x, y)))
-    return LinkSizes((*unpaired, *axes), tuple(arcs), tuple(angles), unpaired)
+    return SizeGeometry(links, zeros)
 
 
 def _about(turn: Floats) -> float:

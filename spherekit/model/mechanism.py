@@ -250,14 +250,6 @@ class Mechanism:
         as_named = before in (set(), set(names))
         return replace(self, inputs=made, modes=self.modes if as_named else {})
 
-    def _need_none(self, form: str, **given: object) -> None:
-        """Refuse sizes of the form in which the geometry is not given."""
-        for key in (key for key, value in given.items() if value is not None):
-            raise ModelError(
-                f"{self.name}: with_sizes: {key} belongs to the other form of geometry; "
-                f"this mechanism is given by {form}"
-            )
-
     @checked(ModelError)
     def with_sizes(
         self,
@@ -281,44 +273,44 @@ class Mechanism:
         zeros
             By pair: the angle at which its variable reads zero.
         axes, values
-            Of a mechanism given by a reference pose, by pair: the direction (3,) of its
-            axis in ground axes, of any length, and its variable there.
+            Of one in a reference pose, by pair: its axis (3,), of any length, its variable.
 
         Raises
         ------
         ModelError
-            If there is no such link or pair, the sizes are impossible, or the mechanism
-            is given in the other way.
+            If a link or pair is unknown, sizes are impossible, or of the other form.
 
         Examples
         --------
         >>> import spherekit as sk
         >>> longer = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": 25.0})
         """
-        geometry = self.geometry
+        geometry, other = self.geometry, dict[str, object]()
         if isinstance(geometry, SizeGeometry):
-            self._need_none("arcs, angles and zeros", axes=axes, values=values)
+            form, other = "arcs, angles and zeros", {"axes": axes, "values": values}
+        else:
+            form = "axes and values in a pose"
+            other = {"arcs": arcs, "angles": angles, "zeros": zeros}
+        for key in [key for key, given in other.items() if given is not None]:
+            raise ModelError(
+                f"{self.name}: with_sizes: {key} belongs to the other form of geometry; "
+                f"this mechanism is given by {form}"
+            )
+        if isinstance(geometry, SizeGeometry):
             links = dict(geometry.links)
-            for kind, of_links in {"arcs": arcs, "angles": angles}.items():
+            for kind, of_links in (("arcs", arcs), ("angles", angles)):
                 for link, sizes in (of_links or {}).items():
                     where = f"{self.name}: links.{link}.{kind}"
                     old = links.get(self.links[self.link(link)], LinkSizes(()))
                     links[link] = resized(where, old, kind, sizes, angle_unit)
-            geometry = SizeGeometry(
-                links, {**geometry.zeros, **self._by_pair(zeros, angle_unit)}
-            )
-        else:
-            given = {"arcs": arcs, "angles": angles, "zeros": zeros}
-            self._need_none("axes and values in a pose", **given)
-            turned = {
-                self.pair(name).name: along(f"{self.name}: pairs.{name}", axis)
-                for name, axis in (axes or {}).items()
-            }
-            geometry = PoseGeometry(
-                {**geometry.axes, **turned},
-                {**geometry.values, **self._by_pair(values, angle_unit)},
-            )
-        return replace(self, geometry=geometry)
+            zeros = {**geometry.zeros, **self._by_pair(zeros, angle_unit)}
+            return replace(self, geometry=SizeGeometry(links, zeros))
+        turned = {
+            self.pair(name).name: along(f"{self.name}: pairs.{name}", axis)
+            for name, axis in (axes or {}).items()
+        }
+        values = {**geometry.values, **self._by_pair(values, angle_unit)}
+        return replace(self, geometry=PoseGeometry({**geometry.axes, **turned}, values))
 
     def _by_pair(self, given: Angles | None, unit: AngleUnit) -> dict[str, float]:
         """Return angles in rad by the names of pairs, which are looked up."""

@@ -12,7 +12,7 @@ are evaluated together.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -338,7 +338,7 @@ class Linearisation:
         if self.leads is None:
             return states
         first, second = self.leads[0] @ states.first, self.leads[1] @ states.second
-        return replace(states, first=first, second=second)
+        return states._replace(first=first, second=second)
 
     @cached_property
     def placed(self) -> Floats:

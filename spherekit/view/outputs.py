@@ -128,11 +128,11 @@ class FileOutput:
         if self._copier is None:
             return ""
         self._end()
-        if not keep:
-            self.part.unlink(missing_ok=True)
-            return ""
-        self._complain()
-        return f"what was recorded until then is in {self.part}"
+        if keep:
+            self._complain()
+            return f"what was recorded until then is in {self.part}"
+        self.part.unlink(missing_ok=True)
+        return ""
 
     def _end(self) -> None:
         """Write the rest and close the file."""
