@@ -7,6 +7,7 @@ is told. It is there whole, or not at all.
 import csv
 import io
 import json
+import warnings
 import zlib
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -396,14 +397,16 @@ def read_csv(source: Path | io.BytesIO) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    frame = pd.read_csv(
-        source,
-        dtype=str,
-        keep_default_na=False,
-        skip_blank_lines=False,
-        index_col=False,
-        encoding="utf-8-sig",
-    )
+    # A comma at the end of every row is no column.
+    with warnings.catch_warnings(action="ignore", category=pd.errors.ParserWarning):
+        frame = pd.read_csv(
+            source,
+            dtype=str,
+            keep_default_na=False,
+            skip_blank_lines=False,
+            index_col=False,
+            encoding="utf-8-sig",
+        )
     frame.columns = frame.columns.str.strip()
     return frame[(frame != "").any(axis=1)]
 

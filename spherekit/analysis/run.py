@@ -169,7 +169,11 @@ def executed(
         with kept(job, place, standing, store) as after_block:
             while True:
                 blocks = job.source.blocks(job.block, standing.done)
-                for motion in ledger.each("positions", blocks):
+                while True:
+                    with ledger.stage("positions"):
+                        motion = next(blocks, None)
+                    if motion is None:
+                        break
                     before = standing.done
                     fields, angles = evaluate_block(
                         job, motion, standing, store, stage, ledger

@@ -1,14 +1,11 @@
 """What a run evaluates: counts of a request, and seconds by stage while it goes on."""
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TypeVar
 
 from spherekit.planning.poles import BlockPoles, LinePole
 from spherekit.rates.request import Request
-
-Item = TypeVar("Item")
 
 AXES = "axes and rates"
 RECORDING = "recording"
@@ -74,14 +71,3 @@ class Timer:
             yield
         finally:
             self.seconds[name] = before + time.perf_counter() - started
-
-    def each(self, name: str, items: Iterable[Item]) -> Iterator[Item]:
-        """Yield items, and add the time that each takes to come to a stage."""
-        iterator = iter(items)
-        while True:
-            with self.stage(name):
-                try:
-                    item = next(iterator)
-                except StopIteration:
-                    return
-            yield item
