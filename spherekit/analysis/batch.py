@@ -435,26 +435,22 @@ class Batch:
 
     def _declared(self, i: int, j: int, quantity: str) -> None:
         """Raise `UndeclaredNeed` if a quantity of a pole was not said to be read."""
-        pole, links, needs = pole_of(i, j), self.mechanism.links, self.needs
-        if quantity == "direction_dq":
-            if not needs.derivatives or pole not in needs.turns:
-                raise UndeclaredNeed(
-                    f"how the pole of links {links[j]} and {links[i]} turns was read; "
-                    "declare it in Needs(turns=..., derivatives=True)"
-                )
-            return
+        pole, needs = pole_of(i, j), self.needs
         if quantity.startswith("acceleration"):
             self._check(quantity, "derivatives")
-        what = "planes" if quantity == "planes" else "directions"
-        declared = needs.planes
-        if "coefficient" in quantity:
-            what, declared = "rates", needs.rates
-        elif what == "directions":
-            declared = needs.directions | needs.rates | needs.planes
-        if pole not in declared:
+        allowed, said = needs.directions | needs.rates | needs.planes, "directions=..."
+        if quantity == "planes":
+            allowed, said = needs.planes, "planes=..."
+        elif quantity == "direction_dq":
+            allowed = needs.turns if needs.derivatives else frozenset()
+            said = "turns=..., derivatives=True"
+        elif "coefficient" in quantity:
+            allowed, said = needs.rates, "rates=..."
+        if pole not in allowed:
+            low, high = (self.mechanism.links[link] for link in pole)
             raise UndeclaredNeed(
-                f"the pole of links {links[pole[1]]} and {links[pole[0]]} was read; "
-                f"declare it in Needs({what}=...)"
+                f"{quantity} of the pole of links {high} and {low} was read; declare it in "
+                f"Needs({said})"
             )
 
 
@@ -497,16 +493,16 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> tuple[S
 
     Rows that belong to one sample are told apart by what their columns of text say.
     """
-    sampled = [table for table in tables if table.in_assembly_modes]
     scenes = []
     for mode, rows in batch.assembly_mode_rows().items():
-        parts = [
+        parts = tuple(
             part
-            for table in sampled
+            for table in tables
+            if table.in_assembly_modes
             for part in _parts(table, data[table.name], mode, batch.sample[rows])
-        ]
+        )
         if parts:
-            scenes.append(Scene(mode, tuple(parts)))
+            scenes.append(Scene(mode, parts))
     return tuple(scenes)
 
 
