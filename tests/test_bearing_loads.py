@@ -12,7 +12,6 @@ from test_reactions import STARTS, moving
 
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
-from spherekit.motion.motion import PositionAnalysis, by_laws
 
 PLACES, TEETH = (0.4, 0.9), np.radians(20.0)
 STARTS = STARTS | {"bevel_differential": (0.3, 0.2)}
@@ -93,7 +92,9 @@ def test_a_vertical_shaft_stands_on_its_fixed_bearing(tmp_path, capsys):
     """
     (tmp_path / "shaft.toml").write_text(SHAFT)
     for speed in (0.0, 6.0):
-        found = reactions_at_speed(sk.load(tmp_path / "shaft.toml"), speed)
+        found = reactions(
+            moving(sk.load(tmp_path / "shaft.toml"), (0.4,), [0.0], speed, 0.0)
+        )
         ((first, second),) = found.on_bearings["bearings"]
         frame = found.frames[0, 0]
         # Outwards is x of the shaft, which is turned by its angle.
@@ -122,15 +123,6 @@ def test_a_vertical_shaft_stands_on_its_fixed_bearing(tmp_path, capsys):
         (tmp_path / "shaft.toml").write_text(SHAFT.replace("[1, 0]", wrong))
         with pytest.raises(sk.SpherekitError, match="axial"):
             sk.load(tmp_path / "shaft.toml")
-
-
-def reactions_at_speed(made, speed, q=0.4):
-    (driven,) = made.inputs
-    law = {driven.pair: sk.Polynomial((q, speed))}
-    path, timing = by_laws([driven.pair], law, np.zeros(1))
-    return reactions(
-        replace(PositionAnalysis(made, None, 0, path=path).motion(), timing=timing)
-    )
 
 
 def test_a_spinning_shaft_is_slowed_by_its_weight_on_the_fixed_bearing():

@@ -27,9 +27,9 @@ OTHERS = {
 }
 
 
-def moving(made, starts, t):
+def moving(made, starts, t, rate=0.3, bend=0.2):
     laws = {
-        item.pair: Polynomial((q, 0.3 * (-1) ** k, 0.2))
+        item.pair: Polynomial((q, rate * (-1) ** k, bend))
         for k, (item, q) in enumerate(zip(made.inputs, starts, strict=True))
     }
     q, timing = by_laws(list(laws), laws, np.asarray(t, dtype=float))

@@ -1,22 +1,17 @@
 """Statics of gears and of Hooke's joint, derived by hand."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from refusals import text_of
+from test_reactions import moving
 
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
-from spherekit.motion.motion import PositionAnalysis, by_laws
 
 
-def at_rest(made, pair, q):
-    """Return what pairs transmit at inputs (n,) of a mechanism that does not move."""
-    made = made.with_inputs(pair)
-    timing = by_laws([pair], {pair: sk.ConstantSpeed(0.0)}, np.arange(len(q)) * 1.0)[1]
-    found = PositionAnalysis(made, None, 0, path=np.array(q)[:, None]).motion()
-    return reactions(replace(found, timing=timing))
+def at_rest(made, pair):
+    """Return what pairs transmit in a mechanism that does not move."""
+    return reactions(moving(made.with_inputs(pair), (0.3,), [0.0], 0.0, 0.0))
 
 
 BEVEL_GEARS = text_of("example")
@@ -36,7 +31,7 @@ def test_the_transmitted_load_of_bevel_gears(tmp_path):
     """
     (tmp_path / "gears.toml").write_text(BEVEL_GEARS)
     made = sk.load(tmp_path / "gears.toml")
-    found = at_rest(made, "pinion_shaft", [0.3, 1.0])
+    found = at_rest(made, "pinion_shaft")
     pitch_radius, angle = 0.03284, np.arctan(15 / 45)
     cone_distance = pitch_radius / np.sin(angle)
     mesh = made.pair_number["mesh"]
@@ -63,7 +58,7 @@ def test_the_thrust_of_bevel_gears(tmp_path):
     )
     (tmp_path / "gears.toml").write_text(text)
     made = sk.load(tmp_path / "gears.toml")
-    found = at_rest(made, "pinion_shaft", [0.3, 1.0])
+    found = at_rest(made, "pinion_shaft")
     assert not np.any(found.is_open) and not np.any(found.open_forces)
     for pair, thrust in (("pinion_shaft", 208.0), ("gearshaft", 623.9)):
         number = made.pair_number[pair]

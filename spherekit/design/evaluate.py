@@ -414,16 +414,15 @@ class Evaluator:
         """Return why designs (n,) are impossible, OK where they are not."""
         reason = np.full(values.shape[1], OK, dtype=object)
         geometry = self.mechanism.geometry
-        for variable, given, scale in zip(
-            self.variables, values, self.varied.scale, strict=True
-        ):
+        scaled = values * self.varied.scale[:, None]
+        for variable, given, row in zip(self.variables, values, scaled, strict=True):
             if variable.slot is None or variable.slot[0] != "arcs":
                 continue
             assert isinstance(geometry, SizeGeometry)
-            row, signed = given * scale, geometry.links[variable.slot[1][0]].signed
-            outside = ~((row > 0.0) & (row < np.pi)) & (not signed)
-            for k in np.flatnonzero(outside & (reason == OK)):
-                reason[k] = f"{variable.key} = {given[k]:g}: not between 0 and 180 deg"
+            if not geometry.links[variable.slot[1][0]].signed:
+                outside = ~((row > 0.0) & (row < np.pi)) & (reason == OK)
+                for k in np.flatnonzero(outside):
+                    reason[k] = f"{variable.key} = {given[k]:g}: not between 0 and 180 deg"
         return reason
 
     def _with_others(self, parts: list[Evaluated], n: int, claim: str) -> Evaluated:

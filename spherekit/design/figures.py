@@ -218,30 +218,29 @@ class KernelFigures:
 
     def _check(self, mechanism: Mechanism) -> None:
         """Raise `DesignError` where a figure is at inputs that the mechanism has not."""
-        name, count = mechanism.name, len(self.inputs)
+        count = len(self.inputs)
         for merit in self.merits:
+            said = ""
             if merit.point and len(merit.point) != count:
-                raise DesignError(
-                    f"{name}: {merit.name}: at needs {counted(count, 'input')} "
-                    f"({listing(self.inputs)}), not {len(merit.point)}"
+                said = (
+                    f"at needs {counted(count, 'input')} ({listing(self.inputs)}), not "
+                    f"{len(merit.point)}"
                 )
-            if merit.reduction.startswith("arg") and count > 1:
+            elif merit.reduction.startswith("arg") and count > 1:
                 if merit.place not in self.inputs:
-                    raise DesignError(
-                        f"{name}: {merit.name}: there are {counted(count, 'input')}: say "
-                        f"whose value is wanted, {merit.reduction}({merit.expression}, "
-                        f"{self.inputs[0]})"
+                    said = (
+                        f"there are {counted(count, 'input')}: say whose value is wanted, "
+                        f"{merit.reduction}({merit.expression}, {self.inputs[0]})"
                     )
             elif merit.place not in ("", *self.inputs):
-                raise DesignError(
-                    f"{name}: {merit.name}: {merit.place} is not driven; driven are "
-                    f"{listing(self.inputs)}"
-                )
+                said = f"{merit.place} is not driven; driven are {listing(self.inputs)}"
             if merit.reduction == "swing" and len(self.samples.shape) > 1:
-                raise DesignError(
-                    f"{name}: {merit.name}: swing follows an angle along a path, and the "
-                    "samples are a grid; take the range of a sine or cosine"
+                said = (
+                    "swing follows an angle along a path, and the samples are a grid; take "
+                    "the range of a sine or cosine"
                 )
+            if said:
+                raise DesignError(f"{mechanism.name}: {merit.name}: {said}")
 
     def rows_of(self, merit: FigureOfMerit) -> Indices:
         """Return the numbers of the `rows` that a figure is of: samples, or its point."""
