@@ -198,8 +198,8 @@ def _dynamics(quick: bool) -> Section:
         "Compiled forward dynamics",
         "The paper's four-bar, q(0) = 0.3, q'(0) = 1, loads of its Table 2 and a torque "
         f"10 sin 2t on link 2, 10 s. The error is the largest of q at 101 times against "
-        f"the same equations {what}; that these are right is tested against a Runge-Kutta "
-        "code and the paper's formulas. Tolerances above 1e-12 run as 1e-12. heyoka keeps "
+        f"the same equations {what}; that these are right is tested against "
+        "reference simulations in balls. Tolerances above 1e-12 run as 1e-12. heyoka keeps "
         "compiled code on disk, so a second process compiles in less.",
         (
             "mode",

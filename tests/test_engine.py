@@ -1,4 +1,4 @@
-"""The compiled engine against NumPy, closed forms and SciPy's integrators."""
+"""The compiled engine against NumPy, closed forms and each other."""
 
 import sys
 from concurrent.futures import ThreadPoolExecutor

@@ -161,12 +161,6 @@ def _moves(item: Exprs) -> bool:
     return any(isinstance(x, ExpressionNode) for x in item)
 
 
-def _norm(item: Exprs) -> Expr:
-    if not _moves(item):
-        return float(np.sqrt(sum(float(x) ** 2 for x in item)))
-    return root(dot(item, item))
-
-
 class RowTerms(VelocityEquations):
     """The terms of a row that do not depend on the input that moves."""
 
@@ -403,7 +397,7 @@ class MovingTerms:
     def _across(self, i: int, j: int) -> tuple[list[Expr], dict[str, Sequence[Expr]]]:
         """Return the columns with a sign of a pole, and what else there is of it."""
         v, dv = self._w[j] - self._w[i], self._dw[j] - self._dw[i]
-        length = _norm(v)
+        length = root(dot(v, v))
         e_rate = self._off_w[i] + self._off_w[j]
         swing = self._swings[i] + self._swings[j]
         if isinstance(length, float) and length == 0.0:
@@ -413,7 +407,7 @@ class MovingTerms:
         unit = v * share
         change = dot(dv, unit)
         turn = (dv - change * unit) * share
-        sizes = _norm(self._w[i]), _norm(self._w[j])
+        sizes = [root(dot(w, w)) for w in (self._w[i], self._w[j])]
         angle = length / (sizes[0] + sizes[1]) if all(sizes) else 1.0
         direction = e_rate * share
         e_change = self._off_dw[i] + self._off_dw[j] + e_rate + direction * swing

@@ -268,10 +268,6 @@ _Chain = Callable[[ExpressionNode, Sequence[Expr], Sequence[Expr]], Expr]
 """The derivative of a node from its arguments and their derivatives."""
 
 
-def _quotient_rate(node: ExpressionNode, x: Sequence[Expr], dx: Sequence[Expr]) -> Expr:
-    return (dx[0] - node * dx[1]) / x[1]
-
-
 def _power_rate(node: ExpressionNode, x: Sequence[Expr], dx: Sequence[Expr]) -> Expr:
     base, exponent = x
     total: Expr = exponent * power(base, exponent - 1.0) * dx[0]
@@ -280,16 +276,11 @@ def _power_rate(node: ExpressionNode, x: Sequence[Expr], dx: Sequence[Expr]) -> 
     return total
 
 
-def _atan2_rate(node: ExpressionNode, x: Sequence[Expr], dx: Sequence[Expr]) -> Expr:
-    y, z = x
-    return (z * dx[0] - y * dx[1]) / (y * y + z * z)
-
-
 _DERIVATIVES: Mapping[str, _Chain] = {
     "+": lambda node, x, dx: dx[0] + dx[1],
     "-": lambda node, x, dx: dx[0] - dx[1],
     "*": lambda node, x, dx: dx[0] * x[1] + x[0] * dx[1],
-    "/": _quotient_rate,
+    "/": lambda node, x, dx: (dx[0] - node * dx[1]) / x[1],
     "**": _power_rate,
     "sin": lambda node, x, dx: function("cos", x[0]) * dx[0],
     "cos": lambda node, x, dx: -1.0 * (function("sin", x[0]) * dx[0]),
@@ -297,7 +288,9 @@ _DERIVATIVES: Mapping[str, _Chain] = {
     "asin": lambda node, x, dx: dx[0] / function("sqrt", 1.0 - x[0] * x[0]),
     "acos": lambda node, x, dx: -1.0 * dx[0] / function("sqrt", 1.0 - x[0] * x[0]),
     "atan": lambda node, x, dx: dx[0] / (1.0 + x[0] * x[0]),
-    "atan2": _atan2_rate,
+    "atan2": lambda node, x, dx: (
+        (x[1] * dx[0] - x[0] * dx[1]) / (x[0] * x[0] + x[1] * x[1])
+    ),
     "sqrt": lambda node, x, dx: 0.5 * dx[0] / node,
     "exp": lambda node, x, dx: node * dx[0],
     "log": lambda node, x, dx: dx[0] / x[0],

@@ -42,11 +42,7 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 def dot(a: Floats, b: Floats) -> Floats:
     """Return a . b (..., n) for arrays (..., 3, n)."""
-    return (
-        a[..., 0, :] * b[..., 0, :]
-        + a[..., 1, :] * b[..., 1, :]
-        + a[..., 2, :] * b[..., 2, :]
-    )
+    return np.asarray(np.einsum("...in,...in->...n", a, b))
 
 
 def norm(a: Floats) -> Floats:
