@@ -14,6 +14,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.model.graph import spanning
 from spherekit.model.parts import AngleUnit
+from spherekit.sphere.rotation import arc
 
 ONE_LINE = 1e-6
 """Sine below which two axes are one."""
@@ -67,13 +68,13 @@ def gears_of(
         return "its joints do not follow each other from one link to another"
     if all(_aligned(hinge.axis, used[0].axis) for hinge in used):
         return "its joints lie along one line, and axes of bevel gears cross"
-    lines: list[Floats] = []
-    shares: list[float] = []
+    lines, shares = [way[0][0].axis], [way[0][1] * factors[way[0][0].joint]]
     for hinge, sense in way:
-        if not lines or not _aligned(hinge.axis, lines[-1]):
+        share = sense * factors[hinge.joint]
+        if not _aligned(hinge.axis, lines[-1]):
             lines.append(hinge.axis)
-            shares.append(sense * factors[hinge.joint])
-        share = sense * factors[hinge.joint] * float(np.sign(hinge.axis @ lines[-1]))
+            shares.append(share)
+        share *= float(np.sign(hinge.axis @ lines[-1]))
         if abs(share - shares[-1]) > SAME * abs(share):
             return "its joints about one axis do not add up"
     if len(lines) != 2:
@@ -85,8 +86,7 @@ def gears_of(
     circles: list[Circle] = []
     for link, line in zip(ends, lines, strict=True):
         centre = line * (1.0 if line @ touching >= 0.0 else -1.0)
-        across = float(np.linalg.norm(np.cross(centre, touching)))
-        circles.append((float(np.arctan2(across, centre @ touching)), link, centre))
+        circles.append((float(arc(centre, touching)), link, centre))
     if min(radius for radius, _, _ in circles) < ONE_LINE:
         return "one of its gears would have no size"
     one, other = (np.cross(centre, touching) for _, _, centre in circles)

@@ -149,13 +149,11 @@ def _not_found(path: Path, packs: tuple[Pack, ...]) -> str:
     studies = [name for pack in packs for name in pack.studies]
     folder = path.parent
     try:
-        nearby = sorted(
-            file.name for file in folder.iterdir() if file.name.endswith(_SUFFIX)
-        )
+        nearby = sorted(x.name for x in folder.iterdir() if x.name.endswith(_SUFFIX))
     except OSError:
         return f"{path}: not found; nor is its folder {folder} readable"
-    message = f"{path}: not found"
-    message += (nearest(path.name, nearby) or nearest(path.stem, [*names, *studies])) or "."
+    meant = nearest(path.name, nearby) or nearest(path.stem, [*names, *studies])
+    message = f"{path}: not found{meant or '.'}"
     if nearby:
         message += f" Files in {folder}: {listing(nearby)}."
     if names:

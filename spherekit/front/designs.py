@@ -306,7 +306,5 @@ def _missed(document: Document, match: Facts | None, degrees: bool) -> dict[str,
         else:
             miss = f"{quantity} - ({value!r})"
         points = place if isinstance(place, list) else [place]
-        made[name] = (
-            f"{name}=at({miss}, {', '.join(repr(float(point)) for point in points)})"
-        )
+        made[name] = f"{name}=at({miss}, {', '.join(repr(float(x)) for x in points)})"
     return made

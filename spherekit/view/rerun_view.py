@@ -324,13 +324,9 @@ class RerunRecorder:
         """
         plotted, layout = self._started, self._started.layout
         scene = in_degrees(scene)
-        scene = replace(
-            scene,
-            primitives=tuple(
-                charts.roomy(item) if isinstance(item, Portrait) else item
-                for item in scene.primitives
-            ),
-        )
+        given = scene.primitives
+        roomy = (charts.roomy(x) if isinstance(x, Portrait) else x for x in given)
+        scene = replace(scene, primitives=tuple(roomy))
         answers = asked_for(scene)
         lines = self._time(samples, inputs, times)
         for primitive in scene.primitives:
