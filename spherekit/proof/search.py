@@ -20,8 +20,6 @@ NEIGHBOURS = 8
 """Pieces with the nearest centres that a box is tried against."""
 SEEDING = 0.12
 """Boxes (rad) so small are looked into for curves not known yet."""
-MOST_VAIN = 400
-"""Boxes looked into without a new curve, after which none are."""
 OVERLAPPING = "two curves found may be one, so that modes are not counted"
 OUTSIDE = 1e-9
 """Arms (rad) may reach so far into the range without a chain."""
@@ -35,7 +33,6 @@ class Search:
     def __init__(self, equations: Equations, side: Side) -> None:
         self.equations, self.side = equations, side
         self.crossings = Crossings(equations)
-        self.vain = 0
         self.lost = False
         self._keep([])
 
@@ -74,16 +71,15 @@ class Search:
         """Look for curves that go through boxes; return whether there is a new one."""
         before = len(self.chains), len(self.crossings.saddles)
         small = np.flatnonzero(np.max(radii, axis=1) < SEEDING)
-        for row in small[:: max(1, len(small) // TRIED)] if self.vain < MOST_VAIN else ():
-            self.vain += 1
+        for row in small[:: max(1, len(small) // TRIED)]:
             place = corrected(self.equations, centres[row])
             if place is None:
                 continue
             reach = 4.0 * float(np.max(radii[row]))
             if float(np.max(np.abs(place - centres[row]))) > reach:
                 continue
-            if not self.side(float(place[-1]), OUTSIDE) and self._follow(place):
-                self.vain = 0
+            if not self.side(float(place[-1]), OUTSIDE):
+                self._follow(place)
         return (len(self.chains), len(self.crossings.saddles)) != before
 
     def without_saddles(self, centres: Floats, radii: Floats) -> Left:
@@ -104,14 +100,14 @@ class Search:
         self._end_arms()
         return centres, radii
 
-    def _follow(self, place: Floats) -> bool:
-        """Keep the curve through a configuration; return whether there is a new one."""
+    def _follow(self, place: Floats) -> None:
+        """Keep the curve through a configuration, if there is one that is not known."""
         if self._known(place, 0.0):
-            return False
+            return
         count = len(self.crossings.saddles)
         first = piece_at(self.equations, place, None, LONGEST)
         if first is None or self._known(first.centre, first.miss):
-            return False
+            return
         chain = chain_through(self.equations, first, self.side, self.crossings)
         if chain is not None:
             # those that are proven to lie on a closed one are of no more use
@@ -125,7 +121,6 @@ class Search:
             self._keep([*kept, chain])
         if len(self.crossings.saddles) > count:
             self._cut(self.crossings.saddles[count:])
-        return chain is not None
 
     def _cut(self, saddles: Sequence[Saddle]) -> None:
         """Follow the chains again that go into saddles that were not known then."""

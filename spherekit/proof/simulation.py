@@ -444,7 +444,7 @@ class ExactSimulation:
         values, speed = exactly(near), exactly(pace[:, along])
         here = values[:, along] = middles(c + half * (self._integrals @ speed))
         push: Array | None = None
-        last = first = np.inf
+        last = np.inf
         for sweep in range(1, SWEEPS + 1):
             moving, size, miss = self._moving(values, along, t)
             push = size * speed if push is None else push
@@ -463,8 +463,7 @@ class ExactSimulation:
             moved = _size(there - here), _size(miss), _size(pushed - push) / scale
             change = max(moved) / self.arithmetic.eps
             here, push = there, pushed
-            first = min(first, change) if sweep <= 2 else first
-            if not np.isfinite(change) or (sweep > 6 and change > 10 * first):
+            if not np.isfinite(change):
                 return None
             if change <= CHANGED or (sweep >= SURE and last / 2 <= change <= SETTLED):
                 rates = self._series @ np.stack([speed, drive], axis=1)
