@@ -74,11 +74,6 @@ class CompiledEquation:
     tolerance: float
     lock: Lock = field(default_factory=Lock, repr=False, compare=False)
 
-    @property
-    def switches(self) -> int:
-        """How many switches the loads have."""
-        return len(self.layout.conditions)
-
     def rates(self, values: Floats) -> Floats:
         """Return the homogeneous rates (n, m, variables) at variables (n, variables)."""
         columns: Floats = self.tau(values.T)
@@ -230,7 +225,8 @@ def _compile(
     compact: bool,
     number: type[Any],
 ) -> CompiledEquation:
-    layout, equations = system.layout, system.equations
+    layout = system.layout
+    equations = [*zip(layout.state, system.changes, strict=True)]
     state = [*layout.state, MOMENT]
     arguments = dict.fromkeys(
         argument

@@ -258,7 +258,7 @@ class Integration:
         self.period = np.zeros(len(mechanism.variable_owners))
         self.period[list(mechanism.angles.values())] = 1.0
         self.stops = [v for stop in mechanism.joint_limits for v in (stop.low, stop.high)]
-        self.sides = np.zeros(equation.switches)
+        self.sides = np.zeros(len(equation.layout.conditions))
         self.first = np.array([*values, *(momenta / self.unit), *np.zeros(len(self.work))])
         self.stretches: list[Stretch] = []
         self.longest = np.inf

@@ -99,8 +99,10 @@ class RowKernel:
     """What gives the rows of a run, see `row_kernel`; functions are made when asked for.
 
     `moving` say where the columns of each input are, `free` are the variables that are no
-    inputs; `vouches` says that rows need not be looked at by others. Loops that are no
-    more than `open_by_rounding` open (rad) are closed.
+    inputs, from which all follow where it `has_closed_form`; `vouches` says that rows need
+    not be looked at by others. Loops that are no more than `open_by_rounding` open (rad)
+    are closed. It has `kept` columns; threads call it at the same time where its calls are
+    few and long.
     """
 
     def __init__(
@@ -121,23 +123,10 @@ class RowKernel:
         self.vouches = bool(motion.free) and not in_doubt
         self._profiles = rows.pairs.handed_in
         self._form = None if self._profiles else closed_form(mechanism, motion.assembly)
+        self.in_threads, self.kept = engine == "compiled", len(self._columns)
+        self.has_closed_form = self._form is not None
         worst = [moving.worst / LARGEST_ERROR for moving in self.moving]
         self._doubts = [rows.flatness * NEARLY_FLAT, *worst, *curved(rows)]
-
-    @property
-    def in_threads(self) -> bool:
-        """Whether threads call it at the same time: its calls are few and long."""
-        return self.engine == "compiled"
-
-    @property
-    def kept(self) -> int:
-        """How many columns there are."""
-        return len(self._columns)
-
-    @property
-    def has_closed_form(self) -> bool:
-        """Whether all variables follow from inputs."""
-        return self._form is not None
 
     @cached_property
     def of_floats(self) -> FloatFunction:

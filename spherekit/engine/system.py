@@ -144,11 +144,6 @@ class System:
     events: Sequence[EventFunction]
     moving: LoadState
 
-    @property
-    def equations(self) -> list[tuple[ExpressionNode, Expr]]:
-        """Each variable of the state with its rate by time."""
-        return [*zip(self.layout.state, self.changes, strict=True)]
-
 
 def stop_events(mechanism: Mechanism, state: ParameterLayout) -> Iterator[EventFunction]:
     """Yield the events at which pairs reach their joint limits."""
