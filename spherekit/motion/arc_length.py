@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.conventions import CLOSURE_TOLERANCE, EPS, EQUAL_CURVATURE, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS, Status
 from spherekit.errors import SolveError
 from spherekit.motion.arc_curve import (
     ArcCurve,
@@ -25,11 +25,12 @@ from spherekit.motion.arc_curve import (
     curve_points,
 )
 from spherekit.motion.closure import Closure, newton
-from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
+from spherekit.motion.loops import Linearisation, left_inverse
 from spherekit.motion.steps import (
     NEARLY_THERE,
     STEP_PARTS,
     Curves,
+    Limits,
     Verification,
     taylor,
 )
@@ -66,69 +67,6 @@ MOST_TEETH = 10_000
 
 
 @dataclass(frozen=True)
-class _Limits:
-    """Where curves have to end: bounds of variables, and equal curvatures of profiles.
-
-    Bounds are variables (b,), their values, and 1 from above or -1 from below. A contact
-    is a pair with the variables of its arc lengths.
-    """
-
-    bounds: tuple[Indices, Floats, Floats]
-    contacts: tuple[tuple[int, tuple[int, ...]], ...]
-    statuses: tuple[Status, ...]
-
-    @staticmethod
-    def of(closure: Closure, stops: Mapping[int, tuple[float, float]]) -> "_Limits":
-        """Return the ends of open profiles, equal curvatures, and stops.
-
-        `stops` has the lowest and the highest value (rad) of variables by their numbers.
-        """
-        ranges = [(variable, *ends, Status.OK) for variable, ends in stops.items()]
-        contacts = []
-        for pair, tracks in contact_tracks(closure.joints):
-            contacts.append((pair, tuple(track.variable for track in tracks)))
-            for track in tracks:
-                if not track.curve.closed:
-                    ends = -track.start, track.curve.length - track.start
-                    ranges.append((track.variable, *ends, Status.OFF_PROFILE))
-        variables = np.array([variable for variable, *_ in ranges], dtype=np.intp)
-        values = np.array([ends for _, *ends, _ in ranges], dtype=float)
-        bounds = np.repeat(variables, 2), values.ravel(), np.tile([1.0, -1.0], len(ranges))
-        statuses = [status for *_, status in ranges for _ in range(2)]
-        statuses += [Status.CURVATURE] * len(contacts)
-        return _Limits(bounds, tuple(contacts), tuple(statuses))
-
-    def margins(
-        self, values: Floats, bends: Floats, rates: Floats
-    ) -> tuple[Floats, Floats]:
-        """Return how far (n, limits) limits are, negative beyond, and the gradients.
-
-        These (n, limits, variables) are by the variables (n, variables); curvatures of
-        profiles and their rates are (n, pairs, 2).
-        """
-        variables, places, senses = self.bounds
-        count = len(variables)
-        margins = np.empty((len(values), len(self.statuses)))
-        gradients = np.zeros((*margins.shape, values.shape[1]))
-        margins[:, :count] = senses * (values[:, variables] - places)
-        gradients[:, np.arange(count), variables] = senses
-        for number, (pair, along) in enumerate(self.contacts, count):
-            margins[:, number] = bends[:, pair, 0] - bends[:, pair, 1] - EQUAL_CURVATURE
-            for variable, rate in zip(along, (rates[:, pair] * [1.0, -1.0]).T, strict=True):
-                gradients[:, number, variable] += rate
-        return margins, gradients
-
-    def words(self, number: int) -> str:
-        """Return what a limit is of."""
-        variables, places, senses = self.bounds
-        if number >= len(variables):
-            pair, _ = self.contacts[number - len(variables)]
-            return f"equal curvatures of the profiles of pair {pair}"
-        side = "lowest" if senses[number] > 0.0 else "highest"
-        return f"the {side} value {places[number]:.6g} rad of variable {variables[number]}"
-
-
-@dataclass(frozen=True)
 class _Nodes(CurvePoints):
     """Points with their equations (n, 3 loops + 1, variables), bordered by the tangents.
 
@@ -147,7 +85,7 @@ class _Nodes(CurvePoints):
     def of(
         at: Linearisation,
         points: CurvePoints,
-        limits: _Limits,
+        limits: Limits,
         some: slice = slice(None),
     ) -> "_Nodes":
         """Return the nodes at some of points, the closure `at` these."""
@@ -193,7 +131,7 @@ def follow_arc(
         If the configuration does not close, does not move, is beyond a limit, or is a
         singular one.
     """
-    limits = _Limits.of(closure, stops or {})
+    limits = Limits.of(closure, stops or {})
     start = _started(closure, np.asarray(values, dtype=float), limits)
     return _followed([closure], [start], limits, longest)[0]
 
@@ -206,7 +144,7 @@ def follow_arcs(
     Closures are alike but for their leads. None where `follow_arc` raises an error.
     """
     curves: list[ArcCurve | None] = [None] * len(starts)
-    limits, begun = _Limits.of(closures[0], {}), dict[int, _Nodes]()
+    limits, begun = Limits.of(closures[0], {}), dict[int, _Nodes]()
     for number, (closure, values) in enumerate(zip(closures, starts, strict=True)):
         with suppress(SolveError):
             begun[number] = _started(closure, values, limits)
@@ -220,7 +158,7 @@ def follow_arcs(
 def _followed(
     closures: Sequence[Closure],
     starts: Sequence[_Nodes],
-    limits: _Limits,
+    limits: Limits,
     longest: float,
 ) -> list[ArcCurve]:
     """Return the curves through nodes, in both senses where they do not close."""
@@ -271,7 +209,7 @@ def periods_of(closure: Closure) -> Floats:
     return np.array([period for joint in closure.joints for period in joint.periods])
 
 
-def _started(closure: Closure, values: Floats, limits: _Limits) -> _Nodes:
+def _started(closure: Closure, values: Floats, limits: Limits) -> _Nodes:
     """Return the node of a configuration, after closing it exactly."""
     if not all_finite(values):
         raise SolveError("the configuration to follow has to be finite, but is not")
@@ -319,7 +257,7 @@ class _Arcs(Curves[_Nodes]):
     most_nodes = 100_000
 
     closure: Closure
-    limits: _Limits
+    limits: Limits
 
     def exhaust(self, rows: Indices) -> None:
         """End curves at crossings, and at limits that they come to."""

@@ -21,14 +21,14 @@ keep its sign.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
-from spherekit.conventions import CLOSURE_TOLERANCE, Status
+from spherekit.conventions import CLOSURE_TOLERANCE, EQUAL_CURVATURE, Status
 from spherekit.motion.arc_curve import Chords, CurvePoints
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
@@ -269,6 +269,69 @@ class Curves(ABC, Generic[Node]):
         return nodes.rows(kept)
 
 
+@dataclass(frozen=True)
+class Limits:
+    """Where curves have to end: bounds of variables, and equal curvatures of profiles.
+
+    Bounds are variables (b,), their values, and 1 from above or -1 from below. A contact
+    is a pair with the variables of its arc lengths.
+    """
+
+    bounds: tuple[Indices, Floats, Floats]
+    contacts: tuple[tuple[int, tuple[int, ...]], ...]
+    statuses: tuple[Status, ...]
+
+    @staticmethod
+    def of(closure: Closure, stops: Mapping[int, tuple[float, float]]) -> "Limits":
+        """Return the ends of open profiles, equal curvatures, and stops.
+
+        `stops` has the lowest and the highest value (rad) of variables by their numbers.
+        """
+        ranges = [(variable, *ends, Status.OK) for variable, ends in stops.items()]
+        contacts = []
+        for pair, tracks in contact_tracks(closure.joints):
+            contacts.append((pair, tuple(track.variable for track in tracks)))
+            for track in tracks:
+                if not track.curve.closed:
+                    ends = -track.start, track.curve.length - track.start
+                    ranges.append((track.variable, *ends, Status.OFF_PROFILE))
+        variables = np.array([variable for variable, *_ in ranges], dtype=np.intp)
+        values = np.array([ends for _, *ends, _ in ranges], dtype=float)
+        bounds = np.repeat(variables, 2), values.ravel(), np.tile([1.0, -1.0], len(ranges))
+        statuses = [status for *_, status in ranges for _ in range(2)]
+        statuses += [Status.CURVATURE] * len(contacts)
+        return Limits(bounds, tuple(contacts), tuple(statuses))
+
+    def margins(
+        self, values: Floats, bends: Floats, rates: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return how far (n, limits) limits are, negative beyond, and the gradients.
+
+        These (n, limits, variables) are by the variables (n, variables); curvatures of
+        profiles and their rates are (n, pairs, 2).
+        """
+        variables, places, senses = self.bounds
+        count = len(variables)
+        margins = np.empty((len(values), len(self.statuses)))
+        gradients = np.zeros((*margins.shape, values.shape[1]))
+        margins[:, :count] = senses * (values[:, variables] - places)
+        gradients[:, np.arange(count), variables] = senses
+        for number, (pair, along) in enumerate(self.contacts, count):
+            margins[:, number] = bends[:, pair, 0] - bends[:, pair, 1] - EQUAL_CURVATURE
+            for variable, rate in zip(along, (rates[:, pair] * [1.0, -1.0]).T, strict=True):
+                gradients[:, number, variable] += rate
+        return margins, gradients
+
+    def words(self, number: int) -> str:
+        """Return what a limit is of."""
+        variables, places, senses = self.bounds
+        if number >= len(variables):
+            pair, _ = self.contacts[number - len(variables)]
+            return f"equal curvatures of the profiles of pair {pair}"
+        side = "lowest" if senses[number] > 0.0 else "highest"
+        return f"the {side} value {places[number]:.6g} rad of variable {variables[number]}"
+
+
 LARGEST_STEP = 0.2
 """Longest step of the input (rad)."""
 BEND = 0.02
@@ -371,39 +434,30 @@ def _advanced(
     return new, holds & (cosine > VERIFIED.turn), last
 
 
-def _longest(closure: Closure, at: Nodes, step: Floats) -> Floats:
+def _longest(limits: Limits, at: Nodes, step: Floats) -> Floats:
     """Return the steps (n,), at most as long as given, that bends and ends allow."""
     bend = max_abs(at.bend, axis=1) + 1e-300
     slope = max_abs(at.slope, axis=1)
     step = np.minimum(np.minimum(step, LARGEST_STEP), np.sqrt(2 * BEND / bend))
     step = np.fmax(np.minimum(step, NEARER * slope / bend), SMALLEST_STEP)
-    for _, tracks in contact_tracks(closure.joints):
-        for track in tracks:
-            if not track.curve.closed:
-                place = at.values[:, track.variable] + track.start
-                slope = at.slope[:, track.variable]
-                rest = np.where(slope > 0.0, track.curve.length - place, place)
-                way = TOWARDS_END * rest / (np.abs(slope) + 1e-300)
-                step = np.minimum(step, np.maximum(way, SMALLEST_STEP))
-    return step
+    variables, places, senses = limits.bounds
+    approach = -senses * at.slope[:, variables]
+    rest = senses * (at.values[:, variables] - places)
+    ways = np.maximum(TOWARDS_END * rest / (np.abs(approach) + 1e-300), SMALLEST_STEP)
+    ways = np.where(approach > 0.0, ways, np.inf)
+    return np.minimum(step, np.min(ways, axis=1, initial=np.inf))
 
 
-def why_ended(closure: Closure, at: Nodes, row: int) -> Status:
+def _why_ended(closure: Closure, limits: Limits, at: Nodes, row: int) -> Status:
     """Return the status of the samples beyond the last node that could be reached."""
-    values = at.values[row]
-    states = closure.at(values[None]).states
-    for k, tracks in contact_tracks(closure.joints):
-        if states.curvatures[0, k, 0] - states.curvatures[0, k, 1] < NEARLY_EQUAL:
-            return Status.CURVATURE
-        for track in tracks:
-            s = values[track.variable] + track.start
-            if not track.curve.closed and min(s, track.curve.length - s) < NEARLY_ENDED:
-                return Status.OFF_PROFILE
-    return (
-        Status.OUT_OF_REACH
-        if at.reciprocal_condition[row] < NEARLY_FLAT
-        else Status.MODE_LOST
-    )
+    values = at.values[row : row + 1]
+    states = closure.at(values).states
+    margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
+    for status, margin in zip(limits.statuses[::-1], margins[0, ::-1], strict=True):
+        if margin < (NEARLY_EQUAL if status == Status.CURVATURE else NEARLY_ENDED):
+            return status
+    flat = at.reciprocal_condition[row] < NEARLY_FLAT
+    return Status.OUT_OF_REACH if flat else Status.MODE_LOST
 
 
 Trail = list[tuple[Indices, Nodes]]
@@ -428,6 +482,7 @@ def follow_inputs(
         steps were tried on each, those that did not hold too.
     """
     driven, way = list(driven), q - values[:, list(driven)]
+    limits = Limits.of(closure, {})
     length = np.linalg.norm(way, axis=1)
     direction = way / np.maximum(length, 1e-300)[:, None]
     at = nodes_at(closure.at(values.copy()), driven, direction)
@@ -437,7 +492,7 @@ def follow_inputs(
     while len(going):
         here = at.rows(going)
         tried[going] += 1
-        step[going] = _longest(closure, here, step[going])
+        step[going] = _longest(limits, here, step[going])
         new, holds, last = _advanced(closure, driven, here, step[going], q[going])
         moved, new = going[holds], new.rows(holds)
         at.put(moved, new)
@@ -449,7 +504,7 @@ def follow_inputs(
         status[going[tired]] = Status.MODE_LOST
         stuck = ~holds & (step[going] <= 2 * SMALLEST_STEP * np.maximum(1.0, least))
         for row in going[stuck]:
-            status[row] = why_ended(closure, at, row)
+            status[row] = _why_ended(closure, limits, at, row)
         step[going] *= np.where(holds, 2.0, 0.5)
         going = going[~(there | tired | stuck)]
     return at, status, tried
