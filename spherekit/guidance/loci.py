@@ -341,7 +341,7 @@ class _Modes:
         low, high = nodes[edges[changes]].swapaxes(0, 1)
 
         def between(part: Floats, rows: Indices) -> Floats:
-            return np.asarray(unit_rows(low[rows] + part[:, None] * (high - low)[rows]))
+            return unit_rows(low[rows] + part[:, None] * (high - low)[rows])
 
         part, _ = bracketed_zeros(
             lambda x, rows: function(between(x, rows)),
@@ -405,7 +405,7 @@ class _Modes:
         points = self.view.seen(values, right[:, -1], residual)
         of_type = self.view.is_own(points.type)
         kept = np.flatnonzero((residual < CLOSURE_TOLERANCE) & of_type)
-        ways = np.arccos(np.clip(np.sum(normals[1:] * normals[:-1], axis=1), -1.0, 1.0))
+        ways = arc(normals[1:], normals[:-1])
         s = np.concatenate([[0.0], np.cumsum(ways)])
         whole = closed and len(kept) == len(normals)
         none, signs = points.rows(slice(0)), tuple(modes.tolist())

@@ -177,7 +177,7 @@ class Optimality:
         change = np.vecmat(back, self.turning)
         if np.any(self._departed):
             change -= np.vecdot(self._turned(motion), self._pulls)
-        return np.asarray(change)
+        return change
 
     @cached_property
     def stiffness(self) -> Floats:

@@ -217,7 +217,7 @@ def products(x: Floats, degree: int) -> Floats:
     made = polynomials[:, 0]
     for k in range(1, x.shape[1]):
         made = (made[:, :, None] * polynomials[:, k, None]).reshape(len(x), -1)
-    return np.asarray(made)
+    return made
 
 
 @cache
@@ -227,7 +227,7 @@ def fitting(degree: int) -> Floats:
     angles = (np.arange(degree, -1, -1) + 0.5) * np.pi / count
     made = np.cos(np.outer(np.arange(count), angles)) * (2.0 / count)
     made[0] *= 0.5
-    return np.asarray(made)
+    return made
 
 
 def trimmed(series: Floats, size: float) -> Floats:

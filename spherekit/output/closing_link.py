@@ -119,7 +119,7 @@ class DyadsWithClosingLink:
             return np.where(np.isfinite(step), step, 0.0)[:, None]
 
         values, _ = newton(change, turn[:, None], STEPS, CONVERGED, LONGEST)
-        return np.asarray(values[:, 0])
+        return values[:, 0]
 
     def roots(self, directions: Floats, signs: Signs) -> tuple[Indices, Floats, Floats]:
         """Return every turn found at directions (3, n): rows, turns, senses of f.

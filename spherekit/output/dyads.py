@@ -225,4 +225,4 @@ def reciprocal(vectors: Floats, along: Floats | None) -> tuple[Floats, Floats]:
     every = [cross(b, third), cross(third, a)]
     if along is None:
         every.append(cross(a, b))
-    return np.stack(every, axis=-2), np.sum(a * every[0], axis=-1)
+    return np.stack(every, axis=-2), np.vecdot(a, every[0])

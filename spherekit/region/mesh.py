@@ -114,7 +114,7 @@ def triangle_areas(a: Floats, b: Floats, c: Floats) -> Floats:
     1983), the product by differences, which keeps the digits of small triangles.
     """
     volume = np.sum(a * cross(b - a, c - a), axis=-1)
-    dots = np.sum(a * b, axis=-1) + np.sum(b * c, axis=-1) + np.sum(c * a, axis=-1)
+    dots = np.vecdot(a, b) + np.vecdot(b, c) + np.vecdot(c, a)
     return 2.0 * np.arctan2(volume, 1.0 + dots)
 
 
@@ -428,7 +428,7 @@ def _within_cone(corners: Floats, values: Floats, error: Floats, uncertain: Bool
     slopes = np.tensordot(_SLOPES, values, axes=1)
     one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     base = np.linalg.norm(one, axis=1)[:, None]
-    shift = np.sum(one * other, axis=1)[:, None] / base
+    shift = np.vecdot(one, other)[:, None] / base
     height = np.linalg.norm(cross(one, other), axis=1)[:, None] / base
     along = slopes[:, 0] / base
     gradient = along + 1j * (slopes[:, 1] - shift * along) / height

@@ -260,7 +260,7 @@ def _quaternions(cube: Indices, units: Indices) -> Floats:
     out = np.ones((len(x), 4))
     place = np.arange(4) != cube[:, None]
     out[place] = x.ravel()
-    return np.asarray(unit_rows(out))
+    return unit_rows(out)
 
 
 def _density(low: Indices, width: Indices) -> Floats:
@@ -272,7 +272,7 @@ def _density(low: Indices, width: Indices) -> Floats:
 
     def density(places: Floats) -> Floats:
         x = (low[:, None] + places * width[:, None, None]) * scale - 1.0
-        return 8.0 / (1.0 + np.sum(x * x, axis=2)) ** 2
+        return 8.0 / (1.0 + np.vecdot(x, x)) ** 2
 
     by_middles = density(_CENTRES)
     whole = density(_GAUSS_PLACES) @ _GAUSS_WEIGHTS * (width * scale) ** 3

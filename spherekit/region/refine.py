@@ -408,7 +408,7 @@ class Region:
         place = place / length
         evaluate = Evaluator(self.margins, self.values)
         if least(evaluate(place[None]))[0] >= 0.0:
-            return np.asarray(place)
+            return place
         if not len(self.border.margin):
             raise RegionError(
                 "the region is empty, so no point of it is nearest"

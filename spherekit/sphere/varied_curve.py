@@ -64,7 +64,7 @@ def quintic_panels(
         panel = np.searchsorted(np.real(knots[1:-1]), np.real(u), side="right")
         powers = (u - knots[panel])[..., None] ** np.arange(6.0 - order)
         factors = _DERIVATIVES[order, order:, None] * coefficients[panel, order:]
-        return np.asarray(np.sum(factors * powers[..., None], axis=-2))
+        return np.sum(factors * powers[..., None], axis=-2)
 
     return spline
 

@@ -150,7 +150,7 @@ class _MidPlaneRows:
         square = self.type_1**2
         flat, left = self.form.plane.nearest_elbows(self.normals)
         across = cross(self.points[:, None], flat[:, self.driven])
-        beyond = left[:, self.driven] / np.sum(across * across, axis=2)
+        beyond = left[:, self.driven] / np.vecdot(across, across)
         beyond = np.fmin(beyond * (self.distance**2)[:, None], 0.0)
         return np.where(np.isnan(square), beyond, square)
 
@@ -303,7 +303,7 @@ class _GearedRows:
 
     @cached_property
     def rates(self) -> Floats:
-        return np.asarray(self.owner.rates @ self.rows.rates)
+        return self.owner.rates @ self.rows.rates
 
     @property
     def type_1(self) -> Floats:

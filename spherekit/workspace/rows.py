@@ -197,12 +197,12 @@ class AngleLimit:
     def column(self, rows: Rows) -> Floats:
         """Return the margin (n,) as a difference of cosines, smooth across the border."""
         beyond = np.cos(self.limit) - self.cosine(rows)
-        return np.asarray(beyond if self.at_least else -beyond)
+        return beyond if self.at_least else -beyond
 
     def left(self, rows: Rows) -> Floats:
         """Return how far (n,) rad the angle is from the limit, negative beyond."""
         beyond = self.unit * (np.arccos(np.clip(self.cosine(rows), -1.0, 1.0)) - self.limit)
-        return np.asarray(beyond if self.at_least else -beyond)
+        return beyond if self.at_least else -beyond
 
 
 JointRange = JointLimit
