@@ -38,7 +38,7 @@ from spherekit.singular.stationarity import (
     decomposed,
     tangent_space,
 )
-from spherekit.sphere.rotation import all_finite, cross, nans, unit_rows
+from spherekit.sphere.rotation import all_finite, cross, nans
 
 ALONE = 10.0
 """A single-freedom mechanism is singular below this multiple of the tolerance."""
@@ -216,7 +216,8 @@ def _by_motions_alone(
         return
     closure, held = Closure.of(motion.mechanism, motion.joints), _held(motion)
     space = tangent_space(closure.at(motion.values[rows]), len(held))
-    alone = unit_rows(space.basis @ adjugate(space.basis[:, held]))
+    alone = space.basis @ adjugate(space.basis[:, held])
+    alone /= np.linalg.norm(alone, axis=1, keepdims=True)
     for k, four in enumerate(fours):
         rates = space.at.body_rates(alone[:, :, k])
         driven = pole_of(four.i, four.r)
