@@ -11,7 +11,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from html import escape
-from itertools import product
+from itertools import chain, product
 from typing import Any, TypeVar
 
 import numpy as np
@@ -312,17 +312,15 @@ def figures_of(
     drawn: dict[str, Draw] = {}
     for source in dict.fromkeys(scene.source for scene in scenes):
         of_source = [scene for scene in scenes if scene.source == source]
-        for subject, draw in _of_source(of_source, scenes, sheet):
+        every = (
+            _planes(of_source, sheet),
+            _spheres(of_source, sheet),
+            _series(of_source, scenes, sheet),
+            *(made(of_source, sheet) for made in (_surfaces, _paths, _axodes, _diagrams)),
+        )
+        for subject, draw in chain(*every):
             drawn.setdefault(f"{source}/{subject}" if source else subject, draw)
     return Figures(drawn)
-
-
-def _of_source(of_source: Scenes, every: Scenes, sheet: Sheet) -> Drawn:
-    yield from _planes(of_source, sheet)
-    yield from _spheres(of_source, sheet)
-    yield from _series(of_source, every, sheet)
-    for drawn in (_surfaces, _paths, _axodes, _diagrams):
-        yield from drawn(of_source, sheet)
 
 
 def _series(of_source: Scenes, every: Scenes, sheet: Sheet) -> Drawn:

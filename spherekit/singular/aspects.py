@@ -271,18 +271,14 @@ class _Spread:
         # From there the same way leads back: ways are in pairs, there and back.
         self.done[there, way[good] ^ 1] = True
         ends = np.stack([start[good], there], axis=1)
-        moved = (arrived - values)[good][:, self.driven]
-        self.joined.append(ends[self._clear(ends, moved)])
-
-    def _clear(self, ends: Indices, moved: Floats) -> Bools:
-        """Return (n,) whether nothing singular that divides is between, by cubics."""
-        regular = np.all(self.nodes.regular[ends], axis=1)
-        if not self.divides:
-            return regular
-        value = self.nodes.one[ends]
-        slope = np.einsum("nei,ni->ne", self.nodes.slope[ends], moved)
-        signs = np.sign(np.concatenate([value, value + slope * [1.0, -1.0] / 3.0], axis=1))
-        return regular & ((signs[:, 0] != 0.0) & np.all(signs == signs[:, :1], axis=1))
+        clear = np.all(self.nodes.regular[ends], axis=1)
+        if self.divides:  # nothing singular that divides is between, by cubics
+            moved = (arrived - values)[good][:, self.driven]
+            slope = np.einsum("nei,ni->ne", self.nodes.slope[ends], moved)
+            value = self.nodes.one[ends]
+            signs = np.sign(np.append(value, value + slope * [1.0, -1.0] / 3.0, axis=1))
+            clear &= (signs[:, 0] != 0.0) & np.all(signs == signs[:, :1], axis=1)
+        self.joined.append(ends[clear])
 
     def labelled(self, free_of: tuple[TypeName, ...]) -> Aspects:
         """Return the regular configurations with their aspects."""

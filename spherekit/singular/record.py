@@ -88,21 +88,6 @@ all lie in one plane.
 """
 
 
-def _conditions_of(relation: Relation, kind: str) -> dict[str, str]:
-    """Return the conditions of a relation; with three links those of three axes.
-
-    Three axes in a plane leave one condition for each type. With r = s or o = i it is one
-    of the lecture's; the others are called by the type alone.
-    """
-    form, links = relation.form, relation.links
-    if len(links.different) != 3:
-        return FOUR_LINKS[form, kind] if len(links.different) == 4 else {}
-    third, _, number = third_axis(form, links)
-    out = "os" if form == "i" else "or_"
-    axes = {"I": ("ir", third), "II": (out, third), "III": (third, out, "ir")}[kind]
-    return {kind + number: " || ".join(axes)}
-
-
 def _sine(said: str, relation: Relation) -> Floats:
     """Return (n,) the largest sine of the angles between what should coincide.
 
@@ -157,10 +142,19 @@ def conditions(
     """
     allowed = np.maximum(TOLERANCE, 10.0 * errors)
     rows: list[list[Holding]] = [[] for _ in errors]
-    for label, said in _conditions_of(relation, kind).items():
+    form, links = relation.form, relation.links
+    listed = FOUR_LINKS[form, kind] if len(links.different) == 4 else {}
+    if len(links.different) == 3:
+        # Three axes in a plane leave one condition for each type. With r = s or o = i it
+        # is one of the lecture's; the others are called by the type alone.
+        third, _, number = third_axis(form, links)
+        out = "os" if form == "i" else "or_"
+        axes = {"I": ("ir", third), "II": (out, third), "III": (third, out, "ir")}[kind]
+        listed = {kind + number: " || ".join(axes)}
+    for label, said in listed.items():
         parts = said.split(", ")
         residual = np.max([_sine(part, relation) for part in parts], axis=0)
-        words = " and ".join(_words(part, relation.links, names) for part in parts)
+        words = " and ".join(_words(part, links, names) for part in parts)
         for row in np.flatnonzero(residual <= UNDECIDED * allowed):
             size, certain = float(residual[row]), bool(residual[row] <= allowed[row])
             rows[row].append(Holding(label, words, size, certain))

@@ -22,7 +22,6 @@ from spherekit.motion.modes import MOST_COST, MOST_TIME
 from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.motion.turns import in_range, into_range, turns_in_range, whole_periods
 from spherekit.numeric.crossings import wrap
-from spherekit.planning.inputs import Assembly, Group
 from spherekit.planning.part import part_for
 from spherekit.planning.poles import pole_of
 from spherekit.rates.transmission import STILL, Transmission, hold
@@ -51,8 +50,14 @@ def traced_part(
         pairs = [whole.pair_number[pair.name] for pair in made.pairs]
         variables = [v for pair in pairs for v in whole.variables_of(pair)]
         modes = _modes(tracer, part, variables)
-        if modes is not None and _same_turning_points(tracer, part):
-            return part, variables, modes
+        if modes is not None:
+            dead, inner = (  # what is left out may meet none at any input of a turn
+                input_turning_points(solver, -np.pi, np.pi, MOST_COST, MOST_TIME)
+                for solver in (tracer.solver, part.solver)
+            )
+            alike = not len(dead.doubtful) and len(dead.places) == len(inner.places)
+            if alike and np.all(np.abs(dead.places - inner.places) < SAME_INPUT):
+                return part, variables, modes
     every = list(range(len(whole.variable_owners)))
     return tracer, every, {mode.number: (mode.number,) for mode in tracer.assembly_modes}
 
@@ -82,19 +87,6 @@ def _modes(
             return None
         modes[number] += (mode.number,)
     return modes
-
-
-def _same_turning_points(tracer: PositionAnalysis, part: PositionAnalysis) -> bool:
-    """Return whether what is left out meets no dead centre at any input of a turn."""
-    whole, inner = (
-        input_turning_points(solver, -np.pi, np.pi, MOST_COST, MOST_TIME)
-        for solver in (tracer.solver, part.solver)
-    )
-    return (
-        not len(whole.doubtful)
-        and len(whole.places) == len(inner.places)
-        and bool(np.all(np.abs(whole.places - inner.places) < SAME_INPUT))
-    )
 
 
 NEAR_CROSSING = 1e-4
@@ -333,8 +325,13 @@ class SampledSingularities:
         axes = self.tracer.solver.closure.at(values).axes
         angles = []
         for output in self.report.outputs:
-            dyad = _dyad_of(output, self.tracer.solver.assembly)
-            if dyad is None:
+            joining = (
+                group
+                for group in self.tracer.solver.assembly.groups
+                if sum(not links.isdisjoint(output) for links in map(set, group.bodies)) > 1
+            )
+            dyad = next(joining, None)
+            if dyad is None or not dyad.is_dyad:
                 angles.append(nans(len(values)))
                 continue
             near, middle, far = (axes[:, dyad.pairs[place]] for place in dyad.dyad_places)
@@ -402,16 +399,3 @@ class SampledSingularities:
         beside = np.pad(places[:, 1], 1, constant_values=np.inf)
         here = curve.at(s).values[:, self._driven]
         return np.min(np.abs(beside[[after, after + 1]] - here), axis=0)
-
-
-def _dyad_of(output: tuple[int, int], assembly: Assembly) -> Group | None:
-    """Return the dyad that joins the two links of an output, None if it is no dyad."""
-    for group in assembly.groups:
-        places = {
-            place
-            for place, links in enumerate(group.bodies)
-            if any(link in links for link in output)
-        }
-        if len(places) > 1:
-            return group if group.is_dyad else None
-    return None

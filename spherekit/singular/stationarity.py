@@ -252,15 +252,6 @@ class OutputStationary:
         """The freedoms that the output has: 3 of an orientation, 2 of a direction."""
         return 3 if self.pointing is None else 2
 
-    @property
-    def _watched(self) -> Floats:
-        """Directions (3, m) in the link along which it may not turn."""
-        if self.pointing is None:
-            return np.eye(3)
-        direction = np.array(self.pointing)
-        side = perpendicular(direction)
-        return np.stack([side, cross(direction, side)], axis=1)
-
     def changes(self, space: TangentSpace) -> Floats:
         """Return the derivatives (n, g + 1, m, V) of E along the directions."""
         at = space.at
@@ -284,8 +275,16 @@ class OutputStationary:
         return at.tree.paths[self.link] - at.tree.paths[self.relative_to]
 
     def _watched_at(self, at: Linearisation) -> tuple[Floats, Floats]:
-        """Return the watched directions (n, m, 3), and what turns the link (n, V, 3)."""
-        watched = np.swapaxes(at.placed[:, self.link] @ self._watched, 1, 2)
+        """Return directions (n, m, 3) about which the link may not turn, and what turns it.
+
+        The latter (n, V, 3), the former all axes, or those across the direction.
+        """
+        axes = np.eye(3)
+        if self.pointing is not None:
+            direction = np.array(self.pointing)
+            side = perpendicular(direction)
+            axes = np.stack([side, cross(direction, side)], axis=1)
+        watched = np.swapaxes(at.placed[:, self.link] @ axes, 1, 2)
         return watched, self._between(at)[:, None] * at.vectors
 
     def orientation(self, at: Linearisation) -> Floats:
