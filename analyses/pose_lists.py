@@ -56,8 +56,6 @@ NOT_ROTATION = 1e-6
 MOST_POSES = 500_000
 """Of one run, whose tables are in memory: with eight modes 2 GB."""
 MOST_SHOWN = 5
-TRIED = 7
-"""Inputs at which a pose to show is looked for."""
 
 
 Poses = tuple[Floats | None, Floats | None, tuple[int, ...] | None]
@@ -225,16 +223,10 @@ def _check_size(count: float, where: str) -> None:
 
 def _kinds(solver: OutputKinematics) -> list[Names]:
     """Return what columns make a pose of this output, and the inputs last."""
-    kinds: list[Names]
-    if not solver.labels:
-        kinds = []
-    elif solver.points:
-        kinds = [DIRECTION, AZIMUTH_TILT]
-        if solver.form is not None:
-            kinds.append(MIRROR)
-    else:
-        kinds = [TILT_TORSION, QUATERNION, VECTOR, MATRIX]
-    return [*kinds, solver.mechanism.input_pairs]
+    kinds: list[Names] = [TILT_TORSION, QUATERNION, VECTOR, MATRIX]
+    if solver.points:
+        kinds = [DIRECTION, AZIMUTH_TILT] + ([] if solver.form is None else [MIRROR])
+    return [*(kinds if solver.labels else ()), solver.mechanism.input_pairs]
 
 
 def _kind(kinds: Sequence[Names], names: Names, where: str) -> Names:
@@ -249,15 +241,15 @@ def _kind(kinds: Sequence[Names], names: Names, where: str) -> Names:
 
 def _example(solver: OutputKinematics) -> str:
     """Return a pose of this output that is reached, as it is written."""
-    ends = np.array([[item.start, item.stop] for item in solver.mechanism.inputs])
-    inputs = ends[:, 0] + np.linspace(0.3, 0.9, TRIED)[:, None] * (ends[:, 1] - ends[:, 0])
+    ranges = solver.mechanism.inputs
+    inputs = np.linspace([x.start for x in ranges], [x.stop for x in ranges], 11)[3:10]
     solutions = solver.forward(inputs)
-    if not len(solutions.row) or not solver.labels:
-        names, values = _kinds(solver)[-1], inputs[0]
-    elif solutions.directions is not None and solver.points:
-        names, values = AZIMUTH_TILT, azimuth_tilt(solutions.directions[:1])[0]
-    else:
-        names, values = TILT_TORSION, tilt_torsion(solutions.rotations[:1])[0]
+    names, values = solver.mechanism.input_pairs, inputs[0]
+    if len(solutions.row) and solver.labels:
+        if solutions.directions is not None and solver.points:
+            names, values = AZIMUTH_TILT, azimuth_tilt(solutions.directions[:1])[0]
+        else:
+            names, values = TILT_TORSION, tilt_torsion(solutions.rotations[:1])[0]
     told = zip(names, np.round(np.degrees(values), 4) + 0.0, strict=True)
     return "+".join(f"{name}={number:.8g}" for name, number in told)
 
