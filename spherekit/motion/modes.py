@@ -401,9 +401,10 @@ class ModeSearch:
             start, spread, why = mode.guide.at(q[left], rows[left])
             off = max_abs(wrap(start - values[left])[:, turning], axis=1)
             left = left[(off < spread + NEAR_GUIDE) & (why == Status.OK)]
-            there = self.solver.evaluate(mode, q[left], rows[left]).rotations
-            away = max_abs(there - placed[left], axis=(1, 2, 3))
-            families[left[away < SAME_MODE]] = family
+            if len(left):
+                there = self.solver.evaluate(mode, q[left], rows[left]).rotations
+                away = max_abs(there - placed[left], axis=(1, 2, 3))
+                families[left[away < SAME_MODE]] = family
         return families
 
     def _go_beyond(self) -> None:
