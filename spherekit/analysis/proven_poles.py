@@ -154,10 +154,8 @@ def prove_poles(
     proven: dict[tuple[int, int, str, frozenset[str]], tuple[Array, Ball]] = {}
     with bits(PRECISION):
         equations = Equations(written, made)
-        good = np.flatnonzero(np.asarray(motion["status"]) == Status.OK)
-        values = np.stack(
-            [factor * np.asarray(motion[name], dtype=float) for name, factor in columns], 1
-        )
+        good = np.flatnonzero(motion["status"] == Status.OK)
+        values = np.stack([factor * motion[name] for name, factor in columns], 1)
         for done, row in enumerate(good):
             working.tell(lambda: f"{done} of {len(good)} configurations")  # noqa: B023
             near = values[row]

@@ -319,11 +319,7 @@ def what_vanishes(
     at = coefficients(motion, output, by_rank)
     c, d, u = (  # some axes may be unknown there; the rates vanish with c and d
         np.where(np.isfinite(one), one, other)
-        for one, other in (
-            (at.c, at.input_rate),
-            (at.d, at.output_rate),
-            (at.u, at.alone),
-        )
+        for one, other in ((at.c, at.input_rate), (at.d, at.output_rate), (at.u, at.alone))
     )
     pairs = motion.mechanism.names_of(motion.assembly.inputs)
     j, k = np.transpose([*combinations(range(len(pairs)), 2)])
