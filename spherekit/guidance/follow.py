@@ -5,6 +5,7 @@ orientation. Samples are predicted from the nodes of that way and corrected, so 
 not depend on each other.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -37,8 +38,8 @@ from spherekit.sphere.rotation import (
     angles_between,
     arc,
     max_abs,
+    quaternion,
     rotation,
-    rotation_vector,
     unit_rows,
 )
 
@@ -228,8 +229,9 @@ def turn_to(first: Floats, second: Floats) -> tuple[Floats, float]:
     SolveError
         If the axis or its sense is not determined.
     """
-    vector = rotation_vector(second @ first.T)
-    angle = float(np.linalg.norm(vector))
+    four = quaternion((second @ first.T)[None])[0]
+    sine = float(np.linalg.norm(four[:3]))
+    angle = 2.0 * math.atan2(sine, abs(four[3]))
     if angle * USABLE_DIRECTION <= ROUNDING:
         raise SolveError(
             "the orientations coincide: every axis will do, none is given; there is "
@@ -241,7 +243,7 @@ def turn_to(first: Floats, second: Floats) -> tuple[Floats, float]:
             "but both senses lead from one to the other; give the axis, with the sense "
             "wanted, and the angle"
         )
-    return vector / angle, angle
+    return np.copysign(1.0, four[3]) * four[:3] / sine, angle
 
 
 def unit(axis: ArrayLike) -> Floats:
