@@ -49,9 +49,8 @@ def bracketed_zeros(
     Returns
     -------
     zero, outside
-        (n,) the end of the last bracket with the smaller value, and the end where the
-        value is negative; the bracket is as narrow as asked for, unless the value at
-        `zero` is exactly 0.
+        (n,) the end of the last bracket with the smaller value, exactly 0 or as near the
+        other end as asked for, and the end where the value is negative.
 
     Notes
     -----
@@ -61,8 +60,7 @@ def bracketed_zeros(
     b, fb, a, fa = low.copy(), at_low.copy(), high.copy(), at_high.copy()
     c, fc = b.copy(), fb.copy()
     room = np.broadcast_to(np.asarray(tolerance, dtype=float), low.shape)
-    going = np.flatnonzero((fa != 0.0) & (fb != 0.0))
-    share = np.full(len(going), 0.5)
+    going, share = np.flatnonzero((fa != 0.0) & (fb != 0.0)), np.array(0.5)
     for _ in range(MOST_STEPS):
         if not len(going):
             break
