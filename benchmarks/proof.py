@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import Cell, Section
-from benchmarks.samples import EIGHT_BARS, Structure, mechanism, random_axes, ten_bar
+from benchmarks.samples import EIGHT_BARS, mechanism, random_axes, ten_bar
 from spherekit.guarantee import Guarantee
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, PoseGeometry
@@ -24,6 +24,7 @@ from spherekit.proof.curves import certified_curves
 from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
 
+Structure = str | Sequence[tuple[int, int]]
 FOUR_BAR: Structure = ((1, 2), (2, 3), (3, 4), (1, 4))
 WATT: Structure = ((1, 2), (2, 3), (3, 4), (1, 4), (4, 5), (5, 6), (1, 6))
 STEPHENSON: Structure = ((1, 2), (1, 4), (1, 6), (2, 3), (3, 4), (3, 5), (5, 6))

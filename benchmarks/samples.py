@@ -10,7 +10,6 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import chains
 import mode_counts
-from mode_judge import Structure as Structure
 
 from spherekit.arrays import Floats
 

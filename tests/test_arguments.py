@@ -96,7 +96,9 @@ def allowed(hint):
     if inspect.isabstract(hint):
         hint = type("Extended", (hint,), {})
         hint.__abstractmethods__ = frozenset()
-    return next(iter(hint)) if issubclass(hint, Enum) else object.__new__(hint)
+    if issubclass(hint, Enum):
+        return next(iter(hint))
+    return (tuple if issubclass(hint, tuple) else object).__new__(hint)
 
 
 def own(made):

@@ -258,10 +258,9 @@ def side_of(axis: Axis) -> Side:
 def frame(width: float, x: Side, y: Side, lined: bool = True) -> Stills:
     """Yield the box with its lines, and the words at its axes."""
     lines = [np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)]
-    words = [(0.5 * width, FRAME_HEIGHT + 27.0, x[0])]
-    for part, text in x[1]:
-        lines.append(np.array([[part, 0.0], [part, 1.0]]))
-        words.append((width * part, FRAME_HEIGHT + 4.0, text))
+    lines += [np.array([[part, 0.0], [part, 1.0]]) for part, _ in x[1]]
+    words = [(width * part, FRAME_HEIGHT + 4.0, text) for part, text in x[1]]
+    words.append((0.5 * width, FRAME_HEIGHT + 27.0, x[0]))
     for part, text in y[1]:
         lines.append(np.array([[0.0, part], [1.0, part]]))
         words.append((-0.5 * LEFT, FRAME_HEIGHT * (1.0 - part) - LABEL, text))
