@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +29,8 @@ def analyses(prefix: str, typed: Any = None) -> Lines:
     """Return the installed analyses; after a colon the parameters of one."""
     name, colon, given = prefix.partition(":")
     if not colon:  # without the registry, which loads NumPy
+        from importlib.metadata import entry_points
+
         return [point.name for point in entry_points(group="spherekit.analyses")]
     from spherekit.analysis.arguments import parameters
     from spherekit.analysis.registry import load
