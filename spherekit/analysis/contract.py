@@ -150,7 +150,7 @@ def parse_merit(text: str, radians: float) -> FigureOfMerit:
     if reduction == "at":
         if parts := _POINT.fullmatch(expression):
             expression, ends = parts.groups()
-            texts = ends.split(",")[1:]
+            texts = re.split(r"\s*,\s*", ends)[1:]
         with suppress(ValueError):
             point = tuple(float(part) * radians for part in texts)
         if not point:
@@ -162,7 +162,7 @@ def parse_merit(text: str, radians: float) -> FigureOfMerit:
         texts = [place]
     expression = expression.strip()
     if name is None:
-        words = "_".join([reduction, expression, *texts]).replace(" ", "_")
+        words = "_".join([reduction, expression, *texts])
         name = re.sub(r"\W+", "_", words).strip("_")
     only_of = tuple(re.findall(r"(\w+)\s*=\s*(\w+)", only))
     return FigureOfMerit(name, reduction, expression, point, table, "", only_of, place)
