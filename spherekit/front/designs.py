@@ -104,7 +104,7 @@ def sweep(
 
     Raises
     ------
-    DesignError, FileError, AnalysisError
+    DesignError, SolveError, FileError, AnalysisError
         With what is asked for wrongly, before anything is computed.
     EngineError
         If the mechanism has pairs that no kernel knows.
