@@ -242,7 +242,7 @@ def side(
     if logarithmic:
         low, high = np.log10(span)
         powers = np.arange(np.ceil(low - 1e-9), np.floor(high + 1e-9) + 1.0)
-        texts = [f"1e{power:.0f}" for power in powers]
+        texts = [f"1e{power:z.0f}" for power in powers]
         parts = (powers - low) / max(high - low, 1e-300)
     else:
         step, values = ticks(*span, degrees)
