@@ -139,8 +139,7 @@ class GroupEquations:
         gone = {v for both in self.private for v in both}
         every = (v for pair in self.pairs for v in self._owned(pair))
         self.unknowns = [v for v in every if v not in gone]
-        driven = [self._owned(pair)[0] for pair in assembly.inputs]
-        self.chosen = self._independent(pose_vectors(), driven) if group.redundant else None
+        self.chosen = self._independent(pose_vectors()) if group.redundant else None
         if len(self.unknowns) > LARGEST:
             raise EngineError(
                 f"{mechanism.name}: a {group.kind} leaves {len(self.unknowns)} equations "
@@ -151,7 +150,7 @@ class GroupEquations:
     def _owned(self, pair: int) -> tuple[int, ...]:
         return self.mechanism.variables_of(pair)
 
-    def _independent(self, vectors: Floats, driven: Sequence[int]) -> list[tuple[int, int]]:
+    def _independent(self, vectors: Floats) -> list[tuple[int, int]]:
         """Choose rows by the pivots of a QR decomposition, one for each unknown."""
         from scipy.linalg import qr
 
@@ -164,7 +163,7 @@ class GroupEquations:
             for variable in np.flatnonzero(weights).tolist():
                 row = columns @ vectors[variable]
                 size = max(float(np.linalg.norm(row)), 1e-300)
-                rows[number, variable] = np.delete(row, driven) / size
+                rows[number, variable] = row[self.unknowns] / size
         count, keys = len(self.unknowns), list(rows)
         _, triangle, order = qr(
             np.transpose([*rows.values()]), mode="economic", pivoting=True
