@@ -167,9 +167,15 @@ class SeveralInputs:
                         whole |= {"condition": curve.why} if curve.why else {}
                         away = np.abs(wrap(curve.both.values[:, None] - met))
                         fresh = ~np.any(np.max(away, axis=2) < SAME, axis=1)
-                        both = self._rows(curve.both.rows(fresh), output, locus.claim)
-                        both |= {"kind": "III", "curve": number, "note": "of both types"}
-                        parts += [whole, both]
+                        parts.append(whole)
+                        if fresh.any():
+                            both = self._rows(curve.both.rows(fresh), output, locus.claim)
+                            both |= {
+                                "kind": "III",
+                                "curve": number,
+                                "note": "of both types",
+                            }
+                            parts.append(both)
                         met = np.concatenate([met, curve.both.values])
                         number += 1
         return SINGULARITIES.stacked(self.batch.mechanism, parts)
@@ -227,7 +233,7 @@ class SeveralInputs:
     @property
     def aspects(self) -> Row:
         """The configurations over an input grid, with the number of their aspect."""
-        parts, mechanism = self.parts, self.batch.mechanism
+        parts, mechanism = self._found[1], self.batch.mechanism
         if parts is None:
             return ASPECTS.stacked(mechanism)
         rows = {
@@ -241,7 +247,7 @@ class SeveralInputs:
 
     def findings(self) -> Findings:
         """Return curves, aspects and claims, and where rows come near a type."""
-        batch, parts = self.batch, self.parts
+        batch, parts = self.batch, self._found[1]
         figures: dict[str, Any] = {"slices": self.at_slices}
         warnings: list[str] = []
         remarks: list[str] = []
@@ -298,11 +304,6 @@ class SeveralInputs:
     def loci(self) -> dict[str, list[Locus]]:
         """What is found of each output by its name."""
         return self._found[0]
-
-    @property
-    def parts(self) -> Aspects | None:
-        """The aspects, None where they are not asked for."""
-        return self._found[1]
 
     @cached_property
     def _found(self) -> tuple[dict[str, list[Locus]], Aspects | None]:
