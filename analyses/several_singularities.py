@@ -170,12 +170,8 @@ class SeveralInputs:
                         parts.append(whole)
                         if fresh.any():
                             both = self._rows(curve.both.rows(fresh), output, locus.claim)
-                            both |= {
-                                "kind": "III",
-                                "curve": number,
-                                "note": "of both types",
-                            }
-                            parts.append(both)
+                            kind = {"kind": "III", "note": "of both types"}
+                            parts.append(both | kind | {"curve": number})
                         met = np.concatenate([met, curve.both.values])
                         number += 1
         return SINGULARITIES.stacked(self.batch.mechanism, parts)
