@@ -288,10 +288,6 @@ class StoredParts:
         self.folder, self._more = folder, more
         self._parts = Counter({(name, table): parts for name, table, parts in state})
 
-    def clear(self) -> None:
-        """Forget all rows: files are overwritten."""
-        self._parts.clear()
-
     def state(self) -> list[Any]:
         """Return how many parts each table has, ready for JSON."""
         return [[*key, parts] for key, parts in self._parts.items()]

@@ -36,10 +36,6 @@ class InMemory:
             {name: _own(column) for name, column in data.items()}
         )
 
-    def clear(self) -> None:
-        """Forget all rows."""
-        self._blocks.clear()
-
     def pieces(self, analysis: str, table: Table) -> Iterator[TableArrays]:
         """Yield all rows, mode after mode, in pieces as they are written."""
         return pieces_of(table, self.table(analysis, table))

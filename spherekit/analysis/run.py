@@ -27,11 +27,10 @@ from spherekit.analysis.running.cost import AXES, RECORDING, SEARCH, SIMULATION,
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.recording import RecordingSession
 from spherekit.analysis.running.run_state import RunState
-from spherekit.analysis.running.sampling import courses_of
+from spherekit.analysis.running.sampling import course_of
 from spherekit.analysis.running.summary import (
     RunPlan,
     actual_cost,
-    at_once,
     faults,
     job_of,
     left_out,
@@ -130,7 +129,7 @@ def executed(
     recorder = execution.recorder
     folder = execution.folder
     with nullcontext() if folder is None else RunFolder.opened(folder) as place:
-        _, refused = asked = needs_of_each(analyses, study.mechanism)
+        asked = needs_of_each(analyses, study.mechanism)
         began = began_with(place, execution.unfinished)
         engine, setting = execution.engine, execution.setting
         if engine == "auto" and began.get("engine") in ENGINES:
@@ -140,12 +139,7 @@ def executed(
                 setting = Setting(**began["setting"])
         follow = follow or traced(study, analyses, execution)
         with ledger.stage(solving):
-            pending = courses_of(study, engine, follow)
-            if (
-                at_once(analyses, refused) or study.verify
-            ):  # only the whole course is of use
-                pending = iter(deque(pending, maxlen=1))
-            course = next(pending)
+            course = course_of(study, engine, follow)
         shown = recorder is not None or study.verify is not None
         job = job_of(course, analyses, asked, execution.block, setting, shown)
         if place is not None:
@@ -167,46 +161,25 @@ def executed(
                 )
         verifier = Verifier(job, study.verify) if study.verify else None
         with kept(job, place, standing, store) as after_block:
+            blocks = job.source.blocks(job.block, standing.done)
             while True:
-                blocks = job.source.blocks(job.block, standing.done)
-                while True:
-                    with ledger.stage("positions"):
-                        motion = next(blocks, None)
-                    if motion is None:
-                        break
-                    before = standing.done
-                    fields, angles = evaluate_block(
-                        job, motion, standing, store, stage, ledger
-                    )
-                    if verifier is not None:
-                        verifier.see(motion, fields, angles)
-                    standing.seconds = ledger.closed()
-                    after_block(job)
-                    done, total = standing.done, job.course.total
-                    if (
-                        isinstance(store, StoredParts)
-                        and before < job.block <= done < total
-                    ):
-                        need_disk_for_run(store, done, total, execution.formats)
-                    if execution.progress is not None:
-                        execution.progress(done, total)
-                with ledger.stage(solving):
-                    following = next(pending, None)
-                if following is None:
+                with ledger.stage("positions"):
+                    motion = next(blocks, None)
+                if motion is None:
                     break
-                superseded = following.run is not job.course.run
-                if superseded:
-                    standing.begin_again(job.refused)
-                    if store is not None:
-                        store.clear()
-                if stage is not None:
-                    stage.goes_on(following, superseded and not job.course.going_on)
-                job = job.over(following)
-            if stage is not None:
-                with ledger.stage(RECORDING):
-                    stage.finish()
+                before = standing.done
+                fields, angles = evaluate_block(job, motion, standing, store, stage, ledger)
+                if verifier is not None:
+                    verifier.see(motion, fields, angles)
+                standing.seconds = ledger.closed()
+                after_block()
+                done, total = standing.done, len(course)
+                if isinstance(store, StoredParts) and before < job.block <= done < total:
+                    need_disk_for_run(store, done, total, execution.formats)
+                if execution.progress is not None:
+                    execution.progress(done, total)
             for table in job.motion_tables[1:]:
-                job.hand_over(MOTION, table, job.course.events(), standing, store)
+                job.hand_over(MOTION, table, course.events(), standing, store)
             summary = summary_of(job, standing)
             if stage is not None:
                 summary["recording"] = stage.summary()
@@ -340,7 +313,7 @@ def taken_up(
         )
     raise OutputError(
         f"{str(place.path)!r}: this run was stopped there when {done} of "
-        f"{job.course.total} samples were done; go on with --resume "
+        f"{len(job.course)} samples were done; go on with --resume "
         '(unfinished="resume"), or begin again with --restart (unfinished="discard")'
     )
 
@@ -351,10 +324,10 @@ def kept(
     place: RunFolder | None,
     standing: RunState,
     store: StoredParts | InMemory | None,
-) -> Iterator[Callable[[RunPlan], None]]:
+) -> Iterator[Callable[[], None]]:
     """Give what is called after each block; if the run is stopped, keep what was done."""
     if place is None:
-        yield lambda job: None
+        yield lambda: None
         return
     last: Facts = {}
     done = standing.done
@@ -364,7 +337,7 @@ def kept(
         place.write(last)
         done = last["standing"]["done"]
 
-    def after_block(job: RunPlan) -> None:
+    def after_block() -> None:
         if not isinstance(store, StoredParts):
             return
         last.update(identity=job.identity, standing=standing.state(), store=store.state())
@@ -378,7 +351,7 @@ def kept(
             with suppress(OutputError):  # a full disk: then the journal before counts
                 write()
         if done:
-            total = job.course.total
+            total = len(job.course)
             error.add_note(f"{done} of {total} samples are done and kept in {place.path}")
         else:
             why = f", since {listing(job.at_once)} looks at all samples at once"

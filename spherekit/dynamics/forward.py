@@ -1,9 +1,7 @@
 """The direct problem: the motion of a mechanism from its start and its loads."""
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -32,34 +30,10 @@ from spherekit.model.study import Crossings, Start, StartGiven
 from spherekit.progress import tell
 from spherekit.sphere.rotation import max_abs
 
-Solving = Iterator[tuple[object, Callable[[], Simulation], float]]
-"""A simulation piece after piece, each longer or of another run, the whole last.
-
-With each comes what solves it (where another follows, what was given so far is superseded),
-what gives the motion, and the time (s) before which it does: all of it if that is infinite.
-"""
-
-
-def whole(
-    run: object, motion: Simulation
-) -> tuple[object, Callable[[], Simulation], float]:
-    """Return a simulation that is solved to its end."""
-    return run, lambda: motion, np.inf
-
-
-def last(pieces: Solving) -> tuple[object, Simulation]:
-    """Return what solves the whole of a simulation, and that."""
-    run, made, _ = deque(pieces, maxlen=1).pop()
-    return run, made()
-
-
 LEAST = {"numpy": 1e-13, "compiled": 1e-15}
 """Smallest tolerance of each engine; below, rounding decides."""
 
 TIGHTER = 1e-2
-
-LOOKED = 8
-"""Steps after which one-sided contacts are looked at."""
 
 QUICKER = 200.0
 """How many times as quick as NumPy the compiled engine solves, compiling left out."""
@@ -162,29 +136,7 @@ def simulate(
                 "leave engine or scheme out",
             )
         return by_differences(problem, step if step is not None else until / 1000.0)
-    pieces = _solving(problem, tolerance, engine, compact)
-    pieces = _checking(problem, pieces, tolerance, compact) if check else pieces
-    return last(pieces)[1]
-
-
-def solving(
-    mechanism: Mechanism,
-    start: Start | PoseStart,
-    until: float,
-    torque: Torques | None,
-    assembly_mode: int,
-    tolerance: float,
-    engine: Engine,
-    crossings: Crossings,
-) -> Solving:
-    """Return the motion piece by piece while it is solved, checked in the end.
-
-    See `simulate` for the parameters and errors; what is not allowed is refused before,
-    by `need_allowed`.
-    """
-    passes = _passes(mechanism, crossings, engine)
-    problem = prepare(mechanism, start, until, torque, None, assembly_mode, (), passes)
-    return _checking(problem, _solving(problem, tolerance, engine, True), tolerance, True)
+    return (_checked if check else _solved)(problem, tolerance, engine, compact)
 
 
 def _passes(mechanism: Mechanism, crossings: Crossings, engine: str) -> bool:
@@ -217,34 +169,31 @@ def need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
         )
 
 
-def _checking(
-    problem: Problem, pieces: Solving, tolerance: float, compact: bool
-) -> Solving:
+def _checked(
+    problem: Problem, tolerance: float, engine: Engine, compact: bool
+) -> Simulation:
     """Return a simulation with its error against a tighter one.
 
     Where the tolerance is missed, the tighter one takes its place, as long as there is one.
     """
-    for piece in pieces:
-        yield piece
-    run, simulation = last(iter([piece]))
+    simulation = _solved(problem, tolerance, engine, compact)
     engine = simulation.engine.name
     made_for = min(tolerance, LOOSEST) if engine == "compiled" else tolerance
     least = 0.1 * LEAST[engine]
     while True:
         tighter = max(TIGHTER * made_for, least)
-        other, tight = last(_solving(problem, tighter, engine, compact))
+        tight = _solved(problem, tighter, engine, compact)
         error = _difference(simulation, tight)
         simulation = replace(simulation, error=error, tolerance=tolerance)
         if simulation.missed is None or tighter <= least:
-            yield whole(run, simulation)
-            return
+            return simulation
         why = (
             f"{simulation.engine.reason}; off by {error:.1e} rad with steps for "
             f"{made_for:g} rad, so in shorter ones"
         )
         forecast = simulation.engine.forecast
         report = replace(tight.engine, reason=why, forecast=forecast)
-        run, simulation = other, replace(tight, engine=report)
+        simulation = replace(tight, engine=report)
         made_for = tighter
 
 
@@ -259,49 +208,33 @@ def _difference(one: Simulation, other: Simulation) -> float:
     return float(max_abs(one.at(t).values - other.at(t).values))
 
 
-def _solving(problem: Problem, tolerance: float, engine: Engine, compact: bool) -> Solving:
+def _solved(
+    problem: Problem, tolerance: float, engine: Engine, compact: bool
+) -> Simulation:
     asked = "it was asked for"
     if engine == "compiled":
         simulation = by_taylor_series(problem, tolerance, compact, asked)
-        pieces: Solving = iter([whole(simulation.path, simulation)])
     elif engine == "numpy":
-        pieces = _stepping(Collocation(problem, tolerance), asked)
+        simulation = _stepped(Collocation(problem, tolerance), asked)
     else:
-        pieces = _cheaper(problem, tolerance, compact)
+        simulation = _cheaper(problem, tolerance, compact)
     one_sided = any(pair.one_sided for pair in problem.equation.mechanism.pairs)
-    return _lifting_off(pieces) if one_sided else pieces
+    return until_lift_off(simulation) if one_sided else simulation
 
 
-def _lifting_off(pieces: Solving) -> Solving:
-    """Return a simulation that ends where a contact lifts off; what presses is yielded."""
-    before, pressed, unseen = None, 0.0, 0
-    for run, made, until in pieces:
-        if run is not before:
-            before, pressed, unseen = run, 0.0, 0
-        unseen += 1
-        if unseen < LOOKED and np.isfinite(until):
-            continue
-        motion = until_lift_off(made(), pressed)
-        if motion.end.kind == "lift_off" or not np.isfinite(until):
-            yield whole(run, motion)
-            return
-        pressed, unseen = until, 0
-        yield run, made, until
-
-
-def _stepping(
+def _stepped(
     solver: Collocation, reason: str, forecast: Forecast | None = None
-) -> Solving:
-    """Return what NumPy finds step by step."""
+) -> Simulation:
+    """Return what NumPy finds step by step, from where it is."""
     while solver.end is None and solver.advance():
-        yield solver, partial(solver.simulation, reason), solver.reached
-    yield whole(solver, solver.simulation(reason, forecast))
+        pass
+    return solver.simulation(reason, forecast)
 
 
 EXPECTED = "expected NumPy {numpy:.2g} s more, compiled {compiled:.2g} s"
 
 
-def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
+def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Simulation:
     """Return the motion by the engine that is expected to take less time from here.
 
     NumPy starts, and goes on until what is left takes it longer than compiling. What it
@@ -321,7 +254,6 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
             why = "NumPy does not find the kinks of the loads"
         forecast: Forecast | None = None
         while not why and solver.advance():
-            yield solver, partial(solver.simulation, "it began"), solver.reached
             left = solver.left
             if left is None:
                 continue
@@ -333,8 +265,7 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
             tell(f"compiling the equation of motion, about {compiling:.0f} s", compiling)
             simulation = by_taylor_series(problem, tolerance, compact, why, forecast)
             if simulation.end.message != NO_SERIES:
-                yield whole(simulation.path, simulation)
-                return
+                return simulation
             why = NO_SERIES
     except (EngineError, PlanError) as refused:
         why = refused.fault
@@ -343,20 +274,19 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Solving:
         why = EXPECTED.format(**forecast)
     else:
         forecast = None
-    yield from _stepping(solver, why, forecast)
+    return _stepped(solver, why, forecast)
 
 
 PLACES = 8
 """Places in each step at which contacts are looked at."""
 
-PULLS = 1e-9
-"""A contact pulls where it does so by more than this part of the largest reaction."""
+PULLS, FIRST = 1e-9, 8
+"""A contact pulls where it does so by more than this part of the largest reaction until
+then, and in so many first steps."""
 
 
-def until_lift_off(simulation: Simulation, pressed: float) -> Simulation:
+def until_lift_off(simulation: Simulation) -> Simulation:
     """Return a simulation as far as all one-sided contacts press.
-
-    Up to the time `pressed` (s), the end of a step, they are known to.
 
     Raises
     ------
@@ -366,32 +296,33 @@ def until_lift_off(simulation: Simulation, pressed: float) -> Simulation:
     mechanism = simulation.mechanism
     pairs = [k for k, pair in enumerate(mechanism.pairs) if pair.one_sided]
     path = simulation.path
-    late = path.starts >= pressed
     parts = np.arange(PLACES) / PLACES
-    t = (path.starts[late, None] + parts * path.lengths[late, None]).ravel()
+    t = (path.starts[:, None] + parts * path.lengths[:, None]).ravel()
     t = np.append(t[t < simulation.end.t], simulation.end.t)
 
-    def pushes(t: Floats) -> tuple[Floats, float]:
+    def pushes(t: Floats) -> tuple[Floats, Floats]:
         moments = simulation.moments(t).moments
-        return moments[:, pairs, 0], float(np.nanmax(np.abs(moments)))
+        return moments[:, pairs, 0], np.fmax.reduce(np.abs(moments), axis=(1, 2))
 
-    push, size = pushes(t)
-    rows = np.flatnonzero(np.any(push < -PULLS * size, axis=1))
+    push, sizes = pushes(t)
+    largest = np.fmax.accumulate(sizes)
+    largest = np.maximum(largest, largest[: FIRST * PLACES][-1])
+    rows = np.flatnonzero(np.any(push < -PULLS * largest[:, None], axis=1))
     if not len(rows):
         return simulation
     row = int(rows[0])
     which = int(np.argmin(push[row]))
     name = mechanism.pairs[pairs[which]].name
-    if row == 0 and pressed == 0.0:
+    if row == 0:
         raise SolveError(
             f"{mechanism.name}: contact {name} would have to pull at the start, and is "
             "one_sided: press it with a spring, start more slowly, or leave one_sided out"
         )
     from scipy.optimize import brentq
 
-    low, high = float(t[max(row - 1, 0)]), float(t[row])
+    low, high = float(t[row - 1]), float(t[row])
     when = low
-    if row and push[row - 1, which] > 0.0:
+    if push[row - 1, which] > 0.0:
         when = brentq(lambda x: pushes(np.array([x]))[0][0, which], low, high, xtol=1e-14)
     end = SimulationEnd(
         "lift_off",

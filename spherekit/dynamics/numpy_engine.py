@@ -153,16 +153,16 @@ class Collocation:
         return self._reached[-1][0]
 
     def simulation(self, reason: str, forecast: Forecast | None = None) -> Simulation:
-        """Return the motion as far as it is known; `reason` says why it is NumPy's."""
-        end = self.end or SimulationEnd("time", self.reached, "it goes on")
+        """Return the whole motion; `reason` says why it is NumPy's."""
+        assert self.end is not None
         if not self.path:
-            raise cannot_leave(self.problem, end.message)
+            raise cannot_leave(self.problem, self.end.message)
         return Simulation(
             self.equation,
             self.problem.driven,
             self._travelled(),
             tuple(self.events),
-            end,
+            self.end,
             EngineReport("numpy", reason, 0.0, self.seconds, len(self.path), forecast),
             tolerance=self.tolerance,
         )

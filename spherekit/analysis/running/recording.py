@@ -1,6 +1,5 @@
 """What of a run goes to a recorder: the scenes of every sample, or of every k-th."""
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Protocol
@@ -15,7 +14,7 @@ from spherekit.analysis.link_scenes import (
 )
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.sampling import Sampling
-from spherekit.analysis.scene import Axis, Portrait, Range, RecordingHead, Scene
+from spherekit.analysis.scene import Axis, RecordingHead, Scene
 from spherekit.arrays import Bools, Floats, Integers
 from spherekit.files.write import mechanism_hash
 from spherekit.motion.motion import Motion
@@ -70,16 +69,12 @@ class RecordingSession:
         """Start the recording of samples from `first` on."""
         mechanism = course.tracer.mechanism
         self._recorder, self._course, self._first = recorder, course, first
-        self._every = every or -(-course.total // MOST_LOGGED)
+        self._every = every or -(-len(course) // MOST_LOGGED)
         self._row = course.shape[-1] if len(course.shape) > 1 else None
         self._shapes = link_shapes(mechanism)
-        self._seen, self._logged_to = first, 0
-        self._held: list[tuple[Portrait, Scene, Motion]] = []
         self._has_graph = False
-        logged = self._is_logged(np.arange(course.total))
+        logged = self._is_logged(np.arange(len(course)))
         times, single = course.t, course.inputs.shape[1] == 1
-        if times is not None and course.going_on and course.planned is not None:
-            times = np.linspace(0.0, course.duration or 0.0, course.planned)
         self._times = None if times is None else times[logged]
         self._inputs = course.inputs[logged, 0] if single and times is None else None
         properties = {
@@ -103,33 +98,6 @@ class RecordingSession:
             )
         )
 
-    def goes_on(self, course: Sampling, again: bool) -> None:
-        """Go on with a course that is known further; `again` from its first sample.
-
-        Otherwise samples that were logged stay, also where another run solves them.
-        """
-        self._course = course
-        self._logged_to = 0 if again else self._seen
-        if again:
-            self._held.clear()
-
-    def finish(self) -> None:
-        """Log the portraits that waited for the extent of the whole motion."""
-        spans: dict[tuple[object, str], list[tuple[Range, Range]]] = defaultdict(list)
-        for portrait, scene, _ in self._held:
-            spans[scene.page, portrait.path] += [(portrait.x_range, portrait.y_range)]
-        for portrait, scene, motion in self._held:
-            x_range, y_range = (
-                (min(low), max(high))
-                for low, high in (
-                    zip(*ranges, strict=True)
-                    for ranges in zip(*spans[scene.page, portrait.path], strict=True)
-                )
-            )
-            whole = replace(portrait, x_range=x_range, y_range=y_range)
-            self._log(replace(scene, primitives=(whole,)), motion)
-        self._held.clear()
-
     def summary(self) -> dict[str, int]:
         """Return what the recording leaves out."""
         return {"one_of": self._every, "from_sample": self._first}
@@ -149,22 +117,13 @@ class RecordingSession:
     def scenes(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         """Log what an analysis of this name shows of a block."""
         motion, shown = self._chosen(motion)
-        waits = self._course.going_on or self._held
         for given in scenes:
             thinned = given if np.all(shown) else given.thinned(shown)
-            scene = replace(thinned, source=source)
-            if waits and not scene.over:
-                parts = scene.primitives
-                held = [x for x in parts if isinstance(x, Portrait)]
-                rest = tuple(x for x in parts if not isinstance(x, Portrait))
-                self._held += [(portrait, scene, motion) for portrait in held]
-                scene = replace(scene, primitives=rest)
-            self._log(scene, motion)
+            self._log(replace(thinned, source=source), motion)
 
     def _chosen(self, motion: Motion) -> tuple[Motion, Bools]:
         """Return a block at the samples that are logged, and which (n,) these are."""
-        self._seen = max(self._seen, int(motion.sample[-1]) + 1)
-        chosen = self._is_logged(motion.sample) & (motion.sample >= self._logged_to)
+        chosen = self._is_logged(motion.sample)
         shown = chosen[: motion.samples]
         if not np.all(shown):
             motion = replace(motion.rows(chosen), samples=int(np.sum(shown)))
@@ -172,8 +131,8 @@ class RecordingSession:
 
     def _is_logged(self, sample: Integers) -> Bools:
         """Return (n,) whether samples (n,) are logged."""
-        last = (sample == self._course.total - 1) & (self._row is None)
-        return (sample % (self._row or self._course.total) % self._every == 0) | last
+        last = (sample == len(self._course) - 1) & (self._row is None)
+        return (sample % (self._row or len(self._course)) % self._every == 0) | last
 
     def _log(self, scene: Scene, motion: Motion) -> None:
         if not scene.over:

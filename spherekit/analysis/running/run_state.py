@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
@@ -58,11 +58,6 @@ class RunState:
     largest: dict[str, float] = field(default_factory=dict)
     rank: int | None = None
     redundant: Facts | None = None
-
-    def begin_again(self, refused: Mapping[str, str]) -> None:
-        """Forget what was done, but for the time it took and what is `refused`."""
-        fresh = RunState([SignContinuation() for _ in self.signs], failures=dict(refused))
-        vars(self).update(vars(fresh), seconds=self.seconds)
 
     def state(self) -> Facts:
         """Return it ready for JSON."""

@@ -10,7 +10,7 @@ import numpy as np
 from spherekit.analysis.tables import INPUTS, Column, Table, TableArrays, input_columns
 from spherekit.arrays import Floats, Indices, Integers
 from spherekit.conventions import TURN, Status
-from spherekit.dynamics.forward import Solving, need_allowed, solving
+from spherekit.dynamics.forward import need_allowed, simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import drives
 from spherekit.engine.kernels import Engine
@@ -30,9 +30,6 @@ from spherekit.planning.inputs import driven_pairs
 
 UNIT_SPEED = 1.0
 """An input without a law turns at this speed (rad/s), as in the source's example."""
-
-FEWEST_AT_ONCE, PORTIONS = 64, 16
-"""A simulation that goes on hands over so many samples at least, in so many portions."""
 
 EVENTS = Table(
     "events",
@@ -54,8 +51,7 @@ class Sampling:
     `shape` their number along each axis; `timing` (k rows) is None where nothing says how
     the inputs move. `timed` says that
     samples are times. The motion is that of the `simulation`, if there is one, otherwise
-    the tracer evaluates it. A simulation has `planned` samples, fewer while it goes on;
-    `run` tells what solves it.
+    the tracer evaluates it.
     """
 
     tracer: PositionAnalysis
@@ -67,17 +63,9 @@ class Sampling:
     duration: float | None = None
     simulation: Simulation | None = None
     tolerance: float | None = None
-    planned: int | None = None
-    going_on: bool = False
-    run: object = None
 
     def __len__(self) -> int:
         return len(self.inputs)
-
-    @property
-    def total(self) -> int:
-        """The number of samples in the end, as far as is known."""
-        return self.planned if self.going_on and self.planned else len(self)
 
     @property
     def t(self) -> Floats | None:
@@ -207,8 +195,11 @@ class Sampling:
         return {"simulation": facts}
 
 
-def course_of(study: Study) -> Sampling:
-    """Return the course of a study, simulated if loads say the motion.
+def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sampling:
+    """Return the course of a study, simulated and checked if loads say the motion.
+
+    Without `follow` samples over no time have no assembly modes: nothing is to be read
+    there.
 
     Raises
     ------
@@ -216,19 +207,6 @@ def course_of(study: Study) -> Sampling:
         If what is said of time does not fit together.
     PlanError, SolveError, ModelError
         See `PositionAnalysis` and `simulate`.
-    """
-    *_, course = courses_of(study)
-    return course
-
-
-def courses_of(
-    study: Study, engine: Engine = "auto", follow: bool = True
-) -> Iterator[Sampling]:
-    """Yield the course of a study; of a simulation also what is known while it goes on.
-
-    See `course_of`. Each is longer than the one before, or of another `run`, which
-    supersedes it. The last is whole. Without `follow` samples over no time have no assembly
-    modes: nothing is to be read there.
     """
     check_time(study)
     mechanism, assembly_mode, samples = study.mechanism, study.assembly_mode, study.samples
@@ -247,8 +225,7 @@ def courses_of(
         straight = study.path is None and input_grid.is_path
         moves = straight or len(tracer.inputs) == 1
         timing = _at_unit_speed(input_grid.q, straight) if moves else None
-        yield Sampling(tracer, input_grid.q, input_grid.shape, timing, False, {})
-        return
+        return Sampling(tracer, input_grid.q, input_grid.shape, timing, False, {})
     assert isinstance(samples, int)
     t = np.linspace(0.0, study.duration, samples) if samples > 1 else np.zeros(samples)
     if study.start is not None:
@@ -258,18 +235,18 @@ def courses_of(
         tracer = PositionAnalysis(
             mechanism, None, assembly_mode or 0, samples=2, path=several
         )
-        pieces = solving(
+        simulation = simulate(
             tracer.mechanism,
             study.start,
             study.duration,
-            study.driving_torque,
-            tracer.assembly_modes[0].number,
-            study.tolerance,
-            engine,
-            study.crossings,
+            torque=study.driving_torque,
+            assembly_mode=tracer.assembly_modes[0].number,
+            tolerance=study.tolerance,
+            crossings=study.crossings,
+            check=True,
+            engine=engine,
         )
-        yield from _simulated_courses(tracer, pieces, t, study.tolerance)
-        return
+        return simulated_course(tracer, simulation, t, study.tolerance)
     inputs, laws = _inputs(study), study.laws
     if not laws:
         laws = {inputs[0]: ConstantSpeed(UNIT_SPEED)}
@@ -278,36 +255,7 @@ def courses_of(
             laws = {inputs[0]: ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)}
     q, timing = by_laws(inputs, laws, t)
     tracer = PositionAnalysis(mechanism, None, assembly_mode, study.search, path=q)
-    yield Sampling(tracer, q, (len(q),), timing, True, laws, study.duration)
-
-
-def _simulated_courses(
-    tracer: PositionAnalysis, pieces: Solving, t: Floats, tolerance: float
-) -> Iterator[Sampling]:
-    """Yield a simulation at times t (n,) s while it is solved, and when it is checked.
-
-    The first sample at once, then when there are twice as many, then sixteenths of all:
-    so they depend on steps only, not on how long these take.
-    """
-    most = max(FEWEST_AT_ONCE, len(t) // PORTIONS)
-    course: Sampling | None = None
-    for run, made, until in pieces:
-        if course is not None and run is not course.run:
-            course = None
-        done, ready = 0 if course is None else len(course), len(t)
-        going_on = bool(np.isfinite(until))
-        if going_on:
-            ready = int(np.searchsorted(t, until))
-            if ready == 0 or ready < min(2 * done, done + most):
-                continue
-        course = replace(
-            simulated_course(tracer, made(), t[:ready], tolerance, course),
-            duration=float(t[-1]),
-            planned=len(t),
-            going_on=going_on,
-            run=run,
-        )
-        yield course
+    return Sampling(tracer, q, (len(q),), timing, True, laws, study.duration)
 
 
 def check_time(study: Study) -> None:
@@ -391,24 +339,17 @@ def _inputs(study: Study) -> list[str]:
 
 
 def simulated_course(
-    tracer: PositionAnalysis,
-    simulation: Simulation,
-    t: Floats,
-    tolerance: float,
-    before: Sampling | None = None,
+    tracer: PositionAnalysis, simulation: Simulation, t: Floats, tolerance: float
 ) -> Sampling:
     """Return a simulation at times t (n,) s, as far as it went, as a course.
 
-    Where it ended before the last of them, its end is the last row. `before` is the course
-    of its first samples, if these are known.
+    Where it ended before the last of them, its end is the last row.
     """
     duration, last = float(t[-1]), simulation.end.t
     if last < duration:
         t = np.append(t[t < last], last)
     parts: list[tuple[Floats, Floats, Floats]] = []
-    if before is not None and before.timing is not None:
-        parts.append((before.inputs, before.timing.dq, before.timing.ddq))
-    for start in range(0 if before is None else len(before), len(t), BLOCK):
+    for start in range(0, len(t), BLOCK):
         states = simulation.at(t[start : start + BLOCK])
         parts.append((states.inputs, states.input_rates, states.input_accelerations))
     q, dq, ddq = map(np.concatenate, zip(*parts, strict=True))

@@ -8,7 +8,7 @@ A run made ready: what is evaluated for whom, of which part, in which blocks.
 import platform
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property, reduce
 from typing import Any
 
@@ -97,7 +97,7 @@ class RunPlan:
     @property
     def is_single_block(self) -> bool:
         """Whether all samples are evaluated at once."""
-        return self.block >= self.course.total and not self.course.going_on
+        return self.block >= len(self.course)
 
     @property
     def at_once(self) -> list[str]:
@@ -158,11 +158,6 @@ class RunPlan:
             store.add(name, stored, stored.named(rows, self.names))
         standing.add_rows(name, table, rows, batch)
 
-    def over(self, course: Sampling) -> "RunPlan":
-        """Return it for a course that is known further, or has begun again."""
-        source = source_of(self.setting, course, self.requests, self.needs)
-        return replace(self, course=course, source=source)
-
     @property
     def identity(self) -> Facts:
         """What makes the run the one it is, ready for JSON.
@@ -170,28 +165,23 @@ class RunPlan:
         Two runs with the same identity give the same bits on one machine.
         """
         course, source = self.course, self.source
-        simulation, timing, inputs = course.simulation, course.timing, course.inputs
-        mechanism, samples = self.mechanism, "x".join(map(str, course.shape))
-        if simulation is not None:  # its loads, first sample and times say what follows
-            mechanism, inputs = simulation.mechanism, inputs[:1]
-            timing = None if timing is None else timing.rows(slice(1))
-            samples = f"{course.planned} over {course.duration} s"
+        simulation, timing = course.simulation, course.timing
         times = [] if timing is None else [timing.t, timing.dq, timing.ddq]
         return {
             "spherekit": __version__,
             "numpy": np.__version__,
             "machine": f"{platform.system()} {platform.machine()}",
-            "mechanism": mechanism.name,
-            "mechanism_hash": mechanism_hash(mechanism),
+            "mechanism": self.mechanism.name,
+            "mechanism_hash": mechanism_hash(self.mechanism),
             "inputs": list(course.tracer.inputs),
-            "samples": samples,
+            "samples": "x".join(map(str, course.shape)),
             "assembly_modes": [[m.number, m.label] for m in course.tracer.assembly_modes],
             "analyses": identities_of(self.analyses),
             "engine": None if simulation is None else simulation.engine.name,
             "tolerance": course.tolerance,
             "setting": asdict(self.setting),
             "over_time": course.timed,
-            "input_values": digest(inputs),
+            "input_values": digest(course.inputs),
             "times": [digest(values) for values in times],
             "samples_in_a_block": self.block,
             "kernel": source.kernel.engine if isinstance(source, BatchRunner) else None,
@@ -297,9 +287,9 @@ def job_of(
     source = source_of(setting, course, wanted, needs, all_links)
     whole = at_once(analyses, refused)
     if whole:
-        block = course.total
+        block = len(course)
         need_memory(mechanism, block * len(tracer.assembly_modes), whole)
-    block = min(block or source.block, course.total)
+    block = min(block or source.block, len(course))
     return RunPlan(course, tuple(analyses), *asked, wanted, setting, source, block)
 
 

@@ -139,7 +139,7 @@ class Verifier:
         for field in read.fields:
             good &= field.status == Status.OK
         if np.any(good):
-            count = self._count, self._course.total
+            count = self._count, len(self._course)
             new = read.rows(good).chosen(*count)
             both = [new] if self._kept is None else [self._kept, new]
             self._kept = _Read.joined(both).chosen(*count)
