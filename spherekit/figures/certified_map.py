@@ -2,13 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from spherekit.arrays import Floats
 from spherekit.figures import style
-from spherekit.figures.sdk import Figure, PatchCollection, Rectangle
+from spherekit.figures.sdk import Figure, PolyCollection
 from spherekit.figures.sheet import Drawing
 
 CONTAINS, UNDECIDED = "type II in the cell", "undecided"
 CONTAINING, DOUBTFUL = "#B2182B", "#222222"
+CORNERS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 SHADES = ("#f3f0e6", "#c6dbef", "#9ecae1", "#74a9cf", "#4d8ebf", "#3071a9", "#1b5a94")
 
 
@@ -36,20 +39,13 @@ def draw_certified_map(
         colours |= {CONTAINS: CONTAINING, UNDECIDED: DOUBTFUL}
         for kind, colour in colours.items():
             centres, half = areas[kind]
-            if not len(centres):
-                continue
-            boxes = [
-                Rectangle((x - a, y - b), 2 * a, 2 * b)
-                for (x, y), (a, b) in zip(centres, half, strict=True)
-            ]
-            axes.add_collection(
-                PatchCollection(boxes, facecolor=colour, edgecolor=colour, linewidth=0.1)
-            )
-            words = f"{kind} modes" if kind.isdigit() else kind
-            axes.plot([], [], "s", color=colour, label=words)  # for the legend
+            if len(centres):
+                words = f"{kind} modes" if kind.isdigit() else kind
+                corners = centres[:, None] + half[:, None] * CORNERS
+                look: style.Look = {"color": colour, "linewidth": 0.1, "label": words}
+                axes.add_collection(PolyCollection(corners, **look))
         axes.autoscale_view()
-        axes.set_aspect("equal")
-        axes.set_xlabel(f"input {names[0]}, deg")
-        axes.set_ylabel(f"input {names[1]}, deg")
+        first, second = (f"input {name}, deg" for name in names)
+        axes.set(aspect="equal", xlabel=first, ylabel=second)
         figure.legend(loc="outside lower center", ncols=2)
     return figure

@@ -39,11 +39,12 @@ from spherekit.errors import AnalysisError
 from spherekit.figures import style
 from spherekit.figures.curves import Curve, draw_curves, draw_paths, draw_sphere, focus_of
 from spherekit.figures.plane import draw_plane, is_path
-from spherekit.figures.sdk import Axes, Figure, Normalize, Poly3DCollection
+from spherekit.figures.sdk import Axes, Figure, Normalize
 from spherekit.figures.sheet import (
     Sheet,
     as_data_url,
     colour_bar,
+    label_outside,
     name_points,
     ticks_of,
     wrapped,
@@ -58,26 +59,21 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
         panel: Any = figure.add_subplot(projection="3d")
         for surface in surfaces:
             colour, values = style.tone_colour(surface.tone), surface.values
+            x, y, z = surface.vertices.T
             if len(surface.triangles):
-                look: Look = {"color": colour, "label": surface.label}
-                panel.plot([], [], [], linewidth=4.0, **look)  # for the legend
-                faces = surface.vertices[surface.triangles]
-                look = {"facecolors": colour, "alpha": 0.6, "shade": True}
-                panel.add_collection3d(Poly3DCollection(faces, linewidths=0.0, **look))
+                look: Look = {"color": colour, "alpha": 0.6, "linewidth": 0.0}
+                panel.plot_trisurf(x, y, z, triangles=surface.triangles, **look)
+                panel.plot([], [], [], color=colour, label=surface.label)  # for the legend
             elif values is None:
-                panel.scatter(*surface.vertices.T, c=colour, s=3.0)
+                panel.scatter(x, y, z, c=colour, s=3.0)
             else:
                 tint = Normalize(*map_range(values, surface.values_unit))
-                look = {"c": values, "norm": tint, "cmap": style.HEAT}
-                panel.scatter(*surface.vertices.T, s=3.0, **look)
+                panel.scatter(x, y, z, s=3.0, c=values, norm=tint, cmap=style.HEAT)
                 words = titled(surface.label, surface.values_unit)
                 colour_bar(figure, panel, values, tint, style.HEAT, words, 0.12)
-        every = np.concatenate([item.vertices for item in surfaces])
         first = surfaces[0]
-        for which, name, column in zip("xyz", first.axes, every.T, strict=True):
-            getattr(panel, f"set_{which}label")(titled(name, first.unit))
-            getattr(panel, f"set_{which}lim")(np.nanmin(column), np.nanmax(column))
-            ticks_of(panel, first.unit, which, 5)
+        x, y, z = (titled(name, first.unit) for name in first.axes)
+        panel.set(xlabel=x, ylabel=y, zlabel=z)
         panel.set_box_aspect((1, 1, 1), zoom=0.85)
         return sheet.name(figure)
 
@@ -90,22 +86,17 @@ FAR = 0.5
 def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figure:
     """Return a figure of the paths of points, each named where it starts."""
     with style.look():
-        figure, panels, across = sheet.panels(len(items), RATIO)
-        for place, (panel, (scene, item)) in enumerate(zip(panels, items, strict=True)):
-            panel.set_title(sheet.title(scene.page))
-            panel.set_xlim(*item.x_range)
-            panel.set_ylim(*item.y_range)
-            panel.set_aspect("equal")
-            if place + across >= len(items):
-                panel.set_xlabel(item.x_label)
-            if place % across == 0:
-                panel.set_ylabel(item.y_label)
+        figure, panels = sheet.panels(len(items), RATIO)
+        for panel, (scene, item) in zip(panels, items, strict=True):
             ranges = item.x_range, item.y_range
+            panel.set(xlim=item.x_range, ylim=item.y_range, aspect="equal")
+            panel.set_title(sheet.title(scene.page))
             for k, name in enumerate(item.names):
                 path = item.places[:, k]
                 far = np.abs(np.diff(path, axis=0)) > FAR * np.ptp(ranges, axis=1)
                 path = parted(path, np.any(far, axis=1))
                 panel.plot(*path.T, label=name, **_look(item, k))
+        label_outside(panels, items[0][1].x_label, items[0][1].y_label)
         figure.draw_without_rendering()
         for panel, (_, item) in zip(panels, items, strict=True):
             _label(panel, item)
@@ -165,34 +156,38 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
 
     With more inputs at the first, the middle and the last value of the others.
     """
-    grid = ticks(maps[0][0].over)
+    over, first = maps[0][0].over, maps[0][1]
+    grid = ticks(over)
     assert grid is not None
-    panels_of = [(*item, at) for item in maps for at in _slices(grid[2:])]
-    first = maps[0][1]
+    ends = (np.linspace(0, len(x) - 1, min(MOST_SLICES, len(x))) for x in grid[2:])
+    slices = [*product(*(np.unique(np.round(end).astype(int)).tolist() for end in ends))]
     values = np.concatenate([item.values for _, item in maps])
     scale = scale_of(values, first.unit)
     low, high = plotted_range(values, scale, first.resolution, "colours")
     signed = low < 0.0 < high and np.nanmin(values) < 0.0 < np.nanmax(values)
     if signed:
         low, high = -max(-low, high), max(-low, high)
+    tint, colours = Normalize(low, high), SIGNED if signed else style.HEAT
+    look: Look = {"norm": tint, "cmap": colours, "rasterized": True, "shading": "nearest"}
+    shape = [len(axis) for axis in grid]
     with style.look():
-        figure, panels, across = sheet.panels(len(panels_of), RATIO)
-        tint = Normalize(low, high)
-        colours = SIGNED if signed else style.HEAT
-        shape = [len(axis) for axis in grid]
-        look: Look = {"norm": tint, "cmap": colours, "rasterized": True}
-        for k, (panel, (scene, item, at)) in enumerate(zip(panels, panels_of, strict=True)):
+        figure, panels = sheet.panels(len(maps) * len(slices), RATIO)
+        for panel, ((scene, item), at) in zip(panels, product(maps, slices), strict=True):
             table = np.moveaxis(item.values.reshape(shape), (0, 1), (-2, -1))[at]
-            panel.pcolormesh(grid[0], grid[1], table.T, shading="nearest", **look)
+            panel.pcolormesh(grid[0], grid[1], table.T, **look)
             if signed:
                 _zeros(panel, grid[0], grid[1], table, high - low)
-            ink = style.page_look(scene.page)["color"]
-            panel.set_title(_title(scene, grid, at, sheet), color=ink)
-            _axes(panel, scene.over, k % across == 0, k + across >= len(panels))
-        words = first.heading
+            words = [sheet.title(scene.page)] if isinstance(scene.page, int) else []
+            for axis, values_of, k in zip(over[2:], grid[2:], at, strict=True):
+                words.append(f"{axis.label} = {values_of[k]:.4g} {axis.unit}")
+            panel.set_title("\n".join(words), color=style.page_look(scene.page)["color"])
+            panel.set(facecolor="#eeeeee", box_aspect=1.0)
+            ticks_of(panel, over[0].unit, over[1].unit)
+        label_outside(panels, over[0].words, over[1].words)
+        words = [first.heading]
         if first.label != first.group:
-            words = f"{first.label}: {words}"
-        colour_bar(figure, panels, values, tint, colours, wrapped(words, 42))
+            words.insert(0, f"{first.label}:")
+        colour_bar(figure, panels, values, tint, colours, wrapped(" ".join(words), 42))
     return figure
 
 
@@ -207,31 +202,6 @@ def _zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> Non
     finite = still[np.isfinite(still)]
     if len(finite) and np.min(finite) < 0.0 < np.max(finite):
         panel.contour(x, y, still.T, levels=[0.0], colors=style.INK, linewidths=0.8)
-
-
-def _axes(panel: Axes, over: Sequence[Axis], left: bool, bottom: bool) -> None:
-    x, y = over[:2]
-    panel.set_facecolor("#eeeeee")
-    panel.set_box_aspect(1.0)
-    ticks_of(panel, x.unit, "x", 5)
-    ticks_of(panel, y.unit, "y", 5)
-    if bottom:
-        panel.set_xlabel(titled(x.label, x.unit))
-    if left:
-        panel.set_ylabel(titled(y.label, y.unit))
-
-
-def _slices(rest: Sequence[Floats]) -> Iterator[tuple[int, ...]]:
-    """Return at which values of the further inputs maps are drawn."""
-    ends = (np.linspace(0, len(x) - 1, min(MOST_SLICES, len(x))) for x in rest)
-    return product(*(np.unique(np.round(end).astype(int)).tolist() for end in ends))
-
-
-def _title(scene: Scene, grid: Sequence[Floats], at: Sequence[int], sheet: Sheet) -> str:
-    words = [sheet.title(scene.page)] if isinstance(scene.page, int) else []
-    for axis, values, k in zip(scene.over[2:], grid[2:], at, strict=True):
-        words.append(f"{axis.label} = {values[k]:.4g} {axis.unit}")
-    return "\n".join(words)
 
 
 MOST_PANELS = 12

@@ -8,7 +8,8 @@ Projections: A Working Manual, USGS 1395, 1987, chapters 21 and 24).
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,6 @@ from spherekit.analysis.plotted import (
 from spherekit.analysis.scene import (
     Arrow,
     InputMarks,
-    Mark,
     Page,
     Scene,
     Series,
@@ -40,17 +40,15 @@ from spherekit.figures.sdk import (
     BoundaryNorm,
     Figure,
     Normalize,
-    Transform,
     Triangulation,
     withStroke,
 )
 from spherekit.figures.sheet import (
     Sheet,
     colour_bar,
-    label_x,
+    label_outside,
     spot_look,
     ticks_of,
-    wrapped,
 )
 from spherekit.figures.style import Look
 from spherekit.sphere.rotation import all_finite
@@ -77,38 +75,29 @@ def draw_curves(
     In one mode, or on a page of its own, few of them share one panel.
     """
     labels = list(dict.fromkeys(item.label for _, item in curves))
-    pages = list(dict.fromkeys(scene.page for scene, _ in curves))
-    together = len(pages) == 1 and 1 < len(labels) <= MOST_IN_ONE
-    count = 1 if together else len(labels)
+    several = len({scene.page for scene, _ in curves}) > 1
+    together = not several and len(labels) <= MOST_IN_ONE
+    titles = [""] if together else labels
+    over, first = curves[0][0].over[0], curves[0][1]
+    scale = scale_of(np.concatenate([item.values for _, item in curves]), first.unit)
     with style.look():
-        longest = max(map(len, labels)) if count > 1 else 0
-        figure, panels, across = sheet.panels(count, RATIO, longest)
-        every = np.concatenate([item.values for _, item in curves])
-        scale = scale_of(every, curves[0][1].unit)
-        for k, panel in enumerate(panels):
-            shown = [x for x in curves if together or x[1].label == labels[k]]
+        figure, panels = sheet.panels(len(titles), RATIO, max(map(len, titles)))
+        for panel, title in zip(panels, titles, strict=True):
+            shown = [x for x in curves if together or x[1].label == title]
             looks = []
             for scene, item in shown:
                 look = style.page_look(scene.page)
-                look["label"] = sheet.title(scene.page) if len(pages) > 1 else ""
-                if together:
+                look["label"] = sheet.title(scene.page) if several else ""
+                if together and len(labels) > 1:
                     look |= style.series_look(labels.index(item.label))
                     look["label"] = item.label
                 looks.append(look)
             _panel(panel, shown, scale, looks)
-            for page, mark in marks:
-                for curve in shown:
-                    if curve[0].page == page:
-                        _mark(panel, curve, mark)
-            if count > 1:
-                panel.set_title(labels[k])
-            words = shown[0][1].heading
-            if k == 0 and count > across:
-                figure.supylabel(words, fontsize=8.0)
-            elif k == 0:
-                panel.set_ylabel(wrapped(words))
-            if k + across < count:
-                panel.set_xlabel("")
+            for (page, mark), curve in product(marks, shown):
+                if curve[0].page == page:
+                    _mark(panel, curve, mark)
+            panel.set_title(title if len(titles) > 1 else "")
+        label_outside(panels, over.words, first.heading)
         return sheet.name(figure)
 
 
@@ -116,36 +105,32 @@ def _panel(
     panel: Axes, curves: Sequence[Curve], scale: float, looks: Sequence[Look]
 ) -> None:
     every = np.concatenate([item.values for _, item in curves])
-    unit = curves[0][1].unit
-    resolution = max(item.resolution for _, item in curves)
+    (first, item), resolution = curves[0], max(item.resolution for _, item in curves)
+    over, unit = first.over[0], item.unit
     low, high = plotted_range(every, scale, resolution)
     alike = _alike([item.values for _, item in curves], high - low)
-    for k, (scene, item) in enumerate(curves):
-        (place, count), look = alike[k], looks[k]
+    for (scene, item), (place, count), look in zip(curves, alike, looks, strict=True):
         shown = np.isfinite(item.values)  # no stroke shows values beside none
         if place:
             look["linestyle"] = DASH * place, (DASH, DASH * (count - 1))
         if not shown.any():
             look["label"] = ""
         points = np.stack([scene.over[0].values, item.values], axis=1)
-        look |= {"zorder": 2.0 + 0.01 * k, "dash_capstyle": "butt"}
-        panel.plot(*broken(points, (low, high), TURNS.get(unit)).T, **look)
+        line = broken(points, (low, high), TURNS.get(unit))
+        panel.plot(*line.T, dash_capstyle="butt", **look)
         lone = points[shown & ~(np.convolve(shown, [True, False, True])[1:-1] > 0)]
         panel.plot(*lone.T, ".", color=look["color"], markersize=3.0)
     finite = every[np.isfinite(every)]
-    if len(finite) and np.ptp(finite) <= resolution * scale and np.any(finite != finite[0]):
-        within = f"{float(np.ptp(finite)):.0e} {in_signs(unit)}".strip()
-        panel.annotate(
-            f"all within {within}",
-            (0.98, 0.95),
-            xycoords="axes fraction",
-            ha="right",
-            va="top",
-            fontsize=6.5,
-        )
-    label_x(panel, curves[0][0].over[0])
+    spread = float(np.ptp(finite)) if len(finite) else 0.0
+    if 0.0 < spread <= resolution * scale:
+        within = f"{spread:.0e} {in_signs(unit)}".strip()
+        corner: Look = {"xycoords": "axes fraction", "ha": "right", "va": "top"}
+        panel.annotate(f"all within {within}", (0.98, 0.95), fontsize=6.5, **corner)
+    start, end = over.extent
+    if start < end:
+        panel.set_xlim(start, end)
     panel.set_ylim(low, high)
-    ticks_of(panel, unit, "y", 5)
+    ticks_of(panel, over.unit, unit)
     if low < 0.0 < high:
         panel.axhline(0.0, color=style.FAINT, linewidth=0.6, zorder=0.5)
 
@@ -186,8 +171,7 @@ def _alike(every: Sequence[Floats], span: float) -> list[tuple[int, int]]:
     return [(leader[:k].count(n), leader.count(n)) for k, n in enumerate(leader)]
 
 
-AXES = ("x", "y", "z")
-TINY = 1e-300
+AXES = "xyz"
 
 
 Projection = tuple[str, Callable[[Floats], Floats]]
@@ -207,7 +191,7 @@ def centre_of(directions: Floats) -> Floats:
     """
     mean = np.nanmean(directions, axis=0) if len(directions) else np.array([0.0, 0.0, 1.0])
     out = int(np.argmax(np.abs(mean)))
-    frame = np.eye(3)[[(out + 1) % 3, (out + 2) % 3, out]]
+    frame = np.roll(np.eye(3), 2 - out, axis=0)
     return frame if mean[out] >= 0.0 else opposite(frame)
 
 
@@ -226,7 +210,6 @@ BEYOND = np.radians(12.0)
 """So far beyond the rim triangles are drawn before they are cut off there."""
 MOST_WHOLE = 12
 """Most whole numbers that have colours of their own."""
-MOST_NAMED = 6
 NET: Look = {"color": "#909090", "alpha": 0.55, "linewidth": 0.4}
 """How the graticule is drawn."""
 POLAR: Look = {"projection": "polar", "axisbelow": "line"}
@@ -261,34 +244,29 @@ class View:
     rim: float = HALF
 
     @property
-    def title(self) -> str:
-        """The projection, and the axis of the ground on which the centre is."""
-        return f"{self.projection[0]}, about {self.centre}"
+    def sides(self) -> list[str]:
+        """Names of the axes of the ground that point right, up and out, or into the map."""
+        return [AXES[k] for k in np.argmax(np.abs(self.frame), axis=1)]
 
     @property
     def centre(self) -> str:
         """The axis of the ground on which the centre is, with its sign."""
-        out = int(np.argmax(np.abs(self.frame[2])))
-        return f"{'−' if self.frame[2, out] < 0.0 else '+'}{AXES[out]}"
-
-    @property
-    def sides(self) -> tuple[str, str]:
-        """Names of the axes of the ground that point right and up."""
-        right, up = (AXES[int(np.argmax(np.abs(axis)))] for axis in self.frame[:2])
-        return right, up
+        return f"{'−' if np.min(self.frame[2]) < 0.0 else '+'}{self.sides[2]}"
 
     def angles(self, directions: Floats) -> Floats:
         """Return the angles (n,) rad of directions (n, 3) from the centre."""
-        across = directions @ self.frame[:2].T
-        return np.arctan2(np.hypot(across[:, 0], across[:, 1]), directions @ self.frame[2])
+        right, up, out = self.frame @ directions.T
+        return np.arctan2(np.hypot(right, up), out)
 
     def placed(self, directions: Floats) -> Floats:
-        """Return places (n, 2), the sphere seen from outside; NaN well beyond the rim."""
-        across, angles = directions @ self.frame[:2].T, self.angles(directions)
-        size = np.hypot(across[:, 0], across[:, 1])
-        places = across * self.radius(angles)[:, None] / np.maximum(size, TINY)[:, None]
-        places[angles > self.rim + BEYOND] = np.nan
-        return places
+        """Return polar places (n, 2): the angle from the right, and how far out.
+
+        The sphere is seen from outside; NaN well beyond the rim.
+        """
+        right, up, _ = self.frame @ directions.T
+        angles = self.angles(directions)
+        away = np.where(angles > self.rim + BEYOND, np.nan, self.radius(angles))
+        return np.stack([np.arctan2(up, right), away], axis=1)
 
     def radius(self, angle: Any) -> Any:
         """Return how far from the centre of the map points at an angle (rad) are."""
@@ -302,36 +280,17 @@ def draw_sphere(
     focus = focus_of(maps, curves)
     frame = centre_of(focus)
     farthest = float(np.max(View(frame).angles(focus), initial=0.0))
-    rim = max(RING, STEP * np.ceil(farthest / STEP + 1e-9))
-    if not maps and rim < HALF:
-        rim = HALF
+    rim = max(RING if maps else HALF, STEP * np.ceil(farthest / STEP + 1e-9))
     frames, rim = ([frame], rim) if rim <= WIDEST else ([frame, opposite(frame)], HALF)
-    kinds = {(mark.label, mark.tone) for item in curves for mark in _marks(item)}
     views = [View(x, p, rim) for x in frames for p in (EQUAL_AREA, STEREOGRAPHIC)]
     with style.look():
-        across = 2 if sheet.columns == 2 else 1
-        rows = len(views) // across
-        width = sheet.width * (0.85 if maps else 1.0)
-        figure = sheet.figure(rows, width / across + 0.3)
-        panels = (
-            figure.subplots(rows, across, squeeze=False, subplot_kw=POLAR).ravel().tolist()
-        )
-        values = np.concatenate([np.zeros(0), *(item.shown_values for item in maps)])
-        values = values[np.isfinite(values)]
-        tint = _tint(values, maps[0].unit) if maps else Normalize(0.0, 1.0)
+        figure, panels = sheet.panels(len(views), 1.0, subplot=POLAR)
         for panel, view in zip(panels, views, strict=True):
-            way = _graticule(panel, view)
-            for item in maps:
-                _map(panel, view, item, tint, way)
+            _graticule(panel, view, f"{view.projection[0]}, about {view.centre}")
             for drawn in curves:
-                _curves(panel, view, drawn, way, len(kinds) <= MOST_NAMED)
-            panel.set_title(view.title)
+                _curves(panel, view, drawn)
         if maps:
-            words = titled(maps[0].label, maps[0].unit)
-            bar = colour_bar(figure, panels, values, tint, style.HEAT, words)
-            if isinstance(tint, BoundaryNorm):
-                whole = np.unique(np.round(tint.boundaries[:-1] + 0.5))
-                bar.set_ticks(whole.tolist(), labels=[f"{n:.0f}" for n in whole])
+            _maps(figure, panels, views, maps)
         return sheet.name(figure)
 
 
@@ -341,57 +300,45 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
     An axis is drawn where it leaves the near hemisphere, by its direction or the opposite.
     """
     labels = list(dict.fromkeys(arrow.label for _, arrow in arrows))
-    pages = list(dict.fromkeys(scene.page for scene, _ in arrows))
+    several = len({scene.page for scene, _ in arrows}) > 1
     directions = np.concatenate([arrow.directions for _, arrow in arrows])
-    finite = directions[np.isfinite(directions).all(axis=1)]
-    out = int(np.argmax(np.mean(finite**2, axis=0))) if len(finite) else 2
+    out = int(np.argmax(np.nansum(directions**2, axis=0)))
     view = View(centre_of(np.eye(3)[[out]]))
     with style.look():
-        figure, panels, _ = sheet.panels(len(labels), 1.05, subplot=POLAR)
-        for panel, label in zip(panels, labels, strict=True):
-            way = _graticule(panel, view)
-            panel.set_title(f"{label}, about {view.centre}")
-            for scene, arrow in arrows:
-                if arrow.label == label:
-                    look = style.page_look(scene.page)
-                    look["label"] = sheet.title(scene.page) if len(pages) > 1 else ""
-                    _path(panel, view, arrow.directions, look, way)
+        figure, panels = sheet.panels(len(labels), 1.05, subplot=POLAR)
+        by_label = dict(zip(labels, panels, strict=True))
+        for label, panel in by_label.items():
+            _graticule(panel, view, f"{label}, about {view.centre}")
+        for scene, arrow in arrows:
+            panel, look = by_label[arrow.label], style.page_look(scene.page)
+            # The axis over the samples, with a gap where it goes round the rim.
+            near = np.sign(arrow.directions @ view.frame[2])[:, None] * arrow.directions
+            near = parted(near, np.vecdot(near[1:], near[:-1]) < 0.0)
+            name = sheet.title(scene.page) if several else ""
+            panel.plot(*view.placed(near).T, label=name, **look)
+            first = view.placed(near[all_finite(near, 1)][:1])
+            panel.plot(*first.T, "o", color=look["color"], markersize=3.0)
         return sheet.name(figure)
 
 
-def _path(panel: Axes, view: View, directions: Floats, look: Look, way: Transform) -> None:
-    """Draw an axis over the samples, with a gap where it goes round the rim."""
-    near = np.sign(directions @ view.frame[2])[:, None] * directions
-    turned = np.sum(near[1:] * near[:-1], axis=1) < 0.0
-    near = parted(near, turned)
-    panel.plot(*view.placed(near).T, transform=way, **look)
-    first = view.placed(near[np.isfinite(near).all(axis=1)][:1])
-    panel.plot(*first.T, "o", color=look["color"], markersize=3.0, transform=way)
-
-
-def _graticule(panel: Any, view: View) -> Transform:
-    """Draw circles about the centre, named by their angles, and axes of the ground.
-
-    Returns the way from places of the view to the paper.
-    """
-    panel.set_ylim(0.0, view.radius(view.rim))
+def _graticule(panel: Any, view: View, title: str) -> None:
+    """Draw circles about the centre, named by their angles, and axes of the ground."""
     step = RING if view.rim > np.radians(45.0) else STEP
     angles = np.append(np.arange(step, view.rim - 1e-9, step), view.rim)
     outline = withStroke(linewidth=1.5, foreground="white", alpha=0.7)
     panel.set_rgrids(
-        [view.radius(angle) for angle in angles],
+        view.radius(angles),
         [f"{angle:.0f}°" for angle in np.degrees(angles)],
         angle=-75.0,
         fontsize=6.0,
         color="#555555",
         path_effects=[outline],
     )
-    right, up = view.sides
+    right, up, _ = view.sides
     panel.set_thetagrids(np.arange(0.0, 360.0, 30.0), [right, "", "", up, *[""] * 8])
     panel.tick_params(axis="x", pad=0.0)
     panel.grid(**NET)
-    way: Transform = panel.transProjectionAffine + panel.transWedge + panel.transAxes
-    return way
+    panel.set(ylim=(0.0, view.radius(view.rim)), title=title)
 
 
 def _tint(values: Floats, unit: str) -> Normalize:
@@ -402,48 +349,50 @@ def _tint(values: Floats, unit: str) -> Normalize:
     return Normalize(low, high)
 
 
-def _map(panel: Axes, view: View, item: SphereMap, tint: Normalize, way: Transform) -> None:
-    places = view.placed(item.vertices)
-    x, y = np.nan_to_num(places).T
-    look: Look = {"norm": tint, "cmap": style.HEAT, "zorder": 1.0, "transform": way}
-    if not len(item.triangles):
-        panel.scatter(*places.T, **look | {"c": item.values, "s": 7.0, "linewidths": 0.0})
-        return
-    drawable = all_finite(places, 1)
-    near = item.triangles[drawable[item.triangles].all(axis=1)]
-    if not len(near):
-        return
-    mesh = Triangulation(x, y, near)
-    look["rasterized"] = True
-    if isinstance(tint, BoundaryNorm):
-        panel.tripcolor(mesh, facecolors=np.min(item.values[near], axis=1), **look)
-    else:
-        panel.tripcolor(mesh, item.values, shading="gouraud", **look)
-    panel.grid(**NET)  # which tripcolor puts out
-
-
-def _curves(
-    panel: Axes, view: View, item: SphereCurves, way: Transform, named: bool
+def _maps(
+    figure: Figure, panels: Sequence[Any], views: Sequence[View], maps: Sequence[SphereMap]
 ) -> None:
-    """Draw curves and marks; the names of marks may be in the legend."""
-    look = style.tone_look(item.tone) | {"linewidth": 1.3, "zorder": 2.0}
+    """Draw maps in all views, with the scale of their colours."""
+    values = np.concatenate([item.shown_values for item in maps])
+    values, first = values[np.isfinite(values)], maps[0]
+    tint = _tint(values, first.unit)
+    look: Look = {"norm": tint, "cmap": style.HEAT, "zorder": 1.0, "rasterized": True}
+    for (panel, view), item in product(zip(panels, views, strict=True), maps):
+        places = view.placed(item.vertices)
+        if not len(item.triangles):
+            panel.scatter(*places.T, c=item.values, s=7.0, linewidths=0.0, **look)
+            continue
+        drawable = all_finite(places, 1)
+        near = item.triangles[drawable[item.triangles].all(axis=1)]
+        if len(near):
+            turn, away = np.nan_to_num(places).T
+            mesh = Triangulation(away * np.cos(turn), away * np.sin(turn), near)
+            # Shades within triangles take a way to the paper that is affine.
+            flat = panel.transProjectionAffine + panel.transWedge + panel.transAxes
+            if isinstance(tint, BoundaryNorm):
+                lowest = np.min(item.values[near], axis=1)
+                panel.tripcolor(mesh, facecolors=lowest, transform=flat, **look)
+            else:
+                shade: Look = look | {"shading": "gouraud", "transform": flat}
+                panel.tripcolor(mesh, item.values, **shade)
+            panel.grid(**NET)  # which tripcolor puts out
+    words = titled(first.label, first.unit)
+    bar = colour_bar(figure, panels, values, tint, style.HEAT, words)
+    if isinstance(tint, BoundaryNorm):
+        whole = np.unique(np.round(tint.boundaries[:-1] + 0.5))
+        bar.set_ticks(whole.tolist(), labels=[f"{n:.0f}" for n in whole])
+
+
+def _curves(panel: Axes, view: View, item: SphereCurves) -> None:
+    """Draw curves, and the marks that have to be told from them, by names of what."""
+    look = style.tone_look(item.tone) | {"linewidth": 1.3, "label": item.label}
     for curve in item.curves:
-        place = view.placed(np.asarray(curve)).T
-        panel.plot(*place, transform=way, label=item.label, **look)
-    for mark in _marks(item):
-        if view.angles(mark.place[None])[0] <= view.rim + 1e-9:
+        panel.plot(*view.placed(np.asarray(curve)).T, **look)
+    for mark in item.marks:
+        alike, has_curves = mark.label == item.label, len(item.curves) > 0
+        if view.angles(mark.place[None])[0] <= view.rim + 1e-9 and not (
+            alike and has_curves
+        ):
+            name = mark.label if alike or has_curves else f"{item.label}: {mark.label}"
             look = spot_look(mark.tone) | {"zorder": 4.0, "clip_on": False}
-            look["label"] = mark.label if named else ""
-            panel.plot(*view.placed(mark.place[None])[0], transform=way, **look)
-
-
-def _marks(item: SphereCurves) -> list[Mark]:
-    """Return the marks that have to be told from curves, by names that say of what."""
-    if len(item.curves):
-        return [mark for mark in item.marks if mark.label != item.label]
-    words = {True: item.label, False: f"{item.label}: "}
-    return [
-        replace(mark, label=words[alike] + mark.label * (not alike))
-        for mark in item.marks
-        for alike in [mark.label == item.label]
-    ]
+            panel.plot(*view.placed(mark.place[None])[0], label=name, **look)

@@ -39,7 +39,7 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
     named = len({mark.label for mark in marks.values()}) <= MOST_KINDS
     traced = [plane for plane in planes if is_path(plane)]
     with style.look():
-        figure, (panel,), _ = sheet.panels(1, RATIO)
+        figure, (panel,) = sheet.panels(1, RATIO)
         for curve in curves.values():
             look = style.tone_look(curve.tone) | {"linewidth": 0.9, "zorder": 1.5}
             if len(curve.points) == 1:
@@ -76,21 +76,17 @@ def _trace(panel: Axes, scene: Scene, portrait: Portrait, name: str) -> None:
 
 
 def _frame(panel: Axes, portrait: Portrait) -> None:
+    x, y = portrait.x_range, portrait.y_range
+    if portrait.logarithmic:
+        panel.set(xscale="log", yscale="log", axisbelow=True)
+        panel.grid(True, color="#e8e8e8", linewidth=0.5)
+    else:
+        x, y = (
+            (low - around, high + around)
+            for low, high in (x, y)
+            for around in [AROUND * (high - low) or 0.05 * max(abs(low), 1.0)]
+        )
     panel.set_xlabel(titled(portrait.x_label, portrait.x_unit))
     panel.set_ylabel(titled(portrait.y_label, portrait.y_unit))
-    if portrait.logarithmic:
-        panel.set_xscale("log")
-        panel.set_yscale("log")
-        panel.set_axisbelow(True)
-        panel.grid(True, which="major", color="#e8e8e8", linewidth=0.5)
-        panel.set_xlim(*portrait.x_range)
-        panel.set_ylim(*portrait.y_range)
-        return
-    for (low, high), limit in (
-        (portrait.x_range, panel.set_xlim),
-        (portrait.y_range, panel.set_ylim),
-    ):
-        around = AROUND * (high - low) or 0.05 * max(abs(low), 1.0)
-        limit(low - around, high + around)
-    ticks_of(panel, portrait.x_unit, "x")
-    ticks_of(panel, portrait.y_unit, "y")
+    panel.set(xlim=x, ylim=y)
+    ticks_of(panel, portrait.x_unit, portrait.y_unit)

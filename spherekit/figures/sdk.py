@@ -6,15 +6,12 @@ try:
     from matplotlib import style
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import LineCollection, PatchCollection
+    from matplotlib.collections import PolyCollection
     from matplotlib.colors import BoundaryNorm, Normalize
     from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
     from matplotlib.patheffects import withStroke
     from matplotlib.ticker import MaxNLocator
-    from matplotlib.transforms import Transform
     from matplotlib.tri import Triangulation
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 except ImportError as error:
     raise OutputError(
         "figures need matplotlib, which is not installed; install it with: "
@@ -25,14 +22,10 @@ __all__ = [
     "Axes",
     "BoundaryNorm",
     "Figure",
-    "LineCollection",
     "MaxNLocator",
     "Normalize",
-    "PatchCollection",
-    "Poly3DCollection",
-    "Rectangle",
+    "PolyCollection",
     "ScalarMappable",
-    "Transform",
     "Triangulation",
     "style",
     "withStroke",

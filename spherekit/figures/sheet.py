@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from spherekit.analysis.plotted import placed_labels
-from spherekit.analysis.scene import Axis, Page, titled
+from spherekit.analysis.scene import Page
 from spherekit.arrays import Floats
 from spherekit.figures import style
 from spherekit.figures.sdk import (
@@ -30,8 +30,6 @@ HEADING = 0.25
 """Inches of a panel's title and the name of its axis."""
 LONG_TITLE = 28
 """Letters of a title from which on fewer panels stand side by side."""
-TICK = 0.42
-"""Inches that a number on an x axis takes."""
 SCREEN = 160
 """Dots per inch in a notebook."""
 
@@ -79,16 +77,6 @@ class Sheet:
             )
         return page or ""
 
-    def grid(self, count: int, longest: int = 0) -> tuple[int, int]:
-        """Return rows and columns of so many panels, with titles of so many letters."""
-        most = style.PANELS[self.columns]
-        across = min(count, max(1, most - 1) if longest > LONG_TITLE else most)
-        if (self.columns == 1 and count > 4 and longest <= LONG_TITLE) or (
-            count == 4 and self.columns == 2
-        ):
-            across = 2
-        return -(-count // across), across
-
     def figure(self, rows: int, row: float) -> Drawing:
         """Return an empty figure with rows of panels `row` inches high."""
         return Drawing(figsize=(self.width, rows * row), layout="constrained")
@@ -115,19 +103,28 @@ class Sheet:
 
     def panels(
         self, count: int, ratio: float, longest: int = 0, subplot: Look | None = None
-    ) -> tuple[Drawing, list[Axes], int]:
-        """Return a figure with so many panels, and how many are side by side.
+    ) -> tuple[Drawing, list[Any]]:
+        """Return a figure with so many panels.
 
         `ratio` is the height of a panel over its width, `longest` the letters of the
         longest title, `subplot` the kind of panels.
         """
-        rows, across = self.grid(count, longest)
+        fitting = count > 4 or count + self.columns == 5
+        across = min(count, self.columns + (fitting and longest <= LONG_TITLE))
+        rows = -(-count // across)
         widest = 0.55 if across == 1 and self.columns == 2 else 1.0
         figure = self.figure(rows, self.width / across * ratio * widest + HEADING)
         panels = figure.subplots(rows, across, squeeze=False, subplot_kw=subplot).ravel()
         for spare in panels[count:]:
             spare.remove()
-        return figure, panels[:count].tolist(), across
+        return figure, panels[:count].tolist()
+
+
+def label_outside(panels: Sequence[Any], x: str, y: str) -> None:
+    """Name the axes of panels that share them: x below the last ones, y once."""
+    for panel in panels[-panels[0].get_gridspec().ncols :]:
+        panel.set_xlabel(x)
+    panels[0].get_figure().supylabel(wrapped(y))
 
 
 def spot_look(tone: int) -> Look:
@@ -192,26 +189,12 @@ def colour_bar(
     return bar
 
 
-def label_x(panel: Axes, axis: Axis) -> None:
-    """Name the x axis, with its unit; its ends are those of the rows."""
-    panel.set_xlabel(titled(axis.label, axis.unit))
-    finite = axis.values[np.isfinite(axis.values)]
-    if len(finite) and np.ptp(finite) > 0.0:
-        panel.set_xlim(float(np.min(finite)), float(np.max(finite)))
-    ticks_of(panel, axis.unit, "x")
-
-
-def ticks_of(panel: Axes, unit: str, which: str, most: int = 6) -> None:
-    """Put ticks at round numbers, of many degrees at those that part a turn."""
-    low, high = getattr(panel, f"get_{which}lim")()
-    in_turns = unit == "deg" and high - low >= LONG
-    whole = panel.get_figure(root=True)
-    if which == "x" and whole is not None:
-        across = panel.get_gridspec()
-        width = whole.get_figwidth() / (across.ncols if across else 1) - 0.5
-        most = max(3, min(most, int(width / TICK)))
-    steps = DEGREE_STEPS if in_turns else (1, 2, 2.5, 5, 10)
-    getattr(panel, f"{which}axis").set_major_locator(MaxNLocator(nbins=most, steps=steps))
+def ticks_of(panel: Axes, *units: str) -> None:
+    """Put ticks of many degrees along x and y at those that part a turn."""
+    for axis, unit in zip((panel.xaxis, panel.yaxis), units, strict=False):
+        low, high = axis.get_view_interval()
+        if unit == "deg" and high - low >= LONG:
+            axis.set_major_locator(MaxNLocator("auto", steps=DEGREE_STEPS))
 
 
 def wrapped(words: str, most: int = 30) -> str:

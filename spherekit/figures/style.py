@@ -17,8 +17,6 @@ Look = dict[str, Any]
 
 WIDTHS: Mapping[int, float] = {1: 3.5, 2: 7.2}
 """Inches: one column of a journal, and two."""
-PANELS: Mapping[int, int] = {1: 1, 2: 3}
-"""Panels side by side."""
 DPI = 300
 INK, FAINT = "#222222", "#c8c8c8"
 
@@ -50,6 +48,7 @@ LOOK: Mapping[str, Any] = {
     "legend.fontsize": 7.0,
     "legend.frameon": False,
     "figure.titlesize": 9.0,
+    "figure.labelsize": 8.0,
     "axes.edgecolor": INK,
     "axes.labelcolor": INK,
     "text.color": INK,
