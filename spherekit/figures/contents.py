@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 from html import escape
 from itertools import chain, product
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from spherekit.analysis.scene import (
     Axis,
     Diagram,
     InputMarks,
-    Page,
     Portrait,
     Scene,
     Series,
@@ -211,7 +210,8 @@ Scenes = Sequence[Scene]
 Draw = Callable[[], Figure]
 Drawn = Iterator[tuple[str, Draw]]
 """Figures by their names, each drawn when it is asked for."""
-Item = TypeVar("Item")
+Shown = tuple[Scene, Any]
+"""What a scene shows, with the scene."""
 
 
 class Figures(Mapping[str, Figure]):
@@ -294,13 +294,8 @@ def figures_of(
 
 
 def _series(of_source: Scenes, every: Scenes, sheet: Sheet) -> Drawn:
-    groups = _grouped(of_source, Series, "group")
-    for (_, name), items in groups.items():
-        lines = [
-            (scene, item)
-            for scene, item in items
-            if scene.over and np.any(np.isfinite(item.values))
-        ]
+    for (_, name), items in _grouped(of_source, Series, "group").items():
+        lines = [x for x in items if x[0].over and np.any(np.isfinite(x[1].values))]
         if not lines:
             continue
         over = lines[0][0].over
@@ -311,66 +306,59 @@ def _series(of_source: Scenes, every: Scenes, sheet: Sheet) -> Drawn:
                 yield from _parted(subject, maps, _page, draw_maps, sheet)
             continue
         curves = [(replace(s, over=(along_path(s.over),)), item) for s, item in lines]
-        draw = partial(draw_curves, _marks(every, over))
-        yield from _parted(name, curves, lambda curve: curve[1].label, draw, sheet)
+        marks = [  # on the axis, whatever analysis says it
+            (scene.page, item)
+            for scene in every
+            for item in scene.primitives
+            if isinstance(item, InputMarks)
+            and [axis.label for axis in scene.over] == [over[0].label]
+        ]
+        draw = partial(draw_curves, marks if len(over) == 1 else [])
+        yield from _parted(name, curves, _label_of, draw, sheet)
 
 
-def _page(item: tuple[Scene, Any]) -> Hashable:
+def _page(item: Shown) -> Hashable:
     return item[0].page
+
+
+def _label_of(item: Shown) -> Hashable:
+    return item[1].label
 
 
 def _parted(
     name: str,
-    items: Sequence[Item],
-    panel: Callable[[Item], Hashable],
-    draw: Callable[[Sequence[Item], Sheet], Figure],
+    items: Sequence[Shown],
+    panel: Callable[[Shown], Hashable],
+    draw: Callable[[Sequence[Any], Sheet], Figure],
     sheet: Sheet,
 ) -> Drawn:
     """Yield one figure of items, or several of as many panels as are readable."""
-    panels = list(dict.fromkeys(panel(item) for item in items))
+    panels = list(dict.fromkeys(map(panel, items)))
     parts = -(-len(panels) // MOST_PANELS)
-    size = -(-len(panels) // parts)
-    for k in range(parts):
-        chosen = set(panels[k * size : (k + 1) * size])
-        some = [item for item in items if panel(item) in chosen]
-        title = name if parts == 1 else f"{name}, {k + 1} of {parts}"
+    for k, chosen in enumerate(np.array_split(np.arange(len(panels)), parts), 1):
+        some = [item for item in items if panels.index(panel(item)) in chosen]
+        title = name if parts == 1 else f"{name}, {k} of {parts}"
         yield title, partial(draw, some, sheet)
-
-
-def _marks(scenes: Scenes, over: Sequence[Axis]) -> list[tuple[Page, InputMarks]]:
-    """Return what is marked on the axis of plots over one, whatever analysis says it."""
-    return [
-        (scene.page, item)
-        for scene in scenes
-        for item in scene.primitives
-        if isinstance(item, InputMarks)
-        and len(over) == 1
-        and [axis.label for axis in scene.over] == [over[0].label]
-    ]
 
 
 def _planes(of_source: Scenes, sheet: Sheet) -> Drawn:
     groups = _grouped(of_source, Portrait, "label")
-    of_modes = {name for page, name in groups if not page}
     for (page, name), items in groups.items():
-        if page and name in of_modes:  # the same once more, for a page of its own
-            continue
-        if any(plane[1].curves or plane[1].marks or is_path(plane) for plane in items):
+        once_more = page and ("", name) in groups  # for a page of its own
+        shown = any(x[1].curves or x[1].marks or is_path(x) for x in items)
+        if shown and not once_more:
             yield name, partial(draw_plane, items, sheet)
 
 
 def _spheres(of_source: Scenes, sheet: Sheet) -> Drawn:
+    pages: dict[str, dict[str, Any]] = {}
     groups = _grouped(of_source, (SphereCurves, SphereMap), "path")
-    seen: set[bytes] = set()
-    for page in dict.fromkeys(page for page, _ in groups):
-        items = [group[0][1] for (on_page, _), group in groups.items() if on_page == page]
-        maps = [item for item in items if isinstance(item, SphereMap)]
-        curves = [item for item in items if isinstance(item, SphereCurves)]
-        parts = [item.values for item in maps]
-        parts += [np.asarray(curve) for item in curves for curve in item.curves]
-        content = b"".join(part.tobytes() for part in parts)
-        if len(focus_of(maps, curves)) and content not in seen:
-            seen.add(content)
+    for (page, path), items in groups.items():
+        pages.setdefault(page, {})[path] = items[0][1]
+    for page, shown in pages.items():
+        maps = [item for item in shown.values() if isinstance(item, SphereMap)]
+        curves = [item for item in shown.values() if isinstance(item, SphereCurves)]
+        if len(focus_of(maps, curves)):
             title = f"{page[:1].lower()}{page[1:]} on the sphere".strip()
             yield title, partial(draw_sphere, maps, curves, sheet)
 
@@ -379,8 +367,8 @@ def _surfaces(of_source: Scenes, sheet: Sheet) -> Drawn:
     groups: dict[Any, dict[str, Surface]] = {}
     for (_, axes), items in _grouped(of_source, Surface, "axes").items():
         groups.setdefault(axes, {}).update({item.path: item for _, item in items})
-    for number, surfaces in enumerate(groups.values()):
-        name = "surfaces" if len(groups) == 1 else f"surfaces {number + 1}"
+    for number, surfaces in enumerate(groups.values(), 1):
+        name = "surfaces" if len(groups) == 1 else f"surfaces {number}"
         yield name, partial(draw_surfaces, list(surfaces.values()), sheet)
 
 
@@ -398,8 +386,7 @@ def _paths(of_source: Scenes, sheet: Sheet) -> Drawn:
         and len(scene.over) == 1
     ]
     if arrows:
-        title = "paths of the axes"
-        yield from _parted(title, arrows, lambda x: x[1].label, draw_paths, sheet)
+        yield from _parted("paths of the axes", arrows, _label_of, draw_paths, sheet)
 
 
 def _axodes(of_source: Scenes, sheet: Sheet) -> Drawn:
@@ -416,8 +403,7 @@ def _axodes(of_source: Scenes, sheet: Sheet) -> Drawn:
 
 
 def _diagrams(of_source: Scenes, sheet: Sheet) -> Drawn:
-    groups = _grouped(of_source, Diagram, "label")
-    for (page, label), items in groups.items():
+    for (page, label), items in _grouped(of_source, Diagram, "label").items():
         diagrams = [x for x in items if len(x[0].over) == 1]
         if diagrams and not page:
             yield from _parted(label, diagrams, _page, draw_diagrams, sheet)
@@ -425,12 +411,12 @@ def _diagrams(of_source: Scenes, sheet: Sheet) -> Drawn:
 
 def _grouped(
     scenes: Scenes, kinds: type | tuple[type, ...], key: str
-) -> dict[tuple[str, Any], list[tuple[Scene, Any]]]:
+) -> dict[tuple[str, Any], list[Shown]]:
     """Return items of kinds with their scenes, by their pages and what a field says.
 
     Modes share figures, and have no page of their own.
     """
-    groups: dict[tuple[str, Any], list[tuple[Scene, Any]]] = {}
+    groups: dict[tuple[str, Any], list[Shown]] = {}
     for scene in scenes:
         page = scene.page if isinstance(scene.page, str) else ""
         for item in scene.primitives:
