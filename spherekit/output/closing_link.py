@@ -18,7 +18,7 @@ from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.closure import newton
 from spherekit.numeric.crossings import bracketed_zeros, wrap
 from spherekit.output.dyads import Dyads, Signs
-from spherekit.output.posed_mode import Fraction, PosedMode, difference
+from spherekit.output.posed_mode import Fraction, PosedMode
 from spherekit.output.virtual_output import VirtualOutputChain
 from spherekit.planning.inputs import Assembly, merged, split
 from spherekit.rates.request import cross, dot
@@ -102,8 +102,8 @@ class DyadsWithClosingLink:
     def rate(self, placed: PosedMode) -> Fraction:
         """Return the rate of f per unit rate of the output."""
         normal = cross(*self._ends(placed))
-        ends = zip(self.links, self.pairs, strict=True)
-        return difference(*(placed.along(normal, *end) for end in ends))
+        one, other = map(placed.along, (normal, normal), self.links, self.pairs)
+        return one - other
 
     def slope(self, placed: PosedMode, directions: Floats) -> Floats:
         """Return the derivative of f (n,) by the turn."""
@@ -205,7 +205,12 @@ def turned(wrist: VirtualOutputChain, solver: Solver) -> DyadsWithClosingLink | 
             candidates.append(
                 DyadsWithClosingLink(dyads, assembly, *ends, across, direction)
             )
-    return min(candidates, key=lambda x: sum(map(len, x.dyads.needs)), default=None)
+
+    def dependence(turned: DyadsWithClosingLink) -> int:
+        feet = (link for stand in turned.dyads.stands for link in (stand.foot, stand.hold))
+        return sum(map(turned.dyads.placed_by.__contains__, feet))
+
+    return min(candidates, key=dependence, default=None)
 
 
 def _around(directions: Floats) -> tuple[Floats, Floats]:

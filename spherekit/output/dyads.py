@@ -7,7 +7,7 @@ matrix; `spherekit.output.posed_mode` computes these over many rows.
 How inputs move with an output, and the measures of type I that follow.
 """
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -75,11 +75,10 @@ class Dyads:
 
     Attributes
     ----------
-    stands, placed_by
-        The dyads, and by which of them each link is placed.
-    needs, moving, reaching
-        Groups whose signs matter: for each dyad to its axes, for each to its rates, and to
-        whether all of them close.
+    stands, placed_by, group_of
+        The dyads, and by which of them each link is placed and each pair is held.
+    needs
+        Dyads whose signs matter to what has been asked of a mode.
     """
 
     def __init__(
@@ -95,23 +94,11 @@ class Dyads:
         self.source, self.spread = cache(self._source), cache(self._spread)
         self.stands = tuple(map(self._stand, assembly.groups))
         self.placed_by: dict[int, int] = {}
-        self.needs: list[frozenset[int]] = []
-        self.moving: list[frozenset[int]] = []
+        self.group_of: dict[int, int] = {}
+        self.needs: dict[Hashable, frozenset[int]] = {}
         for number, stand in enumerate(self.stands):
-            alone = frozenset({number})
-            held = (stand.near, stand.foot), (stand.far, stand.hold)
-            axes = (self.needs_of(self.source(*end)[1]) for end in held)
-            feet = [self.placed_by[link] for _, link in held if link in self.placed_by]
-            self.needs.append(alone.union(*axes))
-            self.moving.append(alone.union(*(self.moving[foot] for foot in feet)))
-            self.placed_by |= {stand.first: number, stand.second: number}
-        others = (needed - {number} for number, needed in enumerate(self.needs))
-        self.reaching = frozenset[int]().union(*others)
-        self.group_of = {
-            pair: number
-            for number, stand in enumerate(self.stands)
-            for pair in (stand.near, stand.middle, stand.far)
-        }
+            self.placed_by |= dict.fromkeys((stand.first, stand.second), number)
+            self.group_of |= dict.fromkeys((stand.near, stand.middle, stand.far), number)
 
     @staticmethod
     def fit(assembly: Assembly, base: int) -> bool:
@@ -137,11 +124,6 @@ class Dyads:
             group.dyad_parity,
             (self._arc(first, near, middle), self._arc(second, far, middle)),
         )
-
-    def needs_of(self, link: int) -> frozenset[int]:
-        """Return the groups that the orientation of a link depends on."""
-        group = self.placed_by.get(link)
-        return frozenset() if group is None else self.needs[group]
 
     def stands_by(self, link: int) -> tuple[int, int]:
         """Return by which outer pair of its dyad a link stands, and on which link."""

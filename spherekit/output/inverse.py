@@ -250,7 +250,7 @@ class InverseKinematics:
         bar = self._turned is not None
 
         def told(view: PosedMode) -> list[Array]:
-            margin, limiting, _ = view.reach("")
+            margin, limiting, _ = view.reach
             by_input = [view.input, view.speed, *([view.normal] if normals else ())]
             inputs, type_1, *more = (np.stack([*map(of, view.driven)]) for of in by_input)
             arrays: list[Array] = [inputs, type_1, view.status, margin, limiting, *more]
@@ -278,20 +278,13 @@ class InverseKinematics:
         told: Callable[[PosedMode], Sequence[Array]],
     ) -> list[Array]:
         """Return what is told (..., n) of each mode at poses, as arrays (m, ..., n)."""
-        n = len(given)
-        arrays: list[Array] = []
+        blocks = []
         with np.errstate(all="ignore"):
-            for start in range(0, max(n, 1), ROWS):
+            for start in range(0, max(len(given), 1), ROWS):
                 rows = slice(start, start + ROWS)
                 views = self._views(given[rows], starts[rows], modes, start)
-                for k, view in enumerate(views):
-                    parts = told(view)
-                    for part in parts[len(arrays) :]:
-                        shape = len(modes), *part.shape[:-1], n
-                        arrays.append(np.empty(shape, part.dtype))
-                    for array, part in zip(arrays, parts, strict=True):
-                        array[k, ..., rows] = part
-        return arrays
+                blocks.append([*map(np.stack, zip(*map(told, views), strict=True))])
+        return [np.concatenate(part, axis=-1) for part in zip(*blocks, strict=True)]
 
     def _views(
         self, given: Floats, starts: Floats, modes: Sequence[Signs], first: int = 0
@@ -304,16 +297,16 @@ class InverseKinematics:
         def measure(view: PosedMode) -> Floats:
             return self._transmission.at(view.axes(count), directions)
 
-        shared: dict[Hashable, Any] = {}
+        known: dict[Hashable, Any] = {}
         for signs in modes:
             if self.dyads is None:
                 assert self._turned is not None
                 view = _closed(self._turned, block, starts, signs)
             elif self.wrist.points:
                 axes = {self.wrist.pairs[2]: block}
-                view = PosedMode(self.dyads, signs, axes, None, shared=shared)
+                view = PosedMode(self.dyads, signs, axes, None, known=known)
             else:
-                view = PosedMode(self.dyads, signs, {}, block, shared=shared)
+                view = PosedMode(self.dyads, signs, {}, block, known=known)
             yield replace(view, driven=self.wrist.driven, measure=measure)
 
     def no_closed_form(self, advice: str) -> SolveError:

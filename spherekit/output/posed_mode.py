@@ -7,7 +7,7 @@ signs of some groups only is computed once for all modes that share these.
 """
 
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from typing import Any, TypeVar
 
@@ -31,18 +31,9 @@ class Fraction:
     top: Floats
     bottom: Floats
 
-    def __add__(self, other: "Fraction") -> "Fraction":
-        top = self.top * other.bottom + other.top * self.bottom
+    def __sub__(self, other: "Fraction") -> "Fraction":
+        top = self.top * other.bottom - other.top * self.bottom
         return Fraction(top, self.bottom * other.bottom)
-
-
-def difference(one: Fraction | None, other: Fraction | None) -> Fraction:
-    """Return the difference of two rates; None stands for zero."""
-    if other is None:
-        assert one is not None, "what stands on the base alone does not move"
-        return one
-    minus = Fraction(-other.top, other.bottom)
-    return minus if one is None else one + minus
 
 
 Made = TypeVar("Made")
@@ -50,36 +41,24 @@ Of = Callable[["PosedMode", Any], Made]
 """A method of a mode that is asked about one thing."""
 
 
-Groups = Callable[[Dyads, Any], frozenset[int]]
-"""Which dyads' signs something depends on."""
+def _once(method: Of[Made]) -> Of[Made]:
+    """Compute what a method returns once for all modes with the signs that it needs."""
 
-
-def _shared(groups: Groups) -> Callable[[Of[Made]], Of[Made]]:
-    """Compute what a method returns once for all modes with the same signs of groups."""
-
-    def once(method: Of[Made]) -> Of[Made]:
-        @wraps(method)
-        def shared(mode: "PosedMode", what: Hashable) -> Made:
-            needed = groups(mode.dyads, what)
-            signs = (s if k in needed else 0 for k, s in enumerate(mode.signs))
-            key = (method, what, *signs)
-            if key not in mode.shared:
-                with np.errstate(all="ignore"):
-                    mode.shared[key] = method(mode, what)
-            made: Made = mode.shared[key]
-            return made
-
-        return shared
+    @wraps(method)
+    def once(mode: "PosedMode", what: Hashable) -> Made:
+        needs, about = mode.dyads.needs, (method, what)
+        key = (about, *(mode.signs[k] for k in needs.get(about, ())))
+        if key not in mode.known:
+            alone = replace(mode, asked=set())
+            with np.errstate(all="ignore"):
+                made = method(alone, what)
+            needs[about] = frozenset(alone.asked)
+            key = (about, *(mode.signs[k] for k in needs[about]))
+            mode.known[key] = made
+        mode.asked.update(needs[about])
+        return mode.known[key]  # type: ignore[no-any-return]
 
     return once
-
-
-def _by_pair(dyads: Dyads, pair: int) -> frozenset[int]:
-    return frozenset[int]().union(*map(dyads.needs_of, dyads.ends[pair]))
-
-
-def _by_rate(dyads: Dyads, pair: int) -> frozenset[int]:
-    return dyads.moving[dyads.group_of[pair]]
 
 
 @dataclass(frozen=True)
@@ -90,7 +69,7 @@ class PosedMode:
     columns (3, 3, n) of its orientation, for its other axes. `driven` are the pairs of the
     inputs, `measure` gives the measure of type II. Where a bar gives the output's turn,
     `turn` are the rate of its gap, the directions (3, n) and the status (n,). Modes of the
-    same poses have `known` in common.
+    same poses have `known` in common; `asked` are the dyads whose signs were asked for.
     """
 
     dyads: Dyads
@@ -100,7 +79,8 @@ class PosedMode:
     driven: tuple[int, ...] = ()
     measure: "Callable[[PosedMode], Floats] | None" = None
     turn: tuple[Fraction, Floats, SmallIntegers] | None = None
-    shared: dict[Hashable, Any] = field(default_factory=dict)
+    known: dict[Hashable, Any] = field(default_factory=dict)
+    asked: set[int] = field(default_factory=set)
 
     @property
     def inputs(self) -> Floats:
@@ -139,15 +119,19 @@ class PosedMode:
     @property
     def status(self) -> SmallIntegers:
         """(n,) whether the mode closes, see `Inverse`."""
-        return self.reach("")[2] if self.turn is None else self.turn[2]
+        return self.reach[2] if self.turn is None else self.turn[2]
 
     @property
     def _held(self) -> Bools:
         return assembled(self.status)
 
-    @_shared(lambda dyads, _: dyads.reaching)
-    def reach(self, _dyads: str) -> tuple[Floats, SmallIntegers, SmallIntegers]:
-        """Return margin, limiting dyad and status of the dyads (n,), see `Inverse`."""
+    @property
+    def reach(self) -> tuple[Floats, SmallIntegers, SmallIntegers]:
+        """Margin, limiting dyad and status of the dyads (n,), see `Inverse`."""
+        return self._reach("")
+
+    @_once
+    def _reach(self, _dyads: str) -> tuple[Floats, SmallIntegers, SmallIntegers]:
         margins, sound = [], []
         for number, stand in enumerate(self.dyads.stands):
             root, (u, v) = self._halves(number)[2:]
@@ -185,7 +169,7 @@ class PosedMode:
             return vector[:, None]
         return self._carried((link, *vector.tolist()))
 
-    @_shared(lambda dyads, carried: dyads.needs_of(carried[0]))
+    @_once
     def _carried(self, carried: tuple[int, float, float, float]) -> Floats:
         link, *vector = carried
         if link == self.dyads.given:
@@ -202,14 +186,15 @@ class PosedMode:
         stand = self.dyads.stands[group]
         return self.axis(stand.near, stand.foot), self.axis(stand.far, stand.hold)
 
-    @_shared(lambda dyads, group: dyads.needs[group])
+    @_once
     def middle(self, group: int) -> tuple[Floats, Floats]:
         """Return the middle axis (3, n) and middle . (near x far), NaN out of reach."""
         level, across, height, _ = self._halves(group)
+        self.asked.add(group)
         sign = self.signs[group] * self.dyads.stands[group].parity
         return level + sign * across, sign * height
 
-    @_shared(lambda dyads, group: dyads.needs[group] - {group})
+    @_once
     def _halves(self, group: int) -> tuple[Floats, Floats, Floats, tuple[Floats, Floats]]:
         """Return the part of the middle axis that both signs share, the other, and |t|.
 
@@ -232,16 +217,11 @@ class PosedMode:
         across *= 0.5 * height
         return level, across, root, squares
 
-    @_shared(_by_pair)
+    @_once
     def angle(self, pair: int) -> Floats:
         """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach."""
         dyads = self.dyads
         a, b = dyads.ends[pair]
-        if dyads.base in (a, b):
-            other, part = self._side(pair, b if a == dyads.base else a)
-            turn = np.array([[part[0], part[1]], [-part[1], part[0]]])
-            x, y = turn @ dyads.frame_in(pair, dyads.base)[:, :2].T @ other
-            return np.arctan2(y if a == dyads.base else -y, x)
         one, first = self._side(pair, a)
         other, second = self._side(pair, b)
         x = dot(one, other) - first[2] * second[2]
@@ -257,19 +237,19 @@ class PosedMode:
         """
         dyads = self.dyads
         frame = dyads.frame_in(pair, link)
-        if link == dyads.given:
+        if link in (dyads.base, dyads.given):
             return self.vector(link, frame[:, 0]), np.array([1.0, 0.0, 0.0])
         other = dyads.stands[dyads.placed_by[link]].middle
         if pair == other or dyads.is_coaxial(pair, other, link):
             other, _ = dyads.stands_by(link)
         return self.axis(other, link), dyads.axis_in(other, link) @ frame
 
-    @_shared(lambda dyads, pair: dyads.reaching | _by_pair(dyads, pair))
+    @_once
     def input(self, pair: int) -> Floats:
         """Return an input (n,), NaN where the mode has no configuration."""
         return np.where(self._held, self.angle(pair), np.nan)
 
-    @_shared(_by_rate)
+    @_once
     def rate(self, pair: int) -> Fraction:
         """Return the rate of a pair's variable per unit rate of the output.
 
@@ -290,31 +270,29 @@ class PosedMode:
         else:
             across, body, far = cross(b, a), stand.second, None
         moved = self.along(across, stand.hold, far)
-        rate = difference(moved, self.along(across, stand.foot, near))
+        rate = moved - self.along(across, stand.foot, near)
         ahead = self.dyads.ends[pair][1] == body
         return Fraction(rate.top, rate.bottom * (-triple if ahead else triple))
 
-    def along(self, vector: Floats, link: int, across: int | None) -> Fraction | None:
-        """Return vector . w of a link; None for zero.
+    def along(self, vector: Floats, link: int, across: int | None) -> Fraction:
+        """Return vector . w of a link.
 
         The vector is at right angles to the axis of the pair `across` on that link, if
         one is named.
         """
         dyads = self.dyads
         if link == dyads.base:
-            return None
+            return Fraction(np.zeros((3, 1)), np.ones(1))
         if link == dyads.given:
             return Fraction(vector, np.ones(1))
         pair, foot = dyads.stands_by(link)
         if across is not None and dyads.is_coaxial(pair, across, link):
             return self.along(vector, foot, pair)
-        carried, turning = self.along(vector, foot, None), self.rate(pair)
-        share = dot(vector, self.axis(pair, link))
-        ahead = dyads.ends[pair][1] == link
-        turned = Fraction(turning.top * (share if ahead else -share), turning.bottom)
-        return turned if carried is None else turned + carried
+        turning, share = self.rate(pair), dot(vector, self.axis(pair, link))
+        back = -share if dyads.ends[pair][1] == link else share
+        return self.along(vector, foot, None) - Fraction(turning.top * back, turning.bottom)
 
-    @_shared(_by_rate)
+    @_once
     def moved(self, pair: int) -> tuple[Fraction, Floats]:
         """Return the rate of an input, the turn being what the bar asks, and its size."""
         rate = self.rate(pair)
@@ -329,7 +307,7 @@ class PosedMode:
         rate, size = self.moved(pair)
         return rate.top * (np.sign(rate.bottom) / size)
 
-    @_shared(_by_rate)
+    @_once
     def speed(self, pair: int) -> Floats:
         """Return how fast (n,) the output turns about that per unit rate of the input."""
         rate, size = self.moved(pair)
@@ -363,9 +341,6 @@ class PosedMode:
 
     def _axis(self, pair: int) -> Floats:
         dyads = self.dyads
-        placed = {dyads.base, dyads.given, *dyads.placed_by}
-        nearest = min(
-            (link for link in dyads.ends[pair] if link in placed),
-            key=lambda link: len(dyads.needs_of(dyads.source(pair, link)[1])),
-        )
-        return self.axis(pair, nearest)
+        order = {**dyads.placed_by, dyads.base: -1, dyads.given: -1}
+        first = min(dyads.ends[pair], key=lambda link: order.get(link, np.inf))
+        return self.axis(pair, first)
