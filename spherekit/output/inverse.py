@@ -297,16 +297,16 @@ class InverseKinematics:
         def measure(view: PosedMode) -> Floats:
             return self._transmission.at(view.axes(count), directions)
 
-        known: dict[Hashable, Any] = {}
+        shared: dict[Hashable, Any] = {}
         for signs in modes:
             if self.dyads is None:
                 assert self._turned is not None
                 view = _closed(self._turned, block, starts, signs)
             elif self.wrist.points:
                 axes = {self.wrist.pairs[2]: block}
-                view = PosedMode(self.dyads, signs, axes, None, known=known)
+                view = PosedMode(self.dyads, signs, axes, None, shared=shared)
             else:
-                view = PosedMode(self.dyads, signs, {}, block, known=known)
+                view = PosedMode(self.dyads, signs, {}, block, shared=shared)
             yield replace(view, driven=self.wrist.driven, measure=measure)
 
     def no_closed_form(self, advice: str) -> SolveError:

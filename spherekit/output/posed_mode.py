@@ -48,15 +48,15 @@ def _once(method: Of[Made]) -> Of[Made]:
     def once(mode: "PosedMode", what: Hashable) -> Made:
         needs, about = mode.dyads.needs, (method, what)
         key = (about, *(mode.signs[k] for k in needs.get(about, ())))
-        if key not in mode.known:
+        if key not in mode.shared:
             alone = replace(mode, asked=set())
             with np.errstate(all="ignore"):
                 made = method(alone, what)
             needs[about] = frozenset(alone.asked)
             key = (about, *(mode.signs[k] for k in needs[about]))
-            mode.known[key] = made
+            mode.shared[key] = made
         mode.asked.update(needs[about])
-        return mode.known[key]  # type: ignore[no-any-return]
+        return mode.shared[key]  # type: ignore[no-any-return]
 
     return once
 
@@ -69,7 +69,7 @@ class PosedMode:
     columns (3, 3, n) of its orientation, for its other axes. `driven` are the pairs of the
     inputs, `measure` gives the measure of type II. Where a bar gives the output's turn,
     `turn` are the rate of its gap, the directions (3, n) and the status (n,). Modes of the
-    same poses have `known` in common; `asked` are the dyads whose signs were asked for.
+    same poses have `shared` in common; `asked` are the dyads whose signs were asked for.
     """
 
     dyads: Dyads
@@ -79,7 +79,7 @@ class PosedMode:
     driven: tuple[int, ...] = ()
     measure: "Callable[[PosedMode], Floats] | None" = None
     turn: tuple[Fraction, Floats, SmallIntegers] | None = None
-    known: dict[Hashable, Any] = field(default_factory=dict)
+    shared: dict[Hashable, Any] = field(default_factory=dict)
     asked: set[int] = field(default_factory=set)
 
     @property
