@@ -378,7 +378,7 @@ class Evaluator:
     @cached_property
     def newton(self) -> PathKernel:
         """Newton's step alone, by which configurations follow to other designs."""
-        return PathKernel(self.varied.terms(), alone=True)
+        return PathKernel(self.varied.terms())
 
     @property
     def _followed_together(self) -> int:

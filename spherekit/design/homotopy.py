@@ -26,8 +26,8 @@ from spherekit.sphere.rotation import all_finite, max_abs
 
 SOON = 2.0**-8
 """Part of a way at which it is looked at first, for its direction."""
-FIRST, LEAST, MOST = 0.125, 2.0**-20, 600
-"""The first step off the real axis and the least, as parts of a way, and most of them."""
+LEAST, MOST = 2.0**-20, 600
+"""The least step, as a part of a way, and most of them."""
 NEAR = 0.3
 """Most (rad) by which a prediction may be off, off the real axis."""
 CONTRACTS = 0.2
@@ -125,13 +125,15 @@ def tracked(
 
         return q, equations
 
-    now, step, places = start.copy(), np.full(n, 1.0 if real else FIRST), np.zeros((3, n))
+    now, step, places = start.copy(), np.ones(n), np.zeros((3, n))
     places[0], slopes, side = -1.0, np.zeros((2, *start.shape), start.dtype), np.zeros(n)
     rows = np.flatnonzero(all_finite(start, 0))
     with np.errstate(all="ignore"):
         soon = start[:, rows]
-        soon[kernel.driven], equations = at(rows, np.full(len(rows), SOON))
-        begun = equations(soon, np.arange(len(rows)))
+        q, equations = at(rows, np.full(len(rows), SOON))
+        driven, every = kernel.driven[: len(q)], np.arange(len(rows))
+        soon[driven] = q
+        begun = equations(soon, every)
         slopes[:, :, rows] = (soon + begun.step - start[:, rows]) / SOON
         side[rows] = np.sign(begun.determinant.real)
         for _ in range(MOST):
@@ -139,18 +141,21 @@ def tracked(
                 break
             there = np.minimum(places[2, rows] + step[rows], 1.0)
             guess = _foreseen(places[:, rows], now[:, rows], slopes[:, :, rows], there)
-            guess[kernel.driven], equations = at(rows, there)
-            made, first, second, determinant = corrected(equations, guess)
+            guess[driven], equations = at(rows, there)
+            every = np.arange(len(rows))
+            made = guess + equations(guess, every).step
+            after = equations(made, every)
+            first, second = _length(made - guess), _length(after.step)
             good = (first < NEAR) & (second <= np.maximum(contracts * first, STILL))
             if real:
                 foreseen = _length(guess - now[:, rows])
                 good &= first <= np.maximum(contracts * foreseen, NEARLY)
-                good &= np.sign(determinant) == side[rows]
-            onward = rows[good]
-            gone = there[good] - places[2, onward]
+                good &= np.sign(after.determinant) == side[rows]
+            onward, ahead = rows[good], (made + after.step)[:, good]
             slopes[0][:, onward] = slopes[1][:, onward]
-            slopes[1][:, onward] = (made[:, good] - now[:, onward]) / gone
-            now[:, onward] = made[:, good]
+            gone = there[good] - places[2, onward]
+            slopes[1][:, onward] = (ahead - now[:, onward]) / gone
+            now[:, onward] = ahead
             places[:, onward] = *places[1:, onward], there[good]
             step[rows[good & (second < EAGER * contracts * first)]] *= 2.0
             step[rows[~good]] *= 0.5
@@ -169,18 +174,6 @@ def _foreseen(places: Floats, now: Array, slopes: Array, there: Floats) -> Array
     """
     bend = (slopes[1] - slopes[0]) / (places[2] - places[0])
     return now + (there - places[2]) * (slopes[1] + (there - places[1]) * bend)
-
-
-def corrected(equations: Equations, values: Array) -> tuple[Array, Floats, Floats, Array]:
-    """Return values after two of Newton's steps, and the lengths (n,) of both.
-
-    And the determinants (n,) after the first.
-    """
-    every = np.arange(values.shape[1])
-    first = equations(values, every).step
-    values = values + first
-    there = equations(values, every)
-    return values + there.step, _length(first), _length(there.step), there.determinant
 
 
 def settled(equations: Equations, values: Array) -> tuple[Array, Bools]:

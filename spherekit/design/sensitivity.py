@@ -259,7 +259,7 @@ class Sensitivity:
 
     @cached_property
     def _newton(self) -> PathKernel:
-        return PathKernel(self._terms, compiled=False, alone=True)
+        return PathKernel(self._terms, compiled=False)
 
     def _placed(self, values: Floats) -> Floats:
         """Return the variables (n, v) that the kernel has, from those of a motion."""

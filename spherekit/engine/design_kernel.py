@@ -209,73 +209,61 @@ def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], TermFunction]:
 
 @dataclass(frozen=True)
 class At:
-    """Equations at n places: Newton's `step` (variables, n) and the `rates` by the inputs.
+    """Equations at n places: Newton's `step` (variables, n), the inputs held.
 
-    `rates` (inputs, variables, n), `determinant` (n,) of the equations, `open` (n,) the
-    square of how far loops are open.
+    `determinant` (n,) of the equations, `open` (n,) the square of how far loops are open.
     """
 
     step: Array
-    rates: Array
     determinant: Array
     open: Array
 
 
 class PathKernel:
-    """Newton's step and the rates of a topology whose sizes are inputs.
+    """Newton's step of a topology whose sizes are inputs, at real and complex variables.
 
     `terms` are of variables, not of signs. `prepare` takes the sizes (sizes, n) to what is
-    the same at all samples of a design, `real` and `complex` variables, the columns of
-    profiles that are handed in, and these to `At`; `turning` to the triple products that
-    dyads are named by, `groups` has ``+`` for each of them and ``~`` for other groups.
-    `driven` are the inputs that rates are by. Newton's step `alone` is real, and without
-    rates.
+    the same at all samples of a design, `at` the variables, the columns of profiles that
+    are handed in, and these to `At`. `driven` are the variables of the inputs.
     """
 
-    def __init__(
-        self, terms: VariedTerms, compiled: bool = True, alone: bool = False
-    ) -> None:
+    def __init__(self, terms: VariedTerms, compiled: bool = True) -> None:
         structure, flow, places = terms.structure, terms.flow, terms.places
-        self.variables, self.driven = len(places), [] if alone else [*structure.inputs]
+        self.terms, self.compiled = terms, compiled and available()
+        self.variables, self.driven = len(places), [*structure.inputs]
         change = flow.answers(flow.misfits)
         for variable, angle in enumerate(terms.variables):
             if angle is not places[variable]:
                 change[variable] = angle - places[variable]
-        taus = [] if alone else flow.tau
-        outputs = [*change, *(rate / flow.scale for tau in taus for rate in tau)]
-        outputs += [flow.scale, flow.openness]
-        every = structure.assembly.groups
-        self.groups = "".join("+" if group.is_dyad else "~" for group in every)
-        turning = []
-        for group in every:
-            if group.is_dyad and not alone:
-                axes = [flow.vectors[flow.owned[pair][0]] for pair in group.pairs]
-                turning.append(dot(axes[0], cross(axes[1], axes[2])))
-        given, count = [*places, *terms.handed_in], len(outputs)
-        rows, fixed = hoisted([*outputs, *turning], given, "design_")
-        inputs, compiled = [*given, *fixed], compiled and available()
-        self.prepare = term_function([*fixed.values()], terms.sizes, compiled)
-        self.real = term_function(rows[:count], inputs, compiled)
-        self.turning = array_function(rows[count:], inputs)
-        self.complex: ComplexFunction | None = None
-        if not alone:
-            numbers = inputs[len(places) :]
-            self.complex = complex_function(rows[:count], places, numbers, compiled)
+        given = [*places, *terms.handed_in]
+        outputs = [*change, flow.scale, flow.openness]
+        self._rows, fixed = hoisted(outputs, given, "design_")
+        self._inputs = [*given, *fixed]
+        self.prepare = term_function([*fixed.values()], terms.sizes, self.compiled)
+        self._real = term_function(self._rows, self._inputs, self.compiled)
 
-    def labels(self, values: Floats, prepared: Floats) -> list[str]:
+    @cached_property
+    def _complex(self) -> ComplexFunction:
+        places, numbers = self.terms.places, self._inputs[self.variables :]
+        return complex_function(self._rows, places, numbers, self.compiled)
+
+    def labels(self, values: Floats, sizes: Floats) -> list[str]:
         """Return the signs of dyads, ``~`` for other groups, at closed configurations."""
-        rows = np.concatenate([values, prepared])
-        labels = np.full((len(self.groups), values.shape[1]), "~")
-        dyads = [k for k, group in enumerate(self.groups) if group == "+"]
-        labels[dyads] = np.where(self.turning(rows) >= 0.0, "+", "-")
+        groups, flow = self.terms.structure.assembly.groups, self.terms.flow
+        labels = np.full((len(groups), values.shape[1]), "~")
+        for k, group in enumerate(groups):
+            if group.is_dyad:
+                axes = [flow.vectors[flow.owned[pair][0]] for pair in group.pairs]
+                turning = dot(axes[0], cross(axes[1], axes[2]))
+                made = array_function([turning], [*self.terms.places, *self.terms.sizes])
+                positive = made(np.concatenate([values, sizes]))[0] >= 0.0
+                labels[k] = np.where(positive, "+", "-")
         return ["".join(column) for column in labels.T]
 
     def at(self, values: Array, prepared: Floats) -> At:
         """Return what the equations are at values (variables, n) and prepared (k, n)."""
-        if np.iscomplexobj(values) and self.complex is not None:
-            columns = self.complex(values, prepared)
+        if np.iscomplexobj(values):
+            columns = self._complex(values, prepared)
         else:
-            columns = self.real(np.concatenate([values, prepared]))
-        v, k = self.variables, len(self.driven)
-        rates = columns[v : (k + 1) * v].reshape(k, v, values.shape[1])
-        return At(columns[:v], rates, columns[-2], columns[-1])
+            columns = self._real(np.concatenate([values, prepared]))
+        return At(columns[: self.variables], columns[-2], columns[-1])
