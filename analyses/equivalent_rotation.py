@@ -239,8 +239,10 @@ class EquivalentRotation(AbstractAnalysis):
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page with the rotation, and one with its schedule if there is one."""
-        result = self._found(batch)
-        return result.pages(self._words(result, self.findings(batch).warnings))
+        told = self.findings(batch)
+        mode = f"from {self.start}, mode {told.figures['start']['mode']}, to {self.end}"
+        lines = "# Equivalent rotation", mode, *told.remarks, *told.warnings
+        return self._found(batch).pages("\n\n".join(lines))
 
     def findings(self, batch: Batch) -> Findings:
         """Return axis, angle, feasibility, places of type II, and the duration."""
@@ -281,11 +283,12 @@ class EquivalentRotation(AbstractAnalysis):
         remarks = [f"{np.degrees(turn.angle):.6g} deg about {about}"]
         if result.schedule is not None:
             most = result.schedule.binding
+            set_by = f"{most.quantity} of {most.input} at {most.t:.6g} s"
             figures["schedule"] = {
                 "shape": self.shape,
                 "duration_s": result.schedule.duration,
                 "cycle_s": result.schedule.cycle,
-                "set_by": f"{most.quantity} of {most.input} at {most.t:.6g} s",
+                "set_by": set_by,
                 "extremes": [
                     {
                         "input": extreme.input,
@@ -298,7 +301,8 @@ class EquivalentRotation(AbstractAnalysis):
                     for extreme in result.schedule.extremes
                 ],
             }
-            remarks.append(f"it takes {result.schedule.duration:.6g} s within the limits")
+            duration = f"{result.schedule.duration:.6g} s"
+            remarks.append(f"it takes {duration} within the limits, set by {set_by}")
         return Findings(figures, tuple(_warnings(result, failed)), tuple(remarks))
 
     def _found(self, batch: Batch) -> FoundRotation:
@@ -353,32 +357,6 @@ class EquivalentRotation(AbstractAnalysis):
             None if schedule is None else schedule.table(self.samples),
             unscheduled,
         )
-
-    def _words(self, result: FoundRotation, warnings: tuple[str, ...]) -> str:
-        """Return what is to be read beside the page, as Markdown."""
-        turn, at = result.turn, result.samples
-        x, y, z = turn.axis
-        lines = [
-            "# Equivalent rotation",
-            "",
-            "| | |",
-            "|---|---|",
-            f"| from | {self.start} |",
-            f"| to | {self.end} |",
-            f"| configuration | {result.start.labels[result.number]} |",
-            f"| axis, in axes of link {result.output.relative_to} "
-            f"| {x:.6f}, {y:.6f}, {z:.6f} |",
-            f"| angle | {np.degrees(turn.angle):.6f} deg |",
-            f"| largest error of orientation | {_largest(at.orientation_error):.3g} rad |",
-            f"| largest drift of the axis | {_largest(at.drift):.3g} rad |",
-        ]
-        if result.schedule is not None:
-            most = result.schedule.binding
-            lines += [
-                f"| duration | {result.schedule.duration:.4f} s, {self.shape} |",
-                f"| set by | {most.quantity} of {most.input} at {most.t:.4f} s |",
-            ]
-        return "\n".join([*lines, "", *(f"- {text}" for text in warnings)])
 
 
 def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]:

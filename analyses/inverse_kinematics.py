@@ -37,12 +37,12 @@ from spherekit.plugin.rotations import (
 from spherekit.plugin.singularities import solver_of
 from spherekit.plugin.workspace import (
     ClosedKinematics,
-    InverseRows,
     OutputKinematics,
     label_of,
     nearest_poses,
     output_kinematics,
     sense_of,
+    sphere_mesh,
     turns_of,
 )
 
@@ -62,6 +62,7 @@ Row = dict[str, Any]
 DRAWN = 2000
 """Solutions that are drawn, one a sample of their page."""
 LISTED = 40
+"""Of these, listed beside it."""
 CHECKED = 200
 """Poses whose configurations are put into the closure equations."""
 MOST_TOLD = 3
@@ -301,14 +302,13 @@ class ConfigurationsOfPoses:
 
     def _told(self) -> list[str]:
         """Return a line for each configuration and nearest pose, if these are few."""
-        rows, inputs = self.found, self.mechanism.input_pairs
+        rows = self.found
         if len(np.unique(rows.pose)) > MOST_TOLD:
             return []
         lines: dict[str, list[str]] = {}
         for k, mode in enumerate(rows.mode.tolist()):
             if rows.solved[k]:
-                angles = zip(inputs, rows.inputs[k], strict=True)
-                told = ", ".join(f"{pair} = {_degrees(q)} deg" for pair, q in angles)
+                told = self._inputs(k)
             elif np.isfinite(self.away[k]):
                 place = self.near[k][np.isfinite(self.near[k])]
                 near = ", ".join(f"{x:.6g}" for x in np.round(place, 6) + 0.0)
@@ -318,6 +318,10 @@ class ConfigurationsOfPoses:
                 continue
             lines.setdefault(f"pose {rows.pose[k]}: {told}", []).append(mode)
         return [f"{text}, {numbered('mode', modes)}" for text, modes in lines.items()]
+
+    def _inputs(self, row: int) -> str:
+        angles = zip(self.mechanism.input_pairs, self.found.inputs[row], strict=True)
+        return ", ".join(f"{pair} = {_degrees(q)} deg" for pair, q in angles)
 
     def _closure(self) -> float | None:
         """Return the largest rotation (rad) by which a loop of some rows is open."""
@@ -355,10 +359,14 @@ class ConfigurationsOfPoses:
         placed = solver_of(mechanism).closure.at(whole.values[shown]).placed
         base = placed[:, mechanism.link_number[solver.output.relative_to]]
         at = np.einsum("nij,nj->ni", base, places[rows.pose[shown]])
+        listed = [
+            f"- {sample}: pose {rows.pose[row]}, mode {rows.mode[row]}, {self._inputs(row)}"
+            for sample, row in enumerate(shown[:LISTED])
+        ]
         assembled: tuple[Primitive, ...] = (
             *link_bodies(mechanism, placed),
             Arrow("pose", "pose asked for", at, False, path_shown=False),
-            _listed(mechanism, rows, shown),
+            Text("solutions", "Solutions", "\n".join(listed)),
         )
         over = Axis("solution", "", np.arange(float(len(shown))))
         least = np.fmin(np.min(rows.type_1, axis=1, initial=1.0), rows.type_2)
@@ -400,21 +408,6 @@ class PosesAtInputs:
     def pages(self) -> tuple[Scene, ...]:
         """Return nothing: no pose was asked for."""
         return ()
-
-
-def _listed(mechanism: Mechanism, rows: InverseRows, shown: NDArray[np.int64]) -> Text:
-    """Return the solutions that samples of the page show, as Markdown."""
-    names = mechanism.input_pairs
-    lines = [
-        "| sample | pose | mode | " + " | ".join(f"{name}, deg" for name in names) + " |",
-        "|---" * 3 + "|---:" * len(names) + "|",
-    ]
-    for sample, row in enumerate(shown[:LISTED].tolist()):
-        inputs = " | ".join(f"{q:.4f}" for q in np.degrees(rows.inputs[row]))
-        lines.append(f"| {sample} | {rows.pose[row]} | {rows.mode[row]} | {inputs} |")
-    if len(shown) > LISTED:
-        lines += ["", f"and {len(shown) - LISTED} more, up to sample {len(shown) - 1}"]
-    return Text("solutions", "Solutions", "\n".join(lines))
 
 
 def _posed(mechanism: Mechanism, table: Row, solved: NDArray[np.bool_]) -> list[str]:
@@ -466,12 +459,7 @@ def _least(values: Floats) -> float | None:
 
 def _triangles(shape: tuple[int, ...] | None) -> NDArray[np.int64]:
     """Return the triangles (t, 3) between neighbours of a grid with two directions."""
-    sides = [] if shape is None else [size for size in shape if size > 1]
+    sides = [size for size in shape or () if size > 1]
     if len(sides) != 2:
         return np.zeros((0, 3), dtype=np.int64)
-    number = np.arange(np.prod(sides)).reshape(sides)
-    a, b, c, d = (
-        number[i : sides[0] - 1 + i, j : sides[1] - 1 + j].ravel()
-        for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))
-    )
-    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return sphere_mesh(sides[1] - 1, sides[0] - 1)[1]

@@ -315,7 +315,7 @@ class Reached:
         """Return the page of the margin and that of the singularity measures."""
         region = item.region
         curves = self._curves(region)
-        words = Text("legend", "Areas", self._words(item))
+        words = self._words(item)
         places, triangles = region.surface_points, region.surface_triangles
         if not len(triangles):
             return [Scene(f"Workspace{mode}", (*curves, words))]
@@ -355,7 +355,7 @@ class Reached:
         inside = self.judge(item, quaternion(from_tilt_torsion(angles))).inside
         reached = 2.0 * np.pi * inside.reshape(-1, TORSIONS).mean(axis=1)
         seen: list[Primitive] = [
-            SphereMap("workspace/map", "turn reached", vertices, triangles, reached, "rad")
+            SphereMap("workspace/map", "turn about z", vertices, triangles, reached, "rad")
         ]
         judged, places = self.samples[item.signs]
         if np.any(judged.inside):
@@ -372,16 +372,7 @@ class Reached:
                     values_unit="rad",
                 )
             )
-        size, kinematics = item.orientations, self.kinematics
-        words = (
-            f"# Orientations of {kinematics.output.name}\n\n"
-            f"Mode {label_of(item.signs)}: {'; '.join(kinematics.legs)}.\n\n"
-            f"Volume {size.volume:.6g}, error at most {size.error:.2g}, of 8 pi^2 = "
-            f"{8.0 * np.pi**2:.6g} for all orientations.\n\n"
-            "Sphere: the z axis of the link points there, and about it the link turns by "
-            "so much in all."
-        )
-        return Scene(title, (*seen, Text("legend", "Volume", words)))
+        return Scene(title, (*seen, self._words(item)))
 
     def _curves(self, region: Region) -> list[Primitive]:
         """Return the border by the limits that end it, each named on its longest arc."""
@@ -396,33 +387,16 @@ class Reached:
             curves.append(SphereCurves(path, name, arcs, tone, [mark]))
         return curves
 
-    def _words(self, item: DirectionWorkspace) -> str:
-        """Return areas and limits as Markdown."""
-        region = item.region
-        alike = [
-            label_of(other.signs)
-            for other in self.workspaces
-            if item.signs in (other.signs, other.same_as)
-        ]
-        lines = [
+    def _words(self, item: DirectionWorkspace | OrientationWorkspace) -> Text:
+        """Return what is told of a workspace, as Markdown."""
+        figures, warnings = self.told(item)
+        lines = (
             f"# Workspace of {self.kinematics.output.name}",
-            "",
-            f"Modes {', '.join(alike)}: {'; '.join(self.kinematics.legs)}.",
-            "",
-            f"Area {region.area:.9g} sr, error at most {region.error:.2g} sr",
-            "",
-            "| part | area, sr |",
-            "|---|---|",
-            *(
-                f"| {kind} {number} | {part.area:.9g} |"
-                for kind, parts in (("part", region.components), ("hole", region.holes))
-                for number, part in enumerate(sure_of(region, parts), 1)
-            ),
-            "",
-            "Bounded by:",
-            "",
-        ]
-        return "\n".join([*lines, *(f"- {self.names[k]}" for k in arcs_of(region))])
+            f"Mode {label_of(item.signs)}: {_in_words(figures)}.",
+            *warnings,
+            f"Signs of a mode: {'; '.join(self.kinematics.legs)}.",
+        )
+        return Text("legend", "Areas", "\n\n".join(lines))
 
 
 def arcs_of(region: Region) -> dict[int, list[Floats]]:

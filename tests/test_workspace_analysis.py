@@ -359,7 +359,7 @@ def test_pages_show_map_border_and_areas(five_bar):
         assert len(borders) == 3
         assert len({part.tone for part in borders}) == 3
         (words,) = [part.markdown for part in parts if isinstance(part, Text)]
-        assert "Bounded by" in words and "type II at least 15 deg away" in words
+        assert "bounded by" in words and "type II at least 15 deg away" in words
     singular = next(p for p in watcher.pages["Singularity"] if isinstance(p, SphereMap))
     assert singular.values[np.unique(singular.triangles)].min() > np.radians(14.999)
 
