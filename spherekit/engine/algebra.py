@@ -22,7 +22,7 @@ from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.errors import EngineError
 from spherekit.model.gears import COLLINEAR, axes_from_sizes, pose_sizes, reference_frame
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, SizeGeometry
+from spherekit.model.parts import LinkSizes, Pair, PoseGeometry
 
 Exprs = NDArray[np.object_]
 """An array of numbers and expressions."""
@@ -199,7 +199,9 @@ def _in_link(
             "deg, and where it opens its pair's zero jumps, so its sizes have no "
             "derivatives; vary another size, or compare with a file of an arc that is small"
         )
-    axes = axes_from_sizes(LinkSizes(sizes.axes, tuple(arcs), tuple(angles)))
+    axes: Mapping[str, Any] = axes_from_sizes(
+        LinkSizes(sizes.axes, tuple(arcs), tuple(angles))
+    )
     axis, other = axes[pair], axes[sizes.axes[0 if place else 1]]
     side = cross(axis, other)
     tangent = cross(side, axis) * (1.0 / np.sqrt(dot(side, side)))

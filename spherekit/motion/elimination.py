@@ -64,12 +64,12 @@ from spherekit.motion.search import (
 )
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import Group
+from spherekit.sphere.paths import dot
 from spherekit.sphere.rotation import all_finite, cross, max_abs, transpose
 from spherekit.sphere.trigonometric import (
     all_angles,
     common_angles,
     determinants,
-    dot,
     eliminated_degree,
     point,
     taking,

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import EPS, TURN
-from spherekit.numeric.chebyshev import real_zeros, trimmed
+from spherekit.numeric.chebyshev import real_zeros, sampled, trimmed
 
 Indexed = Callable[[Floats, Indices], Floats]
 """Values (m,) of the functions with numbers (m,) at places (m,)."""
@@ -90,8 +90,8 @@ def bracketed_zeros(
 
 
 DEGREE = 32
-CELLS = 4
-"""Cells of the first division."""
+FIRST = np.array([0.0, 0.2371, 0.4918, 0.7653, 1.0])
+"""Parts of the range that bound the first cells: a zero in a round place is at no edge."""
 DEEPEST = 12
 """Halvings of a cell before it is given up."""
 BARREN = 2
@@ -112,14 +112,8 @@ TAIL = 4
 BEYOND = 1e-2
 """Extrema so little beyond a cell, in half cells, are looked at from both sides."""
 
-_ANGLES = np.pi * np.arange(DEGREE + 1) / DEGREE
-_NODES = np.cos(_ANGLES)
-_BETWEEN = np.array([-0.7385, 0.0491, 0.6173])
+_BETWEEN = np.array([[-0.7385], [0.0491], [0.6173]])
 """Places in a cell, -1 to 1, at which the polynomial is compared with the function."""
-_FITTING = np.cos(np.outer(np.arange(DEGREE + 1), _ANGLES)) * (2.0 / DEGREE)
-_FITTING[:, [0, -1]] *= 0.5
-_FITTING[[0, -1]] *= 0.5
-_CHECKING = np.cos(np.outer(np.arange(DEGREE + 1), np.arccos(_BETWEEN)))
 
 
 def crossings(
@@ -138,7 +132,7 @@ def crossings(
     of 36 samples are looked at. In a cell no wider than `smooth` the function, if it is
     smooth there, is well given by so many samples.
     """
-    edges = np.linspace(low, high, CELLS + 1)
+    edges = low + (high - low) * FIRST
     cells = np.stack([edges[:-1], edges[1:]], axis=1)
     roots: list[list[Floats]] = []
     doubtful: list[Floats] = []
@@ -146,9 +140,9 @@ def crossings(
     for depth in range(DEEPEST + 1):
         looked += len(cells)
         middle, half = cells.mean(axis=1), 0.5 * (cells[:, 1] - cells[:, 0])
-        given = middle[:, None] + half[:, None] * np.concatenate([_NODES, _BETWEEN])
-        values = function(given.ravel()).reshape(given.shape)
-        contents = [*map(_in_cell, values)]
+        bounds = cells[..., None]
+        of_cells = sampled(lambda x: function(x[:, 0]), bounds, DEGREE, _BETWEEN)
+        contents = [*map(_in_cell, *of_cells)]
         again = np.array([len(parts) > 0 for _, parts in contents]) & (barren < BARREN)
         again &= depth < DEEPEST and looked + 2 * len(cells) <= most
         for number in np.flatnonzero(~again):
@@ -172,30 +166,16 @@ def crossings(
     return np.clip(np.sort(places), low, high), np.clip(parts, low, high)
 
 
-def _in_cell(values: Floats) -> tuple[Floats, Floats]:
+def _in_cell(series: Floats, gap: Floats, largest: float) -> tuple[Floats, Floats]:
     """Return zeros with slopes (2, k), and doubtful parts (d, 2), of a cell on [-1, 1].
 
-    All of it is doubtful where the polynomial is not the function given by its samples.
+    From its series (degree + 1, 1), how far that is from the function at some places, and
+    the largest value. All of it is doubtful where the series is not the function.
     """
-    nodal, checked = values[: DEGREE + 1], values[DEGREE + 1 :]
-    series = _FITTING @ nodal
-    gap = float(np.max(np.abs(series @ _CHECKING - checked)))
-    error = max(gap, float(np.max(np.abs(series[-TAIL:]))))
-    if not error <= FITTED * float(np.max(np.abs(nodal))) or not np.any(nodal):
+    series = series[:, 0]
+    error = float(max(np.max(gap), np.max(np.abs(series[-TAIL:]))))
+    if not error <= FITTED * largest or not largest:
         return np.zeros((2, 0)), np.array([[-1.0, 1.0]])
-    return _zeros(series, error)
-
-
-def _merged(parts: Floats) -> Floats:
-    """Return parts (d, 2) of a line in order, those that touch as one."""
-    start, stop = parts[np.argsort(parts[:, 0])].T
-    reach, new = np.maximum.accumulate(stop), np.ones(len(parts), dtype=bool)
-    new[1:] = start[1:] > reach[:-1] + TOGETHER * np.abs(stop - start)[1:]
-    return np.stack([start[new], reach[np.roll(new, -1)]], axis=1)
-
-
-def _zeros(series: Floats, error: float) -> tuple[Floats, Floats]:
-    """Return changes of sign of a series on [-1, 1] with slopes, and doubtful extrema."""
     series = trimmed(series, 1e-3 * error)
     if abs(series[0]) > np.sum(np.abs(series[1:])) + CERTAIN * error:
         return np.zeros((2, 0)), np.zeros((0, 2))
@@ -219,6 +199,14 @@ def _zeros(series: Floats, error: float) -> tuple[Floats, Floats]:
     )
     rates = np.asarray(chebyshev.chebval(places, slope), dtype=float)
     return np.stack([places, rates]), np.array(touches).reshape(-1, 2)
+
+
+def _merged(parts: Floats) -> Floats:
+    """Return parts (d, 2) of a line in order, those that touch as one."""
+    start, stop = parts[np.argsort(parts[:, 0])].T
+    reach, new = np.maximum.accumulate(stop), np.ones(len(parts), dtype=bool)
+    new[1:] = start[1:] > reach[:-1] + TOGETHER * np.abs(stop - start)[1:]
+    return np.stack([start[new], reach[np.roll(new, -1)]], axis=1)
 
 
 SAME_ANGLE = 1e-9

@@ -35,7 +35,7 @@ from spherekit.errors import SolveError
 from spherekit.numeric.crossings import wrap
 
 
-def cross(a: Floats, b: Floats) -> Floats:
+def cross(a: Array, b: Array) -> Array:
     """Return a x b for arrays (..., 3); much faster on small arrays than NumPy's own."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
-from spherekit.sphere.rotation import all_finite, max_abs
+from spherekit.sphere.paths import dot
+from spherekit.sphere.rotation import all_finite, cross, max_abs
 
 Numbers = NDArray[np.inexact[Any]]
 
@@ -341,16 +342,6 @@ def _jets(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
     turned = np.eye(angles.shape[2], dtype=int)
     columns = [jets[..., *column] for column in turned]
     return jets[..., *np.zeros_like(turned[0])], np.stack(columns, axis=3)
-
-
-def dot(a: Complexes, b: Complexes) -> Complexes:
-    """Return a . b (...,) of arrays (..., 3), without conjugation."""
-    return np.sum(a * b, axis=-1)
-
-
-def cross(a: Complexes, b: Complexes) -> Complexes:
-    """Return a x b of arrays (..., 3)."""
-    return np.asarray(np.cross(a, b), dtype=complex)
 
 
 def taking(
