@@ -13,7 +13,6 @@ from singular_examples import axes_at, components
 import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.model.parts import Output
-from spherekit.motion.closure import lock
 from spherekit.motion.motion import PositionAnalysis, motion_of
 from spherekit.singular import curves, surface
 from spherekit.singular.aspects import aspects
@@ -301,16 +300,14 @@ def test_type_three_points_lie_on_both_kinds_of_curves():
 
 def test_cusps_of_a_three_rrr_with_one_input_locked(monkeypatch):
     """At a cusp the curve turns back in the plane of the inputs: their tangent vanishes."""
-    tracer = PositionAnalysis(sk.load("three_rrr"), samples=3)
-    motion = tracer.motion()
+    free = sk.load("three_rrr")
+    locked = sk.lock(free, {free.input_pairs[2]: free.inputs[2].start}, angle_unit="rad")
+    tracer = PositionAnalysis(locked, samples=3)
+    motion, driven = tracer.motion(), tracer.solver.driven
     values = motion.values[~motion.failed][0]
-    solver = tracer.solver
-    one, two, three = solver.driven
-    locked = lock(solver.closure, {three: values[three]})
-    driven = (locked.kept.index(one), locked.kept.index(two))
-    locus = SingularityLocus(locked.closure, 2, InputsLocked(driven))
+    locus = SingularityLocus(tracer.solver.closure, 2, InputsLocked(driven))
     monkeypatch.setattr(curves, "LONGEST", 20.0)
-    (curve,) = curves.trace_curves(locus, values[None, list(locked.kept)])
+    (curve,) = curves.trace_curves(locus, values[None])
     assert curve is not None
     cusps = curve.cusps()
     assert len(cusps) >= 2

@@ -19,7 +19,6 @@ from spherekit.files.read import load
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry
 from spherekit.motion.arc_length import follow_arc
-from spherekit.motion.closure import lock
 from spherekit.motion.motion import PositionAnalysis
 
 FAMILY = "singularities"
@@ -66,12 +65,12 @@ def standstill(mechanism: Mechanism, stands: str, others: Sequence[float] = ()) 
         known = motion.values[rows][~motion.failed[rows]]
         if not len(known):
             continue
-        held = {v: float(known[0, v]) for v in reference.inputs if v != reference.moved}
-        locked = lock(tracer.solver.closure, held)
-        curve = follow_arc(locked.closure, known[0, list(locked.kept)])
-        places = curve.dead_points(locked.kept.index(number)).places
+        held = [v for v in reference.inputs if v != reference.moved]
+        locked = tracer.solver.closure.locked(held, known[:1, held])
+        curve = follow_arc(locked, known[0])
+        places = curve.dead_points(number).places
         if len(places):
-            return locked.whole(curve.at(places[:1]).values)[0]
+            return curve.at(places[:1]).values[0]
     raise LookupError(f"{mechanism.name}: pair {stands} stands still nowhere")
 
 

@@ -283,7 +283,7 @@ def _sizes(
     laws: Mapping[str, Expression | TorqueTable],
     dq: Sequence[str],
     put: Callable[[str], str],
-) -> tuple[dict[str, str], dict[str, Callable[[float], float]]]:
+) -> tuple[dict[str, str], dict[str, Callable[[float], Floats]]]:
     """Return magnitudes by name as Python, with the rates they need first, and tables.
 
     `dq` are the rates of the coordinates, `put` gives a stored function of a name.
@@ -298,10 +298,10 @@ def _sizes(
             given[written[name]] = text
         else:
             written[name] = put(name)
-    tables: dict[str, Callable[[float], float]] = {}
+    tables: dict[str, Callable[[float], Floats]] = {}
     for size, law in laws.items():
         if isinstance(law, TorqueTable):
-            tables[f"table_{size}"] = law.one
+            tables[f"table_{size}"] = law.at
             given[size] = f"table_{size}(t)"
         else:
             given[size] = law.code(written)

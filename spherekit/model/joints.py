@@ -218,70 +218,6 @@ class Revolute(Joint):
 
 
 @dataclass(frozen=True, eq=False)
-class Rolling(Joint):
-    """A rolling contact: the curves of both links, with tangents that agree.
-
-    A_first and A_second are the moving frames of the curves; both arc lengths run
-    together from `start`.
-    """
-
-    words = "rolling contact"
-    freedoms = 1
-    has_axis = False
-    pole_line = "contact line"
-    axis = 2
-    carriers = 2
-
-    first: Curve
-    second: Curve
-    start: Ends
-
-    rolled = (0,)
-
-    @staticmethod
-    def variable_names(pair: str, links: Links) -> list[str]:
-        return [f"s_{pair}"]
-
-    @cached_property
-    def tracks(self) -> tuple[Track, Track]:
-        return Track(self.first, 0, self.start[0]), Track(self.second, 0, self.start[1])
-
-    @property
-    def laps(self) -> Numbers:
-        return tuple(curve.length for curve in (self.first, self.second) if curve.closed)
-
-    @property
-    def periods(self) -> Numbers:
-        if self.first.closed and self.second.closed:
-            ratio = self.first.length / self.second.length
-            whole = Fraction(ratio).limit_denominator(MOST_TEETH)
-            if abs(float(whole) / ratio - 1.0) < SAME_RATIO:
-                return (self.first.length * whole.denominator,)
-        return (np.inf,)
-
-    @property
-    def starts(self) -> tuple[Ends, ...]:
-        half = 0.5 * max(self.first.length, self.second.length)
-        return ((-half, half),)
-
-    @staticmethod
-    def vectors(frames: Floats, curvatures: Floats) -> Floats:
-        """Return (k1 - k2) p, with p the point and k1, k2 the curvatures."""
-        return ((curvatures[..., :1] - curvatures[..., 1:]) * frames[..., 2])[:, :, None]
-
-    @staticmethod
-    def rates(
-        frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
-    ) -> Floats:
-        tangent, point = frames[..., 0], frames[..., 2]
-        k1, k2 = states.curvatures[..., :1], states.curvatures[..., 1:]
-        dk1, dk2 = states.curvature_rates[..., :1], states.curvature_rates[..., 1:]
-        s = _along(second_w - first_w, point) / (k1 - k2)
-        moved = cross(first_w, point) + s * tangent
-        return ((dk1 - dk2) * s * point + (k1 - k2) * moved)[:, :, None]
-
-
-@dataclass(frozen=True, eq=False)
 class Sliding(Joint):
     """A sliding contact: the curves of both links, with tangents that agree.
 
@@ -304,7 +240,7 @@ class Sliding(Joint):
         return [f"s_{pair}_{link}" for link in links]
 
     @cached_property
-    def tracks(self) -> tuple[Track, Track]:
+    def tracks(self) -> tuple[Track, ...]:
         return Track(self.first, 0, 0.0), Track(self.second, 1, 0.0)
 
     @property
@@ -337,7 +273,10 @@ class Sliding(Joint):
         k1, k2 = states.curvatures[..., :1], states.curvatures[..., 1:]
         dk1, dk2 = states.curvature_rates[..., :1], states.curvature_rates[..., 1:]
         relative = second_w - first_w
-        along_p, along_n = _along(relative, point), _along(relative, normal)
+        along_p, along_n = (
+            np.sum(relative * direction, axis=-1, keepdims=True)
+            for direction in (point, normal)
+        )
         s1 = (along_p - k2 * along_n) / (k1 - k2)
         s2 = (along_p - k1 * along_n) / (k1 - k2)
         vectors = [
@@ -345,6 +284,66 @@ class Sliding(Joint):
             -cross(second_w, normal + k2 * point) - s2 * dk2 * point,
         ]
         return np.stack(vectors, axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class Rolling(Joint):
+    """A rolling contact: the curves of both links, with tangents that agree.
+
+    Both arc lengths run together from `start`: the variable moves the links as both of a
+    sliding contact do together.
+    """
+
+    words = "rolling contact"
+    freedoms = 1
+    has_axis = False
+    pole_line = "contact line"
+    axis = 2
+    carriers = 2
+
+    first: Curve
+    second: Curve
+    start: Ends
+
+    rolled = (0,)
+
+    @staticmethod
+    def variable_names(pair: str, links: Links) -> list[str]:
+        return [f"s_{pair}"]
+
+    @cached_property
+    def tracks(self) -> tuple[Track, ...]:
+        return tuple(map(Track, (self.first, self.second), (0, 0), self.start))
+
+    @property
+    def laps(self) -> Numbers:
+        return tuple(curve.length for curve in (self.first, self.second) if curve.closed)
+
+    @property
+    def periods(self) -> Numbers:
+        if len(self.laps) == 2:
+            ratio = self.first.length / self.second.length
+            whole = Fraction(ratio).limit_denominator(MOST_TEETH)
+            if abs(float(whole) / ratio - 1.0) < SAME_RATIO:
+                return (self.first.length * whole.denominator,)
+        return (np.inf,)
+
+    @property
+    def starts(self) -> tuple[Ends, ...]:
+        half = 0.5 * max(self.first.length, self.second.length)
+        return ((-half, half),)
+
+    @staticmethod
+    def vectors(frames: Floats, curvatures: Floats) -> Floats:
+        """Return (k1 - k2) p, with p the point and k1, k2 the curvatures."""
+        return ((curvatures[..., :1] - curvatures[..., 1:]) * frames[..., 2])[:, :, None]
+
+    @staticmethod
+    def rates(
+        frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
+    ) -> Floats:
+        both = Sliding.rates(frames, states, first_w, second_w)
+        return np.sum(both, axis=2, keepdims=True)
 
 
 @lru_cache(maxsize=512)
@@ -376,7 +375,3 @@ def revolute(joint: Joint) -> Revolute:
 def revolutes(joints: Iterable[Joint]) -> list[Revolute]:
     """Return those joints that are R pairs."""
     return [joint for joint in joints if isinstance(joint, Revolute)]
-
-
-def _along(vectors: Floats, directions: Floats) -> Floats:
-    return np.sum(vectors * directions, axis=-1, keepdims=True)

@@ -2,7 +2,6 @@
 
 import inspect
 from abc import ABC, abstractmethod
-from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -245,18 +244,6 @@ class TorqueTable(Load):
                 "periodic = true"
             )
         return np.asarray(np.interp(t, self.times, self.torques), dtype=np.float64)
-
-    def one(self, t: float) -> float:
-        """Return the torque (N m) at one time (s): the same as `at`, in less time."""
-        first, last = self.times[0], self.times[-1]
-        if self.periodic:
-            t = first + (t - first) % (last - first)
-        elif not first <= t <= last:
-            return float(self.at(t))
-        after = min(bisect_right(self.times, t), len(self.times) - 1)
-        start, before = self.times[after - 1], self.torques[after - 1]
-        slope = (self.torques[after] - before) / (self.times[after] - start)
-        return before + slope * (t - start)
 
     def knots(self, start: float, stop: float) -> Iterator[float]:
         """Yield the times (s) at which the slope changes, all between two and others."""

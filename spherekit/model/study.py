@@ -67,14 +67,10 @@ class Polynomial:
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape."""
-        t = np.asarray(t, dtype=np.float64)
-        q, dq, half = np.zeros(t.shape), np.zeros(t.shape), np.zeros(t.shape)
+        law = np.polynomial.Polynomial(self.coefficients)
         with np.errstate(over="ignore", invalid="ignore"):
-            for coefficient in reversed(self.coefficients):
-                half = half * t + dq
-                dq = dq * t + q
-                q = q * t + coefficient
-            return q, dq, 2 * half
+            q, dq, ddq = (law.deriv(order)(np.asarray(t, float)) for order in range(3))
+        return q, dq, ddq
 
 
 @checked_class(ModelError, "at")

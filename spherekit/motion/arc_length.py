@@ -133,22 +133,21 @@ def follow_arc(
     """
     limits = Limits.of(closure, stops or {})
     start = _started(closure, np.asarray(values, dtype=float), limits)
-    return _followed([closure], [start], limits, longest)[0]
+    return _followed(closure, [start], limits, longest)[0]
 
 
-def follow_arcs(
-    closures: Sequence[Closure], starts: Floats, longest: float
-) -> list[ArcCurve | None]:
+def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCurve | None]:
     """Return the curves through configurations (n, variables), side by side.
 
-    Closures are alike but for their leads. None where `follow_arc` raises an error.
+    What is locked is so at values of each. None where `follow_arc` raises an error.
     """
     curves: list[ArcCurve | None] = [None] * len(starts)
-    limits, begun = Limits.of(closures[0], {}), dict[int, _Nodes]()
-    for number, (closure, values) in enumerate(zip(closures, starts, strict=True)):
+    limits, begun = Limits.of(closure, {}), dict[int, _Nodes]()
+    for number, values in enumerate(starts):
         with suppress(SolveError):
-            begun[number] = _started(closure, values, limits)
-    those = [closures[number] for number in begun]
+            one = closure.take(np.array([number]))
+            begun[number] = _started(one, values, limits)
+    those = closure.take(np.array([*begun], dtype=np.intp))
     made = _followed(those, list(begun.values()), limits, longest)
     for number, curve in zip(begun, made, strict=True):
         curves[number] = curve
@@ -156,7 +155,7 @@ def follow_arcs(
 
 
 def _followed(
-    closures: Sequence[Closure],
+    closure: Closure,
     starts: Sequence[_Nodes],
     limits: Limits,
     longest: float,
@@ -164,8 +163,7 @@ def _followed(
     """Return the curves through nodes, in both senses where they do not close."""
     if not starts:
         return []
-    closure, start = Closure.stacked(closures), _Nodes.joined(starts)
-    periods = periods_of(closure)
+    start, periods = _Nodes.joined(starts), periods_of(closure)
     back = replace(start.plain, tangents=-start.tangents)
     turned = _Nodes.of(closure.at(start.values), back, limits)
     ahead = _Arcs(start, periods, longest, LARGEST_STEP, closure, limits)
@@ -175,15 +173,12 @@ def _followed(
     behind = _Arcs(turned.rows(left), *given)
     behind.follow(FIRST_STEP)
     place = {int(row): k for k, row in enumerate(left)}
-    return [
-        _curve(one, ahead, behind, row, place.get(row)) for row, one in enumerate(closures)
-    ]
+    return [_curve(ahead, behind, row, place.get(row)) for row in range(len(starts))]
 
 
-def _curve(
-    closure: Closure, ahead: "_Arcs", behind: "_Arcs", row: int, other: int | None
-) -> ArcCurve:
+def _curve(ahead: "_Arcs", behind: "_Arcs", row: int, other: int | None) -> ArcCurve:
     """Return the curve of a row that was followed in both senses."""
+    closure = ahead.closure.take(np.array([row]))
     periods, nodes = ahead.periods, ahead.nodes_of(row).plain
     if other is None or behind.closed[other]:
         if other is not None:

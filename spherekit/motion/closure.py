@@ -7,18 +7,16 @@ fails to close is the residual. Bodies may be links, or groups of links whose
 relative orientation differs from sample to sample.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.model.graph import joined, spanning
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.loops import REDUNDANT, Linearisation, LoopTree
-from spherekit.sphere.rotation import max_abs, transpose
+from spherekit.motion.loops import REDUNDANT, Linearisation, Locks, LoopTree
+from spherekit.sphere.rotation import max_abs
 
 ROUNDED = 1e-15
 """Loops that are open by less (rad) are closed to rounding."""
@@ -62,12 +60,14 @@ class Closure:
     """A loop tree with the joints of its pairs.
 
     `leads`: (n or 1, pairs, 3, 3) twice, from the axes of the pair's first and second links
-    to those of the bodies that hold them; None where bodies are links.
+    to those of the bodies that hold them; None where bodies are links. `locks` are
+    variables, and the values (n or 1, locks) rad at which they are locked.
     """
 
     tree: LoopTree
     joints: tuple[Joint, ...]
     leads: tuple[Floats, Floats] | None = None
+    locks: Locks | None = None
 
     @staticmethod
     def of(mechanism: Mechanism, joints: tuple[Joint, ...]) -> "Closure":
@@ -76,23 +76,20 @@ class Closure:
 
     def take(self, rows: Indices) -> "Closure":
         """Return the closure of some samples only."""
-        if self.leads is None or len(self.leads[0]) == 1:
-            return self
-        first, second = self.leads
-        return Closure(self.tree, self.joints, (first[rows], second[rows]))
+        leads, locks = self.leads, self.locks
+        if leads is not None and len(leads[0]) > 1:
+            leads = leads[0][rows], leads[1][rows]
+        if locks is not None and len(locks[1]) > 1:
+            locks = locks[0], locks[1][rows]
+        return replace(self, leads=leads, locks=locks)
 
-    @staticmethod
-    def stacked(parts: Sequence["Closure"]) -> "Closure":
-        """Return the closure of a sample of each part; they differ in their leads alone."""
-        leads = [part.leads for part in parts if part.leads is not None]
-        if not leads:
-            return parts[0]
-        first, second = (np.concatenate(side) for side in zip(*leads, strict=True))
-        return Closure(parts[0].tree, parts[0].joints, (first, second))
+    def locked(self, variables: Sequence[int], values: Floats) -> "Closure":
+        """Return the closure with some variables locked at values (n or 1, locks) rad."""
+        return replace(self, locks=(list(variables), values))
 
     def at(self, values: Floats) -> Linearisation:
         """Return the closure at configurations (n, variables)."""
-        return Linearisation(self.tree, self.joints, values, self.leads)
+        return Linearisation(self.tree, self.joints, values, self.leads, None, self.locks)
 
     def solve(
         self,
@@ -146,56 +143,3 @@ def least_change(matrices: Floats, right: Floats) -> Floats:
         except np.linalg.LinAlgError:
             pass
     return np.einsum("nij,nj->ni", np.linalg.pinv(matrices, rcond=REDUNDANT), right)
-
-
-class Locked(NamedTuple):
-    """A closure with some variables locked, and the way back to all variables.
-
-    `closure` has the variables `kept` of the whole closure, in order; `values` (V,) holds
-    the locked ones.
-    """
-
-    closure: Closure
-    kept: tuple[int, ...]
-    values: Floats
-
-    def whole(self, values: Floats) -> Floats:
-        """Return all variables (n, V) from those kept."""
-        out = np.tile(self.values, (len(values), 1))
-        out[:, list(self.kept)] = values
-        return out
-
-    def rates(self, rates: Floats) -> Floats:
-        """Return the rates (n, V) of all variables from those of the variables kept."""
-        out = np.zeros((len(rates), len(self.values)))
-        out[:, list(self.kept)] = rates
-        return out
-
-
-def lock(closure: Closure, held: Mapping[int, float]) -> Locked:
-    """Return a closure of links with R pairs or rolling contacts locked.
-
-    `held` has the value (rad) of each locked pair's variable, by the variable's number.
-    Where locked pairs close a loop of their own, the last of them is taken to fit.
-    """
-    tree, values = closure.tree, np.zeros(len(closure.tree.owners))
-    values[list(held)] = list(held.values())
-    locked = {tree.owners[variable] for variable in held}
-    body = joined(tree.count, (tree.ends[pair] for pair in locked))
-    bodies = sorted(set(body))
-    states = closure.at(values[None]).states
-    lift = np.tile(np.eye(3), (tree.count, 1, 1))
-    for pair, parent, child in spanning(tree.ends, bodies, locked):
-        turn = states.first[0, pair] @ transpose(states.second[0, pair])
-        lift[child] = lift[parent] @ (
-            turn if tree.ends[pair][0] == parent else transpose(turn)
-        )
-    pairs = [pair for pair in range(len(tree.ends)) if pair not in locked]
-    kept = tuple(v for v, owner in enumerate(tree.owners) if owner not in locked)
-    sides = np.array([tree.ends[pair] for pair in pairs], dtype=np.intp).reshape(-1, 2).T
-    leads = lift[sides]
-    ends = tuple((bodies.index(body[a]), bodies.index(body[b])) for a, b in sides.T)
-    owners = tuple(pairs.index(tree.owners[variable]) for variable in kept)
-    joints = tuple(closure.joints[pair] for pair in pairs)
-    part = LoopTree(len(bodies), ends, owners)
-    return Locked(Closure(part, joints, (leads[:1], leads[1:])), kept, values)

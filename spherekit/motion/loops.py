@@ -304,6 +304,8 @@ def penetrates(joints: Sequence[Joint], states: PairStates) -> Bools:
 
 
 _UNTURNED = np.eye(3)
+Locks = tuple[list[int], Floats]
+"""Variables, and the values (n or 1, locks) rad at which they are locked."""
 
 
 @dataclass(frozen=True)
@@ -320,6 +322,8 @@ class Linearisation:
         (n or 1, pairs, 3, 3) twice, see `Closure`; None where bodies are links.
     rotations
         (n, bodies, 3, 3) orientations in body 0 that are known already.
+    locks
+        Variables with the values at which they are locked, one equation more each.
     """
 
     tree: LoopTree
@@ -327,6 +331,7 @@ class Linearisation:
     values: Floats
     leads: tuple[Floats, Floats] | None = None
     rotations: Floats | None = None
+    locks: Locks | None = None
 
     def __len__(self) -> int:
         return len(self.values)
@@ -385,14 +390,21 @@ class Linearisation:
 
     @cached_property
     def residual(self) -> Floats:
-        """(n, 3 loops): rotation vectors (rad) by which the loops stay open."""
+        """(n, 3 loops): rotation vectors (rad) by which the loops stay open.
+
+        After them how far what is locked is away, (n, locks).
+        """
         chords, firsts, seconds = self.tree.closing
         if not len(chords):
             return np.zeros((len(self.values), 0))
         one = self.placed[:, firsts] @ self.states.first[:, chords]
         other = self.placed[:, seconds] @ self.states.second[:, chords]
         gaps = rotation_vector(one @ transpose(other))
-        return gaps.reshape(len(gaps), 3 * len(chords))
+        gaps = gaps.reshape(len(gaps), 3 * len(chords))
+        if self.locks is None:
+            return gaps
+        variables, places = self.locks
+        return np.append(gaps, self.values[:, variables] - places, axis=1)
 
     @property
     def gap(self) -> Floats:
@@ -401,8 +413,13 @@ class Linearisation:
 
     @cached_property
     def jacobian(self) -> Floats:
-        """J (n, 3 loops, variables): rates with J rates = 0 keep the loops closed."""
-        return self.tree.jacobian(self.vectors)
+        """J (n, equations, variables): rates with J rates = 0 keep the loops closed."""
+        jacobian = self.tree.jacobian(self.vectors)
+        if self.locks is None:
+            return jacobian
+        rows = np.eye(jacobian.shape[2])[self.locks[0]]
+        every = np.broadcast_to(rows, (len(jacobian), *rows.shape))
+        return np.concatenate([jacobian, every], axis=1)
 
     def body_rates(self, rates: Floats) -> Floats:
         """Return angular velocities (n, bodies, 3) at rates (n, variables)."""
@@ -427,6 +444,8 @@ class Linearisation:
         return self.pair_rates(w[:, self.tree.firsts], w[:, self.tree.seconds])
 
     def bias(self, rates: Floats) -> Floats:
-        """Return J' rates (n, 3 loops), J' the change of J at rates (n, variables)."""
+        """Return J' rates (n, equations), J' the change of J at rates (n, variables)."""
         turned = self.turned(self.body_rates(rates))
-        return np.einsum("nij,nj->ni", self.tree.jacobian(turned), rates)
+        bias = np.einsum("nij,nj->ni", self.tree.jacobian(turned), rates)
+        locks = 0 if self.locks is None else len(self.locks[0])
+        return np.pad(bias, ((0, 0), (0, locks))) if locks else bias

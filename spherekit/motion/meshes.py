@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import CLOSURE_TOLERANCE, TURN
+from spherekit.conventions import TURN
 from spherekit.model.joints import MOST_TEETH, Joint
 from spherekit.motion.arc_length import periods_of
-from spherekit.motion.closure import Closure, lock
+from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rolled_lengths
 from spherekit.motion.search import Distinct, search
 from spherekit.motion.turns import whole_laps
@@ -61,17 +61,11 @@ class GearPhases(NamedTuple):
     def modes(self, closure: Closure, driven: Sequence[int], q: Floats) -> Floats:
         """Return the closed configurations (n, variables) found at inputs q (k,)."""
         far, q = q, q - whole_laps(q - self.anchor, self.periods)
-        held = dict(
-            zip([*driven, *self.variables], [*q, *self.rolled(q[None])[0]], strict=True)
-        )
-        locked = lock(closure, held)
-        values = np.zeros((1, 0))
-        if locked.kept:
-            distinct = Distinct(locked.closure)
-            search(locked.closure, distinct)
-            values = np.array(distinct.values).reshape(-1, len(locked.kept))
-        whole = locked.whole(values)
-        closed = whole[closure.at(whole).gap < CLOSURE_TOLERANCE]
+        held = np.append(q, self.rolled(q[None]))[None]
+        locked = closure.locked([*driven, *self.variables], held)
+        distinct = Distinct(locked)
+        search(locked, distinct)
+        closed = np.array(distinct.values).reshape(-1, len(closure.tree.owners))
         closed[:, list(driven)] = far
         closed[:, list(self.variables)] += self.ratios @ (far - q)
         return closed

@@ -258,4 +258,8 @@ def _closed(closure: Closure, values: Floats) -> Floats:
 def starting_range(closure: Closure) -> tuple[Floats, Floats]:
     """Return the limits (variables,) between which random starts are drawn."""
     every = [limits for joint in closure.joints for limits in joint.starts]
-    return np.array([low for low, _ in every]), np.array([high for _, high in every])
+    low, high = np.array(every).T
+    if closure.locks is not None:
+        variables, places = closure.locks
+        low[variables] = high[variables] = places[0]
+    return low, high

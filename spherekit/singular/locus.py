@@ -27,7 +27,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve, CurvePoints
 from spherekit.motion.arc_length import follow_arcs
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
-from spherekit.motion.closure import Closure, Locked, lock, newton
+from spherekit.motion.closure import Closure, newton
 from spherekit.motion.elimination import assemblies
 from spherekit.motion.loops import REDUNDANT
 from spherekit.numeric.zeros import ArrayRows
@@ -319,11 +319,6 @@ TOGETHER = 12
 """Slices of dyads that are followed side by side."""
 
 
-Slice = tuple[Locked, ArcCurve]
-"""A curve of configurations with all inputs but one locked, and the way to all variables.
-"""
-
-
 def solver_of(mechanism: Mechanism) -> Solver:
     """Return the solver of a mechanism, its modes not looked for.
 
@@ -358,7 +353,9 @@ def configurations(solver: Solver, q: Floats) -> tuple[Floats, Indices]:
     return np.concatenate(parts), np.concatenate(rows)
 
 
-def _slices(solver: Solver, free: int, held: Floats, budget: TimeLimit) -> Iterator[Slice]:
+def _slices(
+    solver: Solver, free: int, held: Floats, budget: TimeLimit
+) -> Iterator[ArcCurve]:
     """Yield all curves found with all inputs but one locked at values (m, inputs).
 
     A curve of each slice is followed side by side. Modes are looked for at values of the
@@ -371,23 +368,19 @@ def _slices(solver: Solver, free: int, held: Floats, budget: TimeLimit) -> Itera
     q[:, free] = np.tile(turn, len(held))
     starts, row = configurations(solver, q)
     others = np.delete(solver.driven, free).tolist()
-    locked = [
-        lock(solver.closure, dict(zip(others, values, strict=True)))
-        for values in np.delete(held, free, axis=1).tolist()
-    ]
-    kept = list(locked[0].kept)
-    todo = {k: starts[row // probes == k][:, kept] for k in range(len(held))}
-    while left := [k for k, values in todo.items() if len(values)]:
+    values = np.delete(held, free, axis=1)
+    todo = {k: starts[row // probes == k] for k in range(len(held))}
+    while left := [k for k, of_slice in todo.items() if len(of_slice)]:
         if not budget.goes_on(f"curves of {counted(len(left), 'slice')}"):
             return
-        closures = [locked[k].closure for k in left]
+        locked = solver.closure.locked(others, values[left])
         first = np.stack([todo[k][0] for k in left])
-        curves = follow_arcs(closures, first, longest=LONGEST)
+        curves = follow_arcs(locked, first, longest=LONGEST)
         for k, curve in zip(left, curves, strict=True):
             todo[k] = todo[k][1:]
             if curve is not None:
                 todo[k] = todo[k][~curve.passes(todo[k])]
-                yield locked[k], curve
+                yield curve
 
 
 @dataclass(frozen=True)
@@ -398,7 +391,7 @@ class LockedInputSection:
     out as time was spent, or is empty.
     """
 
-    slices: tuple[Slice, ...]
+    slices: tuple[ArcCurve, ...]
     gaps: tuple[float, ...]
     note: str
 
@@ -419,7 +412,7 @@ def cut(
         low + (high - low) * (np.arange(values_of_each) + 0.5) / values_of_each
         for low, high in ranges
     ]
-    sections: list[Slice] = []
+    sections: list[ArcCurve] = []
     notes = []
     for free in range(len(ranges)):
         grid = [*product(*spread[:free], [0.0], *spread[free + 1 :])]
@@ -437,15 +430,15 @@ def cut(
     return LockedInputSection(tuple(sections), gaps, "; ".join(notes))
 
 
-def seeds(locked: Locked, curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:
+def seeds(curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:
     """Return the singular configurations on a slice."""
 
     def along(points: CurvePoints) -> tuple[Floats, Floats]:
-        space = locus.space(locked.whole(points.values))
-        measure, rates = locus.measure(space), locked.rates(points.tangents)
-        ways = np.einsum("nvg,nv->ng", space.basis, rates)
+        space = locus.space(points.values)
+        measure = locus.measure(space)
+        ways = np.einsum("nvg,nv->ng", space.basis, points.tangents)
         return measure.value, np.vecdot(measure.gradient, ways)
 
     places = curve.locate(along).places
-    locus_points = locus.onto(locked.whole(curve.at(places).values))
+    locus_points = locus.onto(curve.at(places).values)
     return locus_points.rows(np.flatnonzero(locus_points.good))

@@ -119,7 +119,7 @@ class StartPoints:
                 return
             some = every[first : first + SECTIONS]
             self.searched += len(some)
-            yield LocusPoints.joined([seeds(*one, self.view.locus) for one in some])
+            yield LocusPoints.joined([seeds(one, self.view.locus) for one in some])
 
     def _of_random_starts(self) -> Iterator[LocusPoints]:
         random, solver = np.random.default_rng(SEED), self.view.solver
