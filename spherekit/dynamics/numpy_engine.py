@@ -29,6 +29,7 @@ from spherekit.dynamics.simulation import (
     CROSSING,
     JUMPS,
     LOCKING,
+    NOISE,
     OVER,
     EndKind,
     EngineReport,
@@ -76,6 +77,12 @@ CONTINUED = 12
 
 SAFETY, GROWTH, SHRINKAGE = 0.8, 1.4, 0.35
 
+FLAT = 0.2
+"""Part of the later coefficients that the last ones are at least where rates have noise."""
+
+CREEPING, CREPT = 50, 1e-4
+"""Noise ends a simulation after so many steps in a row of less than this part of it."""
+
 TAIL = 4 * NODES - 2
 """The error of a step is its length times its last coefficients over this."""
 
@@ -116,6 +123,7 @@ class Collocation:
         self.orientation = 0.0
         self.fine = False
         self.drift = 0.0
+        self.creeping = 0
         self.end: SimulationEnd | None = None
         self._steps = self._integrate()
         self._working = ProgressReporter("simulating")
@@ -193,8 +201,14 @@ class Collocation:
                     continue
                 if len(self.path) >= MOST_STEPS:
                     return SimulationEnd("too_fast", t, too_many(MOST_STEPS))
+                noisy = self._noisy(step)
                 if tried == length or tried < left:
-                    length = _factor(error, iterations) * tried
+                    # A shorter step has as much noise.
+                    length = _factor(EPS if noisy else error, iterations) * tried
+                short = noisy and tried < CREPT * problem.until
+                self.creeping = self.creeping + 1 if short else 0
+                if self.creeping == CREEPING:
+                    return SimulationEnd("too_fast", t, NOISE)
                 stopped = self._accept(step, rates, orientation)
                 if stopped is not None:
                     return stopped
@@ -278,7 +292,7 @@ class Collocation:
             states = moved
             if not np.isfinite(change) or (count > 4 and change > 4.0 * last):
                 break
-            if change < enough or (change < 64 * EPS and change >= 0.5 * last):
+            if change < enough or last <= change < max(tolerance, 64 * EPS):
                 settled = True
                 break
         series = TO_SERIES @ rates
@@ -321,6 +335,11 @@ class Collocation:
             return np.max(missed, axis=1) / enough, loads.evaluated(loads.steep, *seen)
 
         return bool(good_until(look, 1)[0] == 1.0)
+
+    def _noisy(self, step: Step) -> bool:
+        """Return whether a step's last coefficients are noise: not smaller than others."""
+        sizes = max_abs(step.series[NODES // 3 :] / self.sizes, axis=1)
+        return bool(np.max(sizes[-3:]) > FLAT * np.max(sizes))
 
     def _keeps(self, step: Step, orientation: Floats) -> bool:
         """Return whether a step keeps to one set of configurations where sets cross.

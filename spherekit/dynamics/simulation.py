@@ -70,6 +70,10 @@ NO_SERIES = (
     "tanh, or take the NumPy engine"
 )
 JUMPS = "a load jumps or grows without bound here: smooth it, or give its time in switches"
+NOISE = (
+    "the noise of the loads, or of rates near a crossing of curves, exceeds the tolerance: "
+    "no step is short enough to go on in; smooth the loads, or raise the tolerance"
+)
 LOCKING = (
     "bearings lock here: their friction raises the reactions it follows from by as much as "
     "it is, so rigid links do not say what it is; give them a smaller coefficient or "
