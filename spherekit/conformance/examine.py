@@ -2,10 +2,9 @@
 
 import inspect
 import json
-import math
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -50,6 +49,8 @@ TURN = np.asarray(from_quaternion(np.array([[0.1, -0.7, 0.5, 0.5]]))[0])
 FIRST = ("installed", "metadata", "needs", "runs", "reads", "inputs", "tables", "findings")
 """Lines after which nothing else is looked at where they fail."""
 
+NEEDS = [item.name for item in fields(Needs)]
+
 READ_ONLY = "read-only"
 """A word in what NumPy says of an array that cannot be written to."""
 
@@ -67,7 +68,7 @@ class ConformanceSuite:
         self._asked = mechanisms
         self._samples = samples
         self._trials: list[ConformanceCase] = []
-        self._notes: list[str] = []
+        self._refused: list[str] = []
         self._lines: list[Line] = []
         self._analysis: AbstractAnalysis | None = None
 
@@ -147,59 +148,48 @@ class ConformanceSuite:
     def _needs(self) -> str:
         """Ask what is needed again and again: it has to be the same and change nothing."""
         assert self._analysis is not None
-        refused = []
-        for item in self._asked:
-            mechanism = mechanism_of(item)
+        for mechanism in map(mechanism_of, self._asked):
             before = repr(self._analysis)
             try:
                 first = declared(self._analysis, mechanism)
             except PluginError:
                 raise
             except SpherekitError as refusal:
-                refused.append(f"{mechanism.name} ({refusal})")
+                self._refused.append(f"{mechanism.name} ({refusal})")
                 continue
-            again = [
-                declared(self._analysis, subject)
-                for subject in (mechanism, replace(mechanism))
-            ]
-            if any(answer != first for answer in again):
-                raise PluginError(
-                    f"needs gives something else when it is asked again for "
-                    f"{mechanism.name}: {_changed(first, again)}"
-                )
+            for subject in (mechanism, replace(mechanism)):
+                again = declared(self._analysis, subject)
+                changed = [x for x in NEEDS if getattr(again, x) != getattr(first, x)]
+                if changed:
+                    raise PluginError(
+                        f"needs gives something else when it is asked again for "
+                        f"{mechanism.name}: {listing(changed)}"
+                    )
             if repr(self._analysis) != before:
                 raise PluginError("needs changes the parameters of the analysis")
             self._trials.append(ConformanceCase(self._analysis, mechanism, self._samples))
-        if not self._trials:
-            raise PluginError(f"it refuses every mechanism: {'; '.join(refused)}")
-        self._notes += refused
-        asked = listing(
-            item.name
-            for item in fields(self._trials[0].job.needs[0])
-            if getattr(self._trials[0].job.needs[0], item.name)
-        )
-        return asked or "nothing of the samples"
+        needs = self._able()[0].job.needs[0]
+        return listing(x for x in NEEDS if getattr(needs, x)) or "nothing of the samples"
 
     def _runs(self) -> str:
         """Compute for every mechanism; keep those that it does not refuse."""
-        able = []
-        for trial in self._trials:
-            try:
-                _ask(trial, "compute")
-            except PluginError as fault:
-                if READ_ONLY not in str(fault):
-                    raise
-            except UndeclaredNeed:
-                pass
-            except SpherekitError as refusal:
-                self._notes.append(f"{trial.mechanism.name} ({refusal})")
-                continue
-            able.append(trial)
-        self._trials = able
-        if not able:
-            raise PluginError(f"it refuses every mechanism: {'; '.join(self._notes)}")
-        note = f"on {listing(trial.mechanism.name for trial in able)}"
-        return note + (f"; refuses {'; '.join(self._notes)}" if self._notes else "")
+        trials, self._trials = self._trials, []
+        for trial in trials:
+            fault = trial.faults.get("compute")
+            if isinstance(fault, PluginError) and READ_ONLY not in str(fault):
+                raise fault
+            if fault is None or isinstance(fault, PluginError | UndeclaredNeed):
+                self._trials.append(trial)
+            else:
+                self._refused.append(f"{trial.mechanism.name} ({fault})")
+        note = f"on {listing(trial.mechanism.name for trial in self._able())}"
+        return note + (f"; refuses {'; '.join(self._refused)}" if self._refused else "")
+
+    def _able(self) -> list[ConformanceCase]:
+        """Return what is tried on the mechanisms that are not refused, one at least."""
+        if not self._trials:
+            raise PluginError(f"it refuses every mechanism: {'; '.join(self._refused)}")
+        return self._trials
 
     def _on_all(self, check: Check) -> str:
         """Ask a question of every mechanism; what applies to none is not checked."""
@@ -216,51 +206,25 @@ class ConformanceSuite:
         return "; ".join(filter(None, dict.fromkeys([*notes, *without])))
 
 
-def _ask(trial: ConformanceCase, method: str) -> None:
-    """Ask one thing of an analysis for all samples at once."""
-    (batch,) = trial.batches(len(trial.course))
-    with faults_of(trial.analysis.name, method):
-        getattr(trial.analysis, method)(batch)
-
-
-def _faults(trial: ConformanceCase) -> Iterator[tuple[str, SpherekitError]]:
-    """Yield what an analysis raises when it is asked, and by which method."""
-    for method in ("compute", "findings", "scene"):
-        try:
-            _ask(trial, method)
-        except SpherekitError as fault:
-            yield method, fault
-
-
-def _changed(first: Needs, again: Sequence[Needs]) -> str:
-    names = [item.name for item in fields(Needs)]
-    return listing(
-        name
-        for name in names
-        if any(getattr(answer, name) != getattr(first, name) for answer in again)
-    )
-
-
 def _reads(trial: ConformanceCase) -> str:
     """Nothing is read that was not declared, nor found in another way."""
-    for method, fault in _faults(trial):
+    for method, fault in trial.faults.items():
         if isinstance(fault, UndeclaredNeed):
             raise PluginError(f"{method}: {fault}") from fault
-    if trial.needs.tracer:
+    if trial.job.needs[0].tracer:
         return "all configurations, by the tracer"
-    size = len(trial.course)
     try:
         expected, _ = trial.whole
     except SpherekitError:
         return ""
-    tables, _ = trial.given(size, shown=trial.only_declared)
+    tables, _ = trial.given(len(trial.course), shown=trial.only_declared)
     _same(trial, expected, tables, "where what was not declared is NaN")
     return ""
 
 
 def _inputs(trial: ConformanceCase) -> str:
     """What is read is left as it was."""
-    for method, fault in _faults(trial):
+    for method, fault in trial.faults.items():
         if READ_ONLY in str(fault):
             raise PluginError(
                 f"{method} writes to an array that it was given to read; copy it first "
@@ -305,7 +269,7 @@ def _blocks(trial: ConformanceCase) -> str:
         tables, in_blocks = trial.given(size)
         where = f"in blocks of {counted(size, 'sample')}"
         _same(trial, expected, tables, where)
-        if not _alike(_plain(in_blocks), _plain(findings)):
+        if _plain(in_blocks) != _plain(findings):
             raise PluginError(
                 f"findings {where} are {in_blocks.figures}, of all samples "
                 f"{findings.figures}"
@@ -314,19 +278,13 @@ def _blocks(trial: ConformanceCase) -> str:
 
 
 def _plain(findings: Findings) -> Any:
-    return json.loads(json.dumps(asdict(findings)))
+    """Return findings as they come back from JSON, numbers without their roundings."""
 
+    def rounded(number: str) -> float:
+        return float(f"{round(float(number), 9):.8g}")
 
-def _alike(one: Any, other: Any) -> bool:
-    """Return whether values from JSON are the same but for roundings."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(_alike(one[k], other[k]) for k in one)
-    if isinstance(one, list) and isinstance(other, list):
-        pairs = zip(one, other, strict=False)
-        return len(one) == len(other) and all(_alike(*pair) for pair in pairs)
-    if isinstance(one, float) and isinstance(other, float):
-        return math.isclose(one, other, rel_tol=1e-9, abs_tol=1e-9) or one != one
-    return bool(one == other)
+    text = json.dumps(asdict(findings))
+    return json.loads(text, parse_float=rounded, parse_constant=str)
 
 
 def _failed_rows(trial: ConformanceCase) -> str:

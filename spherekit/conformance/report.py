@@ -10,15 +10,16 @@ from typing import Literal
 
 import numpy as np
 
-from spherekit.analysis.batch import Batch, Needs
+from spherekit.analysis.batch import Batch
 from spherekit.analysis.computed import findings_of
 from spherekit.analysis.contract import AbstractAnalysis, Findings
+from spherekit.analysis.faults import faults_of
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.running.summary import RunPlan, job_of, needs_of_each
 from spherekit.analysis.tables import TableArrays
 from spherekit.conventions import Status
-from spherekit.errors import PluginError
+from spherekit.errors import PluginError, SpherekitError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
 from spherekit.motion.motion import Motion
@@ -96,10 +97,18 @@ class ConformanceCase:
             raise PluginError(fault)
         return job
 
-    @property
-    def needs(self) -> Needs:
-        """What the analysis reads."""
-        return self.job.needs[0]
+    @cached_property
+    def faults(self) -> dict[str, SpherekitError]:
+        """What the analysis raises for all samples at once, by the method asked."""
+        made: dict[str, SpherekitError] = {}
+        for method in ("compute", "findings", "scene"):
+            (batch,) = self.batches(len(self.course))
+            try:
+                with faults_of(self.analysis.name, method):
+                    getattr(self.analysis, method)(batch)
+            except SpherekitError as fault:
+                made[method] = fault
+        return made
 
     @cached_property
     def whole(self) -> tuple[Tables, Findings]:
@@ -147,7 +156,7 @@ class ConformanceCase:
 
         For orientations of links, and variables of pairs.
         """
-        needs, mechanism = self.needs, motion.mechanism
+        needs, mechanism = self.job.needs[0], motion.mechanism
         links = [mechanism.link_number[name] for name in needs.rotations]
         pairs = [mechanism.pair_number[name] for name in needs.pair_values]
         kept = [v for pair in pairs for v in mechanism.variables_of(pair)]

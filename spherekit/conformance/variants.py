@@ -6,7 +6,6 @@ Tables of an analysis compared: where they differ, in words.
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -179,30 +178,22 @@ def matched(
     another, it is left out if the order of these links is not the same: it may then be
     that of the second relative to the first. `numbers` are those of links in the second.
     """
-    keys = [c for c in table.columns if c.kind in ("text", "integer")]
-    first, second = (
-        {
-            key: row
-            for row, key in enumerate(
-                zip(*(data[column.name].tolist() for column in keys), strict=True)
-            )
-        }
+    names = [c.name for c in table.columns if c.kind in ("text", "integer")]
+    keys, others = (
+        list(zip(*(data[name].tolist() for name in names), strict=True))
         for data in (one, other)
     )
-    rows = [len(next(iter(data.values()))) for data in (one, other)]
-    if not keys or [len(first), len(second)] != rows:
+    places = {key: row for row, key in enumerate(others)}
+    rows = {key: (row, places.get(key)) for row, key in enumerate(keys)}
+    if not names or (len(rows), len(places)) != (len(keys), len(others)):
         return one, other
-    for key in first.keys() - second.keys():
-        if not _is_of_two_links(key, numbers):
+    for key, (_, place) in rows.items():
+        words = re.findall(r"\w+", " ".join(x for x in key if isinstance(x, str)))
+        if place is None and sum(word in numbers for word in words) < 2:
             return f"table {table.name} has no row of {', '.join(map(str, key))} any more"
-    order = np.array([(row, second[key]) for key, row in first.items() if key in second])
-    one_rows, other_rows = order.reshape(-1, 2).astype(int).T
+    shared = [pair for pair in rows.values() if pair[1] is not None]
+    first, second = np.array(shared, dtype=int).reshape(-1, 2).T
     return (
-        {name: values[one_rows] for name, values in one.items()},
-        {name: values[other_rows] for name, values in other.items()},
+        {name: values[first] for name, values in one.items()},
+        {name: values[second] for name, values in other.items()},
     )
-
-
-def _is_of_two_links(key: tuple[Any, ...], numbers: Mapping[str, int]) -> bool:
-    words = [w for cell in key if isinstance(cell, str) for w in re.findall(r"\w+", cell)]
-    return sum(word in numbers for word in words) > 1

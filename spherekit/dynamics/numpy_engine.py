@@ -7,7 +7,8 @@ well the solution is resolved.
 """
 
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
+from typing import Literal
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -381,46 +382,40 @@ class Collocation:
         self, step: Step, rates: Floats, orientation: Floats
     ) -> SimulationEnd | None:
         """Keep a step and note its events; return the end if there is one within it."""
-        mechanism, driven = self.equation.mechanism, self.problem.driven
-        end = self._end(step, orientation)
-        # There the inputs do not say how all else moves; a single one turns back.
-        centres = step.passed(TO_SERIES @ np.linalg.det(rates[:, :, list(driven)]))
-        if len(driven) == 1:
-            (name,) = mechanism.input_pairs
-            rests = step.passed(step.column(self.equation.variables))
-            happened: list[tuple[float, EventKind, str]] = [
-                *((t, "dead_centre", name) for t in centres),
-                *((t, "rest", "") for t in rests),
-            ]
-        else:
-            happened = [(t, "type_2", "") for t in centres]
-        for t, kind, pair in sorted(happened, key=lambda item: item[0]):
-            if end is None or t < end.t:
-                self._note(kind, t, step, pair)
         self.path.append(step)
-        return end
+        mechanism = self.equation.mechanism
+        happened = self._happened(step, rates, orientation)
+        for t, kind, pair in sorted(happened, key=lambda item: item[0]):
+            if kind == "singularity":
+                return SimulationEnd(kind, t, CROSSING)
+            values = self._note(kind, t, step, pair)
+            if kind == "joint_limit":
+                return stop_end(t, pair, float(values[variable_of(mechanism, pair)]))
+        return None
 
-    def _end(self, step: Step, orientation: Floats) -> SimulationEnd | None:
-        """Return the end that lies within a step: a stop, or a crossing of curves."""
-        mechanism, whole = self.equation.mechanism, self.problem.whole
-        reached = step.stopped(mechanism, whole)
+    def _happened(
+        self, step: Step, rates: Floats, orientation: Floats
+    ) -> Iterator[tuple[float, EventKind | Literal["singularity"], str]]:
+        """Yield what happens within a step, where at one time, what ends it first."""
+        mechanism, driven = self.equation.mechanism, list(self.problem.driven)
+        reached = step.stopped(mechanism, self.problem.whole)
+        if reached is not None:
+            yield reached[0], "joint_limit", reached[1].pair
         size, side = self._sense(orientation)
         self.orientation = float(np.copysign(size, side))
         crossing = step.crossing(orientation, self.orientation, CROSSED)
-        first = crossing is not None and (reached is None or crossing < reached[0])
-        if crossing is not None and self.problem.passes:
+        if crossing is not None:
+            passes = self.problem.passes
+            yield crossing, "crossing" if passes else "singularity", ""
             self.orientation = float(np.copysign(size, orientation[-1]))
-            if first:
-                self._note("crossing", crossing, step)
-        elif crossing is not None and first:
-            return SimulationEnd("singularity", crossing, CROSSING)
-        if reached is None:
-            return None
-        t, stop = reached
-        value = self._note("joint_limit", t, step, stop.pair)[
-            variable_of(mechanism, stop.pair)
-        ]
-        return stop_end(t, stop.pair, float(value))
+        # There the inputs do not say how all else moves; a single one turns back.
+        alone = len(driven) == 1
+        kind: EventKind = "dead_centre" if alone else "type_2"
+        for t in step.passed(TO_SERIES @ np.linalg.det(rates[:, :, driven])):
+            yield t, kind, mechanism.input_pairs[0] if alone else ""
+        if alone:
+            for t in step.passed(step.column(self.equation.variables)):
+                yield t, "rest", ""
 
     def _note(self, kind: EventKind, t: float, step: Step, pair: str = "") -> Floats:
         """Note an event, and return all variables there."""
