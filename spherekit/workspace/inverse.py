@@ -14,7 +14,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN
-from spherekit.errors import AnalysisError, ModelError, SolveError, SpherekitError
+from spherekit.errors import ModelError, SolveError, SpherekitError
 from spherekit.guidance.loci import mid_plane_form
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture, axis_in
 from spherekit.model.gears import COLLINEAR
@@ -118,9 +118,6 @@ class _MidPlaneRows:
         return np.broadcast_to(np.vecdot(*ends), len(self.points))
 
     def angle(self, pair: int) -> Floats:
-        for k, (base, _, _) in enumerate(self.form.legs):
-            if pair == base:
-                return self.form.plane.readings(self._elbows[0])[:, k]
         ends, joint = self.form.mechanism.ends[pair], revolute(self.form.joints[pair])
         placed = self.form.place(self.normals, self.signs, links=ends)
         return turns_of([ends], [joint], placed)[0][:, 0]
@@ -239,20 +236,16 @@ class GearedKinematics(ClosedKinematics):
         self.modes, self.legs = carried.modes, carried.legs
         pairs = enumerate(carried.mechanism.pairs)
         self.number = {mechanism.pair_number[pair.name]: k for k, pair in pairs}
-        self.wheels = frozenset(range(len(mechanism.pairs))) - set(self.number)
+
+    @property
+    def carrying(self) -> Mechanism:
+        """What the wheels turn."""
+        return self.carried.mechanism
 
     @property
     def spans(self) -> tuple[Span, ...]:
         """What limits the reach of what carries the output."""
-        numbers = {k: pair for pair, k in self.number.items()}
-        more = len(self.mechanism.pairs) - len(numbers)
-        made = {
-            k: numbers.get(k, k + more) for span in self.carried.spans for k in span[:2]
-        }
-        return tuple(
-            (made[one], made[other], low, high, folds)
-            for one, other, low, high, folds in self.carried.spans
-        )
+        return self.carried.spans
 
     def at(self, poses: Floats, signs: Signs) -> Rows:
         """Return one mode at poses."""
@@ -264,16 +257,7 @@ class _GearedRows:
         self.owner, self.rows = owner, rows
 
     def cosine(self, one: int, other: int) -> Floats:
-        return self.rows.cosine(self._number(one), self._number(other))
-
-    def _number(self, pair: int) -> int:
-        owner = self.owner
-        if pair in owner.wheels:
-            raise AnalysisError(
-                f"{owner.mechanism.name}: {owner.name_of(pair)} is the pair of a wheel, "
-                "which does not carry the output; take the axis of a pair that does"
-            )
-        return owner.number.get(pair, pair - len(owner.wheels))
+        return self.rows.cosine(one, other)
 
     def angle(self, pair: int) -> Floats:
         return self._values[:, pair]

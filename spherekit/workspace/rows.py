@@ -342,12 +342,12 @@ class OutputKinematics:
 
 
 class ClosedKinematics(OutputKinematics, ABC):
-    """An output in a closed form that needs no start; poses are judged by its limits.
+    """An output in a closed form that needs no start; poses are judged by its limits."""
 
-    `wheels` are the numbers of the pairs that turn and do not carry it.
-    """
-
-    wheels: frozenset[int] = frozenset()
+    @property
+    def carrying(self) -> Mechanism:
+        """What carries the output: the numbers of axes are those of its pairs."""
+        return self.mechanism
 
     @property
     @abstractmethod
@@ -360,7 +360,7 @@ class ClosedKinematics(OutputKinematics, ABC):
 
     def name_of(self, pair: int) -> str:
         """Return the name of a pair, or that of the output for a pair made for it."""
-        pairs = self.mechanism.pairs
+        pairs = self.carrying.pairs
         return pairs[pair].name if pair < len(pairs) else self.output.name
 
     @cached_property
@@ -404,18 +404,10 @@ def bounds_of(kinematics: ClosedKinematics, wanted: Constraints) -> tuple[AngleL
     AnalysisError
         For unknown pairs, values without meaning, and limits that contradict each other.
     """
-    mechanism = kinematics.mechanism
-    for item in wanted.limits:
-        if _pair(mechanism, "limits", item.pair) in kinematics.wheels:
-            raise _refusal(
-                mechanism,
-                f"limits: {item.pair} is the pair of a wheel, which may turn many times; "
-                "limit the pairs that carry the output",
-            )
     bounds = (
         *_between_axes(kinematics, wanted),
-        *_of_pairs(mechanism, wanted.limits),
-        *_of_singularities(mechanism, wanted.near),
+        *_of_pairs(kinematics, wanted.limits),
+        *_of_singularities(kinematics.mechanism, wanted.near),
     )
     return bounds or (_NO_LIMIT,)
 
@@ -449,7 +441,7 @@ def _between_axes(
 
     Of the limits (rad) of two axes the strictest hold, with where they are from.
     """
-    mechanism = kinematics.mechanism
+    mechanism = kinematics.carrying
     closest = _closest(mechanism, wanted)
     asked: list[tuple[tuple[int, int], tuple[float, float, str]]] = []
     for one, other, shortest, longest, folds in kinematics.spans:
@@ -457,7 +449,7 @@ def _between_axes(
         if closest > 0.0 and folds:
             asked.append(((one, other), (closest, np.pi, "the width of the links")))
     for item in wanted.apart:
-        one, other = (_pair(mechanism, "apart", name) for name in (item.one, item.other))
+        one, other = (_pair(kinematics, "apart", name) for name in (item.one, item.other))
         if not _holds_always(mechanism, item, one, other):
             asked.append(((one, other), (item.low, item.high, "apart")))
     limits: dict[tuple[int, int], list[tuple[float, float, str]]] = {}
@@ -530,13 +522,17 @@ def _closest(mechanism: Mechanism, wanted: Constraints) -> float:
     return width / radius if width else 0.0
 
 
-def _of_pairs(mechanism: Mechanism, limits: Sequence[JointLimit]) -> tuple[AngleLimit, ...]:
+def _of_pairs(
+    kinematics: ClosedKinematics, limits: Sequence[JointLimit]
+) -> tuple[AngleLimit, ...]:
     """Return the bounds of pairs: joint limits and limits wanted, each by its middle."""
+    mechanism = kinematics.mechanism
     asked = [(item, "joint_limit") for item in mechanism.joint_limits]
     kept: dict[str, JointLimit] = {}
     bounds = []
     for item, kind in [*asked, *((item, "limit") for item in limits)]:
-        number = _pair(mechanism, "limits", item.pair)
+        _pair(kinematics, "limits", item.pair)
+        number = mechanism.pair_number[item.pair]
         span = f"{_deg(item.low)} to {_deg(item.high)}"
         if not np.isfinite(item.low + item.high) or item.low > item.high:
             why = f"limits: {item.pair}: {span} is not a range; give the lower limit first"
@@ -591,17 +587,16 @@ def _of_singularities(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ..
     return tuple(bounds)
 
 
-def _pair(mechanism: Mechanism, what: str, name: str) -> int:
-    """Return the number of a pair."""
-    number = mechanism.pair_number.get(name)
-    if number is None:
-        raise _refusal(
-            mechanism,
-            f'{what}: no pair is named "{name}"'
-            f"{nearest(name, mechanism.pair_number) or ';'} Pairs: "
-            f"{listing(mechanism.pair_number)}",
-        )
-    return number
+def _pair(kinematics: ClosedKinematics, what: str, name: str) -> int:
+    """Return the number of a pair among those that carry the output."""
+    numbers, every = kinematics.carrying.pair_number, kinematics.mechanism.pair_number
+    if name not in numbers:
+        hint = f"{nearest(name, numbers) or ';'} Pairs: {listing(numbers)}"
+        why = f'{what}: no pair is named "{name}"{hint}'
+        if name in every:
+            why = f"{what}: {name} is the pair of a wheel, which does not carry the output"
+        raise _refusal(kinematics.mechanism, why)
+    return numbers[name]
 
 
 def _refusal(mechanism: Mechanism, why: str) -> AnalysisError:
