@@ -166,9 +166,8 @@ def test_a_simulation_ends_where_a_one_sided_contact_lifts_off(tmp_path):
     assert found.events[-1].kind == "lift_off" and 0.0 < found.end.t < 1.0
     way = {"start": "q=0.5,dq=18", "duration": 30.0, "samples": 61, "engine": "numpy"}
     late = sk.run(made, "dynamics", **way)
-    end, steps = late.summary["simulation"]["end"], late.summary["simulation"]["engine"]
+    end = late.summary["simulation"]["end"]
     assert end["kind"] == "lift_off" and end["t"] == pytest.approx(found.end.t, rel=1e-6)
-    assert steps["steps"] <= found.engine.steps
     assert "simulation" in late.summary["cost"]["seconds"]
     assert "search" not in late.summary["cost"]["seconds"]
     torque = float(made.loads[0].torque)

@@ -200,13 +200,13 @@ class JointReactions:
     """Moments about O (N m) and forces through it (N), in pair axes, at n rows.
 
     `wrenches` (n, pairs, 6), the moment and then the force, which is NaN where it was not
-    asked for; `is_open` (n, pairs, 6) which components are not determined, also NaN;
+    asked for; `opened` (n, pairs, 6) which components are not determined, also NaN;
     `unbalanced` (n,) is what is left over of the moments, `slides` (n, links) which links
     no pair holds at O.
     """
 
     wrenches: Floats
-    is_open: Bools
+    opened: Bools
     unbalanced: Floats
     slides: Bools
 
@@ -217,7 +217,7 @@ class JointReactions:
 
     @property
     def across(self) -> Floats:
-        """(n, pairs) N m: the part across the axis."""
+        """(n, pairs) N m: the part across the axis, or across the point of a contact."""
         return np.hypot(self.wrenches[..., 0], self.wrenches[..., 1])
 
 
@@ -430,12 +430,12 @@ def transmitted(driven: DrivenState, *, forces: bool = False) -> JointReactions:
     results = balance.transmitted()
     if not forces:
         results.wrenches[..., 3:] = np.nan
-        return replace(results, is_open=results.is_open & (np.arange(6) < 3))
+        return replace(results, opened=results.opened & (np.arange(6) < 3))
     sliding = np.any(balance.slides, axis=1)
     if np.any(sliding):
         alone = transmitted(driven.rows(sliding))
         results.wrenches[sliding] = alone.wrenches
-        results.is_open[sliding] = alone.is_open | (np.arange(6) > 2)
+        results.opened[sliding] = alone.opened | (np.arange(6) > 2)
         results.unbalanced[sliding] = alone.unbalanced
     return results
 

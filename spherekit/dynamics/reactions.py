@@ -20,7 +20,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.conventions import Status
-from spherekit.dynamics.forces import DrivenState, transmitted
+from spherekit.dynamics.forces import DrivenState, JointReactions, transmitted
 from spherekit.dynamics.inverse import InverseSolution, needed_torques
 from spherekit.dynamics.state import IndeterminateForces, lacking
 from spherekit.model.dynamics import Bearings
@@ -32,7 +32,7 @@ ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class Reactions:
+class Reactions(JointReactions):
     """What every pair transmits at n rows of a motion.
 
     `moments` (n, pairs, 3) N m: that of the first link on the second about O, in pair axes,
@@ -49,26 +49,34 @@ class Reactions:
     """
 
     torques: InverseSolution
-    frames: Floats
-    moments: Floats
-    forces: Floats
-    is_open: Bools
-    open_forces: Bools
-    slides: Bools
     lacking: IndeterminateForces
-    unbalanced: Floats
     status: SmallIntegers
+
+    @property
+    def frames(self) -> Floats:
+        """(n, pairs, 3, 3) those of the pairs in ground axes."""
+        return self.torques.motion.frames
+
+    @property
+    def forces(self) -> Floats:
+        """(n, pairs, 3) N."""
+        return self.wrenches[..., 3:]
+
+    @property
+    def is_open(self) -> Bools:
+        """(n, pairs, 3) which components of moments are not determined."""
+        return self.opened[..., :3]
+
+    @property
+    def open_forces(self) -> Bools:
+        """(n, pairs, 3) which components of forces are not."""
+        return self.opened[..., 3:]
 
     @property
     def contacts(self) -> Bools:
         """(pairs,) which pairs are contacts."""
         pairs = self.torques.mechanism.pairs
         return np.array([not pair.kind.has_axis for pair in pairs])
-
-    @property
-    def across(self) -> Floats:
-        """(n, pairs) N m: the part across the axis, or across the point of a contact."""
-        return np.hypot(self.moments[..., 0], self.moments[..., 1])
 
     @property
     def on_bearings(self) -> Mapping[str, Floats]:
@@ -135,39 +143,29 @@ def reactions(motion: Motion) -> Reactions:
     torques = needed_torques(motion)
     mechanism, timing = motion.mechanism, motion.timing
     assert timing is not None
-    frames = torques.motion.frames
     driven = DrivenState(
-        mechanism,
-        torques.motion,
-        timing,
-        torques.torques,
-        torques.carried,
+        mechanism, torques.motion, timing, torques.torques, torques.carried
     )
     good = torques.status == Status.OK
     carried = transmitted(driven.rows(good), forces=True)
+    missing = IndeterminateForces()
+    count = np.count_nonzero(carried.opened, axis=(1, 2))
+    if np.any(count) and not np.any(carried.slides):
+        row = np.flatnonzero(good)[int(np.argmin(count))]
+        missing = lacking(mechanism, torques.motion.frames[row])
 
     def spread(made: Any, none: float | bool) -> Any:
         every = np.full((len(motion), *made.shape[1:]), none)
         every[good] = made
         return every
 
-    wrenches, is_open = spread(carried.wrenches, np.nan), spread(carried.is_open, False)
-    slides = spread(carried.slides, False)
-    missing = IndeterminateForces()
-    count = np.count_nonzero(carried.is_open, axis=(1, 2))
-    if np.any(count) and not np.any(slides):
-        row = np.flatnonzero(good)[int(np.argmin(count))]
-        missing = lacking(mechanism, frames[row])
     result = Reactions(
-        torques,
-        frames,
-        wrenches[..., :3],
-        wrenches[..., 3:],
-        is_open[..., :3],
-        is_open[..., 3:],
-        slides,
-        missing,
+        spread(carried.wrenches, np.nan),
+        spread(carried.opened, False),
         spread(carried.unbalanced, np.nan),
+        spread(carried.slides, False),
+        torques,
+        missing,
         np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1),
     )
     size = max_abs(np.nan_to_num(result.moments), axis=(1, 2))
