@@ -164,31 +164,20 @@ def rates(piece: CertifiedArc, half: float) -> Floats:
     """
     test, t, normals = piece.test, piece.frame[:, 0], piece.frame[:, 1:]
     length = np.array(half)
-
-    def rows_within(radius: float) -> float:
-        return float(np.max(test.rows(length, np.array(radius)))) * UP
-
-    tight = float(np.max(test.displacement(length))) / (1.0 - rows_within(piece.radius))
+    tight, _, _ = test.arc(length, piece.limits[1])
     # the arc is in the piece; where rows come close to 1, that says more
-    tight = min(tight * UP, piece.radius)
-    rows = rows_within(tight)
-    spare, change = 1.0 - rows, test.sums(length, np.array(tight))
-    bent = np.einsum("ijl,j->il", test.curvatures, t)
-    third = 0.5 * test.constant * change**2 + test.error * (1.0 + change)
-    crossed = np.sum(np.abs(bent @ normals), axis=1) * tight + third * test.along
-    slope = test.moved[:, 1] + half * test.moved[:, 2] + test.size @ crossed
-    across = float(np.max(slope)) / spare * UP
+    tight = np.minimum(tight, piece.radius)
+    _, rows, across = test.arc(length, tight)
     spread = np.sum(np.abs(normals), axis=1) * across * UP
-    size = np.abs(t) + spread
-    ways = test.degrees @ size
-    varied = (test.constant * change + test.error) * ways**2
-    varied += np.einsum("ijl,j,l->i", np.abs(test.curvatures), np.abs(t) + size, spread)
-    off = test.size @ varied + 1e-13 * (1.0 + test.size @ (test.constant * ways**2))
-    bend = -test.inverse @ (bent @ t)
-    off = (off + rows / spare * np.max(np.abs(bend) + off)) * UP
-    reach = np.abs(normals) @ off * UP + 1e-15 * (1.0 + np.abs(normals) @ np.abs(bend))
-    middle = normals @ bend
-    return np.array([[t - spread, t + spread], [middle - reach, middle + reach]])
+    # z'' = -N (F' N)^-1 F''(z', z'), and z' along the frame is 1 and at most `across`
+    reach, size = np.append(half, 0.0 * t[1:] + tight), np.append(1.0, 0.0 * t[1:] + across)
+    sums = test.degrees @ reach
+    varied = (test.constant * sums + test.error) * (test.degrees @ size) ** 2
+    varied += np.abs(test.bent) @ size @ size - np.abs(test.bent[:, 0, 0])
+    bend, off = -test.inverse @ test.bent[:, 0, 0], test.size @ varied * UP
+    off = (off + rows / (1.0 - rows) * np.max(np.abs(bend) + off)) * UP + 1e-15
+    middle, beside = normals @ bend, np.abs(normals) @ off * UP
+    return np.array([[t - spread, t + spread], [middle - beside, middle + beside]])
 
 
 def signs(piece: CertifiedArc, half: float, variable: int) -> tuple[int, int]:

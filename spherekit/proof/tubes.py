@@ -1,10 +1,12 @@
 """Pieces of configuration curves: parts of space in which there is one arc and no more.
 
 A piece is z = z0 + t s + N y with |s| <= h and |y| <= r, in all variables z, t and N
-orthonormal. With Y near the inverse of F_z N, the test of `roots` is made for all s at
-once: then for every s there is exactly one y, so the configurations in the piece are one
-arc without an end inside. No variable is special, so a dead centre of the input is an
-ordinary place. Everything is float64 with bounds of what it is off by.
+orthonormal. Where Y F' N is next to 1 in all of it, Y near the inverse at z0, there is one
+y at most for every s. And there is one: from z0 a way leads to F = 0 as in `roots`, and on
+from there with y' = -(F' N)^-1 F' t, which bounds of Y F' bound, so that it does not leave
+the piece. So the configurations in the piece are one arc without an end inside. No
+variable is special, so a dead centre of the input is an ordinary place. Everything is
+float64 with bounds of what it is off by.
 """
 
 import math
@@ -120,21 +122,28 @@ def piece_at(
     frame, inverse = made
     test = Test(equations, derivatives, frame, inverse)
     count = 1 + max(0, math.floor(math.log(shortest / longest) / math.log(SHRINK)))
-    halves = np.asarray(longest * SHRINK ** np.arange(count), dtype=float)
-    inside = test.first_inside(halves)
-    if inside is None:
+    halves: Floats = longest * SHRINK ** np.arange(float(count))[:, None]
+    radii: Floats = halves * np.array(WIDTHS)
+    tight, rows, _ = test.arc(halves, radii)
+    proven = np.argwhere((tight * UP < radii) & (rows < 1.0))
+    if not len(proven):
         return None
-    half, radius, tight, miss = inside
+    at = tuple(proven[0])
+    half, radius = float(halves[at[0], 0]), float(radii[at])
+    # lengths, not components: other pieces see them from other sides
+    scale = math.sqrt(len(inverse)) * UP
+    miss = float(test.arc(np.zeros(()), radii[at])[0])
     limits = np.array([half, *[radius] * len(inverse)])
-    return CertifiedArc(centre, frame, limits, tight, miss, test)
+    return CertifiedArc(centre, frame, limits, tight[at] * scale, miss * scale, test)
 
 
 class Test:
-    """Whether for every s of a length there is exactly one y in a radius.
+    """Bounds of Y F and its derivatives next to a centre, in coordinates along a frame.
 
     The derivatives at the centre, values (k,), slopes (k, v) and curvatures (k, v, v), are
-    off by at most `error` (k,) times products of `degrees` (k, v); those of order three are
-    at most `constant` (k,) times such products. `inverse` is Y.
+    off by at most `error` (k,) times products of `degrees` (k, v) of the coordinates,
+    rounding included; those of order three are at most `constant` (k,) times such products.
+    `inverse` is Y, `bent` (k, v, v) are the curvatures.
     """
 
     def __init__(
@@ -144,69 +153,38 @@ class Test:
         frame: Floats,
         inverse: Floats,
     ) -> None:
-        self.error, self.constant = equations.real.error, equations.bound
-        self.degrees, self.inverse, self.size = equations.degrees, inverse, np.abs(inverse)
-        values, slopes, self.curvatures = derivatives
-        t, normals = frame[:, 0], frame[:, 1:]
-        self.along, across = self.degrees @ np.abs(t), self.degrees @ np.abs(normals)
-        bend = np.einsum("ijl,j,l->i", self.curvatures, t, t)
-        terms = np.stack([values, slopes @ t, bend], axis=1)
-        ways = self.size @ (self.constant * (1.0 + self.along) ** 2)
-        sizes = self.size @ np.abs(terms) + ways[:, None]
-        self.moved = np.abs(inverse @ terms) + ROUNDING * sizes
-        inner = slopes @ normals
-        self.rest = np.sum(
-            np.abs(np.eye(len(inner)) - inverse @ inner)
-            + ROUNDING * (1.0 + self.size @ np.abs(inner)),
-            axis=1,
+        values, slopes, curvatures = derivatives
+        self.constant, self.inverse, self.size = equations.bound, inverse, np.abs(inverse)
+        self.error = equations.real.error + 4.0 * ROUNDING * self.constant
+        self.degrees = equations.degrees @ np.abs(frame) * UP
+        self.bent = frame.T @ curvatures @ frame
+        self._miss = np.abs(inverse @ values) + self.size @ self.error
+        self._slopes = np.abs(
+            inverse @ (slopes @ frame) - np.eye(len(inverse), len(frame), 1)
         )
-        mixed = np.abs(np.einsum("ijl,jc->icl", self.curvatures, normals))
-        self.mixed = [
-            np.sum(mixed @ side, axis=1)
-            for side in (np.abs(t), np.sum(np.abs(normals), axis=1))
-        ]
-        self.sideways = np.sum(across, axis=1)
 
-    def sums(self, half: Floats, radius: Floats) -> Floats:
-        """Return (..., k) by how much the angles of each equation change at most."""
-        return (self.along * half[..., None] + self.sideways * radius[..., None]) * UP
+    def change(self, reach: Floats) -> Floats:
+        """Return bounds (..., k, v) of Y F' less (0, 1) within a reach (..., v)."""
+        sums = reach @ self.degrees.T
+        beyond = 0.5 * self.constant * sums**2 + self.error * (1.0 + sums)
+        bent = (reach[..., None, None, :] @ np.abs(self.bent).swapaxes(1, 2))[..., 0, :]
+        moved = bent + beyond[..., None] * self.degrees
+        return (self._slopes + self.size @ moved) * UP
 
-    def rows(self, half: Floats, radius: Floats) -> Floats:
-        """Return bounds (..., k) of the sums of the rows of 1 - Y F_z N in the piece."""
-        change = self.sums(half, radius)
-        wide = self.mixed[0] * half[..., None] + self.mixed[1] * radius[..., None]
-        third = 0.5 * self.constant * change**2
-        third += self.error * (1.0 + change + 0.5 * change**2)
-        return (self.rest + (wide + third * self.sideways) @ self.size.T) * UP
+    def arc(self, half: Floats, radius: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return how far off the axis F is 0 where |s| <= half, if |y| <= radius there.
 
-    def displacement(self, half: Floats) -> Floats:
-        """Return bounds (..., k) of Y F on the axis."""
-        length = half[..., None]
-        way = self.along * length
-        off = self.error * (1.0 + way + 0.5 * way**2) + self.constant * way**3 / 6.0
-        start, slope, bend = self.moved.T
-        axis = start + length * (slope + 0.5 * length * bend)
-        return (axis + off @ self.size.T) * UP
-
-    def first_inside(self, halves: Floats) -> tuple[float, float, float, float] | None:
-        """Return the first half length that is proven, its radius, and two distances.
-
-        The arc is within the first of the axis, its middle within the second of the centre.
+        That is if the sums of the rows of 1 - Y F' N, which come next, are below 1. The
+        last is a bound of y'.
         """
-        half, radius = halves[:, None], np.outer(halves, WIDTHS)
-        rows = self.rows(half, radius) * UP
-        miss = self.displacement(half)
-        fits = np.all(miss + rows * radius[..., None] < radius[..., None] / UP, axis=2)
-        proven = np.argwhere(fits & (np.max(rows, axis=2) < 1.0 / UP))
-        if not len(proven):
-            return None
-        row, column = proven[0]
-        spare = 1.0 - float(np.max(rows[row, column])) * UP
-        # lengths, not components: other pieces see them from other sides
-        scale = math.sqrt(rows.shape[2]) / spare * UP
-        tight = float(np.max(miss[row, 0])) * scale
-        here = float(np.max(self.displacement(np.zeros(())))) * scale
-        return float(halves[row]), float(radius[row, column]), tight, here
+        radius = np.broadcast_to(radius, np.broadcast_shapes(half.shape, radius.shape))
+        reach = np.repeat(radius[..., None], self.degrees.shape[1], axis=-1)
+        reach[..., 0] = half
+        change = self.change(reach)
+        rows = np.max(np.sum(change[..., 1:], axis=-1), axis=-1) * UP
+        spare = np.maximum(1.0 - rows, 1e-300)
+        across = np.max(change[..., 0], axis=-1) / spare * UP
+        return (np.max(self._miss) / spare + half * across) * UP, rows, across
 
 
 def corrected(
