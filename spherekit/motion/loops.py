@@ -96,12 +96,9 @@ class LoopTree:
     @cached_property
     def signs(self) -> Floats:
         """(loops, variables): sense in which loops pass the pair of each variable."""
-        rows = np.zeros((len(self.chords), len(self.ends)))
-        for row, chord in enumerate(self.chords):
-            a, b = self.ends[chord]
-            rows[row] = self._pair_paths[a] - self._pair_paths[b]
-            rows[row, chord] += 1.0
-        return rows[:, list(self.owners)]
+        chords, firsts, seconds = self.closing
+        rows = self._pair_paths[firsts] - self._pair_paths[seconds]
+        return (rows + np.eye(len(self.ends))[chords])[:, list(self.owners)]
 
     @property
     def longest_loop(self) -> int:
@@ -116,10 +113,8 @@ class LoopTree:
     @cached_property
     def incidence(self) -> Floats:
         """(pairs, bodies): -1 at the first body of each pair, 1 at the second."""
-        matrix = np.zeros((len(self.ends), self.count))
-        for pair, (a, b) in enumerate(self.ends):
-            matrix[pair, a], matrix[pair, b] = -1.0, 1.0
-        return matrix
+        bodies = np.eye(self.count)
+        return bodies[self.seconds] - bodies[self.firsts]
 
     @cached_property
     def cycles(self) -> Floats:
