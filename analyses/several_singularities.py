@@ -305,9 +305,8 @@ class SeveralInputs:
     def _found(self) -> tuple[dict[str, list[Locus]], Aspects | None]:
         """All that takes of the time: types of outputs, then self-motions, aspects.
 
-        Each takes an even part of the time that is left. Curves are looked for once for all
-        that share their locus; what every pair moves has its self-motions on the locus of
-        type II.
+        Each takes an even part of the time that is left. What every pair moves has its
+        self-motions on the locus of type II.
         """
         mechanism, budget = self.batch.mechanism, TimeLimit(self.seconds)
         names = [output.name for output in mechanism.outputs]
@@ -329,19 +328,11 @@ class SeveralInputs:
             solver, ranges = solver_of(mechanism), ranges_of(mechanism)
             made = cut(solver, ranges, slices, budget.part(FOR_SLICES, "slices"))
         loci: dict[str, list[Locus]] = {name: [] for name in names}
-        by_key: dict[tuple[object, ...], Locus] = {}
         for number, (kind, name) in enumerate(sought):
-            key = (kind, name) if surfaces else locus_key(mechanism, kind, name)
-            shared = by_key.get(key)
-            if isinstance(shared, SingularCurves) and shared.traced:
-                loci[name].append(shared.seen_by(mechanism, kind, name))
-                continue
-            if shared is None:
-                left = len(sought) - number + (input_grid > 0)
-                what = f"{'surfaces' if surfaces else 'curves'} {of_type(kind)}"
-                share = budget.part(1.0 / left, what)
-                shared = by_key[key] = self._searched(kind, name, made, share)
-            loci[name].append(shared)
+            left = len(sought) - number + (input_grid > 0)
+            what = f"{'surfaces' if surfaces else 'curves'} {of_type(kind)}"
+            share = budget.part(1.0 / left, what)
+            loci[name].append(self._searched(kind, name, made, share))
         if not input_grid:
             return loci, None
         share = budget.part(1.0, "aspects")

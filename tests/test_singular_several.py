@@ -307,7 +307,7 @@ def test_cusps_of_a_three_rrr_with_one_input_locked(monkeypatch):
     values = motion.values[~motion.failed][0]
     locus = SingularityLocus(tracer.solver.closure, 2, InputsLocked(driven))
     monkeypatch.setattr(curves, "LONGEST", 20.0)
-    (curve,) = curves.trace_curves(locus, values[None])
+    (curve,) = curves.trace_curves(locus, locus.onto(values[None]))
     assert curve is not None
     cusps = curve.cusps()
     assert len(cusps) >= 2

@@ -35,7 +35,6 @@ from spherekit.motion.steps import (
     taylor,
 )
 from spherekit.numeric.crossings import bracketed_zeros
-from spherekit.numeric.zeros import cubic
 from spherekit.singular.locus import (
     LockedInputSection,
     LocusPoints,
@@ -94,30 +93,22 @@ class SingularCurve:
     @cached_property
     def s(self) -> Floats:
         """Arc lengths (n,) of the nodes (rad), of the Hermite polynomials through them."""
-        tangents = self.nodes.tangents[:, :, 0]
-        start, stop = tangents[:-1, None], tangents[1:, None]
-        places, weights = GAUSS
-        x = 0.5 * (places + 1.0)[:, None]
-        speed = 6.0 * x * (1.0 - x) * self.chord.directions[:, None]
-        speed = speed + (1.0 - x) * (1.0 - 3.0 * x) * start + x * (3.0 * x - 2.0) * stop
-        lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chord.chords
-        return np.concatenate([[0.0], np.cumsum(lengths)])
+        from scipy.interpolate import CubicHermiteSpline
+
+        chords, (places, weights) = self.chord.chords, GAUSS
+        starts = np.append(0.0, np.cumsum(chords))
+        nodes = starts, self.nodes.values, self.nodes.tangents[:, :, 0]
+        speed = CubicHermiteSpline(*nodes).derivative()
+        within = starts[:-1, None] + 0.5 * (places + 1.0) * chords[:, None]
+        lengths = np.linalg.norm(speed(within), axis=2) @ (0.5 * weights) * chords
+        return np.append(0.0, np.cumsum(lengths))
 
     def on(self, which: Indices, parts: Floats) -> LocusPoints:
         """Return the points whose projections divide chords `which` (n,) at parts (n,)."""
         chord, nodes, ahead = self.chord, self.nodes, which + 1
         direction, length = chord.directions[which], chord.chords[which]
-        slopes = [
-            nodes.turns[node, :, 0]
-            / np.vecdot(nodes.tangents[node, :, 0], direction)[:, None]
-            for node in (which, ahead)
-        ]
-        motions = cubic(
-            (nodes.motions[which], slopes[0]),
-            (nodes.motions[ahead], slopes[1]),
-            length[:, None],
-            parts[:, None],
-        )
+        turning = nodes.motions[ahead] - nodes.motions[which]
+        motions = nodes.motions[which] + parts[:, None] * turning
         targets = np.vecdot(direction, nodes.values[which]) + parts * length
         points = self.locus.correct(
             chord.predict(which, parts),
@@ -200,43 +191,21 @@ SAME_MOTION = 0.8
 
 
 def trace_curves(
-    locus: SingularityLocus,
-    values: Floats,
-    budget: TimeLimit | None = None,
+    locus: SingularityLocus, starts: LocusPoints, budget: TimeLimit | None = None
 ) -> list[SingularCurve | None]:
-    """Return the curves of a locus through configurations (n, V) near it, side by side.
+    """Return the curves of a locus through points of it, side by side.
 
-    Parameters
-    ----------
-    locus
-        Singular configurations of a mechanism with two freedoms.
-    values
-        Where to start; Newton's method leads onto the curves.
-    budget
-        Time after which curves are ended, MODE_LOST, unlimited by default.
-
-    None where Newton's method does not arrive, or only at a crossing of curves.
+    Of singular configurations of a mechanism with two freedoms. Curves are ended,
+    MODE_LOST, when the time is over, unlimited by default. None where no step holds.
     """
-    near = locus.onto(values)
-    (rows,) = np.nonzero(near.good & ~(near.reciprocal_condition < NEARLY_FLAT))
-    near = near.rows(rows)
-    starts = locus.correct(
-        near.values,
-        near.motions,
-        np.swapaxes(near.tangents, 1, 2),
-        np.einsum("nvk,nv->nk", near.tangents, near.values),
-    )
-    count = len(rows)
+    count = len(starts)
     both = LocusPoints.joined([starts, _turned(starts, -1.0)])
     still = np.zeros(both.values.shape)
     start = _Nodes(both.values, both.tangents[:, :, 0], still, both.residual, both)
     given = periods_of(locus.closure), LONGEST, LARGEST_STEP, locus, budget or TimeLimit()
     paths = _LocusCurves(start, *given)
     paths.follow(FIRST_STEP)
-    curves: list[SingularCurve | None] = [None] * len(values)
-    for number, row in enumerate(rows.tolist()):
-        curves[row] = paths.curve(number, count + number)
-    return curves
+    return [paths.curve(number, count + number) for number in range(count)]
 
 
 @dataclass(frozen=True)
@@ -404,8 +373,7 @@ class SingularCurves:
 
     Where every configuration is of the type (`everywhere`) there are no curves. `stray`
     (n, V) are singular configurations that no curve could be followed from: the locus
-    crosses itself there, or fills a part of the configurations. `traced` are whole curves
-    of the locus.
+    crosses itself there, or fills a part of the configurations.
     """
 
     kind: LocusName
@@ -413,20 +381,6 @@ class SingularCurves:
     claim: Completeness
     stray: Floats
     everywhere: bool = False
-    traced: tuple[SingularCurve, ...] = ()
-
-    def seen_by(
-        self, mechanism: Mechanism, kind: LocusName, output: str | None = None
-    ) -> "SingularCurves":
-        """Return the curves of another type or output whose locus is the same.
-
-        See `locus_key`.
-        """
-        view = SingularityReport.of(
-            solver_of(mechanism), output_of(mechanism, output), kind
-        )
-        curves = tuple(part for curve in self.traced for part in _parts(curve, view))
-        return replace(self, kind=kind, curves=curves)
 
 
 def locus_key(
@@ -490,7 +444,6 @@ def singular_curves(
         source.claim("curve"),
         np.concatenate(stray),
         source.everywhere,
-        tuple(traced),
     )
 
 
@@ -505,7 +458,7 @@ def _followed(
     while np.any(left) and budget.goes_on(f"curve {len(traced) + 1} of type {kind}"):
         (rows,) = np.nonzero(left)
         rows = rows[:: -(-len(rows) // TOGETHER)]
-        curves = trace_curves(locus, points.values[rows], budget)
+        curves = trace_curves(locus, points.rows(rows), budget)
         for row, new_curve in zip(rows.tolist(), curves, strict=True):
             if not left[row]:
                 continue
