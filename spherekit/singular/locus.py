@@ -178,14 +178,16 @@ class SingularityLocus:
         motion = moving.along(right[:, last])
         return Measure(self.rest, space, moving, small, smallest, motion)
 
-    def onto(self, values: Floats, most: int = MOST_CORRECTIONS) -> LocusPoints:
-        """Return the points that Newton's method leads to by at most so many steps.
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
+    def onto(self, values: Floats) -> LocusPoints:
+        """Return the points that Newton's method leads to by the shortest steps.
 
-        Each step is the shortest one.
+        What is not led to any is left out.
         """
         motion = self.measure(self.space(values)).motion
         none = np.zeros((len(values), 0, values.shape[1]))
-        return self.correct(values, motion, none, np.zeros((len(values), 0)), most=most)
+        points = self.correct(values, motion, none, none[:, :, 0])
+        return points.rows(points.good)
 
     def correct(
         self,
@@ -299,15 +301,11 @@ class SingularityLocus:
 
 
 def adjugate(matrices: Floats) -> Floats:
-    """Return the adjugates of square matrices (n, k, k), exact where those are singular."""
-    size = matrices.shape[1]
-    out = np.empty_like(matrices)
-    for i in range(size):
-        for j in range(size):
-            rows = [k for k in range(size) if k != j]
-            minor = matrices[:, rows][:, :, [k for k in range(size) if k != i]]
-            out[:, i, j] = (-1.0) ** (i + j) * np.linalg.det(minor)
-    return out
+    """Return the adjugates of square matrices (n, k, k), those not finite as zero."""
+    left, sizes, right, _ = decomposed(matrices)
+    others = [np.prod(np.delete(sizes, k, 1), axis=1) for k in range(sizes.shape[1])]
+    sense = np.linalg.det(left) * np.linalg.det(right)
+    return np.einsum("n,nki,kn,njk->nij", sense, right, np.array(others), left)
 
 
 PROBED = 181
@@ -439,6 +437,4 @@ def seeds(curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:
         ways = np.einsum("nvg,nv->ng", space.basis, points.tangents)
         return measure.value, np.vecdot(measure.gradient, ways)
 
-    places = curve.locate(along).places
-    locus_points = locus.onto(curve.at(places).values)
-    return locus_points.rows(np.flatnonzero(locus_points.good))
+    return locus.onto(curve.at(curve.locate(along).places).values)

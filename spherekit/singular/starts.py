@@ -196,23 +196,18 @@ def everywhere(view: SingularityReport) -> bool:
     return bool(len(values)) and bool(np.all(view.is_own(view.types(values))))
 
 
+@np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def points_from(
     locus: SingularityLocus, values: Floats, driven: Sequence[int]
 ) -> LocusPoints:
     """Return the points of a locus that configurations (n, V) lead to.
 
-    One after the other by the shortest way, or with all `driven` variables but one held,
-    so that the others stay in their ranges.
+    All `driven` variables but one are held, one after the other free, so that the others
+    stay in their ranges.
     """
-    parts = []
-    every, held = np.eye(values.shape[1]), list(driven)
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        for way in range(len(held) + 1):
-            starts = values[way :: len(held) + 1]
-            others = held[:way] + held[way + 1 :] if way < len(held) else []
-            borders = np.repeat(every[None, others], len(starts), axis=0)
-            motion = locus.measure(locus.space(starts)).motion
-            targets = starts[:, others]
-            parts.append(locus.correct(starts, motion, borders, targets, most=LOCUS_STEPS))
-    points = LocusPoints.joined(parts)
-    return points.rows(np.flatnonzero(points.good))
+    others = np.array([np.delete(driven, free) for free in range(len(driven))])
+    held = others[np.arange(len(values)) % len(driven)]
+    motion = locus.measure(locus.space(values)).motion
+    given = np.eye(values.shape[1])[held], np.take_along_axis(values, held, 1)
+    points = locus.correct(values, motion, *given, most=LOCUS_STEPS)
+    return points.rows(points.good)
