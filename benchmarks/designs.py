@@ -14,7 +14,7 @@ from spherekit.analysis.contract import parse_merit
 from spherekit.design.evaluate import FOLLOWED, Evaluator
 from spherekit.design.figures import DesignSamples
 from spherekit.design.variables import design_variable, designed
-from spherekit.exchange.mjcf import mjcf
+from spherekit.exchange.mjcf import MujocoModel
 from spherekit.files.read import read
 from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
@@ -198,7 +198,7 @@ def _mujoco(case: Case, count: int) -> Callable[[], object]:
 
     mechanism = sk.load(case.name)
     values = PositionAnalysis(mechanism, samples=2).motion().values[0]
-    text = mjcf(mechanism, values, 1e-3).text
+    text = MujocoModel(mechanism, values, 1e-3).text
 
     def job() -> None:
         for _ in range(count):

@@ -17,7 +17,7 @@ from spherekit.dynamics.tabulate import reduced_model, simulate_reduced
 from spherekit.engine.compiler import available
 from spherekit.errors import ModelError
 from spherekit.exchange.bodies import RigidBodies, rigid_bodies
-from spherekit.exchange.mjcf import mjcf
+from spherekit.exchange.mjcf import MujocoModel
 from spherekit.files.read import load
 from spherekit.model.dynamics import Mass, PairTorque, uniform_arc
 from spherekit.model.gears import link_axes
@@ -294,7 +294,7 @@ def _stored(case: Case, tolerance: float) -> Run:
 def _mujoco(case: Case, step: float) -> Run:
     import mujoco
 
-    written = mjcf(replace(case.made, loads=()), case.values, step).text
+    written = MujocoModel(replace(case.made, loads=()), case.values, step).text
     model: Any = mujoco.MjModel.from_xml_string(written)
     pairs = [model.joint(k).name for k in range(model.njnt)]
     dofs = [int(model.joint(pair).dofadr[0]) for pair in pairs]

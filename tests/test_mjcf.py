@@ -10,7 +10,7 @@ from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.exchange.mjcf import mjcf
+from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.posed import posed
 from spherekit.files.write import dumps
 from spherekit.model.gears import joints_of
@@ -55,7 +55,7 @@ def apart(mechanism, data, placed):
 )
 def test_the_pose_is_the_mechanisms_and_motors_sit_at_inputs_alone(name, at):
     mechanism, values = posed(replace(sk.load(name), loads=()), at=at)
-    model, data = started(mjcf(mechanism, values).text)
+    model, data = started(MujocoModel(mechanism, values).text)
     closure = Closure.of(mechanism, joints_of(mechanism))
     assert apart(mechanism, data, closure.at(values[None]).placed[0]) < 1e-14
     assert np.max(np.abs(data.efc_pos), initial=0.0) < 1e-14
@@ -80,7 +80,7 @@ def prescribed(text, inputs):
 def test_a_motion_of_the_inputs_moves_all_links_as_in_spherekit(name):
     mechanism, values = posed(replace(sk.load(name), loads=()))
     inputs = [item.pair for item in mechanism.inputs]
-    text = mjcf(mechanism, values).text
+    text = MujocoModel(mechanism, values).text
     model, data = started(prescribed(text, inputs))
     loops = model.neq - len(inputs)
     worst = 0.0
@@ -114,7 +114,7 @@ def test_loads_have_the_power_that_they_say():
     """At every pair a load acts, so that one of them is a hinge of a second body."""
     made = replace(sk.load("four_bar"), loads=SPRUNG)
     mechanism, values = posed(made, at=0.7)
-    written = mjcf(mechanism, values)
+    written = MujocoModel(mechanism, values)
     assert not [note for note in written.notes if note.startswith("load")]
     model, data = started(written.text)
     rng = np.random.default_rng(5)
@@ -146,8 +146,8 @@ def test_loads_have_the_power_that_they_say():
 def test_second_bodies_share_the_inertia_of_their_link():
     at_all = tuple(sk.Damper(f"d{pair}", pair, 0.1) for pair in ("21", "32", "43", "41"))
     plain, values = posed(replace(sk.load("four_bar"), loads=()), at=0.7)
-    model, _ = started(mjcf(plain, values).text)
-    twinned, _ = started(mjcf(replace(plain, loads=at_all), values).text)
+    model, _ = started(MujocoModel(plain, values).text)
+    twinned, _ = started(MujocoModel(replace(plain, loads=at_all), values).text)
     assert twinned.nv == model.nv + 1 and np.all(twinned.dof_damping == 0.1)
     assert np.sum(twinned.body_mass) == pytest.approx(np.sum(model.body_mass), rel=1e-14)
 
@@ -179,7 +179,7 @@ def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
 
 def test_a_mechanism_without_masses_is_held_by_servos():
     mechanism, values = posed(bare("stephenson"), at=0.5)
-    written = mjcf(mechanism, values)
+    written = MujocoModel(mechanism, values)
     assert "kinematics only" in written.notes[0]
     model, data = started(written.text)
     mujoco.mj_resetDataKeyframe(model, data, 0)

@@ -10,7 +10,7 @@ from test_dynamics_several_inputs import STARTS, heavy
 
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
-from spherekit.exchange.mjcf import mjcf
+from spherekit.exchange.mjcf import MujocoModel
 from spherekit.model.study import Polynomial
 from spherekit.motion.motion import PositionAnalysis, by_laws
 
@@ -24,7 +24,7 @@ def test_what_holds_loops_together_is_what_mujoco_says(name):
     dq = tuple(0.4 * (-1) ** (k + 1) for k in range(len(made.inputs)))
     found = sk.simulate(made, sk.Start(STARTS[name], dq), 0.01)
     begun = found.at([0.0])
-    model = mujoco.MjModel.from_xml_string(mjcf(made, begun.values[0]).text)
+    model = mujoco.MjModel.from_xml_string(MujocoModel(made, begun.values[0]).text)
     data = mujoco.MjData(model)
     hinges = [model.joint(k).name for k in range(model.njnt)]
     dofs = [int(model.joint(hinge).dofadr[0]) for hinge in hinges]
@@ -71,7 +71,7 @@ def test_forces_of_an_open_chain_are_what_mujoco_says():
     path, timing = by_laws(list(laws), laws, np.zeros(1))
     motion = replace(PositionAnalysis(made, None, 0, path=path).motion(), timing=timing)
     found = reactions(motion)
-    model = mujoco.MjModel.from_xml_string(mjcf(made, found.torques.values[0]).text)
+    model = mujoco.MjModel.from_xml_string(MujocoModel(made, found.torques.values[0]).text)
     data = mujoco.MjData(model)
     data.qvel, data.qacc = dq, ddq
     mujoco.mj_kinematics(model, data)

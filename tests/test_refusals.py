@@ -21,7 +21,7 @@ from spherekit.dynamics.forward import simulate
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.tabulate import reduced_model
 from spherekit.errors import FileError
-from spherekit.exchange.mjcf import mjcf
+from spherekit.exchange.mjcf import MujocoModel
 from spherekit.files.read import loads
 from spherekit.model.study import ConstantSpeed, Start, Tabulated
 from spherekit.motion.closure import Closure
@@ -51,7 +51,15 @@ CALLED = (
         built,
         inverse_dynamics,
     ),
-    *(mjcf, output_of, reduced_model, replace, simulate, singular_curves, singular_surface),
+    *(
+        MujocoModel,
+        output_of,
+        reduced_model,
+        replace,
+        simulate,
+        singular_curves,
+        singular_surface,
+    ),
     *(trade, two_four_bars),
 )
 NAMES = {each.__name__: each for each in CALLED} | {

@@ -18,10 +18,7 @@ from spherekit.analysis.tables import (
     arrays,
 )
 from spherekit.arrays import Array
-from spherekit.numeric.unread import Interleaved, Span, once, put
-
-LARGEST_SHARE = 8
-"""Columns that are a smaller part of an array than one of so many are kept as copies."""
+from spherekit.numeric.unread import Span, once, put
 
 
 class InMemory:
@@ -32,9 +29,7 @@ class InMemory:
 
     def add(self, analysis: str, table: Table, data: TableData) -> None:
         """Take the rows of one block."""
-        self._blocks[analysis, table.name].append(
-            {name: _own(column) for name, column in data.items()}
-        )
+        self._blocks[analysis, table.name].append(data)
 
     def pieces(self, analysis: str, table: Table) -> Iterator[TableArrays]:
         """Yield all rows, mode after mode, in pieces as they are written."""
@@ -102,16 +97,6 @@ class JoinedBlocks(Mapping[str, Array]):
     def __reduce__(self) -> tuple[Any, ...]:
         self.join(self)
         return dict, (self._made,)
-
-
-def _own(column: Any) -> Any:
-    """Return a column whose memory is not a small part of what it would keep alive."""
-    if isinstance(column, Interleaved):
-        once = {id(part): _own(part) for part in column.parts}
-        return Interleaved([once[id(part)] for part in column.parts])
-    whole = getattr(column, "base", None)
-    is_part = isinstance(whole, np.ndarray) and whole.nbytes > LARGEST_SHARE * column.nbytes
-    return column.copy() if is_part and column.strides[0] else column
 
 
 def in_modes(block: TableData) -> tuple[TableData, list[tuple[int, slice]]]:

@@ -6,14 +6,12 @@ written as a person would have.
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.model.graph import spanning
-from spherekit.model.parts import AngleUnit
 from spherekit.sphere.rotation import arc
 
 ONE_LINE = 1e-6
@@ -118,34 +116,28 @@ def distances(place: Floats, points: Floats, axes: Floats) -> Floats:
 
 
 def common_point(points: Floats, axes: Floats, within: float) -> Floats | None:
-    """Return the point (3,) that most lines pass within a distance (m), None if parallel.
+    """Return the point (3,) that lines pass within a distance (m), None if parallel.
 
-    Lines go through points along unit axes (n, 3). Among points that equally many lines
-    pass, the one nearest to all. Where all lines are one, any point of it will do, and the
-    one nearest to the origin is taken.
+    Lines go through points along unit axes (n, 3). The point of least squared distances,
+    where the farthest lines are left out until the others pass it. Where all lines are one,
+    any point of it will do, and the one nearest to the origin is taken.
     """
-    pairs = map(list, combinations(range(len(points)), 2))
-    near = (_nearest(points[pair], axes[pair]) for pair in pairs)
-    candidates = [place for place in near if place is not None]
-    if not candidates:
-        foot = points[0] - (points[0] @ axes[0]) * axes[0]
-        return foot if float(np.max(distances(foot, points, axes))) <= within else None
-    gaps = [distances(place, points, axes) for place in candidates]
-    best = max(
-        range(len(gaps)), key=lambda k: (np.sum(gaps[k] <= within), -np.sum(gaps[k]))
-    )
-    passing = gaps[best] <= within
-    finer = _nearest(points[passing], axes[passing])
-    return candidates[best] if finer is None else finer
-
-
-def _nearest(points: Floats, axes: Floats) -> Floats | None:
-    """Return the point (3,) of least squared distances, None where lines are parallel."""
+    kept, best = np.arange(len(points)), None
     across = np.eye(3) - axes[:, :, None] * axes[:, None]
-    summed = np.sum(across, axis=0)
-    if len(points) < 2 or np.linalg.eigvalsh(summed)[0] < PARALLEL**2 * len(points):
-        return None
-    return np.linalg.solve(summed, np.sum(across @ points[:, :, None], axis=0)[:, 0])
+    while len(kept) > 1:
+        summed = np.sum(across[kept], axis=0)
+        if np.linalg.eigvalsh(summed)[0] < PARALLEL**2 * len(kept):
+            break
+        pulled = np.sum(across[kept] @ points[kept, :, None], axis=0)[:, 0]
+        best = np.linalg.solve(summed, pulled)
+        gaps = distances(best, points[kept], axes[kept])
+        if float(np.max(gaps)) <= within:
+            break
+        kept = np.delete(kept, np.argmax(gaps))
+    if best is not None:
+        return best
+    foot = points[0] - (points[0] @ axes[0]) * axes[0]
+    return foot if float(np.max(distances(foot, points, axes))) <= within else None
 
 
 ROUNDING = 4e-15
@@ -170,17 +162,17 @@ SHORT = 24
 """Characters of the components of an axis that are plain to read."""
 
 
-def plain_angle(angle: float, unit: AngleUnit) -> float:
-    """Return an angle (rad) as it stands in a file."""
-    return plain(math.degrees(angle) if unit == "deg" else angle, 1.0, DEGREES)
+def plain_angle(angle: float) -> float:
+    """Return an angle (rad) as it stands in a file, in degrees."""
+    return plain(math.degrees(angle), 1.0, DEGREES)
 
 
-def plain_axis(axis: Floats, unit: AngleUnit) -> dict[str, Any]:
+def plain_axis(axis: Floats) -> dict[str, Any]:
     """Return the key of an axis (3,) in files: xyz, or lonlat if that is plainer."""
     x, y, z = (float(part) for part in axis)
     xyz = [plain(part, 1.0) for part in (x, y, z)]
     around = 0.0 if np.hypot(x, y) < ROUNDING else math.atan2(y, x)
-    lonlat = [plain_angle(k, unit) for k in (around, math.atan2(z, math.hypot(x, y)))]
+    lonlat = [plain_angle(k) for k in (around, math.atan2(z, math.hypot(x, y)))]
     if len(repr(xyz)) > SHORT and len(repr(lonlat)) < len(repr(xyz)):
         return {"lonlat": lonlat}
     return {"xyz": xyz}

@@ -22,7 +22,6 @@ from spherekit.exchange.foreign_axes import (
 from spherekit.exchange.mujoco_file import MASSLESS, ForeignModel, named
 from spherekit.model.dynamics import moved_to_sphere_centre
 from spherekit.model.graph import joined
-from spherekit.model.parts import AngleUnit
 from spherekit.motion.loops import LoopTree
 from spherekit.sphere.rotation import max_abs
 
@@ -39,7 +38,7 @@ Table = dict[str, Any]
 
 
 class ForeignTables:
-    """The tables of a mechanism file that a model is, with angles in a unit.
+    """The tables of a mechanism file that a model is, with angles in degrees.
 
     `content` are the tables, `heading` and `comments` are above the file and above tables,
     `notes` say what was left out or changed. Axes may miss their common point by a
@@ -52,10 +51,8 @@ class ForeignTables:
         If axes miss the point or are parallel, or nothing moves.
     """
 
-    def __init__(
-        self, where: str, model: ForeignModel, unit: AngleUnit, within: float | None
-    ) -> None:
-        self.where, self.model, self.unit = where, model, unit
+    def __init__(self, where: str, model: ForeignModel, within: float | None) -> None:
+        self.where, self.model = where, model
         self.m, self.d, self.notes = model.m, model.d, list[str]()
         self.comments: dict[tuple[str, str], str] = {}
         self.names: dict[int, str] = {}
@@ -106,10 +103,7 @@ class ForeignTables:
         }
 
     def _ends(self, angles: Sequence[float]) -> Table:
-        return dict(zip(("from", "to"), map(self._angle, angles), strict=True))
-
-    def _angle(self, angle: float) -> float:
-        return plain_angle(angle, self.unit)
+        return dict(zip(("from", "to"), map(plain_angle, angles), strict=True))
 
     # Bodies that are one link
 
@@ -276,9 +270,9 @@ class ForeignTables:
             names.append(self._unique(coupling, names))
             profiles = {}
             for radius, link, centre in circles:
-                axis = plain_axis(centre, self.unit)
+                axis = plain_axis(centre)
                 place = {f"centre_{kind}": numbers for kind, numbers in axis.items()}
-                circle = {"kind": "circle", **place, "radius": self._angle(radius)}
+                circle = {"kind": "circle", **place, "radius": plain_angle(radius)}
                 profiles[self._name(link)] = circle
             contact = {} if external else {"contact": "internal"}
             self.comments["pairs", names[-1]] = "Joints at a constant ratio: gears."
@@ -287,9 +281,9 @@ class ForeignTables:
 
     def _pair(self, pair: Turning) -> Table:
         links = [*map(self._name, pair.links)]
-        table: Table = {"type": "R", "links": links, **plain_axis(pair.axis, self.unit)}
+        table: Table = {"type": "R", "links": links, **plain_axis(pair.axis)}
         if pair.value:
-            table["value"] = self._angle(pair.value)
+            table["value"] = plain_angle(pair.value)
         return table
 
     def _inputs(self) -> Table:
@@ -390,10 +384,10 @@ class ForeignTables:
                 for of in (m.jnt_stiffness, m.dof_damping, m.dof_frictionloss)
             )
             if stiffness:
-                spring = {"stiffness": stiffness, "rest": self._angle(m.qpos_spring[k])}
+                spring = {"stiffness": stiffness, "rest": plain_angle(m.qpos_spring[k])}
                 yield f"spring_{name}", {"kind": "spring", "pair": name, **spring}
             if dry:
-                rubs = {"torque": dry, "speed": self._angle(SLOW)}
+                rubs = {"torque": dry, "speed": plain_angle(SLOW)}
                 rubs |= {"viscous": viscous} if viscous else {}
                 yield f"friction_{name}", {"kind": "friction", "pair": name, **rubs}
                 self.notes.append(

@@ -15,7 +15,6 @@ from spherekit.files.read import loads
 from spherekit.files.schema import FORMAT
 from spherekit.files.toml_text import assignment, tables
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import AngleUnit
 
 
 class Imported(NamedTuple):
@@ -75,10 +74,9 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
         raise FileError(f"{where}: within is {within}; it has to be a distance in m")
     model = ForeignModel(where)
     name = re.sub(r"[^A-Za-z0-9_]", "_", model.name) or where.stem
-    units: tuple[AngleUnit, ...] = ("deg", "rad")
-    both = [ForeignTables(str(where), model, unit, within) for unit in units]
-    text = min(("\n".join([*_lines(name, built), ""]) for built in both), key=len)
-    return Imported(loads(text, f"{where}: imported"), text, tuple(both[0].notes))
+    built = ForeignTables(str(where), model, within)
+    text = "\n".join([*_lines(name, built), ""])
+    return Imported(loads(text, f"{where}: imported"), text, tuple(built.notes))
 
 
 def _lines(name: str, built: ForeignTables) -> Iterator[str]:
@@ -86,7 +84,7 @@ def _lines(name: str, built: ForeignTables) -> Iterator[str]:
         yield f"# {line}"
     yield assignment("format", FORMAT)
     yield assignment("name", name)
-    yield assignment("angle_unit", built.unit)
+    yield assignment("angle_unit", "deg")
     yield assignment("ground", next(iter(built.content["links"])))
     for key, content in built.content.items():
         if key == "source":

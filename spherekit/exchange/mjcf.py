@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 import numpy as np
 
 from spherekit.analysis.link_scenes import link_shapes
-from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.engine.expression_graph import (
@@ -21,7 +20,7 @@ from spherekit.engine.expression_graph import (
     varies,
 )
 from spherekit.engine.system import array_function
-from spherekit.errors import EngineError, ModelError
+from spherekit.errors import EngineError
 from spherekit.exchange.bodies import (
     SMALL,
     BodyInertia,
@@ -136,16 +135,32 @@ FRAME = """<mujoco model="{name}">
 
 
 class MujocoModel:
-    """A mechanism as a MuJoCo model: its `text`, and `notes` on what it has otherwise.
+    """A mechanism in a closed configuration as a MuJoCo model (MJCF), its `text`.
+
+    Its `notes` say what it has otherwise.
+
+    Bodies are named as links and have their axes; joints are named as pairs, and their
+    positions are the pair variables. Each pair that closes a loop is a `connect` on its
+    axis, as stiff as the step allows, or, where a load acts at it, a joint of a second
+    body with half of the link's inertia, welded to the link. Inputs have motors (N m).
+    Without masses they have servos, whose controls are angles (rad).
 
     `hinges` are the attributes of joints, by pair: springs, friction and stops. `actuated`
     are loads that are actuators without control, with their attributes: at a pair such a
     load has a torque that is affine in its variable and rate; otherwise it is a force, or a
-    moment, on a link, constant in the axes of the ground or of the link.
+    moment, on a link, constant in the axes of the ground or of the link. Links are drawn on
+    a sphere of `radius` (m), the distance of the farthest centre of mass, 1 m without any.
+
+    Parameters
+    ----------
+    mechanism, values
+        As for `rigid_bodies`, which says what is raised.
+    timestep
+        Step (s) of MuJoCo's integrator; the stiffness of the loops follows from it.
     """
 
     def __init__(
-        self, mechanism: Mechanism, values: Floats, timestep: float, radius: float | None
+        self, mechanism: Mechanism, values: Floats, timestep: float = 1e-3
     ) -> None:
         self.mechanism, self.timestep = mechanism, timestep
         self.actuated: list[tuple[PairTorque | PointForce | Moment, Attributes]] = []
@@ -159,8 +174,7 @@ class MujocoModel:
         far = max(
             (np.linalg.norm(body.centre) for body in made.bodies if body.stated), default=0
         )
-        size = 1.0 if made.made_up else float(np.round(far, 3) or far or 1.0)
-        self.radius = radius or size
+        self.radius = 1.0 if made.made_up else float(np.round(far, 3) or far or 1.0)
         self.connected = [cut for cut in made.cuts if cut.pair not in held]
         # Second bodies of links, at cut pairs where loads act.
         self.twins = [
@@ -398,42 +412,6 @@ class MujocoModel:
 
 def _twin(hinge: Hinge) -> str:
     return f"{hinge.child}_at_{hinge.pair}"
-
-
-@checked(ModelError)
-def mjcf(
-    mechanism: Mechanism,
-    values: Floats,
-    timestep: float = 1e-3,
-    radius: float | None = None,
-) -> MujocoModel:
-    """Return a MuJoCo model (MJCF) of a mechanism in a closed configuration.
-
-    Bodies are named as links and have their axes; joints are named as pairs, and their
-    positions are the pair variables. Each pair that closes a loop is a `connect` on its
-    axis, as stiff as the step allows, or, where a load acts at it, a joint of a second
-    body with half of the link's inertia, welded to the link. Inputs have motors (N m).
-    Without masses they have servos, whose controls are angles (rad).
-
-    Parameters
-    ----------
-    mechanism, values
-        As for `rigid_bodies`.
-    timestep
-        Step (s) of MuJoCo's integrator; the stiffness of the loops follows from it.
-    radius
-        Radius (m) of the sphere that links are drawn on, by default the distance of the
-        farthest centre of mass, 1 m without any.
-
-    Raises
-    ------
-    ModelError
-        As of `rigid_bodies`, and if the step or the radius is not above zero.
-    """
-    for name, value, unit in (("timestep", timestep, "s"), ("radius", radius, "m")):
-        if value is not None and not 0.0 < value < np.inf:
-            raise ModelError(f"mjcf: {name} is {value} {unit}; it has to be above 0")
-    return MujocoModel(mechanism, values, timestep, radius)
 
 
 def _add(parent: Element, tag: str, **attributes: object) -> Element:

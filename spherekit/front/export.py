@@ -15,7 +15,7 @@ from spherekit.dynamics.tabulate import reduced_grid_model, reduced_model
 from spherekit.errors import OutputError, PlanError
 from spherekit.exchange.coupling import CouplingTable, header, write_csv, write_npz
 from spherekit.exchange.coupling_made import coupling_table
-from spherekit.exchange.mjcf import mjcf
+from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.posed import posed
 from spherekit.files.atomic import write_text
 from spherekit.files.read import AnyMechanism, mechanism_of
@@ -236,7 +236,7 @@ def _mujoco(
         f"({np.degrees(values[made.angles[item.pair]]):.6g} deg)"
         for item in made.inputs
     )
-    model = mjcf(made, values)
+    model = MujocoModel(made, values)
     write_text(target, model.text)
     return Exported(target, f"a MuJoCo model at {where}", model.notes)
 

@@ -2,12 +2,8 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from typing import TypeVar
 
-import numpy as np
-
-from spherekit.arrays import Floats
 from spherekit.resources import usable_cores
 
 Given = TypeVar("Given")
@@ -54,28 +50,3 @@ def each_at_once(
         for some in pool.map(lambda share: list(map(make, share)), shares):
             made += some
     return made
-
-
-class Scratch:
-    """Memory that pieces of work use in turn; what is new has to be cleared first."""
-
-    def __init__(self) -> None:
-        self._idle: list[Floats] = []
-
-    @contextmanager
-    def room(self, rows: int, columns: int) -> Iterator[Floats]:
-        """Lend an array (rows, columns) that holds anything, for as long as a context."""
-        size = rows * columns
-        try:
-            memory = self._idle.pop()
-        except IndexError:
-            memory = np.empty(0)
-        if len(memory) < size:
-            memory = np.empty(size)
-        try:
-            yield memory[:size].reshape(rows, columns)
-        finally:
-            self._idle.append(memory)
-
-
-SCRATCH = Scratch()

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.running.in_turn import SCRATCH, each_at_once
+from spherekit.analysis.running.in_turn import each_at_once
 from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.conventions import Status
 from spherekit.engine.columns import ERRORS
@@ -105,18 +105,18 @@ class ComputedColumns:
         def fill(part: Part) -> None:
             mode, rows = part
             given = np.ascontiguousarray(self._values[:, rows])
-            with SCRATCH.room(self.kernel.whole.width, given.shape[1]) as whole:
-                self.kernel.whole(given, whole)
-                for turned, at in zip(self._turned, self.kernel.moving, strict=False):
-                    signed = at.with_sign(whole)
-                    signs = turned(signed[:3], rows, mode)
-                    for k in np.flatnonzero(np.any(signs < 0, axis=1)).tolist():
-                        signed[:, k] *= signs[k]
-                made = [whole[place] for place in places]
-                if np.any(self._odd[rows]):
-                    some = zip(keys, made, strict=True)
-                    made = [self._mended(key, column, rows) for key, column in some]
-                reader(rows, made)
+            whole = np.empty((self.kernel.whole.width, given.shape[1]))
+            self.kernel.whole(given, whole)
+            for turned, at in zip(self._turned, self.kernel.moving, strict=False):
+                signed = at.with_sign(whole)
+                signs = turned(signed[:3], rows, mode)
+                for k in np.flatnonzero(np.any(signs < 0, axis=1)).tolist():
+                    signed[:, k] *= signs[k]
+            made = [whole[place] for place in places]
+            if np.any(self._odd[rows]):
+                some = zip(keys, made, strict=True)
+                made = [self._mended(key, column, rows) for key, column in some]
+            reader(rows, made)
 
         each_at_once(fill, self._parts, self.kernel.in_threads)
 

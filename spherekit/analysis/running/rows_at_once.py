@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherekit.analysis.running.in_turn import SCRATCH, each_at_once, in_turn
+from spherekit.analysis.running.in_turn import each_at_once, in_turn
 from spherekit.analysis.running.kernel_columns import (
     SLICE,
     ComputedColumns,
@@ -119,40 +119,40 @@ class Rows:
         by_form = self.kernel.has_closed_form
         signs = self._tracer.assembly_modes[mode].signs
         count = len(q) + len(signs) if by_form else len(self.values)
-        with SCRATCH.room(count + deciding.width, len(numbers)) as room:
-            given, columns = room[:count], room[count:]
-            if by_form:
-                given_by(q, signs, given)
+        room = np.empty((count + deciding.width, len(numbers)))
+        given, columns = room[:count], room[count:]
+        if by_form:
+            given_by(q, signs, given)
+        else:
+            given[:] = self.values[:, rows]
+        deciding(given, columns)
+        places = deciding.places
+        if by_form:
+            self.values[:, rows] = columns[places["variables"]]
+        rounding, closure = self.kernel.open_by_rounding, columns[places["closure"]]
+        self.closure[:, rows] = closure
+        most_doubt, most_open = np.max(columns[places["doubt"]][0]), np.max(closure[0])
+        if most_doubt <= 1.0 and most_open <= rounding:
+            return Seen(self.kernel, deciding, columns, numbers)
+        if by_form:
+            lost = lost_by(columns[places["squares"]])
+        else:
+            # Where nothing was predicted, beyond the end of the curve.
+            lost = np.isnan(given[self.kernel.free[0]])
+            guide = self._tracer.assembly_modes[mode].guide
+            if isinstance(guide, ModeCurve):
+                lost[lost] = guide.at(q[:, lost].T, None)[2] == Status.OUT_OF_REACH
             else:
-                given[:] = self.values[:, rows]
-            deciding(given, columns)
-            places = deciding.places
-            if by_form:
-                self.values[:, rows] = columns[places["variables"]]
-            rounding, closure = self.kernel.open_by_rounding, columns[places["closure"]]
-            self.closure[:, rows] = closure
-            most_doubt, most_open = np.max(columns[places["doubt"]][0]), np.max(closure[0])
-            if most_doubt <= 1.0 and most_open <= rounding:
-                return Seen(self.kernel, deciding, columns, numbers)
-            if by_form:
-                lost = lost_by(columns[places["squares"]])
-            else:
-                # Where nothing was predicted, beyond the end of the curve.
-                lost = np.isnan(given[self.kernel.free[0]])
-                guide = self._tracer.assembly_modes[mode].guide
-                if isinstance(guide, ModeCurve):
-                    lost[lost] = guide.at(q[:, lost].T, None)[2] == Status.OUT_OF_REACH
-                else:
-                    lost[:] = False
-                is_open = (closure[0] > rounding) & np.isfinite(closure[0])
-                self._close(columns, numbers, np.flatnonzero(is_open))
-                self.closure[:, rows] = columns[places["closure"]]
-            well = np.all(columns[places["doubts"]] <= 1.0, axis=0)
-            well &= self.closure[0, rows] <= rounding
-            self.vouched[rows], self.status[rows][lost] = well, Status.OUT_OF_REACH
-            if not np.any(well) or not np.all(well | lost):
-                return None
-            return Seen(self.kernel, deciding, columns[:, well], numbers[well])
+                lost[:] = False
+            is_open = (closure[0] > rounding) & np.isfinite(closure[0])
+            self._close(columns, numbers, np.flatnonzero(is_open))
+            self.closure[:, rows] = columns[places["closure"]]
+        well = np.all(columns[places["doubts"]] <= 1.0, axis=0)
+        well &= self.closure[0, rows] <= rounding
+        self.vouched[rows], self.status[rows][lost] = well, Status.OUT_OF_REACH
+        if not np.any(well) or not np.all(well | lost):
+            return None
+        return Seen(self.kernel, deciding, columns[:, well], numbers[well])
 
     def _close(self, columns: Floats, numbers: Indices, at: Indices) -> None:
         """Take a step of Newton's method at some rows of a slice; keep what is near by."""
