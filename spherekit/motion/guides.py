@@ -174,24 +174,28 @@ def sheets_through(
     if not count:
         return []
     near = np.array([input_grid.nearest(one[list(driven)], NEAREST) for one in values])
-    sheets = np.concatenate([nans((count * n, values.shape[1])), values])
-    status = np.full(count * n, Status.OUT_OF_REACH, dtype=np.int8)
     beside = input_grid.neighbours()
-    start = np.repeat(count * n + np.arange(count), near.shape[1])
-    stop = (near + n * np.arange(count)[:, None]).ravel()
-    while len(stop):
-        wanted = np.flatnonzero(status[stop] != Status.OK)
-        once = wanted[np.unique(stop[wanted], return_index=True)[1]]
+    inside, shift = beside >= 0, n * np.arange(count)[:, None]
+    first = np.repeat(count * n + np.arange(count), near.shape[1])
+    start = np.append(first, np.nonzero(inside)[1] + shift)
+    stop = np.append(near + shift, beside[inside] + shift)
+    sheets = np.concatenate([nans((count * n, values.shape[1])), values])
+    status = np.full(len(sheets), Status.OUT_OF_REACH, dtype=np.int8)
+    status[count * n :] = Status.OK
+    left = np.ones(len(stop), dtype=bool)
+    while np.any(ways := left & (status[start] == Status.OK) & (status[stop] != Status.OK)):
+        _, once = np.unique(np.where(ways, stop, len(sheets)), return_index=True)
+        once = once[ways[once]]
+        left[once] = False
         goals = input_grid.q[stop[once] % n]
-        reached, status[stop[once]] = walk(closure, driven, sheets[start[once]], goals)
-        arrived = status[stop[once]] == Status.OK
-        front = stop[once][arrived]
-        sheets[front] = reached[arrived]
-        sample, left = front % n, np.setdiff1d(wanted, once)
-        open_ways = beside[:, sample].ravel() >= 0
-        ahead = (beside[:, sample] + front - sample).ravel()[open_ways]
-        start = np.append(start[left], np.tile(front, len(beside))[open_ways])
-        stop = np.append(stop[left], ahead)
+        reached, why = walk(closure, driven, sheets[start[once]], goals)
+        arrived = why == Status.OK
+        status[stop[once]] = why
+        sheets[stop[once][arrived]] = reached[arrived]
     shape = count, n, values.shape[1]
-    every = zip(sheets[: count * n].reshape(shape), status.reshape(count, n), strict=True)
+    every = zip(
+        sheets[: count * n].reshape(shape),
+        status[: count * n].reshape(count, n),
+        strict=True,
+    )
     return [ModeOverGrid(*part) if np.any(part[1] == Status.OK) else None for part in every]

@@ -339,12 +339,10 @@ BEND = 0.02
 NEARER = 0.3
 """Part of slope / bend stepped at most: 0.6 of the way to a dead centre, where a
 variable goes as the square root of the way left and slope / bend is twice that way."""
-TOWARDS_END = 0.9
-"""Part of the way to the end of an open profile that is stepped at most."""
 VERIFIED = Verification(correction=0.1, slack=1e-9, settled=1e-6, turn=0.95)
 LARGEST_MOVE = 0.5
 """A prediction may be wrong by no larger part than of such a step (rad)."""
-MOST_NODES = 20000
+MOST_TRIED = 20000
 SMALLEST_STEP = 4e-13
 """A step below this means that the input has reached a dead centre (rad)."""
 NEARLY_FLAT, NEARLY_EQUAL, NEARLY_ENDED = 1e-3, 1e-3, 1e-6
@@ -430,27 +428,22 @@ def _advanced(
     holds &= VERIFIED.corrected(steps, np.minimum(LARGEST_MOVE, moved))
     new = nodes_at(there, driven, at.direction)
     holds &= (new.sign == at.sign) & all_finite(new.slope, 1)
+    holds &= np.all(there.states.inside, axis=1)
     cosine = np.vecdot(unit_rows(at.slope), unit_rows(new.slope))
     return new, holds & (cosine > VERIFIED.turn), last
 
 
-def _longest(limits: Limits, at: Nodes, step: Floats) -> Floats:
-    """Return the steps (n,), at most as long as given, that bends and ends allow."""
+def _longest(at: Nodes, step: Floats) -> Floats:
+    """Return the steps (n,), at most as long as given, that bends allow."""
     bend = max_abs(at.bend, axis=1) + 1e-300
     slope = max_abs(at.slope, axis=1)
     step = np.minimum(np.minimum(step, LARGEST_STEP), np.sqrt(2 * BEND / bend))
-    step = np.fmax(np.minimum(step, NEARER * slope / bend), SMALLEST_STEP)
-    variables, places, senses = limits.bounds
-    approach = -senses * at.slope[:, variables]
-    rest = senses * (at.values[:, variables] - places)
-    ways = np.maximum(TOWARDS_END * rest / (np.abs(approach) + 1e-300), SMALLEST_STEP)
-    ways = np.where(approach > 0.0, ways, np.inf)
-    return np.minimum(step, np.min(ways, axis=1, initial=np.inf))
+    return np.fmax(np.minimum(step, NEARER * slope / bend), SMALLEST_STEP)
 
 
-def _why_ended(closure: Closure, limits: Limits, at: Nodes, row: int) -> Status:
+def _why_ended(closure: Closure, at: Nodes, row: int) -> Status:
     """Return the status of the samples beyond the last node that could be reached."""
-    values = at.values[row : row + 1]
+    values, limits = at.values[row : row + 1], Limits.of(closure, {})
     states = closure.at(values).states
     margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
     for status, margin in zip(limits.statuses[::-1], margins[0, ::-1], strict=True):
@@ -482,29 +475,27 @@ def follow_inputs(
         steps were tried on each, those that did not hold too.
     """
     driven, way = list(driven), q - values[:, list(driven)]
-    limits = Limits.of(closure, {})
     length = np.linalg.norm(way, axis=1)
     direction = way / np.maximum(length, 1e-300)[:, None]
     at = nodes_at(closure.at(values.copy()), driven, direction)
     status, step = np.full(len(q), Status.OK, dtype=np.int8), np.full(len(q), np.inf)
-    tried, made = np.zeros(len(q), dtype=np.intp), np.zeros(len(q), dtype=np.intp)
+    tried = np.zeros(len(q), dtype=np.intp)
     going = np.flatnonzero(length > 0.0)
     while len(going):
         here = at.rows(going)
         tried[going] += 1
-        step[going] = _longest(limits, here, step[going])
+        step[going] = _longest(here, step[going])
         new, holds, last = _advanced(closure, driven, here, step[going], q[going])
         moved, new = going[holds], new.rows(holds)
         at.put(moved, new)
-        made[moved] += 1
         if trail is not None:
             trail.append((moved, new))
         there, least = holds & last, max_abs(here.values[:, driven], axis=1)
-        tired = holds & ~last & (made[going] == MOST_NODES)
+        tired = ~there & (tried[going] == MOST_TRIED)
         status[going[tired]] = Status.MODE_LOST
         stuck = ~holds & (step[going] <= 2 * SMALLEST_STEP * np.maximum(1.0, least))
         for row in going[stuck]:
-            status[row] = _why_ended(closure, limits, at, row)
+            status[row] = _why_ended(closure, at, row)
         step[going] *= np.where(holds, 2.0, 0.5)
         going = going[~(there | tired | stuck)]
     return at, status, tried
