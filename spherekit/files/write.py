@@ -9,8 +9,9 @@ import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import reduce
+from itertools import zip_longest
 from operator import getitem
 from typing import Any
 
@@ -71,12 +72,13 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
         raise OutputError(
             f"{mechanism.name}: the file would not be readable: {error}"
         ) from None
-    changed = _first_difference(mechanism, again)
-    if changed:
-        raise OutputError(
-            f"{mechanism.name}: {changed} would not read back the same; the format "
-            "holds tuples, unit vectors, and in a profile only what its kind needs"
-        )
+    lines = text.split("\n"), canonical_text(again, angle_unit).split("\n")
+    for line, other in zip_longest(*lines):
+        if line != other:
+            raise OutputError(
+                f"{mechanism.name}: {line or other} would not read back the same; the "
+                "format holds unit vectors, and in a profile only what its kind needs"
+            )
     return text
 
 
@@ -149,31 +151,6 @@ def _load(load: Load) -> _Table:
         if given is not None:
             table[key] = given
     return table
-
-
-def _first_difference(mechanism: Mechanism, again: Mechanism) -> str:
-    for field in fields(mechanism):
-        ours, theirs = getattr(mechanism, field.name), getattr(again, field.name)
-        if field.name == "user":
-            # As text, since a NaN in it differs from itself, and a tuple from a list.
-            same = list(tables((), ours)) == list(tables((), theirs))
-        else:
-            try:
-                same = bool(ours == theirs)
-            except ValueError:  # NumPy arrays have no single truth value
-                same = False
-        if not same:
-            return f"{field.name}{_place(ours, theirs)}"
-    return ""
-
-
-def _place(ours: object, theirs: object) -> str:
-    if not isinstance(ours, tuple) or not isinstance(theirs, tuple):
-        return ""
-    for one, other in zip(ours, theirs, strict=False):
-        if one is not other and repr(one) != repr(other):
-            return f' of "{getattr(one, "name", one)}"'
-    return ""
 
 
 _LONLAT = ("longitude", "latitude")
