@@ -37,11 +37,6 @@ except ImportError:  # Windows
     resource = None
 
 
-@pytest.fixture(autouse=True)
-def journal_after_every_block(monkeypatch):
-    monkeypatch.setattr(store, "EVERY", 0.0)
-
-
 def four_bar(folder=None, **options):
     options = {"samples": 60, "block": 10} | options
     return sk.run(sk.load("four_bar"), "poles:only=31", folder=folder, **options)
@@ -145,7 +140,6 @@ KILLED = """
 import os, sys
 import spherekit as sk
 from spherekit.analysis import folder as store
-store.EVERY = 0.0
 def stop(done, total):
     if done >= int(sys.argv[2]):
         os.kill(os.getpid(), int(sys.argv[3]))
@@ -180,7 +174,6 @@ from spherekit.analysis import folder as store
 from spherekit.analysis.running import rows_at_once
 from spherekit.cli import run
 from spherekit.cli.main import main
-store.EVERY = 0.0
 rows_at_once.BYTES = 1 << 21
 def stop(done, total):
     os.kill(os.getpid(), int(sys.argv[1]))
@@ -454,7 +447,6 @@ def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch
     """Four times as many rows: less than a tenth of their bytes beside the inputs."""
     for module in (store, frames):
         monkeypatch.setattr(module, "CHUNK", 1024)
-    monkeypatch.setattr(store, "EVERY", 1e9)
 
     def peak(samples):
         pool = pa.default_memory_pool()

@@ -14,7 +14,6 @@ import os
 import re
 import shutil
 import stat
-import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -42,22 +41,17 @@ WORK = ".spherekit-run"
 JOURNAL = "journal.json"
 LOCK = "lock"
 MADE = "made"
-PUBLISHED = "published.json"
 SUMMARY = "summary.json"
 SIGNATURE = "signature"
 
-BYTES, OLDER = "bytes", "older"
-"""Keys of what a run signs: sizes of its files, and of those that these replace."""
+BYTES = "bytes"
+"""Where a run signs the sizes of its files."""
 
 OWN = re.compile(
-    r"lock|journal\.json|published\.json|[^/]*\.(rows|parquet)|\.[^/]*\.part"
+    r"lock|journal\.json|[^/]*\.(rows|parquet)|\.[^/]*\.part"
     r"|made/([^/]*\.(csv|parquet)|summary\.json|\.[^/]*\.part)"
 )
 """Files that a run makes in the hidden folder, and in that of finished files there."""
-
-EVERY = 2.0
-"""Seconds of work that may be lost: a journal is written after a block when so many
-passed."""
 
 Unfinished = Literal["refuse", "resume", "discard"]
 """What to do with the unfinished work in a folder."""
@@ -70,7 +64,6 @@ class RunFolder:
         self.path = path
         self.work = path / WORK
         self._journal = self.work / JOURNAL
-        self._written = time.monotonic()
 
     @classmethod
     @contextmanager
@@ -98,9 +91,12 @@ class RunFolder:
             )
         try:
             folder.claim([SUMMARY])
+            if _content(folder.work / MADE / SUMMARY):  # it was stopped as results moved
+                folder.publish()
+                folder.discard()
             yield folder
         finally:
-            kept = folder.unfinished
+            kept = folder.unfinished or (folder.work / MADE / SUMMARY).exists()
             if not kept:
                 folder.discard()
                 with suppress(OSError):  # Windows removes no open file
@@ -144,25 +140,21 @@ class RunFolder:
         """Write the journal, whole or not at all."""
         content = {"sha256": _digest(state), "state": state}
         write_bytes(self._journal, json.dumps(content).encode())
-        self._written = time.monotonic()
-
-    @property
-    def due(self) -> bool:
-        """Whether a journal is due."""
-        return time.monotonic() - self._written >= EVERY
 
     def discard(self) -> None:
         """Remove unfinished work, the journal first; the lock stays."""
         with suppress(OSError):
             self._journal.unlink(missing_ok=True)
         for path in self.work.iterdir():
-            if path.name not in (LOCK, PUBLISHED):
+            if path.name != LOCK:
                 with suppress(OSError):
                     shutil.rmtree(path) if path.is_dir() else path.unlink()
 
     def claim(self, names: Iterable[str]) -> None:
         """Raise `OutputError` if results of these names would replace what no run made."""
-        owned = self._owned()
+        record = self.path / SUMMARY
+        owned = {*self._made(record), *self._made(self.work / MADE / SUMMARY)}
+        owned |= {SUMMARY} if _content(record) else set()
         others = [x for x in names if x not in owned and os.path.lexists(self.path / x)]
         if others:
             raise OutputError(
@@ -171,42 +163,35 @@ class RunFolder:
                 "away"
             )
 
-    def _owned(self) -> set[str]:
-        """Return the names of the results here that runs have made, as they made them."""
-        summary = _content(self.path / SUMMARY)
-        made = {
+    def _made(self, record: Path) -> list[str]:
+        """Return the names of results here that a summary lists, as they were made."""
+        return [
             name
-            for content in (summary, _content(self.work / PUBLISHED))
-            for key in (BYTES, OLDER)
-            for name, size in content.get(key, {}).items()
+            for name, size in _content(record).get(BYTES, {}).items()
             if Path(name).name == name and _size(self.path / name) == size
-        }
-        return made | {SUMMARY} if summary else made
+        ]
 
-    def publish(self, made: Path, names: Sequence[str]) -> list[Path]:
-        """Move finished files from a folder in the work folder to where they belong.
+    def publish(self) -> list[Path]:
+        """Move finished files from the work folder to where they belong.
 
-        The summary of an older run goes first, with the files it lists; the new one is the
-        last of the names. So a folder with a summary holds the files of one run.
+        The summary of an older run goes, after the files it lists; the new one is the last
+        that comes. So a folder with a summary holds the files of one run.
 
         Raises
         ------
         OutputError
             If a file cannot be moved, or would replace what no run has made.
         """
+        made, older = self.work / MADE, self.path / SUMMARY
+        names = [*_content(made / SUMMARY)[BYTES], SUMMARY]
         self.claim(names)
-        older, moved = self._owned(), self.work / PUBLISHED
-        sizes = {
-            BYTES: {name: _size(made / name) for name in names},
-            OLDER: {name: _size(self.path / name) for name in older},
-        }
-        write_bytes(moved, json.dumps(signed(sizes)).encode())
         try:
-            for name in [SUMMARY, *(older - set(names))]:
-                (self.path / name).unlink(missing_ok=True)
+            if older.exists():
+                for name in [*self._made(older), SUMMARY]:
+                    (self.path / name).unlink(missing_ok=True)
             for name in names:
-                (made / name).replace(self.path / name)
-            moved.unlink()
+                if (made / name).exists():
+                    (made / name).replace(self.path / name)
         except OSError as error:
             raise refused(self.path, "written", error) from None
         return [self.path / name for name in names]

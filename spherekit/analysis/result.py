@@ -395,4 +395,4 @@ def write_results(
     written = signed({**summary, **rest})
     text = json.dumps(written, indent=2, ensure_ascii=False)
     write_bytes(made / SUMMARY, (text + "\n").encode())
-    return folder.publish(made, [*names, SUMMARY]), written
+    return folder.publish(), written

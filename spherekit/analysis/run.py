@@ -326,35 +326,24 @@ def kept(
     store: StoredParts | InMemory | None,
 ) -> Iterator[Callable[[], None]]:
     """Give what is called after each block; if the run is stopped, keep what was done."""
-    if place is None:
-        yield lambda: None
-        return
-    last: Facts = {}
-    done = standing.done
-
-    def write() -> None:
-        nonlocal done
-        place.write(last)
-        done = last["standing"]["done"]
+    identity, done = job.identity, standing.done
 
     def after_block() -> None:
-        if not isinstance(store, StoredParts):
-            return
-        last.update(identity=job.identity, standing=standing.state(), store=store.state())
-        if place.due:
-            write()
+        nonlocal done
+        if place is not None and isinstance(store, StoredParts):
+            parts = {"standing": standing.state(), "store": store.state()}
+            place.write({"identity": identity, **parts})
+            done = standing.done
 
     try:
         yield after_block
     except BaseException as error:
-        if last:
-            with suppress(OutputError):  # a full disk: then the journal before counts
-                write()
-        if done:
+        if place is not None and done:
             total = len(job.course)
             error.add_note(f"{done} of {total} samples are done and kept in {place.path}")
-        else:
+        elif place is not None:
             why = f", since {listing(job.at_once)} looks at all samples at once"
             error.add_note(f"nothing was kept{why if job.at_once else ''}")
         raise
-    place.discard()
+    if place is not None:
+        place.discard()
