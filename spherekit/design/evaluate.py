@@ -76,33 +76,6 @@ Angles = Callable[[Indices, Floats], Floats]
 """Angles (pairs, m) of designs (m,) at inputs (m, inputs), NaN where they do not close."""
 
 
-def kernel_angles(
-    kernel: DesignKernel, prepared: Floats, signs: Sequence[float], width: int
-) -> Angles:
-    """Return the angles of a kernel's turning pairs in one assembly mode of designs.
-
-    `prepared` (k, n) is what the kernel has of them, `signs` (dyads,) are their dyads',
-    `width` is what a sample has.
-    """
-    first = width + len(signs)
-    last, function = first + len(kernel.turning), kernel.angles
-
-    def at(who: Indices, q: Floats) -> Floats:
-        parts = []
-        for k in range(0, len(who), TOGETHER):
-            some = who[k : k + TOGETHER]
-            rows = np.zeros((last + len(prepared), len(some)))
-            rows[: q.shape[1]] = q[k : k + TOGETHER].T
-            rows[width:first] = np.reshape(signs, (-1, 1))
-            rows[last:] = prepared[:, some]
-            outputs = function(rows)
-            closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
-            parts.append(np.where(closed, outputs[kernel.reaches :], np.nan))
-        return np.concatenate(parts, axis=1)
-
-    return at
-
-
 def _along(angles: Angles, n: int, q: Floats) -> tuple[Floats, Floats]:
     """Return the angles (pairs, k, n) of all designs at inputs (k, inputs).
 
@@ -508,22 +481,33 @@ class Evaluator:
 
         In rad, of designs prepared (k, n), all groups being dyads.
         """
-        count, rows, n = len(self.inputs), self.samples.rows, prepared.shape[1]
-        q, points = rows[:, :count], self.figures.points[:, :count]
+        rows, count, n = self.figures.rows, len(self.inputs), prepared.shape[1]
         if not kernel.turning:
-            return np.zeros((0, len(self.figures.rows), n))
-        angles, contacts = (
-            kernel_angles(kernel, prepared, signs, rows.shape[1]),
-            self.varied.contacts,
-        )
+            return np.zeros((0, len(rows), n))
+        first, function = rows.shape[1] + len(signs), kernel.angles
+        last = first + len(kernel.turning)
+
+        def angles(who: Indices, q: Floats) -> Floats:
+            parts = []
+            for k in range(0, len(who), TOGETHER):
+                some = who[k : k + TOGETHER]
+                given = np.zeros((last + len(prepared), len(some)))
+                given[:count] = q[k : k + TOGETHER].T
+                given[rows.shape[1] : first] = np.reshape(signs, (-1, 1))
+                given[last:] = prepared[:, some]
+                outputs = function(given)
+                closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
+                parts.append(np.where(closed, outputs[kernel.reaches :], np.nan))
+            return np.concatenate(parts, axis=1)
+
+        q, contacts = rows[:, :count], self.varied.contacts
+        returns = contacts is None or contacts.train is None
         with np.errstate(all="ignore"):
-            if count > 1:
-                return turns_along_several(angles, n, self._anchor, q, points)
-            every, returns = (
-                np.concatenate([q, points])[:, 0],
-                contacts is None or contacts.train is None,
-            )
-            return turns_along_one(angles, n, float(self._anchor[0]), every, returns)
+            if count == 1:
+                anchor = float(self._anchor[0])
+                return turns_along_one(angles, n, anchor, q[:, 0], returns)
+            parts = np.split(q, [len(self.samples.rows)])
+            return turns_along_several(angles, n, self._anchor, *parts)
 
     def kernel_mechanism(self, design: Floats) -> Mechanism:
         """Return the mechanism of a design (variables,) as the kernel has it."""

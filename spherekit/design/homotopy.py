@@ -271,42 +271,29 @@ def start_set(
     if not seeds.shape[1] or roots > MOST_SOLUTIONS:
         return None
     base = of_every + rng.uniform(-NEARBY, NEARBY, len(of_every))
-    there = q[:, None]
+    there, in_vain = q[:, None], 0
     seeded = _moved(general, seeds, (of_every, base), (seeds[general.driven], there))
-    solutions = _all(general, _joined(seeded[:, :0], seeded), base, q, roots, rng)
-    if solutions is None:
+    solutions = _distinct(seeded)
+    for _ in range(ROUNDS):
+        count = solutions.shape[1]
+        if count == roots or (not roots and in_vain == IN_VAIN):
+            break
+        if count > MOST_SOLUTIONS:
+            return None
+        more = _around(general, solutions, base, q, rng)
+        solutions = _distinct(np.concatenate([solutions, more], axis=1))
+        in_vain = 0 if solutions.shape[1] > count else in_vain + 1
+    count = solutions.shape[1]
+    if not count or count != (roots or count):
         return None
-    values = _moved(general, solutions, (base, of_every), (there, there))
     # Sizes that stay may be special ones, for which there are fewer.
-    values = _joined(values[:, :0], values)
+    values = _distinct(_moved(general, solutions, (base, of_every), (there, there)))
     if not values.shape[1] or not distinct(values[:, None])[0]:
         return None
-    counted = roots > 0 and values.shape == solutions.shape
     at_rest = kernel.prepare(np.repeat(sizes[:, None], values.shape[1], axis=1))
     _, closed = settled(lambda now, some: kernel.at(now, at_rest[:, some]), values)
+    counted = roots > 0 and values.shape[1] == count
     return StartSolutions(values, sizes, q, counted) if np.all(closed) else None
-
-
-def _all(
-    kernel: PathKernel,
-    solutions: Array,
-    sizes: Floats,
-    q: Array,
-    roots: int,
-    rng: np.random.Generator,
-) -> Array | None:
-    """Return all solutions from some; None if too many, or not as many as known."""
-    in_vain = 0
-    for _ in range(ROUNDS):
-        if solutions.shape[1] == roots or (not roots and in_vain == IN_VAIN):
-            break
-        if solutions.shape[1] > MOST_SOLUTIONS:
-            return None
-        more = _joined(solutions, _around(kernel, solutions, sizes, q, rng))
-        in_vain = 0 if more.shape[1] > solutions.shape[1] else in_vain + 1
-        solutions = more
-    count = solutions.shape[1]
-    return solutions if count and count == (roots or count) else None
 
 
 def _seeds(
@@ -373,10 +360,10 @@ def _moved(
     return made[:, arrived]
 
 
-def _joined(solutions: Array, more: Array) -> Array:
-    """Return solutions with those of `more` that are new."""
-    kept = list(solutions.T)
-    for solution in more.T:
+def _distinct(solutions: Array) -> Array:
+    """Return the first of solutions (variables, n) that are the same."""
+    kept: list[Array] = []
+    for solution in solutions.T:
         if not kept or np.min(apart(np.array(kept).T, solution[:, None])) > SAME:
             kept.append(solution)
     return np.array(kept).reshape(-1, len(solutions)).T

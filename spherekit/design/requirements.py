@@ -52,17 +52,15 @@ class Specification:
         _ = self.objectives
 
     @cached_property
-    def names(self) -> list[str]:
-        """What objective and conditions may be of."""
-        names = [variable.name for variable in self.sweep.variables]
-        names += [merit.name for merit in self.sweep.merits]
-        return [*names, MATCH] if self.matched else names
-
-    @cached_property
     def objectives(self) -> tuple[Expression, ...]:
         """The parsed objectives."""
+        names = [variable.name for variable in self.sweep.variables]
+        names += [
+            *(merit.name for merit in self.sweep.merits),
+            *[MATCH] * bool(self.matched),
+        ]
         try:
-            return tuple(parse(text, self.names) for text in self.minimise)
+            return tuple(parse(text, names) for text in self.minimise)
         except ModelError as problem:
             raise DesignError(f"minimise: {problem}") from None
 
@@ -173,78 +171,56 @@ def front_of(
     working
         What tells how far it is.
     """
-    made: list[tuple[str, Floats]] = []
-    generations = max(synthesis.sweep.space.count // POPULATION, 1)
-    for mode in np.unique(modes):
-        rows = np.flatnonzero(modes == mode)
-        rows = rows[nondominated(wanted[rows], modes[rows])]
-        begin = places[rows[np.argsort(wanted[rows, 0], kind="stable")]]
-        thinned = np.linspace(0, len(begin) - 1, min(len(begin), POPULATION)).astype(int)
-        words = f"front of mode {mode}"
-        ends = _evolved(synthesis, mode, begin[thinned], generations, working, words)
-        spread = np.linspace(0, len(ends) - 1, min(len(ends), most)).astype(int)
-        made += [(str(mode), end) for end in ends[spread]]
-    return made
-
-
-def _evolved(
-    synthesis: Specification,
-    mode: str,
-    begin: Floats,
-    generations: int,
-    working: ProgressReporter,
-    words: str,
-) -> Floats:
-    """Return the front (n, variables) of a mode after generations, in order."""
+    sweep, made = synthesis.sweep, list[tuple[str, Floats]]()
     try:
         from pymoo.algorithms.moo.nsga2 import NSGA2
         from pymoo.core.problem import Problem
         from pymoo.optimize import minimize
     except ImportError:
         raise DesignError(
-            f"{synthesis.sweep.mechanism.name}: several objectives need pymoo: "
+            f"{sweep.mechanism.name}: several objectives need pymoo: "
             'pip install "spherekit-mechanisms[optimise]"; or minimise one, and bound the '
             "others by conditions"
         ) from None
-    sweep = synthesis.sweep
-    ranges = np.array(
-        [(variation.low, variation.high) for variation in sweep.space.variations]
-    ).T
-    count = len(synthesis.minimise)
+    low, high = np.array([(item.low, item.high) for item in sweep.space.variations]).T
+    count, seed = wanted.shape[1], sweep.space.seed
 
     class Requirements(Problem):  # type: ignore[misc]
-        """The objectives and conditions of a generation."""
+        """The objectives and conditions of a generation in a mode."""
 
-        def __init__(self) -> None:
-            super().__init__(
-                n_var=len(sweep.variables),
-                n_obj=count,
-                n_ieq_constr=1,
-                xl=0.0,
-                xu=1.0,
-            )
+        def __init__(self, mode: str) -> None:
+            super().__init__(n_var=len(low), n_obj=count, n_ieq_constr=1, xl=0.0, xu=1.0)
+            self.mode = mode
 
         def _evaluate(self, x: Floats, out: dict[str, Floats], *_: Any, **__: Any) -> None:
-            values = ranges[0] + (ranges[1] - ranges[0]) * x
-            rows, wanted, missed = synthesis.missed(values.T, mode)
+            values = low + (high - low) * x
+            rows, worth, missed = synthesis.missed(values.T, self.mode)
             out["F"] = np.full((len(x), count), MISSED)
             out["G"] = np.full((len(x), 1), MISSED)
-            out["F"][rows], out["G"][rows, 0] = wanted, missed
-            working.tell(lambda: words)
+            out["F"][rows], out["G"][rows, 0] = worth, missed
+            working.tell(f"front of mode {self.mode}".__str__)
 
-    first = np.random.default_rng(sweep.space.seed).uniform(
-        size=(max(POPULATION - len(begin), 0), begin.shape[1])
-    )
-    result = minimize(
-        Requirements(),
-        NSGA2(pop_size=POPULATION, sampling=np.concatenate([begin, first])),
-        ("n_gen", generations),
-        seed=sweep.space.seed,
-        verbose=False,
-    )
-    if result.X is None:
-        return begin
-    return np.atleast_2d(result.X)[np.argsort(np.atleast_2d(result.F)[:, 0], kind="stable")]
+    for mode in np.unique(modes):
+        rows = np.flatnonzero(modes == mode)
+        rows = rows[nondominated(wanted[rows], modes[rows])]
+        begin = _spread(places[rows], wanted[rows], POPULATION)
+        first = np.random.default_rng(seed).uniform(
+            size=(max(POPULATION - len(begin), 0), len(low))
+        )
+        algorithm = NSGA2(pop_size=POPULATION, sampling=np.concatenate([begin, first]))
+        limit = "n_gen", max(sweep.space.count // POPULATION, 1)
+        result = minimize(Requirements(mode), algorithm, limit, seed=seed, verbose=False)
+        ends, worth = places[rows], wanted[rows]
+        if result.X is not None:
+            ends, worth = np.atleast_2d(result.X), np.atleast_2d(result.F)
+        made += [(str(mode), end) for end in _spread(ends, worth, most)]
+    return made
+
+
+def _spread(places: Floats, wanted: Floats, most: int) -> Floats:
+    """Return at most so many places (n, variables), evenly in order of an objective."""
+    some = np.linspace(0, len(places) - 1, min(len(places), most)).astype(int)
+    return places[np.argsort(wanted[:, 0], kind="stable")[some]]
 
 
 def check_cluster() -> None:

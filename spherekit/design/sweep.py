@@ -141,29 +141,25 @@ class DesignSpace:
 
     def designs(self, start: int, stop: int) -> Floats:
         """Return the designs from one number to before another, (variables, n)."""
-        if self.scheme == "grid":
-            values = [np.array(varied.values) for varied in self.variations]
-            numbers = np.arange(start, min(stop, self.count))
-            places = np.unravel_index(numbers, [len(axis) for axis in values])
-            return np.stack([axis[k] for axis, k in zip(values, places, strict=True)])
-        return self._scaled(self._unit(start, min(stop, self.count)))
-
-    def _scaled(self, unit: Floats) -> Floats:
-        rows = []
+        made, unit = [], self._unit(start, min(stop, self.count))
         for varied, share in zip(self.variations, unit, strict=True):
             if varied.values is None:
-                rows.append(varied.low + (varied.high - varied.low) * share)
+                made.append(varied.low + (varied.high - varied.low) * share)
             else:
                 values = np.array(varied.values)
                 place = (share * len(values)).astype(int)
-                rows.append(values[np.minimum(place, len(values) - 1)])
-        return np.stack(rows)
+                made.append(values[np.minimum(place, len(values) - 1)])
+        return np.stack(made)
 
     def _unit(self, start: int, stop: int) -> Floats:
         """Return points of the unit cube (variables, n)."""
         from scipy.stats import qmc
 
         size = len(self.variations)
+        if self.scheme == "grid":
+            shape = [len(varied.values or ()) for varied in self.variations]
+            places = np.unravel_index(np.arange(start, stop), shape)
+            return (np.array(places) + 0.5) / np.reshape(shape, (-1, 1))
         if self.scheme == "sobol":
             sobol = qmc.Sobol(size, scramble=True, rng=self.seed)
             if start:

@@ -67,38 +67,25 @@ def working_folder(place: Path, definition: Facts) -> Iterator[str]:
         If there are parts of another sweep, parts made by other code, or what no sweep
         has made.
     """
-    work = place / WORK
-    _claim(place, definition)
-    shutil.rmtree(work, ignore_errors=True)
-    try:
-        yield str(make_folder(work / os.urandom(4).hex()))
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
-
-
-def _claim(place: Path, definition: Facts) -> None:
-    """Write the definition of a sweep, or compare it with that of the parts there."""
-    path = place / DEFINITION
+    path, work = place / DEFINITION, place / WORK
     patterns = (DEFINITION, "designs", "tables", "tables/*", *PARTS)
     links = (x.name for pattern in patterns for x in place.glob(pattern) if x.is_symlink())
-    others = [*links, *foreign(place / WORK, MADE, ANY)]
+    others = [*links, *foreign(work, MADE, ANY)]
     if others:
         raise OutputError(
             f"{place}: {listing(others)} in it is a link or no file of sweeps; "
             "choose another folder, or move it away"
         )
-    if not path.exists() and _has_parts(place):
-        raise OutputError(
-            f"{place}: holds parts of which {DEFINITION} does not say what sweep they are "
-            "of; choose another folder, or remove them"
-        )
-    if path.exists():
-        stored = _stored(path)
-        if stored == definition:
-            return
-        if _has_parts(place):
-            raise OutputError(f"{place}: {_why_not(stored, definition)}")
-    write_text(path, json.dumps(definition, indent=2) + "\n")
+    stored = _stored(path) if path.exists() else {}
+    if stored != definition:
+        if any(part for pattern in PARTS for part in place.glob(pattern)):
+            raise OutputError(f"{place}: holds parts {_why_not(stored, definition)}")
+        write_text(path, json.dumps(definition, indent=2) + "\n")
+    shutil.rmtree(work, ignore_errors=True)
+    try:
+        yield str(make_folder(work / os.urandom(4).hex()))
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
 
 
 def _stored(path: Path) -> Facts:
@@ -115,24 +102,23 @@ def _stored(path: Path) -> Facts:
     return stored
 
 
-def _has_parts(place: Path) -> bool:
-    return any(part for pattern in PARTS for part in place.glob(pattern))
-
-
 def _why_not(stored: Facts, definition: Facts) -> str:
-    other = [
-        name
-        for name in (*definition, *(name for name in stored if name not in definition))
-        if stored.get(name) != definition.get(name)
-    ]
+    """Return what is wrong with parts that are there, of the stored definition if any."""
+    if not stored:
+        return (
+            f"of which {DEFINITION} does not say what sweep they are of; choose another "
+            "folder, or remove them"
+        )
+    names = dict.fromkeys([*definition, *stored])
+    other = [name for name in names if stored.get(name) != definition.get(name)]
     rest = [name for name in other if name not in CODE]
     if rest:
         return (
-            f"holds another sweep, with other {listing(rest)}; choose another folder, or "
+            f"of another sweep, with other {listing(rest)}; choose another folder, or "
             "remove this one"
         )
     return (
-        "holds parts of this sweep whose numbers other code made "
+        "of this sweep whose numbers other code made "
         f"({listing(other_code(stored, definition))}), and a data set is of one; go on "
         "with that, choose another folder, or remove this one"
     )

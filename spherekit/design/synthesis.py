@@ -198,7 +198,12 @@ def _looked_at(
     for number in range(sweep.parts):
         rows, wanted = synthesis.rows_of(sweep.part(number))
         feasible += len(wanted)
-        parts.append(_best(rows, wanted, count))
+        if wanted.shape[1] == 1:
+            chosen = np.argsort(wanted[:, 0], kind="stable")[:count]
+        else:
+            chosen = nondominated(wanted, rows["mode"])
+        best = {name: values[chosen] for name, values in rows.items()}
+        parts.append((best, wanted[chosen]))
         done = min((number + 1) * sweep.part_size, sweep.space.count)
         working.tell(f"{done} designs looked at".__str__)
     if not feasible:
@@ -210,15 +215,6 @@ def _looked_at(
         )
     rows = {name: np.concatenate([part[name] for part, _ in parts]) for name in rows}
     return rows, np.concatenate([part for _, part in parts]), feasible
-
-
-def _best(rows: Columns, wanted: Floats, count: int) -> tuple[Columns, Floats]:
-    """Return the rows that are best, and their objectives (rows, k)."""
-    if wanted.shape[1] == 1:
-        chosen = np.argsort(wanted[:, 0], kind="stable")[:count]
-    else:
-        chosen = nondominated(wanted, rows["mode"])
-    return {name: values[chosen] for name, values in rows.items()}, wanted[chosen]
 
 
 Start = tuple[HeldMode, Floats]

@@ -1,7 +1,7 @@
 """What is varied: numbers of a mechanism file, and where kernels take them."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +11,6 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import Names, listing
 from spherekit.engine.row_quantities import row_quantities
-from spherekit.engine.turns import TurningPairs, turning_pairs
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document, KeyPath
 from spherekit.files.read import stated
@@ -103,20 +102,6 @@ def is_angle_of_load(document: Document, key: str) -> bool:
         return False
     kind = LOADS[document.data["loads"][name].get("kind", PairTorque.kind)]
     return kind.keys.get(str(rest[0])) in ("angle", "rate")
-
-
-def designed_pairs(
-    mechanism: Mechanism,
-    variables: Sequence[DesignVariable],
-    numbers: Mapping[str, Any],
-    as_columns: bool = False,
-) -> TurningPairs:
-    """Return the pairs of a mechanism in which variables have these numbers or terms.
-
-    What profiles are is handed in `as_columns`, or follows from circles.
-    """
-    design = {x.slot: numbers[x.name] for x in variables if x.slot is not None}
-    return turning_pairs(mechanism, design, as_columns=as_columns)
 
 
 def designed(

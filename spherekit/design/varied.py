@@ -18,7 +18,6 @@ from spherekit.design.variables import (
     OK,
     DesignVariable,
     designed,
-    designed_pairs,
     reason_of,
     slope_by,
 )
@@ -30,6 +29,7 @@ from spherekit.engine.row_quantities import (
     numbers_of,
     with_other_numbers,
 )
+from spherekit.engine.turns import turning_pairs
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.files.read import acted_on
@@ -157,13 +157,17 @@ class VariedMechanism:
                 closed_form,
                 acting,
             )
-        chosen, handed_in = [self.variables[k] for k in self.sized], self.is_profiled
+        sized = [self.variables[k] for k in self.sized]
+        slots = {v.name: v.slot for v in sized if v.slot is not None}
+        profiled, mechanism = self.is_profiled, self.mechanism
         return VariedTerms(
-            self.mechanism,
+            mechanism,
             self.inputs,
-            [variable.name for variable in chosen],
-            lambda terms: designed_pairs(self.mechanism, chosen, terms, handed_in),
-            False if handed_in else closed_form,
+            list(slots),
+            lambda terms: turning_pairs(
+                mechanism, {slots[x]: terms[x] for x in slots}, as_columns=profiled
+            ),
+            False if profiled else closed_form,
             acting,
         )
 

@@ -89,11 +89,8 @@ def _even_steps(line: Floats) -> Floats:
     length = np.concatenate([[0.0], np.cumsum(steps)])
     if length[-1] < SHORTEST_CHORD:
         return line[:0]
-    slot = np.floor(length / SHORTEST_CHORD)
-    keep = np.concatenate([[True], slot[1:] > slot[:-1]])
-    keep[-1] = True
-    line, length = line[keep], length[keep]
-    pieces = np.ceil(np.diff(length) / LONGEST_CHORD).astype(int).clip(min=1)
-    ends = np.concatenate([[0], np.cumsum(pieces)])
-    at = np.interp(np.arange(ends[-1] + 1), ends, length)
-    return unit_rows(np.stack([np.interp(at, length, column) for column in line.T], axis=1))
+    _, first = np.unique(np.floor(length / SHORTEST_CHORD), return_index=True)
+    kept = np.union1d(first, len(line) - 1)
+    at = np.union1d(length[kept], np.arange(0.0, length[-1], LONGEST_CHORD))
+    columns = [np.interp(at, length[kept], column[kept]) for column in line.T]
+    return unit_rows(np.stack(columns, axis=1))
