@@ -422,7 +422,7 @@ def test_a_folder_holds_one_sweep(tmp_path):
     sk.sweep("four_bar", vary, "max(q)", samples=5, folder=tmp_path)
     again = sk.sweep("four_bar", vary, "max(q)", samples=5, folder=tmp_path)
     assert again.computed == 0 and len(again.frame()) == 4
-    with pytest.raises(OutputError, match="holds parts of another sweep, with other samples"):
+    with pytest.raises(OutputError, match="of another sweep, with other samples"):
         sk.sweep("four_bar", vary, "max(q)", samples=6, folder=tmp_path)
 
 
