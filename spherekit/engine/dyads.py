@@ -148,14 +148,9 @@ def _close(
     )
     depth = 1 + max(placement.depth for placement in within)
     for (_, body), ((one, outer), (other, mid)) in zip(bodies, held_axes, strict=True):
-        basis = _frame(first if body == 1 else second, reached)
-        links = group.bodies[body]
-        if len(links) == 1:
-            within[links[0]] = _single(basis, outer, mid, depth)
-            continue
         ends = within[one].direction(outer), within[other].direction(mid)
-        onto = basis @ _inverse(*ends)
-        for link in links:
+        onto = _frame(first if body == 1 else second, reached) @ _inverse(*ends)
+        for link in group.bodies[body]:
             turned = np.asarray(onto @ within[link].basis)
             within[link] = replace(within[link], basis=turned, depth=depth)
     return square
@@ -167,13 +162,6 @@ def _frame(a: Exprs, b: Exprs) -> Exprs:
     Unlike a and b themselves they keep their digits where those nearly coincide.
     """
     return np.stack([a + b, a - b, cross(a, b)], axis=1)
-
-
-def _single(basis: Exprs, outer: Entries, middle: Entries, depth: int) -> LinkOrientation:
-    """Return the placement of one link by the frame of two of its axes."""
-    ends = constants(outer), constants(middle)
-    frame = _frame(*ends)
-    return LinkOrientation(basis, _inverse(*ends), frame.T @ frame, depth)
 
 
 def _inverse(a: Exprs, b: Exprs) -> Exprs:

@@ -422,9 +422,6 @@ class InputMoments:
             acceleration, momentum = placed.seen(bias[link]), dot(momenta, slow)
             for i in range(count):
                 pulls[i] = pulls[i] + dot(momenta[i], acceleration)
-            if not np.array_equal(placed.metric, np.eye(3)):
-                # Only in axes at right angles are components those of cross products.
-                seen, momentum = [w[link] for w in self.flow.w], placed.basis @ momentum
             for i in range(count):
                 for k in range(i):
                     turned[i][k] = turned[i][k] + dot(cross(seen[i], seen[k]), momentum)

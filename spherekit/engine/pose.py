@@ -30,23 +30,22 @@ from spherekit.motion.loops import LoopTree
 class LinkOrientation:
     """The orientation of a link: R = basis @ within, from link axes to ground axes.
 
-    `basis` (3, 3) holds expressions, `within` (3, 3) numbers or terms of sizes. The basis
-    need not be orthonormal; `metric` is its Gram matrix. `depth` counts what had to be
-    placed before: directions are cheapest in the least deep of the links that hold them.
+    `basis` (3, 3) holds expressions, `within` (3, 3) numbers or terms of sizes. `depth`
+    counts what had to be placed before: directions are cheapest in the least deep of the
+    links that hold them.
     """
 
     basis: Exprs
     within: Entries
-    metric: Entries
     depth: int
 
     def direction(self, axis: Entries) -> Exprs:
         """Return a vector (3,) fixed in the link, or columns (3, 3), in ground axes."""
-        return self.basis @ constants(self.within @ axis)
+        return self.basis @ self.fixed(axis)
 
     def fixed(self, axis: Entries) -> Exprs:
         """Return what `seen` gives for a vector fixed in the link: numbers."""
-        return constants(self.metric @ (self.within @ axis))
+        return constants(self.within @ axis)
 
     def seen(self, given: Exprs) -> Exprs:
         """Return the components (3,) of a vector in ground axes along the basis."""
@@ -57,7 +56,7 @@ class LinkOrientation:
         return constants(self.within @ inertia @ self.within.T)
 
 
-GROUND = LinkOrientation(constants(np.eye(3)), np.eye(3), np.eye(3), 0)
+GROUND = LinkOrientation(constants(np.eye(3)), np.eye(3), 0)
 """The placement of the ground in its own axes."""
 
 
@@ -83,7 +82,7 @@ def placed_by(
             ],
             axis=1,
         )
-    return LinkOrientation(basis, chain.constants[-1], np.eye(3), start.depth + 1)
+    return LinkOrientation(basis, chain.constants[-1], start.depth + 1)
 
 
 def place_by_variables(
