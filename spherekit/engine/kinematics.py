@@ -40,6 +40,7 @@ from spherekit.engine.algebra import (
     vector_sum,
 )
 from spherekit.engine.expression_graph import (
+    WITHOUT_EXPRESSIONS,
     Expr,
     ExpressionNode,
     derivatives,
@@ -50,6 +51,7 @@ from spherekit.engine.pose import (
     carried_vectors,
     place_by_variables,
     placed_by,
+    root,
 )
 from spherekit.engine.rates import GroupEquations
 from spherekit.engine.turns import AxisRotation, Entries, TurningPairs, turning_pairs
@@ -60,6 +62,9 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
+
+COINCIDENT = 1e-9
+"""Axes of one link whose angle has a smaller sine are one axis."""
 
 
 @dataclass(frozen=True)
@@ -145,23 +150,20 @@ class Structure:
             return closure.at(values[None]).vectors[0]
 
         groups = (GroupEquations(mechanism, assembly, x, vectors) for x in assembly.groups)
-        return Structure(mechanism, assembly, pairs, tuple(groups))
-
-    def span(self, one: int, other: int) -> Expr | None:
-        """Return |A x B|^2 of two variables' vectors where it is constant, else None."""
-        owners = self.mechanism.variable_owners
-        if owners[one] == owners[other]:
-            if self.pairs.handed_in:
-                return None
-            chain = self.pairs.chains[owners[one]]
-            sizes = [turn.scale for turn in chain.turns if isinstance(turn, AxisRotation)]
-            cosine = chain.constants[1][2, 2]
-            return (sizes[0] * sizes[1]) ** 2 * (1.0 - cosine * cosine)
-        held = [self.held(v) for v in (one, other)]
-        for link in set(held[0]) & set(held[1]):
-            both = cross(constants(held[0][link]), constants(held[1][link]))
-            return dot(both, both)
-        return None
+        made = Structure(mechanism, assembly, pairs, tuple(groups))
+        for private in (both for group in made.groups for both in group.private if both):
+            held = [made.held(v) for v in private]
+            for link in held[0].keys() & held[1].keys():
+                normal = cross(*(constants(axes[link]) for axes in held))
+                sine = root(dot(normal, normal))
+                if isinstance(sine, float) and sine < COINCIDENT:
+                    one, other = (mechanism.variable_names[v] for v in private)
+                    raise EngineError(
+                        f"{mechanism.name}: the axes of {one} and {other} coincide in "
+                        "a link, so these two cannot be told apart",
+                        WITHOUT_EXPRESSIONS,
+                    )
+        return made
 
     def held(self, variable: int) -> dict[int, Entries]:
         """Return a variable's vector (3,) in the axes of each link it is fixed in."""
@@ -293,7 +295,7 @@ class CoordinateRates(VelocityEquations):
             turned = self.parts([solved.get(v, 0.0) for v in range(len(self.vectors))])
             for pair, misfit in (misfits or {}).items():
                 turned[pair] = turned[pair] - misfit * scale
-            rates, factor = group.rates(self.vectors, turned, self.structure.span)
+            rates, factor = group.rates(self.vectors, turned)
             solved = {v: rate * factor for v, rate in solved.items()} | rates
             scale = scale * factor
         return [solved[v] for v in range(len(self.vectors))], scale

@@ -45,12 +45,6 @@ LARGEST = 6
 INDEPENDENT = 1e-6
 """Equations of unit size nearer than this to being combinations of others repeat them."""
 
-COINCIDENT = 1e-9
-"""Axes of one link whose angle has a smaller sine are one axis."""
-
-Span = Callable[[int, int], Expr | None]
-"""|A x B|^2 of two variables' vectors where it is constant, else None."""
-
 
 def _leaves(group: Group) -> dict[int, list[int]]:
     """Return bodies with two pairs that can be left out, each with these two pairs."""
@@ -178,7 +172,7 @@ class GroupEquations:
         return [keys[k] for k in order[:count]]
 
     def rates(
-        self, vectors: Sequence[Exprs], turned: Sequence[Exprs], span: Span
+        self, vectors: Sequence[Exprs], turned: Sequence[Exprs]
     ) -> tuple[dict[int, Expr], Expr]:
         """Return the rates of its variables times a determinant, and that.
 
@@ -219,15 +213,7 @@ class GroupEquations:
         }
         for private, (columns, rest) in zip(self.private, loops, strict=True):
             if private:
-                square = span(*private)
-                if isinstance(square, float) and square < COINCIDENT**2:
-                    one, other = (self.mechanism.variable_names[v] for v in private)
-                    raise EngineError(
-                        f"{self.mechanism.name}: the axes of {one} and {other} coincide in "
-                        "a link, so these two cannot be told apart",
-                        WITHOUT_EXPRESSIONS,
-                    )
-                both = _private_rates(private, columns, rest, scale, rates, square)
+                both = _private_rates(private, columns, rest, scale, rates)
                 rates |= zip(private, both, strict=True)
         return rates, scale
 
@@ -238,7 +224,6 @@ def _private_rates(
     given: Exprs,
     scale: Expr,
     rates: Mapping[int, Expr],
-    square: Expr | None,
 ) -> tuple[Expr, Expr]:
     """Return those of the two variables eliminated from a loop: S + x A + y B = 0."""
     a, b = (columns[v] for v in private)
@@ -251,7 +236,7 @@ def _private_rates(
     for variable in others:
         rest = rest + columns[variable] * rates[variable]
     normal = cross(a, b)
-    share = 1.0 / (dot(normal, normal) if square is None else square)
+    share = 1.0 / dot(normal, normal)
     # In this order what multiplies the rest is the same for all right-hand sides.
     return (
         dot(cross(normal, b) * share, rest),
