@@ -1,7 +1,6 @@
 """heyoka, the compiler behind the engine; imported here only, and only when called."""
 
 import operator
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -11,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from spherekit.arrays import Array, Floats
-from spherekit.engine.expression_graph import Expr, ExpressionNode, in_order, rewrite
+from spherekit.engine.expression_graph import Expr, ExpressionNode, rewrite
 from spherekit.errors import EngineMissing
 
 MOST_SWITCHES = 100_000
@@ -56,21 +55,10 @@ _OPERATORS: Mapping[str, Callable[[Any, Any], Any]] = {
 def _lowered(items: Sequence[Expr], variables: Mapping[ExpressionNode, Any]) -> list[Any]:
     """Return heyoka's expressions; `variables` are those of terms that stand alone."""
     module = heyoka()
-    uses = Counter(x for term in in_order(items) for x in term.arguments)
-    uses.update(items)
-    sums: dict[ExpressionNode, list[Any]] = {}
 
     def apply(term: ExpressionNode, arguments: list[Any]) -> Any:
         if term.operation == "variable":
             return variables[term]
-        if term.operation == "+":
-            # One sum of many terms takes about the time of one of two.
-            parts = zip(term.arguments, arguments, strict=True)
-            groups = [
-                sums[x] if x in sums and uses[x] == 1 else [made] for x, made in parts
-            ]
-            sums[term] = [x for summands in groups for x in summands]
-            return module.sum(sums[term])
         if term.operation == "sign":
             (value,) = arguments
             one, zero = module.expression(1.0), module.expression(0.0)
