@@ -104,15 +104,6 @@ def _negated(item: Expr) -> Expr | None:
     return None
 
 
-def _minus(item: Expr) -> Expr:
-    if not isinstance(item, ExpressionNode):
-        return -item
-    if item.operation == "-":
-        return _difference(*reversed(item.arguments))
-    opposite = _negated(item)
-    return _term("*", -1.0, item) if opposite is None else opposite
-
-
 def _sum(a: Expr, b: Expr) -> Expr:
     for one, other in ((a, b), (b, a)):
         if one == 0.0:
@@ -129,14 +120,9 @@ def _difference(a: Expr, b: Expr) -> Expr:
     if b == 0.0:
         return a
     if a == 0.0:
-        return _minus(b)
+        return _product(-1.0, b)
     opposite = _negated(b)
-    if opposite is not None:
-        return _sum(a, opposite)
-    opposite = _negated(a)
-    if opposite is not None:
-        return _minus(_sum(opposite, b))
-    return _term("-", a, b)
+    return _term("-", a, b) if opposite is None else _sum(a, opposite)
 
 
 def _product(a: Expr, b: Expr) -> Expr:
@@ -145,27 +131,17 @@ def _product(a: Expr, b: Expr) -> Expr:
             return 0.0
         if one == 1.0:
             return other
-        if one == -1.0:
-            return _minus(other)
         opposite = _negated(other)
+        if opposite is not None and isinstance(one, ExpressionNode):
+            return _product(-1.0, _product(one, opposite))
         if opposite is not None:
-            if isinstance(one, ExpressionNode):
-                return _minus(_product(one, opposite))
             return _product(-one, opposite)
     return _term("*", *_ordered(a, b))
 
 
 def _quotient(a: Expr, b: Expr) -> Expr:
-    if a == 0.0:
-        return 0.0
-    if b == 1.0:
+    if a == 0.0 or b == 1.0:
         return a
-    opposite = _negated(a)
-    if opposite is not None:
-        return _minus(_quotient(opposite, b))
-    opposite = _negated(b)
-    if opposite is not None:
-        return _minus(_quotient(a, opposite))
     return _term("/", a, b)
 
 
