@@ -29,13 +29,13 @@ from spherekit.model.parts import Output
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
 from spherekit.planning.inputs import driven_pairs
-from spherekit.sphere.rotation import all_finite, max_abs, nans
+from spherekit.sphere.rotation import all_finite, nans
 
 SINGULAR = 1e-6
 """A configuration whose transmission is less is at a singularity of type II: the output is
 known to less than half the digits of the inputs."""
 LOOSE = 1e10
-"""Equations whose inverse is larger than this are solved by their singular values."""
+"""Motions whose singular value is less than its reciprocal are held by rounding alone."""
 STILL = 1e-8
 """A motion that turns the output by less than this part of its size leaves it at rest."""
 ROWS = 4096
@@ -128,24 +128,16 @@ class Transmission:
 
     def _measured(self, way: Floats, loops: Floats, directions: Floats | None) -> Floats:
         """Return the transmission (n,) of finite equations."""
-        n, equations, free = loops.shape
-        if not free:
-            return np.ones(n)
-        if equations != free:
-            gives = _by_singular_values(way, loops)
-        else:
-            generic = np.cos(np.arange(1.0, free + 1.0))
-            sides = np.concatenate([way, np.broadcast_to(generic, (n, 1, free))], axis=1)
-            solved = _solved(loops, sides)
-            gives = solved[:, :3]
-            weak = np.flatnonzero(~(max_abs(solved[:, 3], axis=1) < LOOSE))
-            gives[weak] = _by_singular_values(way[weak], loops[weak])
+        if not loops.shape[2]:
+            return np.ones(len(loops))
+        gives = _by_singular_values(way, loops)
         if directions is not None:
             along = np.einsum("nk,nkm->nm", directions, gives)
             gives = gives - directions[:, :, None] * along[:, None]
         rho = self._way @ self._way
         with np.errstate(over="ignore"):
-            return 1.0 / np.hypot(1.0, _largest(gives) / np.sqrt(rho))
+            size = np.linalg.norm(gives, 2, axis=(1, 2))
+            return 1.0 / np.sqrt(1.0 + size**2 / rho)
 
 
 def passive(tree: LoopTree, driven: Sequence[int]) -> list[int]:
@@ -203,48 +195,17 @@ def _units(tree: LoopTree, vectors: Floats) -> Floats:
     return units
 
 
-def _solved(loops: Floats, sides: Floats) -> Floats:
-    """Return `sides` (n, k, m) times the inverses of `loops`; NaN where there is none."""
-    turned, columns = np.swapaxes(loops, 1, 2), np.swapaxes(sides, 1, 2)
-    try:
-        return np.swapaxes(np.linalg.solve(turned, columns), 1, 2)
-    except np.linalg.LinAlgError:
-        solutions = np.full_like(sides, np.nan)
-        regular = np.linalg.slogdet(turned)[0] != 0.0
-        solved = np.linalg.solve(turned[regular], columns[regular])
-        solutions[regular] = np.swapaxes(solved, 1, 2)
-        return solutions
-
-
 def _by_singular_values(way: Floats, loops: Floats) -> Floats:
-    """Return `way` times the pseudo-inverse of `loops`, (n, 3, equations).
+    """Return `way` times the pseudo-inverse of `loops`, (n, 3, equations or more).
 
-    Motions that rounding alone holds are infinite where the output moves in them, and do
-    not count where it rests.
+    Motions that rounding alone holds, or nothing, are as good as infinite where the output
+    moves in them, and do not count where it rests.
     """
-    left, sizes, right = np.linalg.svd(loops, full_matrices=False)
+    n, equations, free = loops.shape
+    whole = np.zeros((n, max(equations, free), free))
+    whole[:, :equations] = loops
+    left, sizes, right = np.linalg.svd(whole, full_matrices=False)
     moved = way @ np.swapaxes(right, 1, 2)
-    if loops.shape[1] < loops.shape[2]:
-        _, _, whole = np.linalg.svd(loops, full_matrices=True)
-        unheld = way @ np.swapaxes(whole[:, len(right[0]) :], 1, 2)
-        turns = np.linalg.norm(unheld, axis=(1, 2)) > STILL
-    else:
-        turns = np.zeros(len(loops), dtype=bool)
     still = (sizes < 1.0 / LOOSE) & (np.linalg.norm(moved, axis=1) < STILL)
     by = np.where(still, 0.0, 1.0 / np.maximum(sizes, 1e-300))
-    gives = (moved * by[:, None]) @ np.swapaxes(left, 1, 2)
-    gives[turns] = np.inf
-    return gives
-
-
-def _largest(matrices: Floats) -> Floats:
-    """Return the largest singular value (n,) of matrices (n, 3, m).
-
-    By the eigenvalues of their squares, whose largest is well conditioned.
-    """
-    scale = max_abs(matrices, axis=(1, 2))
-    endless = ~np.isfinite(scale)
-    safe = np.where(endless | (scale == 0.0), 1.0, scale)
-    part = np.where(endless[:, None, None], 0.0, matrices) / safe[:, None, None]
-    square = np.linalg.eigvalsh(part @ np.swapaxes(part, 1, 2))[:, -1]
-    return np.where(endless, np.inf, safe * np.sqrt(square))
+    return (moved * by[:, None]) @ np.swapaxes(left, 1, 2)
