@@ -124,11 +124,8 @@ def test_scenes_come_block_by_block_while_the_run_goes_on():
     assert [entry[:2] for entry in order] == [(10, 25), (20, 25), (25, 25)]
     assert order[0][2] < order[1][2] < order[2][2]
     assert listener.assembly_modes == {0: "Mode 0 (+, p1)", 1: "Mode 1 (-, p0)"}
-    assert listener.still == ["link/1", "plan"]  # the graph comes after the first rows
-    assert "graph" in listener.paths
-    for (page, path), rows in listener.rows.items():
-        if path == "graph":
-            continue
+    assert listener.still == ["link/1", "plan", "graph"]
+    for (page, _), rows in listener.rows.items():
         steps = page == "Construction"  # a page with rows of its own
         assert rows == list(range(3 if steps else 25))
     assert np.linalg.norm(listener.focus) == pytest.approx(1.0)

@@ -165,11 +165,8 @@ class LazyField:
                 codes = late.pole_status[pole]
                 alike = np.array_equal(codes, late.status)
                 pole_status[pole] = status if alike else _with(status, rows, codes)
-            well = late.status == Status.OK
-            for name in ERRORS:
-                every = np.hstack([bound[well] for bound in getattr(late, name).values()])
-                finite = every[np.isfinite(every)]
-                self.largest[name] = np.fmax.reduce([self.largest[name], *finite])
+            for name, error in largest_errors(late).items():
+                self.largest[name] = np.fmax(self.largest[name], error)
         self._field = PoleField(
             **{name: {} for name in self._places},
             status=status,
@@ -210,6 +207,21 @@ class LazyField:
             return LazyColumn(self._source, key, len(self._field.status))
         part: Floats = getattr(self._field, name)[pole]
         return part.reshape(len(part), -1)[:, k]
+
+
+def largest_errors(field: PoleField) -> dict[str, float]:
+    """Return the largest finite errors of rows that are well, by the names of `ERRORS`."""
+    well = field.status == Status.OK
+    return {
+        name: max(
+            (
+                float(np.max(bound, initial=-np.inf, where=well & np.isfinite(bound)))
+                for bound in getattr(field, name).values()
+            ),
+            default=-np.inf,
+        )
+        for name in ERRORS
+    }
 
 
 def _with(codes: SmallIntegers, rows: Indices, some: SmallIntegers) -> SmallIntegers:

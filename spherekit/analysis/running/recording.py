@@ -72,7 +72,6 @@ class RecordingSession:
         self._every = every or -(-len(course) // MOST_LOGGED)
         self._row = course.shape[-1] if len(course.shape) > 1 else None
         self._shapes = link_shapes(mechanism)
-        self._has_graph = False
         logged = self._is_logged(np.arange(len(course)))
         times, single = course.t, course.inputs.shape[1] == 1
         self._times = None if times is None else times[logged]
@@ -88,7 +87,10 @@ class RecordingSession:
             properties["resumed"] = f"samples before {first} are not in this recording"
         recorder.start(
             RecordingHead(
-                [static_scene(plans, self._shapes)],
+                [
+                    static_scene(plans, self._shapes),
+                    replace(graph_scene(mechanism), source=MOTION),
+                ],
                 self._inputs,
                 course.titles,
                 properties,
@@ -109,10 +111,6 @@ class RecordingSession:
             return
         for scene in motion_scenes(motion, self._shapes, self._course.timed):
             self._log(replace(scene, source=MOTION), motion)
-        if not self._has_graph:  # after the first rows, which should not wait for it
-            self._has_graph = True
-            still = replace(motion, samples=0)
-            self._log_block(replace(graph_scene(motion.mechanism), source=MOTION), still)
 
     def scenes(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         """Log what an analysis of this name shows of a block."""
@@ -135,24 +133,19 @@ class RecordingSession:
         return (sample % (self._row or len(self._course)) % self._every == 0) | last
 
     def _log(self, scene: Scene, motion: Motion) -> None:
-        if not scene.over:
-            if motion.samples:
-                self._log_block(scene, motion)
-            return
-        count = len(scene.over[0].values)
-        spread = (
-            None if line is None else np.linspace(line[0], line[-1], count + 1)[:-1]
-            for line in (self._inputs, self._times)
-        )
-        self._recorder.log(scene, np.arange(count), *spread)
-
-    def _log_block(self, scene: Scene, motion: Motion) -> None:
-        k, timed = motion.samples, self._course.timed
-        single = motion.inputs.shape[1] == 1 and not timed
-        inputs = motion.q[:k] if single else None
-        times = motion.timing.t[:k] if timed and motion.timing is not None else None
-        shown = replace(scene, over=self._axes(motion))
-        self._recorder.log(shown, motion.sample[:k], inputs, times)
+        k, timing = motion.samples, motion.timing
+        if scene.over:
+            k = len(scene.over[0].values)
+            spread = (
+                None if line is None else np.linspace(line[0], line[-1], k + 1)[:-1]
+                for line in (self._inputs, self._times)
+            )
+            self._recorder.log(scene, np.arange(k), *spread)
+        elif k:
+            inputs = None if self._inputs is None else motion.q[:k]
+            times = None if self._times is None or timing is None else timing.t[:k]
+            shown = replace(scene, over=self._axes(motion))
+            self._recorder.log(shown, motion.sample[:k], inputs, times)
 
     def _axes(self, motion: Motion) -> tuple[Axis, ...]:
         """Return what the samples of a block run over: the time, or each input."""

@@ -289,7 +289,6 @@ class BatchRunner:
     predicted: Callable[[int, int, Floats], None] | None
     recorded: bool
     looks_ahead: bool
-    with_times: bool
     unread: dict[
         int, tuple[Bools, Bools, Indices, Sequence[Mapping[int, Stops]], Floats]
     ] = field(default_factory=dict, repr=False)
@@ -302,12 +301,11 @@ class BatchRunner:
         requests: Sequence[Request],
         recorded: bool,
         looks_ahead: bool = False,
-        with_times: bool = True,
     ) -> "BatchRunner | None":
         """Return it, None where rows are few, no poles asked or the terms do not hold.
 
         Where it `looks_ahead`, a block is found while the one before is made use of; the
-        tracer is then for it alone. Motions come `with_times` where they have any.
+        tracer is then for it alone.
         """
         tracer = course.tracer
         rows = len(course) * len(tracer.assembly_modes)
@@ -319,8 +317,7 @@ class BatchRunner:
         if made is None or not made.vouches:
             return None
         predicted = None if made.has_closed_form else predictor(tracer)
-        way = recorded, looks_ahead, with_times
-        return cls(course, tuple(requests), made, predicted, *way)
+        return cls(course, tuple(requests), made, predicted, recorded, looks_ahead)
 
     @property
     def block(self) -> int:
@@ -387,7 +384,7 @@ class BatchRunner:
         rows.values[:, failed] = rows.closure[:, failed] = np.nan
         careful = ~(rows.vouched | failed)
         doubtful = np.flatnonzero(careful)
-        timing = course.timing if self.with_times else None
+        timing = course.timing
         motion = Motion(
             mechanism=tracer.mechanism,
             joints=tracer.solver.joints,

@@ -10,7 +10,7 @@ import numpy as np
 
 from spherekit.analysis.batch import Batch, Fields, run_status
 from spherekit.analysis.contract import Analyses, Findings
-from spherekit.analysis.running.kernel_columns import LazyField
+from spherekit.analysis.running.kernel_columns import LazyField, largest_errors
 from spherekit.analysis.tables import Table, TableData
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
 from spherekit.conventions import STATUS_MEANING, Facts, Names, Status
@@ -108,12 +108,11 @@ class RunState:
                 if len(fields) == 1 or np.any(some != Status.NO_POLE):
                     # Links that other inputs hold together have none.
                     self._count((POLES,), some, often)
+            errors = (
+                poles.largest if isinstance(poles, LazyField) else largest_errors(poles)
+            )
             for name, largest in BOUNDS.items():
-                if isinstance(poles, LazyField):
-                    self._note(largest, np.array([poles.largest[name]]))
-                    continue
-                for bound, _ in _counted_once(getattr(poles, name).values()):
-                    self._note(largest, bound[good])
+                self._note(largest, np.array([errors[name]]))
             self.counts[JUDGED,] += len(poles.by_equations)
             self.counts[BY_EQUATIONS,] += int(np.count_nonzero(poles.by_equations))
             self.counts[BY_KERNEL,] += int(np.count_nonzero(poles.by_kernel))

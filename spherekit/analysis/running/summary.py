@@ -267,6 +267,8 @@ def job_of(
 ) -> RunPlan:
     """Return the job of analyses over a course; `asked` is what `needs_of_each` gives.
 
+    A kernel may stand in for the best route at every sample.
+
     `block` is the samples wanted at once, and `all_links` says whether scenes show all
     links; see `spherekit.run` for the others.
 
@@ -284,34 +286,19 @@ def job_of(
                 "they move; give a law for every input, and a duration"
             )
     wanted = requests_for(mechanism, reduce(Needs.union, needs, Needs()), tracer.by_rank)
-    source = source_of(setting, course, wanted, needs, all_links)
+    source: BatchRunner | Sampling = course
+    if setting.engine == "compiled":
+        heyoka()
+    if (setting.engine, setting.route) == (ORDINARY.engine, ORDINARY.route):
+        ahead = not any(item.tracer for item in needs)
+        moving = [item for item in wanted if item.poles]
+        source = BatchRunner.of(course, moving, all_links, ahead) or course
     whole = at_once(analyses, refused)
     if whole:
         block = len(course)
         need_memory(mechanism, block * len(tracer.assembly_modes), whole)
     block = min(block or source.block, len(course))
     return RunPlan(course, tuple(analyses), *asked, wanted, setting, source, block)
-
-
-def source_of(
-    setting: Setting,
-    course: Sampling,
-    requests: Sequence[Request],
-    needs: Sequence[Needs],
-    all_links: bool = False,
-) -> BatchRunner | Sampling:
-    """Return what gives the motion of a course, and its poles if that is a kernel.
-
-    A kernel may stand in for the best route at every sample. See `job_of`.
-    """
-    if setting.engine == "compiled":
-        heyoka()
-    if (setting.engine, setting.route) != (ORDINARY.engine, ORDINARY.route):
-        return course
-    ahead = not any(item.tracer for item in needs)
-    timed = all_links or course.timed or any(item.time for item in needs)
-    wanted = [item for item in requests if item.poles]
-    return BatchRunner.of(course, wanted, all_links, ahead, timed) or course
 
 
 def motion_table(course: Sampling) -> Table:
