@@ -104,7 +104,7 @@ def test_newton_and_euler_by_hand(cam, coefficient, rest, mode):
     assert power == pytest.approx(traction * slip, abs=1e-7) and np.all(power < 0.0)
 
 
-def test_energy_of_a_motion_goes_into_friction_and_the_torque_comes_back(cam):
+def test_energy_of_a_motion_goes_into_friction(cam):
     mechanism = cam(0.3, 0.9)
     found = sk.simulate(mechanism, sk.Start(0.3, 2.0), 1.2, torque="0.5*cos(t)", check=True)
     assert found.end.kind == "time" and found.engine.name == "numpy"
@@ -114,17 +114,6 @@ def test_energy_of_a_motion_goes_into_friction_and_the_torque_comes_back(cam):
     history = found.at(np.linspace(0.0, 1.2, 9))
     work = history.work[:, [load.name for load in mechanism.loads].index("rub")]
     assert np.all(np.diff(work) < 0.0) and work[-1] < -0.1
-    run = sk.run(
-        mechanism,
-        "dynamics",
-        start=sk.Start(0.3, 2.0),
-        torque="0.5*cos(t)",
-        duration=1.2,
-        samples=9,
-    )
-    table = run.frame("dynamics", "dynamics")
-    want = 0.5 * np.cos(table["t"].to_numpy())
-    assert table["tau"].to_numpy() == pytest.approx(want, abs=1e-7)
 
 
 def test_a_contact_that_does_not_slide_has_none(cam, tmp_path):

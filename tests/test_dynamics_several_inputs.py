@@ -180,12 +180,6 @@ def test_the_command_recovers_the_torques_that_acted(tmp_path):
         0.002 * np.sin(2.0 * table["t"].to_numpy()), abs=1e-7
     )
     assert table["tau_51"].to_numpy() == pytest.approx(np.zeros(len(table)), abs=1e-7)
-    start = sk.Start((1.0, 1.2), (0.5, 0.0))
-    torque = {"21": "0.002*sin(2*t)"}
-    again = sk.run(
-        "five_bar", "dynamics", samples=21, duration=1.0, start=start, torque=torque
-    )
-    assert np.all(again.frame("dynamics")["q_51"] == table["q_51"])
 
 
 def test_inputs_without_laws_go_along_their_ranges():

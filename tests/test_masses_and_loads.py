@@ -97,12 +97,6 @@ def test_a_frame_has_z_along_the_first_axis_and_y_towards_the_second():
     assert np.array_equal(mass.tensor, np.transpose(mass.tensor))
 
 
-def test_a_frame_that_is_the_link_s_own_changes_nothing():
-    own = "[mass.crank]\ntensor = [[2, 0, 0], [0, 1.9, -0.3], [0, -0.3, 0.11]]\n"
-    framed = own + 'frame = ["drive", "tip"]\n'
-    assert loads(BASE + own) == loads(BASE + framed)
-
-
 def test_tensors_of_few_digits_pass():
     thin = ((2.0, 0.0, 0.0), (0.0, 1.92, -0.335), (0.0, -0.335, 0.079))
     replace(loads(BASE), masses=(Mass("crank", thin),))

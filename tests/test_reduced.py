@@ -206,16 +206,12 @@ def test_a_stored_model_needs_numpy_only(models, tmp_path):
     assert not top & {"scipy", "pandas", "networkx", "heyoka", "rerun"}
 
 
-def test_the_command_exports_both_forms(tmp_path, capsys):
+def test_the_command_exports_it(tmp_path, capsys):
     target = tmp_path / "m.npz"
     words = ["export", "four_bar", "--to", "model", "--poles", "3/1"]
     assert main([*words, "-o", str(target)]) == 0
     assert "functions of q" in capsys.readouterr().err
     assert load_reduced(target).heading.poles == ("3/1",)
-    target = tmp_path / "m.xml"
-    arguments = ["export", "four_bar", "--to", "mjcf", "-o", str(target), "--at", "0.3"]
-    assert main([*arguments, "-q"]) == 0
-    assert "<mujoco" in target.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(("unit", "given"), [("deg", "400"), ("rad", "6.981317007977318")])

@@ -38,24 +38,6 @@ def test_no_table_of_forces_is_empty(name):
     assert couples and min(couples) > 0.1
 
 
-@pytest.mark.many
-@pytest.mark.parametrize("name", LOADED)
-def test_bearings_slow_a_simulation(name):
-    made, values = posed(sk.load(name))
-    bearings = [load.name for load in made.loads if isinstance(load, sk.Bearings)]
-    assert bearings
-    inputs = tuple(float(values[made.angles[item.pair]]) for item in made.inputs)
-    start = sk.Start(q=inputs, dq=(0.5,) * len(inputs))
-    moved = [
-        sk.simulate(each, start, 0.03, assembly_mode=0)
-        for each in (made, made.with_loads(without=bearings))
-    ]
-    assert all(found.end.kind == "time" for found in moved)
-    assert all(found.checks.energy < 1e-9 for found in moved)
-    rubbed, free = (found.at([0.03]).inputs[0] for found in moved)
-    assert np.max(np.abs(rubbed - free)) > 1e-8
-
-
 @pytest.mark.parametrize("name", LOADED)
 def test_mujoco_moves_it_as_it_moves_here(name):
     mujoco = pytest.importorskip("mujoco")

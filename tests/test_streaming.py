@@ -1,13 +1,10 @@
 """Runs of simulations: which solution their rows are of, and what is told meanwhile."""
 
-from dataclasses import replace
-
 import numpy as np
 
 import spherekit as sk
 from spherekit import progress
 from spherekit.dynamics import forward
-from spherekit.model.dynamics import JointLimit
 
 START = sk.Start(q=0.3, dq=1.0)
 COUNT = 801
@@ -40,15 +37,6 @@ def test_rows_are_those_of_the_tighter_run_where_a_tolerance_is_missed(monkeypat
     loose = sk.simulate("four_bar", START, 2.0, engine="numpy").at(t)
     q = frame["theta_21"]
     assert np.max(np.abs(tight.q - q)) < 1e-14 < np.max(np.abs(loose.q - q))
-
-
-def test_a_simulation_that_ends_early_has_its_end_as_the_last_row():
-    stopped = replace(sk.load("four_bar"), joint_limits=(JointLimit("21", -10.0, 0.35),))
-    asked = {"start": START, "duration": 20.0, "samples": COUNT, "engine": "numpy"}
-    result = sk.run(stopped, "poles", **asked)
-    end = result.summary["simulation"]["end"]
-    assert end["kind"] == "joint_limit" and end["t"] < 20.0
-    assert result.frame("motion")["t"].iloc[-1] == end["t"]
 
 
 def test_a_long_simulation_tells_how_far_it_is(monkeypatch):
