@@ -42,8 +42,6 @@ LARGEST_STEP = 0.4
 """Longest step (rad of arc length)."""
 FIRST_STEP = 0.1
 """The first step that is tried (rad)."""
-TOWARDS_LIMIT = 0.9
-"""Part of the way to a limit, as the tangent has it, that is stepped at most."""
 LARGEST_TURN = 0.4
 """Angle (rad) by which the tangent may turn in one step, by the curvature at its start."""
 SINGULAR = 1e-6
@@ -264,13 +262,10 @@ class _Arcs(Curves[_Nodes]):
             self._land(rows[k : k + 1], int(np.argmin(margins)))
 
     def allowed(self, rows: Indices, step: Floats) -> Floats:
-        """Return the steps (k,) that the curvature and the nearest limits allow."""
+        """Return the steps (k,) that the curvature allows."""
         bend = np.linalg.norm(self.at.bends[rows], axis=1)
         largest = np.minimum(self.largest, LARGEST_TURN / (bend + 1e-300))
-        margins, approach = self.at.margins[rows], self.at.approach[rows]
-        ways = np.where(approach > 0.0, margins / (np.abs(approach) + 1e-300), np.inf)
-        ways = np.maximum(TOWARDS_LIMIT * ways, NEARLY_THERE)
-        return np.minimum(step, np.minimum(largest, np.min(ways, axis=1, initial=np.inf)))
+        return np.minimum(step, largest)
 
     def steps_to(
         self, rows: Indices, at: _Nodes, ways: Floats

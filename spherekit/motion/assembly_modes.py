@@ -42,7 +42,7 @@ from spherekit.motion.loops import (
     rank_mobility,
 )
 from spherekit.motion.meshes import GearPhases, meshes_of
-from spherekit.motion.steps import determinant_sign, walk
+from spherekit.motion.steps import determinant_sign, follow_inputs
 from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
 from spherekit.numeric.zeros import ArrayRows
@@ -398,9 +398,11 @@ class Unwrapping:
         """
         angles, given = self._angles, at if last is None else np.concatenate([[last], at])
         after, before = given[1:], given[:-1]
-        moved, status = walk(self._closure, self._driven, after, before[:, self._driven])
-        steps = np.round((moved - before)[:, angles] / TURN)
-        away = np.abs((moved - before)[:, angles] - TURN * steps)
+        goal = before[:, self._driven]
+        moved, status, _ = follow_inputs(self._closure, self._driven, after, goal)
+        grown = (moved.values - before)[:, angles]
+        steps = np.round(grown / TURN)
+        away = np.abs(grown - TURN * steps)
         follows = (status == Status.OK) & (np.max(away, axis=1, initial=0.0) < SAME)
         anew = np.concatenate([[last is None], ~follows])
         turns = np.zeros((len(given), len(angles)))
@@ -419,14 +421,14 @@ class Unwrapping:
         far = whole_laps(at[:, self._driven] - anchor, self.solver.periods)
         near = self.solver.moved(at, at[:, self._driven] - far)
         goal = np.broadcast_to(anchor, far.shape)
-        there, status = walk(self._closure, self._driven, near, goal)
-        led = status == Status.OK
+        reached, status, _ = follow_inputs(self._closure, self._driven, near, goal)
+        there, led = reached.values, status == Status.OK
         turns = -first_turns(np.where(led[:, None], there, near)[:, angles])
         for k, period in enumerate(self.solver.periods):
             rows = np.flatnonzero(led & (far[:, k] != 0.0))
             goal = np.tile(anchor + np.eye(len(anchor))[k] * period, (len(rows), 1))
-            round_, status = walk(self._closure, self._driven, there[rows], goal)
-            grown = (round_ - there[rows])[:, angles] / TURN
+            lap, status, _ = follow_inputs(self._closure, self._driven, there[rows], goal)
+            grown = (lap.values - there[rows])[:, angles] / TURN
             whole = np.all(np.abs(grown % 1.0 - 0.5) > 0.45, axis=1) & (status == Status.OK)
             laps = far[rows[whole], k, None] / period
             turns[rows[whole]] += np.round(grown[whole]) * laps

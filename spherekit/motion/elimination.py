@@ -62,6 +62,7 @@ from spherekit.motion.search import (
     search,
     starting_range,
 )
+from spherekit.motion.steps import determinant_sign
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import Group
 from spherekit.sphere.paths import dot
@@ -383,10 +384,10 @@ def all_complete(methods: Iterable[Method | None]) -> bool:
     return all(method is None or method.is_complete for method in methods)
 
 
-MOST_ASSEMBLY_MODES = 64
-"""Assembly modes of one run; a mechanism of many dyads has 2 to their number."""
 FLAT_SIGN = 1e-8
 """Groups of a smaller reciprocal condition have no sign."""
+MOST_ASSEMBLY_MODES = 64
+"""Assembly modes of one run; a mechanism of many dyads has 2 to their number."""
 RANGE_ROUNDS = 4
 """Rounds of a search over a range at least."""
 FLAT = 1e-5
@@ -489,13 +490,10 @@ def _grown(
 
 def signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
     """Return the dyad signs of a closed configuration (variables,), 0 for other groups."""
-    at = solver.closure.at(values[None])
-    return tuple(
-        (1 if np.linalg.det(group_matrices(solver, at, number)[0]) >= 0.0 else -1)
-        if group.is_dyad
-        else 0
-        for number, group in enumerate(solver.assembly.groups)
+    signs = zip(
+        solver.assembly.groups, group_signs(solver, values[None], 0.0)[0], strict=True
     )
+    return tuple((1 if sign >= 0 else -1) if g.is_dyad else 0 for g, sign in signs)
 
 
 def group_matrices(solver: Solver, at: Linearisation, number: int) -> Floats:
@@ -512,19 +510,21 @@ def group_matrices(solver: Solver, at: Linearisation, number: int) -> Floats:
     return tree.jacobian(at.vectors[:, variables])
 
 
-def group_signs(solver: Solver, values: Floats) -> SmallIntegers:
+def group_signs(solver: Solver, values: Floats, least: float = FLAT_SIGN) -> SmallIntegers:
     """Return the signs (n, groups) that tell modes of closed configurations apart.
 
     Of the triple product of a dyad's axes and of the determinant of another group's
-    velocity equations: 0 where they lose their rank, and of groups that have none.
+    velocity equations: 0 where their reciprocal condition is below the `least`, and of
+    groups that have none, but 1 of these where the `least` is 0.
     """
     at = solver.closure.at(values)
     signs = np.zeros((len(values), len(solver.assembly.groups)), dtype=np.int8)
     for number in range(signs.shape[1]):
         matrices = group_matrices(solver, at, number)
-        if matrices.shape[1] == matrices.shape[2]:
-            clear = condition(matrices) < 1.0 / FLAT_SIGN
-            signs[clear, number] = np.sign(np.linalg.det(matrices[clear]))
+        signs[:, number] = determinant_sign(matrices)
+        if least:
+            square = matrices.shape[1] == matrices.shape[2]
+            signs[:, number] *= square & (condition(matrices) < 1.0 / least)
     return signs
 
 
@@ -558,13 +558,11 @@ def random_starts(
     least, most = np.where(is_input, first, -np.inf), np.where(is_input, last, np.inf)
     turning = [v for v in solver.angles if v not in driven]
     for count in chain([RANGE_ROUNDS], repeat(1)):
-        starts, rows = [], np.zeros((count, STARTS), dtype=np.intp)
-        for number in range(count):
-            starts.append(random.uniform(first, last, (STARTS, len(first))))
-            if samples is not None:
-                rows[number] = random.integers(0, len(samples), STARTS)
-                starts[-1][:, driven] = samples[rows[number]]
-        values = np.concatenate(starts)
+        values = random.uniform(first, last, (count * STARTS, len(first)))
+        rows = np.zeros(len(values), dtype=np.intp)
+        if samples is not None:
+            rows = random.integers(0, len(samples), len(values))
+            values[:, driven] = samples[rows]
         with np.errstate(all="ignore"):
             if meshes is not None:
                 values[:, rolled] = meshes.rolled(values[:, driven])
@@ -574,4 +572,4 @@ def random_starts(
             good = (at.gap < CLOSURE_TOLERANCE) & np.all(at.states.inside, axis=1)
             good &= (reciprocal_condition > FLAT) & ~penetrates(closure.joints, at.states)
         at.values[:, turning] = wrap(at.values[:, turning])
-        yield len(near), at.values[good], rows.ravel()[near][good]
+        yield len(near), at.values[good], rows[near][good]

@@ -19,7 +19,7 @@ from spherekit.conventions import Status
 from spherekit.motion.closure import Closure
 from spherekit.motion.crossing import ways_out
 from spherekit.motion.input_grid import InputGrid
-from spherekit.motion.steps import Nodes, Trail, follow_inputs, nodes_at, walk
+from spherekit.motion.steps import Nodes, Trail, flat, follow_inputs, nodes_at
 from spherekit.numeric.zeros import cubic
 from spherekit.sphere.rotation import all_finite, max_abs, nans
 
@@ -93,7 +93,7 @@ def follow_each(
     is that of the whole mechanism (constant pair frames), `driven` the input's variable.
     """
     starts = _starts(closure, driven, values)
-    moving = starts.reciprocal_condition > AT_DEAD_CENTRE
+    moving = ~flat(closure.at(values), [driven], AT_DEAD_CENTRE)
     moving &= all_finite(starts.slope, 1)
     followed = iter(_through(closure, driven, starts.rows(moving), low, high))
     return [
@@ -188,10 +188,10 @@ def sheets_through(
         once = once[ways[once]]
         left[once] = False
         goals = input_grid.q[stop[once] % n]
-        reached, why = walk(closure, driven, sheets[start[once]], goals)
+        reached, why, _ = follow_inputs(closure, driven, sheets[start[once]], goals)
         arrived = why == Status.OK
         status[stop[once]] = why
-        sheets[stop[once][arrived]] = reached[arrived]
+        sheets[stop[once][arrived]] = reached.values[arrived]
     shape = count, n, values.shape[1]
     every = zip(
         sheets[: count * n].reshape(shape),

@@ -29,7 +29,7 @@ from spherekit.motion.elimination import (
     all_complete,
     assemblies,
     chains,
-    group_matrices,
+    group_signs,
     has_elimination,
     least_complete,
     random_starts,
@@ -40,7 +40,6 @@ from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow_each, sheets
 from spherekit.motion.input_grid import InputGrid, spread_rows
 from spherekit.motion.input_turning_points import input_turning_points
 from spherekit.motion.search import SAME_MODE, SearchStatistics
-from spherekit.motion.steps import determinant_sign
 from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import graph_mobility, inputs_to_declare
@@ -51,15 +50,13 @@ PROBED_INPUTS = 721
 """Inputs over the range at which the modes of dyads are looked for."""
 RANKED = 5
 """Configurations at which the mobility by rank is asked for: some may be singular."""
-MOST_FOLLOWED = 60000
-"""Nodes of all modes of irreducible groups, after which no further one is followed."""
-MOST_IN_VAIN = 12000
-"""The same for steps that led to none: a mode has some tens of nodes, and about three
-such steps; thousands where a configuration is singular in higher order."""
+MOST_TRIED = 60000
+"""Steps along modes of irreducible groups, after which no further one is followed: a mode
+takes some tens, thousands where a configuration is singular in higher order."""
 PROBED = np.array([0.5, 0.3, 0.7, 0.1, 0.9])
-"""Where in a range modes are looked for if the inputs at which they meet are unknown."""
-FINER = 3
-"""So many times more of them where elimination finds all modes at an input."""
+"""Where in a range of samples modes are looked for."""
+PARTS = 15
+"""The same number where the inputs at which they meet are unknown."""
 MOST_COST = 3e-3
 """Time (s) that a value of the functions of meeting modes may take here."""
 MOST_TIME = 10.0
@@ -117,7 +114,7 @@ class ModeSearch:
         self.methods: list[Method | None] = [None] * len(self.groups)
         self.probes = 0
         self._freedoms: list[int] = []
-        self._nodes = self._in_vain = self._followed = 0
+        self._tried = self._followed = 0
         self._curves: list[ArcCurve] = []
         self._working = ProgressReporter("searching the assembly modes")
         if solver.has_closed_form:
@@ -133,8 +130,7 @@ class ModeSearch:
         if count >= MOST_ASSEMBLY_MODES:
             stopped = f"at {MOST_ASSEMBLY_MODES} modes"
         if self._is_spent:
-            steps = self._nodes + self._in_vain
-            stopped = f"after {steps} steps along {counted(count, 'mode')}"
+            stopped = f"after {self._tried} steps along {counted(count, 'mode')}"
         if stopped:
             words = f"stopped {stopped}; there may be more"
             self.claim = Completeness(Guarantee.SAMPLED, words)
@@ -192,8 +188,7 @@ class ModeSearch:
     @property
     def _is_spent(self) -> bool:
         """Whether as many steps were made as may be; there is at least one mode then."""
-        in_vain = bool(self.assembly_modes) and self._in_vain > MOST_IN_VAIN
-        return self._nodes > MOST_FOLLOWED or in_vain
+        return bool(self.assembly_modes) and self._tried > MOST_TRIED
 
     @property
     def _is_full(self) -> bool:
@@ -252,30 +247,19 @@ class ModeSearch:
     ) -> None:
         """Add the mode through a configuration, if it is in the range."""
         if isinstance(guide, ModeCurve):
-            self._in_vain += guide.tried
+            self._tried += guide.tried
             low, high = self.input_grid.range
             if guide.inputs[0] > high or guide.inputs[-1] < low:
                 return
-            self._in_vain -= len(guide.values) - 1
-            values = guide.values[
-                len(guide.values) // 2
-            ]  # no dead centre, as a pose may be
+            middle = len(guide.values) // 2
+            values = guide.values[middle]  # no dead centre, as a pose may be
         if guide is not None:
             number, signs = len(self.assembly_modes), signs_at(self.solver, values)
-            determinants = self._determinants(signs, values)
+            determinants = tuple(group_signs(self.solver, values[None], 0.0)[0].tolist())
             self.assembly_modes.append(AssemblyMode(number, signs, guide, determinants))
-            self._nodes += len(guide.values)
             self._working.tell(lambda: f"{len(self.assembly_modes)} followed")
             new = max(self.families, default=-1) + 1
             self.families.append(new if family is None else family)
-
-    def _determinants(self, signs: tuple[int, ...], values: Floats) -> tuple[float, ...]:
-        """Return the signs of the determinants of groups at a configuration."""
-        at, solver = self.solver.closure.at(values[None]), self.solver
-        return tuple(
-            float(sign or determinant_sign(group_matrices(solver, at, number))[0])
-            for number, sign in enumerate(signs)
-        )
 
     def _all_modes(self) -> Completeness:
         """Look for further modes in the whole range; return what is claimed then."""
@@ -329,13 +313,8 @@ class ModeSearch:
             return claim if all_complete(self.methods) else None
         low, high = self.input_grid.range
         dead = input_turning_points(self.solver, low, high, MOST_COST, MOST_TIME)
-        step = (high - low) / len(PROBED)
-        done = dead.probes(step)
-        self._probe(done[:, None])
-        if all_complete(self.methods) and dead.gap(step):
-            step = step / FINER
-            finer = dead.probes(step)
-            self._probe(finer[np.abs(finer[:, None] - done).min(axis=1) > 1e-9, None])
+        step = (high - low) / PARTS
+        self._probe(dead.probes(step)[:, None])
         if not all_complete(self.methods):
             return None
         claim = dead.claim(step)
@@ -346,7 +325,7 @@ class ModeSearch:
         return replace(claim, reason=words)
 
     def _probe(self, inputs: Floats) -> None:
-        """Add the assembly modes of all modes found at inputs (n, inputs)."""
+        """Add the assembly modes of all modes at inputs (n, inputs), if they are sure."""
         for q in inputs:
             if self._is_full:
                 break
@@ -355,6 +334,8 @@ class ModeSearch:
             self.methods = list(map(least_complete, self.methods, here.methods))
             rows = np.repeat(self.input_grid.nearest(q, 1), len(here.values))
             self._add_new(here.values, rows)
+            if not all_complete(self.methods):
+                break  # a search goes on
 
     def _add_new(
         self, values: Floats, rows: Indices, family: int | None = None, ahead: int = AHEAD

@@ -169,7 +169,7 @@ class Distinct:
     def __init__(self, closure: Closure) -> None:
         self.closure = closure
         self.values: list[Floats] = []
-        self._poses: list[tuple[Floats, float]] = []
+        self._poses, self._tolerances = list[Floats](), list[float]()
         self._loose = 0
         self._rolling = rolled_lengths(closure.joints)
 
@@ -191,38 +191,35 @@ class Distinct:
         tolerance = np.clip(SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
         rolled = [variable for variable, _ in self._rolling]
         order = np.argsort(np.sum(np.abs(values[:, rolled]), axis=1), kind="stable")
-        left = order[exists[order]]
-        number = 0
-        while len(left):
-            if number == len(self.values):
-                row = left[0]
-                if number == MOST_MODES:
-                    break
-                if loose[row] and self._loose == MOST_LOOSE:
-                    left = left[1:]
-                    continue
+        for row in order[exists[order]].tolist():
+            same = np.flatnonzero(
+                self._away(values[row], placed[row])
+                <= np.maximum(tolerance[row], self._tolerances)
+            )
+            if len(same):
+                places[row] = same[0]
+            elif len(self.values) < MOST_MODES and not (
+                loose[row] and self._loose == MOST_LOOSE
+            ):
+                places[row] = len(self.values)
                 self._loose += int(loose[row])
                 self.values.append(values[row])
-                self._poses.append((placed[row], tolerance[row]))
-            pose, other = self._poses[number]
-            near = self._near(number, values[left], placed[left], pose)
-            same = near <= np.maximum(tolerance[left], other)
-            places[left[same]] = number
-            left, number = left[~same], number + 1
+                self._poses.append(placed[row])
+                self._tolerances.append(tolerance[row])
         return places
 
-    def _near(self, number: int, values: Floats, placed: Floats, pose: Floats) -> Floats:
-        """Return how far (n,) configurations are from that of a number, 0 a turn later."""
-        away = max_abs(placed - pose, axis=(1, 2, 3))
-        again = np.ones(len(values), dtype=bool)
-        shifted = ~again
+    def _away(self, values: Floats, placed: Floats) -> Floats:
+        """Return how far (k,) a configuration is from those kept, 0 a turn later."""
+        poses = np.array(self._poses).reshape(-1, *placed.shape)
+        way = np.abs(values - np.array(self.values).reshape(-1, len(values)))
+        again = np.ones(len(way), dtype=bool)
         for variable, joint in self._rolling:
-            way = np.abs(values[:, variable] - self.values[number][variable])
-            turns = way / np.array(joint.laps)[:, None]
+            turns = way[:, variable] / np.array(joint.laps)[:, None]
             apart = np.min(np.abs(turns - np.round(turns)), axis=0, initial=np.inf)
-            again &= np.minimum(apart, way) <= SAME_MODE
-            shifted |= way > SAME_MODE
-        return np.where(again & shifted, 0.0, away)
+            again &= np.minimum(apart, way[:, variable]) <= SAME_MODE
+        rolled = [variable for variable, _ in self._rolling]
+        again &= np.any(way[:, rolled] > SAME_MODE, axis=1)
+        return np.where(again, 0.0, max_abs(poses - placed, axis=(1, 2, 3)))
 
 
 def search(

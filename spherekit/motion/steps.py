@@ -31,7 +31,12 @@ from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.conventions import CLOSURE_TOLERANCE, EQUAL_CURVATURE, Status
 from spherekit.motion.arc_curve import Chords, CurvePoints
 from spherekit.motion.closure import Closure
-from spherekit.motion.loops import Linearisation, contact_tracks, left_inverse
+from spherekit.motion.loops import (
+    Linearisation,
+    condition,
+    contact_tracks,
+    left_inverse,
+)
 from spherekit.motion.turns import whole_laps
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.sphere.rotation import all_finite, max_abs, unit_rows
@@ -356,8 +361,7 @@ class Nodes(ArrayRows):
 
     `direction` (n, inputs); `values`, `slope`, `bend` (n, variables): the variables and
     their first and second derivatives by the way along the direction; `sign` (n,) of the
-    determinant of the closure Jacobian without the inputs; `reciprocal_condition` (n,) its
-    relative smallest singular value.
+    determinant of the closure Jacobian without the inputs.
     """
 
     direction: Floats
@@ -365,7 +369,6 @@ class Nodes(ArrayRows):
     slope: Floats
     bend: Floats
     sign: Floats
-    reciprocal_condition: Floats
 
 
 def nodes_at(at: Linearisation, driven: Sequence[int], direction: Floats) -> Nodes:
@@ -378,26 +381,13 @@ def nodes_at(at: Linearisation, driven: Sequence[int], direction: Floats) -> Nod
     held = list(driven)
     free = [v for v in range(values.shape[1]) if v not in driven]
     square = jacobian[:, :, free]
-    finite = all_finite(square, (1, 2))
-    reciprocal_condition = np.ones(len(values))
-    if free:
-        filled = np.where(finite[:, None, None], square, 1.0)
-        sizes = np.linalg.svd(filled, compute_uv=False)
-        reciprocal_condition = np.where(finite, sizes[:, -1] / sizes[:, 0], 0.0)
     slope, bend = np.zeros_like(values), np.zeros_like(values)
     inverse = left_inverse(square)
     slope[:, held] = direction
     moved = np.einsum("nij,nj->ni", jacobian[:, :, held], direction)
     slope[:, free] = -np.einsum("nij,nj->ni", inverse, moved)
     bend[:, free] = -np.einsum("nij,nj->ni", inverse, at.bias(slope))
-    return Nodes(
-        direction,
-        values,
-        slope,
-        bend,
-        determinant_sign(square),
-        reciprocal_condition,
-    )
+    return Nodes(direction, values, slope, bend, determinant_sign(square))
 
 
 def determinant_sign(matrices: Floats) -> Floats:
@@ -441,16 +431,25 @@ def _longest(at: Nodes, step: Floats) -> Floats:
     return np.fmax(np.minimum(step, NEARER * slope / bend), SMALLEST_STEP)
 
 
-def _why_ended(closure: Closure, at: Nodes, row: int) -> Status:
-    """Return the status of the samples beyond the last node that could be reached."""
-    values, limits = at.values[row : row + 1], Limits.of(closure, {})
-    states = closure.at(values).states
-    margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
+def flat(at: Linearisation, driven: Sequence[int], least: float) -> Bools:
+    """Return where (n,) the closure Jacobian without the inputs has nearly lost rank.
+
+    Where its smallest singular value is below this part of the largest.
+    """
+    square = np.delete(at.jacobian, driven, axis=2)
+    return ~(condition(square) < 1.0 / least)
+
+
+def _why_ended(closure: Closure, driven: Sequence[int], values: Floats) -> Status:
+    """Return the status of the samples beyond the last node (1, variables) reached."""
+    there, limits = closure.at(values), Limits.of(closure, {})
+    bends = there.states.curvatures, there.states.curvature_rates
+    margins, _ = limits.margins(values, *bends)
     for status, margin in zip(limits.statuses[::-1], margins[0, ::-1], strict=True):
         if margin < (NEARLY_EQUAL if status == Status.CURVATURE else NEARLY_ENDED):
             return status
-    flat = at.reciprocal_condition[row] < NEARLY_FLAT
-    return Status.OUT_OF_REACH if flat else Status.MODE_LOST
+    ends = flat(there, driven, NEARLY_FLAT)[0]
+    return Status.OUT_OF_REACH if ends else Status.MODE_LOST
 
 
 Trail = list[tuple[Indices, Nodes]]
@@ -464,9 +463,20 @@ def follow_inputs(
     q: Floats,
     trail: Trail | None = None,
 ) -> tuple[Nodes, SmallIntegers, Indices]:
-    """Follow straight ways of the inputs from configurations to inputs q (n, inputs).
+    """Follow straight ways of the inputs from configurations, by verified steps.
 
-    Parameters are those of `walk`; what is reached on the way is added to a `trail`.
+    Parameters
+    ----------
+    closure
+        Loop closure of the whole mechanism.
+    driven
+        Numbers of the inputs' variables.
+    values
+        (n, variables) closed configurations to start from.
+    q
+        (n, inputs) inputs to arrive at.
+    trail
+        Gets what is reached on the way.
 
     Returns
     -------
@@ -495,28 +505,7 @@ def follow_inputs(
         status[going[tired]] = Status.MODE_LOST
         stuck = ~holds & (step[going] <= 2 * SMALLEST_STEP * np.maximum(1.0, least))
         for row in going[stuck]:
-            status[row] = _why_ended(closure, at, row)
+            status[row] = _why_ended(closure, driven, at.values[row : row + 1])
         step[going] *= np.where(holds, 2.0, 0.5)
         going = going[~(there | tired | stuck)]
     return at, status, tried
-
-
-def walk(
-    closure: Closure, driven: Sequence[int], values: Floats, q: Floats
-) -> tuple[Floats, SmallIntegers]:
-    """Return configurations reached by straight ways of the inputs, and statuses (n,).
-
-    Parameters
-    ----------
-    closure
-        Loop closure of the whole mechanism.
-    driven
-        Numbers of the inputs' variables.
-    values
-        (n, variables) closed configurations to start from.
-    q
-        (n, inputs) inputs to arrive at. Status OK says that a way of verified steps leads
-        there; other rows hold the last configuration reached.
-    """
-    at, status, _ = follow_inputs(closure, driven, values, q)
-    return at.values, status

@@ -266,16 +266,14 @@ def _cheapest_lines(
     """Return third links of different great circles that suffice, and what they need."""
     i, j = step.pole
     needs = {k: cost[pole_of(i, k)] | cost[pole_of(j, k)] for k in step.via}
+
+    def costly(third: int) -> tuple[int, int]:
+        return len(needs[third]), third
+
     every = circles(mask_of(step.via), step.pole, coaxial)
-    cheapest = (min(links, key=lambda k: (len(needs[k]), k)) for links in every)
-    first = sorted(cheapest, key=lambda k: (len(needs[k]), k))[:12]
-
-    def needed(links: Iterable[int]) -> frozenset[Pole]:
-        return frozenset[Pole]().union(*(needs[k] for k in links))
-
-    choices = combinations(first, max(2 - len(step.contacts), 0))
-    chosen = min(choices, key=lambda links: (len(needed(links)), links))
-    return chosen, needed(chosen)
+    cheapest = sorted((min(links, key=costly) for links in every), key=costly)
+    chosen = tuple(cheapest[: max(2 - len(step.contacts), 0)])
+    return chosen, frozenset[Pole]().union(*(needs[k] for k in chosen))
 
 
 @checked(PlanError)

@@ -19,7 +19,7 @@ from spherekit.motion import input_grid as grids
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.input_grid import InputGrid
-from spherekit.motion.steps import walk
+from spherekit.motion.steps import follow_inputs
 from spherekit.motion.turns import less_periods
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.region.mesh import labels
@@ -265,7 +265,9 @@ class _Spread:
         values = self.nodes.values[start]
         goal = self.input_grid.q[stop]
         goal = goal + TURN * np.round((values[:, self.driven] - goal) / TURN)
-        arrived, status = walk(self.solver.closure, self.driven, values, goal)
+        closure = self.solver.closure
+        reached, status, _ = follow_inputs(closure, self.driven, values, goal)
+        arrived = reached.values
         good = status == Status.OK
         there = self.add(arrived[good], stop[good])
         # From there the same way leads back: ways are in pairs, there and back.
