@@ -9,10 +9,10 @@ type I a loss of rank of E N. All of these stay finite on singularities.
 Singular configurations as the inputs and the output see them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 from typing import Any, Literal
 
@@ -21,7 +21,6 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.engine.fields import evaluate
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, motion_of
 from spherekit.motion.turns import in_range, into_range
 from spherekit.numeric.zeros import ArrayRows
@@ -35,6 +34,7 @@ from spherekit.singular.stationarity import (
     InputsLocked,
     OutputPart,
     OutputStationary,
+    TangentSpace,
     decomposed,
     tangent_space,
 )
@@ -156,12 +156,14 @@ def coefficients(
     tolerance
         Singular values below this count as zero.
     """
-    links = output.link, output.relative_to
+    links, held = (output.link, output.relative_to), _held(motion)
+    space = tangent_space(motion.linearisation, len(held))
+    alone = space.basis @ adjugate(space.basis[:, held])
     w: list[Floats] = []
-    fours: list[FourLinks] = []
-    planned: list[tuple[Floats, ...]] = []
-    with np.errstate(invalid="ignore"):
-        for pair in motion.assembly.inputs:
+    related: list[tuple[Floats, ...]] = []
+    with np.errstate(invalid="ignore", divide="ignore"):
+        alone /= np.linalg.norm(alone, axis=1, keepdims=True)
+        for k, pair in enumerate(motion.assembly.inputs):
             r, i = motion.mechanism.ends[pair]
             wanted = request(
                 motion.mechanism,
@@ -177,12 +179,16 @@ def coefficients(
             four = FourLinks(*(named[body[link]] for link in (i, r, *links)))
             field = evaluate(motion, wanted)
             w.append(field.w[output.link] - field.w[output.relative_to])
-            fours.append(four)
-            planned.append(_relation(four, field.direction.__getitem__))
-        c, d, u = (np.stack(parts, axis=1) for parts in zip(*planned, strict=True))
-        _by_motions_alone(motion, output, fours, (c, d, u))
+            direction = partial(
+                _direction,
+                planned=field.direction,
+                driven=(pole_of(four.i, four.r), space.at.vectors[:, held[k]]),
+                rates=space.at.body_rates(alone[:, :, k]),
+            )
+            related.append(_relation(four, direction))
+        c, d, u = (np.stack(parts, axis=1) for parts in zip(*related, strict=True))
         c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
-        measured = by_motions(motion, output, tolerance)
+        measured = by_motions(motion, space, output, tolerance)
     return OutputCoefficients(np.stack(w, axis=1), u, c, d, **measured)
 
 
@@ -199,42 +205,21 @@ def _relation(four: FourLinks, direction: Callable[[Pole], Floats]) -> tuple[Flo
     return made.c, made.d, made.poles.os
 
 
-def _by_motions_alone(
-    motion: Motion,
-    output: OutputStationary,
-    fours: Sequence[FourLinks],
-    columns: tuple[Floats, Floats, Floats],
-) -> None:
-    """Give c, d (n, g) and u (n, g, 3) by motions at rows where the plan knows no axes.
+def _direction(
+    pole: Pole,
+    planned: Mapping[Pole, Floats],
+    driven: tuple[Pole, Floats],
+    rates: Floats,
+) -> Floats:
+    """Return the axis (n, 3) of a pole by the plan, or where that knows none by rates.
 
-    The axes are those of the motion in which one input moves alone. That is finite at
-    singularities; an axis of links that rest in it is not known, but for the input's own,
-    and what needs it is NaN.
+    These are of links in the motion in which one input moves alone, finite at
+    singularities. An axis of links that rest in it is NaN, but for the input's own.
     """
-    rows = np.flatnonzero(~motion.failed & np.any(~np.isfinite(columns[0]), axis=1))
-    if not len(rows):
-        return
-    closure, held = Closure.of(motion.mechanism, motion.joints), _held(motion)
-    space = tangent_space(closure.at(motion.values[rows]), len(held))
-    alone = space.basis @ adjugate(space.basis[:, held])
-    alone /= np.linalg.norm(alone, axis=1, keepdims=True)
-    for k, four in enumerate(fours):
-        rates = space.at.body_rates(alone[:, :, k])
-        driven = pole_of(four.i, four.r)
-
-        def direction(
-            pole: Pole,
-            driven: Pole = driven,
-            axis: Floats = space.at.vectors[:, held[k]],
-            rates: Floats = rates,
-        ) -> Floats:
-            between = axis if pole == driven else rates[:, pole[0]] - rates[:, pole[1]]
-            size = np.linalg.norm(between, axis=1, keepdims=True)
-            return between / np.where(size > SINGULAR, size, np.nan)
-
-        for whole, part in zip(columns, _relation(four, direction), strict=True):
-            here = whole[rows, k]
-            whole[rows, k] = np.where(np.isfinite(here), here, part)
+    between = driven[1] if pole == driven[0] else rates[:, pole[0]] - rates[:, pole[1]]
+    size = np.linalg.norm(between, axis=1, keepdims=True)
+    moved = between / np.where(size > SINGULAR, size, np.nan)
+    return np.where(np.isfinite(planned[pole]), planned[pole], moved)
 
 
 def _held(motion: Motion) -> list[int]:
@@ -242,15 +227,16 @@ def _held(motion: Motion) -> list[int]:
 
 
 def by_motions(
-    motion: Motion, output: OutputStationary, tolerance: float = SINGULAR
+    motion: Motion,
+    space: TangentSpace,
+    output: OutputStationary,
+    tolerance: float = SINGULAR,
 ) -> dict[str, Any]:
     """Return those of `OutputCoefficients` that the motions that close the loops say."""
-    held, closure = _held(motion), Closure.of(motion.mechanism, motion.joints)
-    space = tangent_space(closure.at(motion.values), len(held))
+    held, tree = _held(motion), space.tree
     inputs, moving = space.basis[:, held], output.equations(space.at) @ space.basis
-    transmission = Transmission(
-        closure.tree, tuple(held), output.link, output.relative_to, output.pointing
-    )
+    seen = output.link, output.relative_to, output.pointing
+    transmission = Transmission(tree, tuple(held), *seen)
     vectors = space.at.vectors
     two = transmission.at(vectors, transmission.pointed(space.at.placed))
     determinant = np.linalg.det(inputs)
@@ -277,7 +263,7 @@ def by_motions(
         "output_rate": rates[1],
         "alone": turning / np.where(turns, speed, np.nan),
         "type_two": two,
-        "hold": hold_of(closure.tree, held, vectors)[0],
+        "hold": hold_of(tree, held, vectors)[0],
         "type_one": np.where(np.isfinite(two), one, np.nan),
         "reciprocal_condition": condition,
         "type": kind,
@@ -471,7 +457,9 @@ class SingularityReport:
 
     def types(self, values: Floats) -> SmallIntegers:
         """Return the types (n,) of configurations for the output."""
-        return by_motions(motion_of(self.solver, values), self.output)["type"]
+        motion = motion_of(self.solver, values)
+        space = tangent_space(motion.linearisation, len(self.solver.driven))
+        return by_motions(motion, space, self.output)["type"]
 
     def is_own(self, types: SmallIntegers) -> Bools:
         """Return which types (n,) are those of the locus."""
