@@ -295,37 +295,35 @@ class OneInput:
             parts.append(InputMarks(f"marks/{kind}", f"type {kind}", q, TONES[kind]))
         return parts
 
-    def _drawn(self, curve: int, output: int) -> Floats:
-        """Return the input and the output (`DRAWN`, 2) at even places along a curve."""
-
-        def drawn() -> Floats:
-            sampled = self.sampled
-            s = np.linspace(0.0, sampled.curves[curve].length * (1.0 - 1e-12), DRAWN)
-            q, turned = sampled.input_at(curve, s), sampled.output_angle(curve, output, s)
-            return np.stack([q, turned], axis=1)
-
-        return self.batch.once(("drawn", curve, output), drawn)
+    @cached_property
+    def drawn(self) -> dict[tuple[int, int], Floats]:
+        """Inputs and outputs (`DRAWN`, 2) at even places, by curve and output."""
+        lines, sampled = {}, self.sampled
+        for number, curve in enumerate(sampled.curves):
+            s = np.linspace(0.0, curve.length * (1.0 - 1e-12), DRAWN)
+            for output in range(len(self.names)):
+                turned = sampled.output_angle(number, output, s)
+                line = sampled.input_at(number, s), turned
+                lines[number, output] = np.stack(line, axis=1)
+        return lines
 
     def _places(self, curve: int, output: int, s: Floats) -> Floats:
         """Return where places (k,) of a curve are drawn, (k, 2)."""
         parts = s / self.sampled.curves[curve].length
-        return self._drawn(curve, output)[np.rint(parts * (DRAWN - 1)).astype(int)]
+        return self.drawn[curve, output][np.rint(parts * (DRAWN - 1)).astype(int)]
 
-    def _input_output(
-        self, output: int, rows: slice = slice(None), at: Floats | None = None
-    ) -> Portrait:
-        """Return the output against the input, all curves drawn, singularities marked.
+    def _input_output(self, output: int, rows: slice) -> Portrait:
+        """Return the output against the input at some rows, with all curves drawn.
 
-        With some rows of the samples, or of places `at` (n, 2).
+        Singularities are marked.
         """
         batch, sampled, name = self.batch, self.sampled, self.names[output]
         numbers = range(len(sampled.curves))
-        if at is None:
-            at = np.full((len(batch), 2), np.nan)
-            for number in numbers:
-                (here,) = np.nonzero(sampled.curve == number)
-                y = self._places(number, output, sampled.s[here])[:, 1]
-                at[here] = np.stack([batch.q[here], y], axis=1)
+        at = np.stack([batch.q, np.full(len(batch), np.nan)], axis=1)
+        for number in numbers:
+            (here,) = np.nonzero(sampled.curve == number)
+            at[here, 1] = self._places(number, output, sampled.s[here])[:, 1]
+        at[np.isnan(at[:, 1])] = np.nan
         met = [
             (point.type, self._places(point.curve, output, np.array([point.s]))[0])
             for point in sampled.report.points
@@ -337,7 +335,7 @@ class OneInput:
             at[rows],
             (f"input {batch.moving_inputs[0]}", f"output {name}"),
             [
-                PlaneCurve(without_jumps(self._drawn(number, output)), LINE_TONE)
+                PlaneCurve(without_jumps(self.drawn[number, output]), LINE_TONE)
                 for number in numbers
             ],
             [
@@ -351,7 +349,6 @@ class OneInput:
         """Return a page on which row k is singularity k, with what coincides there."""
         sampled, every = self.sampled, self.points
         points = {k: v[np.isfinite(every["s"])] for k, v in every.items()}
-        n = len(points["kind"])
         outputs = [self.names.index(name) for name in points["output"]]
         places = list(zip(points["curve"].tolist(), points["s"].tolist(), strict=True))
         six = [
@@ -384,14 +381,7 @@ class OneInput:
             coinciding.append(f"- {numbered('sample', numbers)}: {note}")
         words = "\n".join([GALLERY, *lines, "", "What coincides:", "", *coinciding])
         parts.append(Text("list", "Singularities", words))
-        for output in range(len(self.names)):
-            at = np.full((n, 2), np.nan)
-            for row, (curve, s) in enumerate(places):
-                if outputs[row] == output:
-                    y = self._places(curve, output, np.array([s]))[0, 1]
-                    at[row] = points["q"][row], y
-            parts.append(self._input_output(output, at=at))
-        over = Axis("singularity", "", np.arange(n, dtype=float))
+        over = Axis("singularity", "", np.arange(len(places), dtype=float))
         return Scene("Singularities", tuple(parts), (over,))
 
 

@@ -342,11 +342,8 @@ def _parted(
 
 
 def _planes(of_source: Scenes, sheet: Sheet) -> Drawn:
-    groups = _grouped(of_source, Portrait, "label")
-    for (page, name), items in groups.items():
-        once_more = page and ("", name) in groups  # for a page of its own
-        shown = any(x[1].curves or x[1].marks or is_path(x) for x in items)
-        if shown and not once_more:
+    for (_, name), items in _grouped(of_source, Portrait, "label").items():
+        if any(x[1].curves or x[1].marks or is_path(x) for x in items):
             yield name, partial(draw_plane, items, sheet)
 
 

@@ -6,6 +6,7 @@ through its zeros, and there u is the limit that the derivative of w u points al
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -125,20 +126,16 @@ class AlongCurve:
         plan_of: Callable[[tuple[Pole, ...]], Plan | None],
     ) -> None:
         self.tracer, self.curve, self.plan_of = tracer, curve, plan_of
-        self._kept: dict[bytes, LinkMotion] = {}
+        self._at = lru_cache(KEPT)(self._links)
         self._zeros: dict[Pole, tuple[Floats, Bools, Floats] | None] = {}
 
     def at(self, s: Floats) -> LinkMotion:
         """Return the links at s (n,) by arc length; the last results are kept."""
-        key = s.tobytes()
-        if key not in self._kept:
-            if len(self._kept) >= KEPT:
-                self._kept.pop(next(iter(self._kept)))
-            there = self.curve.at(s)
-            self._kept[key] = LinkMotion(
-                self.tracer, there.values, there.tangents, there.bends
-            )
-        return self._kept[key]
+        return self._at(s.tobytes())
+
+    def _links(self, places: bytes) -> LinkMotion:
+        there = self.curve.at(np.frombuffer(places))
+        return LinkMotion(self.tracer, there.values, there.tangents, there.bends)
 
     def axes(self, s: Floats, poles: Iterable[Pole]) -> Axes:
         """Return the axes of poles at s (n,), in either sense, and bounds of errors."""

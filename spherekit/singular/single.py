@@ -48,7 +48,7 @@ ONE_CURVE = (
     "configuration leaves open"
 )
 ALWAYS = 1e-12
-"""Triple products that never exceed this on a curve vanish everywhere."""
+"""Relations with smaller coefficients on most of a curve vanish everywhere."""
 SAMPLED = 9
 """Configurations at which a mechanism without curves is asked for its freedoms."""
 TYPES = {(True, True): Type.SELF_MOTION, (True, False): Type.II, (False, True): Type.I}
@@ -246,21 +246,18 @@ class SingleFreedom:
         ):
             if (number, pair) in resting:
                 continue
-            s = along.curve.s
-            for relation in self._made(output, along.axes(s, self.poles(output))[0]):
-                links, said = relation.links, ""
-                if len(links.different) == 4:
-                    to = (links.i, links.o, links.s)
-                    rates = [along.at(s).relative(links.r, k)[0] for k in to]
-                    if max_abs(np.linalg.det(np.stack(rates, axis=1))) < ALWAYS:
-                        said = "lie in one plane everywhere, so c = d = 0 says"
-                elif np.all(np.isnan(relation.c)):
-                    said = f"are one line everywhere, so form {relation.form} says"
-                if said:
-                    six = "six " * (len(links.different) == 4)
-                    listed = ", ".join(names[k] for k in links.different)
+            axes, _ = along.axes(along.curve.s, self.poles(output))
+            for relation in self._made(output, axes):
+                size = np.nan_to_num(np.hypot(relation.c, relation.d))
+                if np.median(size) < ALWAYS:
+                    links, said = relation.links.different, "axes"
+                    why = f"are one line everywhere, so form {relation.form} says"
+                    if len(links) == 4:
+                        said = "six axes"
+                        why = "lie in one plane everywhere, so c = d = 0 says"
+                    listed = ", ".join(names[k] for k in links)
                     notes.append(
-                        f"curve {number}: the {six}axes of the links {listed} {said} "
+                        f"curve {number}: the {said} of the links {listed} {why} "
                         "nothing: the rates tell the types"
                     )
         return notes
