@@ -230,9 +230,9 @@ class ConfigurationsOfPoses:
         rates: Row = {}
         for k, axis in enumerate("xyz"):
             rates |= input_columns(mechanism, rows.rates[:, :, k], f"rate_{axis}")
-        if directions is not None:
+        if solver.form is not None and directions is not None:
             turns = turns_of(rows.rates, directions)
-            rates |= mirror_rates(mechanism, solver, directions, turns)
+            rates |= mirror_rates(mechanism, solver.form, directions, turns)
         places = pose_columns(solver, self.poses)
         numbers = self.pairs
         inverse: Row = {

@@ -23,6 +23,7 @@ from spherekit.plugin import (
     listing,
 )
 from spherekit.plugin.rotations import (
+    MidPlaneArchitecture,
     azimuth_tilt,
     normals_of,
     quaternion,
@@ -353,43 +354,40 @@ PAIRS = Table(
 def forward_rows(mechanism: Mechanism, solver: OutputKinematics, inputs: Floats) -> Row:
     """Return the poses at inputs (n, inputs), each with the working mode that has them."""
     solutions = solver.forward(inputs)
-    count = len(solutions.row)
     none = np.setdiff1d(np.arange(len(inputs)), solutions.row)
-    pose = np.concatenate([solutions.row, none])
+    every = np.concatenate([solutions.row, none])
+    order = np.argsort(every, kind="stable")
+    pose, at = every[order], np.where(order < len(solutions.row), order, -1)
 
-    def with_none(values: Floats) -> Floats:
-        return np.concatenate([values, np.full((len(none), *values.shape[1:]), np.nan)])
+    def filled(values: Floats) -> Floats:
+        return np.concatenate([values, np.full((1, *values.shape[1:]), np.nan)])[at]
 
     poses = solutions.rotations
     if solver.points:
         assert solutions.directions is not None
         poses = solutions.directions
-    working = np.full(len(pose), "", dtype=f"<U{max(map(len, solver.labels), default=1)}")
+    working = np.full(len(poses) + 1, "", dtype=object)
     if isinstance(solver, ClosedKinematics):
         rows = solver.inverse(poses, solver.labels, range(len(mechanism.pairs)))
         off = np.abs(wrap(rows.values - solutions.values[rows.pose])).max(axis=1)
         same = np.flatnonzero(off < SAME_VALUES)
         working[rows.pose[same]] = rows.mode[same]
-    places = with_none(poses)
-    moved: Row = {}
+    places, moved = filled(poses), dict[str, Any]()
     if solver.form is not None:
-        turns = with_none(solver.turns(solutions.values))
-        moved = mirror_rates(mechanism, solver, places, turns)
-    order = np.argsort(pose, kind="stable")
-    columns: Row = {
+        turns = filled(solver.turns(solutions.values))
+        moved = mirror_rates(mechanism, solver.form, places, turns)
+    return {
         "pose": pose,
-        "assembly_mode": np.array([*map(label_of, solutions.signs), *[""] * len(none)]),
-        "working_mode": working,
+        "solution": np.arange(len(pose)) - np.searchsorted(pose, pose),
+        "assembly_mode": np.array([*map(label_of, solutions.signs), ""])[at],
+        "working_mode": working[at].astype(str),
         **input_columns(mechanism, inputs[pose]),
         **pose_columns(solver, places),
         **moved,
-        "type_2": with_none(solver.type_2(solutions.values)),
-        "status": np.where(np.arange(len(pose)) < count, Status.OK, Status.OUT_OF_REACH),
+        "type_2": filled(solver.type_2(solutions.values)),
+        "status": np.where(at < 0, Status.OUT_OF_REACH, Status.OK),
+        "solved_by": solver.solved_by,
     }
-    columns = {name: column[order] for name, column in columns.items()}
-    first = np.searchsorted(columns["pose"], columns["pose"])
-    solution = np.arange(len(pose)) - first
-    return {**columns, "solution": solution, "solved_by": solver.solved_by}
 
 
 def pose_columns(solver: OutputKinematics, poses: Floats) -> Row:
@@ -407,11 +405,9 @@ def pose_columns(solver: OutputKinematics, poses: Floats) -> Row:
 
 
 def mirror_rates(
-    mechanism: Mechanism, solver: OutputKinematics, directions: Floats, turns: Floats
+    mechanism: Mechanism, form: MidPlaneArchitecture, directions: Floats, turns: Floats
 ) -> Row:
-    """Return the columns of the derivatives of phi and gamma by the inputs, if any."""
-    if solver.form is None:
-        return {}
-    rates = solver.form.angle_rates(directions, turns)
+    """Return the columns of the derivatives of phi and gamma by the inputs."""
+    rates = form.angle_rates(directions, turns)
     phi = input_columns(mechanism, rates[:, 0], "dphi_dq")
     return phi | input_columns(mechanism, rates[:, 1], "dgamma_dq")
