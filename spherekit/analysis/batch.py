@@ -238,7 +238,16 @@ class Batch:
                     f"a column of {quantity!r} was asked for; give one of "
                     f"{listing(_QUANTITIES)}"
                 )
-            return Interleaved([self._column(quantity, *pole, component) for pole in poles])
+            name, parts = _QUANTITIES[quantity], list[Array | LazyColumn]()
+            for i, j, moved in poles:
+                here = self._found(moved)
+                if isinstance(here, LazyField) and name not in here.KNOWN:
+                    self._declared(i, j, quantity)
+                    parts.append(here.column(name, pole_of(i, j), component or 0))
+                else:
+                    made = np.asarray(getattr(self, quantity)(i, j, moved))
+                    parts.append(made if component is None else made[:, component])
+            return Interleaved(parts)
 
         return column
 
@@ -267,16 +276,6 @@ class Batch:
             **{name: of(name, None) for name in names},
             "status": of("pole_status", None),
         }
-
-    def _column(
-        self, quantity: str, i: int, j: int, moved: int, component: int | None
-    ) -> Array | LazyColumn:
-        name, poles = _QUANTITIES[quantity], self._found(moved)
-        if isinstance(poles, LazyField) and name not in poles.KNOWN:
-            self._declared(i, j, quantity)
-            return poles.column(name, pole_of(i, j), component or 0)
-        made = np.asarray(getattr(self, quantity)(i, j, moved))
-        return made if component is None else made[:, component]
 
     def assembly_mode_rows(self) -> Mapping[int, slice]:
         """Return the rows of each assembly mode, by its number."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from spherekit.analysis.scene import Body, Graph, Scene, Series, Text
 from spherekit.arrays import Floats
-from spherekit.conventions import Facts, listing
+from spherekit.conventions import listing
 from spherekit.model.gears import joints_of, link_axes
 from spherekit.model.graph import layout
 from spherekit.model.mechanism import Mechanism
@@ -179,14 +179,3 @@ def _text(plans: Sequence[Plan]) -> Text:
     if mechanism.source is not None:
         lines += ["", f"Source: {mechanism.source.citation}"]
     return Text("plan", "Plan", "\n".join(lines))
-
-
-def plan_notes(plan: Plan) -> Facts:
-    """Return the plan's key figures for the summary."""
-    return {
-        "passes": max(plan.rounds.values(), default=0),
-        "poles": len(plan.rounds),
-        "irreducible_parts": [
-            [plan.name(body) for body in block.links] for block in plan.blocks
-        ],
-    }

@@ -161,15 +161,19 @@ def prove_poles(
             near = values[row]
             count = made.unknowns + made.inputs
             inputs = [exact(float(angle)) for angle in near[made.unknowns : count]]
-            places = _proven_place(equations, near[: made.unknowns], written.given(inputs))
+            driven, places = written.given(inputs), list[Ball]()
+            unknown = [complex(angle) for angle in near[: made.unknowns]]
+            root = root_near(equations, driven, unknown) if unknown else None
+            if not unknown or (root is not None and root.real):
+                places = [*(root.balls() if root is not None else ()), *driven]
             gap = [middle(ball) for ball in places] - near[: len(places)]
             gap[count:] = wrap(gap[count:])
             if not places or max_abs(gap) > NEAR:
                 continue
             sample, mode = (int(motion[c][row]) for c in ("sample", "assembly_mode"))
-            for (driven, *two), direction, coefficient in enclosed_poles(equations, places):
+            for (moved, *two), direction, coefficient in enclosed_poles(equations, places):
                 if direction is not None:
-                    key = sample, mode, names[driven], frozenset(links[k] for k in two)
+                    key = sample, mode, names[moved], frozenset(links[k] for k in two)
                     proven[key] = direction, coefficient
         parts: list[Facts] = []
         for number in range(len(poles["sample"])):
@@ -185,16 +189,6 @@ def prove_poles(
         for name in ("error_bound_is", "velocity_coefficient_error_bound_is")
     )
     return ProvenPoles(PROVEN.stacked(mechanism, parts), *words)
-
-
-def _proven_place(
-    equations: Equations, unknown: Floats, given: Sequence[Ball]
-) -> list[Ball]:
-    """Return balls of all variables in the configuration next to one, none unproven."""
-    if not len(unknown):
-        return list(given)
-    root = root_near(equations, given, [complex(angle) for angle in unknown])
-    return [] if root is None or not root.real else [*root.balls(), *given]
 
 
 def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool) -> None:

@@ -55,8 +55,19 @@ class JoinedBlocks(Mapping[str, Array]):
 
     def join(self, names: Iterable[str]) -> None:
         """Put together the columns of these names: several at less cost than each."""
-        if not self._spans:
-            self._put_in_order()
+        if not self._spans:  # where rows belong; samples of a block follow the others'
+            parts = []
+            for number, block in enumerate(self._blocks):
+                runs = [(0, slice(0, len(next(iter(block.values())))))]
+                if len(self._blocks) > 1 and self._table.in_assembly_modes:
+                    ordered, runs = in_modes(block)
+                    self._blocks[number] = dict(ordered)
+                parts += [(mode, number, rows) for mode, rows in runs]
+            self._spans = [[] for _ in self._blocks]
+            first = 0
+            for _, number, rows in sorted(parts, key=lambda part: part[:2]):
+                self._spans[number].append((rows, first))
+                first += rows.stop - rows.start
         made: dict[str, Array] = {}
         for name in names:
             if name not in self._made:
@@ -66,21 +77,6 @@ class JoinedBlocks(Mapping[str, Array]):
         for block, spans in zip(self._blocks, self._spans, strict=True):
             put([(block.pop(name), out) for name, out in made.items()], spans)
         self._made |= made
-
-    def _put_in_order(self) -> None:
-        """Find where the rows of blocks belong; the samples of one follow the others'."""
-        parts = []
-        for number, block in enumerate(self._blocks):
-            runs = [(0, slice(0, len(next(iter(block.values())))))]
-            if len(self._blocks) > 1 and self._table.in_assembly_modes:
-                ordered, runs = in_modes(block)
-                self._blocks[number] = dict(ordered)
-            parts += [(mode, number, rows) for mode, rows in runs]
-        self._spans = [[] for _ in self._blocks]
-        first = 0
-        for _, number, rows in sorted(parts, key=lambda part: part[:2]):
-            self._spans[number].append((rows, first))
-            first += rows.stop - rows.start
 
     def __getitem__(self, name: str) -> Array:
         if name not in self._types:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.tables import INPUTS, Column, Table, TableArrays, input_columns
-from spherekit.arrays import Floats, Indices, Integers
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN, Status
 from spherekit.dynamics.forward import need_allowed, simulate
 from spherekit.dynamics.simulation import Simulation
@@ -84,30 +84,44 @@ class Sampling:
 
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
         """Yield the motion from sample `first` on in blocks of successive samples."""
-        if self.simulation is not None:
-            for start in range(first, len(self), size):
-                yield self.simulated(np.arange(start, min(start + size, len(self))))
-            return
-        for motion in self.tracer.blocks(size, first):
-            yield self._timed(motion)
+        for start in range(first, len(self), size):
+            yield self.motion_at(np.arange(start, min(start + size, len(self))))
 
-    def motion_at(self, rows: Indices) -> Motion:
-        """Return the motion at some samples, by their numbers in rising order."""
-        if self.simulation is not None:
-            return self.simulated(rows)
-        return self._timed(self.tracer.samples(rows))
-
-    def _timed(self, motion: Motion) -> Motion:
-        timing = self.timing
-        if timing is not None:
+    def motion_at(self, sample: Indices) -> Motion:
+        """Return the motion at some samples (n,), by their numbers in rising order."""
+        if self.simulation is None:
+            motion, timing = self.tracer.samples(sample), self.timing
             modes = len(motion.assembly_modes)
-            timing = timing.rows(motion.sample[: motion.samples]).repeated(modes)
-        return replace(motion, timing=timing)
-
-    def simulated(self, sample: Integers) -> Motion:
-        """Return the motion of the simulation at some samples (n,)."""
-        assert self.simulation is not None and self.timing is not None
-        return motion_of(self.simulation, self.tracer, self.timing.t[sample], sample)
+            if timing is not None:
+                timing = timing.rows(sample).repeated(modes)
+            return replace(motion, sample=np.tile(sample, modes), timing=timing)
+        assert self.timing is not None
+        tracer, t, simulation = self.tracer, self.timing.t[sample], self.simulation
+        states, solver = simulation.at(t), tracer.solver
+        values = states.values.copy()
+        values[:, solver.angles] = wrap(values[:, solver.angles])
+        values[:, list(simulation.driven)] = states.inputs
+        turns = [
+            event.t
+            for event in simulation.events
+            if event.kind == "dead_centre" and event.pair == tracer.inputs[0]
+        ]
+        return Motion(
+            mechanism=tracer.mechanism,
+            joints=solver.joints,
+            assembly=tracer.assembly,
+            assembly_modes=tracer.assembly_modes,
+            samples=len(t),
+            sample=sample,
+            assembly_mode=np.full(len(t), tracer.assembly_modes[0].number),
+            inputs=states.inputs,
+            values=values,
+            placed=states.rotations,
+            status=np.full(len(t), Status.OK, dtype=np.int8),
+            residual=states.residual,
+            timing=Timing(t, states.input_rates, states.input_accelerations),
+            sense=np.where(np.searchsorted(turns, t) % 2 == 1, -1.0, 1.0),
+        )
 
     def angles(
         self, motion: Motion, names: Collection[str], memory: AngleUnwrapping
@@ -137,10 +151,7 @@ class Sampling:
     @property
     def middle(self) -> Floats | None:
         """The mean direction (3,) of axes and contacts of the first mode, if any."""
-        if self.simulation is not None:
-            coarse = self.simulated(np.arange(0, len(self), max(1, len(self) // 24)))
-        else:
-            coarse = self.tracer.sparse(24)
+        coarse = self.motion_at(np.arange(0, len(self), max(1, len(self) // 24)))
         first_mode = ~coarse.failed & (coarse.assembly_mode == coarse.assembly_mode[0])
         mean = np.sum(coarse.frames[first_mode, :, :, 2], axis=(0, 1))
         size = np.linalg.norm(mean)
@@ -355,36 +366,6 @@ def simulated_course(
     q, dq, ddq = map(np.concatenate, zip(*parts, strict=True))
     whole = tracer, q, (len(q),), Timing(t, dq, ddq), True
     return Sampling(*whole, {}, duration, simulation, tolerance)
-
-
-def motion_of(
-    simulation: Simulation, tracer: PositionAnalysis, t: Floats, sample: Integers
-) -> Motion:
-    """Return a simulation as a motion, at times t (n,) of these samples."""
-    states = simulation.at(t)
-    n = len(t)
-    values = states.values.copy()
-    angles = tracer.solver.angles
-    values[:, angles] = wrap(values[:, angles])
-    values[:, list(simulation.driven)] = states.inputs
-    pair = tracer.inputs[0]
-    turns = [e.t for e in simulation.events if e.kind == "dead_centre" and e.pair == pair]
-    return Motion(
-        mechanism=tracer.mechanism,
-        joints=tracer.solver.joints,
-        assembly=tracer.assembly,
-        assembly_modes=tracer.assembly_modes,
-        samples=n,
-        sample=sample,
-        assembly_mode=np.full(n, tracer.assembly_modes[0].number),
-        inputs=states.inputs,
-        values=values,
-        placed=states.rotations,
-        status=np.full(n, Status.OK, dtype=np.int8),
-        residual=states.residual,
-        timing=Timing(t, states.input_rates, states.input_accelerations),
-        sense=np.where(np.searchsorted(turns, t) % 2 == 1, -1.0, 1.0),
-    )
 
 
 def _at_unit_speed(q: Floats, straight: bool) -> Timing:

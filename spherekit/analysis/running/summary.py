@@ -19,7 +19,6 @@ from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import AbstractAnalysis, Analyses, Findings
 from spherekit.analysis.declared import declared
 from spherekit.analysis.folder import StoredParts, need_memory
-from spherekit.analysis.link_scenes import plan_notes
 from spherekit.analysis.result import MOTION, stems
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.cost import RECORDING, Timer, counts_of
@@ -413,7 +412,16 @@ def summary_of(job: RunPlan, standing: RunState) -> Facts:
         "mobility": {"graph": graph_mobility(mechanism), "rank": standing.rank},
         "redundant_constraints": standing.redundant,
         "groups": [group.kind for group in tracer.assembly.groups],
-        "plans": {mechanism.pairs[p.input].name: plan_notes(p) for p in job.plans},
+        "plans": {
+            mechanism.pairs[plan.input].name: {
+                "passes": max(plan.rounds.values(), default=0),
+                "poles": len(plan.rounds),
+                "irreducible_parts": [
+                    [plan.name(body) for body in block.links] for block in plan.blocks
+                ],
+            }
+            for plan in job.plans
+        },
         "assembly_modes": [
             {
                 "number": item.number,

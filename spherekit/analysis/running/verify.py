@@ -217,16 +217,6 @@ class Verifier:
             for table in job.tables_of(analysis)
         ]
 
-    @property
-    def _allowed(self) -> Floats:
-        """How many roundings, times its conditioning, a number of each row may be off.
-
-        Rows of a simulation close no better than its tolerance; those are not faults.
-        """
-        residual = self._motion.residual
-        simulated = residual > CLOSURE_TOLERANCE
-        return BEYOND + np.where(simulated, OPEN * residual / EPS, 0.0)
-
     def _rows_of(self, data: Mapping[str, Any]) -> Indices:
         """Return the row that each row of a table belongs to, -1 if none."""
         places, wanted = (
@@ -259,6 +249,10 @@ class Verifier:
             for data in (given, reference)
         )
         row = row[row >= 0]
+        # Rows of a simulation close no better than its tolerance; those are no faults.
+        residual = self._motion.residual
+        simulated = residual > CLOSURE_TOLERANCE
+        allowed = BEYOND + np.where(simulated, OPEN * residual / EPS, 0.0)
         subjects = [c.name for c in table.columns if c.kind == "text"]
         for column in table.columns:
             if column.kind != "number" or column == RESIDUAL:
@@ -290,7 +284,7 @@ class Verifier:
                 "deviation": _largest(off),
                 **apart,
                 "in_roundings": _largest(share),
-                "beyond": bool(np.any(share > self._allowed[row])),
+                "beyond": bool(np.any(share > allowed[row])),
                 "worst": rough,
                 "given_by_one_alone": int(np.sum(np.isnan(one) != np.isnan(other))),
             }
