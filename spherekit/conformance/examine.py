@@ -337,10 +337,9 @@ def _names(trial: ConformanceCase) -> str:
         analysis = with_names(trial.analysis, names)
         other = ConformanceCase(analysis, renamed(mechanism, names), trial.samples)
         back = {new: old for old, new in names.items()}
-        numbers = {old: other.mechanism.link_number[new] for old, new in names.items()}
         for table in trial.job.tables_of(trial.analysis):
             restored = in_words(other.whole[0][table.name], back)
-            both = matched(table, trial.whole[0][table.name], restored, numbers)
+            both = matched(table, trial.whole[0][table.name], restored, names)
             fault = both if isinstance(both, str) else difference(table, *both, VARIANTS)
             if fault:
                 raise PluginError(f"with other names or numbers of links, {fault}")

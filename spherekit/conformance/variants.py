@@ -4,7 +4,7 @@ Tables of an analysis compared: where they differ, in words.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -170,13 +170,13 @@ def in_words(data: TableArrays, words: Mapping[str, str]) -> TableArrays:
 
 
 def matched(
-    table: Table, one: TableArrays, other: TableArrays, numbers: Mapping[str, int]
+    table: Table, one: TableArrays, other: TableArrays, links: Collection[str]
 ) -> tuple[TableArrays, TableArrays] | str:
     """Return the rows that two tables share whose rows may have another order, or words.
 
     Rows are told apart by texts and whole numbers. Where a row is of one link relative to
     another, it is left out if the order of these links is not the same: it may then be
-    that of the second relative to the first. `numbers` are those of links in the second.
+    that of the second relative to the first. `links` are the names of all.
     """
     names = [c.name for c in table.columns if c.kind in ("text", "integer")]
     keys, others = (
@@ -189,7 +189,7 @@ def matched(
         return one, other
     for key, (_, place) in rows.items():
         words = re.findall(r"\w+", " ".join(x for x in key if isinstance(x, str)))
-        if place is None and sum(word in numbers for word in words) < 2:
+        if place is None and sum(word in links for word in words) < 2:
             return f"table {table.name} has no row of {', '.join(map(str, key))} any more"
     shared = [pair for pair in rows.values() if pair[1] is not None]
     first, second = np.array(shared, dtype=int).reshape(-1, 2).T

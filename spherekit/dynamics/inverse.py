@@ -321,35 +321,18 @@ def needed_torques(motion: Motion) -> InverseSolution:
         flat[held] |= field.status != Status.OK
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
-    with np.errstate(over="ignore", invalid="ignore"):
-        carried, locked, rounds = _rubbed(motion, coordinates, status)
-    solution = balancing(mechanism, rows, timing, coordinates, status, locked, carried)
+    of = mechanism, rows, timing, coordinates, status
+    solution, loads = balancing(*of), Loads(mechanism)
+    if loads.rubbing:
+        good = all_finite(solution.torques, 1)
+        every = DrivenState(mechanism, coordinates, timing, solution.torques)
+        with np.errstate(over="ignore", invalid="ignore"):
+            carried, locked, rounds = rubbed(every, loads, good)
+        carried[~good] = 0.0
+        solution = replace(balancing(*of, locked, carried), rounds=rounds)
     for array in (solution.values, coordinates.rates, coordinates.frames):
         array[status != Status.OK] = np.nan
-    return replace(solution, rounds=rounds)
-
-
-def _rubbed(
-    motion: Motion, coordinates: CoordinateMotion, status: SmallIntegers
-) -> tuple[Floats | None, Bools | None, int]:
-    """Return what bearings that rub carry, the rows they lock, and rounds of iteration."""
-    assert motion.timing is not None
-    mechanism, timing, loads = motion.mechanism, motion.timing, Loads(motion.mechanism)
-    if not loads.rubbing:
-        return None, None, 0
-    still = loads.parts(coordinates, timing.dq, timing.t)
-    torques = _torques(inertia(mechanism, coordinates), still, timing)
-    good = all_finite(torques, 1) & (status == Status.OK)
-    every = DrivenState(mechanism, coordinates, timing, torques)
-    carried, locked, rounds = rubbed(every, loads, good)
-    carried[~good] = 0.0
-    return carried, locked, rounds
-
-
-def _torques(masses: Inertia, forces: Floats, timing: Timing) -> Floats:
-    """Return the torques (n, m) that inertia and forces (n, m, loads) need."""
-    Q = np.sum(forces, axis=2)
-    return driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
+    return solution
 
 
 def balancing(
@@ -376,7 +359,8 @@ def balancing(
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, coordinates)
         forces = Loads(mechanism).parts(coordinates, timing.dq, timing.t, carried)
-        torques = _torques(masses, forces, timing)
+        Q = np.sum(forces, axis=2)
+        torques = driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
     return InverseSolution(
         mechanism,
         sample,

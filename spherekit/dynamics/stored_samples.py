@@ -10,6 +10,7 @@ the second order.
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -53,9 +54,8 @@ FLAT = 1e-3
 CURVE_NODES = 512
 """Known configurations of a curve, between which Newton's method finds others."""
 
-MARKS = 1024
-"""Places along the curve where the sense of each pole axis is noted, at first."""
-MOST_MARKS = 2**14
+MARKS = 2**13
+"""Places along the curve where the sense of each pole axis is noted."""
 
 SURE_AXES = 1e-14
 """Pole axes whose error bound is below this are taken from the plan unquestioned."""
@@ -281,20 +281,15 @@ class AlongCurve(Sampler):
         """
         primary = {step.pole for step in self.plan.steps if isinstance(step, PrimaryPole)}
         self.marks: Mapping[Pole, Floats] = {}
-        self.mark_count = count = MARKS
-        while True:
-            motion = self._motion(self.lap * np.arange(count + 1) / count)
-            home = np.sum(self._as_motion(motion).frames[0, :, :, 2], axis=0)
-            senses = {p: u for p, u in self._lines(motion).items() if p not in primary}
-            steps = [np.abs(np.sum(u[1:] * u[:-1], axis=1)) for u in senses.values()]
-            if np.min(steps, initial=1.0) > 0.7:
-                break
-            if count >= MOST_MARKS:
-                raise SolveError(
-                    f"{self.mechanism.name}: a pole axis turns too fast to be followed; "
-                    "ask for fewer poles"
-                )
-            count *= 2
+        motion = self._motion(self.lap * np.arange(MARKS + 1) / MARKS)
+        home = np.sum(self._as_motion(motion).frames[0, :, :, 2], axis=0)
+        senses = {p: u for p, u in self._lines(motion).items() if p not in primary}
+        steps = [np.abs(np.sum(u[1:] * u[:-1], axis=1)) for u in senses.values()]
+        if np.min(steps, initial=1.0) < 0.7:
+            raise SolveError(
+                f"{self.mechanism.name}: a pole axis turns too fast to be followed; "
+                "ask for fewer poles"
+            )
         marks = {p: u * continued(u, home)[:, None] for p, u in senses.items()}
         if self.periodic:
             back = {p: float(u[0] @ u[-1]) for p, u in marks.items()}
@@ -304,7 +299,7 @@ class AlongCurve(Sampler):
                     p: np.concatenate([u[:-1], u * np.sign(back[p])])
                     for p, u in marks.items()
                 }
-        self.mark_count = count * self.laps
+        self.mark_count = MARKS * self.laps
         self.marks = marks
 
 
@@ -403,11 +398,10 @@ def _stored_loads(loads: Loads) -> tuple[StoredLoad, ...]:
             (k, x) for k, x in enumerate(loads.components) if loads.owners[k] == number
         ]
         works_on = tuple(velocities.get(k, f"theta_{part.pair}") for k, part in parts)
-        if isinstance(load, TorqueTable):
-            table = load.times, load.torques, load.periodic
-            stored.append(StoredLoad(load.name, works_on, (), *table))
-            continue
         laws = [part.magnitude for _, part in parts]
         texts = tuple(law.text for law in laws if isinstance(law, Expression))
-        stored.append(StoredLoad(load.name, works_on, texts))
+        table: tuple[Any, ...] = ()
+        if isinstance(load, TorqueTable):
+            table = load.times, load.torques, load.periodic
+        stored.append(StoredLoad(load.name, works_on, texts, *table))
     return tuple(stored)

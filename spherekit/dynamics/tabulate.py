@@ -26,7 +26,7 @@ from spherekit.arrays import Floats
 from spherekit.dynamics.stored_model import (
     StoredFunction,
 )
-from spherekit.dynamics.stored_samples import MARKS, AlongCurve, OverBox
+from spherekit.dynamics.stored_samples import AlongCurve, OverBox
 from spherekit.dynamics.tabulated import StoredModel
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
@@ -44,6 +44,9 @@ from spherekit.sphere.rotation import all_finite, max_abs, nans
 
 FIRST_CELLS = 16
 """Cells of every stored function at first; fewer could miss a narrow feature."""
+
+SIZED = 1024
+"""Places at which the largest value of every function of a curve is looked for."""
 
 LEAST = 0.03
 """A function counts as no smaller than this part of the largest of its kind."""
@@ -99,7 +102,7 @@ def reduced_model(
         rate = f"rate {pole}"
         every.append(units | {rate: "", heading.derivative(rate): "1/rad"})
     names = [name for group in every for name in group]
-    x = np.linspace(0.0, heading.high[0], MARKS, endpoint=not sampler.periodic)
+    x = np.linspace(0.0, heading.high[0], SIZED, endpoint=not sampler.periodic)
     size = _sizes(names, sampler.columns(range(len(every)), x))
     fitted, groups, at = [], [], 0
     working = ProgressReporter("fitting functions")

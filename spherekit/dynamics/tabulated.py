@@ -284,11 +284,6 @@ class StoredModel:
         write_archive(path, KIND, {**asdict(self.heading), "layout": LAYOUT}, arrays)
 
     @cached_property
-    def alone(self) -> bool:
-        """Whether a place is a number."""
-        return self.heading.alone
-
-    @cached_property
     def dynamics(self) -> tuple[Single, Callable[..., Any]]:
         """Inertia and loads in single states, see `single_states`."""
         return single_states(self.heading, self.single)
@@ -315,7 +310,7 @@ class StoredModel:
         return self._singles[names]
 
     def _is_one(self, x: Any) -> bool:
-        return isinstance(x if self.alone else x[0], NUMBER)
+        return isinstance(x if self.heading.alone else x[0], NUMBER)
 
     def _together(
         self, *given: ArrayLike, t: ArrayLike = 0.0
