@@ -150,23 +150,12 @@ def test_solved_poses_are_drawn():
     assert np.max(np.abs(axis + turn - wanted)) < 1e-9
 
 
-def four_bar_axodes():
-    """Return the traces of P31 of the four-bar, and rows of its table."""
+def test_the_moving_axode_rolls_on_the_fixed_one():
     listener = Listener()
     result = sk.run("four_bar", "poles:only=31,axodes=31", recorder=listener, samples=2881)
     frame = result.frame().query("assembly_mode == 0")
-    traces = [
-        p
-        for scene in listener.scenes
-        if scene.page == 0
-        for p in scene.primitives
-        if isinstance(p, Trace)
-    ]
-    return traces, frame
-
-
-def test_the_moving_axode_rolls_on_the_fixed_one():
-    (fixed, moving), frame = four_bar_axodes()
+    pages = [scene.primitives for scene in listener.scenes if scene.page == 0]
+    fixed, moving = (item for page in pages for item in page if isinstance(item, Trace))
     u = frame[["ux", "uy", "uz"]].to_numpy()
     assert fixed.quaternions is None
     assert np.max(np.abs(fixed.directions - u)) < 1e-14

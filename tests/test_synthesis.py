@@ -30,6 +30,7 @@ def test_the_rocker_follows_the_function():
     path = EXAMPLES / "function.toml"
     found = sk.synthesize(path, designs=2048, starts=4)
     assert found.objectives[0, 0] < 0.5 < random_best(path, 16384)
+    assert np.all(np.diff(found.objectives[:, 0]) > 1e-6)  # no linkage twice
     made = found.mechanism()
     mode = next(
         m.number
@@ -47,8 +48,6 @@ def test_the_rocker_follows_the_function():
 
 def test_a_linkage_is_listed_once():
     """Axes turned round, and the mirror image, are the same linkage, other arcs are not."""
-    found = sk.synthesize(EXAMPLES / "function.toml", designs=2048, starts=4)
-    assert np.all(np.diff(found.objectives[:, 0]) > 1e-6)
     made = sk.load("stephenson")
     arcs = {"2": (np.pi - made.geometry.links["2"].arcs[0],)}
     assert not one_linkage(made, made.with_sizes(arcs=arcs, angle_unit="rad"))
@@ -159,13 +158,6 @@ def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
     wanted = np.sqrt(1.0 - x**2 / (1.0 - x) ** 2)
     assert published["platform"].to_numpy() == pytest.approx(wanted, rel=1e-12)
     assert -found.objectives[0, 0] > published["platform"].max()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["function.toml", "torque.toml", "cone.toml"])
-def test_no_million_of_random_designs_is_better(name):
-    found = sk.synthesize(EXAMPLES / name)
-    assert found.objectives[0, 0] <= random_best(EXAMPLES / name, 1 << 20)
 
 
 def closes_with_gradients(evaluator, at, steps, mode, least):

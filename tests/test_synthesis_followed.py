@@ -46,20 +46,16 @@ def of_design(mechanism, keys, numbers, figures, samples):
     return sk.sweep(mechanism, vary, texts, samples=samples).frame()
 
 
-def function_of_another(path):
-    """Write a synthesis for the function of another double butterfly in its first mode."""
+@pytest.mark.slow
+def test_a_double_butterfly_gets_the_function_of_another(tmp_path):
     points = {f"p{k}": f"at(theta_F, {q})" for k, q in enumerate(TURNED)}
     row = of_design("double_butterfly", AXES, OTHER, points, 37).iloc[0]
     wanted = [float(row[name]) for name in points]
     match = f'[match]\nquantity = "theta_F"\nat = {TURNED.tolist()}\nvalues = {wanted}\n'
     figures = {"steep": "max(abs(rate_F))"}
     where = ["closes > 0.999", "steep < 8"]
-    return written(path, "double_butterfly", "match", AXES, figures, 37, where, match)
-
-
-@pytest.mark.slow
-def test_a_double_butterfly_gets_the_function_of_another(tmp_path):
-    path = function_of_another(tmp_path / "function.toml")
+    path = tmp_path / "function.toml"
+    written(path, "double_butterfly", "match", AXES, figures, 37, where, match)
     found = sk.synthesize(path, designs=16, starts=2)
     assert found.before[0] > 0.1 and found.objectives[0, 0] < 1e-9
     assert found.values[0] == pytest.approx(OTHER, abs=1e-8)

@@ -27,7 +27,6 @@ from spherekit.analysis.scene import Arrow, RecordingHead, Scene, rows_of
 from spherekit.errors import OutputError
 from spherekit.figures.collector import Collector
 from spherekit.motion.motion import PositionAnalysis
-from spherekit.sphere.rotation import frame_from, perpendicular, quaternion
 from spherekit.view.blueprint import input_scale, input_ticks, input_timeline
 from spherekit.view.names import Names, facing, seen
 from spherekit.view.pictures import screenshot
@@ -291,10 +290,6 @@ def test_input_timeline_uses_the_coarsest_whole_unit():
 
 
 def test_shapes():
-    normals = np.array([[0, 0, 1.0], [0, 0, -1.0], [0.6, 0, -0.8], [0, 1.0, 0]])
-    x, y, z, w = quaternion(frame_from(normals, perpendicular(normals))).T
-    turned = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
-    np.testing.assert_allclose(turned.T, normals, atol=1e-15)
     angle = np.radians(np.arange(0.0, 100.0, 10.0))
     arc = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
     arc[4] = np.nan

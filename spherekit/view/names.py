@@ -6,7 +6,6 @@ Labels of arrows that cover each other: one for all, as none could be read.
 """
 
 from collections.abc import Sequence
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,12 +101,6 @@ class Names:
         self._sight = sight
         self._given: set[str] = set()
         self._taken: list[_Taken] = []
-
-    def copy(self) -> Self:
-        """Return the same names, to be added to."""
-        other = type(self)(self._sight)
-        other._given, other._taken = set(self._given), list(self._taken)
-        return other
 
     def give(self, bodies: Sequence[Body]) -> dict[str, list[Name]]:
         """Return the names of links by their paths, in one picture or more of them.

@@ -7,6 +7,7 @@ import re
 import time
 import uuid
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -431,7 +432,7 @@ class RerunRecorder:
     def _links_named(self, scene: Scene) -> dict[str, list[Name]]:
         """Return the names that links seen for the first time show, by their paths."""
         if scene.page not in self._names:
-            self._names[scene.page] = self._names[None].copy()
+            self._names[scene.page] = deepcopy(self._names[None])
         bodies = [item for item in scene.primitives if isinstance(item, Body)]
         layout, seen = self._started.layout, self._outputs.seen
         fresh = [b for b in bodies if layout.path(scene.page, b) not in seen]
