@@ -128,6 +128,20 @@ def bordered_step(at: Linearisation, borders: Floats, miss: Floats) -> Floats:
     return change + inverse[:, :, -1] * miss[:, None]
 
 
+def between(starts: CurvePoints, stops: CurvePoints, along: Floats) -> Floats:
+    """Return quintic Hermite values (n, variables) at parts (n,) of chords, 0 to 1."""
+    chords = np.linalg.norm(stops.values - starts.values, axis=1)
+    e = (stops.values - starts.values) / chords[:, None]
+
+    def end(points: CurvePoints) -> tuple[Floats, Floats, Floats]:
+        speed = np.sum(points.tangents * e, axis=1, keepdims=True)
+        swing = np.sum(points.bends * e, axis=1, keepdims=True)
+        slope = points.tangents / speed
+        return points.values, slope, (points.bends - slope * swing) / speed**2
+
+    return hermite(end(starts), end(stops), chords, along)
+
+
 @dataclass(frozen=True)
 class Chords:
     """The chords of the curve through k nodes."""
@@ -146,16 +160,8 @@ class Chords:
 
     def predict(self, which: Indices, along: Floats) -> Floats:
         """Return quintic Hermite values (n, variables) at parts of chords (n,), 0 to 1."""
-        e = self.directions[which]
-
-        def end(node: Indices) -> tuple[Floats, Floats, Floats]:
-            tangent, bend = self.nodes.tangents[node], self.nodes.bends[node]
-            speed = np.sum(tangent * e, axis=1, keepdims=True)
-            swing = np.sum(bend * e, axis=1, keepdims=True)
-            slope = tangent / speed
-            return self.nodes.values[node], slope, (bend - slope * swing) / speed**2
-
-        return hermite(end(which), end(which + 1), self.chords[which], along)
+        nodes = self.nodes
+        return between(nodes.rows(which), nodes.rows(which + 1), along)
 
     def beside(
         self, values: Floats, periods: Floats

@@ -334,20 +334,16 @@ class Unwrapping:
 
     def _by_pieces(self, mode: int, at: Floats) -> Floats:
         (driven,), (period,) = self._driven, self.solver.periods
-        turns = nans((len(at), len(self._angles)))
-        pieces = self._pieces.setdefault(mode, [])
-
-        def fill(piece: Callable[[Floats], Floats]) -> None:
-            open_ = np.isnan(turns[:, 0])
-            turns[open_] = piece(at[open_])
-
-        for piece in pieces:
-            fill(piece)
-        for row, values in enumerate(at):
-            if np.isnan(turns[row, 0]):
-                left = at[np.isnan(turns[:, 0]), driven]
-                pieces.append(self._piece(values, left, period))
-                fill(pieces[-1])
+        turns, left = nans((len(at), len(self._angles))), np.arange(len(at))
+        pieces, number = self._pieces.setdefault(mode, []), 0
+        while len(left):
+            made = number == len(pieces)
+            if made:
+                pieces.append(self._piece(at[left[0]], at[left, driven], period))
+            turns[left] = pieces[number](at[left])
+            left = left[int(made) :]
+            left = left[np.isnan(turns[left, 0])]
+            number += 1
         return turns
 
     def _piece(

@@ -17,6 +17,7 @@ is not. Driven at one pair a six-bar is two dyads, at another a triad.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -289,20 +290,19 @@ def easiest_drive(solver: Solver) -> Solver:
     """
     if any(not group.revolute or group.redundant for group in solver.assembly.groups):
         return solver
-    as_driven = meetings_of(solver, CHEAP)
-    if as_driven is not None and as_driven.cost < CHEAP:
+
+    def cost(way: Solver) -> float:
+        meetings = meetings_of(way, CHEAP)
+        return np.inf if meetings is None else meetings.cost
+
+    ways, costs = [solver], [cost(solver)]
+    if costs[0] < CHEAP:
         return solver
-    others = []
     for pair in solver.mechanism.pairs:
         mechanism = solver.mechanism.with_inputs(pair.name)
-        try:
-            others.append(Solver(mechanism, plan_assembly(mechanism)))
-        except PlanError:
-            continue
-    costs = [np.inf if as_driven is None else as_driven.cost]
-    for other in others:
-        meetings = meetings_of(other, CHEAP)
-        costs.append(np.inf if meetings is None else meetings.cost)
+        with suppress(PlanError):
+            ways.append(Solver(mechanism, plan_assembly(mechanism)))
+            costs.append(cost(ways[-1]))
     if np.min(costs) < np.inf:
-        return (solver, *others)[int(np.argmin(costs))]
-    return next((way for way in (solver, *others) if meetings_of(way)), solver)
+        return ways[int(np.argmin(costs))]
+    return next((way for way in ways if meetings_of(way)), solver)

@@ -29,7 +29,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.conventions import CLOSURE_TOLERANCE, EQUAL_CURVATURE, Status
-from spherekit.motion.arc_curve import Chords, CurvePoints
+from spherekit.motion.arc_curve import CurvePoints, between
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import (
     Linearisation,
@@ -251,18 +251,12 @@ class Curves(ABC, Generic[Node]):
 
         Those whose middles (k, variables) lie where nodes at both ends predict them.
         """
-        holds = np.all(good.reshape(-1, 2), axis=1)
-        (some,) = np.nonzero(holds)
-        order = np.arange(2 * len(some)).reshape(2, -1).T.ravel()
-        parts = [part.plain.rows(some) for part in (at, last)]
-        chord = Chords(CurvePoints.joined(parts).rows(order))
-        which = 2 * np.arange(len(some))
-        away = middles[some] - at.values[some]
-        along = np.sum(away * chord.directions[which], axis=1) / chord.chords[which]
-        miss = max_abs(chord.predict(which, along) - middles[some], axis=1)
-        allowed = np.broadcast_to(rounding, len(ways))[some]
-        holds[some] = self.tests.predicted(miss, ways[some], allowed)
-        return holds
+        chords, away = last.values - at.values, middles - at.values
+        with np.errstate(all="ignore"):  # of steps that do not hold
+            along = np.vecdot(away, chords) / np.vecdot(chords, chords)
+            miss = max_abs(between(at, last, along) - middles, axis=1)
+            holds = self.tests.predicted(miss, ways, rounding)
+        return holds & np.all(good.reshape(-1, 2), axis=1)
 
     def nodes_of(self, row: int) -> Node:
         """Return the nodes of a curve in order, the start first."""

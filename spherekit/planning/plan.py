@@ -14,10 +14,11 @@ all of them at once, and more surely. Then the passes go on.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 from spherekit.argument_validation import checked
 from spherekit.errors import PlanError
+from spherekit.model.graph import joined
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Pebbles, counted_freedom, driven_pairs
 from spherekit.planning.poles import (
@@ -27,12 +28,12 @@ from spherekit.planning.poles import (
     Pole,
     PrimaryPole,
     Step,
-    bits_of,
-    mask_of,
     parse_pole,
     pole_of,
 )
 
+Partners = list[set[int]]
+"""The bodies that each one has a known pole with, by number."""
 MOST_TRIED = 20_000
 """Poles tried as the one by which passes go on, times the square of those unknown."""
 
@@ -40,7 +41,7 @@ MOST_TRIED = 20_000
 def steps_of(chain: Plan, game: Pebbles | None) -> list[Step]:
     """Return the steps that give all poles of a chain, given as a plan without steps."""
     mechanism = chain.mechanism
-    partners = [0] * len(mechanism.links)
+    partners: Partners = [set() for _ in mechanism.links]
     steps: list[Step] = []
     contacts: dict[Pole, list[int]] = {}
     for number, (pair, (a, b)) in enumerate(zip(mechanism.pairs, chain.ends, strict=True)):
@@ -53,15 +54,14 @@ def steps_of(chain: Plan, game: Pebbles | None) -> list[Step]:
             steps.append(PrimaryPole(pole, number))
             _mark(partners, [pole])
     every = combinations(chain.bodies, 2)
-    unknown = [p for p in every if not partners[p[0]] >> p[1] & 1]
+    unknown = [pole for pole in every if pole[1] not in partners[pole[0]]]
     parts: dict[Pole, set[int]] = {}
     round_number = 0
     while unknown:
         round_number += 1
         new_steps: list[Step] = []
         for pole in unknown:
-            both = mask_of(pole)
-            shared = next((n for mask, n in chain.coaxial if mask & both == both), None)
+            shared = next((n for links, n in chain.coaxial if links >= {*pole}), None)
             if shared is not None:
                 new_steps.append(PrimaryPole(pole, shared, round_number))
             elif _has_lines(chain, contacts, partners, pole):
@@ -74,34 +74,32 @@ def steps_of(chain: Plan, game: Pebbles | None) -> list[Step]:
         for step in new_steps:
             _mark(partners, step.poles if isinstance(step, BlockPoles) else [step.pole])
         steps += new_steps
-        unknown = [p for p in unknown if not partners[p[0]] >> p[1] & 1]
+        unknown = [pole for pole in unknown if pole[1] not in partners[pole[0]]]
     return steps
 
 
 def _has_lines(
     chain: Plan,
     contacts: dict[Pole, list[int]],
-    partners: Sequence[int],
+    partners: Partners,
     pole: Pole,
 ) -> bool:
     """Return whether two different lines or more go through a pole."""
     common = partners[pole[0]] & partners[pole[1]]
     touching = len(contacts.get(pole, ()))
-    if common.bit_count() + touching < 2:
-        return False
-    return not chain.coaxial or len(circles(common, pole, chain.coaxial)) + touching >= 2
+    return len(circles(common, pole, chain.coaxial)) + touching >= 2
 
 
 def _opened(
     chain: Plan,
     contacts: dict[Pole, list[int]],
-    partners: Sequence[int],
+    partners: Partners,
     block: BlockPoles,
 ) -> BlockPoles:
     """Return a part with the pole by which passes find the most others, and soonest."""
 
     def lines(pole: Pole) -> int:
-        return (partners[pole[0]] & partners[pole[1]]).bit_count()
+        return len(partners[pole[0]] & partners[pole[1]])
 
     def left_and_passes(pole: Pole) -> tuple[int, int]:
         passes = [poles for _, poles in _following(chain, contacts, partners, block, pole)]
@@ -121,22 +119,22 @@ def _opened(
 
 
 def _line(
-    contacts: dict[Pole, list[int]], partners: Sequence[int], pole: Pole, number: int
+    contacts: dict[Pole, list[int]], partners: Partners, pole: Pole, number: int
 ) -> LinePole:
     """Return the step of a pass that gives a pole by all lines through it."""
-    common = partners[pole[0]] & partners[pole[1]]
-    return LinePole(pole, number, bits_of(common), tuple(contacts.get(pole, ())))
+    common = sorted(partners[pole[0]] & partners[pole[1]])
+    return LinePole(pole, number, tuple(common), tuple(contacts.get(pole, ())))
 
 
 def _following(
     chain: Plan,
     contacts: dict[Pole, list[int]],
-    partners: Sequence[int],
+    partners: Partners,
     block: BlockPoles,
     opening: Pole,
-) -> Iterator[tuple[Sequence[int], list[Pole]]]:
+) -> Iterator[tuple[Partners, list[Pole]]]:
     """Return, for each pass from a pole on, what was known and which poles follow."""
-    then = list(partners)
+    then = [{*known} for known in partners]
     _mark(then, [opening])
     left = [pole for pole in block.poles if pole != opening]
     while left:
@@ -145,31 +143,24 @@ def _following(
             return
         yield then, follows
         _mark(then, follows)
-        left = [pole for pole in left if not then[pole[0]] >> pole[1] & 1]
+        left = [pole for pole in left if pole[1] not in then[pole[0]]]
 
 
 def circles(
-    common: int, pole: Pole, coaxial: Sequence[tuple[int, int]]
+    common: set[int], pole: Pole, coaxial: Sequence[tuple[frozenset[int], int]]
 ) -> list[tuple[int, ...]]:
     """Return the third links of each different great circle through pairs of known poles.
 
     Third links that turn about one axis with a link of the pole give the same circle.
     """
-    if not coaxial:
-        return [(third,) for third in bits_of(common)]
-    left = common
-    circles = []
-    while left:
-        third = left & -left
-        same, grown = third, 0
-        while same != grown:
-            grown = same
-            for mask, _ in coaxial:
-                if mask & same and any(mask >> link & 1 for link in pole):
-                    same |= mask & common
-        left &= ~same
-        circles.append(bits_of(same))
-    return circles
+    thirds, same = sorted(common), list[tuple[int, int]]()
+    for links, _ in coaxial:
+        if not links.isdisjoint(pole):
+            same += pairwise(k for k, third in enumerate(thirds) if third in links)
+    owner = joined(len(thirds), same)
+    numbers = range(len(thirds))
+    every = ([thirds[k] for k in numbers if owner[k] == first] for first in numbers)
+    return [tuple(alike) for alike in every if alike]
 
 
 def _smallest_block(
@@ -202,10 +193,10 @@ def _smallest_block(
     )
 
 
-def _mark(partners: list[int], poles: Iterable[Pole]) -> None:
+def _mark(partners: Partners, poles: Iterable[Pole]) -> None:
     for i, j in poles:
-        partners[i] |= 1 << j
-        partners[j] |= 1 << i
+        partners[i].add(j)
+        partners[j].add(i)
 
 
 def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
@@ -261,7 +252,7 @@ def _ancestors(passes: Sequence[LinePole], asked: Iterable[Pole]) -> tuple[LineP
 def _cheapest_lines(
     step: LinePole,
     cost: dict[Pole, frozenset[Pole]],
-    coaxial: Sequence[tuple[int, int]],
+    coaxial: Sequence[tuple[frozenset[int], int]],
 ) -> tuple[tuple[int, ...], frozenset[Pole]]:
     """Return third links of different great circles that suffice, and what they need."""
     i, j = step.pole
@@ -270,7 +261,7 @@ def _cheapest_lines(
     def costly(third: int) -> tuple[int, int]:
         return len(needs[third]), third
 
-    every = circles(mask_of(step.via), step.pole, coaxial)
+    every = circles({*step.via}, step.pole, coaxial)
     cheapest = sorted((min(links, key=costly) for links in every), key=costly)
     chosen = tuple(cheapest[: max(2 - len(step.contacts), 0)])
     return chosen, frozenset[Pole]().union(*(needs[k] for k in chosen))

@@ -13,7 +13,6 @@ the two sliders of an arc guide or the coaxial wheels of a gear train, make it s
 configuration.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -212,10 +211,10 @@ class Plan:
         return tuple((self.body[a], self.body[b]) for a, b in self.mechanism.ends)
 
     @cached_property
-    def coaxial(self) -> tuple[tuple[int, int], ...]:
-        """For each common axis its bodies, as bits of a number, and an R pair about it."""
+    def coaxial(self) -> tuple[tuple[frozenset[int], int], ...]:
+        """For each common axis its bodies, and an R pair about it."""
         return tuple(
-            (mask_of(self.body[link] for link in links), pair)
+            (frozenset(self.body[link] for link in links), pair)
             for links, pair, _ in coaxial_links(self.mechanism)
         )
 
@@ -286,19 +285,6 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
         f'{mechanism.name}: "{text}" {why}{hint} Write LINK/LINK with two of the links '
         f"{', '.join(mechanism.links)}"
     )
-
-
-def mask_of(links: Iterable[int]) -> int:
-    """Return a number whose bits are links."""
-    mask = 0
-    for link in links:
-        mask |= 1 << link
-    return mask
-
-
-def bits_of(mask: int) -> tuple[int, ...]:
-    """Return the links that are bits of a number."""
-    return tuple(k for k in range(mask.bit_length()) if mask >> k & 1)
 
 
 def _titled(plan: Plan) -> tuple[list[str], list[list[str]]]:
