@@ -158,14 +158,12 @@ def prove_poles(
         values = np.stack([factor * motion[name] for name, factor in columns], 1)
         for done, row in enumerate(good):
             working.tell(lambda: f"{done} of {len(good)} configurations")  # noqa: B023
-            near = values[row]
-            count = made.unknowns + made.inputs
+            near, count = values[row], made.unknowns + made.inputs
             inputs = [exact(float(angle)) for angle in near[made.unknowns : count]]
-            driven, places = written.given(inputs), list[Ball]()
-            unknown = [complex(angle) for angle in near[: made.unknowns]]
-            root = root_near(equations, driven, unknown) if unknown else None
-            if not unknown or (root is not None and root.real):
-                places = [*(root.balls() if root is not None else ()), *driven]
+            places, unknown = written.given(inputs), near[: made.unknowns]
+            if len(unknown):
+                root = root_near(equations, places, [*map(complex, unknown)])
+                places = [*root.balls(), *places] if root and root.real else []
             gap = [middle(ball) for ball in places] - near[: len(places)]
             gap[count:] = wrap(gap[count:])
             if not places or max_abs(gap) > NEAR:
@@ -175,7 +173,7 @@ def prove_poles(
                 if direction is not None:
                     key = sample, mode, names[moved], frozenset(links[k] for k in two)
                     proven[key] = direction, coefficient
-        parts: list[Facts] = []
+        parts = list[Facts]()
         for number in range(len(poles["sample"])):
             given = {name: column[number] for name, column in poles.items()}
             parts.append({name: given[name] for name in GIVEN})
@@ -184,10 +182,8 @@ def prove_poles(
             enclosed = proven.get((*place, str(given["moving"]), ends))
             if given["status"] == Status.OK and enclosed:
                 parts[-1] |= _proven(given, *enclosed)
-    words = (
-        Counter(part[name] for part in parts if name in part)
-        for name in ("error_bound_is", "velocity_coefficient_error_bound_is")
-    )
+    of = "error_bound_is", "velocity_coefficient_error_bound_is"
+    words = (Counter(part[name] for part in parts if name in part) for name in of)
     return ProvenPoles(PROVEN.stacked(mechanism, parts), *words)
 
 

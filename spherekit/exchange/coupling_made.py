@@ -101,6 +101,12 @@ def coupling_table(
         if samples is not None or enough or refined > MOST_NODES:
             break
         counts = finer
+    _need_sure(table)
+    return table
+
+
+def _need_sure(table: CouplingTable) -> None:
+    """Raise `SolveError` where no cell is sure."""
     if not np.any(table.sure):
         errors = table.error[np.isfinite(table.error)]
         best = f"the best is to {np.min(errors):.2g}" if len(errors) else "no mode is there"
@@ -109,7 +115,6 @@ def coupling_table(
             f"sure to {table.tolerance:g} rad, {best}: ask for more samples, a larger "
             "tolerance, or narrower ranges"
         )
-    return table
 
 
 def _counts(mechanism: Mechanism, samples: int | Sequence[int] | None) -> tuple[int, ...]:

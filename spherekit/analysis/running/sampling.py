@@ -209,8 +209,7 @@ class Sampling:
 def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sampling:
     """Return the course of a study, simulated and checked if loads say the motion.
 
-    Without `follow` samples over no time have no assembly modes: nothing is to be read
-    there.
+    Without `follow` samples over no time have no assembly modes: nothing is read there.
 
     Raises
     ------

@@ -395,15 +395,18 @@ def summary_of(job: RunPlan, standing: RunState) -> Facts:
     """Return what is to be said of a run that is done, ready for JSON."""
     course, mechanism = job.course, job.mechanism
     tracer, findings = course.tracer, standing.findings
+    told = {
+        kind: [
+            f"{name}: {x}" for name, item in findings.items() for x in getattr(item, kind)
+        ]
+        for kind in ("remarks", "warnings")
+    }
     return {
         "spherekit": __version__,
         "numpy": np.__version__,
         "mechanism": mechanism.name,
         "mechanism_hash": mechanism_hash(mechanism),
-        "inputs": {
-            name: [float(np.min(column)), float(np.max(column))]
-            for name, column in zip(tracer.inputs, course.inputs.T, strict=True)
-        },
+        "inputs": dict(zip(tracer.inputs, course.extents[0].T.tolist(), strict=True)),
         "inputs_unit": "rad",
         "sampling": "x".join(map(str, course.shape)),
         **course.summary(),
@@ -416,9 +419,7 @@ def summary_of(job: RunPlan, standing: RunState) -> Facts:
             mechanism.pairs[plan.input].name: {
                 "passes": max(plan.rounds.values(), default=0),
                 "poles": len(plan.rounds),
-                "irreducible_parts": [
-                    [plan.name(body) for body in block.links] for block in plan.blocks
-                ],
+                "irreducible_parts": [[*map(plan.name, x.links)] for x in plan.blocks],
             }
             for plan in job.plans
         },
@@ -447,13 +448,8 @@ def summary_of(job: RunPlan, standing: RunState) -> Facts:
             }
             for analysis in job.analyses
         ],
-        "remarks": [
-            f"{name}: {text}"
-            for name, finding in findings.items()
-            for text in finding.remarks
-        ],
-        "warnings": [*course.warnings]
-        + [f"{name}: {text}" for name, item in findings.items() for text in item.warnings],
+        "remarks": told["remarks"],
+        "warnings": [*course.warnings, *told["warnings"]],
     }
 
 
