@@ -134,7 +134,7 @@ def _following(
     opening: Pole,
 ) -> Iterator[tuple[Partners, list[Pole]]]:
     """Return, for each pass from a pole on, what was known and which poles follow."""
-    then = [{*known} for known in partners]
+    then = [{*others} for others in partners]
     _mark(then, [opening])
     left = [pole for pole in block.poles if pole != opening]
     while left:
