@@ -315,7 +315,7 @@ class EquivalentRotation(AbstractAnalysis):
             form = mid_plane_form(mechanism, output.name)
         except ModelError:
             form = None
-        finder = PoseFinder(batch.tracer.solver, output, form, batch.motion)
+        finder = PoseFinder(batch.tracer.solver, output, form)
         end = read_end(self.end, inputs, f"{self.name}: end")
         try:
             start = finder.candidates(read_pose(self.start, inputs, "start"))

@@ -20,15 +20,12 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import Solver, label_of
 from spherekit.motion.elimination import assemblies
-from spherekit.motion.motion import Motion, trace
 from spherekit.output.forward import pose_of
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.virtual_output import with_wrist
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
     angles_between,
-    arc,
-    max_abs,
     mirror_angles,
     normal_at,
     upward,
@@ -39,8 +36,6 @@ SAME_POSE = 1e-7
 well than to rounding."""
 IN_PLANE = 1e-9
 """How near (rad) an orientation is to a mirror image to be taken for one."""
-OFFERED = 61
-"""Samples of the motion, of which the nearest to a pose out of reach is offered."""
 INSIDE = np.radians(0.01)
 """How far inside the legs' reach an offered pose is."""
 
@@ -137,15 +132,12 @@ class PoseCandidates:
 class PoseFinder:
     """Finds the configurations of a mechanism at poses of an output.
 
-    `form` is its mid-plane symmetric architecture for this output, None if it has none;
-    `motion` has configurations of which the nearest is offered for a pose out of reach:
-    `OFFERED` samples of the motion if that is empty, traced when they are needed.
+    `form` is its mid-plane symmetric architecture for this output, None if it has none.
     """
 
     solver: Solver
     output: Output
     form: MidPlaneArchitecture | None
-    motion: Motion | None = None
 
     @property
     def mechanism(self) -> Mechanism:
@@ -180,9 +172,12 @@ class PoseFinder:
     def _assembled(self, inputs: Floats) -> PoseCandidates:
         here = assemblies(self.solver, inputs)
         if not here.signs:
+            names = self.mechanism.input_pairs
+            degrees = zip(names, np.degrees(inputs), strict=True)
             raise SolveError(
-                f"{self.mechanism.name} cannot be assembled at {self._shown(inputs)}"
-                f"{self._offer(AtInputs(inputs))}"
+                f"{self.mechanism.name} cannot be assembled at "
+                + ", ".join(f"{name} = {q:.6g} deg" for name, q in degrees)
+                + "; trace it, or change one input"
             )
         return self._of_values(here.values, [*map(label_of, here.signs)])
 
@@ -215,42 +210,10 @@ class PoseFinder:
         if not len(solutions.row):
             raise SolveError(
                 f"{self.mechanism.name}: outputs.{self.output.name} does not reach this "
-                "pose, or is singular there; choose one inside its workspace"
-                + self._offer(AtDirection(pose) if points else AtOrientation(pose))
+                "pose, or is singular there; choose one inside its workspace, such as the "
+                "nearest one that the analysis inverse_kinematics gives"
             )
         return self._of_values(solutions.values, [*map(label_of, solutions.signs)])
-
-    def _shown(self, inputs: Floats) -> str:
-        return ", ".join(
-            f"{item.pair} = {np.degrees(q):.6g} deg"
-            for item, q in zip(self.mechanism.inputs, inputs, strict=True)
-        )
-
-    def _offer(self, pose: AtInputs | AtOrientation | AtDirection) -> str:
-        """Return words on the known configuration nearest to a pose, if there is one."""
-        motion = self.motion
-        if motion is not None and not len(motion):
-            try:
-                motion = trace(self.mechanism, OFFERED)
-            except SolveError:
-                return ""
-        if motion is None or np.all(motion.failed):
-            return ""
-        good = motion.rows(~motion.failed)
-        turned = pose_of(self.mechanism, self.output, good.rotations)
-        match pose:
-            case AtInputs(inputs):
-                off = max_abs(self.solver.reduced(good.inputs - inputs), axis=1)
-            case AtOrientation(orientation):
-                off = angles_between(orientation[None], turned)
-            case AtDirection(direction):
-                points = turned @ np.array(self.output.direction)
-                off = arc(points, direction)
-        best = int(np.argmin(off))
-        return (
-            f"; nearest among the samples, {np.degrees(off[best]):.3g} deg off, is "
-            f"{self._shown(good.inputs[best])}"
-        )
 
     def _normals(
         self, form: MidPlaneArchitecture, pose: Pose
