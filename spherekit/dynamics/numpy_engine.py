@@ -11,7 +11,6 @@ from collections.abc import Generator, Iterator
 from typing import Literal
 
 import numpy as np
-from numpy.polynomial import legendre
 
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import EPS, STATUS_MEANING, Status
@@ -272,9 +271,7 @@ class Collocation:
             first = equation.rates(self._dynamics(np.array([start]), state[None]))
             rates = np.repeat(first, NODES, axis=0)
         else:
-            x = 2.0 * (t - before.start) / before.length - 1.0
-            low = before.series[:CONTINUED]
-            rates = legendre.legvander(x, len(low) - 1) @ low
+            rates = before.summed(before.series[:CONTINUED], t)
         states = state + 0.5 * length * (INTEGRAL @ rates)
         tolerance = min(self.tolerance, FINEST) if self.fine else self.tolerance
         enough = max(0.05 * tolerance, 8 * EPS)

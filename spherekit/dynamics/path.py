@@ -69,18 +69,18 @@ class Step:
         """(N + 1, states) the series of what the state has changed by since the start."""
         return np.asarray(0.5 * self.length * legendre.legint(self.series, lbnd=-1))
 
-    def _powers(self, t: Floats, count: int) -> Floats:
-        """Return so many Legendre polynomials (n, count) at times (n,)."""
+    def summed(self, series: Floats, t: Floats) -> Floats:
+        """Return a Legendre series (k, states) over the step at times (n,)."""
         x = 2.0 * (t - self.start) / self.length - 1.0
-        return np.asarray(legendre.legvander(x, count - 1))
+        return legendre.legvander(x, len(series) - 1) @ series
 
     def at(self, t: Floats) -> Floats:
         """Return the state (n, states) at times (n,) within the step."""
-        return self.state + self._powers(t, len(self.swept)) @ self.swept
+        return self.state + self.summed(self.swept, t)
 
     def rate(self, t: Floats) -> Floats:
         """Return the state's rate (n, states) at times (n,) within the step."""
-        return self._powers(t, len(self.series)) @ self.series
+        return self.summed(self.series, t)
 
     @cached_property
     def times(self) -> Floats:

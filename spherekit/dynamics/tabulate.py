@@ -220,22 +220,19 @@ def _sizes(names: list[str], values: Floats) -> Floats:
     that vanish, but for rounding, have no size of their own: of a constant inertia these
     are the Christoffel symbols, next to it.
     """
-    size = max_abs(values, axis=0)
+    import pandas as pd
+
     vectors = [name[:-2] if name[-2:] in (" x", " y", " z") else name for name in names]
     kinds = [name.split()[0].partition("_")[0] for name in names]
-    for stem in {*vectors}:
-        alike = [vector == stem for vector in vectors]
-        size[alike] = np.max(size[alike])
-    masses = np.max(size[[kind == "M" for kind in kinds]], initial=0.0)
-    for kind in {*kinds}:
-        alike = [other == kind for other in kinds]
-        most = max(np.max(size[alike]), masses if kind == "c" else 0.0)
-        size[alike] = np.maximum(size[alike], LEAST * most)
+    size = pd.Series(max_abs(values, axis=0)).groupby(vectors).transform("max")
+    most = size.groupby(kinds).max()
+    if "c" in most:
+        most["c"] = most[["c", "M"]].max()
+    size = size.clip(lower=LEAST * most[kinds].to_numpy())
     for k, name in enumerate(names):
         if name.startswith("d("):
             size[k] = max(size[k], LEAST * size[names.index(name[2 : name.index(")")])])
-    size[size == 0.0] = 1.0
-    return size
+    return size.replace(0.0, 1.0).to_numpy()
 
 
 MARGIN = 0.03

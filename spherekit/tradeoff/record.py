@@ -143,11 +143,6 @@ class Trade:
                 best.append(measured)
         return tuple(best)
 
-    @property
-    def most_accurate(self) -> Measured | None:
-        """The setting with the least error, the quickest of several."""
-        return self.pareto[-1] if self.pareto else None
-
     def cheapest(self, tolerance: float) -> Measured | None:
         """Return the quickest setting whose error times `MARGIN` is within a tolerance.
 
@@ -394,9 +389,9 @@ def advice(trade: Trade, tolerance: float) -> str:
             f"{MARGIN:g} times that is within), {seconds(best.total(trade.samples))} with "
             "compiling"
         )
-    reached = trade.most_accurate
-    if reached is None:
+    if not trade.pareto:
         return f"for {tolerance:g}: no setting gives all numbers"
+    reached = trade.pareto[-1]
     return (
         f"for {tolerance:g}: no setting meets it with a margin of {MARGIN:g}; the best "
         f"reached is {reached.error:.1e}, by {reached.name}"
