@@ -14,7 +14,7 @@ from itertools import product
 
 import numpy as np
 
-from spherekit.arrays import Array, Floats, Integers
+from spherekit.arrays import Floats, Integers
 from spherekit.conventions import Status
 from spherekit.motion.configuration import SAME_CONFIGURATION, Configurations, Piece
 from spherekit.motion.input_turning_points import input_turning_points
@@ -93,8 +93,6 @@ NEAR_CROSSING = 1e-4
 """Configurations (rad) that near to a crossing may lie where no curve is followed."""
 AT_CROSSING = 1e-8
 """Configurations (rad) that near to it are the crossing, as far as they can be known."""
-ALIKE = 10
-"""Rows whose variables (rad) agree to so many places are one configuration."""
 TOUCHES = 1e-6
 """A piece of a curve holds what is nearer than this to its ends (rad of arc length)."""
 
@@ -157,15 +155,8 @@ class SampledSingularities:
             self._ways = self._passed(passed)
 
     def _place(self, values: Floats, assembly_mode: Integers) -> None:
-        """Find the place of each row on its curve; those alike in the part only once."""
-        n = len(values)
-        first, row = np.arange(n), np.arange(n)
-        if self.tracer is not self.whole:
-            _, first, row = np.unique(
-                values.round(ALIKE), axis=0, return_index=True, return_inverse=True
-            )
-        values, assembly_mode = values[first], assembly_mode[first]
-        curve, s = np.full(len(first), -1), nans(len(first))
+        """Find the place of each row on its curve."""
+        curve, s = np.full(len(values), -1), nans(len(values))
         finite = all_finite(values, 1)
         for elsewhere in (False, True):
             for number, item in enumerate(self.configurations.curves):
@@ -181,9 +172,7 @@ class SampledSingularities:
             away = np.where(curve < 0, max_abs(wrapped, axis=1), np.inf)
             status[away < NEAR_CROSSING] = Status.AT_SINGULARITY
             crossed |= (away < AT_CROSSING) & (crossing.crossing is not None)
-        self._row, self._curve, self._s = row.reshape(-1), curve, s
-        parts: tuple[Array, ...] = curve, s, status, crossed
-        self.curve, self.s, self.status, self.crossed = (part[self._row] for part in parts)
+        self.curve, self.s, self.status, self.crossed = curve, s, status, crossed
 
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
         """Return the numbers of all assembly modes on pieces of curves."""
@@ -295,9 +284,9 @@ class SampledSingularities:
         nearest singularity.
         """
         measured: dict[tuple[int, Form], dict[str, Floats]] = {}
-        for number in np.unique(self._curve[self._curve >= 0]).tolist():
-            (rows,) = np.nonzero(self._curve == number)
-            s = self._s[rows]
+        for number in np.unique(self.curve[self.curve >= 0]).tolist():
+            (rows,) = np.nonzero(self.curve == number)
+            s = self.s[rows]
             angles = self.transmission_angles(self.curves[number].at(s).values)
             for output, transmission in enumerate(angles):
                 q, y, relations = self.report.at(number, s, output)
@@ -309,12 +298,9 @@ class SampledSingularities:
                     columns = measured.setdefault((output, relation.form), {})
                     here |= {"c": relation.c, "d": relation.d}
                     for name, part in here.items():
-                        whole = columns.setdefault(name, nans(len(self._s)))
+                        whole = columns.setdefault(name, nans(len(self.s)))
                         whole[rows] = part
-        return {
-            key: {name: part[self._row] for name, part in measured[key].items()}
-            for key in sorted(measured)
-        }
+        return dict(sorted(measured.items()))
 
     def transmission_angles(self, values: Floats) -> list[Floats]:
         """Return the transmission angle (n,) of each output at configurations (n, V).
