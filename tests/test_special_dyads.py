@@ -107,11 +107,11 @@ def test_a_smooth_function_of_many_periods_is_not_given_up():
     assert np.allclose(places, np.pi * np.arange(1, 64), rtol=0.0, atol=1e-12)
 
 
-def test_steps_in_vain_end_the_search_of_modes(monkeypatch):
+def test_steps_of_following_end_the_search_of_modes(monkeypatch):
     """As the claim says, with the steps along its modes; others were followed beside."""
     made = sk.load("eight_bar_07")
     every = PositionAnalysis(made, samples=3)
-    monkeypatch.setattr(modes, "MOST_IN_VAIN", 0)
+    monkeypatch.setattr(modes, "MOST_TRIED", 0)
     few = PositionAnalysis(made, samples=3)
     assert 0 < len(few.assembly_modes) < len(every.assembly_modes)
     count = len(few.assembly_modes)
