@@ -79,7 +79,6 @@ class Ranges:
         self._widest = np.array([*map(upper, width)]) * UP
         self._off = 8.0 * UNIT * (np.abs(self.start) + np.abs(self.extent))
         self._off[self.extent == 0.0] = 0.0
-        self._known: dict[float, Floats] = {}
 
     def radii(self, boxes: Integers) -> Floats:
         """Return half widths (n, variables) about the centres, rounded up."""
@@ -97,10 +96,7 @@ class Ranges:
         """
         centres = self.centres(boxes)
         numbers, back = np.unique(centres.ravel(), return_inverse=True)
-        fresh = [number for number in numbers.tolist() if number not in self._known]
-        self._known.update(zip(fresh, circle(fresh), strict=True))
-        made = np.array([self._known[number] for number in numbers.tolist()])[back]
-        made = made.reshape(*centres.shape, 2)
+        made = circle(numbers)[back].reshape(*centres.shape, 2)
         for variable in np.flatnonzero(self.extent == 0.0).tolist():
             made[:, variable] = circle([self.low[variable]])
         return made
@@ -163,11 +159,11 @@ def paved(
         radii = ranges.radii(boxes)
         values, slopes = equations.real.first(ranges.turns(boxes))
         change = radii @ degrees.T
-        reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
         bent = 0.5 * equations.bound * change**2 + error * (1.0 + change)
+        reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
         rows = np.flatnonzero(np.all(np.abs(values) <= (reach + bent) * UP, axis=1))
         rows = rows[~apart(values[rows], slopes[rows], radii[rows], bent[rows])]
-        boxes, radii, slopes = boxes[:, rows], radii[rows], slopes[rows]
+        boxes, radii = boxes[:, rows], radii[rows]
         centres = ranges.centres(boxes)
         kept = ~covered(centres, radii)
         if np.any(kept) and looked(centres[kept], radii[kept]):
@@ -175,11 +171,7 @@ def paved(
         ended = kept & ((np.max(radii, axis=1) < smallest) | (looked_at > most))
         left.append((centres[ended], radii[ended]))
         kept &= ~ended
-        # by how much each side keeps the equations undecided
-        norms = np.sqrt(np.sum(slopes[kept] ** 2, axis=2, keepdims=True)) + 1e-3
-        share = np.max(np.abs(slopes[kept]) / norms, axis=1)
-        weights = np.maximum(share, 0.2 * np.any(degrees > 0, axis=0)) * radii[kept]
-        return halved(boxes[:, kept], np.argmax(weights, axis=1))
+        return halved(boxes[:, kept], np.argmax(radii[kept], axis=1))
 
     looked_at = cut_up(ranges.whole, CHUNK, "proving that nothing else is there", judged)
     centres, radii = map(np.concatenate, zip(*left, strict=True))

@@ -153,8 +153,6 @@ def _solved(matrices: Complexes, right: Complexes) -> Complexes:
 
 WIDEST_ANGLE = 0.3
 """Angles of roots (rad) over boxes that vary by more are no inputs of the next system."""
-SAME = 1e-9
-"""Angles (rad) that differ by less are taken for one and widened by what they differ."""
 NEAR = 1.0
 """Squared distance, as points of circles, of known roots that others are followed from."""
 MOST_KNOWN, MOST_SHOWN = 1024, 128
@@ -279,7 +277,7 @@ def counted(
     good, angles = np.ones(m, dtype=bool), (systems[0].equations.unknowns,)
     # modes of the systems so far, over the box of a number: angles (rad) of all
     # unknowns at its centre, zero where not known yet, how they move with the inputs,
-    # and by how much more at most; each stands for so many modes within that
+    # and by how much more at most
     modes = np.zeros(
         m,
         [
@@ -288,11 +286,10 @@ def counted(
             ("turn", float, (*angles, 2)),
             ("rates", float, (*angles, inputs)),
             ("off", float, angles),
-            ("times", np.intp),
         ],
     )
-    modes["row"], modes["times"] = np.arange(m), 1
-    for system, *later in (systems[k:] for k in range(len(systems))):
+    modes["row"] = np.arange(m)
+    for system in systems:
         modes = modes[good[modes["row"]]]
         if not len(modes):
             break
@@ -307,33 +304,9 @@ def counted(
             ("angle", "turn", "rates", "off"), (angle, turned, rates, off), strict=True
         ):
             modes[name][:, system.unknowns] = column
-        if later:
+        if system is not systems[-1]:
             good[modes["row"][wide[kept]]] = False
-            modes = _joined(later, modes, half)
-    return good, np.bincount(modes["row"], modes["times"], m).astype(np.intp)
-
-
-def _joined(later: Sequence[System], modes: Array, half: Floats) -> Array:
-    """Return modes of which those that later systems cannot tell are one.
-
-    They differ in angles that no such system has, as where a link is turned over.
-    """
-    equations = later[0].equations
-    left = [row for system in later for row in system.rows]
-    used = np.any(equations.degrees[left, : equations.unknowns] > 0, axis=0)
-    angle, rates, off = modes["angle"], modes["rates"], modes["off"]
-    kept: dict[int, list[int]] = {}
-    for mode, row in enumerate(modes["row"].tolist()):
-        for other in kept.setdefault(row, []):
-            apart = np.abs(wrap(angle[mode] - angle[other]))
-            spare = 1.05 * (apart + np.abs(rates[mode] - rates[other]) @ half[row])
-            if np.all(spare[used] < SAME):
-                off[other] = np.maximum(off[mode] + spare, off[other])
-                modes["times"][other] += modes["times"][mode]
-                break
-        else:
-            kept[row].append(mode)
-    return modes[[mode for row_modes in kept.values() for mode in row_modes]]
+    return good, np.bincount(modes["row"], minlength=m)
 
 
 def _angles(
