@@ -220,19 +220,24 @@ def _sizes(names: list[str], values: Floats) -> Floats:
     that vanish, but for rounding, have no size of their own: of a constant inertia these
     are the Christoffel symbols, next to it.
     """
-    import pandas as pd
+
+    def largest(kinds: Sequence[str], sizes: Floats) -> Floats:
+        _, places = np.unique(kinds, return_inverse=True)
+        most = np.zeros(len(sizes))
+        np.maximum.at(most, places, sizes)
+        return most[places]
 
     vectors = [name[:-2] if name[-2:] in (" x", " y", " z") else name for name in names]
     kinds = [name.split()[0].partition("_")[0] for name in names]
-    size = pd.Series(max_abs(values, axis=0)).groupby(vectors).transform("max")
-    most = size.groupby(kinds).max()
-    if "c" in most:
-        most["c"] = most[["c", "M"]].max()
-    size = size.clip(lower=LEAST * most[kinds].to_numpy())
+    size = largest(vectors, max_abs(values, axis=0))
+    most, named = largest(kinds, size), np.array(kinds)
+    masses = np.max(size[named == "M"], initial=0.0)
+    most = np.where(named == "c", np.maximum(most, masses), most)
+    size = np.maximum(size, LEAST * most)
     for k, name in enumerate(names):
         if name.startswith("d("):
             size[k] = max(size[k], LEAST * size[names.index(name[2 : name.index(")")])])
-    return size.replace(0.0, 1.0).to_numpy()
+    return np.where(size == 0.0, 1.0, size)
 
 
 MARGIN = 0.03
