@@ -98,7 +98,7 @@ def test_a_state_has_one_force_by_every_way(name, pair, q, mode):
     right = -0.7 * whole * (beside[1] - beside[0]) / (2.0 * h)
     for way, found in generalised_forces(mechanism, q, mode):
         assert found == pytest.approx(right, rel=1e-7), way
-    values = posed(mechanism, None, mode, q)[1]
+    values = posed(mechanism, mode, q)[1]
     assert values[mechanism.angles[pair]] == pytest.approx(whole, abs=1e-9)
 
 

@@ -6,7 +6,7 @@ written as a person would have.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -158,21 +158,11 @@ def plain(number: float, scale: float, rounding: float = ROUNDING) -> float:
     return number
 
 
-SHORT = 24
-"""Characters of the components of an axis that are plain to read."""
-
-
 def plain_angle(angle: float) -> float:
     """Return an angle (rad) as it stands in a file, in degrees."""
     return plain(math.degrees(angle), 1.0, DEGREES)
 
 
-def plain_axis(axis: Floats) -> dict[str, Any]:
-    """Return the key of an axis (3,) in files: xyz, or lonlat if that is plainer."""
-    x, y, z = (float(part) for part in axis)
-    xyz = [plain(part, 1.0) for part in (x, y, z)]
-    around = 0.0 if np.hypot(x, y) < ROUNDING else math.atan2(y, x)
-    lonlat = [plain_angle(k) for k in (around, math.atan2(z, math.hypot(x, y)))]
-    if len(repr(xyz)) > SHORT and len(repr(lonlat)) < len(repr(xyz)):
-        return {"lonlat": lonlat}
-    return {"xyz": xyz}
+def plain_axis(axis: Floats) -> list[float]:
+    """Return the components of an axis (3,) as they stand in a file."""
+    return [plain(part, 1.0) for part in axis]

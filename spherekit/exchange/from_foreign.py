@@ -270,9 +270,12 @@ class ForeignTables:
             names.append(self._unique(coupling, names))
             profiles = {}
             for radius, link, centre in circles:
-                axis = plain_axis(centre)
-                place = {f"centre_{kind}": numbers for kind, numbers in axis.items()}
-                circle = {"kind": "circle", **place, "radius": plain_angle(radius)}
+                place = plain_axis(centre)
+                circle = {
+                    "kind": "circle",
+                    "centre_xyz": place,
+                    "radius": plain_angle(radius),
+                }
                 profiles[self._name(link)] = circle
             contact = {} if external else {"contact": "internal"}
             self.comments["pairs", names[-1]] = "Joints at a constant ratio: gears."
@@ -281,7 +284,7 @@ class ForeignTables:
 
     def _pair(self, pair: Turning) -> Table:
         links = [*map(self._name, pair.links)]
-        table: Table = {"type": "R", "links": links, **plain_axis(pair.axis)}
+        table: Table = {"type": "R", "links": links, "xyz": plain_axis(pair.axis)}
         if pair.value:
             table["value"] = plain_angle(pair.value)
         return table

@@ -18,7 +18,6 @@ SAMPLES = 61
 
 def posed(
     mechanism: Mechanism,
-    input_pair: str | Sequence[str] | None = None,
     assembly_mode: int = 0,
     at: float | Sequence[float] | None = None,
 ) -> tuple[Mechanism, Floats]:
@@ -36,7 +35,7 @@ def posed(
         If there are not as many inputs as given, or the mode does not exist there.
     """
     if at is None:
-        tracer = PositionAnalysis(mechanism, input_pair, assembly_mode, samples=SAMPLES)
+        tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=SAMPLES)
         motion = tracer.motion()
         where = f"any of {len(motion)} samples of the inputs' ranges"
         other = "inputs, or another assembly mode"
@@ -44,7 +43,7 @@ def posed(
         q = np.atleast_1d(np.asarray(at, dtype=float))
         if not all_finite(q):
             raise SolveError(f"export: at is {at}, it has to be finite numbers of rad")
-        mechanism = PositionAnalysis(mechanism, input_pair, follow=False).mechanism
+        mechanism = PositionAnalysis(mechanism, follow=False).mechanism
         inputs = mechanism.input_pairs
         if len(q) != len(inputs):
             raise SolveError(

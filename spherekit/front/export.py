@@ -230,7 +230,7 @@ def _mujoco(
     assembly_mode: int,
     at: float | Sequence[float] | None,
 ) -> Exported:
-    made, values = posed(mechanism, None, assembly_mode, at)
+    made, values = posed(mechanism, assembly_mode, at)
     where = listing(
         f"{item.pair} = {values[made.angles[item.pair]]:.6g} rad "
         f"({np.degrees(values[made.angles[item.pair]]):.6g} deg)"

@@ -1,7 +1,7 @@
 """What a run goes through: the samples of its inputs, or the times of a simulation."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -169,12 +169,6 @@ class Sampling:
                 for event in self.simulation.events
             ),
         )
-
-    def cost(self) -> dict[str, Any]:
-        """Return what a simulation took, and the forecast that chose its engine."""
-        if self.simulation is None:
-            return {}
-        return {"simulate": asdict(self.simulation.engine)}
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -82,6 +82,8 @@ class RunPlan:
     setting: Setting
     source: BatchRunner | Sampling
     block: int
+    at_once: list[str]
+    """Names of the analyses that look at all samples at once."""
 
     @property
     def mechanism(self) -> Mechanism:
@@ -97,11 +99,6 @@ class RunPlan:
     def is_single_block(self) -> bool:
         """Whether all samples are evaluated at once."""
         return self.block >= len(self.course)
-
-    @property
-    def at_once(self) -> list[str]:
-        """Names of the analyses that look at all samples at once."""
-        return at_once(self.analyses, self.refused)
 
     def read(self, motions: Iterable[Motion]) -> Iterator[Read]:
         """Yield motions that follow each other with what analyses read of them."""
@@ -154,7 +151,9 @@ class RunPlan:
         """Store and count rows of a block, with the names of assembly modes."""
         if store is not None:
             stored = table.with_names(self.mechanism)
-            store.add(name, stored, stored.named(rows, self.names))
+            modes = self.course.tracer.assembly_modes
+            names = {mode.number: mode.name for mode in modes if mode.name}
+            store.add(name, stored, stored.named(rows, names))
         standing.add_rows(name, table, rows, batch)
 
     @property
@@ -189,11 +188,6 @@ class RunPlan:
     def tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
         """Return the tables of an analysis."""
         return tuple(table.of(self.mechanism) for table in analysis.tables)
-
-    @property
-    def names(self) -> Mapping[int, str]:
-        """The names of assembly modes, by their numbers."""
-        return {m.number: m.name for m in self.course.tracer.assembly_modes if m.name}
 
     @cached_property
     def motion_tables(self) -> tuple[Table, ...]:
@@ -251,11 +245,6 @@ def needs_of_each(analyses: Analyses, mechanism: Mechanism) -> Asked:
     return tuple(needs), refused
 
 
-def at_once(analyses: Analyses, refused: Collection[str]) -> list[str]:
-    """Return the names of the analyses that look at all samples at once."""
-    return [x.name for x in analyses if x.name not in refused and x.at_once]
-
-
 def job_of(
     course: Sampling,
     analyses: Analyses,
@@ -292,12 +281,12 @@ def job_of(
         ahead = not any(item.tracer for item in needs)
         moving = [item for item in wanted if item.poles]
         source = BatchRunner.of(course, moving, all_links, ahead) or course
-    whole = at_once(analyses, refused)
+    whole = [x.name for x in analyses if x.name not in refused and x.at_once]
     if whole:
         block = len(course)
         need_memory(mechanism, block * len(tracer.assembly_modes), whole)
     block = min(block or source.block, len(course))
-    return RunPlan(course, tuple(analyses), *asked, wanted, setting, source, block)
+    return RunPlan(course, tuple(analyses), *asked, wanted, setting, source, block, whole)
 
 
 def motion_table(course: Sampling) -> Table:
@@ -466,6 +455,7 @@ def actual_cost(
         with ledger.stage(RECORDING):
             counting.finish()
         logged = {"recording": dict(counting.cost)}
+    simulation = job.course.simulation
     per_input = {
         job.mechanism.pairs[item.plan.input].name: counts_of(item) for item in job.requests
     }
@@ -487,7 +477,7 @@ def actual_cost(
         },
         **logged,
         "seconds": ledger.closed(),
-        **job.course.cost(),
+        **({} if simulation is None else {"simulate": asdict(simulation.engine)}),
     }
 
 
