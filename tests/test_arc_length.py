@@ -224,15 +224,6 @@ def test_modes_that_meet_at_dead_points_are_one_curve():
     assert np.max(np.abs(curve.wrapped(again - values))) < 1e-12
 
 
-@pytest.mark.slow
-def test_two_modes_of_the_double_butterfly_are_one_closed_curve():
-    tracer = PositionAnalysis(sk.load("double_butterfly"))
-    found = configuration_curves(tracer.solver, tracer.assembly_modes, *tracer.range).curves
-    assert sorted(p.assembly_mode for c in found for p in c.pieces) == list(range(8))
-    assert all(c.curve.closed for c in found)
-    assert sorted(len(c.pieces) for c in found) == [1, 1, 1, 1, 1, 1, 2]
-
-
 def test_inputs_between_and_at_dead_points(no_crank):
     dead = no_crank.dead_points(0).places
     limits = no_crank.at(dead).values[:, 0]

@@ -198,11 +198,3 @@ def test_no_search_is_told_too():
     made = mechanism(STEPHENSON, random_axes(np.random.default_rng(13), 7), "p1_6")
     words = "component only: the mode of the reference pose; no others were looked for"
     assert PositionAnalysis(made, search=False).search == words
-
-
-def test_modes_come_in_the_same_order_every_time():
-    made = made_of(BUTTERFLY, ("p1_5",), random_axes(np.random.default_rng(14), 10))
-    first, again = solved(made)[1], solved(made)[1]
-    assert len(first.values) > 1
-    for one, other in zip(first.values, again.values, strict=True):
-        assert np.array_equal(one, other)

@@ -4,7 +4,6 @@ import warnings
 
 import numpy as np
 import pytest
-from chains import mechanism
 from example_mechanisms import four_bar
 
 import spherekit as sk
@@ -76,11 +75,3 @@ def test_bars_without_length_that_close_are_singular():
     motion = sk.trace(four_bar(np.radians((0, 20, 20, 0))), samples=7)
     assert np.all(motion.status == sk.Status.AT_SINGULARITY)
     assert np.max(motion.residual) < 1e-13
-
-
-def test_two_links_and_one_pair():
-    """No loop at all: the only pole is the axis, its coefficient 1."""
-    made = mechanism("1-2", [(0.0, 0.6, 0.8)])
-    frame = run(made, samples=3)
-    assert (frame["velocity_coefficient"] == 1.0).all()
-    assert (frame[["ux", "uy", "uz"]] == [0.0, 0.6, 0.8]).all().all()

@@ -4,7 +4,6 @@ import functools
 import itertools
 import math
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from refusals import TABLES, check
 
 from spherekit.errors import ModelError
 from spherekit.model.expression import (
-    CONSTANTS,
     FUNCTIONS,
     MAX_DEPTH,
     MAX_LENGTH,
@@ -74,12 +72,6 @@ def test_a_constant_has_the_shape_of_the_samples():
     assert parse("5", NAMES).evaluate({}).shape == ()
 
 
-def test_outside_the_domain_is_nan_and_overflow_is_infinite():
-    assert np.isnan(parse("sqrt(t)", ["t"]).evaluate({"t": -1.0}))
-    assert np.isposinf(parse("9**9**t", ["t"]).evaluate({"t": 9.0}))
-    assert np.isposinf(parse("1/t", ["t"]).evaluate({"t": 0.0}))
-
-
 def test_missing_values_are_named():
     with pytest.raises(ModelError, match="give a value for dtheta_21, t"):
         parse("t + dtheta_21", NAMES).evaluate({"theta_21": 1.0})
@@ -115,10 +107,3 @@ def test_long_expressions_are_refused_and_ordinary_sums_are_not():
     assert parse(series, NAMES).names == {"theta_21"}
     ones = "+".join(["1"] * (MAX_DEPTH - 1))
     assert parse(ones, ()).evaluate({}) == MAX_DEPTH - 1
-
-
-def test_parsing_leaves_the_recursion_limit_and_constants_alone():
-    before = sys.getrecursionlimit(), dict(CONSTANTS)
-    with pytest.raises(ModelError):
-        parse("-" * 1900 + "t", NAMES)
-    assert before == (sys.getrecursionlimit(), dict(CONSTANTS))

@@ -17,23 +17,13 @@ TIMES = np.array([0.0, 0.3, 0.7, 1.1, 1.2, 1.9, 2.5, 3.0])
     "law, t, rows",
     [
         (ConstantSpeed(-2.0, 0.5), [0.0, 1.5], [[0.5, -2.5], [-2.0, -2.0], [0.0, 0.0]]),
+        (Polynomial((1.0, 2.0, 3.0)), [0.0, 1.0], [[1.0, 6.0], [2.0, 8.0], [6.0, 6.0]]),
         (Cycloidal(0.5, 2.0, 2.5), [-1.0, 2.5], [[0.5, 2.0], [0.0, 0.0], [0.0, 0.0]]),
         (Cycloidal(0.5, 2.0, 2.5), [0.0, 9.0], [[0.5, 2.0], [0.0, 0.0], [0.0, 0.0]]),
     ],
 )
 def test_laws_where_they_are_plain(law, t, rows):
     assert [each.tolist() for each in law.at([t])] == [[row] for row in rows]
-
-
-def test_polynomial_against_its_derivatives():
-    coefficients = (0.3, -1.0, 0.25, 2.0, -0.125)
-    exact = np.polynomial.Polynomial(coefficients)
-    for found, each in zip(
-        Polynomial(coefficients).at(TIMES),
-        (exact, exact.deriv(1), exact.deriv(2)),
-        strict=True,
-    ):
-        np.testing.assert_allclose(found, each(TIMES), rtol=1e-14, atol=1e-14)
 
 
 def test_cycloidal_against_derivatives_of_forty_digits():
