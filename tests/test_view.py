@@ -260,17 +260,16 @@ def test_arrows_that_cover_each_other_share_a_label(tmp_path):
     said = columns(path)
     base = "/four_bar/assembly_mode_0/pole"
 
-    def shown(name, label):
-        rows = said[f"{base}/{name}/{label}", "Points3D:positions"]
-        return [len(row or []) for row in rows]
+    def labels(name):
+        entity = f"{base}/{name}/label"
+        shown = [len(row or []) for row in said[entity, "Points3D:positions"]]
+        words = [list(row or []) for row in said[entity, "Points3D:labels"]]
+        assert shown == [len(row) for row in words]
+        return words
 
-    assert shown("14", "label") == [1, 0, 1]
-    assert shown("25", "label") == [1, 0, 0]
-    assert shown("36", "label") == [1, 1, 1]
-    assert shown("14", "shared") == [0, 1, 0]
-    labels = said[f"{base}/14/shared", "Points3D:labels"]
-    assert [list(row or []) for row in labels] == [[], ["P14, P25"], []]
-    assert (f"{base}/36/shared", "Points3D:labels") not in said
+    assert labels("14") == [["P14"], ["P14, P25"], ["P14"]]
+    assert labels("25") == [["P25"], [], []]
+    assert labels("36") == 3 * [["P36"]]
 
 
 def test_input_timeline_uses_the_coarsest_whole_unit():

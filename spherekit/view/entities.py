@@ -85,12 +85,7 @@ def still(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
             if not primitive.primary:
                 yield (
                     "label",
-                    rr.Points3D.from_fields(
-                        labels=primitive.label,
-                        show_labels=True,
-                        colors=colour,
-                        radii=POINT,
-                    ),
+                    rr.Points3D.from_fields(show_labels=True, colors=colour, radii=POINT),
                 )
                 if primitive.shown and primitive.path_shown:
                     yield (
@@ -135,7 +130,7 @@ def moving(
 ) -> Iterator[Moving]:
     """Yield the columns of one block of samples; nothing for what does not move.
 
-    `labels` (n,) are those of an arrow that shares its own with others at some rows.
+    `labels` (n,) are those of an arrow, if it does not have its own at all rows.
     """
     match primitive:
         case Trace(quaternions=quaternions) if quaternions is not None:
@@ -153,10 +148,12 @@ def moving(
             length = 1.12 if primary else 1.25
             yield "", rr.Arrows3D.columns(vectors=length * arrows).partition(count)
             if not primary:
-                alone = good if labels is None else good & (labels == primitive.label)
-                yield "label", _points(1.3 * directions[alone], alone.astype(np.int64))
-                if labels is not None:
-                    yield "shared", _shared_labels(directions, labels, good & ~alone)
+                if labels is None:
+                    labels = np.full(len(good), primitive.label, dtype=object)
+                named = good & (labels != "")
+                places, words = 1.3 * directions[named], labels[named].tolist()
+                columns = rr.Points3D.columns(positions=places, labels=words)
+                yield "label", columns.partition(named.astype(np.int64))
                 if trail:
                     yield "trail", _points(1.004 * arrows, count)
         case GreatCircle(normals=normals):
@@ -246,21 +243,6 @@ def failure_columns(failed: Bools) -> Columns:
 
 def _points(positions: Floats, count: Integers) -> Columns:
     return rr.Points3D.columns(positions=positions).partition(count)
-
-
-def _shared_labels(
-    directions: Floats, labels: NDArray[np.object_], shown: Bools
-) -> Columns:
-    """Return labels (n,) of arrows that cover each other, at the rows that are `shown`."""
-    shown = shown & (labels != "")
-    count = int(np.sum(shown))
-    return rr.Points3D.columns(
-        positions=1.3 * directions[shown],
-        labels=labels[shown].tolist(),
-        colors=[colours.GOLD] * count,
-        radii=[POINT] * count,
-        show_labels=[True] * count,
-    ).partition(shown.astype(np.int64))
 
 
 def _turned(quaternions: Floats, good: Bools) -> Columns:

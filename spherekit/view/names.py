@@ -200,7 +200,7 @@ MOST = 4
 
 
 def labels_of_arrows(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object_]]:
-    """Return what labels (n,) arrows have that share one at some rows, by their paths.
+    """Return what labels (n,) arrows have, by their paths.
 
     The first of those that cover each other has the names of all, the others have none.
     Arrows of pairs have no labels, and those that are hidden keep theirs.
@@ -210,7 +210,7 @@ def labels_of_arrows(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.ob
         for item in primitives
         if isinstance(item, Arrow) and item.shown and not item.primary
     ]
-    if len(arrows) < 2:
+    if not arrows:
         return {}
     directions = np.stack([arrow.directions for arrow in arrows], axis=1)
     same = directions @ np.swapaxes(directions, 1, 2) > SAME
@@ -226,8 +226,4 @@ def labels_of_arrows(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.ob
             for k in range(len(arrows))
         ]
     labels = words[which.reshape(-1)]
-    return {
-        arrow.path: labels[:, k]
-        for k, arrow in enumerate(arrows)
-        if np.any(labels[:, k] != arrow.label)
-    }
+    return {arrow.path: labels[:, k] for k, arrow in enumerate(arrows)}
