@@ -18,8 +18,6 @@ Row = Mapping[str, Any]
 
 MOST_SHOWN = 6
 """Places of one type that are told one by one."""
-SAME_PLACE = 1e-6
-"""Inputs (deg) that differ by less are one place."""
 TRACED = 721
 """Points of a curve among which an output's extremes are looked for."""
 FULL_TURN = 355.0
@@ -54,14 +52,13 @@ def places(points: Row, output: str, input_pair: str) -> list[str]:
     return lines
 
 
-def _by_modes(at: Floats, modes: Iterable[str]) -> dict[str, list[float]]:
-    """Return the places (deg) by the modes that have them, rounded."""
-    having: dict[float, set[int]] = {}
-    for value, joined in zip(at.tolist(), modes, strict=True):
-        place = next((x for x in having if abs(x - value) < SAME_PLACE), value)
-        having.setdefault(place, set()).update(_numbers([joined]))
-    grouped: dict[str, list[float]] = {}
-    for place, numbers in sorted(having.items()):
+def _by_modes(at: Floats, modes: Iterable[str]) -> dict[str, list[str]]:
+    """Return the places (deg) by the modes that have them, as they are shown."""
+    having: dict[str, set[int]] = {}
+    for value, joined in sorted(zip(at.tolist(), modes, strict=True)):
+        having.setdefault(_degrees(value), set()).update(_numbers([joined]))
+    grouped: dict[str, list[str]] = {}
+    for place, numbers in having.items():
         words = numbered("mode", sorted(numbers)) if numbers else ""
         grouped.setdefault(words, []).append(place)
     return grouped
@@ -72,9 +69,9 @@ def _numbers(modes: Iterable[str]) -> set[int]:
     return {int(number) for number in "+".join(modes).split("+") if number}
 
 
-def _angles(values: list[float]) -> str:
-    rest = len(values) - MOST_SHOWN
-    shown = ", ".join(_degrees(value) for value in values[:MOST_SHOWN])
+def _angles(places: list[str]) -> str:
+    rest = len(places) - MOST_SHOWN
+    shown = ", ".join(places[:MOST_SHOWN])
     return f"{shown} and {rest} more" if rest > 0 else shown
 
 

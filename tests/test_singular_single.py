@@ -5,12 +5,10 @@ from itertools import permutations
 import numpy as np
 import pytest
 from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
-from closed_forms import four_bar_coefficients
-from singular_examples import four_bar, in_line
+from singular_examples import four_bar
 
 from spherekit.conventions import Status
 from spherekit.engine.fields import evaluate
-from spherekit.errors import SolveError
 from spherekit.motion.arc_curve import curve_points
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.crossing import crossing_near, ways_out
@@ -27,76 +25,6 @@ TURN = 2.0 * np.pi
 
 def all_curves(tracer):
     return [each.curve for each in tracer.configurations.curves]
-
-
-def matched(found, wanted):
-    """Return the largest distance (rad) of two sets of angles, matched one to one."""
-    assert len(found) == len(wanted), (found, wanted)
-    if not len(found):
-        return 0.0
-    gap = np.abs(np.mod(found[:, None] - wanted + np.pi, TURN) - np.pi)
-    nearest = np.argmin(gap, axis=1)
-    assert len(set(nearest)) == len(wanted)
-    return float(np.max(np.min(gap, axis=1)))
-
-
-def check_four_bar(arcs, tracer):
-    """Compare all singularities of input 21 and output 41 with triangles."""
-    ground, crank, coupler, rocker = arcs
-    report = SingleFreedom(tracer, all_curves(tracer), ["4/1"])
-    number = tracer.mechanism.pair_number
-    q, y = (tracer.mechanism.variables_of(number[name])[0] for name in ("21", "41"))
-    ((_, second),) = report.links
-    assert second.s == tracer.mechanism.link_number["3"]
-    assert not report.crossings
-    assert all(point.certain for point in report.points)
-    dead = np.array([p.values[q] for p in report.points if p.type == Type.II])
-    still = np.array([p.values[y] for p in report.points if p.type == Type.I])
-    for point in report.points:
-        assert all(r.agrees for r in point.relations)
-        assert point.input_turns == (point.type == Type.II)
-    output = in_line(ground, rocker, crank, coupler)
-    return (
-        matched(dead, in_line(ground, crank, coupler, rocker)),
-        matched(still, np.pi - output),
-        len(report.points),
-    )
-
-
-def random_four_bars(seed, count):
-    """Yield arcs and tracers of random four-bars that close and do not nearly fold."""
-    random = np.random.default_rng(seed)
-    while count:
-        a, b, c, d = arcs = random.uniform(0.25, np.pi - 0.25, 4)
-        fold = [a - b + c - d, a - b - c + d, a + b - c - d, TURN - a - b - c - d]
-        closes = np.sum(arcs) > 2.0 * np.max(arcs)
-        closes &= np.sum(arcs) - 2.0 * np.min(arcs) < TURN
-        if np.min(np.abs(fold)) > 1e-3 and closes:
-            try:
-                tracer = PositionAnalysis(four_bar(arcs), samples=61)
-            except SolveError:
-                continue
-            yield arcs, tracer
-            count -= 1
-
-
-LONG = (pytest.param(seed, 100, marks=pytest.mark.long) for seed in range(2, 5))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("seed", "count"), [(1, 30), *LONG])
-def test_all_dead_points_of_random_four_bars_are_where_two_links_are_in_line(seed, count):
-    """Crank-rockers, rocker-cranks, double cranks and double rockers."""
-    points, kinds = 0, set()
-    for arcs, tracer in random_four_bars(seed, count):
-        dead, still, found = check_four_bar(arcs, tracer)
-        assert max(dead, still) < 1e-11, arcs
-        points += found
-        ground, crank, coupler, rocker = arcs
-        loops = (ground, crank, coupler, rocker), (ground, rocker, crank, coupler)
-        kinds.add(tuple(not len(in_line(*each)) for each in loops))
-    assert points > 3 * count
-    assert len(kinds) == 4
 
 
 def test_a_tangential_zero_of_an_output_is_one_double_point():
@@ -166,7 +94,6 @@ def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
                 assert three.residual < 1e-12
         if degrees == (60, 40, 60, 40):
             assert report.whole == []
-            check_slopes(arcs, crossing, q, y)
 
 
 def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
@@ -200,16 +127,6 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     assert len(starts) == 8
     ahead, _ = curve_points(closure, starts, starts - crossing.values)
     assert np.max(ahead.residual) < 1e-13
-
-
-def check_slopes(arcs, crossing, q, y):
-    """Compare dy/dq of both assembly modes with the limits of the source's eq. (26b)."""
-    near = crossing.values[q] + np.array([-1e-4, 1e-4])
-    (a, b), (c, d) = (four_bar_coefficients(near, tuple(arcs), k)[1] for k in (0, 1))
-    found = np.sort(crossing.tangents[:, y] / crossing.tangents[:, q])
-    straight, across = np.sort([a + b, c + d]) / 2.0, np.sort([a + d, b + c]) / 2.0
-    gaps = [np.max(np.abs(pair - found)) for pair in (straight, across)]
-    assert min(gaps) < 1e-6
 
 
 def chain(text, seed):

@@ -36,18 +36,6 @@ def silent(frame):
     return set(numbers.columns[numbers.isna().any()])
 
 
-def test_tables_have_the_columns_that_are_declared(rocker):
-    result, _ = rocker
-    tables = result.results[NAME].tables
-    assert [table.name for table in tables][:2] == [NAME, "relation"]
-    for table in tables:
-        frame = result.frame(NAME, table.name)
-        assert list(frame.columns) == [column.name for column in table.columns]
-        for column in table.columns:
-            text = not pd.api.types.is_numeric_dtype(frame[column.name])
-            assert text == (column.kind in ("text", "status"))
-
-
 def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker):
     """By the cosine theorem, with kinds, assembly modes and conditions."""
     frame = rocker[0].frame()
