@@ -9,13 +9,8 @@ from spherekit.arrays import Floats
 Function = Callable[[Floats], Floats]
 """Values (n,) at places (n,)."""
 
-RESOLVED = 0.02
-"""A cubic polynomial that misses a value by less of its size says what lies between."""
-HALVED = 2
-"""Times that every cell of the grid is halved, whatever the polynomial says."""
-DEEPEST = 9
 PARTS = np.linspace(0.0, 1.0, 17)[:, None]
-"""Places in a bracket that are looked at for the next one, about the least of them."""
+"""Places in a cell or bracket that are looked at, for the next one about the least."""
 KNOWN = 1e-9
 """Brackets as narrow, in parts of the range, hold the place well enough."""
 FLAT = 1e-9
@@ -32,12 +27,13 @@ def minima(
     function
         Not negative and smooth; NaN where it has no value.
     grid
-        (n,) rising: its cells are halved until cubic polynomials through four values
-        predict the fifth.
+        (n,) rising, so dense that the function is simple in a cell.
     limit
         Minima above are left out.
     """
-    x, y = _resolved(function, grid)
+    inside = grid[:-1] + np.diff(grid) * PARTS[:-1]
+    x = np.append(inside.T.ravel(), grid[-1])
+    y = function(x)
     deep = (y[1:-1] < y[:-2]) & (y[1:-1] <= y[2:]) & (y[1:-1] <= limit)
     deep &= np.minimum(y[:-2], y[2:]) - y[1:-1] > FLAT * y[1:-1]
     (at,) = np.nonzero(deep)
@@ -57,28 +53,3 @@ def least_within(
         low = places[np.maximum(best - 1, 0), at]
         high = places[np.minimum(best + 1, len(PARTS) - 1), at]
     return 0.5 * (low + high)
-
-
-def _resolved(function: Function, grid: Floats) -> tuple[Floats, Floats]:
-    """Return places and values between which cubic polynomials predict the function."""
-    x, y = grid, function(grid)
-    doubtful = np.ones(len(x) - 1, dtype=bool)
-    for depth in range(DEEPEST):
-        (cells,) = np.nonzero(doubtful)
-        if not len(cells):
-            break
-        middle = 0.5 * (x[cells] + x[cells + 1])
-        value = function(middle)
-        count = min(4, len(x))
-        nodes = np.clip(cells - 1, 0, len(x) - count)[:, None] + np.arange(count)
-        gaps = x[nodes][:, :, None] - x[nodes][:, None]
-        parts, other = np.ones_like(gaps), ~np.eye(count, dtype=bool)
-        np.divide((middle[:, None] - x[nodes])[:, None], gaps, out=parts, where=other)
-        error = np.abs(np.vecdot(y[nodes], np.prod(parts, axis=2)) - value)
-        again = (error > RESOLVED * value) | (depth < HALVED)
-        new = np.searchsorted(x, middle)
-        left = new + np.arange(len(new)) - 1
-        x, y = np.insert(x, new, middle), np.insert(y, new, value)
-        doubtful = np.zeros(len(x) - 1, dtype=bool)
-        doubtful[left] = doubtful[left + 1] = again
-    return x, y
