@@ -22,7 +22,7 @@ from spherekit.engine.compiler import (
     heyoka,
 )
 from spherekit.engine.dyads import COMPILED
-from spherekit.engine.expression_graph import derivatives
+from spherekit.engine.expression_graph import derivatives, in_order
 from spherekit.engine.loads import steep_arguments
 from spherekit.engine.system import (
     MOMENT,
@@ -233,7 +233,12 @@ def _compile(
         for load in mechanism.loads
         for argument in steep_arguments(load, system.moving)
     )
-    events = [*system.events, *stop_events(mechanism, layout)]
+    moved = {*layout.variable_terms, *layout.momentum_terms}
+    events = [
+        event
+        for event in (*system.events, *stop_events(mechanism, layout))
+        if moved & {*in_order([event.expression])}
+    ]
     count = len(layout.conditions)
     parameters = [constant(k) for k in range(layout.side + count)]
     given = [*state, *parameters]

@@ -191,7 +191,7 @@ def one_freedom(mechanism: Mechanism) -> System:
         [*rates, sum(forces, 0.0), *(force * momentum for force in forces)],
         flow.tau,
         square,
-        [event for event in events if _passes(event, layout)],
+        events,
         moving,
     )
 
@@ -394,10 +394,4 @@ def _events(
             for _ in held:
                 part = part / flow.scale
             events.insert(0, EventFunction(part * (1.0 / STEEPEST), "type_2"))
-    return [event for event in events if _passes(event, layout)]
-
-
-def _passes(event: EventFunction, layout: ParameterLayout) -> bool:
-    """Return whether an event depends on the state."""
-    state = {*layout.variable_terms, *layout.momentum_terms}
-    return any(term in state for term in in_order([event.expression]))
+    return events

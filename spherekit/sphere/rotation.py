@@ -187,12 +187,11 @@ def vertex_angles(
 
 def _frame_toward(outer: Floats, middle: Floats) -> Floats:
     """Return frames with z along an axis and the other, if it lies aside, at positive x."""
-    side = cross(cross(outer, middle), outer)
-    norm = np.linalg.norm(side, axis=-1, keepdims=True)
-    short = norm[:, 0] == 0.0
-    if np.any(short):
-        side[short], norm[short] = perpendicular(outer[short]), 1.0
-    return frame_from(outer, side / norm)
+    with np.errstate(invalid="ignore"):
+        frames = frame_toward(outer, middle)
+    alone = outer[np.isnan(frames[:, 0, 0])]
+    frames[np.isnan(frames[:, 0, 0])] = frame_from(alone, perpendicular(alone))
+    return frames
 
 
 def close_dyad(
