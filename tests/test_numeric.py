@@ -64,6 +64,8 @@ def test_zeros_on_the_grid_and_at_its_ends_are_found_once():
     found = zeros(lambda s: (np.sin(s), np.cos(s)), np.linspace(0.0, 4 * np.pi, 17))
     assert np.allclose(found.places, np.arange(5) * np.pi, rtol=0, atol=1e-14)
     assert not np.any(found.double)
+    none = zeros(lambda s: (2.0 + np.sin(s), np.cos(s)), np.linspace(0.0, 6.0, 9))
+    assert len(none.places) == 0
 
 
 def test_a_zero_that_touches_at_an_end_is_double_and_a_triple_one_is_found_soon():
@@ -81,11 +83,6 @@ def test_a_zero_that_touches_at_an_end_is_double_and_a_triple_one_is_found_soon(
     found = zeros(triple, np.linspace(0.0, 1.0, 8))
     assert len(found.places) == 1 and abs(found.places[0] - 0.3) < 1e-5
     assert len(asked) < 40
-
-
-def test_zeros_of_a_function_without_any():
-    found = zeros(lambda s: (2.0 + np.sin(s), np.cos(s)), np.linspace(0.0, 6.0, 9))
-    assert len(found.places) == 0
 
 
 def test_random_trigonometric_polynomials_lose_no_zero():

@@ -1,8 +1,7 @@
 """Pole axes and coefficients against closed forms, 50 digits and the null space."""
 
 import numpy as np
-import pytest
-from chains import EIGHT_BARS, joints, mechanism, random_axes, random_chain
+from chains import EIGHT_BARS, mechanism, random_axes
 from common import field_of
 from oracles import null_space, off_axis
 from refusals import text_of
@@ -40,42 +39,6 @@ def test_universal_joint():
     assert abs(np.max(field.velocity_coefficient[0, 3]) - 1 / np.cos(beta)) < 1e-13
 
 
-def compare_with_null_space(made, tolerance=1e-9, least_gap=1e-6):
-    """Compare every pole of one configuration; return whether the oracle could judge."""
-    ends = made.ends
-    motion, field = field_of(made, samples=3, search=False)
-    assert np.allclose(motion.q[1], 0.0)
-    w, gap = null_space(len(made.links), ends, motion.axes[1])
-    if gap < least_gap:
-        return False
-    a, b = ends[motion.assembly.inputs[0]]
-    driven = (w[b] - w[a]) @ motion.axes[1, motion.assembly.inputs[0]]
-    for i, j in all_poles(len(made.links)):
-        vector = w[j] - w[i]
-        size = np.linalg.norm(vector)
-        if size < 1e-4:
-            continue
-        assert off_axis(field.direction[i, j][1], vector / size) < tolerance
-        if abs(driven) > 1e-4:
-            ratio = vector / driven
-            ours = field.velocity_coefficient[i, j][1] * field.direction[i, j][1]
-            error = np.linalg.norm(ours - ratio) / max(1.0, np.linalg.norm(w / driven))
-            assert error < tolerance
-    return True
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("chain", [*EIGHT_BARS, None])
-def test_all_eight_bars_and_random_ten_bars_against_the_null_space(chain):
-    random = np.random.default_rng(1010)
-    judged = 0
-    for _ in range(100):
-        edges = joints(chain) if chain else random_chain(random, 10)
-        made = mechanism(edges, random_axes(random, len(edges)))
-        judged += compare_with_null_space(made)
-    assert judged >= (98 if chain else 97)
-
-
 def test_coefficient_where_the_published_formula_is_indeterminate():
     """Eq. (26a) is 0/0 where link 3 stands still on link 2; w31 = w21 is the limit.
 
@@ -107,11 +70,13 @@ def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
     """Many passes over random axes multiply rounding; the equations do not."""
     random = np.random.default_rng(5)
     taken = 0
-    for _ in range(16):
-        made = mechanism(EIGHT_BARS[4], random_axes(random, 10))
+    for chain in (*EIGHT_BARS, *[EIGHT_BARS[4]] * 16):
+        made = mechanism(chain, random_axes(random, 10))
         motion, field = field_of(made, samples=3, search=False)
         w, gap = null_space(8, made.ends, motion.axes[1])
         taken += bool(field.by_equations[1])
+        a, b = made.ends[motion.assembly.inputs[0]]
+        driven = np.linalg.norm(w[b] - w[a])
         for i, j in all_poles(8):
             vector = w[j] - w[i]
             size = np.linalg.norm(vector)
@@ -121,7 +86,10 @@ def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
             # In quad precision loops are closed first, beside the configuration of w.
             if field.by_equations[1]:
                 assert distance < 1e-13 / (gap * size)
-    assert 2 <= taken <= 14
+            rate = abs(field.velocity_coefficient[i, j][1])
+            bound = field.velocity_coefficient_error[i, j][1] + 1e-12 / (gap * driven)
+            assert abs(rate - size / driven) < bound * (1.0 + rate), (i, j)
+    assert 2 <= taken <= 14 + len(EIGHT_BARS)
 
 
 def test_links_that_rest_for_a_moment_are_known_as_well_as_others():

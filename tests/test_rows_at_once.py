@@ -63,22 +63,6 @@ def test_random_mechanisms():
     assert np.mean(shares) > 0.2
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(22, 222))
-def test_more_random_mechanisms(seed):
-    """All topologies, contacts of any profile, and mechanisms that fold flat."""
-    _, folding, inputs = special_mechanism(seed)
-    for made, options in (
-        (random_mechanism(seed)[1], {"samples": 9}),
-        (shaped_mechanism(seed), {"samples": 9}),
-        (folding, {"path": inputs, "same_signs": False}),
-    ):
-        try:
-            compared(made, **options)
-        except SpherekitError:
-            continue
-
-
 @pytest.mark.parametrize("seed", [3, 11])
 def test_contacts_of_any_profile(seed):
     """Chains of turning, rolling and sliding pairs, with circles, series and points."""

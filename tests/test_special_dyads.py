@@ -107,6 +107,14 @@ def test_a_smooth_function_of_many_periods_is_not_given_up():
     assert np.allclose(places, np.pi * np.arange(1, 64), rtol=0.0, atol=1e-12)
 
 
+def test_zeros_in_round_places_are_there_once():
+    roots = np.array([-1.5, -0.75, 0.0, 1.5, 2.25])
+    places, doubtful = crossings(
+        lambda x: np.prod(np.sin(0.5 * (x[:, None] - roots)), axis=1), -3.0, 3.0
+    )
+    assert places == pytest.approx(roots, abs=1e-12) and not len(doubtful)
+
+
 def test_steps_of_following_end_the_search_of_modes(monkeypatch):
     """As the claim says, with the steps along its modes; others were followed beside."""
     made = sk.load("eight_bar_07")

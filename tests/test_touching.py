@@ -78,31 +78,19 @@ def cases(quick, long):
     return [quick, pytest.param(*long, marks=pytest.mark.long)]
 
 
-@pytest.mark.parametrize(("count", "seed"), cases((50, 1), (3000, 3)))
-def test_profiles_of_all_kinds_that_touch_are_found_to(count, seed):
+@pytest.mark.parametrize(("count", "seed"), cases((90, 1), (3450, 3)))
+def test_profiles_that_touch_are_found_to(count, seed):
+    """Of all kinds, beside each other, or one within another that is less curved there."""
     random = np.random.default_rng(seed)
     for number in range(count):
         kinds = KINDS[number % 5], KINDS[number // 5 % 5]
-        first, second = (random_curve(random, kind) for kind in kinds)
-        turned, _ = touching_at(random, first, second.reversed())
-        assert judged(first, turned) < 1e-12, (number, kinds)
-
-
-@pytest.mark.parametrize(("count", "seed"), cases((40, 2), (450, 4)))
-def test_internal_contacts_are_found(count, seed):
-    """A Fourier profile within another one or a circle, more curved at the contact."""
-    random = np.random.default_rng(seed)
-    for number in range(count):
-        while True:
-            first = random_curve(random, "fourier")
-            second = random_curve(random, "fourier" if number % 2 else "circle")
-            turned, places = touching_at(random, first, second)
-            k = [
-                c.at([s]).curvature[0] for c, s in zip((first, turned), places, strict=True)
-            ]
-            if k[0] > k[1] + 1e-3:
-                break
-        assert judged(first, turned) < 1e-12, number
+        curves = first, second = [random_curve(random, kind) for kind in kinds]
+        turned, places = touching_at(
+            random, first, second if number % 2 else second.reversed()
+        )
+        one, other = (c.at([s]).curvature[0] for c, s in zip(curves, places, strict=True))
+        if number % 2 == 0 or one > other + 1e-3:
+            assert judged(first, turned) < 1e-12, (number, kinds)
 
 
 def test_profiles_that_miss_each_other_by_a_little_are_nearest_there():
