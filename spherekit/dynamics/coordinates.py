@@ -102,8 +102,7 @@ def by_combinations(
     rows = np.broadcast_to(frame, (len(values), *frame.shape[-2:]))
     bordered = np.concatenate([at.jacobian, rows], axis=1)
     inverse = left_inverse(bordered)
-    sides = np.zeros((bordered.shape[1], count))
-    sides[-count:] = np.eye(count)
+    sides = np.eye(bordered.shape[1])[:, -count:]
     solved = inverse[:, :, -count:]
     # The product with an inverse loses digits; a step of refinement brings them back.
     solved = solved + inverse @ (sides - bordered @ solved)

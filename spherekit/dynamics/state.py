@@ -242,32 +242,28 @@ def _solved(still: Floats, change: Floats, factors: Floats) -> tuple[Floats, Boo
     sizes = np.sum(np.linalg.norm(change, axis=3), axis=2)
     feedback = max_abs(np.linalg.eigvals(np.abs(factors)[..., None] * sizes), axis=1)
 
-    def at(friction: Floats) -> tuple[Floats, Floats]:
-        forces = still + np.einsum("nkjal,nl->nkja", change, friction)
-        return forces, np.linalg.norm(forces, axis=3)
+    def at(friction: Floats) -> Floats:
+        return still + np.einsum("nkjal,nl->nkja", change, friction)
 
-    friction = np.zeros_like(factors)
-    forces, strengths = at(friction)
-    one = np.eye(factors.shape[1])
-    rounds = 0
+    def load(friction: Floats) -> Floats:
+        return np.sum(np.linalg.norm(at(friction), axis=3), axis=2)
+
+    friction, one = np.zeros_like(factors), np.eye(factors.shape[1])
+    carried, rounds = load(friction), 0
     while rounds < MOST_ROUNDS:
         rounds += 1
-        before = np.sum(strengths, axis=2)
-        plain = factors * before
+        before, plain, forces = carried, factors * carried, at(friction)
+        strengths = np.linalg.norm(forces, axis=3, keepdims=True)
         with np.errstate(invalid="ignore", divide="ignore"):
-            along = np.nan_to_num(forces / strengths[..., None])
+            along = np.nan_to_num(forces / strengths)
         slope = np.einsum("nk,nkja,nkjal->nkl", factors, along, change)
         regular = feedback < 1.0
         matrix = np.where(regular[:, None, None], one - slope, one)
         newton = friction + np.linalg.solve(matrix, (plain - friction)[..., None])[..., 0]
-        tried = [(guess, *at(guess)) for guess in (plain, newton)]
-        left = [max_abs(f - factors * np.sum(size, axis=2), axis=1) for f, _, size in tried]
-        better = left[1] < left[0]
-        friction, forces, strengths = (
-            np.where(better.reshape(-1, *[1] * (old.ndim - 1)), new, old)
-            for old, new in zip(*tried, strict=True)
-        )
-        carried = np.sum(strengths, axis=2)
+        tried = [(guess, load(guess)) for guess in (plain, newton)]
+        left = [max_abs(guess - factors * size, axis=1) for guess, size in tried]
+        better = (left[1] < left[0])[:, None]
+        friction, carried = (np.where(better, b, a) for a, b in zip(*tried, strict=True))
         gap = max_abs(carried - before, axis=1)
         moved = regular & ~(gap <= SETTLED * np.max(carried, axis=1))
         if not np.any(moved):

@@ -149,22 +149,29 @@ def _of_trades(
     trades: Sequence[Trade], tolerance: float, samples: int, kind: str
 ) -> tuple[Setting, float, str]:
     """Return the cheapest setting that meets a tolerance in all trades, its error, why."""
-    by_trade = [
+    counting = [
         {x.setting: x for x in record.settings if x.setting and x.counts}
         for record in trades
     ]
-    shared = [s for s in by_trade[0] if all(s in others for others in by_trade)]
-    errors = {s: max(of[s].error for of in by_trade) for s in shared}
-    seconds = {s: sum(of[s].total(samples) for of in by_trade) for s in shared}
-    names = listing(item.analysis for item in trades)
-    good = [s for s, error in errors.items() if MARGIN * error <= tolerance]
-    if good:
-        chosen = recommended({s: (seconds[s], errors[s]) for s in good})
-        return chosen, errors[chosen], f"the cheapest of a {kind} trade of {names}"
-    if not errors:
-        return ORDINARY, np.nan, f"no setting of a {kind} trade of {names} gives all rows"
-    chosen = min(errors, key=lambda s: errors[s])
-    words = (
-        f"no setting of a {kind} trade of {names} meets the tolerance; the most accurate"
+    shared = {
+        setting: [others[setting] for others in counting]
+        for setting in counting[0]
+        if all(setting in others for others in counting)
+    }
+    measured = {
+        setting: (sum(x.total(samples) for x in every), max(x.error for x in every))
+        for setting, every in shared.items()
+    }
+    good = {s: m for s, m in measured.items() if MARGIN * m[1] <= tolerance}
+    of = f"of a {kind} trade of {listing(item.analysis for item in trades)}"
+    if not measured:
+        return ORDINARY, np.nan, f"no setting {of} gives all rows"
+    chosen, why = (
+        (recommended(good), f"the cheapest {of}")
+        if good
+        else (
+            min(measured, key=lambda setting: measured[setting][1]),
+            f"no setting {of} meets the tolerance; the most accurate",
+        )
     )
-    return chosen, errors[chosen], words
+    return chosen, measured[chosen][1], why
