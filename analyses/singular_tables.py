@@ -164,11 +164,14 @@ def configuration_columns(
 Row = Mapping[str, Any]
 
 TONES = {"I": 1, "II": 2, "III": 3, "self-motion": 4}
-_ANGLES = {
-    "distance_I": "to type I",
-    "distance_II": "to type II",
-    "transmission": "transmission angle",
+_PLOTTED = {
+    "c": ("c", "input-output relation", ""),
+    "d": ("d", "input-output relation", ""),
+    "distance_I": ("to type I", "angles", "rad"),
+    "distance_II": ("to type II", "angles", "rad"),
+    "transmission": ("transmission angle", "angles", "rad"),
 }
+"""Columns of relations that are drawn: what of, group, and unit."""
 
 
 def without_jumps(line: Floats) -> Floats:
@@ -205,19 +208,13 @@ def relation_plots(relation: Row, count: int, rows: slice) -> list[Primitive]:
     several = len(set(relation["moving"])) > 1
     for start in range(0, len(relation["c"]), count):
         output, form, moving = (relation[k][start] for k in ("output", "form", "moving"))
-        by, at = f" by {moving}" * several, slice(start + rows.start, start + rows.stop)
-        folder = f"plots/{form}/{output.replace('/', '_')}"
-        relating, angles = f"input-output relation, form {form}", f"angles, form {form}"
-        for name, words, end, group, unit in (
-            *(
-                (name, name + by, (name + by).replace(" ", "_"), relating, "")
-                for name in "cd"
-            ),
-            *((name, words, name, angles, "rad") for name, words in _ANGLES.items()),
-        ):
-            values, path = relation[name][at], f"{folder}/{end}"
+        at = slice(start + rows.start, start + rows.stop)
+        for name, (words, group, unit) in _PLOTTED.items():
+            by = f" by {moving}" * (several and not unit)
+            end, values = (name + by).replace(" ", "_"), relation[name][at]
+            path = f"plots/{form}/{output.replace('/', '_')}/{end}"
             if np.any(np.isfinite(values)):
-                label = f"{words}, output {output}"
+                label, group = f"{words}{by}, output {output}", f"{group}, form {form}"
                 parts[path] = Series(path, label, group, values, unit)
     return [*parts.values()]
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import partial
 from html import escape
 from itertools import chain, product
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,6 @@ from spherekit.figures.sheet import (
     label_outside,
     name_points,
     ticks_of,
-    wrapped,
 )
 from spherekit.figures.style import Columns, Look
 
@@ -186,7 +186,7 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
         words = [first.heading]
         if first.label != first.group:
             words.insert(0, f"{first.label}:")
-        colour_bar(figure, panels, values, tint, colours, wrapped(" ".join(words), 42))
+        colour_bar(figure, panels, values, tint, colours, fill(" ".join(words), 42))
     return figure
 
 

@@ -4,6 +4,7 @@ import base64
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import fill
 from typing import Any, cast
 
 import numpy as np
@@ -124,7 +125,7 @@ def label_outside(panels: Sequence[Any], x: str, y: str) -> None:
     """Name the axes of panels that share them: x below the last ones, y once."""
     for panel in panels[-panels[0].get_gridspec().ncols :]:
         panel.set_xlabel(x)
-    panels[0].get_figure().supylabel(wrapped(y))
+    panels[0].get_figure().supylabel(fill(y, 30))
 
 
 def spot_look(tone: int) -> Look:
@@ -195,13 +196,3 @@ def ticks_of(panel: Axes, *units: str) -> None:
         low, high = axis.get_view_interval()
         if unit == "deg" and high - low >= LONG:
             axis.set_major_locator(MaxNLocator("auto", steps=DEGREE_STEPS))
-
-
-def wrapped(words: str, most: int = 30) -> str:
-    """Return words in lines of about so many letters."""
-    lines = [""]
-    for word in words.split():
-        if lines[-1] and len(lines[-1]) + len(word) >= most:
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {word}".strip()
-    return "\n".join(lines)

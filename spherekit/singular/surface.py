@@ -119,12 +119,9 @@ class SingularSurface:
             for end, way in ((low, 1.0), (high, -1.0)):
                 q = into_range(mesh.nodes.values[:, driven], low, high, periods[driven])
                 mesh = mesh._cut(driven, way * (q - end), end, periods[driven])
-        return mesh.only(self.view.is_own(self.view.types(mesh.nodes.values)))
-
-    def only(self, wanted: Bools) -> Self:
-        """Return the triangles whose vertices are all wanted (n,)."""
         none = np.zeros(0, dtype=np.intp)
-        return self._divided(none, self.nodes.rows(none), self.held[:0], wanted)
+        wanted = self.view.is_own(self.view.types(mesh.nodes.values))
+        return mesh._divided(none, mesh.nodes.rows(none), mesh.held[:0], wanted)
 
     def _cut(self, driven: int, beyond: Floats, end: float, period: float) -> Self:
         """Return the part where a variable is `beyond` (n,) an end of its range."""
