@@ -109,7 +109,7 @@ class Batch:
     _angles: Angles = field(default_factory=dict, repr=False)
     timed: bool = False
     _tracer: PositionAnalysis | None = field(default=None, repr=False)
-    _of_run: Callable[[], list[Floats]] | None = field(default=None, repr=False)
+    _of_run: list[Floats] | None = field(default=None, repr=False)
     _made: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
@@ -409,9 +409,7 @@ class Batch:
     @property
     def _extents(self) -> list[Floats]:
         """Those of the run, or of the batch where there is no run; see `extents`."""
-        if self._of_run is not None:
-            return self._of_run()
-        return extents(self._motion.inputs, self._motion.timing)
+        return self._of_run or extents(self._motion.inputs, self._motion.timing)
 
     def _single(self, columns: Floats) -> Floats:
         if columns.shape[1] != 1:

@@ -34,7 +34,29 @@ def link_shapes(mechanism: Mechanism) -> list[Body]:
 
 def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     """Return what does not move: the ground and the plans' Tables."""
-    return Scene(None, (shapes[0], _text(plans)))
+    mechanism = plans[0].mechanism
+    lines = [f"# Plan of {mechanism.name}"]
+    for plan in plans:
+        driven, locked = mechanism.pairs[plan.input], mechanism.names_of(plan.locked)
+        link, base = driven.links[1], driven.links[0]
+        lines.append(
+            f"Input: pair {driven.name}, link {link} relative to {base}"
+            f"{f'; locked: {listing(locked)}' if locked else ''}."
+        )
+        lines += ["", as_markdown(plan), ""]
+        steps = [
+            describe(plan, step)
+            for step in plan.steps
+            if not isinstance(step, PrimaryPole) or step.round
+        ]
+        lines += ["```", *steps, "```", ""] if steps else []
+    lines.append(
+        "x: primary pole (axis of a pair). I, II, ...: the pass of the "
+        "Aronhold-Kennedy theorem that finds it. *: found with an irreducible part."
+    )
+    if mechanism.source is not None:
+        lines += ["", f"Source: {mechanism.source.citation}"]
+    return Scene(None, (shapes[0], Text("plan", "Plan", "\n".join(lines))))
 
 
 def graph_scene(mechanism: Mechanism) -> Scene:
@@ -68,7 +90,13 @@ def motion_scenes(
         bodies = [
             replace(shapes[link], quaternions=turn[rows]) for link, turn in turns.items()
         ]
-        plots = _variables(motion, rows) if timed else []
+        plots: list[Series] = []
+        named = zip(mechanism.variable_names, motion.values[rows].T, strict=True)
+        for name, values in named if timed else ():
+            # With a gap where an angle passes a whole turn.
+            jumps = np.abs(np.diff(values, prepend=values[:1])) > np.pi
+            shown, path = np.where(jumps, np.nan, values), f"plots/variable/{name}"
+            plots.append(Series(path, name, "pair variables", shown, "rad"))
         scenes.append(Scene(assembly_mode.number, (*bodies, *plots)))
     return tuple(scenes)
 
@@ -79,19 +107,6 @@ def link_bodies(mechanism: Mechanism, rotations: Floats) -> list[Body]:
         replace(shape, quaternions=quaternion(rotations[:, shape.number]))
         for shape in link_shapes(mechanism)[1:]
     ]
-
-
-def _variables(motion: Motion, rows: slice) -> list[Series]:
-    """Return plots of the variables, with a gap where an angle passes a whole turn."""
-    plots = []
-    for name, values in zip(
-        motion.mechanism.variable_names, motion.values[rows].T, strict=True
-    ):
-        jumps = np.abs(np.diff(values, prepend=values[:1])) > np.pi
-        shown = np.where(jumps, np.nan, values)
-        path = f"plots/variable/{name}"
-        plots.append(Series(path, name, "pair variables", shown, "rad"))
-    return plots
 
 
 def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floats]:
@@ -120,7 +135,11 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
 
 def link_curves(joints: Floats) -> list[Floats]:
     """Return the great-circle arcs (k, 3) that draw a link: its sides, in convex order."""
-    joints = _apart(joints)
+    kept: list[int] = []  # of joints on one axis the first
+    for number, joint in enumerate(joints):
+        if all(arc(joints[other], joint) > SAME_PLACE for other in kept):
+            kept.append(number)
+    joints = joints[kept]
     if len(joints) < 2:
         return []
     if len(joints) == 2:
@@ -137,15 +156,6 @@ def link_curves(joints: Floats) -> list[Floats]:
     ]
 
 
-def _apart(joints: Floats) -> Floats:
-    """Return joints (j, 3) without those on an axis that an earlier one has."""
-    kept: list[int] = []
-    for number, joint in enumerate(joints):
-        if all(arc(joints[other], joint) > SAME_PLACE for other in kept):
-            kept.append(number)
-    return joints[kept]
-
-
 def great_arc(a: Floats, b: Floats) -> Floats:
     """Return points (k, 3) along the shorter great-circle arc between unit vectors."""
     if np.linalg.norm(np.cross(a, b)) < 1e-12:
@@ -153,29 +163,3 @@ def great_arc(a: Floats, b: Floats) -> Floats:
     angle = float(arc(a, b))
     t = np.linspace(0.0, angle, max(2, int(np.ceil(angle / CURVE_STEP)) + 1))[:, None]
     return np.cos(t) * a + np.sin(t) * frame_toward(a, b)[:, 0]
-
-
-def _text(plans: Sequence[Plan]) -> Text:
-    mechanism = plans[0].mechanism
-    lines = [f"# Plan of {mechanism.name}"]
-    for plan in plans:
-        driven, locked = mechanism.pairs[plan.input], mechanism.names_of(plan.locked)
-        link, base = driven.links[1], driven.links[0]
-        lines.append(
-            f"Input: pair {driven.name}, link {link} relative to {base}"
-            f"{f'; locked: {listing(locked)}' if locked else ''}."
-        )
-        lines += ["", as_markdown(plan), ""]
-        steps = [
-            describe(plan, step)
-            for step in plan.steps
-            if not isinstance(step, PrimaryPole) or step.round
-        ]
-        lines += ["```", *steps, "```", ""] if steps else []
-    lines.append(
-        "x: primary pole (axis of a pair). I, II, ...: the pass of the "
-        "Aronhold-Kennedy theorem that finds it. *: found with an irreducible part."
-    )
-    if mechanism.source is not None:
-        lines += ["", f"Source: {mechanism.source.citation}"]
-    return Text("plan", "Plan", "\n".join(lines))

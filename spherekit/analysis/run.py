@@ -113,11 +113,8 @@ def executed(
 
     Its motion is traced where anything asks for it, or to `follow` it.
     """
-    in_simulations = {
-        "engine": execution.engine != "auto",
-        "crossings": study.crossings != "end",
-    }
-    for name, is_said in in_simulations.items():
+    said = {"engine": execution.engine != "auto", "crossings": study.crossings != "end"}
+    for name, is_said in said.items():
         if study.start is None and is_said:
             raise AnalysisError(
                 f"run: {name} does nothing without a simulation: give start"

@@ -19,7 +19,7 @@ from spherekit.analysis.contract import AbstractAnalysis, Analyses, BrokenAnalys
 from spherekit.analysis.declared import declared
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.registry import create, load
-from spherekit.argument_validation import Style, in_words, read_as
+from spherekit.argument_validation import Style, fault_of, in_words, read_as
 from spherekit.conventions import Facts, Names, choices, listing
 from spherekit.errors import AnalysisError, PluginError, SpherekitError
 from spherekit.files.schema import mismatch, shown
@@ -184,12 +184,8 @@ def study_of(
     if "samples" in changes or pairs is not None:
         changes.setdefault("path", None)
     if pairs is not None:
-        named = isinstance(pairs, str | Sequence) and all(isinstance(p, str) for p in pairs)
-        if not named:
-            raise AnalysisError(
-                f"{function}: input_pair is {pairs!r}, it has to be the name of a pair, or "
-                "a sequence of names"
-            )
+        if fault := fault_of("input_pair", pairs, str | Sequence[str]):
+            raise AnalysisError(f"{function}: {fault}")
         changes["mechanism"] = driven_at(study.mechanism, pairs)
     if changes:
         study = replace(study, **changes)

@@ -133,7 +133,7 @@ class RunPlan:
         course, read = self.course, (motion, tuple(fields), angles)
         needs = self.needs[self.analyses.index(analysis)]
         given = self.mechanism, self.plans, needs, *read, course.timed, course.tracer
-        return Batch(*given, lambda: course.extents)
+        return Batch(*given, course.extents)
 
     def given(self, analysis: AbstractAnalysis, batch: Batch) -> dict[str, TableData]:
         """Return the tables that an analysis gives; see `computed` for what it raises."""
