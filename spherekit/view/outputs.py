@@ -10,6 +10,7 @@ import socket
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -320,15 +321,11 @@ class Outputs:
 
     def open(self) -> None:
         """Open all places, or none."""
-        opened: list[Output] = []
-        try:
+        with ExitStack() as opened:
             for place in self.places:
                 place.open()
-                opened.append(place)
-        except OutputError:
-            for place in opened:
-                place.close(keep=False)
-            raise
+                opened.callback(place.close, keep=False)
+            opened.pop_all()
 
     def close(self, error: BaseException | None) -> None:
         """Let go of all places, and note on an error what was kept."""
