@@ -77,14 +77,13 @@ NODE_GAP = 0.12
 
 def _apart(places: Floats) -> Floats:
     """Return places (n, 2), pushed from each other until none covers another."""
-    n = len(places)
-    upwards = np.sign(np.subtract.outer(np.arange(n), np.arange(n)))[..., None] * [0.0, 1.0]
+    # Those that coincide go upwards.
+    places = places + 1e-6 * np.arange(len(places))[:, None] * [0.0, 1.0]
     for _ in range(100):
         away = places[:, None] - places
         size = np.linalg.norm(away, axis=2, keepdims=True)
         push = np.where(size < NODE_GAP, 0.5 * (NODE_GAP - size) + 1e-3, 0.0)
-        ways = np.divide(away, size, out=upwards.copy(), where=size > 1e-6)
-        moved = np.sum(push * ways, axis=1)
+        moved = np.sum(push * away / np.maximum(size, 1e-9), axis=1)
         if not np.any(moved):
             break
         places = places + moved

@@ -518,26 +518,24 @@ def _place(
         return -1, "modes followed over samples of several inputs have no names"
     order = solver.mechanism.names_of(solver.assembly.inputs)
     q = np.array([[said[pair] for pair in order]])
-    at = [solver.evaluate(item, q).values[0] for item in assembly_modes]
     passive = [name for name in said if name not in inputs]
     variables = [solver.mechanism.angles[name] for name in passive]
-    wanted = np.array([said[name] for name in passive])
-    missed = np.abs(wrap(np.array(at)[:, variables] - wanted))
+    every = [solver.evaluate(item, q).values[0, variables] for item in assembly_modes]
+    missed = np.abs(wrap(np.array(every) - [said[name] for name in passive]))
     off = np.nan_to_num(np.max(missed, axis=1, initial=0.0), nan=np.inf)
     best = int(np.argmin(off))
     others = np.delete(off, best)
     if off[best] < FAR_FROM_NAMED and np.all(off[best] < CLEARLY * others):
         return best, ""
-    shown = listing(f"{pair} = {np.degrees(said[pair]):.6g} deg" for pair in inputs)
+
+    def shown(names: Iterable[str], angles: Iterable[float]) -> list[str]:
+        at = zip(names, np.degrees([*angles]), strict=True)
+        return [f"{name} = {angle:.6g} deg" for name, angle in at]
+
     there = [
-        f"mode {item.number}: {', '.join(_told(values, passive, solver))}"
-        for item, values in zip(assembly_modes, at, strict=True)
-        if all_finite(values)
+        f"mode {item.number}: {', '.join(shown(passive, wrap(angles)))}"
+        for item, angles in zip(assembly_modes, every, strict=True)
+        if all_finite(angles)
     ]
-    return -1, f"it is none at {shown}, where there are {listing(there) or 'no modes'}"
-
-
-def _told(values: Floats, passive: Sequence[str], solver: Solver) -> list[str]:
-    """Return the variables of passive pairs in words."""
-    angles = solver.mechanism.angles
-    return [f"{n} = {np.degrees(wrap(values[angles[n]])):.6g} deg" for n in passive]
+    where = listing(shown(inputs, (said[pair] for pair in inputs)))
+    return -1, f"it is none at {where}, where there are {listing(there) or 'no modes'}"

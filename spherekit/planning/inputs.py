@@ -135,7 +135,8 @@ class Pebbles:
         return self.reach([a, b])
 
     def merge(self, part: set[int], into: int) -> None:
-        """Make one body of a rigid part whose free pebbles were gathered on `into`."""
+        """Make one body of a rigid part, its free pebbles gathered on `into`."""
+        self.gather(into, FREEDOMS)
         for body in part:
             self.out[body] = []
             self.free[body] = 0
@@ -274,7 +275,6 @@ def _locked(
         part = game.rigid_part(a, b) if a != b else None
         if part is not None:
             into = min(part)
-            game.gather(into, FREEDOMS)
             game.merge(part, into)
             body = tuple(into if owner in part else owner for owner in body)
     moved = [pair for pair in driven if pair not in locked]
@@ -449,7 +449,6 @@ def split(
         groups.append(
             _group(mechanism, body_of, base, inside, any(n in meshes for n in inside))
         )
-        game.gather(base, FREEDOMS)
         game.merge(part, base)
         body_of = [base if body in part else body for body in body_of]
         open_pairs = {n: ends for n, ends in open_pairs.items() if n not in inside}
