@@ -6,6 +6,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,6 @@ READ_ONLY = "read-only"
 """A word in what NumPy says of an array that cannot be written to."""
 
 Subject = type[AbstractAnalysis] | AbstractAnalysis | str
-Check = Callable[[ConformanceCase], str]
 
 
 class ConformanceSuite:
@@ -74,22 +74,10 @@ class ConformanceSuite:
 
     def report(self) -> Report:
         """Return all lines."""
-        self._add("installed", self._installed)
-        self._add("metadata", self._metadata)
-        self._add("needs", self._needs)
-        self._add("runs", self._runs)
-        for name, check in (
-            ("reads", _reads),
-            ("inputs", _inputs),
-            ("tables", _tables),
-            ("findings", _findings),
-            ("blocks", _blocks),
-            ("failed rows", _failed_rows),
-            ("rotation", _rotation),
-            ("names", _names),
-            ("scene", _scene),
-        ):
-            self._add(name, lambda check=check: self._on_all(check))  # type: ignore[misc]
+        for look in (self._installed, self._metadata, self._needs, self._runs):
+            self._add(look.__name__, look)
+        for check in CHECKS:
+            self._add(check.__name__, partial(self._on_all, check))
         named = self._subject if isinstance(self._subject, str) else self._class.__name__
         return Report(named, tuple(self._lines))
 
@@ -98,7 +86,8 @@ class ConformanceSuite:
         return self._subject if isinstance(self._subject, type) else type(self._subject)
 
     def _add(self, name: str, look: Callable[[], str]) -> None:
-        """Add a line: what is seen, or what is wrong."""
+        """Add a line named as a check is: what is seen, or what is wrong."""
+        name = name[1:].replace("_", " ")
         unmet = [e.name for e in self._lines if e.verdict == "FAILS" and e.name in FIRST]
         if unmet:
             self._lines.append(Line(name, "not checked", f"after {unmet[0]}"))
@@ -191,7 +180,7 @@ class ConformanceSuite:
             raise PluginError(f"it refuses every mechanism: {'; '.join(self._refused)}")
         return self._trials
 
-    def _on_all(self, check: Check) -> str:
+    def _on_all(self, check: Callable[[ConformanceCase], str]) -> str:
         """Ask a question of every mechanism; what applies to none is not checked."""
         notes, without = [], []
         for trial in self._trials:
@@ -392,3 +381,10 @@ def _same(
         fault = difference(table, *tables, within, rotation)
         if fault:
             raise PluginError(f"{where}, {fault}")
+
+
+CHECKS = (
+    *(_reads, _inputs, _tables, _findings, _blocks, _failed_rows, _rotation, _names),
+    _scene,
+)
+"""What is asked of an analysis for every mechanism, in this order."""

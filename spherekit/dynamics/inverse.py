@@ -270,23 +270,17 @@ def _driven(
     mechanism: Mechanism, law: TimeLaw | Mapping[str, TimeLaw], input_pair: str | None
 ) -> tuple[Mechanism, Mapping[str, TimeLaw]]:
     """Return a mechanism with the inputs that laws are of, and the law of each."""
-    if isinstance(law, Mapping):
-        inputs = mechanism.input_pairs
-        if len(law) < len(inputs):
-            lacking = next(pair for pair in inputs if pair not in law)
-            raise SolveError(
-                f"{mechanism.name}: input {lacking} has no law; give one for every "
-                f"input ({listing(inputs)})"
-            )
-        return mechanism.with_inputs(*(inputs if {*inputs} == {*law} else law)), law
-    mechanism = driven_at(mechanism, input_pair)
-    names = mechanism.input_pairs
-    if len(names) > 1:
+    if not isinstance(law, Mapping):
+        mechanism = driven_at(mechanism, input_pair)
+        law = {mechanism.input_pairs[0]: law}
+    inputs = mechanism.input_pairs
+    if len(law) < len(inputs):
+        lacking = next(pair for pair in inputs if pair not in law)
         raise SolveError(
-            f"{mechanism.name}: has {len(names)} inputs; give a law for each by its "
-            f"name: {listing(names)}"
+            f"{mechanism.name}: input {lacking} has no law; give one for every input by "
+            f"its name ({listing(inputs)})"
         )
-    return mechanism, {names[0]: law}
+    return mechanism.with_inputs(*(inputs if {*inputs} == {*law} else law)), law
 
 
 def _scheduled(mechanism: Mechanism, schedule: TimeScaling, t: Floats) -> Motion:

@@ -125,8 +125,8 @@ class Reactions(JointReactions):
         """
         mechanism = self.torques.mechanism
         turned = nans(vectors.shape[:2])
-        for pair, column in mechanism.angles.items():
-            turned[:, mechanism.pair_number[pair]] = self.torques.values[:, column]
+        numbers = [mechanism.pair_number[pair] for pair in mechanism.angles]
+        turned[:, numbers] = self.torques.values[:, [*mechanism.angles.values()]]
         cos, sin = np.cos(turned), np.sin(turned)
         x, y = vectors[..., 0], vectors[..., 1]
         return np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
