@@ -12,7 +12,14 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.conventions import EPS
 from spherekit.errors import RegionError
-from spherekit.region.border import ORDERS, BoundarySegments, corners, crossings, nearest_on
+from spherekit.region.border import (
+    DRAWN,
+    ORDER,
+    BoundarySegments,
+    corners,
+    crossings,
+    nearest_on,
+)
 from spherekit.region.mesh import (
     Evaluator,
     Margins,
@@ -127,12 +134,11 @@ class Refinement:
         """Return points and triangles of the region alone, its border as it was found."""
         held, apex, third, more = self._mixed()
         pieces = self.pieces
-        step = np.where(pieces.sound, pieces.order, 1)
         points, triangles = [self.points], [self.triangles[held == 3]]
         count = len(self.points)
-        for order in (1, *ORDERS):
-            some = np.flatnonzero(step == order)
-            nodes = pieces.points(some, order) if order > 1 else pieces.ends[some]
+        for step, rows in ((ORDER, ~pieces.sound), (DRAWN, pieces.sound)):
+            some, order = np.flatnonzero(rows), ORDER // step
+            nodes = pieces.points(some)[:, ::step]
             number = count + np.arange(nodes.shape[0] * (order + 1)).reshape(-1, order + 1)
             fan = (
                 np.repeat(apex[some], order),
@@ -238,23 +244,15 @@ class Refinement:
         return order[np.searchsorted(self.crossing_keys, keys, sorter=order)]
 
     def _improve(self, tolerance: float) -> Bools:
-        """Bring the error down without new triangles; return those to cut for more."""
+        """Return the triangles to cut to bring the error down to a tolerance."""
         cut = np.zeros(len(self.triangles), dtype=bool)
-        share = 0.5 * tolerance
-        while True:
-            pieces = self.pieces
-            counted = pieces.sound & (self.verdict[pieces.owner] != TriangleClass.OPEN)
-            error = np.where(counted, pieces.error, 0.0)
-            error[error <= ROUNDED * EPS * pieces.length] = 0.0
-            if error.sum() <= share:
-                break
+        share, pieces = 0.5 * tolerance, self.pieces
+        counted = pieces.sound & (self.verdict[pieces.owner] != TriangleClass.OPEN)
+        error = np.where(counted, pieces.error, 0.0)
+        error[error <= ROUNDED * EPS * pieces.length] = 0.0
+        if error.sum() > share:
             poor = error > 0.5 * share / max(1, int(np.count_nonzero(counted)))
-            rough = poor & (pieces.order < ORDERS[-1])
-            if not rough.any():
-                cut[pieces.owner[poor]] = True
-                break
-            pieces.raise_order(self.evaluate, np.flatnonzero(rough))
-            self.verdict[pieces.owner[~pieces.sound]] = TriangleClass.OPEN
+            cut[pieces.owner[poor]] = True
         vague = self.verdict == TriangleClass.OPEN
         area = np.where(vague, self.areas, 0.0)
         if area.sum() > share:
@@ -275,7 +273,7 @@ class Refinement:
         self.pieces = self.pieces.rows(self.pieces.owner >= 0)
 
 
-ROUNDING = 1e-14
+ROUNDING = 3e-14
 """Rounding of a sum of areas (sr), part of every error."""
 LARGEST_SET = 4
 """Sets of more margins than this are not tried when a region is empty."""
@@ -339,7 +337,7 @@ class Region:
     Attributes
     ----------
     area, error
-        Area (sr) and a bound of its error: what doubling the order of the border changes,
+        Area (sr) and a bound of its error: what half of the heights say otherwise,
         and the whole area of every triangle of which too little is known.
     unresolved
         That latter area alone (sr): tangent borders, corners sharper than 0.25 rad,
