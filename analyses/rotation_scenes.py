@@ -160,7 +160,6 @@ def mid_planes(form: MidPlaneArchitecture, orientations: Floats) -> Floats:
 
 def _circle(normal: Floats) -> Floats:
     """Return points (k, 3) of the great circle about a normal (3,)."""
-    across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-    across /= np.linalg.norm(across)
-    turn = np.linspace(0.0, 2.0 * np.pi, DRAWN)[:, None]
-    return np.cos(turn) * across + np.sin(turn) * np.cross(normal, across)
+    across = np.linalg.svd(normal[None])[2][1:]
+    turn = np.linspace(0.0, 2.0 * np.pi, DRAWN)
+    return np.stack([np.cos(turn), np.sin(turn)], axis=1) @ across

@@ -136,7 +136,6 @@ _LONG_KEY = re.compile(rf"(?<![\w-]){_PART}{_MORE_PARTS}")
 _HUGE_INTEGER = re.compile(r"[0-9_]{4300}")
 _SYNTAX = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.S)
 _REPEATED = re.compile(r"Cannot declare \((.*?),?\) twice", re.S)
-_KEY = re.compile(r"""[ \t]*([\w.\-"' ]+?)[ \t]*=""")
 
 
 class LiteralNumber(float):
@@ -357,21 +356,16 @@ def _syntax_fault(text: str, name: str, message: str) -> str:
         seen = f", first on line {first}" if first else ""
         key = spelt(path)
         return f"{name}:{line}: {key}: is given twice{seen}; names are unique ({what})"
-    if what.startswith("Cannot overwrite"):
-        match = _KEY.match(content)
-        key = f"{match[1]}: " if match else ""
-        return f"{name}:{line}: {key}this key is given twice; keys are unique ({what})"
-    return f"{name}:{line}: {place}{what}{_syntax_hint(content)}"
+    subject = re.sub(r"\"[^\"]*\"|'[^']*'|#.*", "", f"{what}\n{content}")
+    hint = next((hint for pattern, hint in _HINTS if re.search(pattern, subject)), "")
+    return f"{name}:{line}: {place}{what}{hint}"
 
 
-def _syntax_hint(line: str) -> str:
-    value = re.sub(r"\"[^\"]*\"|'[^']*'|#.*", "", line)
-    if re.search(r"(?<![\w.])\.\d", value):
-        return "; a number starts with a digit: write 0.5, not .5"
-    if re.search(r"\d\.(?!\d)", value):
-        return "; a number has digits after its point: write 5.0 or 5, not 5."
-    if re.search(r"=\s*(True|False)\b", value):
-        return "; write true or false in small letters"
-    if re.search(r"=\s*[A-Za-z_]", value):
-        return '; text needs quotes: write "R", not R'
-    return ""
+_HINTS = (
+    ("^Cannot overwrite", "; this key is given twice; keys are unique"),
+    (r"(?<![\w.])\.\d", "; a number starts with a digit: write 0.5, not .5"),
+    (r"\d\.(?!\d)", "; a number has digits after its point: write 5.0 or 5, not 5."),
+    (r"=\s*(True|False)\b", "; write true or false in small letters"),
+    (r"=\s*[A-Za-z_]", '; text needs quotes: write "R", not R'),
+)
+"""What is meant, by what tomllib says or what the line has outside of quotes."""

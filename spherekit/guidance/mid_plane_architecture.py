@@ -156,7 +156,7 @@ class MidPlaneArchitecture:
         normals
             (n, 3) in mirror axes.
         modes
-            A sign for each leg.
+            A sign for each leg, or (n, legs).
         links
             Numbers of the links wanted, all by default; the others are left NaN.
         """

@@ -36,7 +36,6 @@ from spherekit.output.forward import PoseSolutions, solved
 from spherekit.output.posed_mode import PosedMode
 from spherekit.output.virtual_output import VirtualOutputChain, with_wrist
 from spherekit.planning.inputs import plan_assembly
-from spherekit.rates.request import cross, dot
 from spherekit.rates.transmission import Transmission
 from spherekit.sphere.rotation import azimuth_tilt, euler_zyz
 
@@ -282,16 +281,15 @@ class InverseKinematics:
         with np.errstate(all="ignore"):
             for start in range(0, max(len(given), 1), ROWS):
                 rows = slice(start, start + ROWS)
-                views = self._views(given[rows], starts[rows], modes, start)
+                views = self._views(given[rows], starts[rows], modes)
                 blocks.append([*map(np.stack, zip(*map(told, views), strict=True))])
         return [np.concatenate(part, axis=-1) for part in zip(*blocks, strict=True)]
 
     def _views(
-        self, given: Floats, starts: Floats, modes: Sequence[Signs], first: int = 0
+        self, given: Floats, starts: Floats, modes: Sequence[Signs]
     ) -> Iterator[PosedMode]:
-        """Yield each mode at poses from a row on; what modes share is computed once."""
+        """Yield each mode at poses; what modes share is computed once."""
         block = np.ascontiguousarray(given.T)
-        self._check(block, first)
         directions, count = given if self.wrist.points else None, len(self.own.pairs)
 
         def measure(view: PosedMode) -> Floats:
@@ -348,7 +346,6 @@ class InverseKinematics:
             If the poses are not rotations or directions.
         """
         given = self._checked(poses)
-        self._check(given.T, 0)
         if self._turned is not None:
             with np.errstate(all="ignore"):
                 return self._every_turn(self._turned, given)
@@ -407,7 +404,7 @@ class InverseKinematics:
         return SolveError(f"{self.own.name}: outputs.{self.wrist.output.name}: {why}")
 
     def _checked(self, poses: ArrayLike) -> Floats:
-        """Return poses (n, ...); NaN is one."""
+        """Return poses (n, ...), refusing what is none; NaN is one."""
         given, points = np.asarray(poses, dtype=float), self.wrist.points
         shape = (3,) if points else (3, 3)
         if given.shape == shape:
@@ -415,19 +412,16 @@ class InverseKinematics:
         if given.shape[1:] != shape or given.ndim != len(shape) + 1:
             what = "directions (n, 3)" if points else "rotations (n, 3, 3)"
             raise self._refusal(f"poses are {what}, not {given.shape}")
-        return given
-
-    def _check(self, block: Floats, first: int) -> None:
-        """Raise the error about a pose (..., n) that is none; NaN passes."""
-        points = self.wrist.points
-        sizes = [dot(column, column) for column in ([block] if points else block)]
+        columns = given[..., None] if points else given
+        sizes = np.einsum("nik,nik->nk", columns, columns)
         if not points:
             # unit columns span at most the unit volume, and only at right angles
-            sizes.append(dot(cross(block[0], block[1]), block[2]))
-        wrong = np.any([np.abs(size - 1.0) > NOT_UNIT for size in sizes], axis=0)
+            sizes = np.column_stack([sizes, np.linalg.det(given)])
+        wrong = np.any(np.abs(sizes - 1.0) > NOT_UNIT, axis=1)
         if np.any(wrong):
             what = "unit vector" if points else "rotation matrix"
-            raise self._refusal(f"row {first + int(np.argmax(wrong))} is not a {what}")
+            raise self._refusal(f"row {int(np.argmax(wrong))} is not a {what}")
+        return given
 
     def _chosen(self, modes: Sequence[Signs] | None) -> tuple[Signs, ...]:
         if modes is None:

@@ -89,10 +89,7 @@ class MidPlaneKinematics(ClosedKinematics):
         normals, driven_modes = away * upward, away * plane.modes(inputs)
         wanted = np.array(self.modes)[:, list(plane.driven)]
         row, mode = np.nonzero(np.all(driven_modes[:, None] == wanted, axis=2))
-        values = nans((len(row), len(self.mechanism.variable_owners)))
-        for number, signs in enumerate(self.modes):
-            placed = form.place(normals[row[mode == number]], signs)
-            values[mode == number], _ = form.values(placed)
+        values, _ = form.values(form.place(normals[row], np.array(self.modes)[mode]))
         closed = np.isfinite(values).all(axis=1)
         row, mode, values = row[closed], mode[closed], values[closed]
         turned = form.orientations(normals[row])

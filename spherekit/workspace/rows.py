@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -443,22 +443,23 @@ def _between_axes(
     """
     mechanism = kinematics.carrying
     closest = _closest(mechanism, wanted)
-    asked: list[tuple[tuple[int, int], tuple[float, float, str]]] = []
+    limits: dict[tuple[int, int], list[tuple[float, float, str]]] = {}
+
+    def ask(one: int, other: int, *limit: Any) -> None:
+        axes = min(one, other), max(one, other)
+        limits.setdefault(axes, [(0.0, np.pi, "")]).append(limit)
+
     for one, other, shortest, longest, folds in kinematics.spans:
-        asked.append(((one, other), (shortest, longest, "the arcs of the leg")))
+        ask(one, other, shortest, longest, "the arcs of the leg")
         if closest > 0.0 and folds:
-            asked.append(((one, other), (closest, np.pi, "the width of the links")))
+            ask(one, other, closest, np.pi, "the width of the links")
     for item in wanted.apart:
         one, other = (_pair(kinematics, "apart", name) for name in (item.one, item.other))
         if not _holds_always(mechanism, item, one, other):
-            asked.append(((one, other), (item.low, item.high, "apart")))
-    limits: dict[tuple[int, int], list[tuple[float, float, str]]] = {}
-    for (one, other), limit in asked:
-        axes = (other, one) if (other, one) in limits else (one, other)
-        limits.setdefault(axes, [(0.0, np.pi, "")]).append(limit)
+            ask(one, other, item.low, item.high, "apart")
     bounds: list[AngleLimit] = []
     for axes, held in limits.items():
-        name = "/".join(kinematics.name_of(pair) for pair in sorted(axes))
+        name = "/".join(kinematics.name_of(pair) for pair in axes)
         low, _, low_from = max(held, key=lambda asked: asked[0])
         _, high, high_from = min(held, key=lambda asked: asked[1])
         if low > high:
