@@ -416,7 +416,8 @@ class InverseKinematics:
         sizes = np.einsum("nik,nik->nk", columns, columns)
         if not points:
             # unit columns span at most the unit volume, and only at right angles
-            sizes = np.column_stack([sizes, np.linalg.det(given)])
+            with np.errstate(invalid="ignore"):
+                sizes = np.column_stack([sizes, np.linalg.det(given)])
         wrong = np.any(np.abs(sizes - 1.0) > NOT_UNIT, axis=1)
         if np.any(wrong):
             what = "unit vector" if points else "rotation matrix"
