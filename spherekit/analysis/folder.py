@@ -96,7 +96,7 @@ class RunFolder:
                 folder.discard()
             yield folder
         finally:
-            kept = folder.unfinished or (folder.work / MADE / SUMMARY).exists()
+            kept = folder.unfinished or _content(folder.work / MADE / SUMMARY)
             if not kept:
                 folder.discard()
                 with suppress(OSError):  # Windows removes no open file
@@ -183,7 +183,8 @@ class RunFolder:
             If a file cannot be moved, or would replace what no run has made.
         """
         made, older = self.work / MADE, self.path / SUMMARY
-        names = [*_content(made / SUMMARY)[BYTES], SUMMARY]
+        listed = _content(made / SUMMARY)[BYTES]
+        names = [*(name for name in listed if Path(name).name == name), SUMMARY]
         self.claim(names)
         try:
             if older.exists():
