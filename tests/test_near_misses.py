@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from singular_examples import findings_of, four_bar
-from strategies import MECHANISMS
 
 import spherekit as sk
 from spherekit.model.parts import Input
@@ -157,25 +156,3 @@ def test_minima_of_values_alone():
     for shift in (-1e-6, 1e-6):
         assert np.all(function(x + shift) > y)
     assert not len(minima(lambda x: np.full(len(x), 0.3), np.linspace(0.0, 1.0, 6))[0])
-
-
-SHIPPED = (p.stem for p in sorted(MECHANISMS.glob("*.toml")) if "." not in p.stem)
-QUICK = ("four_bar", "stephenson", "universal_joint")
-SINGLE = [
-    pytest.param(name, marks=[] if name in QUICK else pytest.mark.long)
-    for name in SHIPPED
-    if len(sk.load(name).inputs) < 2
-]
-
-
-@pytest.mark.many
-@pytest.mark.parametrize("name", SINGLE)
-def test_near_misses_do_not_depend_on_samples(name):
-    few, *more = (near_misses(name, samples) for samples in (181, 721, 1999))
-    for misses, warnings in more:
-        assert len(warnings) == len(few[1]) and len(misses) == len(few[0])
-        for one, other in zip(few[0], misses, strict=True):
-            assert one["assembly_modes"] == other["assembly_modes"]
-            assert one["output"] == other["output"] and one["type"] == other["type"]
-            for key in ("q_rad", "angle_rad"):
-                assert abs(one[key] - other[key]) < np.radians(0.01)

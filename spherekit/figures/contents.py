@@ -193,11 +193,10 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
 def _zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> None:
     """Draw where a quantity passes zero, and not where its sign is turned."""
     still = table.copy()
-    for axis in (0, 1):
-        sign = np.moveaxis(np.abs(np.diff(table, axis=axis)) > TURNED * span, axis, 0)
-        lines = np.moveaxis(still, axis, 0)
-        lines[:-1][sign] = np.nan
-        lines[1:][sign] = np.nan
+    for axis, end in product((0, 1), ("prepend", "append")):
+        beyond: Look = {end: np.nan}
+        steps = np.diff(table, axis=axis, **beyond)
+        still[np.abs(steps) > TURNED * span] = np.nan
     finite = still[np.isfinite(still)]
     if len(finite) and np.min(finite) < 0.0 < np.max(finite):
         panel.contour(x, y, still.T, levels=[0.0], colors=style.INK, linewidths=0.8)
