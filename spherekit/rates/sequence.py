@@ -6,7 +6,7 @@ w_k - w_a = x u_ka with one ratio x of such products, as arrays (3, n) and (n,).
 Each pole carries a bound of its error, propagated from those of its sources. Of all the
 great circles that the plan keeps for a pole, a route takes the best two or the first two.
 The best two are the one with the smallest error and then the partner that makes the
-intersection most certain; both the angle between the two planes and the bound are reported.
+intersection most certain.
 """
 
 import numpy as np
@@ -33,40 +33,35 @@ TRUSTED_ERROR = 1e-12
 class PlannedPoles:
     """The poles of a plan at the rows of a motion, with any signs of secondary ones.
 
-    `unit[pole]` (3, n) the direction; `error[pole]` (n,) bound of its error (rad);
-    `angle[pole]` (n,) sine of the angle between the two planes used, 1 for primary poles.
+    `unit[pole]` (3, n) the direction; `error[pole]` (n,) bound of its error (rad).
     """
 
     def __init__(self, plan: Plan, motion: Motion, route: Route = "best") -> None:
         self.plan, self.motion, self.route = plan, motion, route
         self.unit: dict[Pole, Floats] = {}
         self.error: dict[Pole, Floats] = {}
-        self.angle: dict[Pole, Floats] = {}
         self._drawn: dict[Pole, tuple[Floats, Floats]] = {}
         n = len(motion)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             for step in plan.steps:
                 if isinstance(step, PrimaryPole):
-                    axis = self._of_pair(step.pair)
-                    self._add(step.pole, axis, np.full(n, EPS), np.ones(n))
+                    self.unit[step.pole] = self._of_pair(step.pair)
+                    self.error[step.pole] = np.full(n, EPS)
                 elif isinstance(step, LinePole):
-                    one, other, angle, error = self._two_circles(step)
+                    one, other, self.error[step.pole] = self._two_circles(step)
                     self._drawn[step.pole] = one, other
-                    self._add(step.pole, _unit(cross(one, other)), error, angle)
+                    self.unit[step.pole] = _unit(cross(one, other))
                 else:
                     self._solve(step)
-
-    def _add(self, pole: Pole, unit: Floats, error: Floats, angle: Floats) -> None:
-        self.unit[pole], self.error[pole], self.angle[pole] = unit, error, angle
 
     def _of_pair(self, pair: int) -> Floats:
         return np.ascontiguousarray(self.motion.axes[:, pair].T)
 
-    def _two_circles(self, step: LinePole) -> tuple[Floats, Floats, Floats, Floats]:
+    def _two_circles(self, step: LinePole) -> tuple[Floats, Floats, Floats]:
         """Return the normals of the two great circles of a pole.
 
-        And the sine of the angle between them and the bound of where they meet (n,). Of
-        all these are those through pairs of known poles, then the contact planes.
+        And the bound of where they meet (n,). Of all these are those through pairs of known
+        poles, then the contact planes.
         """
         i, j = step.pole
         sources = [(pole_of(i, k), pole_of(j, k)) for k in step.via]
@@ -87,7 +82,7 @@ class PlannedPoles:
         doubt[best, row] = np.inf
         partner = np.argmin(doubt, axis=0)
         off = np.minimum(doubt[partner, row], 1.0)
-        return first, circles[partner, :, row].T, sine[partner, row], off
+        return first, circles[partner, :, row].T, off
 
     def _solve(self, step: BlockPoles) -> None:
         """Add the poles of an irreducible part: the null vector of its equations."""
@@ -106,8 +101,8 @@ class PlannedPoles:
         for pole in step.poles:
             i, j = (number[link] for link in pole)
             vector = (w[:, j] - w[:, i]).T
-            error = np.minimum(EPS * growth / np.maximum(norm(vector), EPS), 1.0)
-            self._add(pole, _unit(vector), error, 1.0 / np.maximum(growth, 1.0))
+            off = EPS * growth / np.maximum(norm(vector), EPS)
+            self.unit[pole], self.error[pole] = _unit(vector), np.minimum(off, 1.0)
 
     def link_rates(self, bodies: tuple[int, ...]) -> tuple[dict[int, Floats], Floats]:
         """Return w (3, n) relative to the ground by body, and a bound (n,) of its error.
