@@ -148,7 +148,7 @@ class DesignKernel:
         self.turning = tuple(turns)
         moving = [*terms.sample, *terms.places, *terms.handed_in, *turns.values()]
         items = [*terms.squares, *outputs, *(terms.angle(pair) for pair in turns)]
-        self._rows, fixed = hoisted(items, moving, "design_")
+        self._rows, fixed = hoisted(items, moving)
         self._given, self._reached = [*moving, *fixed], len(terms.squares)
         self._count = self._reached + len(outputs)
         self.prepare = term_function([*fixed.values()], terms.sizes, self._compiled)
@@ -237,7 +237,7 @@ class PathKernel:
                 change[variable] = angle - places[variable]
         given = [*places, *terms.handed_in]
         outputs = [*change, flow.scale, flow.openness]
-        self._rows, fixed = hoisted(outputs, given, "design_")
+        self._rows, fixed = hoisted(outputs, given)
         self._inputs = [*given, *fixed]
         self.prepare = term_function([*fixed.values()], terms.sizes, self.compiled)
         self._real = term_function(self._rows, self._inputs, self.compiled)

@@ -221,11 +221,11 @@ def substituted(items: Sequence[Expr], terms: Mapping[ExpressionNode, Expr]) -> 
 
 
 def hoisted(
-    items: Sequence[Expr], moving: Iterable[ExpressionNode], prefix: str
+    items: Sequence[Expr], moving: Iterable[ExpressionNode]
 ) -> tuple[list[Expr], dict[ExpressionNode, ExpressionNode]]:
     """Return expressions in which what does not depend on `moving` is a variable.
 
-    The variables, named by a prefix and a number, come with the terms that they stand for.
+    The variables, named by numbers, come with the terms that they stand for.
     """
     moves = set(moving)
     order = list(in_order(items))
@@ -235,7 +235,7 @@ def hoisted(
     used = [item for term in order if term in moves for item in term.arguments]
     still = [x for x in (*used, *items) if isinstance(x, ExpressionNode) and x not in moves]
     fixed = list(dict.fromkeys(still))
-    new = symbols(f"{prefix}{k}" for k in range(len(fixed)))
+    new = symbols(f"design_{k}" for k in range(len(fixed)))
     made = substituted(items, dict(zip(fixed, new, strict=True)))
     return made, dict(zip(new, fixed, strict=True))
 

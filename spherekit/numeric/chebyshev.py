@@ -154,6 +154,24 @@ class PiecewiseChebyshev:
         slopes = chebyshev.chebder(self.coefficients, axis=1)
         return PiecewiseChebyshev(self.edges, slopes * rates[:, None, None])
 
+    def largest(self) -> tuple[Floats, Floats]:
+        """Return the places (m,) and values (m,) where functions are largest in size.
+
+        All zeros of the derivative of each cell's series are taken, and its ends.
+        """
+        places, values = np.zeros((2, self.coefficients.shape[2]))
+        for cell, of_cell in enumerate(self.coefficients):
+            low, high = self.edges[cell : cell + 2]
+            for function, series in enumerate(of_cell.T):
+                turning = real_zeros(np.asarray(chebyshev.chebder(series), dtype=float))
+                x = np.concatenate([[-1.0, 1.0], turning])
+                y = chebyshev.chebval(x, series)
+                top = int(np.argmax(np.abs(y)))
+                if np.abs(y[top]) > np.abs(values[function]):
+                    values[function] = y[top]
+                    places[function] = low + 0.5 * (high - low) * (1.0 + x[top])
+        return places, values
+
 
 @cache
 def nodes(degree: int) -> Floats:

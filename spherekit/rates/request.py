@@ -30,13 +30,7 @@ from spherekit.sphere.rotation import all_finite
 
 def cross(a: Floats, b: Floats) -> Floats:
     """Return a x b for arrays (..., 3, n)."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    a0, a1, a2 = a[..., 0, :], a[..., 1, :], a[..., 2, :]
-    b0, b1, b2 = b[..., 0, :], b[..., 1, :], b[..., 2, :]
-    out[..., 0, :] = a1 * b2 - a2 * b1
-    out[..., 1, :] = a2 * b0 - a0 * b2
-    out[..., 2, :] = a0 * b1 - a1 * b0
-    return out
+    return np.cross(a, b, axis=-2)
 
 
 def dot(a: Floats, b: Floats) -> Floats:
