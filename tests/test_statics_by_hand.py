@@ -17,36 +17,16 @@ def at_rest(made, pair):
 BEVEL_GEARS = text_of("example")
 
 
-def test_the_transmitted_load_of_bevel_gears(tmp_path):
-    """The tooth force along the pitch circles is the power over the speed of these.
-
-    Both cones roll without sliding at the pitch point, so there it moves with V = r w
-    of either gear, r its pitch radius there, and the force W along the motion does P =
-    W V: with 5 hp (745.7 W each), r = 32.84 mm and w = 62.83 rad/s of the pinion V =
-    2.063 m/s and W = 1807 N. The gear turns at w 15/45 and has the radius 3 r, so W
-    turns it by 3 r W = 178.0 N m, what the brake takes, and the pinion by P/w = 59.34 N
-    m. The point is at r / sin g from the centre with tan g = 15/45, the pinion's half
-    angle between shafts at 90 degrees. What presses the cones together does no work and
-    is left open: pitch cones have no pressure angle.
-    """
-    (tmp_path / "gears.toml").write_text(BEVEL_GEARS)
-    made = sk.load(tmp_path / "gears.toml")
-    found = at_rest(made, "pinion_shaft")
-    pitch_radius, angle = 0.03284, np.arctan(15 / 45)
-    cone_distance = pitch_radius / np.sin(angle)
-    mesh = made.pair_number["mesh"]
-    assert np.abs(found.traction[:, mesh]) / cone_distance == pytest.approx(1807, rel=1e-3)
-    pinion_torque = 5 * 745.7 / (600 * 2 * np.pi / 60)
-    assert np.abs(found.torques.tau) == pytest.approx(pinion_torque, rel=1e-3)
-    assert np.all(found.is_open[:, mesh, 0])
-
-
-def test_the_thrust_of_bevel_gears(tmp_path):
+def test_the_load_and_the_thrust_of_bevel_gears(tmp_path):
     """Teeth press along the normal of their flanks, 20 degrees off the pitch circles.
 
-    So the force W = 1807 N of the test above comes with W tan 20 = 657.7 N that presses the
-    wheels apart, at right angles to the line of contact in the plane of the shafts: of it
-    sin g = 1/sqrt(10) pushes the pinion away from the centre along its shaft, 208.0 N, and
+    The cones roll without sliding at the pitch point, which moves with V = r w of either
+    gear, and the force W along the pitch circles does P = W V: with 5 hp (745.7 W each), r
+    = 32.84 mm and w = 62.83 rad/s of the pinion W = 1807 N, and the pinion's torque P/w =
+    59.34 N m. The point is at r / sin g from the centre with tan g = 15/45, the pinion's
+    half angle between shafts at 90 degrees. W comes with W tan 20 = 657.7 N that presses
+    the wheels apart, at right angles to the line of contact in the plane of the shafts:
+    of it sin g = 1/sqrt(10) pushes the pinion outwards along its shaft, 208.0 N, and
     the gear 3/sqrt(10), 623.9 N. These are the W tan(phi) sin(gamma) along the shaft and W
     tan(phi) cos(gamma) across it of textbooks (R. G. Budynas and J. K. Nisbett, Shigley's
     Mechanical Engineering Design, chapter 13, force analysis of bevel gearing), for the
@@ -60,6 +40,10 @@ def test_the_thrust_of_bevel_gears(tmp_path):
     made = sk.load(tmp_path / "gears.toml")
     found = at_rest(made, "pinion_shaft")
     assert not np.any(found.is_open) and not np.any(found.open_forces)
+    traction = found.traction[:, made.pair_number["mesh"]]
+    cone_distance = 0.03284 / np.sin(np.arctan(15 / 45))
+    assert np.abs(traction) / cone_distance == pytest.approx(1807, rel=1e-3)
+    assert np.abs(found.torques.tau) == pytest.approx(59.34, rel=1e-3)
     for pair, thrust in (("pinion_shaft", 208.0), ("gearshaft", 623.9)):
         number = made.pair_number[pair]
         z = found.frames[:, number, :, 2]

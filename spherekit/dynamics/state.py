@@ -102,9 +102,6 @@ class IndeterminateForces:
             wanted.append("constraints that do not repeat each other")
         return wanted
 
-    def __bool__(self) -> bool:
-        return bool(self.wanted)
-
 
 def lacking(mechanism: Mechanism, frames: Floats) -> IndeterminateForces:
     """Return what would determine all forces at one row, `frames` (pairs, 3, 3) its pairs.

@@ -386,9 +386,8 @@ class StoredModel:
     def _inertia(self, rows: Floats) -> Floats:
         """Return M (n, m, m) of all functions in rows."""
         m = len(self.heading.by)
-        M, lower = np.empty((len(rows), m, m)), np.tril_indices(m)
-        for i, k, column in zip(*lower, self._columns(self.heading.inertia), strict=True):
-            M[:, i, k] = M[:, k, i] = rows[:, column]
+        M, (i, k) = np.empty((len(rows), m, m)), np.tril_indices(m)
+        M[:, i, k] = M[:, k, i] = rows[:, self._columns(self.heading.inertia)]
         return M
 
     def _forces(self, rows: Floats, dq: Floats, t: Floats) -> Floats:
