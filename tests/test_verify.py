@@ -152,7 +152,7 @@ def verifier_of(tracer, count):
     made = tracer.mechanism
     wanted = request(made, "21", [(0, 3)], [(0, 3)])
     course = Sampling(tracer, tracer.input_grid.q, tracer.input_grid.shape, None, False, {})
-    plan = RunPlan(course, (), (), {}, (wanted,), ORDINARY, course, len(course))
+    plan = RunPlan(course, (), (), {}, (wanted,), ORDINARY, course, len(course), [])
     return wanted, Verifier(plan, count)
 
 
