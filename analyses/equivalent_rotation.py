@@ -263,11 +263,13 @@ class EquivalentRotation(AbstractAnalysis):
             "largest_drift_rad": drift,
             "crossings_rad": list(turn.crossings),
             "start": {
-                "mode": start.labels[result.number],
+                "mode": str(start.labels[result.number]),
                 "number": result.number,
                 "configurations": [
                     {"mode": label, "inputs_rad": inputs.tolist()}
-                    for label, inputs in zip(start.labels, start.inputs, strict=True)
+                    for label, inputs in zip(
+                        start.labels.tolist(), start.inputs, strict=True
+                    )
                 ],
             },
         }

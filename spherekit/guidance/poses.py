@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spherekit.arrays import Bools, Floats, Indices
+from spherekit.arrays import Bools, Floats
 from spherekit.conventions import listing
 from spherekit.errors import SolveError
 from spherekit.guidance.follow import FollowedRotation, follow_rotation, follow_to, unit
@@ -20,6 +21,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import Solver, label_of
 from spherekit.motion.elimination import assemblies
+from spherekit.numeric.zeros import ArrayRows
 from spherekit.output.forward import pose_of
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.virtual_output import with_wrist
@@ -81,7 +83,7 @@ Pose = AtInputs | AtOrientation | AtDirection | AtMirror
 
 
 @dataclass(frozen=True)
-class PoseCandidates:
+class PoseCandidates(ArrayRows):
     """k configurations: `values` (k, variables), `inputs` (k, inputs) rad.
 
     `orientations` (k, 3, 3) are those of the output link seen from its other link,
@@ -94,21 +96,11 @@ class PoseCandidates:
     values: Floats
     inputs: Floats
     orientations: Floats
-    labels: tuple[str, ...]
+    labels: NDArray[np.str_]
     singular: Bools
 
     def __len__(self) -> int:
         return len(self.values)
-
-    def ordered(self, order: Indices) -> "PoseCandidates":
-        """Return them in an order (k,)."""
-        return PoseCandidates(
-            self.values[order],
-            self.inputs[order],
-            self.orientations[order],
-            tuple(self.labels[k] for k in order),
-            self.singular[order],
-        )
 
     def number_of(self, mode: str) -> int:
         """Return the number of the candidate that a number or signs name.
@@ -119,7 +111,7 @@ class PoseCandidates:
             If there is none.
         """
         if mode in self.labels:
-            return self.labels.index(mode)
+            return self.labels.tolist().index(mode)
         if mode.isdigit() and int(mode) < len(self):
             return int(mode)
         raise SolveError(
@@ -192,10 +184,10 @@ class PoseFinder:
             values,
             self.solver.reduced(values[:, driven]),
             pose_of(self.mechanism, self.output, placed),
-            tuple(labels),
+            np.array(labels, dtype=str),
             ~free,
         )
-        return candidates.ordered(np.argsort(candidates.singular, kind="stable"))
+        return candidates.rows(np.argsort(candidates.singular, kind="stable"))
 
     def _inverse(self, pose: Floats, points: bool) -> PoseCandidates:
         """Return the configurations at an orientation (3, 3) or direction (3,)."""
@@ -311,7 +303,7 @@ class PoseFinder:
             try:
                 ends = self.candidates(end)
                 away = angles_between(first[None], ends.orientations)
-                ends = ends.ordered(np.lexsort((np.round(away, 9), ends.singular)))
+                ends = ends.rows(np.lexsort((np.round(away, 9), ends.singular)))
                 wanted = ends.orientations[ends.number_of(mode)]
             except SolveError as problem:
                 raise SolveError(f"end: {problem}") from None
