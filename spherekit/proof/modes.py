@@ -36,11 +36,7 @@ MOST_BOXES = 500_000
 TRIED = 4
 STEPS = 20
 PRECISIONS = (80, 160, 320, 640)
-"""Bits of centres; the next where roots are not told apart."""
-CLOSE = 1e-7
-"""Roots that are alone in a smaller ball (rad) only have neighbours that may be lost."""
-FAR = 12.0
-"""Imaginary part (rad) beyond which an approximation is taken for a root at infinity."""
+"""Bits of centres; the next where roots are missing."""
 CENTRAL = 6.0
 """Imaginary part (rad) below which an approximation surely is of no root at infinity."""
 MOST_APART = 3000
@@ -177,7 +173,7 @@ def certified_modes(
             if precision == PRECISIONS[0]:
                 systems = search.from_homotopies(near)
         proven = len(search.roots) >= made.bound or bool(systems)
-        if proven or not search.doubtful:
+        if proven:
             break
         near = [*([middle_of(ball) for ball in r.centre] for r in search.roots), *near]
     assert len(search.roots) <= made.bound, "more roots were proven than there can be"
@@ -220,24 +216,17 @@ class _Search:
         self.driven = given_at(written, inputs)
         self.turns = circle(self.driven)
         self.roots: list[Root] = []
-        self.lost = False
 
     @property
     def real(self) -> list[Root]:
         """The roots that are real."""
         return [root for root in self.roots if root.real]
 
-    @property
-    def doubtful(self) -> bool:
-        """Whether roots may be missing since they were not told apart."""
-        return self.lost or any(root.unique < CLOSE for root in self.roots)
-
     def from_homotopies(self, near: list[Sequence[complex]]) -> Sequence[System]:
         """Try what homotopies find; return the systems if these show all real roots.
 
         All approximations tried are put in `near`, with their complex conjugates. It ends
-        when they are as many as roots can be, none near infinity, and some that are not
-        proven are too near each other.
+        when they are as many as roots can be, none near infinity.
         """
         bound = self.equations.construction.bound
         for seed in range(SEEDS):
@@ -247,7 +236,7 @@ class _Search:
                 self.take(approximation)
             near += fresh
             finite = np.sum(np.all(np.abs(nearby.imag) < CENTRAL, axis=1))
-            if len(self.roots) >= bound or (finite >= bound and self.doubtful):
+            if max(len(self.roots), finite) >= bound:
                 break
             if len(nearby) and self.real_by_systems[0] == len(self.real):
                 return self.real_by_systems[1]
@@ -266,10 +255,7 @@ class _Search:
         if any(root.leads_to(near) for root in self.roots):
             return
         root = root_near(self.equations, self.driven, near)
-        if root is None:
-            # far from the unit circle it is on its way to a root at infinity
-            self.lost = self.lost or max(abs(angle.imag) for angle in near) < FAR
-        elif all(root.apart(other) for other in self.roots):
+        if root is not None and all(root.apart(other) for other in self.roots):
             self.roots.append(root)
 
     def excluded(self) -> tuple[int, Left]:
