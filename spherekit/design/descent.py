@@ -12,7 +12,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.figures import widest_swings
-from spherekit.design.homotopy import LONG, SAME, apart, straight, tracked
+from spherekit.design.homotopy import LONG, SAME, apart, tracked
 from spherekit.design.requirements import MATCH, Specification
 from spherekit.design.sweep import Columns
 from spherekit.design.varied import DEG, DesignAt
@@ -70,10 +70,11 @@ class HeldMode:
             return np.repeat(signs[:, None], count, axis=1)
         newton, begun, configurations = self.followed
         closes, profiles = np.flatnonzero(all_finite(configurations, 0)), None
-        way = straight((begun.sizes[:, None], design.sizes[:, None]))
+        sizes = begun.sizes[:, None], design.sizes[:, None]
         if begun.profiles is not None:
             profiles = begun.profiles.towards((design.values - begun.values)[:, None])
-        values, arrived = tracked(newton, way, configurations[:, closes], profiles, LONG)
+        start = configurations[:, closes]
+        values, arrived = tracked(newton, start, sizes, profiles=profiles, contracts=LONG)
         made = nans(configurations.shape)
         made[:, closes[arrived]] = values[:, arrived]
         return made

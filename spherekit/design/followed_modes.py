@@ -19,7 +19,6 @@ from spherekit.design.homotopy import (
     apart,
     distinct,
     settled,
-    straight,
     tracked,
 )
 from spherekit.engine.design_kernel import PathKernel
@@ -129,8 +128,8 @@ class _Following:
             if not len(rows):
                 break
             ends = sizes[:, rows], self.sizes[:, rows]
-            way = straight(ends, q, 1j * bend * (q[1] - q[0]))
-            arrivals, arrived = tracked(self.kernel, way, begun[:, rows].astype(complex))
+            start, aside = begun[:, rows].astype(complex), 1j * bend * (q[1] - q[0])
+            arrivals, arrived = tracked(self.kernel, start, ends, q, aside)
             made[:, rows] = np.where(arrived, arrivals, np.nan)
             self._set_real(made, rows)
             left &= ~distinct(made.reshape(len(made), -1, self.m))
@@ -157,8 +156,8 @@ class _Following:
         By real ways. What two of them lead to, or one leads nowhere, is of a lost design.
         """
         rows, links = np.flatnonzero(is_real(at)), np.full(at.shape[1], -1)
-        way = straight((self.sizes[:, rows], self.sizes[:, rows]), q)
-        ends, reached = tracked(self.kernel, way, at[:, rows].real, contracts=LONG)
+        sizes, begun = self.sizes[:, rows], at[:, rows].real
+        ends, reached = tracked(self.kernel, begun, (sizes, sizes), q, contracts=LONG)
         rows, ends = rows[reached], ends[:, reached]
         others = there.reshape(len(there), -1, self.m)[:, rows // self.m]
         gaps = apart(others.real, ends[:, :, None])

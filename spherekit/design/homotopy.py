@@ -53,9 +53,6 @@ FARTHEST = 12.0
 SAME = 1e-6
 """Solutions that differ by less (rad) are one."""
 
-Way = Callable[[Indices, Floats], tuple[Floats, Array]]
-"""Sizes (k, m) and inputs (inputs, m) of rows (m,), parts (m,) of their ways on."""
-
 Profiles = Callable[[Floats, Indices, Floats], Floats]
 """Columns (w, k) of profiles at variables (v, k) of rows (k,) at parts (k,) of their ways.
 
@@ -68,44 +65,30 @@ HELD = np.zeros((0, 1)), np.zeros((0, 1))
 """Inputs that kernels hold, at both ends."""
 
 
-def straight(
+def tracked(
+    kernel: PathKernel,
+    start: Array,
     sizes: tuple[Floats, Floats],
     q: tuple[Array, Array] = HELD,
     bend: Array | float = 0.0,
-) -> Way:
-    """Return straight ways in sizes and inputs, bent off the real axis between.
-
-    `sizes` (k, n) and `q` (inputs, n) at both ends, or (k, 1) and (inputs, 1) of all;
-    `bend` (inputs, 1) is how far off the inputs are halfway.
-    """
-
-    def way(rows: Indices, t: Floats) -> tuple[Floats, Array]:
-        one, other, a, b = (
-            end[:, rows] if end.shape[1] > 1 else end for end in (*sizes, *q)
-        )
-        return one + (other - one) * t, a + (b - a) * t + 4.0 * bend * t * (1.0 - t)
-
-    return way
-
-
-def tracked(
-    kernel: PathKernel,
-    way: Way,
-    start: Array,
     profiles: Profiles | None = None,
     contracts: float = CONTRACTS,
 ) -> tuple[Array, Bools]:
     """Return the solutions (variables, n) at the ends of ways, and which arrived (n,).
 
+    Ways are straight in sizes and inputs, but for a bend off the real axis.
+
     Parameters
     ----------
     kernel
         Newton's step of the topology.
-    way
-        The sizes and inputs on the way.
     start
         (variables, n) solutions where ways begin. Real ones keep the sign of the
         equations' determinant.
+    sizes, q
+        (k, n) and (inputs, n) at both ends, or (k, 1) and (inputs, 1) of all.
+    bend
+        (inputs, 1) how far off the inputs are halfway.
     profiles
         The columns of profiles, where some are handed in.
     contracts
@@ -114,8 +97,10 @@ def tracked(
     n, real = start.shape[1], not np.iscomplexobj(start)
 
     def at(rows: Indices, t: Floats) -> tuple[Array, Equations]:
-        sizes, q = way(rows, t)
-        prepared = kernel.prepare(sizes)
+        one, other, a, b = (
+            end[:, rows] if end.shape[1] > 1 else end for end in (*sizes, *q)
+        )
+        prepared = kernel.prepare(one + (other - one) * t)
 
         def equations(values: Array, some: Indices) -> At:
             rest = prepared[:, some]
@@ -123,16 +108,15 @@ def tracked(
                 rest = np.concatenate([profiles(values, rows[some], t[some]), rest])
             return kernel.at(values, rest)
 
-        return q, equations
+        return a + (b - a) * t + 4.0 * bend * t * (1.0 - t), equations
 
     now, step, places = start.copy(), np.ones(n), np.zeros((3, n))
     places[0], slopes, side = -1.0, np.zeros((2, *start.shape), start.dtype), np.zeros(n)
     rows = np.flatnonzero(all_finite(start, 0))
     with np.errstate(all="ignore"):
         soon = start[:, rows]
-        q, equations = at(rows, np.full(len(rows), SOON))
-        driven, every = kernel.driven[: len(q)], np.arange(len(rows))
-        soon[driven] = q
+        driven, every = kernel.driven[: len(q[0])], np.arange(len(rows))
+        soon[driven], equations = at(rows, np.full(len(rows), SOON))
         begun = equations(soon, every)
         slopes[:, :, rows] = (soon + begun.step - start[:, rows]) / SOON
         side[rows] = np.sign(begun.determinant.real)
@@ -342,7 +326,7 @@ def _around(
         corners.append((there, q[:, None] + np.repeat(away, count, axis=1)))
     now, arrived = np.tile(values, (1, TOGETHER)), np.ones(TOGETHER * count, dtype=bool)
     for (one, begin), (other, end) in zip(corners, corners[1:] + corners[:1], strict=True):
-        now, reached = tracked(kernel, straight((one, other), (begin, end)), now)
+        now, reached = tracked(kernel, now, (one, other), (begin, end))
         arrived &= reached
     return now[:, arrived]
 
@@ -355,8 +339,8 @@ def _moved(
 ) -> Array:
     """Return where solutions come to, those that do."""
     one, other = sizes
-    way = straight((one[:, None], other[:, None]), q)
-    made, arrived = tracked(kernel, way, values.astype(complex))
+    ends = one[:, None], other[:, None]
+    made, arrived = tracked(kernel, values.astype(complex), ends, q)
     return made[:, arrived]
 
 

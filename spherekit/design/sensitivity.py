@@ -9,7 +9,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import Names, choices, listing, nearest
-from spherekit.design.homotopy import SHORT, Profiles, straight, tracked
+from spherekit.design.homotopy import SHORT, Profiles, tracked
 from spherekit.design.profile_numbers import APART, has_other_profiles
 from spherekit.design.variables import (
     ACTIONS,
@@ -324,8 +324,8 @@ class Sensitivity:
         away = sizes - self._design.sizes[:, None]
         count = len(self._varied.of_contacts)
         away[:count] = wrap(away[:count])  # angles of wheels are of any turn
-        way = straight((sizes - away, sizes))
-        now, closed = tracked(self._newton, way, start, profiles, SHORT)
+        ends = sizes - away, sizes
+        now, closed = tracked(self._newton, start, ends, profiles=profiles, contracts=SHORT)
         there = np.repeat(samples.T, draws, axis=1)
         with np.errstate(all="ignore"):
             columns = None
