@@ -395,9 +395,8 @@ class Collocation:
     ) -> Iterator[tuple[float, EventKind | Literal["singularity"], str]]:
         """Yield what happens within a step, where at one time, what ends it first."""
         mechanism, driven = self.equation.mechanism, list(self.problem.driven)
-        reached = step.stopped(mechanism, self.problem.whole)
-        if reached is not None:
-            yield reached[0], "joint_limit", reached[1].pair
+        for t, pair in step.stopped(mechanism, self.problem.whole):
+            yield t, "joint_limit", pair
         size, side = self._sense(orientation)
         self.orientation = float(np.copysign(size, side))
         crossing = step.crossing(orientation, self.orientation, CROSSED)

@@ -6,7 +6,7 @@ II.7): within a step the solution is a polynomial of degree N. What happens with
 are zeros of functions known at its nodes or as polynomials.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -21,7 +21,6 @@ from spherekit.dynamics.state import EquationOfMotion, Roots
 from spherekit.engine.equation import CompiledEquation
 from spherekit.engine.integration import Run, Stretch
 from spherekit.engine.system import mass_size
-from spherekit.model.dynamics import JointLimit
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.numeric.zeros import ArrayRows, Function, zeros
@@ -106,14 +105,11 @@ class Step:
         later = crossed.places > self.start
         return [float(t) for t in crossed.places[later & ~crossed.double]]
 
-    def stopped(
-        self, mechanism: Mechanism, whole: Floats
-    ) -> tuple[float, JointLimit] | None:
-        """Return the first time at which a pair passes a stop, and that stop.
+    def stopped(self, mechanism: Mechanism, whole: Floats) -> Iterator[tuple[float, str]]:
+        """Yield times at which pairs are first beyond a joint limit, and their names.
 
         `whole` (variables,) rad are turns by which the states are less than stops.
         """
-        reached: list[tuple[float, JointLimit]] = []
         for stop in mechanism.joint_limits:
             number = variable_of(mechanism, stop.pair)
             for limit, sense in ((stop.low, -1.0), (stop.high, 1.0)):
@@ -121,8 +117,7 @@ class Step:
                 t = zeros(beyond, self.times).places
                 outward = t[sense * beyond(t)[1] > 0.0]
                 if len(outward) or sense * beyond(self.times[-1:])[0][0] > 0.0:
-                    reached.append((float([*outward, self.start][0]), stop))
-        return min(reached, key=lambda item: item[0], default=None)
+                    yield float([*outward, self.start][0]), stop.pair
 
     def orientation(self, closure: Closure, rates: Floats) -> Floats:
         """Return (N,) the determinant of the closure equations bordered by the rates.
