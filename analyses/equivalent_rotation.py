@@ -248,7 +248,7 @@ class EquivalentRotation(AbstractAnalysis):
         """Return axis, angle, feasibility, places of type II, and the duration."""
         result = self._found(batch)
         turn, at, start = result.turn, result.samples, result.start
-        orientation_error, drift = map(_largest, (at.orientation_error, at.drift))
+        orientation_error = _largest(at.orientation_error)
         failed = ~np.isin(at.status, (Status.OK, Status.AT_SINGULARITY))
         kept = orientation_error < FEASIBLE and not np.any(failed)
         figures: dict[str, Any] = {
@@ -260,7 +260,7 @@ class EquivalentRotation(AbstractAnalysis):
             "reached_rad": turn.reached,
             "end": Status(turn.end).name,
             "largest_orientation_error_rad": orientation_error,
-            "largest_drift_rad": drift,
+            "largest_drift_rad": _largest(at.drift),
             "crossings_rad": list(turn.crossings),
             "start": {
                 "mode": str(start.labels[result.number]),
@@ -275,16 +275,15 @@ class EquivalentRotation(AbstractAnalysis):
         }
         told = [(turn.axis, f"link {result.output.relative_to}")]
         if result.form is not None:
-            mirrored = turn.axis @ result.form.frame
-            figures["axis_in_mirror_axes"] = mirrored.tolist()
-            told.append((mirrored, "the mirror (x0, y0, z0)"))
+            told.append((turn.axis @ result.form.frame, "the mirror (x0, y0, z0)"))
+            figures["axis_in_mirror_axes"] = told[1][0].tolist()
         about = ", ".join(
             f"({', '.join(f'{x:.6f}' for x in axis)}) in axes of {frame}"
             for axis, frame in told
         )
         remarks = [f"{np.degrees(turn.angle):.6g} deg about {about}"]
         if result.schedule is not None:
-            most = result.schedule.binding
+            most, taken = result.schedule.binding, f"{result.schedule.duration:.6g} s"
             set_by = f"{most.quantity} of {most.input} at {most.t:.6g} s"
             figures["schedule"] = {
                 "shape": self.shape,
@@ -303,8 +302,7 @@ class EquivalentRotation(AbstractAnalysis):
                     for extreme in result.schedule.extremes
                 ],
             }
-            duration = f"{result.schedule.duration:.6g} s"
-            remarks.append(f"it takes {duration} within the limits, set by {set_by}")
+            remarks.append(f"it takes {taken} within the limits, set by {set_by}")
         return Findings(figures, tuple(_warnings(result, failed)), tuple(remarks))
 
     def _found(self, batch: Batch) -> FoundRotation:
