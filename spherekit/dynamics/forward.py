@@ -11,6 +11,7 @@ from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.dynamics.compiled_engine import by_taylor_series, coordinates_at
 from spherekit.dynamics.numpy_engine import Collocation
+from spherekit.dynamics.path import BLOCK
 from spherekit.dynamics.simulation import (
     NO_SERIES,
     Event,
@@ -304,7 +305,8 @@ def until_lift_off(simulation: Simulation) -> Simulation:
         moments = simulation.moments(t).moments
         return moments[:, pairs, 0], np.fmax.reduce(np.abs(moments), axis=(1, 2))
 
-    push, sizes = pushes(t)
+    blocks = np.array_split(t, 1 + len(t) // BLOCK)
+    push, sizes = map(np.concatenate, zip(*map(pushes, blocks), strict=True))
     largest = np.fmax.accumulate(sizes)
     largest = np.maximum(largest, largest[: FIRST * PLACES][-1])
     rows = np.flatnonzero(np.any(push < -PULLS * largest[:, None], axis=1))
@@ -320,17 +322,19 @@ def until_lift_off(simulation: Simulation) -> Simulation:
         )
     from scipy.optimize import brentq
 
-    low, high = float(t[row - 1]), float(t[row])
-    when = low
+    when = float(t[row - 1])
     if push[row - 1, which] > 0.0:
-        when = brentq(lambda x: pushes(np.array([x]))[0][0, which], low, high, xtol=1e-14)
+        when = brentq(
+            lambda x: pushes(np.array([x]))[0][0, which], when, t[row], xtol=1e-14
+        )
     end = SimulationEnd(
         "lift_off",
-        float(when),
+        when,
         f"contact {name} lifts off: it would have to pull to keep its links together; "
         "press it with a spring, or move more slowly",
     )
-    inputs = simulation.at([when]).inputs[0].tolist()
-    before = tuple(event for event in simulation.events if event.t <= when)
-    event = Event("lift_off", float(when), tuple(inputs), name)
-    return replace(simulation, events=(*before, event), end=end)
+    inputs = tuple(simulation.at([when]).inputs[0].tolist())
+    before = (event for event in simulation.events if event.t <= when)
+    return replace(
+        simulation, events=(*before, Event("lift_off", when, inputs, name)), end=end
+    )
