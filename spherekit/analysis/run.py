@@ -323,13 +323,13 @@ def kept(
     store: StoredParts | InMemory | None,
 ) -> Iterator[Callable[[], None]]:
     """Give what is called after each block; if the run is stopped, keep what was done."""
-    identity, done = job.identity, standing.done
+    done = standing.done
 
     def after_block() -> None:
         nonlocal done
         if place is not None and isinstance(store, StoredParts):
             parts = {"standing": standing.state(), "store": store.state()}
-            place.write({"identity": identity, **parts})
+            place.write({"identity": job.identity, **parts})
             done = standing.done
 
     try:

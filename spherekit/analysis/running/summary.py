@@ -156,7 +156,7 @@ class RunPlan:
             store.add(name, stored, stored.named(rows, names))
         standing.add_rows(name, table, rows, batch)
 
-    @property
+    @cached_property
     def identity(self) -> Facts:
         """What makes the run the one it is, ready for JSON.
 
