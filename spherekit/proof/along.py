@@ -173,8 +173,8 @@ def rates(piece: CertifiedArc, half: float) -> Floats:
     reach, size = np.append(half, 0.0 * t[1:] + tight), np.append(1.0, 0.0 * t[1:] + across)
     sums = test.degrees @ reach
     varied = (test.constant * sums + test.error) * (test.degrees @ size) ** 2
-    varied += np.abs(test.bent) @ size @ size - np.abs(test.bent[:, 0, 0])
-    bend, off = -test.inverse @ test.bent[:, 0, 0], test.size @ varied * UP
+    bend, sizes = -test.bent[:, 0, 0], np.abs(test.bent)
+    off = (test.size @ varied + sizes @ size @ size - sizes[:, 0, 0]) * UP
     off = (off + rows / (1.0 - rows) * np.max(np.abs(bend) + off)) * UP + 1e-15
     middle, beside = normals @ bend, np.abs(normals) @ off * UP
     return np.array([[t - spread, t + spread], [middle - beside, middle + beside]])
@@ -207,9 +207,13 @@ Stops = tuple[list[StationaryPlace], list[StationaryPlace]]
 
 
 def stops(equations: Equations, chain: Chain, variable: int) -> Stops:
-    """Return where a variable stops along a chain, and the parts that are undecided."""
+    """Return where a variable stops along a chain, and the parts that are undecided.
+
+    Neighbours along which the derivative has one sign are seen as one, since the rate then
+    passes all its zeros the same way: its sign where they meet may be open.
+    """
     made: Stops = [], []
-    budget = MOST_PARTS
+    budget, begun, sign, sense, kept = MOST_PARTS, chain.pieces[0], 0, 0, 0
     for number, (first, further) in enumerate(chain.links):
         budget += PARTS_EACH
         waiting = [(first, further.centre, further.miss, 0)]
@@ -222,9 +226,21 @@ def stops(equations: Equations, chain: Chain, variable: int) -> Stops:
                     (part, goal, off, depth + 1),
                     (piece, part.centre, part.miss, depth + 1),
                 ]
-            elif part is not None:
-                sure, place = part
-                made[not sure].append(replace(place, after=number))
+                continue
+            before, bend, end = part or (0, 0, 0)
+            if not bend or bend != sense or not begun.holds(goal, off):
+                begun, sign, kept = piece, before, len(made[1])
+            decided = sign and bend and end
+            if decided:
+                del made[1][kept:]
+            if decided and sign != end:
+                place = _place(equations, begun, goal, variable, end)
+                made[0].append(replace(place, after=number))
+            elif part and not decided:
+                made[1].append(
+                    replace(_doubt(equations, piece, goal, off, variable), after=number)
+                )
+            sense = 0 if decided else bend
     return made
 
 
@@ -236,39 +252,44 @@ def _part(
     off: float,
     depth: int,
     short: bool,
-) -> tuple[bool, StationaryPlace] | CertifiedArc | None:
+) -> tuple[int, int, int] | CertifiedArc | None:
     """Return what a variable does from a piece's centre to a goal in it, off by `off`.
 
-    Whether it surely stops, and where; it does not stop; or what it does is seen in the two
-    parts at the piece returned. Parts are `short` only if that is wanted, and helps.
+    It does not stop; or signs say what it does, 0 where they are open: of its rate at the
+    centre, of the derivative all along and of the rate at the goal; or it is seen in the
+    two parts at the piece returned. Parts are `short` only if that is wanted, and helps.
     """
     reach = float(piece.coordinates(goal)[0]) + off + 1e-13
     rate, bend = signs(piece, min(reach, piece.half), variable)
     if rate:
         return None
-    before, least = signs(piece, 0.0, variable), SHORTEST_STILL
+    before, end, least = signs(piece, 0.0, variable), 0, SHORTEST_STILL
     if bend:
         there = piece_at(equations, goal, piece.tangent, 1e-3)
-        same = there is not None and there.tangent @ piece.tangent > 1e-3
-        end = signs(there, 0.0, variable)[0] if there is not None and same else 0
-        if before[0] and end:
-            if before[0] == end:
-                return None
-            return True, _place(equations, piece, goal, variable, end)
+        if there is not None and there.tangent @ piece.tangent > 1e-3:
+            end = signs(there, 0.0, variable)[0]
         # an end whose sign is open stays one, however short the parts
     elif short and any(before):
         least = SHORTEST_PART
-    if reach >= least and depth < DEEPEST:
+    if not (before[0] and end) and reach >= least and depth < DEEPEST:
         middle = _middle(equations, piece, goal, 0.5 if depth % 2 else 0.47)
         if middle is not None and middle.holds(goal, off):
             return middle
+    return before[0], bend, end
+
+
+def _doubt(
+    equations: Equations, piece: CertifiedArc, goal: Floats, off: float, variable: int
+) -> StationaryPlace:
+    """Return where a variable may stop from a piece's centre to a goal, off by `off`."""
+    reach = float(piece.coordinates(goal)[0]) + off + 1e-13
     # a shorter piece says more
     near = piece_at(equations, piece.centre, piece.tangent, 1.5 * reach, 1.1 * reach)
     near = piece if near is None or near.half < reach else near
     fastest = np.max(np.abs(rates(near, min(reach, near.half))[0, :, variable]))
     spread = np.abs(near.frame[variable]) @ [reach, *[near.tight] * (len(goal) - 1)]
     off = min(float(spread), 1.001 * float(fastest) * reach + near.miss) + 1e-12
-    return False, StationaryPlace(piece.centre, off)
+    return StationaryPlace(piece.centre, off)
 
 
 def _middle(

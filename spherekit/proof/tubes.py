@@ -143,7 +143,7 @@ class Test:
     The derivatives at the centre, values (k,), slopes (k, v) and curvatures (k, v, v), are
     off by at most `error` (k,) times products of `degrees` (k, v) of the coordinates,
     rounding included; those of order three are at most `constant` (k,) times such products.
-    `inverse` is Y, `bent` (k, v, v) are the curvatures.
+    `inverse` is Y, `bent` (k, v, v) is Y F''.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class Test:
         self.constant, self.inverse, self.size = equations.bound, inverse, np.abs(inverse)
         self.error = equations.real.error + 4.0 * ROUNDING * self.constant
         self.degrees = equations.degrees @ np.abs(frame) * UP
-        self.bent = frame.T @ curvatures @ frame
+        self.bent = np.tensordot(inverse, frame.T @ curvatures @ frame, 1)
         self._miss = np.abs(inverse @ values) + self.size @ self.error
         self._slopes = np.abs(
             inverse @ (slopes @ frame) - np.eye(len(inverse), len(frame), 1)
@@ -167,9 +167,8 @@ class Test:
         """Return bounds (..., k, v) of Y F' less (0, 1) within a reach (..., v)."""
         sums = reach @ self.degrees.T
         beyond = 0.5 * self.constant * sums**2 + self.error * (1.0 + sums)
-        bent = (reach[..., None, None, :] @ np.abs(self.bent).swapaxes(1, 2))[..., 0, :]
-        moved = bent + beyond[..., None] * self.degrees
-        return (self._slopes + self.size @ moved) * UP
+        bent = (reach[..., None, None, :] @ np.abs(self.bent))[..., 0, :]
+        return (self._slopes + bent + self.size @ (beyond[..., None] * self.degrees)) * UP
 
     def arc(self, half: Floats, radius: Floats) -> tuple[Floats, Floats, Floats]:
         """Return how far off the axis F is 0 where |s| <= half, if |y| <= radius there.
@@ -184,7 +183,10 @@ class Test:
         rows = np.max(np.sum(change[..., 1:], axis=-1), axis=-1) * UP
         spare = np.maximum(1.0 - rows, 1e-300)
         across = np.max(change[..., 0], axis=-1) / spare * UP
-        return (np.max(self._miss) / spare + half * across) * UP, rows, across
+        # a bound of y' is convex in s
+        reach[..., 0] = 0.0
+        mean = 0.5 * across + 0.5 * np.max(self.change(reach)[..., 0], axis=-1) / spare * UP
+        return (np.max(self._miss) / spare + half * mean) * UP, rows, across
 
 
 def corrected(
