@@ -556,6 +556,8 @@ def check_tensor(key: str, tensor: Floats) -> None:
         If it is not symmetric, has a negative principal moment, or one that exceeds the
         sum of the two others.
     """
+    if tensor.shape != (3, 3):
+        raise ModelError(f"{key}: has the shape {tensor.shape}, needs (3, 3)")
     need_finite(key, tensor.ravel())
     largest = float(max_abs(tensor))
     for i, j in ((0, 1), (0, 2), (1, 2)):

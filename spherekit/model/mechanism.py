@@ -23,6 +23,7 @@ from spherekit.conventions import (
 from spherekit.errors import ModelError
 from spherekit.markup import html_table
 from spherekit.model.dynamics import JointLimit, Mass, check_mass, check_stop
+from spherekit.model.joints import KINDS
 from spherekit.model.load import Load
 from spherekit.model.parts import (
     Angles,
@@ -392,6 +393,8 @@ def not_named(where: str, what: str, name: str, names: Collection[str]) -> Model
 def _check(mechanism: Mechanism) -> None:
     """Raise `ModelError` where names or geometry of a mechanism do not fit each other."""
     where = mechanism.name or "mechanism"
+    if len(mechanism.links) < 2:
+        raise ModelError(f"{where}: a mechanism has at least two links")
     _check_names(where, mechanism)
     for pair in mechanism.pairs:
         _check_pair(f"{where}: pairs.{pair.name}", pair)
@@ -428,21 +431,27 @@ def _check(mechanism: Mechanism) -> None:
 
 
 def _check_names(where: str, mechanism: Mechanism) -> None:
-    """Refuse names that cannot be one, are given twice, or that nothing has.
-
-    But for loads and inputs, which changes in code name too, the format sees to the first.
-    """
-    for load in mechanism.loads:
-        if not NAME_PATTERN.fullmatch(load.name) or len(load.name) > MAX_NAME_LENGTH:
-            raise ModelError(
-                f"{where}: load name {load.name[:80]!r}: use 1 to {MAX_NAME_LENGTH} "
-                "letters (A-Z, a-z), digits and underscores"
-            )
-    for name, times in Counter(mechanism.input_pairs).items():
-        if times > 1:
-            raise ModelError(
-                f'{where}: input at a "{name}" is given twice; names are unique'
-            )
+    """Refuse names that cannot be one, are given twice, or that nothing has."""
+    for what, names in (
+        ("link", mechanism.links),
+        ("pair", [pair.name for pair in mechanism.pairs]),
+        ("input at a", mechanism.input_pairs),
+        ("output", [output.name for output in mechanism.outputs]),
+        ("load", [load.name for load in mechanism.loads]),
+        ("mass of a", [mass.link for mass in mechanism.masses]),
+        ("joint limit of a", [stop.pair for stop in mechanism.joint_limits]),
+        ("mode", [*mechanism.modes]),
+    ):
+        for name, times in Counter(names).items():
+            if not NAME_PATTERN.fullmatch(name) or len(name) > MAX_NAME_LENGTH:
+                raise ModelError(
+                    f"{where}: {what} name {name[:80]!r}: use 1 to {MAX_NAME_LENGTH} "
+                    "letters (A-Z, a-z), digits and underscores"
+                )
+            if times > 1:
+                raise ModelError(
+                    f'{where}: {what} "{name}" is given twice; names are unique'
+                )
     for what, key, name in _named(mechanism):
         names = mechanism.links if what == "link" else [*mechanism.pair_number]
         if name not in names:
@@ -479,6 +488,18 @@ def _named(mechanism: Mechanism) -> Iterator[tuple[str, str, str]]:
 
 def _check_pair(where: str, pair: Pair) -> None:
     """Refuse a pair that cannot be one."""
+    if pair.type not in KINDS:
+        raise ModelError(f'{where}: type "{pair.type}" is not one of {listing(KINDS)}')
+    if (pair.profiles is None) != pair.kind.has_axis:
+        raise ModelError(
+            f"{where}: a contact pair (Cr, Cs) has a profile for each of its links, an R "
+            "pair has none"
+        )
+    if pair.distance is not None and not 0.0 < pair.distance < math.inf:
+        raise ModelError(
+            f"{where}.distance: found {pair.distance}, needs more than 0 m: how far from "
+            "the centre the contact force acts"
+        )
     teeth = pair.pressure_angle
     if teeth is not None and not (pair.rolls and 0.0 <= teeth < math.pi / 2):
         raise ModelError(
