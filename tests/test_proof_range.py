@@ -86,6 +86,13 @@ def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
 
 
 @pytest.mark.many
+def test_a_tolerance_loses_no_stop_where_its_sign_is_open_at_a_centre(capsys):
+    assert main(["certify", "watt", "--tolerance", "1e-6"]) == 0
+    told = capsys.readouterr().out
+    assert told.count("type I at") == 10 and "undecided" not in told
+
+
+@pytest.mark.many
 @pytest.mark.parametrize(("name", "pair"), [("four_bar", None), ("stephenson", "35")])
 def test_singularities_proven_are_those_that_a_run_reports(name, pair):
     mechanism = driven_at(sk.load(name), pair)
