@@ -179,3 +179,15 @@ def test_neither_frame_nor_ground_nor_order_matters(name):
     moved = Transmission.of(other, output)
     swapped = moved.at(vectors, None if pointed is None else pointed)
     assert np.max(np.abs(plain - swapped)) < 1e-13
+
+
+def test_a_link_that_is_free_to_turn_about_what_it_points_at_counts_as_held():
+    """Crank and coupler in line: the dyad of a five-bar is stretched."""
+    made = sk.load("five_bar")
+    transmission, axes = Transmission.of(made, made.outputs[0]), np.zeros((2, 5, 3))
+    angles = np.radians([0.0, 75.0, 150.0])
+    axes[:, 1:4, 0], axes[:, 1:4, 1] = np.cos(angles), np.sin(angles)
+    axes[:, 0], axes[:, 4], axes[1, 2, 2] = [0.0, 0.0, 1.0], [0.6, 0.0, 0.8], 1e-6
+    axes = axes @ Rotation.random(random_state=1).as_matrix()
+    stretched, beside = transmission.at(axes, axes[:, 1])
+    assert 0.1 < stretched == pytest.approx(beside, abs=1e-5)

@@ -130,10 +130,10 @@ class Transmission:
         """Return the transmission (n,) of finite equations."""
         if not loops.shape[2]:
             return np.ones(len(loops))
-        gives = _by_singular_values(way, loops)
         if directions is not None:
-            along = np.einsum("nk,nkm->nm", directions, gives)
-            gives = gives - directions[:, :, None] * along[:, None]
+            along = np.einsum("nk,nkm->nm", directions, way)
+            way = way - directions[:, :, None] * along[:, None]
+        gives = _by_singular_values(way, loops)
         rho = self._way @ self._way
         with np.errstate(over="ignore"):
             size = np.linalg.norm(gives, 2, axis=(1, 2))
