@@ -203,11 +203,12 @@ def points_from(
     """Return the points of a locus that configurations (n, V) lead to.
 
     All `driven` variables but one are held, one after the other free, so that the others
-    stay in their ranges.
+    stay in their ranges; or none, as by the shortest way alone crossings of it are met.
     """
-    others = np.array([np.delete(driven, free) for free in range(len(driven))])
-    held = others[np.arange(len(values)) % len(driven)]
+    every = np.eye(values.shape[1])[list(driven)]
+    ways = [*(np.delete(every, free, 0) for free in range(len(every))), 0.0 * every[1:]]
+    borders = np.array(ways)[np.arange(len(values)) % len(ways)]
     motion = locus.measure(locus.space(values)).motion
-    given = np.eye(values.shape[1])[held], np.take_along_axis(values, held, 1)
-    points = locus.correct(values, motion, *given, most=LOCUS_STEPS)
+    targets = np.vecdot(borders, values[:, None])
+    points = locus.correct(values, motion, borders, targets, most=LOCUS_STEPS)
     return points.rows(points.good)
