@@ -41,8 +41,8 @@ from spherekit.plugin.singularities import (
     aspects,
     coefficients,
     cut,
-    locus_key,
     mid_plane_loci,
+    moved_by_all,
     output_of,
     ranges_of,
     singular_curves,
@@ -317,16 +317,12 @@ class SeveralInputs:
         sought: list[tuple[LocusName, str]] = []
         if self.slices != 0 and (len(mechanism.inputs) == 2 or surfaces):
             sought = [(kind, name) for name in names for kind in KINDS]
-            sought += [
-                (SELF_MOTION, name)
-                for name in names
-                if locus_key(mechanism, "II", name)
-                != locus_key(mechanism, SELF_MOTION, name)
-            ]
+            apart = (name for name in names if not moved_by_all(mechanism, name))
+            sought += [(SELF_MOTION, name) for name in apart]
         slices, made = self.at_slices, None
         if slices and sought:
-            solver, ranges = solver_of(mechanism), ranges_of(mechanism)
-            made = cut(solver, ranges, slices, budget.part(FOR_SLICES, "slices"))
+            share = budget.part(FOR_SLICES, "slices")
+            made = cut(solver_of(mechanism), ranges_of(mechanism), slices, share)
         loci: dict[str, list[Locus]] = {name: [] for name in names}
         for number, (kind, name) in enumerate(sought):
             left = len(sought) - number + (input_grid > 0)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from spherekit.singular.aspects import aspects as aspects
     from spherekit.singular.curves import CurveSeen as CurveSeen
     from spherekit.singular.curves import SingularCurves as SingularCurves
-    from spherekit.singular.curves import locus_key as locus_key
+    from spherekit.singular.curves import moved_by_all as moved_by_all
     from spherekit.singular.curves import singular_curves as singular_curves
     from spherekit.singular.grashof import Grashof as Grashof
     from spherekit.singular.grashof import NearMiss as NearMiss

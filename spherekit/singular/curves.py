@@ -93,14 +93,12 @@ class SingularCurve:
     @cached_property
     def s(self) -> Floats:
         """Arc lengths (n,) of the nodes (rad), of the Hermite polynomials through them."""
-        from scipy.interpolate import CubicHermiteSpline
-
-        chords, (places, weights) = self.chord.chords, GAUSS
-        starts = np.append(0.0, np.cumsum(chords))
-        nodes = starts, self.nodes.values, self.nodes.tangents[:, :, 0]
-        speed = CubicHermiteSpline(*nodes).derivative()
-        within = starts[:-1, None] + 0.5 * (places + 1.0) * chords[:, None]
-        lengths = np.linalg.norm(speed(within), axis=2) @ (0.5 * weights) * chords
+        tangents = self.nodes.tangents[:, None, :, 0]
+        start, chord = tangents[:-1], self.chord.directions[:, None]
+        places, weights = GAUSS
+        x, bent = 0.5 * (places[:, None] + 1.0), start + tangents[1:] - 2.0 * chord
+        speed = start + x * (2.0 * (chord - start - bent) + 3.0 * x * bent)
+        lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chord.chords
         return np.append(0.0, np.cumsum(lengths))
 
     def on(self, which: Indices, parts: Floats) -> LocusPoints:
@@ -383,17 +381,10 @@ class SingularCurves:
     everywhere: bool = False
 
 
-def locus_key(
-    mechanism: Mechanism, kind: LocusName, output: str | None = None
-) -> tuple[object, ...]:
-    """Return what the locus of a type follows from: equal for outputs that share it.
-
-    Type II is the same for all outputs that the same pairs move; self-motions are on the
-    locus of those that all pairs move.
-    """
-    view = SingularityReport.of(solver_of(mechanism), output_of(mechanism, output), kind)
-    moving = None if view.part is None else view.part.variables
-    return moving, view.output if kind == "I" else None
+def moved_by_all(mechanism: Mechanism, output: str | None = None) -> bool:
+    """Return whether all pairs move an output: type II of it has all self-motions then."""
+    solver, rest = solver_of(mechanism), output_of(mechanism, output)
+    return SingularityReport.of(solver, rest, "II").part is None
 
 
 @checked(SolveError)

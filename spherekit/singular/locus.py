@@ -217,7 +217,7 @@ class SingularityLocus:
             return self._step(here, borders[rows], targets[rows], near)
 
         both = np.concatenate([values, motions], axis=1)
-        both, steps = newton(change, both, most, CORRECTED, TRUST)
+        both, (first_step, ratio) = newton(change, both, most, CORRECTED, TRUST)
         values, motions = np.split(both, 2, axis=1)
         space, moving, motions, off, _, swing, equations = self._linearised(
             values, motions, borders, like
@@ -237,8 +237,8 @@ class SingularityLocus:
             turns,
             residual,
             reciprocal_condition,
-            steps[0],
-            steps[1],
+            first_step,
+            ratio,
             equations,
             np.concatenate([space.basis, moving.basis], axis=2),
         )
