@@ -36,7 +36,7 @@ from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, all_poles, parse_pole
-from spherekit.rates.request import to_sides
+from spherekit.rates.request import ByIdentity, to_sides
 from spherekit.sphere.rotation import all_finite
 
 TABLE = Table(
@@ -291,7 +291,7 @@ def evaluate(
     With a plotting library: ``plt.plot(turn.q, turn.velocity_coefficient("4/1"))``.
     """
     at = _ready(
-        _ByIdentity(mechanism_of(mechanism)),
+        ByIdentity(mechanism_of(mechanism)),
         None if poles is None else tuple(poles),
         input_pair if input_pair is None or isinstance(input_pair, str) else (*input_pair,),
         assembly_mode,
@@ -299,22 +299,9 @@ def evaluate(
     return at(np.asarray(inputs, dtype=float))
 
 
-class _ByIdentity:
-    """A mechanism as a cache key: the same object, not an equal one."""
-
-    def __init__(self, mechanism: Mechanism) -> None:
-        self.mechanism = mechanism
-
-    def __hash__(self) -> int:
-        return id(self.mechanism)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ByIdentity) and other.mechanism is self.mechanism
-
-
 @lru_cache(maxsize=32)
 def _ready(
-    of: _ByIdentity,
+    of: ByIdentity,
     poles: Sequence[str] | None,
     input_pair: str | Sequence[str] | None,
     assembly_mode: int | str | None,

@@ -7,6 +7,7 @@ Poles of a motion in which one input moves, in rows.
 
 from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -72,6 +73,24 @@ class Request:
     links: frozenset[int] = frozenset()
 
 
+class ByIdentity:
+    """A mechanism as a cache key: the same object, not an equal one."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+
+    def __hash__(self) -> int:
+        return id(self.mechanism)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ByIdentity) and other.mechanism is self.mechanism
+
+
+@lru_cache
+def _whole_plan(of: ByIdentity, driven: str, by_rank: bool) -> Plan:
+    return plan(of.mechanism, None, driven, by_rank)
+
+
 def request(
     mechanism: Mechanism,
     driven: str,
@@ -90,7 +109,7 @@ def request(
     `links` are those whose angular velocity is wanted. `by_rank` is that of
     `spherekit.planning.poles.plan`.
     """
-    whole = plan(mechanism, None, driven, by_rank)
+    whole = _whole_plan(ByIdentity(mechanism), driven, by_rank)
     a, b = whole.ends[whole.input]
     circles = frozenset(pole_of(*pole) for pole in planes)
     wanted = tuple(dict.fromkeys([*(pole_of(*pole) for pole in poles), *sorted(circles)]))
