@@ -186,30 +186,25 @@ def front_of(
     count, seed = wanted.shape[1], sweep.space.seed
 
     class Requirements(Problem):  # type: ignore[misc]
-        """The objectives and conditions of a generation in a mode."""
-
-        def __init__(self, mode: str) -> None:
-            super().__init__(n_var=len(low), n_obj=count, n_ieq_constr=1, xl=0.0, xu=1.0)
-            self.mode = mode
+        """The objectives and conditions of a generation in the mode at hand."""
 
         def _evaluate(self, x: Floats, out: dict[str, Floats], *_: Any, **__: Any) -> None:
-            values = low + (high - low) * x
-            rows, worth, missed = synthesis.missed(values.T, self.mode)
+            rows, worth, missed = synthesis.missed((low + (high - low) * x).T, mode)
             out["F"] = np.full((len(x), count), MISSED)
             out["G"] = np.full((len(x), 1), MISSED)
             out["F"][rows], out["G"][rows, 0] = worth, missed
-            working.tell(f"front of mode {self.mode}".__str__)
+            working.tell(f"front of mode {mode}".__str__)
 
+    problem = Requirements(n_var=len(low), n_obj=count, n_ieq_constr=1, xl=0.0, xu=1.0)
     for mode in np.unique(modes):
         rows = np.flatnonzero(modes == mode)
         rows = rows[nondominated(wanted[rows], modes[rows])]
         begin = _spread(places[rows], wanted[rows], POPULATION)
-        first = np.random.default_rng(seed).uniform(
-            size=(max(POPULATION - len(begin), 0), len(low))
-        )
-        algorithm = NSGA2(pop_size=POPULATION, sampling=np.concatenate([begin, first]))
+        first = np.random.default_rng(seed).uniform(size=(POPULATION, len(low)))
+        sampling = np.concatenate([begin, first])[:POPULATION]
+        algorithm = NSGA2(pop_size=POPULATION, sampling=sampling)
         limit = "n_gen", max(sweep.space.count // POPULATION, 1)
-        result = minimize(Requirements(mode), algorithm, limit, seed=seed, verbose=False)
+        result = minimize(problem, algorithm, limit, seed=seed, verbose=False)
         ends, worth = places[rows], wanted[rows]
         if result.X is not None:
             ends, worth = np.atleast_2d(result.X), np.atleast_2d(result.F)

@@ -308,8 +308,8 @@ def what_vanishes(
         for one, other in ((at.c, at.input_rate), (at.d, at.output_rate), (at.u, at.alone))
     )
     pairs = motion.mechanism.names_of(motion.assembly.inputs)
-    j, k = np.transpose([*combinations(range(len(pairs)), 2)])
-    crossed = cross(u[:, j], u[:, k])
+    one, other = np.triu_indices(len(pairs), 1)
+    crossed = cross(u[:, one], u[:, other])
     parallel = np.linalg.norm(crossed, axis=2)
     widest = np.max(parallel, axis=1, keepdims=True)
     volumes = np.where(widest < VANISHES, np.nan, replace(at, u=u).triples)
@@ -318,11 +318,7 @@ def what_vanishes(
         ("c_{}=0", pairs, c),
         ("d_{}=0", pairs, d),
         ("u of {} coincide", [", ".join(pairs)], widest),
-        (
-            "u of {} coplanar",
-            [", ".join(three) for three in combinations(pairs, 3)],
-            volumes,
-        ),
+        ("u of {} coplanar", [*map(", ".join, combinations(pairs, 3))], volumes),
     ]
     tiers = [first, [("{} along one line", both, parallel)]]
     if pointing is not None:
@@ -335,7 +331,7 @@ def what_vanishes(
     words: list[list[str]] = [[] for _ in c]
     for tier in tiers:
         said = [text.format(name) for text, names, _ in tier for name in names]
-        small = np.abs(np.concatenate([sizes for _, _, sizes in tier], axis=1)) < VANISHES
+        small = np.abs(np.hstack([sizes for _, _, sizes in tier])) < VANISHES
         for row, phrases in enumerate(words):
             words[row] = phrases or [said[k] for k in np.flatnonzero(small[row])]
     for row in np.flatnonzero(at.type == RowType.SELF_MOTION).tolist():
