@@ -546,6 +546,24 @@ def test_coils_are_wound_on_in_groups_beyond_dyads_and_at_inputs():
     assert np.allclose(np.sort(rows["there"].dropna()), np.sort(run), rtol=1e-7, atol=1e-9)
 
 
+def test_angles_in_groups_beyond_dyads_are_those_of_runs():
+    keys = ["C.longitude", "E.latitude", "H.latitude", "F.longitude"]
+    changed = dict(zip([f"pairs.{key}" for key in keys], [5, 15, 12, 30], strict=True))
+    document = document_of("double_butterfly")
+    numbers = {number_path(document, key): value for key, value in changed.items()}
+    motion = sk.trace(read(with_numbers(document, numbers)), samples=37)
+    theta = np.degrees(motion.values[:, motion.mechanism.variable_names.index("theta_F")])
+    theta = theta.reshape(-1, 37)
+    wanted = np.stack([np.nanmax(theta, axis=1), np.nanmin(theta, axis=1)], axis=1)
+    assert np.max(np.ptp(wanted, axis=1)) > 350.0
+    reduce, vary = (
+        ["a=max(theta_F)", "b=min(theta_F)"],
+        {k: [v] for k, v in changed.items()},
+    )
+    rows = sk.sweep("double_butterfly", vary, reduce, samples=37).frame()[["a", "b"]]
+    assert np.allclose(np.sort(rows, axis=0), np.sort(wanted, axis=0), rtol=0.0, atol=1e-8)
+
+
 def test_sensitivities_are_of_coils_that_are_wound_on():
     mechanism = wound_up("tip")
     asked = "sensitivity:of=torque,by=links.crank.arc,draws=0"

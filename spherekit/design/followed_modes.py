@@ -95,10 +95,11 @@ def _gathered(
     design[mode] = row // (number.shape[1] // len(lost))
     values = nans((*solutions.shape[:2], len(numbers)))
     values[:, k, mode] = solutions[:, k, row]
+    free = np.delete(np.arange(len(values)), kernel.driven)
+    values[free] = wrap(values[free])
     first = np.argmax(np.isfinite(values[0]), axis=0)
     there = values[:, first, np.arange(len(first))]
-    keys = np.round(wrap(there), 6)
-    order = np.lexsort((*keys[::-1], first, design))
+    order = np.lexsort((*np.round(there[::-1], 6), first, design))
     design, values, there = design[order], values[:, :, order], there[:, order]
     counts = np.arange(len(design)) - np.searchsorted(design, design)
     texts = zip(counts, kernel.labels(there, sizes[:, design]), strict=True)
@@ -143,7 +144,8 @@ class _Following:
         A design of which one is neither the one nor the other is lost.
         """
         off = max_abs(values[:, rows].imag, axis=0)
-        near, off = rows[(off > 0.0) & (off < REAL)], off[(off > 0.0) & (off < REAL)]
+        some = (off > 0.0) & (off < REAL)
+        near, off = rows[some], off[some]
         start, prepared = values[:, near].real, self.kernel.prepare(self.sizes[:, near])
         refined, closed = settled(lambda x, k: self.kernel.at(x, prepared[:, k]), start)
         stays = closed & (max_abs(refined - start, axis=0) < STAYS)
@@ -162,12 +164,11 @@ class _Following:
         others = there.reshape(len(there), -1, self.m)[:, rows // self.m]
         gaps = apart(others.real, ends[:, :, None])
         gaps[~is_real(others)] = np.inf
-        best = np.argmin(gaps, axis=1) if len(rows) else rows
-        links[rows] = np.where(
-            np.min(gaps, axis=1) < STAYS, rows // self.m * self.m + best, -1
-        )
+        best = rows // self.m * self.m + np.argmin(gaps, axis=1)
+        sure = np.min(gaps, axis=1) < STAYS
+        links[rows] = np.where(sure, best, -1)
         _, first = np.unique(links[rows], return_index=True)
-        unsure = links[rows] < 0
+        unsure = ~sure
         unsure[np.setdiff1d(np.arange(len(rows)), first)] = True
         self.lost[rows[unsure] // self.m] = True
         return links
