@@ -145,12 +145,12 @@ class _Following:
         """
         off = max_abs(values[:, rows].imag, axis=0)
         some = (off > 0.0) & (off < REAL)
-        near, off = rows[some], off[some]
+        near = rows[some]
         start, prepared = values[:, near].real, self.kernel.prepare(self.sizes[:, near])
         refined, closed = settled(lambda x, k: self.kernel.at(x, prepared[:, k]), start)
         stays = closed & (max_abs(refined - start, axis=0) < STAYS)
         values[:, near[stays]] = refined[:, stays]
-        self.lost[near[~stays & (off < STAYS)] // self.m] = True
+        self.lost[near[~stays & (off[some] < STAYS)] // self.m] = True
 
     def links(self, at: Array, there: Array, q: tuple[Array, Array]) -> Indices:
         """Return in which row (n,) of a sample the mode of a row goes on, or -1.
@@ -166,9 +166,8 @@ class _Following:
         gaps[~is_real(others)] = np.inf
         best = rows // self.m * self.m + np.argmin(gaps, axis=1)
         sure = np.min(gaps, axis=1) < STAYS
-        links[rows] = np.where(sure, best, -1)
+        links[rows[sure]] = best[sure]
         _, first = np.unique(links[rows], return_index=True)
-        unsure = ~sure
-        unsure[np.setdiff1d(np.arange(len(rows)), first)] = True
-        self.lost[rows[unsure] // self.m] = True
+        sure[np.delete(np.arange(len(rows)), first)] = False
+        self.lost[rows[~sure] // self.m] = True
         return links

@@ -55,10 +55,7 @@ class Specification:
     def objectives(self) -> tuple[Expression, ...]:
         """The parsed objectives."""
         names = [variable.name for variable in self.sweep.variables]
-        names += [
-            *(merit.name for merit in self.sweep.merits),
-            *[MATCH] * bool(self.matched),
-        ]
+        names += [merit.name for merit in self.sweep.merits] + [MATCH] * bool(self.matched)
         try:
             return tuple(parse(text, names) for text in self.minimise)
         except ModelError as problem:
