@@ -28,13 +28,15 @@ class ProgressReporter:
         self.what = what
         self._said = time.monotonic()
 
-    def tell(self, how_far: Callable[[], str]) -> None:
-        """Say so if it is time; `how_far` makes the words."""
-        listener = _listener.get()
-        if listener is None or time.monotonic() - self._said < PATIENCE:
-            return
+    def tell(self, how_far: Callable[[], str]) -> bool:
+        """Say so if it is time, and return whether; `how_far` makes the words."""
+        if time.monotonic() - self._said < PATIENCE:
+            return False
         self._said = time.monotonic()
-        listener(f"{self.what}: {how_far()}")
+        listener = _listener.get()
+        if listener is not None:
+            listener(f"{self.what}: {how_far()}")
+        return True
 
 
 def tell(what: str, seconds: float) -> None:

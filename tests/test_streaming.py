@@ -4,7 +4,10 @@ import numpy as np
 
 import spherekit as sk
 from spherekit import progress
+from spherekit.analysis.result import MOTION
 from spherekit.dynamics import forward
+from spherekit.dynamics.numpy_engine import Collocation
+from spherekit.sphere.rotation import quaternion
 
 START = sk.Start(q=0.3, dq=1.0)
 COUNT = 801
@@ -47,3 +50,44 @@ def test_a_long_simulation_tells_how_far_it_is(monkeypatch):
     far = [float(text.split()[1]) for text in said if text.startswith("simulating: ")]
     assert len(far) > 5 and far[0] < 0.5 and 2.0 in far
     assert all(text.endswith(" of 2 s") for text in said if text.startswith("simulating"))
+
+
+class Order:
+    """Notes steps of the solver and links of a recorder in the order in which they come."""
+
+    def __init__(self, monkeypatch):
+        self.events, self.last = [], {}
+        advance = Collocation.advance
+
+        def noted(solver):
+            goes_on = advance(solver)
+            self.events.append(("step", solver.reached))
+            return goes_on
+
+        monkeypatch.setattr(Collocation, "advance", noted)
+
+    def start(self, head):
+        self.times = head.times
+
+    def log(self, scene, samples, inputs=None, times=None):
+        if scene.page == 0 and scene.source == MOTION:
+            self.events.append(("rows", float(times[-1])))
+            turned = scene.primitives[0].quaternions
+            self.last |= dict(
+                zip(samples.tolist(), zip(times, turned, strict=True), strict=True)
+            )
+
+
+def test_links_are_logged_while_a_simulation_is_solved(monkeypatch):
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    order = Order(monkeypatch)
+    result = simulated("numpy", duration=2.0, recorder=order)
+    first_run = order.events[: order.events.index(("step", 2.0))]
+    came = [t for kind, t in first_run if kind == "rows"]
+    assert len(came) > 5 and came == sorted(set(came)) and came[0] < 0.5 < 1.5 < came[-1]
+    t = result.frame("motion")["t"].to_numpy()
+    assert np.array_equal(order.times, t) and list(order.last) == list(range(COUNT))
+    motion = sk.simulate("four_bar", START, 2.0, engine="numpy").at(t)
+    logged, turned = zip(*order.last.values(), strict=True)
+    assert np.array_equal(logged, t)
+    assert np.max(np.abs(np.array(turned) - quaternion(motion.rotations[:, 1]))) < 1e-9

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from spherekit.analysis.batch import Angles, Fields, table_scenes
@@ -27,7 +28,7 @@ from spherekit.analysis.running.cost import AXES, RECORDING, SEARCH, SIMULATION,
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.recording import RecordingSession
 from spherekit.analysis.running.run_state import RunState
-from spherekit.analysis.running.sampling import course_of
+from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.running.summary import (
     RunPlan,
     actual_cost,
@@ -123,7 +124,7 @@ def executed(
     solving = SEARCH if study.start is None else SIMULATION
     if execution.only_needed:
         study = replace(study, mechanism=needed_part(study, analyses))
-    recorder = execution.recorder
+    recorder: Any = execution.recorder
     folder = execution.folder
     with nullcontext() if folder is None else RunFolder.opened(folder) as place:
         asked = needs_of_each(analyses, study.mechanism)
@@ -135,27 +136,30 @@ def executed(
             with suppress(TypeError):  # of another version, which is refused below
                 setting = Setting(**began["setting"])
         follow = follow or traced(study, analyses, execution)
+        names = [analysis.name for analysis in analyses]
+        begin = partial(RecordingSession, names, recorder, execution.log_every)
+        stage: RecordingSession | None = None
+
+        def seen(course: Sampling) -> None:
+            nonlocal stage
+            stage = stage or begin(course, job_of(course, analyses, asked).plans)
+            stage.seen(course)
+
+        looks_on = seen if recorder is not None and not began else None
         with ledger.stage(solving):
-            course = course_of(study, engine, follow)
+            course = course_of(study, engine, follow, looks_on)
         shown = recorder is not None or study.verify is not None
         job = job_of(course, analyses, asked, execution.block, setting, shown)
         if place is not None:
             kinds = execution.formats or FILE_SIZE
-            names = [f"{stem}.{kind}" for stem in stems(job.tables()) for kind in kinds]
-            place.claim([*names, COLUMNS])
+            files = [f"{stem}.{kind}" for stem in stems(job.tables()) for kind in kinds]
+            place.claim([*files, COLUMNS])
         standing, store = taken_up(job, place, execution.unfinished, execution.tables)
         ledger.before = standing.seconds
-        stage = None
         if recorder is not None:
             with ledger.stage(RECORDING):
-                stage = RecordingSession(
-                    course,
-                    job.plans,
-                    [analysis.name for analysis in analyses],
-                    recorder,
-                    execution.log_every,
-                    standing.done,
-                )
+                stage = stage or begin(course, job.plans, standing.done)
+                stage.solved(course)
         verifier = Verifier(job, study.verify) if study.verify else None
         with kept(job, place, standing, store) as after_block:
             blocks = job.source.blocks(job.block, standing.done)

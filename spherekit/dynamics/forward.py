@@ -1,6 +1,6 @@
 """The direct problem: the motion of a mechanism from its start and its loads."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -57,6 +57,7 @@ def simulate(
     compact: bool = True,
     scheme: Literal["series", "paper"] = "series",
     step: float | None = None,
+    seen: Callable[[Simulation], None] | None = None,
 ) -> Simulation:
     """Return the motion of a mechanism of any mobility under its loads.
 
@@ -97,6 +98,9 @@ def simulate(
     scheme, step
         ``"paper"`` takes the source's finite differences instead, with equal steps (s)
         and without events; see `spherekit.dynamics.simulation`.
+    seen
+        Is given the simulation so far, every few seconds while NumPy's engine solves it;
+        not where a one-sided contact may end it earlier.
 
     Returns
     -------
@@ -128,6 +132,8 @@ def simulate(
     problem = prepare(
         mechanism, start, until, torque, input_pair, assembly_mode, switches, passes
     )
+    if not _one_sided(problem):
+        problem = replace(problem, seen=seen)
     if scheme != "paper" and step is not None:
         raise SolveError('simulate: step does nothing without scheme = "paper"')
     if scheme == "paper":
@@ -219,8 +225,12 @@ def _solved(
         simulation = _stepped(Collocation(problem, tolerance), asked)
     else:
         simulation = _cheaper(problem, tolerance, compact)
-    one_sided = any(pair.one_sided for pair in problem.equation.mechanism.pairs)
-    return until_lift_off(simulation) if one_sided else simulation
+    return until_lift_off(simulation) if _one_sided(problem) else simulation
+
+
+def _one_sided(problem: Problem) -> bool:
+    """Return whether a contact may lift off."""
+    return any(pair.one_sided for pair in problem.equation.mechanism.pairs)
 
 
 def _stepped(

@@ -138,7 +138,9 @@ class Collocation:
             except StopIteration as done:
                 self.end, t = done.value, self.reached
         self._reached.append((t, self.seconds + time.perf_counter() - started))
-        self._working.tell(lambda: f"{t:.4g} of {self.problem.until:.6g} s")
+        is_time = self._working.tell(lambda: f"{t:.4g} of {self.problem.until:.6g} s")
+        if is_time and self.end is None and self.problem.seen:
+            self.problem.seen(self.simulation("it goes on"))
         return self.end is None
 
     @property
@@ -161,16 +163,16 @@ class Collocation:
         return self._reached[-1][0]
 
     def simulation(self, reason: str, forecast: Forecast | None = None) -> Simulation:
-        """Return the whole motion; `reason` says why it is NumPy's."""
-        assert self.end is not None
+        """Return the motion as far as it is known; `reason` says why it is NumPy's."""
+        end = self.end or SimulationEnd("time", self.reached, "it goes on")
         if not self.path:
-            raise cannot_leave(self.problem, self.end.message)
+            raise cannot_leave(self.problem, end.message)
         return Simulation(
             self.equation,
             self.problem.driven,
             self._travelled(),
             tuple(self.events),
-            self.end,
+            end,
             EngineReport("numpy", reason, 0.0, self.seconds, len(self.path), forecast),
             tolerance=self.tolerance,
         )

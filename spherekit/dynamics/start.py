@@ -1,6 +1,6 @@
 """Where a simulation starts: the problem checked, the configuration closed."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,7 +75,7 @@ class Problem:
     start, less `turns` (variables,) whole turns, so that they keep their digits; `speed`
     (m,) the rates along the orthonormal vectors of `frame` (m, variables); `switches` times
     within the run at which steps begin anew; `passes` whether it goes straight on where
-    sets of configurations cross.
+    sets of configurations cross; `seen` is given the simulation so far while it is solved.
     """
 
     equation: EquationOfMotion
@@ -87,6 +87,7 @@ class Problem:
     until: float
     switches: tuple[float, ...]
     passes: bool = False
+    seen: Callable[..., None] | None = None
 
     @property
     def whole(self) -> Floats:

@@ -59,12 +59,12 @@ class RecordingSession:
 
     def __init__(
         self,
-        course: Sampling,
-        plans: Sequence[Plan],
         analyses: Sequence[str],
         recorder: Recorder,
         every: int | None,
-        first: int,
+        course: Sampling,
+        plans: Sequence[Plan],
+        first: int = 0,
     ) -> None:
         """Start the recording of samples from `first` on."""
         mechanism = course.tracer.mechanism
@@ -72,6 +72,7 @@ class RecordingSession:
         self._every = every or -(-len(course) // MOST_LOGGED)
         self._row = course.shape[-1] if len(course.shape) > 1 else None
         self._shapes = link_shapes(mechanism)
+        self._passed = 0
         logged = self._is_logged(np.arange(len(course)))
         times, single = course.t, course.inputs.shape[1] == 1
         self._times = None if times is None else times[logged]
@@ -103,6 +104,25 @@ class RecordingSession:
     def summary(self) -> dict[str, int]:
         """Return what the recording leaves out."""
         return {"one_of": self._every, "from_sample": self._first}
+
+    def seen(self, course: Sampling) -> None:
+        """Log the links at samples that a simulation has passed while it is solved."""
+        assert course.t is not None and course.simulation is not None
+        passed = np.searchsorted(course.t, course.simulation.end.t)
+        new = np.arange(self._passed, passed, self._every)
+        if len(new):
+            self._course, motion = course, course.motion_at(new)
+            self._passed += self._every * len(new)
+            self.scenes(motion_scenes(motion, self._shapes), motion, MOTION)
+
+    def solved(self, course: Sampling) -> None:
+        """Go on with what is solved; links seen after its end are hidden."""
+        late = np.arange(len(course) - 1, self._passed)
+        if len(late):
+            gone = self._course.motion_at(late)
+            gone = replace(gone, placed=np.full_like(gone.placed, np.nan))
+            self.scenes(motion_scenes(gone, self._shapes), gone, MOTION)
+        self._course = course
 
     def motion(self, motion: Motion) -> None:
         """Log the links of a block."""
@@ -150,8 +170,9 @@ class RecordingSession:
     def _axes(self, motion: Motion) -> tuple[Axis, ...]:
         """Return what the samples of a block run over: the time, or each input."""
         k = motion.samples
-        if self._times is not None and motion.timing is not None:
-            span = float(self._times[0]), float(self._times[-1])
+        times = self._course.t
+        if times is not None and motion.timing is not None:
+            span = float(times[0]), float(times[-1])
             return (Axis("time", "s", motion.timing.t[:k], span),)
         names = motion.mechanism.input_pairs
         label = "input {}" if len(names) == 1 else "{}"

@@ -1,6 +1,6 @@
 """What a run goes through: the samples of its inputs, or the times of a simulation."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -96,7 +96,8 @@ class Sampling:
                 timing = timing.rows(sample).repeated(modes)
             return replace(motion, sample=np.tile(sample, modes), timing=timing)
         assert self.timing is not None
-        tracer, t, simulation = self.tracer, self.timing.t[sample], self.simulation
+        tracer, simulation = self.tracer, self.simulation
+        t = np.minimum(self.timing.t[sample], simulation.end.t)
         states, solver = simulation.at(t), tracer.solver
         values = states.values.copy()
         values[:, solver.angles] = wrap(values[:, solver.angles])
@@ -200,10 +201,16 @@ class Sampling:
         return {"simulation": facts}
 
 
-def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sampling:
+def course_of(
+    study: Study,
+    engine: Engine = "auto",
+    follow: bool = True,
+    seen: Callable[[Sampling], None] | None = None,
+) -> Sampling:
     """Return the course of a study, simulated and checked if loads say the motion.
 
     Without `follow` samples over no time have no assembly modes: nothing is read there.
+    `seen` is given all samples with a simulation that is being solved, as far as it is.
 
     Raises
     ------
@@ -215,16 +222,8 @@ def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sam
     check_time(study)
     mechanism, assembly_mode, samples = study.mechanism, study.assembly_mode, study.samples
     if study.duration is None:
-        tracer = PositionAnalysis(
-            mechanism,
-            None,
-            assembly_mode,
-            study.search,
-            samples,
-            study.grid,
-            study.path,
-            follow,
-        )
+        how = study.search, samples, study.grid, study.path, follow
+        tracer = PositionAnalysis(mechanism, None, assembly_mode, *how)
         input_grid = tracer.input_grid
         straight = study.path is None and input_grid.is_path
         moves = straight or len(tracer.inputs) == 1
@@ -239,6 +238,8 @@ def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sam
         tracer = PositionAnalysis(
             mechanism, None, assembly_mode or 0, samples=2, path=several
         )
+        unknown = np.full((samples, 1), np.nan)
+        rows = tracer, unknown, (samples,), Timing(t, unknown, unknown), True
         simulation = simulate(
             tracer.mechanism,
             study.start,
@@ -249,6 +250,7 @@ def course_of(study: Study, engine: Engine = "auto", follow: bool = True) -> Sam
             crossings=study.crossings,
             check=True,
             engine=engine,
+            seen=seen and (lambda so_far: seen(Sampling(*rows, {}, simulation=so_far))),
         )
         return simulated_course(tracer, simulation, t, study.tolerance)
     inputs, laws = _inputs(study), study.laws
