@@ -184,8 +184,8 @@ def sheets_through(
     status[count * n :] = Status.OK
     left = np.ones(len(stop), dtype=bool)
     while np.any(ways := left & (status[start] == Status.OK) & (status[stop] != Status.OK)):
-        _, once = np.unique(np.where(ways, stop, len(sheets)), return_index=True)
-        once = once[ways[once]]
+        (once,) = np.nonzero(ways)
+        once = once[np.unique(stop[once], return_index=True)[1]]
         left[once] = False
         goals = input_grid.q[stop[once] % n]
         reached, why, _ = follow_inputs(closure, driven, sheets[start[once]], goals)
