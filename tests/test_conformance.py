@@ -55,6 +55,13 @@ def test_a_sound_analysis_conforms():
     assert re.search(r"^blocks +holds +of 1 and 4 samples$", str(report), re.M)
 
 
+def test_a_mechanism_that_does_not_close_is_refused_beside_others():
+    made = sk.load("four_bar")
+    apart = made.with_inputs("41", ranges={"41": (0, 1)}, angle_unit="deg")
+    report = conformance("poles", mechanisms=[made, apart], samples=3)
+    assert not report.failing and "refuses four_bar (four_bar: arcs cannot" in str(report)
+
+
 @pytest.mark.parametrize("broken", BROKEN, ids=lambda cls: cls.name)
 def test_each_broken_one_fails_its_line(broken):
     names, report = failing(broken)

@@ -102,8 +102,8 @@ class ConformanceCase:
         """What the analysis raises for all samples at once, by the method asked."""
         made: dict[str, SpherekitError] = {}
         for method in ("compute", "findings", "scene"):
-            (batch,) = self.batches(len(self.course))
             try:
+                (batch,) = self.batches(len(self.course))
                 with faults_of(self.analysis.name, method):
                     getattr(self.analysis, method)(batch)
             except SpherekitError as fault:
