@@ -38,6 +38,7 @@ from spherekit.model.parts import (
     Source,
     along,
     in_radians,
+    need_finite,
     resized,
     rows_of,
 )
@@ -422,6 +423,8 @@ def _check(mechanism: Mechanism) -> None:
     if isinstance(geometry, SizeGeometry):
         _check_sizes(where, mechanism, geometry)
         return
+    for name, value in geometry.values.items():
+        need_finite(f"{where}: pairs.{name}.value", [value])
     for pair in mechanism.pairs:
         if pair.kind.has_axis and pair.name not in geometry.axes:
             raise ModelError(
@@ -514,6 +517,8 @@ def _check_pair(where: str, pair: Pair) -> None:
 
 
 def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> None:
+    for name, zero in geometry.zeros.items():
+        need_finite(f"{where}: pairs.{name}.zero", [zero])
     for link in mechanism.links:
         turning = (pair for pair in mechanism.pairs if pair.kind.has_axis)
         expected = [pair.name for pair in turning if link in pair.links]
@@ -527,6 +532,7 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
         for place, arc in enumerate(sizes.arcs):
             if not (0.0 <= arc <= math.pi or (sizes.signed and math.isfinite(arc))):
                 raise ModelError(f"{key}.arcs[{place}]: {_no_arc(arc)}")
+        need_finite(f"{key}.angles", sizes.angles)
         for kind, fewer, what in (
             ("arcs", 1, "the arcs from the first axis to each of the others"),
             ("angles", 2, "at the first axis, from the first arc to each further arc"),
