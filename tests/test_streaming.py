@@ -91,3 +91,10 @@ def test_links_are_logged_while_a_simulation_is_solved(monkeypatch):
     logged, turned = zip(*order.last.values(), strict=True)
     assert np.array_equal(logged, t)
     assert np.max(np.abs(np.array(turned) - quaternion(motion.rotations[:, 1]))) < 1e-9
+
+
+def test_of_links_seen_early_every_so_many_are_logged(monkeypatch):
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    order = Order(monkeypatch)
+    simulated("numpy", duration=2.0, recorder=order, log_every=300)
+    assert list(order.last) == [0, 300, 600, COUNT - 1]

@@ -108,17 +108,19 @@ class RecordingSession:
     def seen(self, course: Sampling) -> None:
         """Log the links at samples that a simulation has passed while it is solved."""
         assert course.t is not None and course.simulation is not None
-        passed = np.searchsorted(course.t, course.simulation.end.t)
-        new = np.arange(self._passed, passed, self._every)
-        if len(new):
-            self._course, motion = course, course.motion_at(new)
+        new = np.arange(
+            self._passed, np.searchsorted(course.t, course.simulation.end.t), self._every
+        )
+        if new.size:
+            self._course = course
+            motion = course.motion_at(new)
             self._passed += self._every * len(new)
             self.scenes(motion_scenes(motion, self._shapes), motion, MOTION)
 
     def solved(self, course: Sampling) -> None:
         """Go on with what is solved; links seen after its end are hidden."""
-        late = np.arange(len(course) - 1, self._passed)
-        if len(late):
+        late = np.arange(len(self._course))[len(course) - 1 : self._passed]
+        if late.size:
             gone = self._course.motion_at(late)
             gone = replace(gone, placed=np.full_like(gone.placed, np.nan))
             self.scenes(motion_scenes(gone, self._shapes), gone, MOTION)
