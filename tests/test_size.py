@@ -14,15 +14,15 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 609_421,
-    "code lines": 47_910,
+    "nodes": 594_269,
+    "code lines": 46_643,
     "files": 325,
-    "classes": 468,
-    "dataclasses": 291,
+    "classes": 466,
+    "dataclasses": 290,
     "functions of 60 lines": 11,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
-LINES = {"tests": 32_295, "benchmarks": 4_489}
+LINES = {"tests": 31_861, "benchmarks": 4_488}
 """Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 
