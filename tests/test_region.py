@@ -243,7 +243,7 @@ def test_cost_does_not_follow_the_area():
         find_region(caps([[1, 2, 3]], [0.7], [True]), tolerance).evaluations
         for tolerance in (1e-2, 1e-12)
     ]
-    assert counts[1] < 2 * counts[0] < 30_000
+    assert counts[1] < 2 * counts[0] < 20_000
     widths = np.array([0.08, 0.02])
     counts = [
         find_region(caps([[1, 2, 3]] * 2, [0.7, 0.7 - w], [1, 0])).evaluations

@@ -17,14 +17,12 @@ from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.numeric.descent import descent
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.region.mesh import Evaluator, active, chosen, least
-from spherekit.sphere.rotation import arc, cross, max_abs, unit_rows
+from spherekit.sphere.rotation import arc, cross, max_abs, nans, unit_rows
 
-ORDER = 16
-"""Steps between the nodes of a piece; half of them say how well its area is known."""
-DRAWN = 4
-"""Every such node is drawn."""
-REACH = 0.02
-"""How far around a parabola through the middle a height is sought, at first, as part of
+ORDERS = (2, 4, 8, 16)
+"""Steps between the nodes of a piece, doubled until its area is known well enough."""
+REACH = {2: 1.0, 4: 0.02, 8: 0.001, 16: 0.0001}
+"""How far around the height of the order before a height is sought, at first, as part of
 the farthest."""
 HIGHEST = 0.4
 """A piece higher than this part of its chord is cut first."""
@@ -79,9 +77,9 @@ class BoundarySegments(ArrayRows):
 
     `frames` (n, 3, 3) and `length` (n,) rad are those of the chords, see `chord_frames`.
     `margin` is the number of the margin that is 0 on each, `height` (n, 17) are the
-    heights at the nodes, 0 where the piece was not found. `area` is the part of the region
-    cut off by the chord, `error` what halving the order changes, `sound` whether the piece
-    was found and no other margin is negative on it.
+    heights at the nodes of the piece's own `order`, the first `order` + 1 of them.
+    `area` is the part of the region cut off by the chord, `error` what halving the order
+    changes, `sound` whether the piece was found and no other margin is negative on it.
     `owner` is the triangle that it is in, `start` and `stop` are the crossings between
     which the border runs there, and of two pieces that make a corner one is `leading`.
     """
@@ -94,6 +92,7 @@ class BoundarySegments(ArrayRows):
     stop: Indices
     leading: Bools
     sound: Bools
+    order: Indices
     height: Floats
     area: Floats
     error: Floats
@@ -106,46 +105,76 @@ class BoundarySegments(ArrayRows):
         place: tuple[Indices, Indices, Indices, Bools],
         sought: Bools,
     ) -> "BoundarySegments":
-        """Return the pieces between points (n, 3) of the border.
+        """Return the pieces of the second order between points (n, 3) of the border.
 
         `place` are owner, start, stop and leading. Those not `sought` (n,) are their
         chords, and not sound.
         """
-        frames, length, u = chord_frames(*ends), arc(*ends), nodes(ORDER)[1:-1]
-        height, rest = np.zeros((len(margin), ORDER + 1)), np.zeros((2, len(margin)))
+        n = len(margin)
         pieces = BoundarySegments(
-            frames, length, margin, *place, sought.copy(), height, *rest
+            chord_frames(*ends),
+            arc(*ends),
+            margin,
+            *place,
+            sought.copy(),
+            np.full(n, ORDERS[0], dtype=np.intp),
+            np.zeros((n, ORDERS[-1] + 1)),
+            *np.zeros((2, n)),
         )
-        long = length > SHORTEST
-        some, zero = np.flatnonzero(sought & long), np.zeros(1)
-        flat = np.zeros((len(some), 1))
-        middle, sound = pieces._heights(evaluate, some, zero, flat, 1.0)
-        pieces.sound[some] = sound
-        some = some[sound]
-        guess: Floats = middle[sound] * (1.0 - u * u)
-        heights, sound = pieces._heights(evaluate, some, u, guess, REACH)
-        pieces.sound[some] = sound
-        height[some[sound], 1:-1] = heights[sound]
-        fine, half = (
-            -0.5 * length * (np.sin(height[:, :: ORDER // order]) @ weights(order))
-            for order in (ORDER, ORDER // 2)
-        )
-        pieces.area[:] = fine
-        pieces.error[:] = np.abs(fine - half) + EPS * length + length**2 * ~long
+        which = np.flatnonzero(sought)
+        heights = nans((len(which), ORDERS[0] + 1))
+        heights[:, [0, -1]] = 0.0
+        pieces._measure(evaluate, which, ORDERS[0], heights)
+        pieces.raise_order(evaluate, np.flatnonzero(pieces.sound))
         return pieces
 
+    def raise_order(self, evaluate: Evaluator, which: Indices) -> None:
+        """Double the order of some pieces, all of them below the highest."""
+        wanted = 2 * self.order[which]
+        for order in ORDERS[1:]:
+            some = which[wanted == order]
+            if len(some):
+                heights = nans((len(some), order + 1))
+                heights[:, ::2] = self.height[some, : order // 2 + 1]
+                self._measure(evaluate, some, order, heights)
+
+    def _measure(
+        self, evaluate: Evaluator, which: Indices, order: int, height: Floats
+    ) -> None:
+        """Find the heights (m, order + 1) that are NaN, and the areas with them."""
+        length = self.length[which]
+        long = length > SHORTEST
+        height[~long] = 0.0
+        row, node = np.nonzero(np.isnan(height))
+        u = nodes(order)[node]
+        guess = np.zeros(height.shape)
+        if order > ORDERS[0]:
+            guess = height[:, ::2] @ between(order // 2, nodes(order)).T
+        heights, sound = self._heights(
+            evaluate, which[row], u, guess[row, node], REACH[order]
+        )
+        height[row, node] = np.where(sound, heights, 0.0)
+        bad = np.zeros(len(which), dtype=bool)
+        bad[row[~sound]] = True
+        area = -0.5 * length * (np.sin(height) @ weights(order))
+        change = np.abs(area - self.area[which]) + EPS * length
+        change += np.where(long, 0.0, length**2)
+        self.sound[which] &= ~bad
+        self.error[which], self.area[which] = change, area
+        self.order[which] = order
+        self.height[which, : order + 1] = height
+
     def _heights(
-        self, evaluate: Evaluator, some: Indices, u: Floats, guess: Floats, reach: float
+        self, evaluate: Evaluator, chord: Indices, u: Floats, guess: Floats, reach: float
     ) -> tuple[Floats, Bools]:
-        """Return heights (m, places) where margins are 0 over chords, and of which all are.
+        """Return heights (m,) where margins are 0 over places of chords, and whether found.
 
         They are sought within a parabola over the chord; the margin has to rise to the
         left, and no other may be negative there.
         """
-        shape, chord = guess.shape, np.repeat(some, len(u))
-        u, guess = np.tile(u, len(some)), guess.ravel()
         number, widest = self.margin[chord], HIGHEST * self.length[chord] * (1.0 - u * u)
-        centre = np.clip(guess / widest, -1.0, 1.0)
+        with np.errstate(all="ignore"):
+            centre = np.where(widest > 0.0, np.clip(guess / widest, -1.0, 1.0), 0.0)
 
         def rows(part: Floats, which: Indices) -> Floats:
             return evaluate(self._at(chord[which], u[which], part * widest[which]))
@@ -177,7 +206,7 @@ class BoundarySegments(ArrayRows):
         others = rows(part[some], some)
         kept = np.arange(others.shape[1]) == number[some][:, None]
         sound[some] &= ~np.any((others < -evaluate.floor) & ~kept, axis=1)
-        return (part * widest).reshape(shape), np.all(sound.reshape(shape), axis=1)
+        return part * widest, sound
 
     def audit(self, evaluate: Evaluator, which: Indices) -> None:
         """Find unsound those pieces on which another margin dips below 0 between nodes.
@@ -186,7 +215,10 @@ class BoundarySegments(ArrayRows):
         parabola through every three samples.
         """
         u = np.linspace(-1.0, 1.0, AUDIT + 1)
-        height = self.height[which] @ between(ORDER, u).T
+        height = np.empty((len(which), len(u)))
+        for order in ORDERS:
+            some = self.order[which] == order
+            height[some] = self.height[which[some], : order + 1] @ between(order, u).T
         rows = evaluate(self._at(which, u, height).reshape(-1, 3))
         margin = chosen(rows, np.repeat(self.margin[which], len(u)))
         rows = (rows - margin[:, None]).reshape(len(which), len(u), rows.shape[1])
@@ -207,15 +239,20 @@ class BoundarySegments(ArrayRows):
         u, flat = np.array([-1.0, 1.0]), np.zeros((len(self.length), 2))
         return beside(self.frames, self.length, u, flat)
 
-    def points(self, which: Indices) -> Floats:
-        """Return the nodes (m, 17, 3) of some pieces."""
-        return self._at(which, nodes(ORDER), self.height[which])
+    def points(self, which: Indices, order: int) -> Floats:
+        """Return the nodes (m, order + 1, 3) of some pieces, all of that order."""
+        return self._at(which, nodes(order), self.height[which, : order + 1])
 
     def curve(self, chain: Indices) -> Floats:
-        """Return nodes (m, 3) of pieces that follow one another, known ones only."""
-        shown = np.zeros((len(chain), ORDER + 1), dtype=bool)
-        shown[self.sound[chain], DRAWN::DRAWN] = shown[:, -1] = True
-        return np.concatenate([self.frames[chain[:1], 0], self.points(chain)[shown]])
+        """Return the nodes (m, 3) of pieces that follow one another, known ones only."""
+        step = ORDERS[-1] // np.where(self.sound[chain], self.order[chain], 1)
+        place = np.arange(1, ORDERS[-1] + 1)
+        shown = place % step[:, None] == 0
+        u = nodes(ORDERS[-1])[1:]
+        height = np.take_along_axis(self.height[chain], place // step[:, None], axis=1)
+        height[~self.sound[chain]] = 0.0
+        points = self._at(chain, u, height)[shown]
+        return np.concatenate([self.frames[chain[:1], 0], points])
 
 
 DIFFERENCE = 1e-6
@@ -306,19 +343,25 @@ SLACK = 1e4
 def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> Floats:
     """Return the point (3,) of pieces of a border nearest to a direction (3,).
 
-    In the pieces that can hold it the slope of the distance's polynomial is 0, or the
-    point is an end. Of a piece that is not found only the ends count.
+    The pieces that can hold it are brought to the highest order; there the slope of
+    the distance's polynomial is 0, or the point is an end. Of a piece that is not found
+    only the ends count.
     """
-    far = np.min(arc(border.points(np.arange(len(border.margin))), place), axis=1)
+    far = np.empty(len(border.margin))
+    for order in ORDERS:
+        some = np.flatnonzero(border.order == order)
+        far[some] = np.min(arc(border.points(some, order), place), axis=1)
     pieces = border.rows(far - border.length <= np.min(far))
+    while np.any(rough := pieces.sound & (pieces.order < ORDERS[-1])):
+        pieces.raise_order(evaluate, np.flatnonzero(rough))
     candidates = [pieces.ends.reshape(-1, 3)]
     for piece in np.flatnonzero(pieces.sound)[:, None]:
-        cosine = pieces.points(piece)[0] @ place
-        slope = chebyshev.chebder(coefficients(ORDER) @ cosine)
+        cosine = pieces.points(piece, ORDERS[-1])[0] @ place
+        slope = chebyshev.chebder(coefficients(ORDERS[-1]) @ cosine)
         flat = chebyshev.chebtrim(slope, EPS * np.max(np.abs(slope)))
         u = np.asarray(chebyshev.chebroots(flat))
         u = u.real[(np.abs(u.imag) < BESIDE) & (np.abs(u.real) <= 1.0)]
-        height = pieces.height[piece] @ between(ORDER, u).T
+        height = pieces.height[piece] @ between(ORDERS[-1], u).T
         candidates.append(pieces._at(piece, u, height)[0])
     points = np.concatenate(candidates)
     held = least(evaluate(points)) >= -SLACK * np.max(evaluate.floor)

@@ -12,14 +12,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.conventions import EPS
 from spherekit.errors import RegionError
-from spherekit.region.border import (
-    DRAWN,
-    ORDER,
-    BoundarySegments,
-    corners,
-    crossings,
-    nearest_on,
-)
+from spherekit.region.border import ORDERS, BoundarySegments, corners, crossings, nearest_on
 from spherekit.region.mesh import (
     Evaluator,
     Margins,
@@ -134,11 +127,12 @@ class Refinement:
         """Return points and triangles of the region alone, its border as it was found."""
         held, apex, third, more = self._mixed()
         pieces = self.pieces
+        step = np.where(pieces.sound, pieces.order, 1)
         points, triangles = [self.points], [self.triangles[held == 3]]
         count = len(self.points)
-        for step, rows in ((ORDER, ~pieces.sound), (DRAWN, pieces.sound)):
-            some, order = np.flatnonzero(rows), ORDER // step
-            nodes = pieces.points(some)[:, ::step]
+        for order in (1, *ORDERS):
+            some = np.flatnonzero(step == order)
+            nodes = pieces.points(some, order) if order > 1 else pieces.ends[some]
             number = count + np.arange(nodes.shape[0] * (order + 1)).reshape(-1, order + 1)
             fan = (
                 np.repeat(apex[some], order),
@@ -244,15 +238,23 @@ class Refinement:
         return order[np.searchsorted(self.crossing_keys, keys, sorter=order)]
 
     def _improve(self, tolerance: float) -> Bools:
-        """Return the triangles to cut to bring the error down to a tolerance."""
+        """Bring the error down without new triangles; return those to cut for more."""
         cut = np.zeros(len(self.triangles), dtype=bool)
-        share, pieces = 0.5 * tolerance, self.pieces
-        counted = pieces.sound & (self.verdict[pieces.owner] != TriangleClass.OPEN)
-        error = np.where(counted, pieces.error, 0.0)
-        error[error <= ROUNDED * EPS * pieces.length] = 0.0
-        if error.sum() > share:
+        share = 0.5 * tolerance
+        while True:
+            pieces = self.pieces
+            counted = pieces.sound & (self.verdict[pieces.owner] != TriangleClass.OPEN)
+            error = np.where(counted, pieces.error, 0.0)
+            error[error <= ROUNDED * EPS * pieces.length] = 0.0
+            if error.sum() <= share:
+                break
             poor = error > 0.5 * share / max(1, int(np.count_nonzero(counted)))
-            cut[pieces.owner[poor]] = True
+            rough = poor & (pieces.order < ORDERS[-1])
+            if not rough.any():
+                cut[pieces.owner[poor]] = True
+                break
+            pieces.raise_order(self.evaluate, np.flatnonzero(rough))
+            self.verdict[pieces.owner[~pieces.sound]] = TriangleClass.OPEN
         vague = self.verdict == TriangleClass.OPEN
         area = np.where(vague, self.areas, 0.0)
         if area.sum() > share:
@@ -273,7 +275,7 @@ class Refinement:
         self.pieces = self.pieces.rows(self.pieces.owner >= 0)
 
 
-ROUNDING = 3e-14
+ROUNDING = 1e-14
 """Rounding of a sum of areas (sr), part of every error."""
 LARGEST_SET = 4
 """Sets of more margins than this are not tried when a region is empty."""
@@ -337,7 +339,7 @@ class Region:
     Attributes
     ----------
     area, error
-        Area (sr) and a bound of its error: what half of the heights say otherwise,
+        Area (sr) and a bound of its error: what doubling the order of the border changes,
         and the whole area of every triangle of which too little is known.
     unresolved
         That latter area alone (sr): tangent borders, corners sharper than 0.25 rad,
