@@ -144,7 +144,7 @@ def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, F
         else:
             zero = design.get(("zeros", pair.name), geometry.zeros.get(pair.name, 0.0))
             one, other = (
-                _in_link(mechanism, design, geometry.links[link], link, pair.name)
+                _in_link(mechanism, geometry, design, link, pair.name)
                 for link in pair.links
             )
             made[pair.name] = one @ about_z(zero), other
@@ -181,14 +181,15 @@ def _off(
 
 
 def _in_link(
-    mechanism: Mechanism, design: DesignGeometry, sizes: LinkSizes, link: str, pair: str
+    mechanism: Mechanism,
+    geometry: SizeGeometry,
+    design: DesignGeometry,
+    link: str,
+    pair: str,
 ) -> Exprs:
-    to = [(link, name) for name in sizes.axes[1:]]
-    arcs = [design.get(("arcs", key), x) for key, x in zip(to, sizes.arcs, strict=True)]
-    angles = [
-        design.get(("angles", key), x) for key, x in zip(to[1:], sizes.angles, strict=True)
-    ]
-    if (*arcs, *angles) == sizes.arcs + sizes.angles:
+    sizes = geometry.links.get(link, LinkSizes(()))
+    varied = (place[0] for kind, place in design if kind in ("arcs", "angles"))
+    if link not in varied:
         frame = reference_frame(axes_from_sizes(sizes), pair)
         return np.array(frame.tolist(), dtype=object)
     place = sizes.axes.index(pair)
@@ -199,12 +200,20 @@ def _in_link(
             "deg, and where it opens its pair's zero jumps, so its sizes have no "
             "derivatives; vary another size, or compare with a file of an arc that is small"
         )
-    axes: Mapping[str, Any] = axes_from_sizes(
-        LinkSizes(sizes.axes, tuple(arcs), tuple(angles))
-    )
-    axis, other = axes[pair], axes[sizes.axes[0 if place else 1]]
-    side = cross(axis, other)
-    tangent = cross(side, axis) * (1.0 / np.sqrt(dot(side, side)))
+    key = link, sizes.axes[leading]
+    arc = design.get(("arcs", key), sizes.arcs[leading - 1])
+    turn: Expr = 0.0
+    if leading > 1:
+        turn = design.get(("angles", key), sizes.angles[leading - 2])
+    # Beyond half a turn the way to the other axis runs in the opposite direction.
+    sense = 1.0 if np.sin(sizes.arcs[leading - 1]) > 0.0 else -1.0
+    outward = vector([-1.0 * sine(turn), cosine(turn), 0.0])
+    up = vector([0.0, 0.0, 1.0])
+    if place == 0:
+        axis, tangent = up, outward * sense
+    else:
+        axis = outward * sine(arc) + up * cosine(arc)
+        tangent = (up * sine(arc) - outward * cosine(arc)) * sense
     return np.stack([tangent, cross(axis, tangent), axis], axis=1)
 
 
