@@ -22,7 +22,7 @@ from spherekit.engine.expression_graph import Expr, ExpressionNode
 from spherekit.errors import EngineError
 from spherekit.model.gears import COLLINEAR, axes_from_sizes, pose_sizes, reference_frame
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import LinkSizes, Pair, PoseGeometry
+from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, SizeGeometry
 
 Exprs = NDArray[np.object_]
 """An array of numbers and expressions."""
