@@ -240,7 +240,7 @@ def test_every_package_is_in_the_distribution():
 INHERITED = """
 AbstractAnalysis AnalysisError ArrayRows BearingFriction Chords
 ClosedKinematics CurvePoints Curves EngineError InputMotion Joint JointReactions Load
-OutputKinematics Parser PlanError Problem ProjectedPath Sampler SpherekitError
+OutputKinematics Parser PlanError Problem Sampler SpherekitError
 VelocityEquations Way Zone
 """
 

@@ -14,10 +14,10 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 594_269,
-    "code lines": 46_643,
+    "nodes": 595_061,
+    "code lines": 46_709,
     "files": 325,
-    "classes": 466,
+    "classes": 465,
     "dataclasses": 290,
     "functions of 60 lines": 11,
 }

@@ -5,14 +5,13 @@ What makes a profile valid: colatitudes, points, and closed curves that stay sim
 Arc length of a curve against its own parameter: measured once, inverted when asked.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss, legint, legval
+from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike
 
 from spherekit.arrays import Bools, Floats, Indices
@@ -43,40 +42,12 @@ class CirclePath:
     def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
         outward, along = turned(self.axes, u / self.sine)
-        point = self.cosine * self.axes[:, 2] + self.sine * outward
+        point = (self.cosine * self.axes[:, 2, None] + self.sine * outward.T).T
         return exact_frame(point, along), self.cosine / self.sine + 0.0 * u, 0.0 * u
 
 
-class ProjectedPath:
-    """The radial projection p = x / |x| of a curve x(u) in space."""
-
-    def derivatives(self, u: Floats, count: int) -> Sequence[Floats]:
-        """Return x and its derivatives (..., 3), at least so many, at u of any shape."""
-        raise NotImplementedError
-
-    def speed(self, u: Floats) -> Floats:
-        """Return |dp/du| at u of any shape."""
-        x, x1, *_ = self.derivatives(u, 2)
-        across = cross(x, x1)
-        return np.sqrt(dot(across, across)) / dot(x, x)
-
-    def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
-        x, x1, x2, x3 = self.derivatives(u, 4)
-        r = np.sqrt(dot(x, x))
-        across = cross(x, x1)
-        size = np.sqrt(dot(across, across))
-        # k = ratio^3 det(x, x', x'') with ratio = |x| / |x cross x'|; |p'| = size / r^2
-        ratio = r / size
-        bend, bend_rate = dot(across, x2), dot(across, x3)
-        ratio_rate = ratio * (dot(x, x1) / r**2 - dot(across, cross(x, x2)) / size**2)
-        k_rate = ratio**3 * bend_rate + 3.0 * ratio**2 * ratio_rate * bend
-        k_rate = k_rate * r**2 / size
-        return exact_frame(x, cross(across, x)), ratio**3 * bend, k_rate
-
-
 @dataclass(frozen=True)
-class FourierPath(ProjectedPath):
+class FourierPath:
     """A colatitude about the third column of `axes`; its parameter is the azimuth."""
 
     axes: Floats
@@ -104,18 +75,33 @@ class FourierPath(ProjectedPath):
             made.append((orders * odd, -orders * even))
         return made
 
-    def derivatives(self, u: Floats, count: int) -> Sequence[Floats]:
-        """Return four of the curve on the cylinder of radius 1 about the centre."""
+    def speed(self, u: Floats) -> Floats:
+        """Return |dp/du| at u of any shape."""
+        colatitude, slope = self.colatitude(u, 1)
+        sine = np.sin(colatitude)
+        return np.sqrt(slope * slope + sine * sine)
+
+    def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
         colatitude, d1, d2, d3 = self.colatitude(u, 3)
-        height = np.cos(colatitude) / np.sin(colatitude)
-        fall = -1.0 - height * height
-        h1 = fall * d1
-        h2 = fall * d2 - 2.0 * height * h1 * d1
-        h3 = fall * d3 - 4.0 * height * h1 * d2 - 2.0 * (h1 * h1 + height * h2) * d1
-        outward, along = turned(self.axes, u)
-        around = (outward, along, -outward, -along)
-        heights, centre = (height, h1, h2, h3), self.axes[:, 2]
-        return [a + h[..., None] * centre for a, h in zip(around, heights, strict=True)]
+        s, c = np.sin(colatitude), np.cos(colatitude)
+        # components first: a place each in the innermost loops
+        outward, along = (vectors.T for vectors in turned(self.axes, u))
+        centre = self.axes[:, 2, None]
+        point = c * centre + s * outward
+        away = c * outward - s * centre
+        v = np.sqrt(d1 * d1 + s * s)
+        tangent = (d1 / v) * away + (s / v) * along
+        # k = bend / v^3 with bend = det(p, p', p''), in the basis away, along
+        bend = 2.0 * c * d1**2 + s * (s * c - d2)
+        bend_rate = d1 * (3.0 * c * d2 - 2.0 * s * d1**2 + s * (2.0 * c**2 - s**2)) - s * d3
+        v_rate = d1 * (d2 + s * c) / v
+        k = bend / v**3
+        return (
+            exact_frame(point.T, tangent.T),
+            k,
+            bend_rate / v**4 - 3.0 * k * v_rate / v**2,
+        )
 
     def place(self, u: float) -> str:
         """Return words for where u is."""
@@ -123,8 +109,8 @@ class FourierPath(ProjectedPath):
 
 
 @dataclass(frozen=True)
-class SplinePath(ProjectedPath):
-    """The projection of a spline x(u) in space through points.
+class SplinePath:
+    """The radial projection p = x / |x| of a spline x(u) in space through points.
 
     ``spline(u, order)`` is a derivative (..., 3) of it by u, as of SciPy's `BSpline`.
     """
@@ -133,13 +119,32 @@ class SplinePath(ProjectedPath):
     knots: Floats
     closed: bool
 
-    def derivatives(self, u: Floats, count: int) -> Sequence[Floats]:
-        """Return so many; u may be a complex step."""
-        *there, beyond = (self.spline(np.real(u), order) for order in range(count + 1))
-        if not np.iscomplexobj(u):
-            return there
-        step = 1j * np.imag(u)[..., None]
-        return [x + step * x1 for x, x1 in pairwise([*there, beyond])]
+    def _derivative(self, u: Floats, order: int) -> Floats:
+        """Return a derivative (..., 3) of the spline; u may be a complex step."""
+        there = self.spline(np.real(u), order)
+        if np.iscomplexobj(u):
+            there = there + np.imag(u)[..., None] * 1j * self.spline(np.real(u), order + 1)
+        return there
+
+    def speed(self, u: Floats) -> Floats:
+        """Return |dp/du| at u of any shape."""
+        x, x1 = self._derivative(u, 0), self._derivative(u, 1)
+        across = cross(x, x1)
+        return np.sqrt(dot(across, across)) / dot(x, x)
+
+    def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
+        x, x1, x2, x3 = (self._derivative(u, order) for order in range(4))
+        r = np.sqrt(dot(x, x))
+        across = cross(x, x1)
+        size = np.sqrt(dot(across, across))
+        # k = ratio^3 det(x, x', x'') with ratio = |x| / |x cross x'|; |p'| = size / r^2
+        ratio = r / size
+        bend, bend_rate = dot(across, x2), dot(across, x3)
+        ratio_rate = ratio * (dot(x, x1) / r**2 - dot(across, cross(x, x2)) / size**2)
+        k_rate = ratio**3 * bend_rate + 3.0 * ratio**2 * ratio_rate * bend
+        k_rate = k_rate * r**2 / size
+        return exact_frame(x, cross(across, x)), ratio**3 * bend, k_rate
 
     def place(self, u: float) -> str:
         """Return words for where u is."""
@@ -175,10 +180,10 @@ def axes_about(centre: ArrayLike) -> Floats:
 
 
 def turned(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
-    """Return the unit vectors (..., 3) at right angles to the third axis: out, onward."""
-    c, s = np.cos(azimuth)[..., None], np.sin(azimuth)[..., None]
-    x, y = axes[:, 0], axes[:, 1]
-    return c * x + s * y, c * y - s * x
+    """Return the unit vectors (n, 3) at right angles to the third axis: out, onward."""
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    x, y = axes[:, 0, None], axes[:, 1, None]
+    return (c * x + s * y).T, (c * y - s * x).T
 
 
 def dot(a: Floats, b: Floats) -> Floats:
@@ -276,7 +281,7 @@ def check_simple(path: SplinePath) -> None:
     middle, length, total = 0.5 * (a + b), np.sqrt(dot(b - a, b - a)), len(a)
     near = cKDTree(middle).query_ball_point(middle, length * (1.0 + 1e-9))
     i = np.repeat(np.arange(total), [len(row) for row in near])
-    j = np.concatenate(near).astype(int)
+    j = np.concatenate([np.asarray(row, dtype=int) for row in near])
     apart = np.minimum((i - j) % total, (j - i) % total) > 1
     i, j = i[apart], j[apart]
     met = _straddle(a[i], b[i], a[j], b[j]) & _straddle(a[j], b[j], a[i], b[i])
@@ -370,12 +375,13 @@ class ArcLength:
 
     def within(self, panel: Indices, x: Floats) -> Floats:
         """Return the arc length (n,) from a panel's start to x."""
-        return np.asarray(legval(x, self._lengths[:, panel], tensor=False))
-
-    @cached_property
-    def _lengths(self) -> Floats:
-        """(order + 1, panels) the coefficients of the arc length from -1 to x."""
-        return np.asarray(legint(self.speeds, lbnd=-1.0))
+        before, here = np.ones_like(x), x
+        covered = self.speeds[0, panel] * (1.0 + x)
+        for degree in range(1, len(self.speeds)):
+            after = ((2 * degree + 1) * x * here - degree * before) / (degree + 1)
+            covered += self.speeds[degree, panel] * (after - before) / (2 * degree + 1)
+            before, here = here, after
+        return covered
 
 
 def measure(path: FourierPath | SplinePath, edges: Floats) -> ArcLength:
