@@ -112,7 +112,7 @@ TAIL = 4
 BEYOND = 1e-2
 """Extrema so little beyond a cell, in half cells, are looked at from both sides."""
 
-_CHECKED = np.array([[-1.0], [0.0491], [1.0]])
+_BETWEEN = np.array([[-0.7385], [0.0491], [0.6173]])
 """Places in a cell, -1 to 1, at which the polynomial is compared with the function."""
 
 
@@ -141,7 +141,7 @@ def crossings(
         looked += len(cells)
         middle, half = cells.mean(axis=1), 0.5 * (cells[:, 1] - cells[:, 0])
         bounds = cells[..., None]
-        of_cells = sampled(lambda x: function(x[:, 0]), bounds, DEGREE, _CHECKED)
+        of_cells = sampled(lambda x: function(x[:, 0]), bounds, DEGREE, _BETWEEN)
         contents = [*map(_in_cell, *of_cells)]
         again = np.array([len(parts) > 0 for _, parts in contents]) & (barren < BARREN)
         again &= depth < DEEPEST and looked + 2 * len(cells) <= most
