@@ -65,6 +65,8 @@ def test_two_near_zeros_are_parted_or_doubtful_but_never_lost(gap):
     assert np.max(np.abs(places - 1.2345 - [-gap, gap])) < 1e-9
     places, ((start, stop),) = crossings(lambda x: 1.0 - np.cos(x - 1.2345), 0.0, TURN)
     assert not len(places) and start < 1.2345 < stop and stop - start < 1e-5
+    _, at_seam = crossings(lambda x: 1.0 - np.cos(x), 0.0, TURN)
+    assert np.allclose(at_seam, [[0.0], [TURN]], rtol=0, atol=1e-6)
 
 
 def test_what_is_no_smooth_function_is_doubtful():

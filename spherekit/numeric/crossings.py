@@ -112,7 +112,7 @@ TAIL = 4
 BEYOND = 1e-2
 """Extrema so little beyond a cell, in half cells, are looked at from both sides."""
 
-_BETWEEN = np.array([[-0.7385], [0.0491], [0.6173]])
+_CHECKED = np.linspace(-1.0, 1.0, 6)[:, None]
 """Places in a cell, -1 to 1, at which the polynomial is compared with the function."""
 
 
@@ -129,7 +129,7 @@ def crossings(
     of extrema that are zero to the error of the function, and of cells in which it is not
     known or not smooth, as where samples are NaN. A pair of zeros is found if the
     function between them is larger than its error there. No more than about `most` cells
-    of 36 samples are looked at. In a cell no wider than `smooth` the function, if it is
+    of 39 samples are looked at. In a cell no wider than `smooth` the function, if it is
     smooth there, is well given by so many samples.
     """
     edges = low + (high - low) * FIRST
@@ -141,7 +141,7 @@ def crossings(
         looked += len(cells)
         middle, half = cells.mean(axis=1), 0.5 * (cells[:, 1] - cells[:, 0])
         bounds = cells[..., None]
-        of_cells = sampled(lambda x: function(x[:, 0]), bounds, DEGREE, _BETWEEN)
+        of_cells = sampled(lambda x: function(x[:, 0]), bounds, DEGREE, _CHECKED)
         contents = [*map(_in_cell, *of_cells)]
         again = np.array([len(parts) > 0 for _, parts in contents]) & (barren < BARREN)
         again &= depth < DEEPEST and looked + 2 * len(cells) <= most
