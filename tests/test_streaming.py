@@ -1,6 +1,7 @@
 """Runs of simulations: which solution their rows are of, and what is told meanwhile."""
 
 import numpy as np
+import pytest
 
 import spherekit as sk
 from spherekit import progress
@@ -98,3 +99,21 @@ def test_of_links_seen_early_every_so_many_are_logged(monkeypatch):
     order = Order(monkeypatch)
     simulated("numpy", duration=2.0, recorder=order, log_every=300)
     assert list(order.last) == [0, 300, 600, COUNT - 1]
+
+
+def test_what_is_refused_for_unfinished_work_is_not_recorded(monkeypatch, tmp_path):
+    order = Order(monkeypatch)
+
+    def stopped(scene, samples, inputs=None, times=None):
+        if samples[0] >= COUNT // 2:
+            raise KeyboardInterrupt
+
+    asked = {"folder": tmp_path, "block": 50, "duration": 2.0}
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(order, "log", stopped)
+        simulated("numpy", recorder=order, **asked)
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    again = Order(monkeypatch)
+    with pytest.raises(sk.SpherekitError, match="--resume"):
+        simulated("numpy", recorder=again, **asked)
+    assert {kind for kind, _ in again.events} == {"step"} and not hasattr(again, "times")

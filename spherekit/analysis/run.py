@@ -136,8 +136,9 @@ def executed(
             with suppress(TypeError):  # of another version, which is refused below
                 setting = Setting(**began["setting"])
         follow = follow or traced(study, analyses, execution)
-        names = [analysis.name for analysis in analyses]
-        begin = partial(RecordingSession, names, recorder, execution.log_every)
+        begin = partial(
+            RecordingSession, [x.name for x in analyses], recorder, execution.log_every
+        )
         stage: RecordingSession | None = None
 
         def seen(course: Sampling) -> None:
@@ -145,7 +146,7 @@ def executed(
             stage = stage or begin(course, job_of(course, analyses, asked).plans)
             stage.seen(course)
 
-        looks_on = seen if recorder is not None and not began else None
+        looks_on = None if recorder is None or (place and place.unfinished) else seen
         with ledger.stage(solving):
             course = course_of(study, engine, follow, looks_on)
         shown = recorder is not None or study.verify is not None
