@@ -8,15 +8,9 @@ from independent import multi_start
 import spherekit as sk
 from spherekit.guarantee import Guarantee
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.configuration import (
-    configuration_curves,
-    turning_inputs,
-)
+from spherekit.motion.configuration import configuration_curves, turning_inputs
 from spherekit.motion.elimination import assemblies
-from spherekit.motion.input_turning_points import (
-    InputTurningPoints,
-    easiest_drive,
-)
+from spherekit.motion.input_turning_points import InputTurningPoints, easiest_drive
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.numeric.crossings import crossings
 from spherekit.planning.inputs import plan_assembly

@@ -17,11 +17,7 @@ from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
 from spherekit.errors import AnalysisError, SolveError
 from spherekit.guidance.follow import FollowedRotation, turn_to
 from spherekit.guidance.loci import mid_plane_form
-from spherekit.guidance.poses import (
-    AtDirection,
-    AtInputs,
-    PoseFinder,
-)
+from spherekit.guidance.poses import AtDirection, AtInputs, PoseFinder
 from spherekit.model.parts import Output
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.sphere.rotation import (

@@ -11,11 +11,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
 from spherekit.planning.inputs import plan_assembly
 from spherekit.planning.plan import plan
-from spherekit.planning.poles import (
-    LinePole,
-    all_poles,
-    describe,
-)
+from spherekit.planning.poles import LinePole, all_poles, describe
 
 
 def test_steps_name_case_and_sources():

@@ -9,18 +9,10 @@ from spherekit.sphere.profile_series import ProfileSeries
 
 def an_open_curve():
     """Points of a wave that does not close."""
-    azimuth = np.linspace(0.0, 2.0, 15)
-    colatitude = 0.8 + 0.1 * np.sin(2.0 * azimuth)
-    return through(
-        np.column_stack(
-            [
-                np.sin(colatitude) * np.cos(azimuth),
-                np.sin(colatitude) * np.sin(azimuth),
-                np.cos(colatitude),
-            ]
-        ),
-        closed=False,
-    )
+    a = np.linspace(0.0, 2.0, 15)
+    c = 0.8 + 0.1 * np.sin(2.0 * a)
+    points = [np.sin(c) * np.cos(a), np.sin(c) * np.sin(a), np.cos(c)]
+    return through(np.stack(points, axis=1), closed=False)
 
 
 @pytest.mark.parametrize(

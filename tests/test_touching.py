@@ -5,13 +5,7 @@ import pytest
 
 from spherekit.model.gears import TOUCHING
 from spherekit.sphere.paths import axes_about
-from spherekit.sphere.profile import (
-    CurvePoint,
-    circle,
-    fourier,
-    great_circle,
-    through,
-)
+from spherekit.sphere.profile import CurvePoint, circle, fourier, great_circle, through
 from spherekit.sphere.touching import nearest_frames
 
 KINDS = ("circle", "great_circle", "fourier", "points", "open")
