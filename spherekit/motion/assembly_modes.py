@@ -272,10 +272,10 @@ class Solver:
             _mark(status, ~(at.gap < CLOSURE_TOLERANCE), Status.NOT_CONVERGED)
             distance = max_abs(at.values - start, axis=1)
             _mark(status, ~(distance <= 0.25 * spread + 1e-6), Status.MODE_LOST)
-        determinant, reciprocal_condition = determinant_signs(at.jacobian)
+        reciprocal_condition = flatness(at.jacobian)
         if assembly_mode.determinants:
             # of a flat group the sign is rounding
-            flipped = determinant != assembly_mode.determinants[number]
+            flipped = determinant_sign(at.jacobian) != assembly_mode.determinants[number]
             flipped &= reciprocal_condition >= FLAT_GROUP
             _mark(status, flipped, Status.MODE_LOST)
         _mark(status, reciprocal_condition < FLAT_GROUP, Status.AT_SINGULARITY)
@@ -431,20 +431,18 @@ class Unwrapping:
         return turns
 
 
-def determinant_signs(jacobian: Floats) -> tuple[Floats, Floats]:
-    """Return the determinant's sign (n,) of a group's Jacobians, and how far it is flat.
+def flatness(jacobian: Floats) -> Floats:
+    """Return the reciprocal conditions (n,) of a group's Jacobians: 0 of a flat group.
 
-    The sign is 1 throughout for a group with redundant constraints. Flatness does not
-    depend on how near to each other all axes are: a small group is not a flat one.
+    They do not depend on how near to each other all axes are: a small group is not a flat
+    one.
     """
-    sign = determinant_sign(jacobian)
     reciprocal_condition = np.ones(len(jacobian))
     finite = all_finite(jacobian, (1, 2))
     spread = _spread(jacobian[finite])
-    inverse_norm = np.linalg.norm(left_inverse(spread), axis=(1, 2))
-    norm = np.linalg.norm(spread, axis=(1, 2))
-    reciprocal_condition[finite] = np.nan_to_num(1.0 / (inverse_norm * norm))
-    return sign, reciprocal_condition
+    one, other = (np.linalg.norm(x, axis=(1, 2)) for x in (spread, left_inverse(spread)))
+    reciprocal_condition[finite] = np.nan_to_num(1.0 / (one * other))
+    return reciprocal_condition
 
 
 def _spread(jacobian: Floats) -> Floats:

@@ -37,7 +37,7 @@ import numpy as np
 from spherekit.arrays import Array, Bools, Complexes, Floats, Indices, SmallIntegers
 from spherekit.conventions import CLOSURE_TOLERANCE
 from spherekit.model.graph import spanning
-from spherekit.motion.assembly_modes import Solver, determinant_signs
+from spherekit.motion.assembly_modes import Solver, flatness
 from spherekit.motion.closure import Closure
 from spherekit.motion.groups import (
     State,
@@ -521,10 +521,10 @@ def group_signs(solver: Solver, values: Floats, least: float = FLAT_SIGN) -> Sma
     signs = np.zeros((len(values), len(solver.assembly.groups)), dtype=np.int8)
     for number in range(signs.shape[1]):
         matrices = group_matrices(solver, at, number)
-        signs[:, number] = determinant_sign(matrices)
+        _, rows, columns = matrices.shape
+        signs[:, number] = np.nan_to_num(determinant_sign(matrices))
         if least:
-            square = matrices.shape[1] == matrices.shape[2]
-            signs[:, number] *= square & (condition(matrices) < 1.0 / least)
+            signs[:, number] *= (rows == columns) & (condition(matrices) < 1.0 / least)
     return signs
 
 
@@ -568,7 +568,7 @@ def random_starts(
                 values[:, rolled] = meshes.rolled(values[:, driven])
             values, near = damped(closure, values, held, least, most)
             at = closure.solve(values[near], driven + rolled, iterations=POLISHING_STEPS)
-            _, reciprocal_condition = determinant_signs(at.jacobian[:, :, ~is_input])
+            reciprocal_condition = flatness(at.jacobian[:, :, ~is_input])
             good = (at.gap < CLOSURE_TOLERANCE) & np.all(at.states.inside, axis=1)
             good &= (reciprocal_condition > FLAT) & ~penetrates(closure.joints, at.states)
         at.values[:, turning] = wrap(at.values[:, turning])

@@ -160,7 +160,8 @@ def left_inverse(matrices: Floats) -> Floats:
         try:
             return np.asarray(np.linalg.inv(matrices))
         except np.linalg.LinAlgError:
-            regular = np.linalg.slogdet(matrices)[0] != 0.0
+            with np.errstate(invalid="ignore"):
+                regular = np.linalg.slogdet(matrices)[0] != 0.0
             inverse = nans(matrices.shape)
             inverse[regular] = np.linalg.inv(matrices[regular])
             return inverse

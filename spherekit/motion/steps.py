@@ -385,10 +385,11 @@ def nodes_at(at: Linearisation, driven: Sequence[int], direction: Floats) -> Nod
 
 
 def determinant_sign(matrices: Floats) -> Floats:
-    """Return the signs (n,) of determinants; 1 for matrices with extra rows."""
+    """Return signs (n,) of determinants, NaN as they are; 1 of matrices with extra rows."""
     if matrices.shape[1] != matrices.shape[2]:
         return np.ones(len(matrices))
-    return np.linalg.slogdet(matrices)[0]
+    with np.errstate(invalid="ignore"):
+        return np.linalg.slogdet(matrices)[0]
 
 
 def _advanced(
