@@ -391,8 +391,6 @@ class Linearisation:
         After them how far what is locked is away, (n, locks).
         """
         chords, firsts, seconds = self.tree.closing
-        if not len(chords):
-            return np.zeros((len(self.values), 0))
         one = self.placed[:, firsts] @ self.states.first[:, chords]
         other = self.placed[:, seconds] @ self.states.second[:, chords]
         gaps = rotation_vector(one @ transpose(other))
