@@ -38,11 +38,11 @@ CASES = [
 
 
 def alike(rows, wanted):
-    """Say that two tables have the same rows, bit for bit."""
+    """Say that two tables have the same rows, but for rounding."""
     assert list(rows.columns) == list(wanted.columns) and len(rows) == len(wanted)
     for name in wanted.columns:
         if wanted[name].dtype == float:
-            assert np.array_equal(rows[name], wanted[name], equal_nan=True), name
+            assert np.allclose(rows[name], wanted[name], 1e-12, 1e-13, equal_nan=True), name
         else:
             assert list(rows[name].astype(str)) == list(wanted[name].astype(str)), name
 
