@@ -34,9 +34,7 @@ from spherekit.design.variables import (
     ACTIONS,
     OK,
     DesignVariable,
-    design_variable,
     designed,
-    sizes_of,
 )
 from spherekit.design.varied import UNLIKE, VariedMechanism
 from spherekit.engine.design_kernel import DesignKernel, PathKernel, arc_function
@@ -268,28 +266,11 @@ class Evaluator:
         terms = self.varied.terms()
         if not terms.closed_form:
             paths = PathKernel(terms)
-            start = start_set(paths, self.varied.nominal, *self._every_size())
+            start = start_set(paths, self.varied.nominal)
             if start is None:
                 return None
             self._paths = paths, start
         return DesignKernel(terms, self.figures.columns)
-
-    def _every_size(self) -> tuple[VariedTerms, Floats]:
-        """Return terms of all sizes of the mechanism, and what these are in the file."""
-        contacts = self.varied.contacts
-        if contacts is not None:
-            terms = VariedTerms(
-                contacts.mechanism,
-                self.inputs,
-                [f"turned_{k}" for k in range(len(contacts.numbers))],
-                lambda numbers: contacts.pairs(dict(enumerate(numbers.values()))),
-                closed_form=False,
-            )
-            return terms, np.array(contacts.numbers)
-        keys = sizes_of(self.mechanism)
-        sizes = tuple(design_variable(self.document, key) for key in keys)
-        every = VariedMechanism(self.document, self.mechanism, sizes, self.inputs)
-        return every.terms(False), every.nominal
 
     @property
     def has_gradients(self) -> bool:

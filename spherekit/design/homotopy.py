@@ -5,10 +5,7 @@ so all of one design lead to all of another (coefficient-parameter continuation;
 Wampler, The Numerical Solution of Systems of Polynomials, 2005, chapter 7). Real ones are
 followed in steps that do not leap to another assembly mode, as far as there are some.
 
-All solutions of one design, complex ones included, are found from those that are known, by
-loops in the space of designs and complex inputs: where a loop comes back, each solution has
-become one of the design's (monodromy; chapter 7 there). Loops go on until none brings a new
-one; where elimination knows how many there are, until all are there.
+All solutions of one design, complex ones included, are those of elimination.
 """
 
 from collections.abc import Callable
@@ -18,9 +15,9 @@ import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.engine.design_kernel import At, PathKernel
-from spherekit.engine.row_quantities import VariedTerms
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.elimination import assemblies
+from spherekit.motion.elimination import has_elimination, orders_of
+from spherekit.motion.input_turning_points import ModeCoalescence
 from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import all_finite, max_abs
 
@@ -211,22 +208,13 @@ def distinct(values: Array) -> Bools:
 
 MOST_SOLUTIONS = 64
 """Complex solutions up to which all of them are followed."""
-TOGETHER, ROUNDS, IN_VAIN = 16, 24, 4
-"""Loops that are gone round together, how often, and rounds without a new solution after
-which there are no more."""
-ASIDE = 0.5
-"""How far (rad) loops go off in each size."""
-NEARBY = 0.1
-"""How far (rad) in each size the design is from that of the file."""
-SEEDED = 5
-"""Inputs at which solutions to start from are looked for."""
 
 
 @dataclass(frozen=True)
 class StartSolutions:
     """The solutions (variables, m) of a design with `sizes` (k,) at complex inputs q.
 
-    `counted` says whether their number is known, and was found.
+    `counted` says whether all that designs in general have are there.
     """
 
     values: Array
@@ -235,113 +223,44 @@ class StartSolutions:
     counted: bool
 
 
-def start_set(
-    kernel: PathKernel, sizes: Floats, terms: VariedTerms, of_every: Floats
-) -> StartSolutions | None:
-    """Return all solutions of the mechanism of a file; None if they are not found.
+def start_set(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
+    """Return all solutions of the mechanism of a file; None if they are not known.
 
-    `sizes` are its numbers that `kernel` has as inputs. Loops go through all its sizes,
-    those that `terms` have, where it has the numbers `of_every`.
+    `sizes` are its numbers that `kernel` has as inputs. Elimination gives the solutions at
+    some inputs, from where these leave the real axis.
     """
-    structure = terms.structure
-    names = structure.mechanism.names_of(structure.input_pairs)
-    inputs = structure.mechanism.with_inputs(*names).inputs
-    q = np.array([complex(0.5 * (i.start + i.stop), 0.7) for i in inputs])
-    general = PathKernel(terms, compiled=False)
-    rng = np.random.default_rng(20)
-    low, high = np.sort([(i.start, i.stop) for i in inputs], axis=1).T
-    places = rng.uniform(low, high, (SEEDED, len(inputs)))
-    seeds, roots = _seeds(terms, general, of_every, places)
-    if not seeds.shape[1] or roots > MOST_SOLUTIONS:
+    structure = kernel.terms.structure
+    mechanism, groups = structure.mechanism, structure.assembly.groups
+    if not all(group.is_dyad or has_elimination(group) for group in groups):
         return None
-    base = of_every + rng.uniform(-NEARBY, NEARBY, len(of_every))
-    there, in_vain = q[:, None], 0
-    seeded = _moved(general, seeds, (of_every, base), (seeds[general.driven], there))
-    solutions = _distinct(seeded)
-    for _ in range(ROUNDS):
-        count = solutions.shape[1]
-        if count == roots or (not roots and in_vain == IN_VAIN):
-            break
-        if count > MOST_SOLUTIONS:
-            return None
-        more = _around(general, solutions, base, q, rng)
-        solutions = _distinct(np.concatenate([solutions, more], axis=1))
-        in_vain = 0 if solutions.shape[1] > count else in_vain + 1
-    count = solutions.shape[1]
-    if not count or count != (roots or count):
+    roots = int(np.prod([orders_of(group)[0].roots for group in groups]))
+    if roots > MOST_SOLUTIONS:
         return None
-    # Sizes that stay may be special ones, for which there are fewer.
-    values = _distinct(_moved(general, solutions, (base, of_every), (there, there)))
-    if not values.shape[1] or not distinct(values[:, None])[0]:
-        return None
-    at_rest = kernel.prepare(np.repeat(sizes[:, None], values.shape[1], axis=1))
-    _, closed = settled(lambda now, some: kernel.at(now, at_rest[:, some]), values)
-    counted = roots > 0 and values.shape[1] == count
-    return StartSolutions(values, sizes, q, counted) if np.all(closed) else None
-
-
-def _seeds(
-    terms: VariedTerms, kernel: PathKernel, sizes: Floats, inputs: Floats
-) -> tuple[Floats, int]:
-    """Return solutions (variables, n) at inputs (m, k), and how many there are in all.
-
-    0 where that is not known.
-    """
-    structure = terms.structure
-    mechanism, driven = structure.mechanism, structure.assembly.inputs
-    moving = mechanism.with_inputs(*(mechanism.pairs[pair].name for pair in driven))
+    moving = mechanism.with_inputs(*mechanism.names_of(structure.assembly.inputs))
     solver = Solver(moving, structure.assembly)
+    names = mechanism.names_of(structure.input_pairs)
+    inputs = mechanism.with_inputs(*names).inputs
+    ends = np.array([(item.start, item.stop) for item in inputs])
+    there = np.mean(ends, axis=1)[:, None] + 0.7j
+    here = np.random.default_rng(20).uniform(*np.sort(ends, axis=1).T)[:, None]
     # Newton's first step takes pairs that follow the inputs to their places.
-    values = np.zeros((kernel.variables, len(inputs)))
-    values[kernel.driven] = inputs.T
-    prepared = kernel.prepare(np.repeat(sizes[:, None], len(inputs), axis=1))
+    start = np.zeros((kernel.variables, 1))
+    start[kernel.driven] = here
     with np.errstate(all="ignore"):
-        step = kernel.at(values, prepared).step
+        step = kernel.at(start, kernel.prepare(sizes[:, None])).step
     following = [v for v in solver.driven if v not in kernel.driven]
-    values[following] += step[following]
-    configurations, roots = [], 0
-    for q in values[list(solver.driven)].T:
-        here = assemblies(solver, q)
-        configurations += [*here.values]
-        counts = [method.roots if method else 0 for method in here.methods]
-        roots = max(roots, int(np.prod(counts)))
-    return np.array(configurations).reshape(-1, kernel.variables).T, roots
-
-
-def _around(
-    kernel: PathKernel,
-    values: Array,
-    sizes: Floats,
-    q: Array,
-    rng: np.random.Generator,
-) -> Array:
-    """Return where solutions come to along random triangles that return to a place."""
+    start[following] += step[following]
+    driven = start[list(solver.driven)]
+    values = ModeCoalescence(solver).configurations(driven[:, 0]).T
+    values = values[:, all_finite(values, 0)]
+    values[list(solver.driven)] = driven
+    at_rest = sizes[:, None], sizes[:, None]
+    values, arrived = tracked(kernel, values, at_rest, (here, there))
+    values = _distinct(values[:, arrived])
     count = values.shape[1]
-    corners = [(sizes[:, None], q[:, None])]
-    for _ in range(2):
-        aside = rng.uniform(-ASIDE, ASIDE, (len(sizes), TOGETHER))
-        some = len(q), TOGETHER
-        away = rng.uniform(-4.0, 4.0, some) + 1j * rng.uniform(-1.5, 0.5, some)
-        there = sizes[:, None] + np.repeat(aside, count, axis=1)
-        corners.append((there, q[:, None] + np.repeat(away, count, axis=1)))
-    now, arrived = np.tile(values, (1, TOGETHER)), np.ones(TOGETHER * count, dtype=bool)
-    for (one, begin), (other, end) in zip(corners, corners[1:] + corners[:1], strict=True):
-        now, reached = tracked(kernel, now, (one, other), (begin, end))
-        arrived &= reached
-    return now[:, arrived]
-
-
-def _moved(
-    kernel: PathKernel,
-    values: Array,
-    sizes: tuple[Floats, Floats],
-    q: tuple[Array, Array],
-) -> Array:
-    """Return where solutions come to, those that do."""
-    one, other = sizes
-    ends = one[:, None], other[:, None]
-    made, arrived = tracked(kernel, values.astype(complex), ends, q)
-    return made[:, arrived]
+    if not count or not distinct(values[:, None])[0]:
+        return None
+    return StartSolutions(values, sizes, there[:, 0], count == roots)
 
 
 def _distinct(solutions: Array) -> Array:

@@ -16,7 +16,7 @@ The configuration curves are the same whichever pair is driven; how the groups f
 is not. Driven at one pair a six-bar is two dyads, at another a triad.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -31,7 +31,7 @@ from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import Frames, Order, orders_of
 from spherekit.motion.groups import train_turns
 from spherekit.numeric.crossings import MOST_CELLS, crossings
-from spherekit.planning.inputs import Group, plan_assembly
+from spherekit.planning.inputs import plan_assembly
 from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import all_finite, max_abs
 
@@ -81,6 +81,7 @@ class ModeCoalescence:
         self.solver = solver
         self.groups = solver.assembly.groups
         every = frozenset(range(len(self.groups)))
+        tried_at = np.add.outer(TRIED, np.arange(len(solver.driven)))
         self._orders: list[Order | None] = []
         self._seen: list[frozenset[int]] = []
         for part, group in enumerate(self.groups):
@@ -90,7 +91,7 @@ class ModeCoalescence:
                 tried = orders_of(group)
             self._orders.append(tried[0])
             for self._orders[part] in tried:
-                determinants = self._determinants(part, np.array(TRIED))
+                determinants = self._determinants(part, tried_at)
                 if all_finite(determinants):
                     break
             self._seen[part] = self._dependence(part, determinants)
@@ -99,6 +100,7 @@ class ModeCoalescence:
             * float(np.prod([self._count(k) for k in seen]))
             for group, seen in zip(self.groups, self._seen, strict=True)
         )
+        self._seen.append(every)
 
     def _count(self, number: int) -> int:
         """Return how many complex modes a group has, a train of wheels one."""
@@ -115,51 +117,67 @@ class ModeCoalescence:
 
         NaN where a complex mode is missing, infinite, or one of infinitely many.
         """
-        return np.prod(self._determinants(part, q), axis=1).real
+        return np.prod(self._determinants(part, q[:, None]), axis=1).real
+
+    def configurations(self, q: Floats) -> Complexes:
+        """Return the variables (modes, pairs) rad of all complex modes at inputs q (k,).
+
+        Of a mechanism of R pairs; NaN where a mode is missing, infinite, or one of
+        infinitely many.
+        """
+        with np.errstate(all="ignore"):
+            within = self._placed(len(self.groups), q[None])
+            one, other = self._sides(range(len(self.solver.joints)), within)
+            cosine, sine = (np.sum(one[..., k] * other[..., 0], axis=-1) for k in (0, 1))
+            return -1j * np.log(cosine + 1j * sine).T
 
     def _determinants(self, part: int, q: Floats) -> Complexes:
-        """Return the determinants (n, modes) of a group."""
-        state = self.solver.start(q[:, None])
-        links = range(len(self.solver.mechanism.links))
-        # orientations (n, modes, 3, 3) of links in their bodies, for all modes so far
-        within = [state.within[k][:, None].astype(complex) for k in links]
-        determinants, ends = np.ones((len(q), 1), complex), self.solver.mechanism.ends
-        every = self.solver.train_angles(q[:, None]).items()
-        angles = {pair: angle[:, None] for pair, angle in every}
+        """Return the determinants (n, modes) of a group at inputs q (n, k)."""
+        order, group = self._orders[part], self.groups[part]
         with np.errstate(all="ignore"):
-            for number, group in enumerate(self.groups[: part + 1]):
-                order = self._orders[number]
-                if order is None:
-                    turns = train_turns(group, within, ends, self.solver.joints, angles)
-                    for turn, members in zip(turns, group.bodies, strict=True):
-                        for link in members:
-                            within[link] = turn @ within[link]
-                    determinants = np.ones((len(q), within[0].shape[1]), dtype=complex)
-                    continue
-                frames = self._frames(group, within)
-                solutions, determinants = frames.solutions(order)
-                determinants = determinants.reshape(len(q), -1)
-                if number < part:
-                    placed = frames.placed(order, solutions)
-                    shape = len(q), -1, *placed.shape[2:]
-                    placed, step = placed.reshape(shape), order.roots
-                    within = [np.repeat(turned, step, axis=1) for turned in within]
-                    for body, members in enumerate(group.bodies):
-                        for link in members if body else ():
-                            within[link] = placed[:, :, body] @ within[link]
-                    if number not in self._seen[part]:
-                        within = [turned[:, ::step] for turned in within]
-        return determinants
+            within = self._placed(part, q)
+            if order is None:
+                return np.ones((len(q), within[0].shape[1]), dtype=complex)
+            frames = Frames(group, self._sides(group.pairs, within))
+            return frames.solutions(order)[1].reshape(len(q), -1)
 
-    def _frames(self, group: Group, within: Sequence[Complexes]) -> Frames:
-        """Return the pair frames of a group at all modes so far, one after another."""
+    def _placed(self, part: int, q: Floats) -> list[Complexes]:
+        """Return the orientations (n, modes, 3, 3) of links in their bodies.
+
+        At inputs q (n, k), for all modes of the groups before one.
+        """
+        state, ends = self.solver.start(q), self.solver.mechanism.ends
+        within = [state.within[k][:, None].astype(complex) for k in sorted(state.within)]
+        every = self.solver.train_angles(q).items()
+        angles = {pair: angle[:, None] for pair, angle in every}
+        for number, group in enumerate(self.groups[:part]):
+            order = self._orders[number]
+            if order is None:
+                turns = train_turns(group, within, ends, self.solver.joints, angles)
+                for turn, members in zip(turns, group.bodies, strict=True):
+                    for link in members:
+                        within[link] = turn @ within[link]
+                continue
+            frames = Frames(group, self._sides(group.pairs, within))
+            placed = frames.placed(order, frames.solutions(order)[0])
+            placed, step = placed.reshape(len(q), -1, *placed.shape[2:]), order.roots
+            within = [np.repeat(turned, step, axis=1) for turned in within]
+            for body, members in enumerate(group.bodies):
+                for link in members if body else ():
+                    within[link] = placed[:, :, body] @ within[link]
+            if number not in self._seen[part]:
+                within = [turned[:, ::step] for turned in within]
+        return within
+
+    def _sides(self, pairs: Iterable[int], within: Sequence[Complexes]) -> Complexes:
+        """Return the frames (2, pairs, n, 3, 3) of pairs in all modes, one by one."""
         sides: list[list[Complexes]] = [[], []]
-        for pair in group.pairs:
+        for pair in pairs:
             joint = revolute(self.solver.joints[pair])
             links = self.solver.mechanism.ends[pair]
             for side, frame in enumerate((joint.first, joint.second)):
                 sides[side].append(within[links[side]] @ frame)
-        return Frames(group, np.array(sides).reshape(2, len(group.pairs), -1, 3, 3))
+        return np.array(sides).reshape(2, len(sides[0]), -1, 3, 3)
 
     def _dependence(self, part: int, determinants: Complexes) -> frozenset[int]:
         """Return the earlier groups whose modes a group's determinants (n, modes) see."""
