@@ -230,9 +230,7 @@ class StoredModel:
                 return np.sin(half), 0.5 * np.cos(half) * rate
             return half, 0.5 * rate
 
-        edges, parts = series.edges, np.arange(8) / 8
-        grid = (edges[:-1, None] + parts * np.diff(edges)[:, None]).ravel()
-        return zeros(gap, np.append(grid, edges[-1])).places
+        return zeros(gap, series.grid(8)).places
 
     def with_torque(self, torque: str | Mapping[str, str]) -> "StoredModel":
         """Return the model with torques (N m) at inputs as more loads.

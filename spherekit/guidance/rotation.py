@@ -20,6 +20,7 @@ from spherekit.errors import SolveError
 from spherekit.guidance.follow import RotationSamples
 from spherekit.model.study import Cycloidal, Law, Polynomial
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
+from spherekit.numeric.zeros import zeros
 from spherekit.sphere.rotation import all_finite, max_abs
 
 DEAD = 1e3
@@ -81,6 +82,8 @@ acceleration."""
 TOLERANCE = 1e-9
 """Relative error of the interpolants in which the largest values are looked for."""
 MOST_CELLS = 64
+PARTS = 8
+"""Of each of their cells, in which a derivative is simple."""
 MOST_ROWS = 1_000_000
 WHOLE = 1e-12
 """Part of a duration by which it may miss a whole number of cycles: rounding."""
@@ -220,7 +223,8 @@ def time_optimal(
     fitted = PiecewiseChebyshev.fit(
         lambda part: _moved(rotation, law, part)[1], 0.0, 1.0, TOLERANCE, most=MOST_CELLS
     )
-    places, _ = fitted.largest()
+
+    places = np.array([_place_of_largest(fitted, k) for k in range(2 * count)])
     values = np.diagonal(_moved(rotation, law, places)[1])
     powers = np.repeat([1.0, 0.5], count)
     duration = float(np.max((np.abs(values) / limits) ** powers))
@@ -284,6 +288,17 @@ def _shape(shape: str | Law) -> Law:
     if max_abs(part - np.clip(part, 0.0, 1.0)) > 1e-12:
         raise SolveError("a law shape stays between 0 and 1, but this one leaves that")
     return shape
+
+
+def _place_of_largest(fitted: PiecewiseChebyshev, number: int) -> float:
+    """Return where a function is largest in size."""
+    slope, bend = fitted.derivative, fitted.derivative.derivative
+
+    def rate(x: Floats) -> tuple[Floats, Floats]:
+        return slope.at(x)[:, number], bend.at(x)[:, number]
+
+    places = np.append(fitted.edges, zeros(rate, fitted.grid(PARTS)).places)
+    return float(places[np.argmax(np.abs(fitted.at(places)[:, number]))])
 
 
 def _moved(

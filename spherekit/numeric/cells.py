@@ -20,8 +20,8 @@ from spherekit.arrays import Floats, Indices
 from spherekit.numeric.chebyshev import (
     ROUNDING,
     PiecewiseChebyshev,
-    products,
     sampled,
+    summed,
     tensor,
 )
 
@@ -129,17 +129,7 @@ class TensorChebyshev:
 
     def at(self, x: Floats) -> Floats:
         """Return the functions (n, F) at places (n, m), NaN outside the domain."""
-        owner = self.cells(x)
-        values = np.full((len(x), self.coefficients.shape[-1]), np.nan)
-        for number in np.unique(owner[owner >= 0]):
-            rows = np.flatnonzero(owner == number)
-            low, high = self.bounds[number]
-            place = np.clip((2.0 * x[rows] - low - high) / (high - low), -1.0, 1.0)
-            series = self.coefficients[number]
-            degree = series.shape[0] - 1
-            flat = series.reshape(-1, series.shape[-1])
-            values[rows] = products(place, degree) @ flat
-        return values
+        return summed(x, self.cells(x), self.bounds, self.coefficients)
 
     @cached_property
     def _tree(self) -> list[tuple[int, float, int, int]]:

@@ -6,6 +6,7 @@ from functools import cache, cached_property
 from itertools import pairwise, product
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
@@ -13,10 +14,6 @@ from spherekit.arrays import Floats, Indices
 
 DEGREE = 15
 MOST_CELLS = 2**13
-RUN = 1024
-"""Places in a row that are taken at once: their powers stay in the cache."""
-SHORTEST_RUN = 16
-"""Where places in a row share a cell less often than this, they are sorted first."""
 ROUNDING = 1e-10
 """What functions that lose digits may be off by: see `PiecewiseChebyshev.fit`."""
 
@@ -86,22 +83,17 @@ class PiecewiseChebyshev:
         edges = np.array([start for start, _ in done] + [high])
         return PiecewiseChebyshev(edges, np.stack([cell for _, cell in done]), largest)
 
+    def grid(self, parts: int) -> Floats:
+        """Return so many places in each cell, spread evenly, and the last edge."""
+        cells = len(self.coefficients)
+        return np.interp(
+            np.arange(parts * cells + 1) / parts, np.arange(cells + 1), self.edges
+        )
+
     def at(self, x: ArrayLike) -> Floats:
         """Return the functions (n, m) at x (n,) between the first and the last edge."""
-        return np.ascontiguousarray(self.along(np.asarray(x, dtype=float)).T)
-
-    def along(self, x: Floats) -> Floats:
-        """Return the functions (m, n) at x (n,), most of which share a cell with the next.
-
-        That is quicker, by a matrix product for each run of places in one cell.
-        """
-        cell = self._cells(x)
-        if np.count_nonzero(np.diff(cell)) * SHORTEST_RUN > len(x):
-            order = np.argsort(cell, kind="stable")
-            sums = np.empty((self.coefficients.shape[2], len(x)))
-            sums[:, order] = self._in_runs(x[order], cell[order])
-            return sums
-        return self._in_runs(x, cell)
+        x, bounds = np.asarray(x, dtype=float), sliding_window_view(self.edges, 2)
+        return summed(x[:, None], self._cells(x), bounds[..., None], self.coefficients)
 
     def scattered(self, x: Floats) -> Floats:
         """Return few functions (m, n) at x (n,), each place for itself."""
@@ -112,27 +104,7 @@ class PiecewiseChebyshev:
         return np.asarray(chebyshev.chebval(place, series, tensor=False))
 
     def _cells(self, x: Floats) -> Indices:
-        cell = np.searchsorted(self.edges, x, side="right") - 1
-        return np.clip(cell, 0, len(self.coefficients) - 1)
-
-    def _in_runs(self, x: Floats, cell: Indices) -> Floats:
-        """Return the functions (m, n) at x (n,) in cells (n,), run by run."""
-        series = self._by_function
-        sums = np.empty((series.shape[1], len(x)))
-        edges = [0, *(np.flatnonzero(np.diff(cell)) + 1).tolist(), len(x)]
-        for start, stop in pairwise(edges):
-            for first in range(start, stop, RUN):
-                rows = slice(first, min(first + RUN, stop))
-                low, high = self.edges[cell[start]], self.edges[cell[start] + 1]
-                place = np.clip((2.0 * x[rows] - (low + high)) / (high - low), -1.0, 1.0)
-                powers = np.empty((series.shape[2], len(place)))
-                powers[0], powers[1] = 1.0, place
-                twice = 2.0 * place
-                for order in range(2, len(powers)):
-                    np.multiply(twice, powers[order - 1], out=powers[order])
-                    powers[order] -= powers[order - 2]
-                np.matmul(series[cell[start]], powers, out=sums[:, rows])
-        return sums
+        return np.searchsorted(self.edges[1:-1], x, side="right")
 
     @cached_property
     def _by_order(self) -> Floats:
@@ -140,37 +112,34 @@ class PiecewiseChebyshev:
         return np.ascontiguousarray(self.coefficients.transpose(1, 2, 0))
 
     @cached_property
-    def _by_function(self) -> Floats:
-        """(cells, m, degree + 1) the coefficients of each function."""
-        return np.ascontiguousarray(np.swapaxes(self.coefficients, 1, 2))
-
-    def derivative(self, x: ArrayLike) -> Floats:
-        """Return the derivatives (n, m) of the interpolant at x (n,)."""
-        return self._derivative.at(x)
-
-    @cached_property
-    def _derivative(self) -> "PiecewiseChebyshev":
+    def derivative(self) -> "PiecewiseChebyshev":
+        """The derivatives of the interpolant."""
         rates = 2.0 / np.diff(self.edges)
         slopes = chebyshev.chebder(self.coefficients, axis=1)
         return PiecewiseChebyshev(self.edges, slopes * rates[:, None, None])
 
-    def largest(self) -> tuple[Floats, Floats]:
-        """Return the places (m,) and values (m,) where functions are largest in size.
 
-        All zeros of the derivative of each cell's series are taken, and its ends.
-        """
-        places, values = np.zeros((2, self.coefficients.shape[2]))
-        for cell, of_cell in enumerate(self.coefficients):
-            low, high = self.edges[cell : cell + 2]
-            for function, series in enumerate(of_cell.T):
-                turning = real_zeros(np.asarray(chebyshev.chebder(series), dtype=float))
-                x = np.concatenate([[-1.0, 1.0], turning])
-                y = chebyshev.chebval(x, series)
-                top = int(np.argmax(np.abs(y)))
-                if np.abs(y[top]) > np.abs(values[function]):
-                    values[function] = y[top]
-                    places[function] = low + 0.5 * (high - low) * (1.0 + x[top])
-        return places, values
+def summed(x: Floats, owner: Indices, bounds: Floats, coefficients: Floats) -> Floats:
+    """Return functions (n, F) at places x (n, m) in cells (n,), NaN in none, -1.
+
+    By `bounds` (cells, 2, m) of the cells, `coefficients` (cells, degree + 1, ..., F).
+    """
+    order, values = (
+        np.argsort(owner, kind="stable"),
+        np.full((len(x), coefficients.shape[-1]), np.nan),
+    )
+    owner = owner[order]
+    low, high = bounds[owner].swapaxes(0, 1)
+    places = (2.0 * x[order] - low - high) / (high - low)
+    polynomials = polynomials_at(places, coefficients.shape[1] - 1)
+    every = np.searchsorted(owner, np.arange(len(coefficients) + 1))
+    for number, (start, stop) in enumerate(pairwise(every.tolist())):
+        if start < stop:
+            made = products(polynomials[start:stop])
+            values[order[start:stop]] = made @ coefficients[number].reshape(
+                made.shape[1], -1
+            )
+    return values
 
 
 @cache
@@ -200,7 +169,7 @@ def sampled(
     for axis in range(1, m + 1):
         series = np.moveaxis(np.tensordot(series, fitting(degree), (axis, 1)), -1, axis)
     flat = series.reshape(len(bounds), len(grid), -1)
-    gap = np.abs(products(checks, degree) @ flat - samples[:, len(grid) :])
+    gap = np.abs(products(polynomials_at(checks, degree)) @ flat - samples[:, len(grid) :])
     return series, gap, np.fmax.reduce(np.abs(samples), axis=(1, 2))
 
 
@@ -209,14 +178,16 @@ def tensor(axes: Sequence[Floats]) -> Floats:
     return np.array(list(product(*axes)))
 
 
-def products(x: Floats, degree: int) -> Floats:
-    """Return the products (n, (degree + 1)^m) of Chebyshev polynomials at x (n, m)."""
-    polynomials = np.cos(
-        np.arccos(np.clip(x, -1.0, 1.0))[..., None] * np.arange(degree + 1)
-    )
+def polynomials_at(x: Floats, degree: int) -> Floats:
+    """Return Chebyshev polynomials (n, m, degree + 1) at x (n, m) from -1 to 1."""
+    return np.asarray(chebyshev.chebvander(np.clip(x, -1.0, 1.0), degree))
+
+
+def products(polynomials: Floats) -> Floats:
+    """Return the products (n, (degree + 1)^m) of polynomials (n, m, degree + 1)."""
     made = polynomials[:, 0]
-    for k in range(1, x.shape[1]):
-        made = (made[:, :, None] * polynomials[:, k, None]).reshape(len(x), -1)
+    for k in range(1, polynomials.shape[1]):
+        made = (made[:, :, None] * polynomials[:, k, None]).reshape(len(made), -1)
     return made
 
 

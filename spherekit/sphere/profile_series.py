@@ -46,24 +46,21 @@ class ProfileSeries:
             MOST,
             ROUNDING,
         )
-        part = np.linspace(0.0, 1.0, BETWEEN)
-        low, high = fitted.edges[:-1, None], fitted.edges[1:, None]
-        slopes = np.abs(fitted.derivative((low + (high - low) * part).ravel())[:, 7])
+        slopes = np.abs(fitted.derivative.at(fitted.grid(BETWEEN - 1))[:, 7])
         return ProfileSeries(
             fitted, curve.length, curve.closed, 1.5 * float(np.max(slopes))
         )
 
     def at(self, s: Floats) -> Floats:
         """Return (8, n) at arc lengths s (n,); NaN beyond the ends of an open curve."""
-        if self.closed:
-            return self.series.along(np.mod(s, self.length))
-        values = self.series.along(s)
-        values[:, ~((s >= 0.0) & (s <= self.length))] = np.nan
-        return values
+        values = self.series.at(np.mod(s, self.length) if self.closed else s)
+        if not self.closed:
+            values[~((s >= 0.0) & (s <= self.length))] = np.nan
+        return np.ascontiguousarray(values.T)
 
     def slopes(self, s: Floats) -> Floats:
         """Return the derivatives (8, n) of `at` by the arc length."""
-        return self.series.derivative(np.mod(s, self.length) if self.closed else s).T
+        return self.series.derivative.at(np.mod(s, self.length) if self.closed else s).T
 
 
 def _columns(curve: Curve, s: Floats) -> Floats:
