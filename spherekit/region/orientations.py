@@ -19,6 +19,8 @@ ALL_ORIENTATIONS = 8.0 * np.pi**2
 """Volume of all orientations."""
 BITS = 18
 """Cubes are 2**BITS units wide."""
+SIDES = 3 * (2**BITS + 1,)
+"""Places along each side of a cube."""
 COARSEST = 3
 """Halvings of the cubes before the first look."""
 STEPS = 6
@@ -33,11 +35,6 @@ def _cube(axis: Array) -> Array:
 
 
 _THREE, _TWO = _cube(np.arange(3)), _cube(np.arange(2))
-_DERIVATIVES = (
-    (0, 0, 0),
-    *((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-    *((2, 0, 0), (0, 2, 0), (0, 0, 2)),
-)
 _CHECKS = np.array([[1, 1, 1], [1, 3, 3], [3, 1, 3], [3, 3, 1]])
 """Places of four checks in a cell, in quarters of it."""
 
@@ -70,37 +67,19 @@ class Orientations:
         return self.volume / ALL_ORIENTATIONS
 
 
-def _quadratics(u: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the polynomials (m, 3) that are 1 at one of 0, 1/2, 1, and both slopes."""
-    values = np.stack([(1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)], axis=1)
-    slopes = np.stack([4 * u - 3, 4 - 8 * u, 4 * u - 1], axis=1)
-    return values, slopes, np.broadcast_to([4.0, -8.0, 4.0], values.shape)
-
-
-def _product(rows: tuple[Floats, Floats, Floats]) -> Floats:
-    """Return the products (m, 27) of one-dimensional rows (m, 3) in three directions."""
+def _at(places: Floats) -> Floats:
+    """Return what turns the 27 values of a cell into those at places (m, 3), (m, 27)."""
+    u = places.T
+    rows = np.stack([(1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)], axis=2)
     return np.einsum("ma,mb,mc->mabc", *rows).reshape(-1, 27)
 
 
-def _matrices() -> tuple[Floats, Floats, Floats, Floats]:
-    """Return what turns 27 values into bounds, checks, and sums over a grid.
-
-    The last are (7, STEPS**3, 27): values, the changes over a step each way, and the
-    changes of these the same way.
-    """
-    line = np.array([[1.0, 0.0, 0.0], [-0.5, 2.0, -0.5], [0.0, 0.0, 1.0]])
-    bounds = np.kron(line, np.kron(line, line))
-    x, y, z = (_quadratics(column) for column in (_CHECKS / 4.0).T)
-    checks = _product((x[0], y[0], z[0]))
-    u = (_cube(np.arange(STEPS)) + 0.5) / STEPS
-    x, y, z = (_quadratics(column) for column in u.T)
-    sums = [_product((x[a], y[b], z[c])) / STEPS ** (a + b + c) for a, b, c in _DERIVATIVES]
-    return bounds, checks, np.stack(sums), u
-
-
-_BOUNDS, _CHECK, _SUMS, _CENTRES = _matrices()
-
-
+_LINE = np.array([[1.0, 0.0, 0.0], [-0.5, 2.0, -0.5], [0.0, 0.0, 1.0]])
+_BOUNDS = np.kron(_LINE, np.kron(_LINE, _LINE))
+"""What turns 27 values into the coefficients that bound their polynomial."""
+_CENTRES = (_cube(np.arange(STEPS)) + 0.5) / STEPS
+_CHANGES = [_at(_CENTRES + h) - _at(_CENTRES - h) for h in 0.5 / STEPS * np.eye(3)]
+"""Of the polynomial over a step in each direction, there exactly its slope."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 _GAUSS_PLACES = _cube(0.5 * (1.0 + _NODES))
 _GAUSS_WEIGHTS = np.prod(_cube(0.5 * _WEIGHTS), axis=1)
@@ -194,7 +173,7 @@ class _Cells:
         """Return the volumes (n,) of the region in cells, and whether they are certain."""
         rows, checks = self._sample(cube, low, width)
         n, k = rows.shape[1], rows.shape[2]
-        error = max_abs(np.tensordot(_CHECK, rows, axes=1) - checks, axis=0)
+        error = max_abs(np.tensordot(_at(_CHECKS / 4.0), rows, axes=1) - checks, axis=0)
         control = np.tensordot(_BOUNDS, rows, axes=1)
         low_bound = control.min(axis=0) - VALUE_SLACK * error
         out = (control.max(axis=0) + VALUE_SLACK * error < 0.0).any(axis=1)
@@ -219,9 +198,7 @@ class _Cells:
         extra = low[None] + _CHECKS[:, None] * (width // 4)[:, None]
         whole = np.concatenate([places, extra])
         cubes = np.broadcast_to(cube, whole.shape[:2])
-        key = cubes.ravel().astype(np.int64)
-        for axis in range(3):
-            key = key << (BITS + 1) | whole[..., axis].ravel()
+        key = np.ravel_multi_index((cubes, *np.moveaxis(whole, 2, 0)), (4, *SIDES))
         _, first, back = np.unique(key, return_index=True, return_inverse=True)
         quaternions = _quaternions(cubes.ravel()[first], whole.reshape(-1, 3)[first])
         margins = self.evaluate(quaternions)
@@ -229,7 +206,7 @@ class _Cells:
         best = int(np.argmax(smallest))
         if smallest[best] > self.depth:
             self.place, self.depth = quaternions[best], float(smallest[best])
-        rows = margins[back].reshape(*whole.shape[:2], margins.shape[1])
+        rows = margins[back].reshape(*cubes.shape, -1)
         missing = np.isnan(rows)
         if missing.any():
             negative = np.any(rows < 0.0, axis=2, keepdims=True)
@@ -242,16 +219,12 @@ def _filled(model: Floats) -> Floats:
     """Return how full (STEPS**3, m) the steps of cells are, by polynomials (27, m).
 
     Across the border this rises evenly over the width of the step, which is exact for
-    planes on the average; the Laplacian takes away what bending does to that average.
+    planes on the average.
     """
-    value, x, y, z, xx, yy, zz = (matrix @ model for matrix in _SUMS)
-    square = x * x + y * y + z * z
-    flat = square == 0.0
-    square[flat] = 1.0
-    reach = np.abs(x) + np.abs(y) + np.abs(z)
-    reach[flat] = 1.0
-    value = value + (xx + yy + zz) * (reach * reach / square) / 24.0
-    return np.where(flat, value >= 0.0, np.clip(0.5 + value / reach, 0.0, 1.0))
+    value = _at(_CENTRES) @ model
+    reach = sum(np.abs(change @ model) for change in _CHANGES)
+    with np.errstate(all="ignore"):
+        return np.where(reach > 0.0, np.clip(0.5 + value / reach, 0.0, 1.0), value >= 0.0)
 
 
 def _quaternions(cube: Indices, units: Indices) -> Floats:
