@@ -189,20 +189,11 @@ def apart(one: Array, other: Array) -> Floats:
 
 def distinct(values: Array) -> Bools:
     """Return for each design whether its solutions (variables, designs, m) all differ."""
-    m = values.shape[2]
     made: Bools = all_finite(values, (0, 2))
-    if m < 2:
-        return made
-    weights = np.random.default_rng(3).uniform(0.5, 1.5, (3, len(values), 1, 1))
-    with np.errstate(all="ignore"):
-        angle = values.real
-        key = np.sum(weights[0] * np.cos(angle) + weights[1] * np.sin(angle), axis=0)
-        key = np.sort(key + np.sum(weights[2] * np.tanh(values.imag), axis=0), axis=1)
-        near = np.min(np.diff(key, axis=1), axis=1) < 6.0 * len(values) * SAME
-    for k in np.flatnonzero(made & near):
-        solutions = values[:, k]
-        gaps = apart(solutions[:, :, None], solutions[:, None, :])
-        made[k] = np.min(gaps[np.triu_indices(m, 1)]) > SAME
+    one, other = np.triu_indices(values.shape[2], 1)
+    for k in np.flatnonzero(made):
+        gaps = apart(values[:, k, one], values[:, k, other])
+        made[k] = np.min(gaps, initial=np.inf) > SAME
     return made
 
 
@@ -256,17 +247,8 @@ def start_set(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
     values[list(solver.driven)] = driven
     at_rest = sizes[:, None], sizes[:, None]
     values, arrived = tracked(kernel, values, at_rest, (here, there))
-    values = _distinct(values[:, arrived])
+    values = values[:, arrived]
     count = values.shape[1]
     if not count or not distinct(values[:, None])[0]:
         return None
     return StartSolutions(values, sizes, there[:, 0], count == roots)
-
-
-def _distinct(solutions: Array) -> Array:
-    """Return the first of solutions (variables, n) that are the same."""
-    kept: list[Array] = []
-    for solution in solutions.T:
-        if not kept or np.min(apart(np.array(kept).T, solution[:, None])) > SAME:
-            kept.append(solution)
-    return np.array(kept).reshape(-1, len(solutions)).T
