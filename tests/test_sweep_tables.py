@@ -179,19 +179,19 @@ def test_parts_by_other_code_are_refused(tmp_path):
     path = tmp_path / sweep_identity.DEFINITION
     definition = json.loads(path.read_text())
     path.write_text(json.dumps({**definition, "spherekit": "0.0.9", "numpy": "1.0"}))
-    words = r"other code made \(spherekit 0\.0\.9 there, .* here, numpy 1\.0 there"
+    words = r"other code \(spherekit: 0\.0\.9 there, .* now, numpy: 1\.0 there"
     with pytest.raises(OutputError, match=words):
         swept({"links.2.arc": [20.0]}, tmp_path)
     del definition["machine"]
     path.write_text(json.dumps(definition))
-    with pytest.raises(OutputError, match="machine not stated there"):
+    with pytest.raises(OutputError, match="machine: null there"):
         swept({"links.2.arc": [20.0]}, tmp_path)
 
 
 def test_a_worker_with_other_versions_writes_nothing(tmp_path):
     sweep = swept({"links.2.arc": [20.0]}).sweep
     code = sweep_identity.code_identity() | {"numpy": "1.0"}
-    with pytest.raises(DesignError, match=r"other versions, numpy .* there, 1\.0 here"):
+    with pytest.raises(DesignError, match=r"other versions \(numpy: .* there, 1\.0 now"):
         _write(sweep, str(tmp_path), 0, code)
     assert not list(tmp_path.iterdir())
 

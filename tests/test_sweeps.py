@@ -407,13 +407,13 @@ def test_a_folder_holds_one_sweep(tmp_path):
     sk.sweep("four_bar", vary, "max(q)", samples=5, folder=tmp_path)
     again = sk.sweep("four_bar", vary, "max(q)", samples=5, folder=tmp_path)
     assert again.computed == 0 and len(again.frame()) == 4
-    with pytest.raises(OutputError, match="of another sweep, with other samples"):
+    with pytest.raises(OutputError, match="of another sweep.*samples: "):
         sk.sweep("four_bar", vary, "max(q)", samples=6, folder=tmp_path)
 
 
 def test_parts_whose_sweep_is_not_known_are_not_taken(tmp_path):
     (tmp_path / "part-000000.parquet").write_bytes(b"")
-    with pytest.raises(OutputError, match="holds parts of which"):
+    with pytest.raises(OutputError, match="does not say of what"):
         sk.sweep("four_bar", {"links.2.arc": [10.0]}, "max(q)", folder=tmp_path)
 
 

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from spherekit.analysis.folder import differences
 from spherekit.arrays import Array, Floats, Indices
-from spherekit.conventions import Names, counted, listing
+from spherekit.conventions import Names, counted
 from spherekit.design.figures import NEVER_CLOSES
 from spherekit.design.sweep import Columns, Sweep
-from spherekit.design.sweep_identity import code_identity, other_code
+from spherekit.design.sweep_identity import code_identity
 from spherekit.design.variables import OK
 from spherekit.errors import DesignError, ModelError
 from spherekit.model.expression import Expression, parse
@@ -260,10 +261,10 @@ def _write(sweep: Sweep, folder: str, number: int, code: dict[str, str]) -> int:
     DesignError
         If this worker has other versions than the machine at which the sweep was started.
     """
-    other = other_code(code_identity(), code)
+    other = differences(code_identity(), code)
     if other:
         raise DesignError(
             f"{sweep.mechanism.name}: a worker of the cluster ({gethostname()}) has other "
-            f"versions, {listing(other)}; a data set is made by one"
+            f"versions ({other}); a data set is made by one"
         )
     return sweep.write(folder, number)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spherekit.analysis.folder import foreign
+from spherekit.analysis.folder import differences, foreign
 from spherekit.conventions import Facts, listing
 from spherekit.errors import OutputError
 from spherekit.files.atomic import make_folder, write_text
@@ -28,9 +28,6 @@ MADE = re.compile(r"(.+/)?(part-\d{6}\.parquet|\.part-\d{6}\.parquet\.\w{8}\.par
 ANY = re.compile(r".+")
 """Where parts are made, and what the files and folders there are called."""
 
-CODE = ("spherekit", "numpy", "heyoka", "machine")
-"""What says by which code numbers were made."""
-
 
 def code_identity() -> dict[str, str]:
     """Return the versions of what makes the bits of numbers, and the kind of machine."""
@@ -44,15 +41,6 @@ def code_identity() -> dict[str, str]:
         "heyoka": compiler,
         "machine": f"{platform.system()} {platform.machine()}",
     }
-
-
-def other_code(there: Facts, here: Facts) -> list[str]:
-    """Return in words what differs: ``numpy 2.3.1 there, 2.4.0 here``."""
-    return [
-        f"{name} {there.get(name, 'not stated')} there, {here[name]} here"
-        for name in CODE
-        if there.get(name) != here[name]
-    ]
 
 
 @contextmanager
@@ -79,7 +67,14 @@ def working_folder(place: Path, definition: Facts) -> Iterator[str]:
     stored = _stored(path) if path.exists() else {}
     if stored != definition:
         if any(part for pattern in PARTS for part in place.glob(pattern)):
-            raise OutputError(f"{place}: holds parts {_why_not(stored, definition)}")
+            other = f"{DEFINITION} does not say of what"
+            if stored:
+                other = differences(stored, definition)
+            raise OutputError(
+                f"{place}: holds parts of another sweep, or made by other code ({other}), "
+                "and a data set is of one; go on with that, choose another folder, or "
+                "remove this one"
+            )
         write_text(path, json.dumps(definition, indent=2) + "\n")
     shutil.rmtree(work, ignore_errors=True)
     try:
@@ -100,25 +95,3 @@ def _stored(path: Path) -> Facts:
             "folder, or move it away"
         )
     return stored
-
-
-def _why_not(stored: Facts, definition: Facts) -> str:
-    """Return what is wrong with parts that are there, of the stored definition if any."""
-    if not stored:
-        return (
-            f"of which {DEFINITION} does not say what sweep they are of; choose another "
-            "folder, or remove them"
-        )
-    names = dict.fromkeys([*definition, *stored])
-    other = [name for name in names if stored.get(name) != definition.get(name)]
-    rest = [name for name in other if name not in CODE]
-    if rest:
-        return (
-            f"of another sweep, with other {listing(rest)}; choose another folder, or "
-            "remove this one"
-        )
-    return (
-        "of this sweep whose numbers other code made "
-        f"({listing(other_code(stored, definition))}), and a data set is of one; go on "
-        "with that, choose another folder, or remove this one"
-    )

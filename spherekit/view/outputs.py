@@ -21,7 +21,7 @@ from spherekit.errors import OutputError
 from spherekit.files.atomic import check_file, check_own
 from spherekit.files.plain import take
 from spherekit.view.program import RRD
-from spherekit.view.sdk import RrdReader, rr
+from spherekit.view.sdk import rr
 
 LIVE_TIMEOUT = 30.0
 PROBE_TIMEOUT = 2.0
@@ -97,25 +97,12 @@ class FileOutput:
             self.stream.flush()
             self._complain()
 
-    def complete(self, rows: int) -> None:
-        """Write the rest, read the part file back, and give it its name."""
+    def complete(self) -> None:
+        """Write the rest, and give the part file its name."""
         if self._copier is None:
             return
         self._end()
         self._complain()
-        try:
-            chunks = RrdReader(self.part).stream()
-            rows_read = sum(chunk.num_rows for chunk in chunks if not chunk.is_static)
-        except Exception as error:  # the reader's exceptions have no common base
-            raise self._removed(
-                f"was written but does not read back ({_reason(error)}); another program "
-                "may be writing to it. The part file"
-            ) from error
-        if rows_read != rows:
-            raise self._removed(
-                f"was written, but only {rows_read} of {rows} rows read back; the disk may "
-                "be full. The part file"
-            )
         try:
             self.part.replace(self.path)
         except OSError as error:
@@ -144,18 +131,14 @@ class FileOutput:
             self._lock.close()
 
     def _complain(self) -> None:
-        """Raise `OutputError` if the disk has refused something."""
+        """Raise `OutputError`, without the part file, if the disk has refused something."""
         if self._error is not None:
-            raise self._removed(
-                f"could not be written whole: {self._error.strerror}; make room or choose "
-                "another disk. The part written"
+            self._end()
+            self.part.unlink(missing_ok=True)
+            raise OutputError(
+                f"{self.path} could not be written whole: {self._error.strerror}; make "
+                "room or choose another disk. The part written was removed"
             ) from self._error
-
-    def _removed(self, what: str) -> OutputError:
-        """Remove the part file, and return the error that says why."""
-        self._end()
-        self.part.unlink(missing_ok=True)
-        return OutputError(f"{self.path} {what} was removed")
 
 
 @dataclass
@@ -190,7 +173,7 @@ class LiveOutput:
                 "record to a file"
             ) from error
 
-    def complete(self, rows: int) -> None:
+    def complete(self) -> None:
         """Wait until it has everything, and goes on showing it, or show it now."""
         if self.sink is None:
             rr.notebook_show(recording=self.stream)

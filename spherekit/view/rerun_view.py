@@ -417,8 +417,7 @@ class RerunRecorder:
         for path, (primitive, blocks) in self._whole.items():
             drawn = entities.whole(primitive, np.concatenate(blocks), self._row)
             self._outputs.still(path, drawn)
-        rows = self._outputs.rows
-        self._outputs.each(lambda output: output.complete(rows))
+        self._outputs.each(lambda output: output.complete())
 
     def serve_until_interrupted(self) -> None:
         """Finish, and keep serving until the user presses Ctrl-C."""
