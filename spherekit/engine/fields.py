@@ -94,30 +94,31 @@ def evaluate(
             f"{nearest(str(route), ROUTES) or ';'} Routes: {listing(ROUTES)}"
         )
     with np.errstate(all="ignore"):
-        field = signed(
-            found(motion, wanted, engine), motion, wanted, memory or SignContinuation()
-        )
-        if route in ("first", "conditioned"):
-            return _by_sequence(field, motion, wanted, route)
+        made = found(motion, wanted, engine, route)
+        field = signed(made, motion, wanted, memory or SignContinuation())
     if route == "equations":
         field.by_equations[:] = True
     return field
 
 
 @np.errstate(all="ignore")
-def found(motion: Motion, wanted: Request, engine: RowEngine = "numpy") -> PoleField:
+def found(
+    motion: Motion, wanted: Request, engine: RowEngine = "numpy", route: Route = "best"
+) -> PoleField:
     """Return the poles by the terms, with any signs of secondary ones."""
     links = range(len(motion.mechanism.links))
     everything = replace(wanted, links=frozenset(links))
     by: Literal["numpy", "compiled"] = "numpy" if engine == "extended" else engine
     at = _Rows(motion, wanted, row_kernel(motion, [everything], by), engine == "extended")
+    planned = cache(partial(PlannedPoles, wanted.plan, motion, route))
+    if route in ("first", "conditioned"):
+        at.follow(planned())
     field = PoleField(
         status=at.status,
         by_equations=at.wide,
         by_kernel=at.sure,
         loss=np.where(at.status == Status.OK, at.loss, np.nan),
     )
-    planned = cache(partial(PlannedPoles, wanted.plan, motion))
     for link in links:
         field.w[link], field.dw[link] = at.part("w", link).T, at.part("dw", link).T
     for pole in wanted.poles:
@@ -135,7 +136,7 @@ class _Rows:
     The kernel vouches for rows (n,) that are `sure`; `wide` ones are computed in quad
     precision. `errors[pole]` (3, n) bound direction, rate and its derivative; `loss` (n,)
     is the part of the largest rate or derivative that may be off, infinite where they are
-    lost.
+    lost. Rows that follow the sequence have the angular velocities `by_sequence` (3, n).
     """
 
     def __init__(
@@ -147,6 +148,7 @@ class _Rows:
         self.sure, self.wide = np.zeros((2, n), dtype=bool)
         self.errors: dict[Pole, Floats] = {}
         self.apart: dict[Pole, Floats] = {}
+        self.by_sequence: dict[int, Floats] = {}
         self._of: Mapping[str, Mapping[Any, list[int]]] = {}
         if kernel is None:
             self.status[self.status == Status.OK] = Status.AT_SINGULARITY
@@ -179,6 +181,8 @@ class _Rows:
         if not self._of:
             return nans((SIZES.get(name, 1), len(self.status)))
         made = self._columns[self._of[name][key]]
+        if name == "w":
+            made = self.by_sequence.get(key, made)
         if name == "direction":
             return np.where(self.motion.failed, np.nan, made)
         return np.where(self.status == Status.OK, made, np.nan)
@@ -189,6 +193,21 @@ class _Rows:
             (self.part("w", link), self.part("dw", link)) for link in pole
         )
         return w_j - w, dw_j - dw
+
+    def follow(self, planned: PlannedPoles) -> None:
+        """Take rates from the sequence of the plan, derivatives by the terms.
+
+        What they differ by from the terms is part of their error.
+        """
+        w, doubt = planned.link_rates(self.wanted.bodies)
+        self.sure[:] = self.wide[:] = False
+        lost = ~(doubt < USABLE_DIRECTION) & (self.status == Status.OK)
+        self.status[lost] = Status.ILL_CONDITIONED
+        before = {pole: self.relative(pole)[0] for pole in self.errors}
+        of_links = enumerate(self.wanted.plan.body)
+        self.by_sequence = {link: w[body] for link, body in of_links if body in w}
+        for pole, errors in self.errors.items():
+            errors[1] += norm(self.relative(pole)[0] - before[pole])
 
     def _vouched(self, poles: Sequence[Pole]) -> Bools:
         """Return which rows (n,) norms vouch for: each pole is known or surely none."""
@@ -288,18 +307,24 @@ def _add_pole(
         for name in ("velocity_coefficient", "acceleration_coefficient", "angle")
     )
     direction, e_rate, e_change = at.errors.get(pole, np.full((3, n), np.inf)).copy()
-    open_, (v, dv) = ~at.motion.failed & ~(direction < USABLE_DIRECTION), at.relative(pole)
+    unknown, (v, dv) = ~(direction < USABLE_DIRECTION), at.relative(pole)
+    open_ = ~at.motion.failed & (unknown | bool(at.by_sequence))
     # Where constraints repeat each other, great circles may be one but for rounding.
-    if np.any(open_) and not any(group.redundant for group in at.motion.assembly.groups):
-        unit[:, open_] = planned().unit[body_pole][:, open_]
-        off = _off_by_plan(planned(), at.motion, body_pole) + at.apart.get(pole, 0.0)
-        direction[open_] = off[open_]
+    redundant = any(group.redundant for group in at.motion.assembly.groups)
+    if np.any(open_) and (at.by_sequence or not redundant):
+        axis = planned().unit[body_pole]
+        axis = axis * np.where(dot(unit, axis) < 0.0, -1.0, 1.0)
+        # Axes are off as the configuration is.
+        off = np.fmin(at.motion.orientation_error, at.motion.fold_error)
+        off = planned().error[body_pole] * np.maximum(off / EPS, 1.0)
+        unit[:, open_] = axis[:, open_]
+        direction[open_] = (off + at.apart.get(pole, 0.0))[open_]
         rate[open_], change[open_] = dot(v, unit)[open_], dot(dv, unit)[open_]
         part = np.where(direction < USABLE_DIRECTION, direction, 1.0)
         e_rate[open_] += (part * norm(v))[open_]
         e_change[open_] += (part * norm(dv))[open_]
         if body_pole not in axis_pairs(at.wanted.plan):
-            turn[:, open_] = np.nan
+            turn[:, open_ & unknown] = np.nan
     bad = at.motion.failed | ~(direction < USABLE_DIRECTION)
     unit[:, bad] = np.nan
     codes = status.copy()
@@ -318,55 +343,6 @@ def _add_pole(
     field.acceleration_coefficient_error[pole] = np.where(
         np.isnan(change), np.nan, e_change
     )
-
-
-def _off_by_plan(planned: PlannedPoles, motion: Motion, pole: Pole) -> Floats:
-    """Return what directions (n,) by the plan may be off by, axes being off as they are."""
-    off = np.fmin(motion.orientation_error, motion.fold_error)
-    return planned.error[pole] * np.maximum(off / EPS, 1.0)
-
-
-def _by_sequence(
-    field: PoleField, motion: Motion, wanted: Request, route: Route
-) -> PoleField:
-    """Return poles and rates by the sequence of the plan, derivatives by the terms.
-
-    What they differ by from the terms is part of their error.
-    """
-    plan, planned = wanted.plan, PlannedPoles(wanted.plan, motion, route)
-    w, doubt = planned.link_rates(wanted.bodies)
-    lost = ~(doubt < USABLE_DIRECTION) & (field.status == Status.OK)
-    field.status[lost] = Status.ILL_CONDITIONED
-    field.by_equations[:] = field.by_kernel[:] = False
-    unknown = field.status != Status.OK
-    for pole in wanted.poles:
-        at, (a, b) = plan.pole(*pole), (plan.body[link] for link in pole)
-        if at is None:
-            continue
-        side = np.where(dot(field.direction[pole].T, planned.unit[at]) < 0.0, -1.0, 1.0)
-        unit, rate = side * planned.unit[at], field.velocity_coefficient[pole]
-        if a in w and b in w:
-            rate = np.where(unknown, np.nan, dot(w[b] - w[a], unit))
-        field.velocity_coefficient_error[pole] += np.abs(
-            rate - field.velocity_coefficient[pole]
-        )
-        field.velocity_coefficient[pole] = rate
-        field.acceleration_coefficient[pole][lost] = np.nan
-        error = np.fmax(field.error[pole], 0.0) + _off_by_plan(planned, motion, at)
-        bad = motion.failed | ~(planned.error[at] < USABLE_DIRECTION)
-        codes = field.pole_status[pole]
-        codes[lost | (bad & (codes == Status.OK))] = Status.ILL_CONDITIONED
-        field.direction[pole] = np.where(bad, np.nan, unit).T
-        field.error[pole], field.angle[pole] = np.where(
-            bad, np.nan, [error, field.angle[pole]]
-        )
-    for link in list(field.w):
-        if plan.body[link] in w:
-            field.w[link] = np.where(unknown, np.nan, w[plan.body[link]]).T
-            field.dw[link][unknown] = np.nan
-        else:
-            del field.w[link], field.dw[link]
-    return field
 
 
 def vouched_field(
@@ -394,13 +370,8 @@ def vouched_field(
 def add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
     """Add the pole of two links that inputs at rest hold together: there is none."""
     good, n = field.status == Status.OK, len(motion)
-    field.direction[pole], field.direction_dq[pole] = nans((2, n, 3))
-    field.angle[pole], field.error[pole] = nans((2, n))
-    for rates in (
-        field.velocity_coefficient,
-        field.acceleration_coefficient,
-        field.velocity_coefficient_error,
-        field.acceleration_coefficient_error,
-    ):
-        rates[pole] = np.where(good, 0.0, np.nan)
     field.pole_status[pole] = np.where(good, Status.NO_POLE, field.status).astype(np.int8)
+    for name in (*SIGNED, "angle", *ERRORS):
+        count = (3,) * name.startswith("direction")
+        rest = np.where(good, 0.0, np.nan) if "coefficient" in name else nans((n, *count))
+        getattr(field, name)[pole] = rest

@@ -35,6 +35,7 @@ from spherekit.planning.wheels import (
     GearTrain,
     wheel_train,
 )
+from spherekit.sphere.rotation import euler_zyz
 
 
 @dataclass(frozen=True)
@@ -71,9 +72,8 @@ class EquivalentLinkage:
     @property
     def numbers(self) -> list[float]:
         """The angles of all rotations (rad) in order, then the numbers of the train."""
-        every = [rotation for rotations in self.constants for rotation in rotations]
-        angles = [angle for rotation in every for angle in _angles(rotation)]
-        return angles + (self.train.numbers if self.train else [])
+        every = euler_zyz(np.concatenate(self.constants)).ravel().tolist()
+        return every + (self.train.numbers if self.train else [])
 
     @property
     def form(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -90,12 +90,10 @@ class EquivalentLinkage:
     def pairs(self, given: Mapping[int, Expr]) -> TurningPairs:
         """Return the pairs of the mechanism with terms for some of the `numbers`."""
         chains: list[JointTransform] = []
-        at = 0
+        angles = iter(given.get(k, x) for k, x in enumerate(self.numbers))
         for number, rotations in enumerate(self.constants):
-            made = []
-            for constant in rotations:
-                made.append(_constant(constant, at, given))
-                at += 3
+            turned = [[next(angles) for _ in range(3)] for _ in rotations]
+            made = [about_z(a) @ _about_y(b) @ about_z(c) for a, b, c in turned]
             parts: list[tuple[Entries, Entries]] = [(made[0], made[-1])]
             if number in self.contacts:
                 parts = [(made[0], np.eye(3)), (made[1], made[2])]
@@ -103,8 +101,7 @@ class EquivalentLinkage:
                 chains.append(JointTransform((first, second), (AxisRotation(len(chains)),)))
         followers = {}
         if self.train is not None:
-            numbers = [given.get(at + k, x) for k, x in enumerate(self.train.numbers)]
-            rows = np.array(numbers, dtype=object).reshape(len(self.train.followers), -1)
+            rows = np.array([*angles], dtype=object).reshape(len(self.train.followers), -1)
             for pair, row in zip(self.train.followers, rows, strict=True):
                 followers[pair] = row.tolist()
         return TurningPairs(tuple(chains), {}, followers)
@@ -197,23 +194,6 @@ def _without_contacts(
         joint_limits=(),
         modes={},
     )
-
-
-def _angles(rotation: Floats) -> tuple[float, float, float]:
-    """Return a, b, c of a rotation Z(a) Y(b) Z(c)."""
-    x, y, z = rotation[:, 2]
-    a = float(np.arctan2(y, x)) if np.hypot(x, y) > 0.0 else 0.0
-    b = float(np.arctan2(np.hypot(x, y), z))
-    rest = (_about_y(b).T @ about_z(a).T).astype(float) @ rotation
-    return a, b, float(np.arctan2(rest[1, 0], rest[0, 0]))
-
-
-def _constant(rotation: Floats, at: int, given: Mapping[int, Expr]) -> Entries:
-    """Return a rotation with terms for those of its three angles that are given."""
-    if not any(at + k in given for k in range(3)):
-        return rotation
-    a, b, c = (given.get(at + k, angle) for k, angle in enumerate(_angles(rotation)))
-    return about_z(a) @ _about_y(b) @ about_z(c)
 
 
 def _about_y(angle: Expr) -> Exprs:

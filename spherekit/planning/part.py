@@ -12,8 +12,8 @@ from spherekit.errors import CountError
 from spherekit.model.actions import used_links, used_pairs
 from spherekit.model.load import Load
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import LinkSizes, PoseGeometry, SizeGeometry
-from spherekit.planning.inputs import Assembly, plan_assembly
+from spherekit.model.parts import PoseGeometry, SizeGeometry
+from spherekit.planning.inputs import Assembly, Group, merged, plan_assembly
 
 
 def moving_pairs(
@@ -24,58 +24,42 @@ def moving_pairs(
     Those of the groups that place them, and the inputs that these groups and the links
     themselves are driven by: what is left out moves none of them.
     """
-    groups, driven_bodies = _placing(mechanism, assembly, frozenset(links))
-    driving = set(assembly.inputs)
-    joined = frozenset().union(*driven_bodies)
-    while True:
-        ends = [link for pair in driving for link in mechanism.ends[pair]]
-        loose = {link for link in ends if ends.count(link) == 1 and link not in joined}
-        idle = {pair for pair in driving if loose & set(mechanism.ends[pair])}
-        if not idle:
-            break
-        driving -= idle
-    return tuple(
-        sorted(driving.union(*(assembly.groups[number].pairs for number in groups)))
-    )
+    wanted, inputs = frozenset(links), list(assembly.inputs)
+    groups = _placing(mechanism, assembly, wanted)
+    for pair in assembly.inputs:
+        rest = [other for other in inputs if other != pair]
+        if _are_one_body(mechanism, rest, groups, wanted):
+            inputs = rest
+    return tuple(sorted([*inputs, *(pair for group in groups for pair in group.pairs)]))
 
 
 def _placing(
     mechanism: Mechanism, assembly: Assembly, links: frozenset[int]
-) -> tuple[set[int], list[frozenset[int]]]:
-    """Return the groups that place links relative to each other.
-
-    With them the sets of links, of those and of the groups' pairs, that locked inputs
-    alone make one body.
-    """
-    stages = [list(assembly.bodies)]
-    for group in assembly.groups:
-        inside = {link for body in group.bodies for link in body}
-        base = min(inside)
-        last = stages[-1]
-        stages.append([base if link in inside else last[link] for link in range(len(last))])
-    waiting = [links]
-    seen: set[frozenset[int]] = set()
-    needed: set[int] = set()
-    by_inputs = []
-    while waiting:
-        wanted = waiting.pop()
-        if wanted in seen:
-            continue
-        seen.add(wanted)
-        if _is_one_body(stages[0], wanted):
-            by_inputs.append(wanted)
-            continue
-        number = next(
-            k for k, after in enumerate(stages[1:]) if _is_one_body(after, wanted)
-        )
-        needed.add(number)
-        group = assembly.groups[number]
-        joined = {link for pair in group.pairs for link in mechanism.ends[pair]}
-        waiting += [frozenset(set(body) & (joined | wanted)) for body in group.bodies]
-    return needed, by_inputs
+) -> list[Group]:
+    """Return the groups that place links relative to each other."""
+    groups = list(assembly.groups)
+    for group in reversed(assembly.groups):
+        rest = [other for other in groups if other is not group]
+        if _are_one_body(mechanism, assembly.inputs, rest, links):
+            groups = rest
+    return groups
 
 
-def _is_one_body(body: list[int], links: frozenset[int]) -> bool:
+def _are_one_body(
+    mechanism: Mechanism,
+    inputs: Iterable[int],
+    groups: Iterable[Group],
+    links: frozenset[int],
+) -> bool:
+    """Return whether locked inputs and groups, solved in order, alone join links."""
+    body = list(merged(mechanism, inputs))
+    for group in groups:
+        ends = {link for pair in group.pairs for link in mechanism.ends[pair]}
+        parts = [{body[link] for link in ends.intersection(x)} for x in group.bodies]
+        if any(len(part) > 1 for part in parts):
+            return False
+        one = set().union(*parts)
+        body = [min(one) if owner in one else owner for owner in body]
     return len({body[link] for link in links}) <= 1
 
 
@@ -97,8 +81,8 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     except CountError:
         return mechanism
     driven = {link for pair in assembly.inputs for link in mechanism.ends[pair]}
-    groups, _ = _placing(mechanism, assembly, frozenset({0} | driven | set(links)))
-    numbers = {*assembly.inputs}.union(*(assembly.groups[k].pairs for k in groups))
+    groups = _placing(mechanism, assembly, frozenset({0, *driven, *links}))
+    numbers = {*assembly.inputs}.union(*(group.pairs for group in groups))
     if len(numbers) == len(mechanism.pairs):
         return mechanism
     return of_pairs(mechanism, numbers)
@@ -139,12 +123,9 @@ def _geometry(
             {name: axis for name, axis in given.axes.items() if name in pairs},
             {name: value for name, value in given.values.items() if name in pairs},
         )
-    sizes: dict[str, LinkSizes] = {}
-    for link, link_sizes in given.links.items():
-        if link in links:
-            sizes[link] = replace(
-                link_sizes,
-                unpaired=tuple(axis for axis in link_sizes.axes if axis not in pairs),
-            )
-    zeros = {name: zero for name, zero in given.zeros.items() if name in pairs}
-    return SizeGeometry(sizes, zeros)
+    sizes = {
+        link: replace(x, unpaired=tuple(axis for axis in x.axes if axis not in pairs))
+        for link, x in given.links.items()
+        if link in links
+    }
+    return SizeGeometry(sizes, {x: given.zeros[x] for x in given.zeros if x in pairs})

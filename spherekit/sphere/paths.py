@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
+from numpy.polynomial.legendre import leggauss, legint, legval, legvander
 from numpy.typing import ArrayLike
 
 from spherekit.arrays import Bools, Floats, Indices
@@ -60,13 +60,13 @@ class FourierPath:
         c, s = np.cos(angles), np.sin(angles)
         shape = (-1, *[1] * np.ndim(a))
         out = []
-        for even, odd in self._series[: derivatives + 1]:
+        for even, odd in self.series[: derivatives + 1]:
             terms = even.reshape(shape) * c + odd.reshape(shape) * s
             out.append(np.add.accumulate(terms, axis=0)[-1])  # one place as many
         return out
 
     @cached_property
-    def _series(self) -> list[tuple[Floats, Floats]]:
+    def series(self) -> list[tuple[Floats, Floats]]:
         """Cosines and sines (k,) of the colatitude and its first three derivatives."""
         made = [(self.cosines, self.sines)]
         orders = np.arange(len(self.cosines))
@@ -206,13 +206,11 @@ _TOUCH = 1e-13
 
 def check_colatitude(path: FourierPath) -> None:
     """Raise ValueError if a Fourier colatitude leaves (0, pi) anywhere."""
-    a = np.linspace(0.0, 2.0 * np.pi, 64 * len(path.cosines), endpoint=False)
-    spacing = float(a[1])
-    for _ in range(4):
-        # towards the stationary point nearby; the samples that have none stay near
-        _, slope, bend = path.colatitude(a, 2)
-        step = np.divide(slope, bend, out=np.zeros_like(a), where=bend != 0.0)
-        a = a - np.clip(step, -spacing, spacing)
+    even, odd = path.series[1]
+    # e^(ia) at the zeros of the slope, and so its angle at the real ones, are roots
+    ahead = 0.5 * (even - 1j * odd)
+    roots = np.roots(np.concatenate([ahead[::-1], np.conj(ahead[1:])]))
+    a = np.angle(np.append(roots, 1.0))
     value = path.colatitude(a, 0)[0]
     for at, wrong in (
         (int(np.argmin(value)), np.min(value) <= 0.0),
@@ -375,13 +373,12 @@ class ArcLength:
 
     def within(self, panel: Indices, x: Floats) -> Floats:
         """Return the arc length (n,) from a panel's start to x."""
-        before, here = np.ones_like(x), x
-        covered = self.speeds[0, panel] * (1.0 + x)
-        for degree in range(1, len(self.speeds)):
-            after = ((2 * degree + 1) * x * here - degree * before) / (degree + 1)
-            covered += self.speeds[degree, panel] * (after - before) / (2 * degree + 1)
-            before, here = here, after
-        return covered
+        return np.asarray(legval(x, self._covered[:, panel], tensor=False))
+
+    @cached_property
+    def _covered(self) -> Floats:
+        """(order + 1, panels) the series of the arc length from the panel's start."""
+        return np.asarray(legint(self.speeds, lbnd=-1))
 
 
 def measure(path: FourierPath | SplinePath, edges: Floats) -> ArcLength:
@@ -414,7 +411,7 @@ def integrated(
     total = 0.0
     noise = np.zeros(len(low)) if rounding is None else rounding
     nodes, weights = leggauss(_ORDER)
-    rows = np.polynomial.legendre.legvander(nodes, _ORDER - 1) * weights[:, None]
+    rows = legvander(nodes, _ORDER - 1) * weights[:, None]
     rows *= np.arange(_ORDER) + 0.5
     for depth in range(_DEEPEST + 1):
         half = 0.5 * (high - low)[:, None]

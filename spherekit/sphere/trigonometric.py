@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
-from spherekit.sphere.paths import dot
 from spherekit.sphere.rotation import all_finite, cross, max_abs
 
 Numbers = NDArray[np.inexact[Any]]
@@ -102,7 +101,21 @@ def common_angles(equations: Numbers, involves: Bools) -> tuple[Complexes, str]:
         (roots,), (excess,), (problem,) = _roots(equations[None], involves)
         if problem:
             return np.empty((0, len(equations)), dtype=complex), problem
-        angles, unmatched = _solutions(equations, roots)
+        away = np.abs(np.log(np.abs(roots)))
+        roots, away = roots[away < POLISHED], away[away < POLISHED]
+        angles, good, flat = (x[0] for x in _next_to(equations[None], roots[None], 4))
+        angles, flat = angles[good], flat[good]
+        new = _are_new(angles)
+        angles, flat = angles[new], flat[new]
+        turned = roots[:, None]
+        with_roots = np.sum(np.abs(turned / roots - 1.0) < CLUSTER, axis=1)
+        near = np.abs(turned / np.exp(1j * angles[:, 0]) - 1.0) < CLUSTER
+        lost = (np.sum(near, axis=1) < with_roots) & ~np.any(near & flat, axis=1)
+        if len(equations) == 3:
+            _, _, quadratics, _ = _forms(equations[None], -1j * np.log(roots[None]))
+            size = np.linalg.norm(quadratics[0], axis=1) / np.linalg.norm(equations[0])
+            lost |= size < UNDETERMINED
+        unmatched = int(np.sum(lost & (away < NEAR_CIRCLE)))
     if not excess < EXCESS:
         degree = eliminated_degree(involves)
         problem = f"the eliminant has coefficients {excess:.1g} beyond degree {degree}"
@@ -142,22 +155,32 @@ def _eliminate(
     most: int,
 ) -> None:
     """Set the solutions of some systems, from the best starts of each root, so many."""
-    finite = np.zeros(0, dtype=bool)
     if len(rows):
         roots, _, _ = _roots(equations[rows], involves)
         finite = np.all(np.isfinite(roots) & (roots != 0.0), axis=1)
-    rows = rows[finite]
-    if not len(rows):
-        return
-    starts = _starts(equations[rows], -1j * np.log(roots[finite]))
-    shape = len(rows), angles.shape[1], -1
-    best = np.argsort(_residual(equations[rows], starts).reshape(shape), axis=2)
-    by_root = starts.reshape(*shape, starts.shape[2])
-    starts = np.take_along_axis(by_root, best[:, :, :most, None], axis=2)
-    starts = starts.reshape(len(rows), -1, starts.shape[3])
-    polished, residual, _ = _polished(equations[rows], starts)
-    near = np.abs(polished[..., 0] - starts[..., 0]) < CLUSTER
-    _put(angles, rows, polished, (residual < CLOSED) & near)
+        rows = rows[finite]
+        solutions, good, _ = _next_to(equations[rows], roots[finite], most)
+        _put(angles, rows, solutions, good)
+
+
+def _next_to(
+    equations: Numbers, roots: Complexes, most: int
+) -> tuple[Complexes, Bools, Bools]:
+    """Return solutions (n, m, t) of n systems, from the best starts of roots, so many.
+
+    `roots` are (n, k) of the first angle. With them whether they are solutions of their
+    root, and where equations are flat.
+    """
+    starts = _starts(equations, -1j * np.log(roots))
+    shape, t = (*roots.shape, -1), starts.shape[2]
+    best = np.argsort(_residual(equations, starts).reshape(shape), axis=2)
+    chosen = best[:, :, :most, None]
+    starts = np.take_along_axis(starts.reshape(*shape, t), chosen, axis=2)
+    starts = starts.reshape(len(roots), -1, t)
+    starts[_residual(equations, starts) > STARTED] = np.nan
+    angles, residual, flat = _polished(equations, starts)
+    near = np.abs(angles[..., 0] - starts[..., 0]) < CLUSTER
+    return angles, (residual < CLOSED) & near, flat
 
 
 def _put(angles: Complexes, rows: Indices, polished: Complexes, good: Bools) -> None:
@@ -268,29 +291,6 @@ def _starts(equations: Numbers, first: Complexes) -> Complexes:
     return np.stack(every, axis=-1).reshape(len(first), -1, len(every))
 
 
-def _solutions(equations: Numbers, roots: Complexes) -> tuple[Complexes, int]:
-    """Return solutions (k, t) that roots (n,) lead to, and how many roots lost some."""
-    first = -1j * np.log(roots[np.isfinite(roots) & (roots != 0.0)])
-    first = first[np.abs(first.imag) < POLISHED]
-    start = _starts(equations[None], first[None])
-    start = start[:, _residual(equations[None], start)[0] < STARTED]
-    angles, residual, flat = (part[0] for part in _polished(equations[None], start))
-    good = (residual < CLOSED) & (np.abs(angles[:, 0] - start[0, :, 0]) < CLUSTER)
-    angles, flat = angles[good], flat[good]
-    new = _are_new(angles)
-    angles, flat = angles[new], flat[new]
-    turned = np.exp(1j * first)[:, None]
-    with_roots = np.sum(np.abs(turned / turned.T - 1.0) < CLUSTER, axis=1)
-    near = np.abs(turned / np.exp(1j * angles[:, 0]) - 1.0) < CLUSTER
-    lost = (np.sum(near, axis=1) < with_roots) & ~np.any(near & flat, axis=1)
-    lost |= ~np.any(near, axis=1)
-    if len(equations) == 3:
-        _, _, quadratics, _ = _forms(equations[None], first[None])
-        size = np.linalg.norm(quadratics[0], axis=1) / np.linalg.norm(equations[0])
-        lost |= size < UNDETERMINED
-    return angles, int(np.sum(lost & (np.abs(first.imag) < NEAR_CIRCLE)))
-
-
 def _polished(equations: Numbers, angles: Complexes) -> tuple[Complexes, Floats, Bools]:
     """Return what Newton's method makes of angles (n, m, t) of n systems.
 
@@ -351,11 +351,8 @@ def taking(
 
     Both pairs have the same scalar product; NaN where it is 1 or -1.
     """
-    base = dot(first, second)
-    square = 1.0 - base * base
-    dual = (first - base[..., None] * second, second - base[..., None] * first)
-    normal, to_normal = cross(first, second), cross(to_first, to_second)
-    out = to_first[..., :, None] * dual[0][..., None, :]
-    out = out + to_second[..., :, None] * dual[1][..., None, :]
-    out = out + to_normal[..., :, None] * normal[..., None, :]
-    return out / square[..., None, None]
+    one, other = (
+        np.stack([a, b, cross(a, b)], axis=-1)
+        for a, b in ((first, second), (to_first, to_second))
+    )
+    return other @ np.linalg.inv(one)
