@@ -20,14 +20,12 @@ def made():
     """Return a trade with settings close to each other in time and error."""
     random = np.random.default_rng(7)
     every = [
-        Measured(f"numpy r{k}", Setting(), 1e-3, t, t, error=1e-15)
-        for k, t in enumerate(1e-5 * (1.0 + 0.1 * random.random(8)))
+        Measured(f"numpy r{k}", Setting(), t, t, error=1e-15)
+        for k, t in enumerate(1e-3 + 361e-5 * (1.0 + 0.1 * random.random(8)))
     ]
     read = [
-        Measured(
-            f"numpy s {n}", Setting(), 1e-4 * n, 1e-7, 1e-7, error=10.0 / n**4, column=WORST
-        )
-        for n in (32, 64, 128, 4096)
+        Measured(f"numpy s {n}", Setting(), t, t, error=10.0 / n**4, worst_column=WORST)
+        for n, t in ((n, 1e-4 * n + 361e-7) for n in (32, 64, 128, 4096))
     ]
     without = [
         Measured(f"numpy t {n}", None, reason="no curve closes") for n in (32, 64, 4096)

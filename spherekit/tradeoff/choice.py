@@ -85,7 +85,7 @@ def choose(
                 if plan.requests[0].poles:
                     trades.append(trade(study, plan.analyses[0], **SHORT))
     setting, predicted, why = (
-        _of_trades(trades, tolerance, study.count, kind)
+        _of_trades(trades, tolerance, kind)
         if trades
         else (ORDINARY, np.nan, f"fewer than {WORTH} samples: no trade was made")
     )
@@ -146,7 +146,7 @@ def stored_for(study: Study, analyses: Analyses, places: Sequence[str]) -> list[
 
 
 def _of_trades(
-    trades: Sequence[Trade], tolerance: float, samples: int, kind: str
+    trades: Sequence[Trade], tolerance: float, kind: str
 ) -> tuple[Setting, float, str]:
     """Return the cheapest setting that meets a tolerance in all trades, its error, why."""
     counting = [
@@ -159,7 +159,7 @@ def _of_trades(
         if all(setting in others for others in counting)
     }
     measured = {
-        setting: (sum(x.total(samples) for x in every), max(x.error for x in every))
+        setting: (sum(x.total for x in every), max(x.error for x in every))
         for setting, every in shared.items()
     }
     good = {s: m for s, m in measured.items() if MARGIN * m[1] <= tolerance}

@@ -77,7 +77,7 @@ class Deviation:
 
     `error` is in units of `scale`: 1 for absolute errors, else the largest reference. It
     is never given below the rounding of float64. `compared` numbers have a reference;
-    `missing` of these are not given.
+    `missing` of these are not given. `estimate` is the analysis's own of its error.
     """
 
     column: str
@@ -85,6 +85,7 @@ class Deviation:
     scale: float
     compared: int
     missing: int
+    estimate: float = np.nan
 
 
 def is_absolute(column: Column) -> bool:
@@ -283,7 +284,7 @@ def _toward(
 def timing_loop(
     ways: Sequence[tuple[str, Setting | None, Runner]],
     judge: Callable[[Tables], Sequence[Deviation]],
-    samples: int,
+    longer: float,
     effort: Effort,
 ) -> list[Measured]:
     """Return every way with its error and its times over alternating rounds.
@@ -294,8 +295,8 @@ def timing_loop(
         Their names, settings, and what runs them.
     judge
         How far tables are off.
-    samples
-        How many samples each runs.
+    longer
+        How many times the samples of these the run has that is wanted.
     effort
         How often, and after how many seconds no further round begins.
     """
@@ -312,7 +313,7 @@ def timing_loop(
             break
         for name, way in alive if number % 2 == 0 else alive[::-1]:
             _, first, seconds = way(False)
-            times[name].append((first, seconds - first))
+            times[name].append((first, longer * (seconds - first)))
             working.tell(f"{name}, round {number + 1} of {effort.rounds}".__str__)
     for name, rounds in times.items():
         made = measured[name].setting
@@ -321,10 +322,10 @@ def timing_loop(
         first = float(np.min(before))
         measured[name] = replace(
             measured[name],
-            first=first,
-            per_sample=float(np.min(after)) / samples,
-            per_sample_median=float(np.median(after)) / samples,
-            compile=max(measured[name].compile - first, 0.0) if compiles else 0.0,
+            seconds=first + float(np.min(after)),
+            seconds_median=first + float(np.median(after)),
+            first_seconds=first,
+            compile_seconds=max(measured[name].compile_seconds - first, 0.0) * compiles,
         )
     return list(measured.values())
 
@@ -346,9 +347,10 @@ def _judged(
         name,
         setting,
         error=np.nan if largest is None else largest.error,
-        column="" if largest is None else largest.column,
+        worst_column="" if largest is None else largest.column,
+        own_estimate=np.nan if largest is None else largest.estimate,
         missing=sum(deviation.missing for deviation in off),
-        compile=first,
+        compile_seconds=first,
     )
 
 
@@ -390,9 +392,9 @@ def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
         ]
 
     ways = [(str(setting), setting, partial(way, setting)) for setting in settings]
-    results = timing_loop(ways, judge, len(plan.course), effort)
+    results = timing_loop(ways, judge, study.count / len(plan.course), effort)
     results = [
-        replace(result, compile=compiling)
+        replace(result, compile_seconds=compiling)
         if result.setting and result.setting.integrator == "compiled" and not result.reason
         else result
         for result in results

@@ -12,7 +12,7 @@ import hashlib
 import io
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -51,33 +51,29 @@ ALIKE = 1.1
 class Measured:
     """One setting: what it took and how far its tables were off.
 
-    `first` (s) is what comes before any sample, such as nodes; `per_sample` and
-    `per_sample_median` (s) the best and the median time of a sample of all assembly modes;
-    `compile` (s) what compiling took. `error` is the largest scaled deviation, of `column`;
-    `estimate` the analysis's own. `missing` numbers were not given though they exist.
-    `reason` says why the setting does not apply, then all else is NaN. `setting` is None
-    for a parameter.
+    `seconds` and `seconds_median` are the best and the median time of the run that is
+    wanted, of which `first_seconds` come before any sample; `compile_seconds` come once.
+    `error` is the largest scaled deviation, of `worst_column`; `own_estimate` the
+    analysis's own. `missing` numbers were not given though they exist. `reason` says why
+    the setting does not apply, then all else is NaN. `setting` is None for a parameter.
     """
 
     name: str
     setting: Setting | None
-    first: float = np.nan
-    per_sample: float = np.nan
-    per_sample_median: float = np.nan
-    compile: float = 0.0
+    seconds: float = np.nan
+    seconds_median: float = np.nan
+    first_seconds: float = np.nan
+    compile_seconds: float = 0.0
     error: float = np.nan
-    column: str = ""
-    estimate: float = np.nan
+    worst_column: str = ""
+    own_estimate: float = np.nan
     missing: int = 0
     reason: str = ""
 
-    def seconds(self, samples: int) -> float:
-        """Return the time of a run with so many samples, without compiling."""
-        return self.first + self.per_sample * samples
-
-    def total(self, samples: int) -> float:
-        """Return the time of a run with so many samples, with compiling."""
-        return self.compile + self.seconds(samples)
+    @property
+    def total(self) -> float:
+        """The time of the run with compiling, s."""
+        return self.compile_seconds + self.seconds
 
     @property
     def counts(self) -> bool:
@@ -136,9 +132,7 @@ class Trade:
         """The settings that no other beats in both time and error, the quickest first."""
         best: list[Measured] = []
         counting = [candidate for candidate in self.settings if candidate.counts]
-        for measured in sorted(
-            counting, key=lambda item: (item.total(self.samples), item.error)
-        ):
+        for measured in sorted(counting, key=lambda item: (item.total, item.error)):
             if not best or measured.error < best[-1].error:
                 best.append(measured)
         return tuple(best)
@@ -155,7 +149,7 @@ class Trade:
         """
         check_tolerance(self.mechanism, tolerance)
         within = {
-            measured: (measured.total(self.samples), measured.error)
+            measured: (measured.total, measured.error)
             for measured in self.pareto
             if MARGIN * measured.error <= tolerance
         }
@@ -187,7 +181,15 @@ class Trade:
             "margin": MARGIN,
             "columns": [dict(zip(COLUMN, row, strict=True)) for row in self.columns],
             "settings": [
-                _row(measured, self.samples, measured.name in names)
+                {
+                    **{k: None if x != x else x for k, x in asdict(measured).items()},
+                    "what": "" if measured.setting is None else measured.setting.describe(),
+                    "applies": not measured.reason,
+                    "microseconds_per_sample": finite(
+                        1e6 * (measured.seconds - measured.first_seconds) / self.samples
+                    ),
+                    "pareto": measured.name in names,
+                }
                 for measured in self.settings
             ],
             "tolerance": tolerance,
@@ -217,26 +219,6 @@ def check_tolerance(mechanism: str, tolerance: float) -> None:
             f"{mechanism}: tolerance {tolerance:g} is none; give a positive number such as "
             "1e-9: the largest error of a column, in its scale"
         )
-
-
-def _row(measured: Measured, samples: int, pareto: bool) -> Facts:
-    return {
-        "name": measured.name,
-        "what": "" if measured.setting is None else measured.setting.describe(),
-        "setting": None if measured.setting is None else asdict(measured.setting),
-        "applies": not measured.reason,
-        "reason": measured.reason,
-        "error": finite(measured.error),
-        "worst_column": measured.column,
-        "own_estimate": finite(measured.estimate),
-        "missing": measured.missing,
-        "seconds": finite(measured.seconds(samples)),
-        "seconds_median": finite(measured.first + measured.per_sample_median * samples),
-        "first_seconds": finite(measured.first),
-        "microseconds_per_sample": finite(1e6 * measured.per_sample),
-        "compile_seconds": measured.compile,
-        "pareto": pareto,
-    }
 
 
 FILE = "trade.json"
@@ -307,27 +289,16 @@ def check_run(stored: Trade, now: Facts, where: str) -> None:
 
 def _trade(data: Facts) -> Trade:
     columns = (tuple(column[key] for key in COLUMN) for column in data["columns"])
-    settings = (_measured(row, data["samples"]) for row in data["settings"])
+    settings = map(_measured, data["settings"])
     stored = {name: data[key] for key, name in STORED.items()}
     return Trade(columns=tuple(columns), settings=tuple(settings), **stored)
 
 
-def _measured(row: Facts, samples: int) -> Measured:
-    numbers = {key: np.nan if value is None else value for key, value in row.items()}
-    first = numbers["first_seconds"]
-    return Measured(
-        name=row["name"],
-        setting=None if row["setting"] is None else Setting(**row["setting"]),
-        first=first,
-        per_sample=1e-6 * numbers["microseconds_per_sample"],
-        per_sample_median=(numbers["seconds_median"] - first) / samples,
-        compile=row["compile_seconds"],
-        error=numbers["error"],
-        column=row["worst_column"],
-        estimate=numbers["own_estimate"],
-        missing=row["missing"],
-        reason=row["reason"],
-    )
+def _measured(row: Facts) -> Measured:
+    given = {x.name: row[x.name] for x in fields(Measured)}
+    numbers = {name: np.nan if value is None else value for name, value in given.items()}
+    setting = None if row["setting"] is None else Setting(**row["setting"])
+    return Measured(**numbers | {"setting": setting})
 
 
 HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling")
@@ -339,7 +310,7 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
     """Return the table for people, the columns' scales, and the recommendation."""
     front = {measured.name for measured in trade.pareto}
     rows: list[Names] = [HEADINGS]
-    rows += [_cells(trade, x, x.name in front) for x in trade.settings if not x.reason]
+    rows += [_cells(x, x.name in front) for x in trade.settings if not x.reason]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [_heading(trade)]
     for row in rows:
@@ -353,9 +324,9 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
     )
     lines += [
         f"  {measured.name}: the analysis's own estimate of its error "
-        f"{measured.estimate:.1e}"
+        f"{measured.own_estimate:.1e}"
         for measured in trade.settings
-        if np.isfinite(measured.estimate)
+        if np.isfinite(measured.own_estimate)
     ]
     lines += [*_scales(trade), *_not_applying(trade)]
     if tolerance is not None:
@@ -386,7 +357,7 @@ def advice(trade: Trade, tolerance: float) -> str:
     if best is not None:
         return (
             f"for {tolerance:g}: {best.name}, error {best.error:.1e} (taken where "
-            f"{MARGIN:g} times that is within), {seconds(best.total(trade.samples))} with "
+            f"{MARGIN:g} times that is within), {seconds(best.total)} with "
             "compiling"
         )
     if not trade.pareto:
@@ -409,16 +380,16 @@ def as_csv(trade: Trade) -> str:
     return stream.getvalue()
 
 
-def _cells(trade: Trade, measured: Measured, front: bool) -> Names:
+def _cells(measured: Measured, front: bool) -> Names:
     return (
         "*" if front else "",
         measured.name,
         f"{measured.error:.1e}"
         + (f" ({measured.missing} missing)" if measured.missing else ""),
-        measured.column,
-        seconds(measured.seconds(trade.samples)),
-        seconds(measured.first + measured.per_sample_median * trade.samples),
-        seconds(measured.compile) if measured.compile > 1e-3 else "",
+        measured.worst_column,
+        seconds(measured.seconds),
+        seconds(measured.seconds_median),
+        seconds(measured.compile_seconds) if measured.compile_seconds > 1e-3 else "",
     )
 
 
@@ -466,7 +437,7 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     Settings are numbered; a tolerance is a line, and its choice a mark.
     """
     counting = [candidate for candidate in trade.settings if candidate.counts]
-    points, front = _points(trade, counting), _points(trade, trade.pareto)
+    points, front = _points(counting), _points(trade.pareto)
     (left, bottom), (right, top) = _frame(points)
     curves, marks = [PlaneCurve(front, FRONT, "no other is quicker and as accurate")], []
     for numbered, (measured, place) in enumerate(zip(counting, points, strict=True), 1):
@@ -479,7 +450,7 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
         curves.append(PlaneCurve(line, TOLERANCE, f"tolerance {tolerance:g}"))
         chosen = trade.cheapest(tolerance)
         if chosen is not None:
-            (place,) = _points(trade, [chosen])
+            (place,) = _points([chosen])
             marks.append(Mark("taken", place, TOLERANCE))
     chart = Portrait(
         "trade/chart",
@@ -504,9 +475,9 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     )
 
 
-def _points(trade: Trade, counting: Sequence[Measured]) -> Floats:
+def _points(counting: Sequence[Measured]) -> Floats:
     """Return (n, 2) times and errors."""
-    rows = [(measured.total(trade.samples), measured.error) for measured in counting]
+    rows = [(measured.total, measured.error) for measured in counting]
     return np.maximum(np.reshape(rows, (-1, 2)), LEAST)
 
 

@@ -19,10 +19,10 @@ from spherekit.analysis.running.evaluation import ENGINES, ORDINARY, Setting
 from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.running.summary import RunPlan
 from spherekit.analysis.study import Subject, study_of, takes
-from spherekit.analysis.tables import TableData
+from spherekit.analysis.tables import TableData, arrays
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import EPS, Names
+from spherekit.conventions import EPS, TURN, Names
 from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
@@ -62,18 +62,20 @@ def places(course: Sampling, most: int, wanted: Request) -> Indices:
     ends = [0, total - 1, int(np.argmin(q)), int(np.argmax(q))]
     rows = np.unique([*np.linspace(0, total - 1, most).astype(np.intp), *ends])
     if course.inputs.shape[1] > 1 or not wanted.poles:
-        return np.asarray(rows, dtype=np.intp)
-    bound = _bounds(course, rows, wanted)
-    while True:
-        at = np.unravel_index(_peaks(bound), bound.shape)[1]
-        gaps = np.unique(np.concatenate([at, at - 1]))
-        gaps = gaps[(gaps >= 0) & (gaps < len(rows) - 1)]
+        return rows
+    more = rows
+    while len(more):
+        motion = course.motion_at(rows)
+        field = evaluate(motion, wanted, route="conditioned")
+        bound = np.fmax.reduce([np.zeros(len(motion)), *field.error.values()])
+        sides = np.pad(bound.reshape(-1, len(rows)), ((0, 0), (1, 1)), constant_values=-1.0)
+        bound, left, right = sides[:, 1:-1], sides[:, :-2], sides[:, 2:]
+        which, at = np.nonzero((bound >= left) & (bound >= right))
+        at = at[np.argsort(bound[which, at])[::-1][:PEAKS]]
+        gaps = np.unique(np.clip([at - 1, at], 0, len(rows) - 2))
         more = np.setdiff1d((rows[gaps] + rows[gaps + 1]) // 2, rows)
-        if not len(more):
-            return np.asarray(rows, dtype=np.intp)
-        order = np.argsort(np.concatenate([rows, more]), kind="stable")
-        rows = np.concatenate([rows, more])[order]
-        bound = np.concatenate([bound, _bounds(course, more, wanted)], axis=1)[:, order]
+        rows = np.union1d(rows, more)
+    return rows
 
 
 def at_places(course: Sampling, rows: Indices, search: bool) -> Sampling:
@@ -88,23 +90,6 @@ def at_places(course: Sampling, rows: Indices, search: bool) -> Sampling:
         shape=(len(q),),
         timing=None if timing is None else timing.rows(rows),
     )
-
-
-def _bounds(course: Sampling, rows: Indices, wanted: Request) -> Floats:
-    """Return (assembly modes, samples) the largest bound of a direction of the plan."""
-    motion = course.tracer.samples(rows)
-    field = evaluate(motion, wanted, route="conditioned")
-    largest = np.zeros(len(motion))
-    for error in field.error.values():
-        largest = np.fmax(largest, error)
-    return largest.reshape(-1, motion.samples)
-
-
-def _peaks(bound: Floats) -> Indices:
-    """Return the flat numbers of the highest local maxima along the samples."""
-    beside = np.pad(bound, ((0, 0), (1, 1)), constant_values=-1.0)
-    tops = np.flatnonzero((bound >= beside[:, :-2]) & (bound >= beside[:, 2:]))
-    return tops[np.argsort(bound.ravel()[tops])[::-1][:PEAKS]]
 
 
 CHECKED = 361
@@ -188,7 +173,7 @@ def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
     results = timing_loop(
         [(str(setting), setting, partial(way, setting)) for setting in every],
         lambda tables: deviations_of(plan, tables, right),
-        len(course),
+        study.count / len(course),
         effort,
     )
     return _trade(plan, study, (words, EPS, right, results))
@@ -248,20 +233,17 @@ def _of_parameters(
 ) -> Trade:
     """Return the values of an analysis's own parameters against the most accurate."""
     every: list[Measured] = []
+    tightest: list[str] = []
     columns: dict[str, tuple[str, float]] = {}
     for sweep in sweeps:
-        estimates: dict[str, float] = {}
         ways = [
-            (_named(sweep, x), None, partial(_swept, study, analysis, sweep, estimates, x))
+            (f"{sweep.parameter}={x:g}", None, partial(_swept, study, analysis, sweep, x))
             for x in sweep.values
         ]
+        tightest.append(ways[-1][0])
         reference = ways.pop()[2](True)[0]
         judge = partial(_compared, sweep, reference)
-        results = timing_loop(ways, judge, 1, effort)
-        every += [
-            replace(result, estimate=estimates.get(result.name, np.nan))
-            for result in results
-        ]
+        every += timing_loop(ways, judge, 1.0, effort)
         (same,) = judge(reference)
         words = "absolute rad" if sweep.places else "over the largest"
         columns.setdefault(same.column, (words, same.scale))
@@ -272,7 +254,7 @@ def _of_parameters(
         study.count,
         1,
         1,
-        "the tightest: " + ", ".join(_named(sweep, sweep.values[-1]) for sweep in sweeps),
+        f"the tightest: {', '.join(tightest)}",
         min(errors, default=EPS),
         None,
         tuple((name, *how) for name, how in columns.items()),
@@ -282,14 +264,9 @@ def _of_parameters(
 
 
 def _swept(
-    study: Study,
-    analysis: AbstractAnalysis,
-    sweep: Sweep,
-    estimates: dict[str, float],
-    value: Any,
-    _: bool = True,
+    study: Study, analysis: AbstractAnalysis, sweep: Sweep, value: Any, _: bool
 ) -> Timed:
-    """Run an analysis with one value of a parameter, and note its own estimate."""
+    """Run an analysis with one value of a parameter."""
     started = time.process_time()
     few = replace(study, samples=min(study.count, FEWEST))
     changed = dict(sweep.beside)
@@ -300,35 +277,46 @@ def _swept(
     result = run(few, replace(analysis, **changed))  # type: ignore[type-var]
     if result.failures:
         raise AnalysisError(result.failures[analysis.name])
-    data = result.results[analysis.name].data[sweep.table]
+    data = arrays(result.results[analysis.name].data[sweep.table])
     seconds = time.process_time() - started
-    if sweep.error:
-        values = np.abs(np.asarray(data[sweep.column], dtype=float))
-        errors = np.asarray(data[sweep.error], dtype=float)
-        largest = np.nanmax(values, initial=0.0) or 1.0
-        estimates[_named(sweep, value)] = float(np.nanmax(errors, initial=0.0) / largest)
     return {sweep.table: data}, seconds, seconds
 
 
-def _named(sweep: Sweep, value: Any) -> str:
-    return f"{sweep.parameter}={value:g}"
-
-
 def _compared(sweep: Sweep, reference: Tables, given: Tables) -> list[Deviation]:
-    """Return the deviation of the column of a sweep from the reference."""
-    compare = _places_apart if sweep.places else _numbers_apart
+    """Return the deviation of the column of a sweep from the reference.
+
+    Each number is compared with the nearest in a row that matches, from either side: of
+    places as angles (rad), of others over the largest of the reference.
+    """
+    from scipy.spatial import cKDTree
+
     right, ours = (_by_key(sweep, tables[sweep.table]) for tables in (reference, given))
-    off, scale, missing = compare(right, ours)
-    error, name = max([EPS, *off.tolist()]), f"{sweep.table}.{sweep.column}"
-    return [Deviation(name, error, scale, len(off) + missing, missing)]
+    scale, estimate, off = 1.0, np.nan, [EPS]
+    if not sweep.places:
+        scale = max((max_abs(x) for x in right.values()), default=0.0) or 1.0
+    every = right.keys() | ours.keys() if sweep.places else right.keys()
+    shared = right.keys() & ours.keys()
+    for key in shared:
+        turn, both = None, [right[key], ours[key]]
+        if sweep.places:
+            turn = TURN
+            both = [x % turn % turn for x in both]  # what is next below none is a turn
+        for one, other in (both, both[::-1]):
+            off += (cKDTree(one, boxsize=turn).query(other)[0] / scale).tolist()
+    missing = sum(len(right.get(key, ours.get(key, ()))) for key in every - shared)
+    if sweep.error:
+        numbers, errors = (given[sweep.table][x] for x in (sweep.column, sweep.error))
+        largest = np.nanmax(np.abs(numbers), initial=0.0) or 1.0
+        estimate = float(np.nanmax(errors, initial=0.0) / largest)
+    name, count = f"{sweep.table}.{sweep.column}", len(off) - 1 + missing
+    return [Deviation(name, max(off), float(scale), count, missing, estimate)]
 
 
-ByKey = Mapping[Names, Floats]
-"""Numbers (n, columns) by the texts that match."""
+def _by_key(sweep: Sweep, data: TableData) -> Mapping[Names, Floats]:
+    """Return the numbers (n, columns) of a sweep's column by the texts that match.
 
-
-def _by_key(sweep: Sweep, data: TableData) -> ByKey:
-    """Return the numbers of a sweep's column, or of that of each input."""
+    That of each input where it is one of inputs.
+    """
     names = [x for x in data if x == sweep.column or x.startswith(f"{sweep.column}_")]
     numbers = np.stack([np.asarray(data[name], dtype=float) for name in names], axis=1)
     texts = [np.asarray(data[name]).astype(str) for name in sweep.match]
@@ -337,34 +325,3 @@ def _by_key(sweep: Sweep, data: TableData) -> ByKey:
         if all_finite(number):
             made.setdefault(tuple(key), []).append(number)
     return {key: np.array(rows) for key, rows in made.items()}
-
-
-def _numbers_apart(right: ByKey, given: ByKey) -> tuple[Floats, float, int]:
-    """Return differences over the largest number, that, and how many have none."""
-    scale = max((max_abs(x) for x in right.values()), default=0.0) or 1.0
-    shared = [key for key in right if key in given]
-    off = [max_abs(given[key][0] - right[key][0]) / scale for key in shared]
-    return np.array(off), float(scale), len(right) - len(shared)
-
-
-def _places_apart(right: ByKey, given: ByKey) -> tuple[Floats, float, int]:
-    """Return the distances (rad) of places from the nearest of the same kind.
-
-    Of ours from theirs too; then 1, and how many have none of their kind.
-    """
-    from scipy.spatial import cKDTree
-
-    off, missing = [np.zeros(0)], 0
-    for key in right.keys() | given.keys():
-        if key in right and key in given:
-            # A turn on is the same place on a circle.
-            both = [
-                np.concatenate([np.cos(rows[key]), np.sin(rows[key])], axis=1)
-                for rows in (right, given)
-            ]
-            for one, other in (both, both[::-1]):
-                chord = cKDTree(one).query(other)[0]
-                off.append(2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
-        else:
-            missing += len(right.get(key, given.get(key, ())))
-    return np.concatenate(off), 1.0, missing
