@@ -14,7 +14,6 @@ from spherekit.analysis.batch import Batch
 from spherekit.analysis.computed import findings_of
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.faults import faults_of
-from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.running.summary import RunPlan, job_of, needs_of_each
 from spherekit.analysis.tables import TableArrays
@@ -141,15 +140,12 @@ class ConformanceCase:
         SpherekitError
             See `spherekit.analysis.computed`.
         """
-        store, findings = InMemory(), None
-        tables = self.job.tables_of(self.analysis)
-        for batch in self.batches(size, change, shown):
-            given = self.job.given(self.analysis, batch)
+        findings, batches = None, self.batches(size, change, shown)
+        tables = self.job.collected(self.analysis, batches)
+        for batch in batches:
             findings = findings_of(self.analysis, batch, findings)
-            for table in tables:
-                store.add(self.analysis.name, table, given[table.name])
         assert findings is not None
-        return {t.name: store.table(self.analysis.name, t) for t in tables}, findings
+        return tables, findings
 
     def only_declared(self, motion: Motion) -> Motion:
         """Return a motion with NaN for what the analysis has not declared.

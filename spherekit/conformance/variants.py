@@ -179,21 +179,23 @@ def matched(
     that of the second relative to the first. `links` are the names of all.
     """
     names = [c.name for c in table.columns if c.kind in ("text", "integer")]
-    keys, others = (
-        list(zip(*(data[name].tolist() for name in names), strict=True))
-        for data in (one, other)
+    first, second = (
+        {
+            key: row
+            for row, key in enumerate(zip(*(x[n].tolist() for n in names), strict=True))
+        }
+        for x in (one, other)
     )
-    places = {key: row for row, key in enumerate(others)}
-    rows = {key: (row, places.get(key)) for row, key in enumerate(keys)}
-    if not names or (len(rows), len(places)) != (len(keys), len(others)):
+    lengths = [len(next(iter(data.values()))) for data in (one, other)]
+    if [len(first), len(second)] != lengths:
         return one, other
-    for key, (_, place) in rows.items():
+    shared = [key for key in first if key in second]
+    for key in first:
         words = re.findall(r"\w+", " ".join(x for x in key if isinstance(x, str)))
-        if place is None and sum(word in links for word in words) < 2:
+        if key not in second and sum(word in links for word in words) < 2:
             return f"table {table.name} has no row of {', '.join(map(str, key))} any more"
-    shared = [pair for pair in rows.values() if pair[1] is not None]
-    first, second = np.array(shared, dtype=int).reshape(-1, 2).T
-    return (
-        {name: values[first] for name, values in one.items()},
-        {name: values[second] for name, values in other.items()},
+    one, other = (
+        {name: values[[rows[key] for key in shared]] for name, values in data.items()}
+        for data, rows in ((one, first), (other, second))
     )
+    return one, other

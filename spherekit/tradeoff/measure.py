@@ -6,7 +6,7 @@ How far tables are off: the largest scaled deviation of their columns.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,10 +14,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from spherekit.analysis.batch import Fields
+from spherekit.analysis.batch import Batch, Fields
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.declared import declared
-from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.evaluation import ORDINARY, Integrator, Setting
 from spherekit.analysis.running.sampling import Sampling, simulated_course
 from spherekit.analysis.running.summary import RunPlan, job_of, links_of
@@ -209,17 +208,17 @@ def tables_by(
     started = time.process_time()
     plan = plan_of(course, analysis, setting)
     first = time.process_time() - started
-    store, tables = InMemory(), plan.tables_of(analysis)
-    for motion, fields, angles in plan.read(plan.source.blocks(plan.block)):
-        if toward:
-            modes = np.arange(len(motion.assembly_modes)) * len(course)
-            rows = motion.sample + np.repeat(modes, motion.samples)
-            fields = _toward(fields, toward, rows)
-        given = plan.given(analysis, plan.batch(analysis, motion, fields, angles))
-        for table in tables:
-            store.add(analysis.name, table, given[table.name])
-    whole = {table.name: store.table(analysis.name, table) for table in tables}
-    return whole, first, time.process_time() - started
+
+    def batches() -> Iterator[Batch]:
+        for motion, fields, angles in plan.read(plan.source.blocks(plan.block)):
+            if toward:
+                modes = np.arange(len(motion.assembly_modes)) * len(course)
+                rows = motion.sample + np.repeat(modes, motion.samples)
+                fields = _toward(fields, toward, rows)
+            yield plan.batch(analysis, motion, fields, angles)
+
+    tables = plan.collected(analysis, batches())
+    return tables, first, time.process_time() - started
 
 
 def checked_rows(plan: RunPlan, most: int) -> tuple[list[Deviation], int]:

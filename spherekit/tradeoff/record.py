@@ -295,10 +295,11 @@ def _trade(data: Facts) -> Trade:
 
 
 def _measured(row: Facts) -> Measured:
-    given = {x.name: row[x.name] for x in fields(Measured)}
-    numbers = {name: np.nan if value is None else value for name, value in given.items()}
-    setting = None if row["setting"] is None else Setting(**row["setting"])
-    return Measured(**numbers | {"setting": setting})
+    given: Facts = {x.name: row[x.name] for x in fields(Measured)}
+    for name, value in given.items():
+        given[name] = np.nan if value is None else value
+    given["setting"] = None if row["setting"] is None else Setting(**row["setting"])
+    return Measured(**given)
 
 
 HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling")

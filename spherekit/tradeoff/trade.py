@@ -22,7 +22,7 @@ from spherekit.analysis.study import Subject, study_of, takes
 from spherekit.analysis.tables import TableData, arrays
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import EPS, TURN, Names
+from spherekit.conventions import EPS, TURN, Facts, Names
 from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError
 from spherekit.model.study import DEFAULT_TOLERANCE, Study
@@ -297,12 +297,13 @@ def _compared(sweep: Sweep, reference: Tables, given: Tables) -> list[Deviation]
     every = right.keys() | ours.keys() if sweep.places else right.keys()
     shared = right.keys() & ours.keys()
     for key in shared:
-        turn, both = None, [right[key], ours[key]]
+        both, around = [right[key], ours[key]], Facts()
         if sweep.places:
-            turn = TURN
-            both = [x % turn % turn for x in both]  # what is next below none is a turn
+            around["boxsize"] = TURN
+            both = [x % TURN % TURN for x in both]  # what is next below none is a turn
         for one, other in (both, both[::-1]):
-            off += (cKDTree(one, boxsize=turn).query(other)[0] / scale).tolist()
+            nearest = cKDTree(one, **around).query(other)[0]
+            off += np.divide(nearest, scale).tolist()
     missing = sum(len(right.get(key, ours.get(key, ()))) for key in every - shared)
     if sweep.error:
         numbers, errors = (given[sweep.table][x] for x in (sweep.column, sweep.error))

@@ -139,6 +139,17 @@ class RunPlan:
         """Return the tables that an analysis gives; see `computed` for what it raises."""
         return computed(analysis, self.tables_of(analysis), batch)
 
+    def collected(
+        self, analysis: AbstractAnalysis, batches: Iterable[Batch]
+    ) -> dict[str, TableArrays]:
+        """Return the tables that an analysis gives of successive batches, in memory."""
+        store, tables = InMemory(), self.tables_of(analysis)
+        for batch in batches:
+            given = self.given(analysis, batch)
+            for table in tables:
+                store.add(analysis.name, table, given[table.name])
+        return {table.name: store.table(analysis.name, table) for table in tables}
+
     def hand_over(
         self,
         name: str,
@@ -504,14 +515,13 @@ def told(verdict: Facts) -> list[str]:
     variables = [item for item in verdict["columns"] if item["table"] == MOTION]
     shown = sorted(variables, key=lambda item: float(item["deviation"]))[-1:]
     shown += [item for item in verdict["columns"] if item["table"] != MOTION]
-    for item in shown:
-        if item["deviation"] == 0.0:
-            continue
-        lines.append(
-            f"  {item['table']}.{item['column']}: off by {item['deviation']:.1e} "
-            f"{item['unit']}".rstrip()
-            + f" at {_place(item)} ({item['in_roundings']:.2g} roundings)"
-        )
+    lines += [
+        f"  {item['table']}.{item['column']}: off by {item['deviation']:.1e}"
+        f"{' ' * bool(item['unit'])}{item['unit']} at {_place(item)} "
+        f"({item['in_roundings']:.2g} roundings)"
+        for item in shown
+        if item["deviation"]
+    ]
     for name, words in BOUNDED.items():
         judged = verdict[name]
         if judged["count"]:
@@ -520,8 +530,8 @@ def told(verdict: Facts) -> list[str]:
                 f"their error bound; nearest to it {judged['error']:.1e}, "
                 f"{judged['over_bound']:.2g} of the bound, at {_place(judged)}"
             )
-    for row in verdict["without_reference"]:
-        lines.append(f"  no reference at {_place(row)}: {row['status']}")
+    without = verdict["without_reference"]
+    lines += [f"  no reference at {_place(row)}: {row['status']}" for row in without]
     worst = verdict["worst"]
     lines.append(
         f"  worst row: {_place(worst)}: {worst['column']} = {worst['value']!r}, "

@@ -242,20 +242,19 @@ class Verifier:
         if not table.in_assembly_modes:
             return
         row = self._rows_of(given)
-        if not np.any(row >= 0):
-            return
+        kept = row >= 0
         first, second = (
-            {name: values[row >= 0] for name, values in arrays(data).items()}
+            {name: values[kept] for name, values in arrays(data).items()}
             for data in (given, reference)
         )
-        row = row[row >= 0]
+        row = row[kept]
         # Rows of a simulation close no better than its tolerance; those are no faults.
         residual = self._motion.residual
         simulated = residual > CLOSURE_TOLERANCE
         allowed = BEYOND + np.where(simulated, OPEN * residual / EPS, 0.0)
         subjects = [c.name for c in table.columns if c.kind == "text"]
         for column in table.columns:
-            if column.kind != "number" or column == RESIDUAL:
+            if column.kind != "number" or column == RESIDUAL or not len(row):
                 continue
             one, other = (
                 np.where(self._has_reference[row], data[column.name], np.nan)
