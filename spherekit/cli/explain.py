@@ -21,7 +21,7 @@ PAGE = (
 --only-needed
     as `run --only-needed`: without links and pairs that no analysis needs
 --recording
-    predict the recording too, from three short ones (needs a second or two)
+    predict the recording too, from two short ones (needs a second or two)
 --json
     as JSON
 
@@ -179,7 +179,7 @@ def _predicted(sizes: Facts, recording: bool) -> Lines:
 
 
 def _recording(study: "Study", analyses: "list[AbstractAnalysis]") -> dict[str, int]:
-    """Return the entities, rows and bytes of a recording, from three short ones."""
+    """Return the entities, rows and bytes of a recording, from two short ones."""
     import tempfile
     from pathlib import Path
 

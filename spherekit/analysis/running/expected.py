@@ -18,7 +18,6 @@ from spherekit.analysis.running.recording import MOST_LOGGED
 from spherekit.analysis.tables import FILE_SIZE
 from spherekit.conventions import Facts
 from spherekit.model.study import Study
-from spherekit.motion.motion import samples_in_block
 from spherekit.planning.inputs import Assembly
 
 LEAST = 4
@@ -106,27 +105,14 @@ def extrapolated_recording(
 ) -> dict[str, int]:
     """Return the entities, rows and bytes that the recording of a study will have.
 
-    From three short ones: what stays once, each block of samples and each sample take
-    bytes of their own. `made` gives a recorder of `spherekit.view` for each.
+    From two short ones. `made` gives a recorder of `spherekit.view` for each.
     """
-
-    def recorded(samples: int, block: int) -> tuple[int, int, int, int]:
-        with made(samples + block) as recorder:
-            execution = Execution(recorder=recorder, block=block)
-            result = executed(shortened(study, samples), analyses, execution)
-            cost = recorder.cost
-        assembly_modes = len(result.summary["assembly_modes"])
-        return assembly_modes, cost["entities"], cost["rows"], cost["bytes"]
-
-    _, _, few, one = recorded(SHORT, SHORT)
-    _, _, _, cut = recorded(2 * SHORT, SHORT)
-    assembly_modes, entities, many, two = recorded(2 * SHORT, 2 * SHORT)
-    each_block, per_sample = cut - two, (two - one) / SHORT
+    costs: list[dict[str, int]] = []
+    for samples in (SHORT, 2 * SHORT):
+        with made(samples) as recorder:
+            executed(shortened(study, samples), analyses, Execution(recorder=recorder))
+            costs.append(recorder.cost)
+    one, two = costs
     total = study.count
-    samples = -(-total // -(-total // MOST_LOGGED))
-    blocks = min(samples, -(-total // samples_in_block(assembly_modes)))
-    return {
-        "entities": entities,
-        "rows": round(few + (many - few) / SHORT * (samples - SHORT)),
-        "bytes": round(one + each_block * (blocks - 1) + per_sample * (samples - SHORT)),
-    }
+    more = -(-total // -(-total // MOST_LOGGED)) / SHORT - 1.0
+    return {key: round(one[key] + more * (two[key] - one[key])) for key in one}
