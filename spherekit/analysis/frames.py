@@ -81,23 +81,8 @@ def frame_of(columns: Mapping[str, Any], notes: Mapping[str, Any]) -> "pd.DataFr
     return frame
 
 
-def _texts(values: Any) -> "pa.DictionaryArray":
-    """Return texts as places in the words that are there, which are in order."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    if isinstance(values, np.ndarray):
-        encoded = pa.array(values, pa.string()).dictionary_encode()
-    else:
-        encoded = values.unify_dictionaries().combine_chunks()
-    used = encoded.dictionary.take(encoded.indices.unique())
-    words = used.take(pc.sort_indices(used))
-    places = pc.index_in(encoded.dictionary, words)
-    return pa.DictionaryArray.from_arrays(places.take(encoded.indices), words)
-
-
 def _arrow(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
-    """Return rows with columns named as in files; NaN is null, texts are dictionaries."""
+    """Return rows with columns named as in files; NaN is null, status a dictionary."""
     import pyarrow as pa
 
     columns: dict[str, Any] = {}
@@ -107,7 +92,9 @@ def _arrow(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
             codes = pa.array(values, pa.int8())
             made = pa.DictionaryArray.from_arrays(codes, pa.array(STATUSES))
         elif column.kind == "text":
-            made = _texts(values)
+            made = (
+                pa.array(values, pa.string()) if isinstance(values, np.ndarray) else values
+            )
         elif column.kind == "number":
             turned = column.unit_in(degrees) != column.unit
             made = np.degrees(values) if turned else values
@@ -162,10 +149,10 @@ def write_table(
             if "parquet" in paths:
                 parquet.write_table(piece.cast(schema))
             if "csv" in paths:
-                texts = [x for x in piece.columns if pa.types.is_dictionary(x.type)]
-                words = [word for x in texts for word in x.chunk(0).dictionary.to_pylist()]
-                plain = SPECIAL.isdisjoint("".join(words))
-                style: Literal["none", "needed"] = "none" if plain else "needed"
+                texts = [x.unique() for x in piece.columns if pa.types.is_string(x.type)]
+                words = "".join(word for x in texts for word in x.to_pylist())
+                style: Literal["none", "needed"]
+                style = "none" if SPECIAL.isdisjoint(words) else "needed"
                 options = pc.WriteOptions(include_header=False, quoting_style=style)
                 pc.write_csv(_with_words(piece), text, options)
     return [path.name for path in paths.values()]
@@ -183,7 +170,7 @@ def pieces_in(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]
 
     def plain(rows: pa.Table) -> Mapping[str, Any]:
         return {
-            name: column if pa.types.is_dictionary(column.type) else column.to_numpy()
+            name: column if pa.types.is_string(column.type) else column.to_numpy()
             for name, column in zip(rows.column_names, rows.columns, strict=True)
         }
 
@@ -218,7 +205,7 @@ def _parquet(
     import pyarrow.parquet as pq
 
     floats = [item.name for item in schema if pa.types.is_floating(item.type)]
-    texts = [item.name for item in schema if pa.types.is_dictionary(item.type)]
+    texts = [item.name for item in schema if not pa.types.is_primitive(item.type)]
     with writing(path) as stream:
         writer = pq.ParquetWriter(
             stream,
@@ -294,7 +281,7 @@ def write_columns(
     groups: Sequence[slice] = (slice(None),),
     compression: str = "zstd",
 ) -> None:
-    """Write columns of numbers and texts to a Parquet file, texts as dictionaries.
+    """Write columns of numbers and texts to a Parquet file.
 
     Raises
     ------
@@ -304,7 +291,7 @@ def write_columns(
     import pyarrow as pa
 
     arrays = {
-        name: _texts(values) if values.dtype.kind in "OU" else pa.array(values)
+        name: pa.array(values, pa.string() if values.dtype.kind in "OU" else None)
         for name, values in columns.items()
     }
     table = pa.table(arrays)
@@ -317,7 +304,7 @@ def columns_of_files(paths: Sequence[Path]) -> dict[str, Array]:
     """Return the columns of files that `write_columns` wrote, one after the other."""
     import pyarrow as pa
 
-    whole = pa.concat_tables([_with_words(_read(path)) for path in paths])
+    whole = pa.concat_tables(map(_read, paths))
     return {name: whole[name].to_numpy() for name in whole.column_names}
 
 
@@ -345,7 +332,7 @@ def part_tables(
     writers: dict[str, pq.ParquetWriter] = {}
 
     def write(stem: str) -> None:
-        whole = _joined(waiting.pop(stem))
+        whole = pa.concat_tables(waiting.pop(stem))
         if stem not in writers:
             opened = _parquet(make_folder(folder / stem) / name, whole.schema)
             writers[stem] = files.enter_context(opened)
@@ -367,17 +354,12 @@ def part_tables(
             write(stem)
 
 
-def _joined(pieces: "Sequence[pa.Table]") -> "pa.Table":
-    """Return rows one after the other, with one dictionary for each column of texts."""
-    import pyarrow as pa
-
-    return pa.concat_tables(pieces).unify_dictionaries().combine_chunks()
-
-
 def frame_of_parts(parts: Sequence[Path]) -> "pd.DataFrame":
     """Return the rows of files of `part_tables`, with units in `attrs`."""
-    whole = _joined([_read(part) for part in parts])
-    frame: pd.DataFrame = whole.to_pandas()
+    import pyarrow as pa
+
+    whole = pa.concat_tables(map(_read, parts))
+    frame: pd.DataFrame = whole.to_pandas(strings_to_categorical=True)
     frame.attrs.update(_notes(whole.schema))
     return frame
 
