@@ -137,9 +137,10 @@ turned, the state is not finite, or an event ends the integration."""
 class Integrator:
     """A compiled Taylor integrator of equations (variable, its rate by time), with events.
 
-    For one `tolerance`; it computes with the type `number`. `moment` is the variable that
-    stands for the time, `constants` are those whose values are set before each run. `seen`
-    collects what occurs in a run: events by number, with the time.
+    For one `tolerance`. `moment` is the variable that stands for the time, `constants` are
+    those whose values are set before each run. `state` and `parameters` are those reached,
+    which may be changed between steps; `seen` collects what occurs in a run: events by
+    number, with the time.
     """
 
     def __init__(
@@ -150,10 +151,9 @@ class Integrator:
         tolerance: float,
         compact: bool,
         events: Sequence[EventFunction],
-        number: type[Any],
     ) -> None:
         module = heyoka()
-        self.number, self.events = number, tuple(events)
+        self.events = tuple(events)
         self.terminal: list[int] = []
         self.seen: list[tuple[int, float]] = []
         names = _plain([variable for variable, _ in equations])
@@ -170,23 +170,24 @@ class Integrator:
                 action = {"direction": getattr(module.event_direction, sense)}
             else:
                 note = self._note(which)
-                passing.append(module.nt_event(condition, note, fp_type=number))
+                passing.append(module.nt_event(condition, note))
                 continue
-            ending.append(module.t_event(condition, fp_type=number, **action))
+            ending.append(module.t_event(condition, **action))
             self.terminal.append(which)
         rates = _lowered([rate for _, rate in equations], names)
         self.adaptive = module.taylor_adaptive(
             list(zip(stated, rates, strict=True)),
-            np.zeros(len(stated), dtype=number),
-            tol=number(tolerance),
+            np.zeros(len(stated)),
+            tol=tolerance,
             compact_mode=compact,
             # What optimises more of long code takes most of the time of compiling it and
             # gains little; compact code is short.
             opt_level=3 if compact else 1,
             t_events=ending,
             nt_events=passing,
-            fp_type=number,
         )
+        # Views of heyoka's own, which has parameters up to the last one that occurs.
+        self.state, self.parameters = self.adaptive.state, self.adaptive.pars
         ends = module.taylor_outcome
         self.outcomes: dict[int, StepEnd] = {
             int(ends.success): "step",
@@ -202,8 +203,8 @@ class Integrator:
             now = float(running.time)
             self.seen.append((which, now))
             if sense:
-                running.pars[event.switch] = self.number(sense)
-            state, constants = running.state.astype(float), running.pars.astype(float)
+                running.pars[event.switch] = sense
+            state, constants = running.state.copy(), running.pars.copy()
             stuck = event.sticks and event.sticks(state, now, constants)
             return not stuck and len(self.seen) < MOST_SWITCHES
 
@@ -211,10 +212,9 @@ class Integrator:
 
     def start(self, state: Floats, time: float, parameters: Floats) -> None:
         """Set the state, the time and the parameters before a run."""
-        self.adaptive.state[:] = state
-        self.adaptive.time = self.number(time)
-        # heyoka keeps parameters up to the last one that occurs.
-        self.adaptive.pars[:] = parameters[: len(self.adaptive.pars)]
+        self.state[:] = state
+        self.adaptive.time = time
+        self.parameters[:] = parameters[: len(self.parameters)]
         if self.terminal:
             self.adaptive.reset_cooldowns()
         self.seen.clear()
@@ -224,24 +224,12 @@ class Integrator:
         """The time reached."""
         return float(self.adaptive.time)
 
-    @property
-    def state(self) -> Any:
-        """The state reached; it may be changed between runs."""
-        return self.adaptive.state
-
-    @property
-    def parameters(self) -> Any:
-        """The parameters up to the last one used; they may be changed between runs."""
-        return self.adaptive.pars
-
     def step(self, longest: float) -> tuple[StepEnd, float]:
         """Take a step, at most this long; return why it ended and its length.
 
         The event that ends an integration is the last one seen.
         """
-        outcome, length = self.adaptive.step(
-            max_delta_t=self.number(longest), write_tc=True
-        )
+        outcome, length = self.adaptive.step(max_delta_t=longest, write_tc=True)
         code = int(outcome)
         if code in self.outcomes:
             return self.outcomes[code], float(length)
@@ -255,4 +243,4 @@ class Integrator:
     @property
     def coefficients(self) -> Floats:
         """(states, order + 1) Taylor coefficients of the last step, from its start."""
-        return np.array(self.adaptive.tc, dtype=float)
+        return np.array(self.adaptive.tc)

@@ -8,7 +8,6 @@ same.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import Any
 
 import numpy as np
 
@@ -90,7 +89,6 @@ def compiled_equation(
     mechanism: Mechanism,
     tolerance: float,
     compact: bool = True,
-    number: type[Any] = float,
     coordinates: Sequence[str] = (),
     values: Floats | None = None,
 ) -> tuple[CompiledEquation, bool]:
@@ -107,9 +105,6 @@ def compiled_equation(
         `COARSEST`.
     compact
         heyoka's compact mode: compiles faster, runs slower.
-    number
-        The type the integrator computes with: float, or heyoka's ``real128`` where the
-        machine has it, for reference solutions.
     coordinates, values
         Of several freedoms the R pairs whose variables it is integrated by, and a closed
         configuration (variables,) at which these say how all variables move.
@@ -122,8 +117,7 @@ def compiled_equation(
         If the coordinates are not independent.
     """
     _need_written(mechanism)
-    asked = mechanism, tolerance, compact, number, coordinates
-    common, step, request = _request(*asked)
+    common, step, request = _request(mechanism, tolerance, compact, coordinates)
     held = [mechanism.angles[pair] for pair in mechanism.input_pairs]
     fresh: list[bool] = []
 
@@ -134,7 +128,7 @@ def compiled_equation(
             if values is None
             else several_freedoms(common, values, held)
         )
-        return _compile(common, system, step, compact, number)
+        return _compile(common, system, step, compact)
 
     return COMPILED.get(common, request, make), not fresh
 
@@ -159,7 +153,7 @@ def compiling_time(
     turning_pairs(mechanism)
     if not available():
         heyoka()
-    common, _, request = _request(mechanism, tolerance, compact, float, coordinates)
+    common, _, request = _request(mechanism, tolerance, compact, coordinates)
     if COMPILED.known(common, request):
         return 0.0
     variables = len(mechanism.variable_names)
@@ -187,13 +181,12 @@ def _request(
     mechanism: Mechanism,
     tolerance: float,
     compact: bool,
-    number: type[Any],
     coordinates: Sequence[str],
 ) -> tuple[Mechanism, float, str]:
     """Return what `_common` does, the tolerance of a step, and what is asked for."""
     held = [mechanism.angles[pair] for pair in mechanism.input_pairs]
     step = min(tolerance, COARSEST if coordinates else LOOSEST)
-    asked = repr(("motion", step, compact, number.__name__, held))
+    asked = repr(("motion", step, compact, held))
     return _common(mechanism, coordinates), step, asked
 
 
@@ -223,7 +216,6 @@ def _compile(
     system: System,
     tolerance: float,
     compact: bool,
-    number: type[Any],
 ) -> CompiledEquation:
     layout = system.layout
     equations = [*zip(layout.state, system.changes, strict=True)]
@@ -256,13 +248,13 @@ def _compile(
             for which, condition in enumerate(layout.conditions)
         ]
     steep = None
-    if arguments and number is float:
+    if arguments:
         push = system.changes[layout.momenta]
         steep = compile_function([*push, *arguments], given, compact=True)
     homogeneous = [rate for tau in system.tau for rate in tau]
     return CompiledEquation(
         layout,
-        Integrator(equations, MOMENT, parameters, tolerance, compact, events, number),
+        Integrator(equations, MOMENT, parameters, tolerance, compact, events),
         compile_function(
             [*homogeneous, system.measure], layout.variable_terms, compact=True
         ),

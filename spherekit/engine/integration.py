@@ -411,21 +411,20 @@ class Integration:
         """
         state = integrator.state
         values = state[: self.count]
-        turns = np.round(values.astype(float) / TURN) * self.period
+        turns = np.round(values / TURN) * self.period
         values -= turns * TURN
         values -= turns * _FULL_TURN_REST
         if self.stretches and len(self.stretches) % CLOSED == 0:
-            values[:], gap = self.close(values.astype(float))
+            values[:], gap = self.close(values)
             self.drift = max(self.drift, gap)
         self.turns = self.turns + turns
         works, momenta = state[self.layout.works], state[self.layout.momenta]
-        self.work = self.work + works.astype(float) * self.unit**2
+        self.work = self.work + works * self.unit**2
         works[:] = 0.0
-        size = float(np.linalg.norm(momenta.astype(float)))
+        size = float(np.linalg.norm(momenta))
         if size > 1.0:
             self.unit *= size
-            for k in range(len(momenta)):
-                momenta[k] /= size
+            momenta /= size
         self.sides = self._constants(integrator)[self.layout.side :]
         given = integrator.parameters
         given[:] = self._parameters(target)[: len(given)]
