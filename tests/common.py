@@ -6,6 +6,7 @@ from typing import ClassVar
 import spherekit as sk
 from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.engine.expression_graph import expression_terms, float_function, symbols
 from spherekit.engine.fields import evaluate
 from spherekit.motion import assembly_modes as assembly_modes
 from spherekit.motion.motion import PositionAnalysis
@@ -59,6 +60,14 @@ def field_of(made, samples=361, search=True, wanted=None, derivatives=True):
     )
     motion = tracer.motion()
     return motion, evaluate(motion, asked)
+
+
+def as_floats(expression, names):
+    """Return an expression as a function of floats in the order of names."""
+    terms = symbols(names)
+    named = {name: (term, term) for name, term in zip(names, terms, strict=True)}
+    made = float_function([expression_terms(expression, named)], terms)
+    return lambda row: made(row)[0]
 
 
 class Asking(AbstractAnalysis):

@@ -16,9 +16,9 @@ from spherekit.dynamics.start import PoseStart
 from spherekit.engine.compiler import available
 from spherekit.engine.dyads import Cache
 from spherekit.engine.equation import compiled_equation
+from spherekit.engine.expression_graph import BLOCK
 from spherekit.engine.fields import evaluate
 from spherekit.engine.kernels import kernel
-from spherekit.engine.system import BLOCK
 from spherekit.errors import EngineError, EngineMissing, SolveError
 from spherekit.files.read import load
 from spherekit.model.dynamics import JointLimit

@@ -9,7 +9,9 @@ import pytest
 
 from spherekit.engine.design_kernel import complex_function
 from spherekit.engine.expression_graph import (
+    BLOCK,
     ExpressionNode,
+    array_function,
     derivatives,
     expression_terms,
     function,
@@ -19,7 +21,6 @@ from spherekit.engine.expression_graph import (
     symbols,
     varies,
 )
-from spherekit.engine.system import BLOCK, array_function
 from spherekit.model.expression import load_names, parse
 
 X, Y, Z = symbols(["x", "y", "z"])

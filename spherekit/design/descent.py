@@ -16,17 +16,17 @@ from spherekit.design.homotopy import LONG, SAME, apart, tracked
 from spherekit.design.requirements import MATCH, Specification
 from spherekit.design.sweep import Columns
 from spherekit.design.varied import DEG, DesignAt
-from spherekit.engine.compiler import TermFunction
 from spherekit.engine.design_kernel import DesignKernel, PathKernel
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
+    TermFunction,
+    array_function,
     derivatives,
     expression_terms,
     symbols,
 )
 from spherekit.engine.row_quantities import row_quantities
-from spherekit.engine.system import array_function
 from spherekit.errors import SpherekitError
 from spherekit.sphere.rotation import all_finite, max_abs, nans
 

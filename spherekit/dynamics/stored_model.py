@@ -6,7 +6,7 @@ import math
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,10 +14,17 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from spherekit.arrays import Array, Floats
+from spherekit.arrays import Array
 from spherekit.conventions import AnyPath, choices
+from spherekit.engine.expression_graph import (
+    Expr,
+    ExpressionNode,
+    dot,
+    expression_terms,
+    symbols,
+)
 from spherekit.errors import FileError, SolveError
-from spherekit.model.expression import Expression, load_names, made_of, parse
+from spherekit.model.expression import load_names, parse
 from spherekit.model.load import TorqueTable
 from spherekit.version import __version__
 
@@ -160,15 +167,62 @@ class StoredHeading:
         }
 
     @cached_property
-    def magnitudes(self) -> list[tuple[Expression | TorqueTable, list[str]]]:
-        """The magnitude of each component of each load, N m or N, and what it works by."""
-        names = load_names(self.angles)
-        made: list[tuple[Expression | TorqueTable, list[str]]] = []
+    def tables(self) -> list[TorqueTable]:
+        """The torques that are given by tables."""
+        return [load.table for load in self.loads if load.table]
+
+    @cached_property
+    def motion(self) -> list[ExpressionNode]:
+        """The variables of `forces` and `torques` that are no stored functions.
+
+        Rates and accelerations of the coordinates, the time, and the torques of `tables`
+        then.
+        """
+        m = range(len(self.by))
+        states = (f"{rate}{k}" for rate in ("rate ", "acceleration ") for k in m)
+        return symbols([*states, "t", *(f"table {table.name}" for table in self.tables)])
+
+    @cached_property
+    def forces(self) -> list[list[Expr]]:
+        """The generalised forces of each load by each coordinate, in terms."""
+        names, m = load_names(self.angles), len(self.by)
+        rates, time = self.motion[:m], self.motion[2 * m]
+
+        def named(name: str) -> Expr:
+            if name.startswith("dtheta_"):
+                return dot(map(self._stored, self.by_coordinates(name[1:])), rates)
+            return time if name == "t" else self._stored(name)
+
+        forces = []
         for load in self.loads:
-            table = load.table
-            laws = [table] if table else [parse(text, names) for text in load.components]
-            made += zip(laws, map(self.by_coordinates, load.works_on), strict=True)
-        return made
+            laws: list[Expr] = [
+                expression_terms(law, {x: (named(x),) * 2 for x in law.names})
+                for law in (parse(text, names) for text in load.components)
+            ] or symbols([f"table {load.name}"])
+            works = [map(self._stored, self.by_coordinates(x)) for x in load.works_on]
+            forces.append([dot(laws, ways) for ways in zip(*works, strict=True)])
+        return forces
+
+    @cached_property
+    def torques(self) -> list[Expr]:
+        """M x'' + C x' - Q by each coordinate, in terms."""
+        m = len(self.by)
+        rates, accelerations = self.motion[:m], self.motion[m : 2 * m]
+        first, second = np.tril_indices(m)
+        products = [rates[a] * rates[b] for a, b in zip(first, second, strict=True)]
+        M = np.empty((m, m), dtype=object)
+        M[first, second] = M[second, first] = list(map(self._stored, self.inertia))
+        torques = []
+        for i, symbols_of in enumerate(self.christoffel):
+            bends = [half * self._stored(name) for name, half in symbols_of.items()]
+            inert = dot(M[i], accelerations) + dot(bends, products)
+            torques.append(inert - sum((force[i] for force in self.forces), 0.0))
+        return torques
+
+    def _stored(self, name: str) -> ExpressionNode:
+        """Return the variable that stands for a function; `SolveError` if it has none."""
+        self.place(name)
+        return symbols([name])[0]
 
     def pole(self, name: str) -> tuple[str, float]:
         """Return the name by which a pole is stored, and -1 if that turns its links round.
@@ -218,95 +272,6 @@ class StoredHeading:
 
 
 Made = TypeVar("Made")
-
-Single = Callable[[Any], list[float]]
-"""Some functions at one place, in the least time."""
-
-
-def single_states(
-    heading: StoredHeading, single: Callable[[int, Floats], Single]
-) -> tuple[Single, Callable[..., Any]]:
-    """Return inertia, Christoffel symbols and loads of a model, one state at a time.
-
-    The first function returns, at a place, the factors of accelerations, of products of
-    rates and of -1, which the loads are that do not change, for each coordinate, then what
-    the other loads need. The second, one Python function of these and of dq, ddq and t, the
-    torques.
-    """
-    m, unit = len(heading.by), np.eye(len(heading.groups[0]))
-    alone = heading.alone
-    factors: dict[tuple[float, ...], str] = {}
-
-    def put(factor: Floats) -> str:
-        return factors.setdefault(tuple(factor.tolist()), f"row[{len(factors)}]")
-
-    def stored(name: str) -> Floats:
-        return unit[heading.place(name)[1]]
-
-    dq, ddq = ([x] if alone else [f"{x}[{i}]" for i in range(m)] for x in ("dq", "ddq"))
-    steady = np.zeros((m, len(unit)))
-    laws: dict[str, tuple[Expression | TorqueTable, list[Floats]]] = {}
-    for law, by in heading.magnitudes:
-        ways = [stored(name) for name in by]
-        if isinstance(law, Expression) and not law.names:
-            steady += float(law.evaluate({})) * np.array(ways)
-        else:
-            laws[f"size_{len(laws)}"] = law, ways
-    lower = [(i, k) for i in range(m) for k in range(i + 1)]
-    of = {(i, k): name for (i, k), name in zip(lower, heading.inertia, strict=True)}
-    torques = []
-    for i in range(m):
-        inertia = [of[max(i, k), min(i, k)] for k in range(m)]
-        terms = [f"{put(stored(x))}*{ddq[k]}" for k, x in enumerate(inertia)]
-        for (a, b), (x, half) in zip(lower, heading.christoffel[i].items(), strict=True):
-            terms.append(f"{put(half * stored(x))}*({dq[a]}*{dq[b]})")
-        if np.any(steady[i]):
-            terms.append(f"-{put(steady[i])}")
-        terms += [f"-{size}*{put(ways[i])}" for size, (_, ways) in laws.items()]
-        torques.append(" + ".join(terms))
-    given, tables = _sizes(
-        heading,
-        {size: law for size, (law, _) in laws.items()},
-        dq,
-        lambda x: put(stored(x)),
-    )
-    body = torques[0] if alone else f"array([{', '.join(torques)}])"
-    if given:
-        first = ", ".join(f"{name} := {text}" for name, text in given.items())
-        body = f"({first}, {body})[-1]"
-    torque = made_of(f"lambda row, dq, ddq, t: {body}", {"array": np.array, **tables})
-    return single(0, np.array(list(factors)).T), torque
-
-
-def _sizes(
-    heading: StoredHeading,
-    laws: Mapping[str, Expression | TorqueTable],
-    dq: Sequence[str],
-    put: Callable[[str], str],
-) -> tuple[dict[str, str], dict[str, Callable[[float], Floats]]]:
-    """Return magnitudes by name as Python, with the rates they need first, and tables.
-
-    `dq` are the rates of the coordinates, `put` gives a stored function of a name.
-    """
-    written, given = {"t": "t"}, dict[str, str]()
-    used = {x for law in laws.values() if isinstance(law, Expression) for x in law.names}
-    for name in sorted(used - {"t"}):
-        if name.startswith("dtheta_"):
-            by = heading.by_coordinates(name[1:])
-            text = " + ".join(f"{put(x)}*{rate}" for x, rate in zip(by, dq, strict=True))
-            written[name] = f"rate_{len(given)}"
-            given[written[name]] = text
-        else:
-            written[name] = put(name)
-    tables: dict[str, Callable[[float], Floats]] = {}
-    for size, law in laws.items():
-        if isinstance(law, TorqueTable):
-            tables[f"table_{size}"] = law.at
-            given[size] = f"table_{size}(t)"
-        else:
-            given[size] = law.code(written)
-    return given, tables
-
 
 Kind = tuple[str, int, str]
 """Of archives with a heading: the name and version of their format, how to make one."""

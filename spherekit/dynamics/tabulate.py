@@ -317,12 +317,12 @@ def simulate_reduced(
         row = at(within)
         root = 1.0 / sqrt(row[0])
         speed = p * root
-        push = row[1] * speed * speed - model.torque_at(row, within, speed, 0.0, time)
+        push = 0.5 * row[1] * speed * speed - model.torque_at(row, within, speed, 0.0, time)
         return speed, push * root, push * speed
 
     tighter = max(MARGIN * tolerance, 1e-14)
     start, stop = float(t[0]), float(t[-1])
-    tables = [load.table.knots(start, stop) for load in heading.loads if load.table]
+    tables = [table.knots(start, stop) for table in heading.tables]
     critical = sorted(k for k in {*chain(switches, *tables)} if start < k < stop)
     from scipy.integrate import odeint
 

@@ -8,7 +8,7 @@ evaluates it in control loops. It needs NumPy and the standard library only.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,18 +18,24 @@ from spherekit.arrays import Floats, SmallIntegers
 from spherekit.conventions import AnyPath, Status, choices, listing
 from spherekit.dynamics.stored_model import (
     SLACK,
-    Single,
     StoredFunction,
     StoredHeading,
     StoredLoad,
     read_archive,
-    single_states,
     write_archive,
+)
+from spherekit.engine.expression_graph import (
+    ExpressionNode,
+    FloatFunction,
+    TermFunction,
+    array_function,
+    float_function,
+    in_order,
+    symbols,
 )
 from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.model.dynamics import DRIVE
 from spherekit.model.expression import load_names, parse
-from spherekit.model.load import TorqueTable
 from spherekit.numeric.cells import TensorCells, TensorChebyshev, local_polynomials
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.zeros import zeros
@@ -52,6 +58,9 @@ NUMBER = (float, int)
 
 Place = TypeVar("Place", float, Floats)
 
+Single = Callable[[Any], list[float]]
+"""Some functions at one place, in the least time."""
+
 
 @dataclass(frozen=True)
 class StoredModel:
@@ -71,16 +80,7 @@ class StoredModel:
         """Largest measured error of all functions, relative to the largest of each."""
         return max(function.error for function in self.heading.functions)
 
-    @overload
-    def torque(self, x: float, dx: float, ddx: float, t: float = 0.0) -> float: ...
-    @overload
-    def torque(
-        self, x: ArrayLike, dx: ArrayLike, ddx: ArrayLike, t: ArrayLike = 0.0
-    ) -> Floats: ...
-
-    def torque(
-        self, x: ArrayLike, dx: ArrayLike, ddx: ArrayLike, t: ArrayLike = 0.0
-    ) -> float | Floats:
+    def torque(self, x: Any, dx: Any, ddx: Any, t: Any = 0.0) -> Any:
         """Return the torques (N m) of the actuators for this motion, all loads acting.
 
         M x'' + C x' - Q, of one coordinate B x'' + 1/2 dB/dx x'^2 - Q (Di Gregorio 2024,
@@ -101,37 +101,44 @@ class StoredModel:
             At a single place outside the domain; rows of several inputs are NaN there.
         """
         if self._is_one(x):
-            single: float | Floats = self.torque_at(self.dynamics[0](x), x, dx, ddx, t)
-            return single
-        (q, dq, ddq), times, shape = self._together(x, dx, ddx, t=t)
-        rows = self._rows(0, q)
-        M = self._inertia(rows)
-        torque = (M @ ddq[..., None])[..., 0] - np.sum(
-            self._forces(rows, dq, times), axis=2
-        )
-        first, second = np.tril_indices(M.shape[1])
-        for i, symbols in enumerate(self.heading.christoffel):
-            bends = rows[:, self._columns(symbols)] * list(symbols.values())
-            torque[:, i] += np.sum(bends * dq[:, first] * dq[:, second], axis=1)
-        return self._shaped(torque, shape)
+            return self.torque_at(self.dynamics[0](x), x, dx, ddx, t)
+        states, times, shape = self._together(x, dx, ddx, t=t)
+        return self._shaped(self._torques(self._given(states, times)).T, shape)
 
     def forces(self, x: ArrayLike, dx: ArrayLike, t: ArrayLike = 0.0) -> dict[str, Floats]:
         """Return each load's generalised forces Q (N m) by its name, shaped as x."""
-        (q, dq), times, shape = self._together(x, dx, t=t)
-        parts = self._forces(self._rows(0, q), dq, times)
-        made, at = {}, 0
-        for load in self.heading.loads:
-            its = parts[..., at : at + len(load.works_on)]
-            made[load.name] = self._shaped(np.sum(its, axis=-1), shape)
-            at += len(load.works_on)
-        return made
+        states, times, shape = self._together(x, dx, dx, t=t)
+        loads, columns = self.heading.loads, self._forces(self._given(states, times))
+        columns = columns.reshape(len(loads), len(self.heading.by), len(times))
+        parts = zip(loads, columns, strict=True)
+        return {load.name: self._shaped(part.T, shape) for load, part in parts}
 
-    @overload
-    def value(self, name: str, x: float) -> float: ...
-    @overload
-    def value(self, name: str, x: ArrayLike) -> Floats: ...
+    def _given(self, states: Sequence[Floats], t: Floats) -> Floats:
+        """Return what terms are of (k, n) in states (n, m) of coordinates and two rates."""
+        tables = [table.at(t) for table in self.heading.tables]
+        q, *rates = states
+        columns = (
+            self._rows(0, q),
+            *rates,
+            *(np.reshape(x, (-1, 1)) for x in (t, *tables)),
+        )
+        return np.concatenate(columns, axis=1).T
 
-    def value(self, name: str, x: ArrayLike) -> float | Floats:
+    @cached_property
+    def _torques(self) -> TermFunction:
+        return array_function(self.heading.torques, self._variables)
+
+    @cached_property
+    def _forces(self) -> TermFunction:
+        forces = [term for terms in self.heading.forces for term in terms]
+        return array_function(forces, self._variables)
+
+    @property
+    def _variables(self) -> list[ExpressionNode]:
+        names = (function.name for function in self.heading.groups[0])
+        return [*symbols(names), *self.heading.motion]
+
+    def value(self, name: str, x: Any) -> Any:
         """Return any stored function by its name in `heading.functions`."""
         if self._is_one(x):
             return self._single(name)(x)[0]
@@ -143,17 +150,15 @@ class StoredModel:
         rows = self._rows(self.heading.place(names[0])[0], q)
         return rows[:, self._columns(names)].reshape(*shape[:-1], len(names))
 
-    @overload
-    def inertia(self, x: float) -> float: ...
-    @overload
-    def inertia(self, x: ArrayLike) -> Floats: ...
-
-    def inertia(self, x: ArrayLike) -> float | Floats:
+    def inertia(self, x: Any) -> Any:
         """Return the inertia matrix (..., m, m) kg m2, along a curve the number B."""
         if self.heading.alone:
             return self.value("B", x)
-        (q,), _, shape = self._together(x)
-        return self._inertia(self._rows(0, q)).reshape(*shape, shape[-1])
+        lower = self.functions(self.heading.inertia, x)
+        i, k = np.tril_indices(len(self.heading.by))
+        M = np.empty((*np.shape(x), len(self.heading.by)))
+        M[..., i, k] = M[..., k, i] = lower
+        return M
 
     def inertia_rate(self, x: Place) -> Place:
         """Return dB/dx (kg m2/rad) along a curve."""
@@ -282,17 +287,31 @@ class StoredModel:
         write_archive(path, KIND, {**asdict(self.heading), "layout": LAYOUT}, arrays)
 
     @cached_property
-    def dynamics(self) -> tuple[Single, Callable[..., Any]]:
-        """Inertia and loads in single states, see `single_states`."""
-        return single_states(self.heading, self.single)
+    def dynamics(self) -> tuple[Single, FloatFunction]:
+        """What torques need at a place, the inertia first, and their function.
+
+        Of that row and the motion there; along a curve dB/dx comes next.
+        """
+        heading, used = self.heading, {*in_order(self.heading.torques)}
+        first = [*heading.inertia, *heading.christoffel[0]]
+        stored = [function.name for function in heading.groups[0]]
+        more = [name for name in stored if symbols([name])[0] in used]
+        names = list(dict.fromkeys([*first, *more]))
+        given = [*symbols(names), *heading.motion]
+        return self._single(*names), float_function(heading.torques, given)
 
     def torque_at(self, row: list[float], x: Any, dx: Any, ddx: Any, t: Any) -> Any:
         """Return the torques in a state at a place of which `row` is that of `dynamics`."""
+        heading = self.heading
+        moving = (dx, ddx) if heading.alone else (*dx, *ddx)
         try:
-            return self.dynamics[1](row, dx, ddx, t)
+            made = self.dynamics[1](
+                [*row, *moving, t, *(float(x.at(t)) for x in heading.tables)]
+            )
         except (ValueError, ArithmeticError):
             once = [np.array([given], dtype=float) for given in (x, dx, ddx, t)]
             return self.torque(*once)[0]
+        return made[0] if heading.alone else np.array(made)
 
     @cached_property
     def _singles(self) -> dict[tuple[str, ...], Single]:
@@ -380,28 +399,6 @@ class StoredModel:
 
     def _columns(self, names: Iterable[str]) -> list[int]:
         return [self.heading.place(name)[1] for name in names]
-
-    def _inertia(self, rows: Floats) -> Floats:
-        """Return M (n, m, m) of all functions in rows."""
-        m = len(self.heading.by)
-        M, (i, k) = np.empty((len(rows), m, m)), np.tril_indices(m)
-        M[:, i, k] = M[:, k, i] = rows[:, self._columns(self.heading.inertia)]
-        return M
-
-    def _forces(self, rows: Floats, dq: Floats, t: Floats) -> Floats:
-        """Return the generalised forces (n, m, components) of each load component."""
-        heading = self.heading
-        names = {"t": t}
-        for name in (f"theta_{pair}" for pair in heading.angles):
-            names[name] = rows[:, heading.place(name)[1]]
-            by = self._columns(heading.by_coordinates(name))
-            names[f"d{name}"] = np.sum(rows[:, by] * dq, axis=1)
-        forces = np.empty((*dq.shape, len(heading.magnitudes)))
-        for k, (law, by_names) in enumerate(heading.magnitudes):
-            size = law.at(t) if isinstance(law, TorqueTable) else law.evaluate(names)
-            size = np.broadcast_to(size, len(rows))
-            forces[:, :, k] = size[:, None] * rows[:, self._columns(by_names)]
-        return forces
 
     def _cell(self, q: Sequence[float]) -> int:
         """Return the cell of a place over a box; `SolveError` outside the domain."""

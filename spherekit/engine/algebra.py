@@ -31,14 +31,6 @@ SNAP = 1e-15
 """A direction cosine this near to 0, 1 or -1 is that number; it is so up to rounding."""
 
 
-def sum_of(terms: Iterable[Expr]) -> Expr:
-    """Return the sum of expressions, added in their order."""
-    total: Expr = 0.0
-    for term in terms:
-        total = total + term
-    return total
-
-
 def vector(items: Sequence[Expr]) -> Exprs:
     """Return an array of expressions."""
     made = np.empty(len(items), dtype=object)
@@ -73,11 +65,6 @@ def cross(a: Exprs, b: Exprs) -> Exprs:
             a[0] * b[1] - a[1] * b[0],
         ]
     )
-
-
-def dot(a: Iterable[Any], b: Iterable[Expr]) -> Any:
-    """Return a . b, the sum of products; those of vectors with numbers or terms too."""
-    return sum_of(x * y for x, y in zip(a, b, strict=True))
 
 
 def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:

@@ -23,8 +23,8 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import EPS, EQUAL_CURVATURE
-from spherekit.engine.algebra import Exprs, cross, dot, sum_of, vector_sum
-from spherekit.engine.expression_graph import Expr, ExpressionNode
+from spherekit.engine.algebra import Exprs, cross, vector_sum
+from spherekit.engine.expression_graph import Expr, ExpressionNode, dot
 from spherekit.engine.kinematics import VelocityEquations
 from spherekit.engine.pose import (
     along_ways,
@@ -188,7 +188,7 @@ class RowTerms(VelocityEquations):
         tree = self.tree
         squares = [dot(row.flat, row.flat) for row in self.inverse]
         self.moved = [root(square) for square in squares]
-        sensitivity = root(sum_of(squares))
+        sensitivity = root(sum(squares, 0.0))
         turns = self.paths(self.moved)
         paths = np.count_nonzero(tree.paths, axis=1)
         longest = int(np.max(np.count_nonzero(tree.signs, axis=1), initial=0))
@@ -208,8 +208,12 @@ class RowTerms(VelocityEquations):
             self.axes.append(carried.size * turn + carried.slid * (moved * open_))
             self.slides.append(carried.slid * turn + carried.bent * (moved * open_))
         often = np.count_nonzero(tree.signs, axis=0)
-        entries = sum_of(
-            float(often[v]) * self.carried[v].size * self.carried[v].size for v in self.free
+        entries = sum(
+            (
+                float(often[v]) * self.carried[v].size * self.carried[v].size
+                for v in self.free
+            ),
+            0.0,
         )
         self.flatness = sensitivity * root(entries)
         turn = largest(item.size * item.size for item in self.carried)
@@ -226,7 +230,7 @@ class RowTerms(VelocityEquations):
         """Return for each link the sum of parts of the variables on the way to it."""
         sums: list[Expr] = [0.0] * self.tree.count
         for pair, parent, child in self.tree.placements:
-            sums[child] = sums[parent] + sum_of(parts[v] for v in self.owned[pair])
+            sums[child] = sums[parent] + sum((parts[v] for v in self.owned[pair]), 0.0)
         return sums
 
     @property
@@ -270,7 +274,7 @@ class MovingTerms:
         tree = self._rows.tree
         both = ((chord, *tree.ends[chord]) for chord in tree.chords)
         over = [links[a] - links[b] + parts[chord] for chord, a, b in both]
-        return root(sum_of(dot(x, x) for x in over))
+        return root(sum((dot(x, x) for x in over), 0.0))
 
     def _follow_errors(self, over: Expr, over_bent: Expr) -> None:
         """Set what links and variables are off by, in first and second derivatives."""
@@ -293,10 +297,10 @@ class MovingTerms:
         self._off_change = [sum(both) for both in zip(off_change, again, strict=True)]
         self._swings = rows.added(spread)
         self.over, self.over_bent = over, over_bent
-        self.fast = sum_of(speeds[v] * x.size for v, x in enumerate(rows.carried))
-        self.swings = sum_of(spread)
-        bent = sum_of(dot(rate, rate) for rate in self._dw)
-        self.part = sum_of(off_dw) / root(1.0 + bent)
+        self.fast = sum((speeds[v] * x.size for v, x in enumerate(rows.carried)), 0.0)
+        self.swings = sum(spread, 0.0)
+        bent = sum((dot(rate, rate) for rate in self._dw), 0.0)
+        self.part = sum(off_dw, 0.0) / root(1.0 + bent)
         self.worst = self.part * (LARGEST_ERROR / LARGEST_PART)
 
     def _off(self, slips: Sequence[Expr], over: Expr) -> tuple[list[Expr], list[Expr]]:

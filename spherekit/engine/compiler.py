@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from spherekit.arrays import Array, Floats
-from spherekit.engine.expression_graph import Expr, ExpressionNode, rewrite
+from spherekit.engine.expression_graph import Expr, ExpressionNode, TermFunction, rewrite
 from spherekit.errors import EngineMissing
 
 MOST_SWITCHES = 100_000
@@ -76,11 +76,6 @@ def _lowered(items: Sequence[Expr], variables: Mapping[ExpressionNode, Any]) -> 
 def _plain(terms: Sequence[ExpressionNode]) -> dict[ExpressionNode, Any]:
     """Return heyoka's variable for each variable."""
     return {term: heyoka().expression(term.arguments[0]) for term in terms}
-
-
-TermFunction = Callable[..., Array]
-"""A function of arrays (inputs, n) with values (outputs, n), written to a second array if
-one is given."""
 
 
 def compile_function(

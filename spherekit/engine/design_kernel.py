@@ -18,18 +18,21 @@ from functools import cached_property
 import numpy as np
 
 from spherekit.arrays import Array, Floats
-from spherekit.engine.algebra import Exprs, constants, cross, dot
-from spherekit.engine.compiler import TermFunction, available, compile_function
+from spherekit.engine.algebra import Exprs, constants, cross
+from spherekit.engine.compiler import available, compile_function
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
+    TermFunction,
+    array_function,
+    dot,
     function,
     hoisted,
     rewrite,
     symbols,
 )
 from spherekit.engine.row_quantities import VariedTerms
-from spherekit.engine.system import array_function, term_function
+from spherekit.engine.system import term_function
 
 Parts = tuple[Expr, Expr]
 """The real and the imaginary part."""

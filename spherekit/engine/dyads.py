@@ -15,10 +15,11 @@ from weakref import finalize, ref
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.engine.algebra import Exprs, constants, cross, dot
+from spherekit.engine.algebra import Exprs, constants, cross
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
+    dot,
     function,
     symbols,
 )

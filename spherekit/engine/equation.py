@@ -15,13 +15,12 @@ from spherekit.arrays import Floats
 from spherekit.engine.compiler import (
     EventFunction,
     Integrator,
-    TermFunction,
     available,
     compile_function,
     heyoka,
 )
 from spherekit.engine.dyads import COMPILED
-from spherekit.engine.expression_graph import derivatives, in_order
+from spherekit.engine.expression_graph import TermFunction, derivatives, in_order
 from spherekit.engine.loads import steep_arguments
 from spherekit.engine.system import (
     MOMENT,

@@ -10,10 +10,16 @@ from numpy.typing import ArrayLike
 from spherekit.argument_validation import checked
 from spherekit.arrays import Array
 from spherekit.conventions import listing
-from spherekit.engine.algebra import cross, dot
-from spherekit.engine.compiler import TermFunction, available
+from spherekit.engine.algebra import cross
+from spherekit.engine.compiler import available
 from spherekit.engine.dyads import COMPILED
-from spherekit.engine.expression_graph import Expr, ExpressionNode, function
+from spherekit.engine.expression_graph import (
+    Expr,
+    ExpressionNode,
+    TermFunction,
+    dot,
+    function,
+)
 from spherekit.engine.expression_graph import derivatives as derivatives_of
 from spherekit.engine.kinematics import CoordinateRates, InputMoments
 from spherekit.engine.row_quantities import VariedTerms

@@ -34,8 +34,6 @@ from spherekit.engine.algebra import (
     Exprs,
     constants,
     cross,
-    dot,
-    sum_of,
     vector,
     vector_sum,
 )
@@ -44,6 +42,7 @@ from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
     derivatives,
+    dot,
 )
 from spherekit.engine.pose import (
     LinkOrientation,
@@ -243,7 +242,7 @@ class VelocityEquations(ABC):
     def openness(self) -> Expr:
         """The square of by how much loops are open (rad2), half turns included."""
         gaps = ((here - there).ravel() for here, there in self._meetings.values())
-        return 0.5 * sum_of(dot(gap, gap) for gap in gaps)
+        return 0.5 * sum((dot(gap, gap) for gap in gaps), 0.0)
 
     def parts(self, rates: Sequence[Expr]) -> list[Exprs]:
         """Return what pairs turn by (3,) at rates of their variables."""
@@ -401,9 +400,12 @@ class InputMoments:
         places = range(len(self.flow.tau))
         return [
             [
-                sum_of(
-                    dot(seen[max(i, k)], momenta[min(i, k)])
-                    for _, _, seen, momenta in self._links
+                sum(
+                    (
+                        dot(seen[max(i, k)], momenta[min(i, k)])
+                        for _, _, seen, momenta in self._links
+                    ),
+                    0.0,
                 )
                 for k in places
             ]

@@ -11,8 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.conventions import TURN
-from spherekit.engine.algebra import Exprs, constants, cross, dot, vector
-from spherekit.engine.expression_graph import Expr, expression_terms
+from spherekit.engine.algebra import (
+    Exprs,
+    constants,
+    cross,
+    vector,
+)
+from spherekit.engine.expression_graph import Expr, dot, expression_terms
 from spherekit.engine.pose import LinkOrientation
 from spherekit.model.expression import Expression
 from spherekit.model.load import Component, Load, TorqueTable, expression_of

@@ -27,10 +27,9 @@ from spherekit.engine.algebra import (
     constants,
     cross,
     determinant,
-    dot,
     vector_sum,
 )
-from spherekit.engine.expression_graph import WITHOUT_EXPRESSIONS, Expr
+from spherekit.engine.expression_graph import WITHOUT_EXPRESSIONS, Expr, dot
 from spherekit.errors import EngineError
 from spherekit.model.graph import joined, spanning
 from spherekit.model.mechanism import Mechanism

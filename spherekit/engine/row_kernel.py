@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.engine.algebra import sum_of, vector_sum
+from spherekit.engine.algebra import vector_sum
 from spherekit.engine.columns import (
     ERRORS,
     LARGEST_ERROR,
@@ -24,11 +24,18 @@ from spherekit.engine.columns import (
     curved,
     pivots_of,
 )
-from spherekit.engine.compiler import TermFunction
 from spherekit.engine.dyads import COMPILED, closed_form
-from spherekit.engine.expression_graph import Expr, ExpressionNode, substituted, symbols
+from spherekit.engine.expression_graph import (
+    Expr,
+    ExpressionNode,
+    FloatFunction,
+    TermFunction,
+    float_function,
+    substituted,
+    symbols,
+)
 from spherekit.engine.pose import largest
-from spherekit.engine.system import FloatFunction, float_function, term_function
+from spherekit.engine.system import term_function
 from spherekit.engine.turns import ProfileSide, with_columns
 from spherekit.motion.motion import Motion
 from spherekit.rates.request import Request
@@ -137,7 +144,12 @@ class RowKernel:
         side (3,) where the sum of all axes lies, before all columns.
         """
         rows = self._rows
-        decide = [rows.bend, sum_of(self._doubts), rows.residual, *vector_sum(rows.vectors)]
+        decide = [
+            rows.bend,
+            sum(self._doubts, 0.0),
+            rows.residual,
+            *vector_sum(rows.vectors),
+        ]
         made, given = self._from_inputs([*decide, *self._columns])
         return float_function(made, given)
 
@@ -195,7 +207,7 @@ class RowKernel:
         """
         rows = self._rows
         parts: dict[Any, Sequence[Expr]] = {
-            "doubt": [sum_of(self._doubts)],
+            "doubt": [sum(self._doubts, 0.0)],
             "closure": [rows.residual, rows.moved_by],
             "doubts": self._doubts,
         }
@@ -237,7 +249,7 @@ class RowKernel:
     def _aside(self) -> dict[Any, Sequence[Expr]]:
         rows, first = self._rows, self.moving[0]
         return {
-            "shape": [rows.flatness, rows.bend, sum_of(curved(rows))],
+            "shape": [rows.flatness, rows.bend, sum(curved(rows), 0.0)],
             "turns": rows.turns,
             "inverse": [*rows.inverse[rows.free].flat],
             "left": [first.part, first.over, first.over_bent, first.fast, first.swings],

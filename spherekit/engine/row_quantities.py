@@ -16,12 +16,13 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN, listing, nearest
-from spherekit.engine.algebra import cross, dot, sum_of
+from spherekit.engine.algebra import cross
 from spherekit.engine.dyads import angle_of, place_by_inputs
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
     derivatives,
+    dot,
     function,
     sign_of,
     symbols,
@@ -353,7 +354,7 @@ class VariedTerms:
             sign_of,
             self._table,
         )
-        force = sum_of(forces_of(parts, state)[moving] for parts in self.actions[1])
+        force = sum((forces_of(parts, state)[moving] for parts in self.actions[1]), 0.0)
         return self._moments.resistance(moving, speeds, accelerations) - force / flow.scale
 
     def _angles(self) -> list[Expr]:

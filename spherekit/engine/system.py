@@ -33,32 +33,24 @@ is an invariant of these equations, so nothing has to be solved or stabilised.
 The generalised inertia of Eksergian's equation is B = sum w_j . I_j w_j over the links,
 with w_j the angular velocity of link j per unit rate of p and I_j its tensor about the
 centre of the sphere (Di Gregorio 2024, eq. 15).
-
-Terms evaluated on NumPy arrays, in blocks that stay in the cache.
-
-Each operation is one call for a whole block and writes into a row that is free by then,
-so nothing is allocated on the way and intermediate values do not leave the cache.
 """
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Array, Floats
+from spherekit.arrays import Floats
 from spherekit.conventions import TURN
-from spherekit.engine.algebra import (
-    cofactors,
-    determinant,
-    dot,
-)
-from spherekit.engine.compiler import EventFunction, TermFunction, compile_function
+from spherekit.engine.algebra import cofactors, determinant
+from spherekit.engine.compiler import EventFunction, compile_function
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
-    in_order,
+    TermFunction,
+    array_function,
+    dot,
     power,
     symbols,
     varies,
@@ -194,107 +186,6 @@ def one_freedom(mechanism: Mechanism) -> System:
         events,
         moving,
     )
-
-
-BLOCK = 8192
-"""Columns evaluated together: enough that calls cost little, few enough for the cache."""
-
-_OPERATORS = {
-    "+": "add",
-    "-": "subtract",
-    "*": "multiply",
-    "/": "divide",
-    "**": "power",
-}
-
-FloatFunction = Callable[[Sequence[float]], list[float]]
-
-
-def array_function(
-    outputs: Sequence[Expr], inputs: Sequence[ExpressionNode], number: type[Any] = float
-) -> TermFunction:
-    """Return expressions as a function of arrays; `number` is the type computed with."""
-    made, rows = _printed(outputs, inputs, lambda x: np.array(x, dtype=number), vars(np))
-
-    def at(given: Array, out: Array | None = None) -> Array:
-        count = given.shape[1]
-        if out is None:
-            out = np.empty((len(outputs), count), dtype=number)
-        work = np.empty((rows, min(count, BLOCK)), dtype=number)
-        with np.errstate(all="ignore"):
-            for start in range(0, count, BLOCK):
-                block = slice(start, min(start + BLOCK, count))
-                places = [*given[:, block], *out[:, block]]
-                made([*places, *work[:, : block.stop - start]])
-        return out
-
-    return at
-
-
-def float_function(
-    outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]
-) -> FloatFunction:
-    """Return expressions as a function of floats.
-
-    For one row it takes a tenth of the time of an `array_function`. Where a result is not
-    finite it may raise `ArithmeticError` or `ValueError`.
-    """
-    names = {**vars(math), "maximum": max, "sign": np.sign}
-    return _printed(outputs, inputs, float, names)[0]
-
-
-def _printed(
-    outputs: Sequence[Expr],
-    inputs: Sequence[ExpressionNode],
-    number: Callable[[float], Any],
-    names: Mapping[str, Any],
-) -> tuple[Callable[..., Any], int]:
-    """Return expressions as a Python function, and how many rows they need in between.
-
-    It is given the inputs and returns the outputs; with the `names` of NumPy it is given
-    these and the rows in between as well. Such a row is free again after the last step that
-    reads it.
-    """
-    in_place, lines = "add" in names, list[str]()
-    order = [term for term in in_order(outputs) if term.operation != "variable"]
-    last = {item: k for k, term in enumerate(order) for item in term.arguments}
-    used = [*(item for term in order for item in term.arguments), *outputs]
-    numbers = dict.fromkeys(float(x) for x in used if not isinstance(x, ExpressionNode))
-    called: dict[Any, str] = {x: f"c{k}" for k, x in enumerate(numbers)}
-    given = [f"x{k}" for k in range(len(inputs))]
-    called |= zip(inputs, given, strict=True)
-    results = [f"y{k}" for k in range(len(outputs))]
-    for item, result in zip(outputs, results, strict=True):
-        called.setdefault(item, result)
-
-    def write(operation: str, parts: list[str], result: str) -> None:
-        if in_place:
-            name = _OPERATORS.get(operation, operation)
-            lines.append(f"{name}({', '.join(parts)}, out={result})")
-        elif operation in _OPERATORS or operation == "positive":
-            lines.append(f"{result} = {f' {operation} '.join(parts)}")
-        else:
-            lines.append(f"{result} = {operation}({', '.join(parts)})")
-
-    free, rows = list[str](), list[str]()
-    for k, term in enumerate(order):
-        parts = [called[item] for item in term.arguments]
-        done = dict.fromkeys(x for x in term.arguments if last[x] == k)
-        free += [called[item] for item in done if called[item] in rows]
-        if term not in called:
-            if not free:
-                free.append(f"z{len(rows)}")
-                rows += free
-            called[term] = free.pop()
-        write(term.operation, parts, called[term])
-    for item, result in zip(outputs, results, strict=True):
-        if called[item] != result:
-            write("positive", [called[item]], result)
-    every = [*given, *results, *rows] if in_place else given
-    body = [f"[{', '.join(every)}] = given", *lines, f"return [{', '.join(results)}]"]
-    scope = {**names, **{called[x]: number(x) for x in numbers}}
-    exec("\n    ".join(["def made(given):", *body]), scope)
-    return scope["made"], len(rows)
 
 
 def term_function(

@@ -14,12 +14,12 @@ from spherekit.analysis.link_scenes import link_shapes
 from spherekit.arrays import Floats
 from spherekit.conventions import listing
 from spherekit.engine.expression_graph import (
+    array_function,
     derivatives,
     expression_terms,
     symbols,
     varies,
 )
-from spherekit.engine.system import array_function
 from spherekit.errors import EngineError
 from spherekit.exchange.bodies import (
     SMALL,

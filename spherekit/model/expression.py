@@ -1,7 +1,6 @@
 """Expressions of loads: parsed against a small grammar, never run as code."""
 
 import ast
-import math
 import re
 import sys
 import warnings
@@ -167,18 +166,6 @@ class Expression:
             )
             return np.array(np.broadcast_to(value, shape), dtype=np.float64)
 
-    def code(self, names: Mapping[str, str]) -> str:
-        """Return it as Python for `made_of`, of floats for which its names are written so.
-
-        Where `evaluate` gives NaN or infinity it may raise ValueError or ArithmeticError.
-        """
-        return fold(
-            self.root,
-            lambda number: repr(number) if number >= 0.0 else f"({number!r})",
-            names.__getitem__,
-            _written,
-        )
-
 
 def load_names(pairs: Iterable[str]) -> Names:
     """Return the names a load may use, given the names of the R pairs."""
@@ -308,40 +295,6 @@ def _function(item: ast.Call, column: int) -> str:
         needs = f"{fewest} or more" if most is None else f"{fewest}"
         raise _fault(column, f"{name} has {count} arguments", f"it takes {needs}")
     return name
-
-
-_NAMED: Mapping[str, Any] = MappingProxyType(
-    {
-        "inf": math.inf,
-        "nan": math.nan,
-        "power": math.pow,
-        **{name: getattr(math, name) for name in FUNCTIONS if hasattr(math, name)},
-        "sign": lambda a: a if a != a else float((a > 0.0) - (a < 0.0)),
-        "abs": abs,
-        "min": lambda *values: float(reduce(np.minimum, values)),
-        "max": lambda *values: float(reduce(np.maximum, values)),
-    }
-)
-"""What code of expressions calls: functions of floats."""
-
-
-def made_of(code: str, more: Mapping[str, Any] | None = None) -> Callable[..., Any]:
-    """Return the function that a lambda of `Expression.code` is, which may call more."""
-    made: Callable[..., Any] = eval(code, {"__builtins__": {}, **_NAMED, **(more or {})})
-    return made
-
-
-_INFIX = ("+", "-", "*", "/")
-
-
-def _written(function: str, items: list[str]) -> str:
-    """Return a call as code."""
-    if function in _INFIX:
-        return f"({f' {function} '.join(items)})"
-    if function == "negative":
-        return f"(-{items[0]})"
-    name = "power" if function == "**" else function
-    return f"{name}({', '.join(items)})"
 
 
 def _steep(node: Node, kinked: Sequence[str]) -> Iterator[Node]:
