@@ -141,7 +141,7 @@ class DesignRuns:
         if rows is None:
             return why
         count = len(rows.design)
-        made = replace(rows, merits=self._figures(rows, [WHOLE] * count, {}))
+        made = self._with_figures(rows, [WHOLE] * count, {})
         if not np.all(rows.status == OK):
             return made
         status, reason = np.repeat(why.status, count), np.repeat(why.reason, count)
@@ -164,30 +164,28 @@ class DesignRuns:
             modes = [m for m, row in every.items() if row is None and m in figured]
             labels = [f"{OF_RUN if m[0] == ASSEMBLY else WORKING} {m[1]}" for m in modes]
         closes = [
-            _share(assembled[mode]["status"]) if (column, mode) in numbered else NAN
-            for column, mode in modes
+            _share(assembled[m[1]]["status"]) if m in numbered else NAN for m in modes
         ]
-        values, zeros = self._figures(None, modes, figures), np.zeros(len(modes))
-        made = Evaluated.of(zeros, values, labels, closes, claim=claim)
+        made = Evaluated.of(np.zeros(len(modes)), (), labels, closes, claim=claim)
+        made = self._with_figures(made, modes, figures)
         if rows is None:
             return made
         on = [place.get(row, WHOLE) for row in range(len(rows.design))]
-        both = replace(rows, merits=self._figures(rows, on, figures)), made
-        return Evaluated.joined(both)
+        return Evaluated.joined([self._with_figures(rows, on, figures), made])
 
-    def _figures(
-        self, rows: Evaluated | None, modes: Sequence[Mode], figures: Figures
-    ) -> dict[str, Floats]:
-        """Return the figures of a kernel's rows, those of a run, numbers of its modes."""
-        made = {name: nans(len(modes)) for name in self._of_kernel}
-        made |= rows.merits if rows is not None else {}
+    def _with_figures(
+        self, rows: Evaluated, modes: Sequence[Mode], figures: Figures
+    ) -> Evaluated:
+        """Return rows with the figures of a run in its modes, and the numbers of these."""
+        count = len(modes)
+        made = {name: nans(count) for name in self._of_kernel} | dict(rows.merits)
         for name in self.units:
             of = figures.get(name, {})
             made[name] = np.array([of.get(m, of.get(WHOLE, NAN)) for m in modes])
         if self.tables:
             numbers = [float(m) if column == ASSEMBLY else NAN for column, m in modes]
             made[ASSEMBLY] = np.array(numbers)
-        return made
+        return replace(rows, merits=made)
 
     def _place(self, rows: Evaluated, mode: Mode, assembled: Facts) -> int | None:
         """Return the row of the kernel that a mode of the run is, None if none is."""

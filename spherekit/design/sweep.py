@@ -10,7 +10,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -286,9 +286,6 @@ class Sweep:
     study: Study | None = None
     analyses: tuple[AbstractAnalysis, ...] = ()
     tables: bool = False
-    _kept: dict[str, Evaluator | DesignRuns] = field(
-        default_factory=dict, repr=False, compare=False
-    )
 
     def __post_init__(self) -> None:
         if not self.merits and not self.tables:
@@ -309,7 +306,9 @@ class Sweep:
         _ = self.conditions
 
     def __getstate__(self) -> Facts:
-        return {**self.__dict__, "_kept": {}}  # compiled kernels stay in their process
+        kept = {**self.__dict__}
+        kept.pop("evaluator", None)  # compiled kernels stay in their process
+        return kept
 
     @cached_property
     def variables(self) -> tuple[DesignVariable, ...]:
@@ -323,14 +322,9 @@ class Sweep:
         names += ["closes", *(merit.name for merit in self.merits)]
         return tuple(condition(text, names) for text in self.where)
 
-    @property
+    @cached_property
     def evaluator(self) -> Evaluator | DesignRuns:
         """What computes the figures; made once in a process."""
-        if "made" not in self._kept:
-            self._kept["made"] = self._evaluator()
-        return self._kept["made"]
-
-    def _evaluator(self) -> Evaluator | DesignRuns:
         of_kernel = None
         if self.samples is not None:
             merits = [merit for merit in self.merits if not merit.table]
@@ -430,8 +424,7 @@ class Sweep:
         """
         start = number * self.part_size
         designs = self.space.designs(start, start + self.part_size)
-        on_numbers = [item for item in self.conditions if item.names <= self._before]
-        rows = np.flatnonzero(_hold(on_numbers, self._numbers(designs), designs.shape[1]))
+        rows = np.flatnonzero(self._hold(self._numbers(designs), designs.shape[1]))
         designs, rows = designs[:, rows], start + rows
         evaluator = self.evaluator
         if not isinstance(evaluator, DesignRuns):
@@ -450,9 +443,8 @@ class Sweep:
         return dict(zip([v.name for v in self.variables], designs, strict=True))
 
     def _meeting(self, made: Columns) -> Columns:
-        """Return the rows whose figures meet the conditions."""
-        others = [item for item in self.conditions if not item.names <= self._before]
-        holds = _hold(others, made, len(made["design"]))
+        """Return the rows that meet the conditions."""
+        holds = self._hold(made, len(made["design"]))
         return {name: values[holds] for name, values in made.items()}
 
     def rows(self, designs: Floats, numbers: Indices) -> Columns:
@@ -489,9 +481,11 @@ class Sweep:
                 made[merit.name] = np.degrees(values) if is_angle else values
         return made
 
-    @cached_property
-    def _before(self) -> frozenset[str]:
-        return frozenset(variable.name for variable in self.variables)
+    def _hold(self, columns: Columns, n: int) -> Bools:
+        """Return in which rows (n,) all conditions hold that are of these columns."""
+        decided = [item for item in self.conditions if item.names <= columns.keys()]
+        every = [np.broadcast_to(item.holds(columns), n) for item in decided]
+        return np.all([np.ones(n, dtype=bool), *every], axis=0)
 
     def path_of(self, folder: AnyPath, number: int) -> Path:
         """Return the path of a part of the table of designs."""
@@ -513,14 +507,8 @@ class Sweep:
 
     def _worth_running(self, design: Floats, rows: Evaluated) -> bool:
         """Return whether a design (variables,) meets the conditions on kernel figures."""
-        names = {merit.name for merit in self.merits if not merit.table}
-        decided = [
-            item
-            for item in self.conditions
-            if item.names & names and item.names <= self._before | names
-        ]
         columns = self._numbers(design) | self._in_file_units(rows)
-        return bool(np.any(_hold(decided, columns, len(rows.design))))
+        return bool(np.any(self._hold(columns, len(rows.design))))
 
     def write(self, folder: str, number: int) -> int:
         """Write a part, and return its number."""
@@ -549,9 +537,3 @@ class Sweep:
             except OSError as error:
                 raise refused(target, "written", error) from None
         return sum(path.stat().st_size for path in self.files_of(folder, number))
-
-
-def _hold(conditions: Sequence[Condition], columns: Columns, n: int) -> Bools:
-    """Return for which rows (n,) all of some conditions hold."""
-    every = [np.broadcast_to(item.holds(columns), n) for item in conditions]
-    return np.all([np.ones(n, dtype=bool), *every], axis=0)
