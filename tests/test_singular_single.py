@@ -185,10 +185,9 @@ def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations
             axis=0,
         )
         for form in ("i", "ii"):
-            relation = relation_of(form, links, direction)
-            if relation is None:
-                assert links.o in (links.r, links.i)
+            if form == "ii" and links.o in (links.r, links.i):
                 continue
+            relation = relation_of(form, links, direction)
             output, driven = (
                 np.sum((rates.w[a] - rates.w[b]) * direction(pole_of(a, b)), axis=1)
                 for a, b in (relation.output, (links.i, links.r))

@@ -37,16 +37,21 @@ class Zeros:
     places: Floats
     double: Bools
 
+    @staticmethod
+    def apart(places: Floats, double: Bools, gap: float) -> "Zeros":
+        """Return zeros in order, those nearer to the one before than a gap left out."""
+        order = np.argsort(places, kind="stable")
+        places, double = places[order], double[order]
+        fresh = np.diff(places, prepend=-np.inf) > gap
+        return Zeros(places[fresh], double[fresh])
+
     def once(self, length: float) -> "Zeros":
         """Return those of a lap of this length, one at its end as one at its start."""
         seam = SAME * length
-        first = self.places[self.places > length - seam]
-        kept = self.places <= length - seam
-        places, double = self.places[kept], self.double[kept]
-        if len(first) and not np.any(places < seam):
-            at_end = self.double[~kept][:1]
-            places, double = np.append(0.0, places), np.append(at_end, double)
-        return Zeros(places, double)
+        first = np.min(self.places, initial=seam)
+        at_end = self.places > length - seam
+        places = np.where(at_end, first if first < seam else 0.0, self.places)
+        return Zeros.apart(places, self.double, seam)
 
 
 def zeros(function: Function, grid: Floats) -> Zeros:
@@ -58,78 +63,66 @@ def zeros(function: Function, grid: Floats) -> Zeros:
     (about the square root of `TOUCHES` times the scale of the bend) are a double one.
     """
     value, slope = function(grid)
-    floor = TOUCHES * float(np.max(np.abs(value))) + np.finfo(float).tiny
-    cells = np.stack([grid[:-1], grid[1:], value[:-1], slope[:-1], value[1:], slope[1:]])
-    crossed: list[Floats] = []
+    tiny = np.finfo(float).tiny
+    floor = TOUCHES * float(np.max(np.abs(value))) + tiny
+    cells = np.stack([grid[:-1], grid[1:], value[:-1], value[1:], slope[:-1], slope[1:]])
+    parts: list[Floats] = []
     for _ in range(DEEPEST):
         cells, error = _halved(function, cells)
-        a, b, fa, da, fb, db = cells
+        a, b, fa, fb, da, db = cells
         third = (b - a) / 3.0  # by Bernstein's bounds
         control = np.stack([fa, fa + third * da, fb - third * db, fb])
         empty, monotone = (
             np.all(x > error + floor, axis=0) | np.all(x < -error - floor, axis=0)
             for x in (control, np.diff(control, axis=0))
         )
-        crossed.append(cells[:, monotone & _changes(cells[2], cells[4])])
+        parts.append(cells[:4, monotone & ~empty])
         cells = cells[:, ~empty & ~monotone]
         if not cells.size:
             break
-    turning = _changes(cells[3], cells[5])
-    crossed.append(cells[:, ~turning & _changes(cells[2], cells[4])])
-    tops, sides = _about_extrema(function, cells[:, turning], floor)
-    low, high, at_low, _, at_high, _ = np.concatenate([*crossed, sides], axis=1)
+    turning = _changes(*cells[4:])
+    parts.append(cells[:4, ~turning])
+    tops = np.zeros(0)
+    if np.any(turning):
+        a, b, fa, fb, falls, rises = cells[:, turning]
+        tops, _ = bracketed_zeros(lambda x, _: function(x)[1], a, b, falls, rises)
+        top_value, _ = function(tops)
+        apart = np.abs(top_value) > floor
+        sides = (a, tops, fa, top_value), (tops, b, top_value, fb)
+        parts += [np.stack(side)[:, apart] for side in sides]
+        tops = tops[~apart]
+    a, b, fa, fb = np.concatenate(parts, axis=1)
 
     def near(x: Floats, _: Indices) -> Floats:
         there = function(x)[0]
         return np.where(np.abs(there) < ROUNDED * floor, 0.0, there)
 
-    simple, _ = bracketed_zeros(near, low, high, at_low, at_high, EPS)
-    ends, slopes = grid[[0, -1]], np.abs(slope[[0, -1]])
+    signed = _changes(fa, fb)
+    simple, _ = bracketed_zeros(near, a[signed], b[signed], fa[signed], fb[signed], EPS)
+    ends, rise = grid[[0, -1]], np.abs(slope[[0, -1]])
     edge = np.abs(value[[0, -1]]) <= floor
-    bends = np.abs(np.diff(slope)[[0, -1]] / np.diff(grid)[[0, -1]])
-    touched = edge & (slopes**2 <= 2.0 * floor * bends)
-    ways = slopes + np.sqrt(slopes**2 + 2.0 * floor * bends)
-    ways /= np.maximum(bends, np.finfo(float).tiny)
-    for end, way in zip(ends[touched], ways[touched], strict=True):
-        tops, simple = (x[np.abs(x - end) > way] for x in (tops, simple))
-    places = np.concatenate([tops, ends[touched], simple, ends[edge]])
-    double = np.arange(len(places)) < len(tops) + np.sum(touched)
-    order = np.argsort(places, kind="stable")
-    places, double = places[order], double[order]
-    fresh = np.ones(len(places), dtype=bool)
-    fresh[1:] = np.diff(places) > SAME * (grid[-1] - grid[0])
-    return Zeros(places[fresh], double[fresh])
+    bend = np.abs(np.diff(slope)[[0, -1]] / np.diff(grid)[[0, -1]])
+    touched = edge & (rise**2 <= 2.0 * floor * bend)
+    way = (rise + np.sqrt(rise**2 + 2.0 * floor * bend)) / np.maximum(bend, tiny)
+    places = np.concatenate([tops, simple])
+    far = np.all(~touched | (np.abs(places[:, None] - ends) > way), axis=1)
+    double = np.append((np.arange(len(places)) < len(tops))[far], touched[edge])
+    places = np.append(places[far], ends[edge])
+    return Zeros.apart(places, double, SAME * (grid[-1] - grid[0]))
 
 
 def _halved(function: Function, cells: Floats) -> tuple[Floats, Floats]:
     """Return both halves of cells, and how far their polynomials were from the middle.
 
-    A cell (6, n) has its ends a, b, then value and slope at a and at b.
+    A cell (6, n) has its ends a, b, then the values at a and b, then the slopes.
     """
-    a, b, fa, da, fb, db = cells
+    a, b, fa, fb, da, db = cells
     middle = 0.5 * (a + b)
     value, slope = function(middle)
     error = np.abs(0.5 * (fa + fb) + (b - a) * (da - db) / 8.0 - value)
-    left = np.stack([a, middle, fa, da, value, slope])
-    right = np.stack([middle, b, value, slope, fb, db])
+    left = np.stack([a, middle, fa, value, da, slope])
+    right = np.stack([middle, b, value, fb, slope, db])
     return np.concatenate([left, right], axis=1), np.tile(error, 2)
-
-
-def _about_extrema(
-    function: Function, cells: Floats, floor: float
-) -> tuple[Floats, Floats]:
-    """Return the extrema that touch zero, and cells with the zeros beside the others."""
-    if not cells.size:
-        return np.zeros(0), cells
-    a, b, _, falls, _, rises = cells
-    top, _ = bracketed_zeros(lambda x, _: function(x)[1], a, b, falls, rises)
-    value, slope = function(top)
-    touches = np.abs(value) <= floor
-    left, right = cells.copy(), cells.copy()
-    left[1], left[4], left[5] = top, value, slope
-    right[0], right[2], right[3] = top, value, slope
-    sides = np.concatenate([left[:, ~touches], right[:, ~touches]], axis=1)
-    return top[touches], sides[:, _changes(sides[2], sides[4])]
 
 
 def _changes(one: Floats, other: Floats) -> Bools:

@@ -6,7 +6,7 @@ through its zeros, and there u is the limit that the derivative of w u points al
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -127,7 +127,7 @@ class AlongCurve:
     ) -> None:
         self.tracer, self.curve, self.plan_of = tracer, curve, plan_of
         self._at = lru_cache(KEPT)(self._links)
-        self._zeros: dict[Pole, tuple[Floats, Bools, Floats] | None] = {}
+        self.zeros = cache(self._zeros)
 
     def at(self, s: Floats) -> LinkMotion:
         """Return the links at s (n,) by arc length; the last results are kept."""
@@ -180,20 +180,16 @@ class AlongCurve:
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.nan_to_num(np.where(resting[:, None], dw, w) / size[:, None])
 
-    def zeros(self, pole: Pole) -> tuple[Floats, Bools, Floats] | None:
+    def _zeros(self, pole: Pole) -> tuple[Floats, Bools, Floats] | None:
         """Return all s at which two links rest relative to each other, None if everywhere.
 
         With whether each is double, and bounds of the errors of s (k,). They are zeros of
         any component of the relative rate, at which all of it vanishes.
         """
-        if pole not in self._zeros:
-            there = self.at(self.curve.s)
-            rest = np.all(there.speeds(pole)[0] <= AT_REST * there.rounding)
-            self._zeros[pole] = None if rest else self._located(pole)
-        return self._zeros[pole]
-
-    def _located(self, pole: Pole) -> tuple[Floats, Bools, Floats]:
         curve = self.curve
+        there = self.at(curve.s)
+        if np.all(there.speeds(pole)[0] <= AT_REST * there.rounding):
+            return None
 
         def component(s: Floats) -> tuple[Floats, Floats]:
             w, dw = self.at(s).relative(*pole)

@@ -124,7 +124,7 @@ def _words(said: str, links: FourLinks, names: Sequence[str]) -> str:
 
 
 def conditions(
-    relation: Relation, names: Sequence[str], kind: str, errors: Floats
+    relation: Relation, names: Sequence[str], kind: str, allowed: Floats
 ) -> list[tuple[Holding, ...]]:
     """Return for each of n configurations the conditions that hold, most special first.
 
@@ -136,12 +136,10 @@ def conditions(
         The names of all links of the mechanism.
     kind
         Type of the singularity: ``I``, ``II`` or ``III``.
-    errors
-        (n,) bounds of the errors of the directions (rad); a condition may be missed by
-        ten times as much.
+    allowed
+        (n,) by how much a condition may be missed (rad).
     """
-    allowed = np.maximum(TOLERANCE, 10.0 * errors)
-    rows: list[list[Holding]] = [[] for _ in errors]
+    rows: list[list[Holding]] = [[] for _ in allowed]
     form, links = relation.form, relation.links
     listed = FOUR_LINKS[form, kind] if len(links.different) == 4 else {}
     if len(links.different) == 3:
@@ -219,46 +217,36 @@ def judged(
     """Return a relation at n configurations, compared with what the rates say.
 
     `rates` are those of its output and input, (n,) each, `errors` (n,) bounds of those of
-    its axes, `facts` the types by the rates, and `resting` (n,) says which poles rest.
+    its axes, of which conditions may be missed by ten times as much, `facts` the types by
+    the rates, and `resting` (n,) says which poles rest.
     """
     allowed = np.maximum(TOLERANCE, 10.0 * errors)
     vanishing = np.abs([relation.c, relation.d]) <= allowed
-    types = [TOLD.get((bool(c), bool(d))) for c, d in vanishing.T]
-    held = {
-        kind: conditions(relation, names, str(kind), errors)
-        for kind in types
-        if kind is not None
-    }
+    types = [TOLD.get((c, d)) for c, d in vanishing.T.tolist()]
+    told = {kind for kind in types if kind}
+    held = {kind: conditions(relation, names, kind, allowed) for kind in told}
+    links, other = relation.links, pole_of(*relation.output)
     gaps = relation.residual(*rates)
     out = []
     for k, (kind, given) in enumerate(zip(types, facts, strict=True)):
         fact = Type.III if given == Type.SELF_MOTION else given
         still = [
             f"{names[a]} and {names[b]}"
-            for a, b in relation.links.poles
-            if (a, b) in resting
-            and resting[a, b][k]
-            and (a, b) != pole_of(*relation.output)
+            for a, b in links.poles
+            if resting[a, b][k] and (a, b) != other
         ]
-        out.append(
-            RelationAt(
-                relation.form,
-                float(relation.c[k]),
-                float(relation.d[k]),
-                float(gaps[k]),
-                kind,
-                () if kind is None else held[kind][k],
-                ""
-                if kind == fact
-                else _disagreement(kind, fact, len(relation.links.different), still),
-            )
-        )
+        said = "" if kind == fact else _disagreement(kind, fact, links, still)
+        c, d, gap = (float(size[k]) for size in (relation.c, relation.d, gaps))
+        held_here = held[kind][k] if kind else ()
+        out.append(RelationAt(relation.form, c, d, gap, kind, held_here, said))
     return out
 
 
-def _disagreement(kind: Type | None, fact: Type, count: int, still: Sequence[str]) -> str:
+def _disagreement(
+    kind: Type | None, fact: Type, links: FourLinks, still: Sequence[str]
+) -> str:
     """Return why the coefficients say something else than the rates."""
-    if count == 2:
+    if len(links.different) == 2:
         return "the output is the input, and c and d are constant"
     if kind == Type.III:
         cause = "the six axes of the chosen links lie in one plane"

@@ -36,7 +36,6 @@ class Type(StrEnum):
 
 
 Form = Literal["i", "ii"]
-FORMS: tuple[Form, ...] = ("i", "ii")
 """Which of the two relations: the output is o relative to s (i), or to r (ii)."""
 
 
@@ -158,7 +157,7 @@ def third_axis(form: Form, links: FourLinks) -> tuple[str, float, str]:
 
 def relation_of(
     form: Form, links: FourLinks, direction: Callable[[Pole], Floats]
-) -> Relation | None:
+) -> Relation:
     """Return c w_os = d w_ir (form i) or c w_or = d w_ir (form ii), from axes of poles.
 
     With four links c = u_rs . (u_os x u_io) and d = u_rs . (u_ir x u_io), in form ii
@@ -166,11 +165,9 @@ def relation_of(
     three for s (Di Gregorio 2012). Where links are one, three poles lie in a plane of unit
     normal n, the third one, p, is that of neither rate, u that of the output, and
     c = n . (u x p), d = +-n . (u_ir x p). Where (o, s) is (i, r) nothing is left but
-    y' = q' or y' = -q'. None for form ii where o is r, or i and that is the input's rate.
+    y' = q' or y' = -q'. There is no form ii where o is r or i.
     """
     i, o = links.i, links.o
-    if form == "ii" and o in (links.r, i):
-        return None
     poles = SixPoles.of(links, direction)
     out, reference = ("os", links.s) if form == "i" else ("or_", links.r)
     sign = 1.0

@@ -201,7 +201,6 @@ def _relation(four: FourLinks, direction: Callable[[Pole], Floats]) -> tuple[Flo
         n = len(direction(pole_of(four.i, four.r)))
         return np.ones(n), np.zeros(n), nans((n, 3))
     made = relation_of("i", four, direction)
-    assert made is not None
     return made.c, made.d, made.poles.os
 
 

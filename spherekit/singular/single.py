@@ -25,14 +25,8 @@ from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.plan import plan
 from spherekit.planning.poles import Plan, Pole, parse_pole, pole_of
 from spherekit.singular.along import AT_REST, AlongCurve, LinkMotion
-from spherekit.singular.record import RelationAt, SingularPoint, judged
-from spherekit.singular.relation import (
-    FORMS,
-    FourLinks,
-    Relation,
-    Type,
-    relation_of,
-)
+from spherekit.singular.record import TOLD, RelationAt, SingularPoint, judged
+from spherekit.singular.relation import Form, FourLinks, Relation, Type, relation_of
 from spherekit.sphere.rotation import cross, max_abs, nans
 
 BESIDE = 100.0
@@ -51,7 +45,7 @@ ALWAYS = 1e-12
 """Relations with smaller coefficients on most of a curve vanish everywhere."""
 SAMPLED = 9
 """Configurations at which a mechanism without curves is asked for its freedoms."""
-TYPES = {(True, True): Type.SELF_MOTION, (True, False): Type.II, (False, True): Type.I}
+TYPES = {**TOLD, (True, True): Type.SELF_MOTION}
 """The type by whether the input rests, and whether the output does."""
 
 
@@ -75,8 +69,8 @@ class SingleFreedom:
     input, outputs
         (i, r) and for each output (o, s), numbers of links.
     links
-        For each output those of form i, and those of form ii, with s its own or another
-        one where that is r; None where there is no form ii.
+        For each output those of form i, and if there is one of form ii, with s its own or
+        another one where that is r.
 
     Raises
     ------
@@ -111,36 +105,34 @@ class SingleFreedom:
         first, second = mechanism.ends[tracer.assembly.input]
         self.input = (second, first) if input is None else ordered_pole(mechanism, input)
         self.outputs = tuple(ordered_pole(mechanism, output) for output in outputs)
-        self.links = []
+        self.links: list[dict[Form, FourLinks]] = []
         for output in self.outputs:
             links = FourLinks(*self.input, *output)
-            self.links.append((links, self._second_links(links)))
+            self.links.append({"i": links, **self._second_links(links)})
 
-    def _second_links(self, links: FourLinks) -> FourLinks | None:
-        """Return the links of form ii, with a fourth one where r and s are one.
+    def _second_links(self, links: FourLinks) -> dict[Form, FourLinks]:
+        """Return the links of form ii if there is one, a fourth one where r and s are one.
 
         That is the link whose poles with i and o span the surest plane on all curves.
         """
-        if links.o in (links.r, links.i):
-            return None
         count = len(self.tracer.mechanism.links)
         others = [k for k in range(count) if k not in links.different]
+        if links.o in (links.r, links.i) or (links.s == links.r and not others):
+            return {}
         if links.s != links.r:
-            return links
-        if not others:
-            return None
+            return {"ii": links}
         pairs = [(pole_of(links.o, k), pole_of(links.i, k)) for k in others]
         sines = np.zeros(len(others))
         for along in self.along:
             axes, _ = along.axes(along.curve.s, [*chain(*pairs)])
             turns = [cross(axes[one], axes[other]) for one, other in pairs]
             sines += np.nansum(np.linalg.norm(turns, axis=2), axis=1)
-        return replace(links, s=others[int(np.argmax(sines))])
+        return {"ii": replace(links, s=others[int(np.argmax(sines))])}
 
     def poles(self, output: int) -> list[Pole]:
         """Return the poles of an output's relations, each once."""
-        every = (links.poles for links in self.links[output] if links is not None)
-        return list(dict.fromkeys(pole for poles in every for pole in poles))
+        every = (links.poles for links in self.links[output].values())
+        return list(dict.fromkeys(chain(*every)))
 
     def at(
         self, curve: int, s: Floats, output: int
@@ -157,11 +149,8 @@ class SingleFreedom:
 
     def _made(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
         """Return the relations of form i and, if there is one, form ii."""
-        out = []
-        for form, links in zip(FORMS, self.links[output], strict=True):
-            if links is not None:
-                out.append(relation_of(form, links, axes.__getitem__))
-        return [relation for relation in out if relation is not None]
+        forms = self.links[output].items()
+        return [relation_of(form, links, axes.__getitem__) for form, links in forms]
 
     @cached_property
     def _every(self) -> list[SingularPoint]:
@@ -250,15 +239,13 @@ class SingleFreedom:
             for relation in self._made(output, axes):
                 size = np.nan_to_num(np.hypot(relation.c, relation.d))
                 if np.median(size) < ALWAYS:
-                    links, said = relation.links.different, "axes"
-                    why = f"are one line everywhere, so form {relation.form} says"
+                    links = relation.links.different
+                    of = f"axes of the links {', '.join(names[k] for k in links)}"
+                    why = f"{of} are one line everywhere, so form {relation.form}"
                     if len(links) == 4:
-                        said = "six axes"
-                        why = "lie in one plane everywhere, so c = d = 0 says"
-                    listed = ", ".join(names[k] for k in links)
+                        why = f"six {of} lie in one plane everywhere, so c = d = 0"
                     notes.append(
-                        f"curve {number}: the {said} of the links {listed} {why} "
-                        "nothing: the rates tell the types"
+                        f"curve {number}: the {why} says nothing: the rates tell the types"
                     )
         return notes
 

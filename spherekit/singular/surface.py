@@ -16,12 +16,12 @@ from typing import Self
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, Indices, Integers
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.guarantee import Completeness, TimeLimit
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_length import periods_of
-from spherekit.motion.turns import in_range, into_range, less_periods
-from spherekit.region.mesh import edges_of
+from spherekit.motion.turns import in_range, less_periods
+from spherekit.region.mesh import edges_of, labels
 from spherekit.singular.locus import (
     LockedInputSection,
     LocusPoints,
@@ -42,10 +42,6 @@ class SingularSurface:
     triangles
         (m, 3) numbers of vertices. Edges of triangles may join values of angles that are
         whole turns apart.
-    component
-        (n,) number of the seed each vertex was reached from.
-    held
-        (n, V) which variables of vertices are at an end of a range that cuts the mesh.
     side
         Length (rad, in the variables) of the edges aimed at, after halving.
     claim
@@ -62,8 +58,6 @@ class SingularSurface:
     view: SingularityReport
     nodes: LocusPoints
     triangles: Indices
-    component: Integers
-    held: Bools
     side: float
     claim: Completeness
     irregular: int
@@ -79,6 +73,11 @@ class SingularSurface:
     def points(self) -> SingularPoints:
         """The vertices, as the inputs and the output see them."""
         return self.view.points(self.nodes)
+
+    @property
+    def component(self) -> Indices:
+        """(n,) number of the connected part that each vertex is in."""
+        return labels(len(self.nodes), edges_of(self.triangles)[0])
 
     @property
     def guarantee(self) -> str:
@@ -105,73 +104,67 @@ class SingularSurface:
         """
         edges, _ = edges_of(self.triangles)
         borders = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
-        made = self._found(edges, *self._between(edges, 0.5), borders)
+        made = self._found(*self._between(edges, 0.5), borders)
         every = np.ones(len(self.nodes), dtype=bool)
-        held = np.zeros((len(edges), self.held.shape[1]), dtype=bool)
-        halved = self._divided(np.arange(len(edges)), made, held, every)
-        return replace(halved, side=0.5 * self.side)
+        return replace(
+            self._divided(np.arange(len(edges)), made, every), side=0.5 * self.side
+        )
 
     def reported(self) -> Self:
         """Return what is of the type, with inputs in their ranges, cut at their ends."""
-        mesh, periods = self, periods_of(self.view.locus.closure)
-        ranges = np.transpose(self.view.ranges)
-        for driven, (low, high) in zip(self.view.solver.driven, ranges, strict=True):
+        mesh, none = self, np.zeros(0, dtype=np.intp)
+        for number, (low, high) in enumerate(np.transpose(self.view.ranges)):
             for end, way in ((low, 1.0), (high, -1.0)):
-                q = into_range(mesh.nodes.values[:, driven], low, high, periods[driven])
-                mesh = mesh._cut(driven, way * (q - end), end, periods[driven])
-        none = np.zeros(0, dtype=np.intp)
+                q = mesh.view.inputs_of(mesh.nodes.values)[:, number]
+                mesh = mesh._cut(number, way * (q - end), end)
         wanted = self.view.is_own(self.view.types(mesh.nodes.values))
-        return mesh._divided(none, mesh.nodes.rows(none), mesh.held[:0], wanted)
+        return mesh._divided(none, mesh.nodes.rows(none), wanted)
 
-    def _cut(self, driven: int, beyond: Floats, end: float, period: float) -> Self:
-        """Return the part where a variable is `beyond` (n,) an end of its range."""
+    def _cut(self, number: int, beyond: Floats, end: float) -> Self:
+        """Return the part where an input is `beyond` (n,) an end of its range."""
         edges, _ = edges_of(self.triangles)
-        inside = in_range(beyond, 0.0, np.inf)
+        inside, driven = np.asarray(in_range(beyond, 0.0, np.inf)), self.view.solver.driven
         (which,) = np.nonzero(inside[edges[:, 0]] != inside[edges[:, 1]])
-        crossing = edges[which]
+        crossing, column = edges[which], driven[number]
         one, other = np.abs(beyond[crossing]).T
-        guess, motions = self._between(crossing, (one / (one + other))[:, None])
-        every = np.eye(guess.shape[1])
-        held = np.all(self.held[crossing], axis=1)
-        tangents = self.nodes.tangents[crossing[:, 0]]
-        beside = np.einsum("nvk,nk->nv", tangents, tangents[:, driven, ::-1] * [-1.0, 1.0])
-        beside = np.where(held.any(axis=1)[:, None], every[held.argmax(axis=1)], beside)
-        borders = np.stack([np.broadcast_to(every[driven], guess.shape), beside], axis=1)
-        guess[:, driven] += less_periods(
-            end - guess[:, driven], np.full(len(guess), period)
+        guess, motions, away = self._between(crossing, (one / (one + other))[:, None])
+        every, tangents = np.eye(guess.shape[1]), self.nodes.tangents[crossing[:, 0]]
+        beside = np.vecmat(
+            tangents[:, column, ::-1] * [-1.0, 1.0], np.swapaxes(tangents, 1, 2)
         )
-        held[:, driven] = True
-        made = self._found(crossing, guess, motions, borders)
-        return self._divided(which, made, held, inside)
+        for held in driven:
+            beside[np.abs(away[:, held]) < LEVEL] = every[held]
+        borders = np.stack([np.broadcast_to(every[column], guess.shape), beside], axis=1)
+        guess[:, column] += less_periods(end - guess[:, column], self.periods[column])
+        made = self._found(guess, motions, away, borders)
+        return self._divided(which, made, inside)
 
-    def _between(self, edges: Indices, part: Floats | float) -> tuple[Floats, Floats]:
-        """Return values and motions (k, V) at a part (k, 1) of the way along edges."""
-        values, motions = self.nodes.values, self.nodes.motions
-        one, other = edges.T
-        away = less_periods(
-            values[other] - values[one], periods_of(self.view.locus.closure)
-        )
+    @property
+    def periods(self) -> Floats:
+        """(V,) growth of each variable that changes nothing."""
+        return periods_of(self.view.locus.closure)
+
+    def _between(
+        self, edges: Indices, part: Floats | float
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return values and motions (k, V) at a part (k, 1) along edges, and the ways."""
+        values, motions, (one, other) = self.nodes.values, self.nodes.motions, edges.T
+        away = less_periods(values[other] - values[one], self.periods)
         sense = np.sign(np.vecdot(motions[one], motions[other]))[:, None]
         turned = sense * motions[other] - motions[one]
-        return values[one] + part * away, motions[one] + part * turned
+        return values[one] + part * away, motions[one] + part * turned, away
 
     def _found(
-        self, edges: Indices, guess: Floats, motions: Floats, borders: Floats
+        self, guess: Floats, motions: Floats, away: Floats, borders: Floats
     ) -> LocusPoints:
-        """Return the locus near guesses, NaN where that is not between the edge's ends."""
+        """Return the locus near guesses, NaN where it is not between the ends of a way."""
         targets = np.einsum("nkv,nv->nk", borders, guess)
         made = self.view.locus.correct(guess, motions, borders, targets)
-        first, last = np.moveaxis(self.nodes.values[edges], 1, 0)
-        length = np.linalg.norm(
-            less_periods(last - first, periods_of(self.view.locus.closure)), axis=1
-        )
-        far = ~(np.linalg.norm(made.values - guess, axis=1) < 0.5 * length)
-        made.residual[far] = np.nan
+        moved = np.linalg.norm(made.values - guess, axis=1)
+        made.residual[~(moved < 0.5 * np.linalg.norm(away, axis=1))] = np.nan
         return made
 
-    def _divided(
-        self, which: Indices, made: LocusPoints, held: Bools, inside: Bools
-    ) -> Self:
+    def _divided(self, which: Indices, made: LocusPoints, inside: Bools) -> Self:
         """Return what is inside, with the good ones of points on some edges.
 
         Vertices of no triangle go.
@@ -185,17 +178,11 @@ class SingularSurface:
             for part in (self.triangles, number[sides], inside[self.triangles])
         )
         triangles = [part for row in zip(*rows, strict=True) for part in _parts(*row)]
-        component = self.component[edges[which[good], 0]]
         used, numbers = np.unique(
             np.array(triangles, dtype=np.intp).reshape(-1, 3), return_inverse=True
         )
-        return replace(
-            self,
-            nodes=LocusPoints.joined([self.nodes, made.rows(good)]).rows(used),
-            triangles=numbers.reshape(-1, 3),
-            component=np.concatenate([self.component, component])[used],
-            held=np.concatenate([self.held, held[good]])[used],
-        )
+        nodes = LocusPoints.joined([self.nodes, made.rows(good)]).rows(used)
+        return replace(self, nodes=nodes, triangles=numbers.reshape(-1, 3))
 
 
 def _parts(
@@ -235,6 +222,8 @@ BEYOND = 0.25
 """So far beyond the ranges (in sides) a vertex still counts as within them."""
 HALVING = 0.25
 """Time that a vertex takes which halving adds, in that of one that is laid."""
+LEVEL = 1e-9
+"""An edge at whose ends an input is the same (rad) lies along the end of its range."""
 AHEAD = 32
 """Edges for which new vertices are corrected at once."""
 MOST_VERTICES = 20_000
@@ -275,18 +264,16 @@ def singular_surface(
     """
     given = kind, output, pointing, made, slices_of_each, budget
     source = StartPoints(mechanism, 3, *given)
-    view, budget = source.view, source.budget
-    front = _Front(view, side, budget)
+    budget = source.budget
     if halved:
-        source.budget = front.budget = budget.part(1.0 / (1.0 + HALVING * 4**halved))
-    irregular = front.grow_all(source)
-    none = view.locus.onto(np.zeros((0, len(front.periods))))
+        source.budget = budget.part(1.0 / (1.0 + HALVING * 4**halved))
+    front = _Front(source, side)
+    irregular = front.grow_all()
+    none = source.view.locus.onto(np.zeros((0, len(front.periods))))
     mesh = SingularSurface(
-        view,
+        source.view,
         LocusPoints.joined([none, *front.parts]),
         np.array(front.triangles, dtype=np.intp).reshape(-1, 3),
-        np.array(front.component, dtype=np.int64),
-        np.zeros(front.values.shape, dtype=bool),
         side,
         source.claim("surface"),
         irregular,
@@ -302,31 +289,25 @@ def singular_surface(
 class _Front:
     """A growing mesh. `open` has the edges with one triangle, and its third vertex.
 
-    `ways` are the edges in the sense in which triangles have them, `ready` new vertices for
-    open edges, None where the locus is not found. Places in the tangent plane at a vertex
-    are complex numbers.
+    `ways` are the edges in the sense in which triangles have them, `queue` those that may
+    get a second one, `ready` new vertices for open edges, None where the locus is not
+    found. Places in the tangent plane at a vertex are complex numbers.
 
     It grows from edges with an end inside of the ranges, by one triangle beyond these.
     """
 
-    def __init__(
-        self,
-        view: SingularityReport,
-        side: float,
-        budget: TimeLimit,
-    ) -> None:
-        self.locus, self.view, self.side, self.budget = view.locus, view, side, budget
-        self.periods = periods_of(self.locus.closure)
+    def __init__(self, source: StartPoints, side: float) -> None:
+        self.source, self.view, self.side = source, source.view, side
+        self.periods = periods_of(self.view.locus.closure)
         self.parts: list[LocusPoints] = []
         self.values = np.zeros((0, len(self.periods)))
         self.motions = np.zeros((0, len(self.periods)))
         self.triangles: list[tuple[int, int, int]] = []
-        self.component: list[int] = []
         self.inside: list[bool] = []
         self.open: dict[Edge, int] = {}
         self.ready: dict[Edge, LocusPoints | None] = {}
         self.ways: set[Edge] = set()
-        self.closed: set[Edge] = set()
+        self.queue: deque[Edge] = deque()
 
     def away(self, origin: Floats, rows: Indices | slice | list[int]) -> Floats:
         """Return vertices (n, V) as seen from a configuration, less whole periods."""
@@ -338,39 +319,41 @@ class _Front:
         same = np.abs(self.motions @ motion) > TURNED
         return np.flatnonzero((distance < radius) & same)
 
-    def grow_all(self, source: StartPoints) -> int:
+    def grow_all(self) -> int:
         """Mesh the surfaces through all seeds; return how many of these are irregular."""
         irregular = 0
-        for points in source.batches():
+        for points in self.source.batches():
             inside = self.view.points(points).inside
             irregular += int(np.sum(inside & (points.reciprocal_condition < FLAT)))
             for row in np.flatnonzero(inside):
-                source.met(self.grow(points.rows(slice(row, row + 1))))
+                self.source.met(self.grow(points.rows(slice(row, row + 1))))
         return irregular
+
+    def _goes_on(self) -> bool:
+        """Return whether there is room and time for one vertex more."""
+        words = f"vertex {len(self.values)} of a mesh"
+        return len(self.values) < MOST_VERTICES and self.source.budget.goes_on(words)
 
     def grow(self, seed: LocusPoints) -> bool:
         """Mesh the surface through a seed, unless a mesh covers it; return whether."""
-        is_full = len(self.values) >= MOST_VERTICES or seed.reciprocal_condition[0] < FLAT
-        if is_full or len(self.near(seed.values[0], seed.motions[0], self.side)):
+        crossed = seed.reciprocal_condition[0] < FLAT
+        if crossed or len(self.near(seed.values[0], seed.motions[0], self.side)):
             return False
-        if not self.budget.goes_on(f"vertex {len(self.values)} of a mesh"):
+        if not self._goes_on():
             return False
-        number = self.component[-1] + 1 if self.component else 0
-        corners = [self._add(seed, number)]
+        corners = [self._add(seed)]
         for way in (self.side, self.side * (0.5 + 1j * HEIGHT)):
             (made,) = self._beside(corners[:1], [way])
             if made is None:
                 return True
-            corners.append(self._add(made, number))
-        queue: deque[Edge] = deque()
+            corners.append(self._add(made))
+        self.queue.clear()
         a, b, c = corners
-        self._join(a, b, c, queue)
-        while queue and len(self.values) < MOST_VERTICES:
-            edge = queue.popleft()
-            if not self.budget.goes_on(f"vertex {len(self.values)} of a mesh"):
-                break
+        self._join(a, b, c)
+        while self.queue and self._goes_on():
+            edge = self.queue.popleft()
             if self._grows(edge):
-                self._advance(edge, queue, number)
+                self._advance(edge)
         self.ready.clear()
         return True
 
@@ -378,31 +361,27 @@ class _Front:
         """Return whether an edge gets a triangle."""
         return edge in self.open and any(self.inside[vertex] for vertex in edge)
 
-    def _add(self, point: LocusPoints, number: int) -> int:
+    def _add(self, point: LocusPoints) -> int:
         self.parts.append(point)
         self.values = np.concatenate([self.values, point.values])
         self.motions = np.concatenate([self.motions, point.motions])
-        self.component.append(number)
         # The surface curves back over the end of a range between vertices beyond it.
         (low, high), room = self.view.ranges, BEYOND * self.side
         inside = in_range(self.view.inputs_of(point.values), low - room, high + room)
         self.inside.append(bool(np.all(inside)))
         return len(self.values) - 1
 
-    def _join(self, a: int, b: int, c: int, queue: deque[Edge]) -> None:
+    def _join(self, a: int, b: int, c: int) -> None:
         """Add a triangle, turned like that on the other side of its edge from a to b."""
         if (a, b) in self.ways:
             a, b = b, a
         self.triangles.append((a, b, c))
-        self.ways |= {(a, b), (b, c), (c, a)}
         for one, other, opposite in ((a, b, c), (b, c, a), (c, a, b)):
+            self.ways.add((one, other))
             edge = (min(one, other), max(one, other))
-            if edge in self.open:
-                del self.open[edge]
-                self.closed.add(edge)
-            else:
+            if self.open.pop(edge, None) is None:
                 self.open[edge] = opposite
-                queue.append(edge)
+                self.queue.append(edge)
 
     def _beside(
         self, bases: list[int], ways: Sequence[complex]
@@ -415,7 +394,7 @@ class _Front:
         turned = starts.motions + np.einsum("nvk,nk->nv", starts.turns, parts)
         borders = np.swapaxes(tangents, 1, 2)
         targets = np.einsum("nkv,nv->nk", borders, guess)
-        points = self.locus.correct(guess, turned, borders, targets)
+        points = self.view.locus.correct(guess, turned, borders, targets)
         regular = points.good & ~(points.reciprocal_condition < FLAT)
         across = np.where(regular[:, None, None], borders @ points.tangents, 0.0)
         aligned = np.linalg.svd(across, compute_uv=False)[:, -1]
@@ -440,19 +419,21 @@ class _Front:
         sense = -1j if _turn(0.0, along, third) > 0.0 else 1j
         return complex(0.5 * along + height * sense)
 
-    def _made(self, edge: Edge, queue: deque[Edge]) -> LocusPoints | None:
+    def _made(self, edge: Edge) -> LocusPoints | None:
         """Return the new vertex for an edge, made with those for the next in the queue.
 
         They depend on nothing but their edges and the triangles on these.
         """
         if edge not in self.ready:
-            ahead = (one for one in queue if self._grows(one) and one not in self.ready)
+            ahead = (
+                one for one in self.queue if self._grows(one) and one not in self.ready
+            )
             edges = [edge, *islice(ahead, AHEAD - 1)]
             made = self._beside([one[0] for one in edges], [*map(self._ideal, edges)])
             self.ready |= dict(zip(edges, made, strict=True))
         return self.ready.pop(edge)
 
-    def _advance(self, edge: Edge, queue: deque[Edge], number: int) -> None:
+    def _advance(self, edge: Edge) -> None:
         """Put a triangle on the open side of an edge, if one can be."""
         a, b = edge
         ideal = self._ideal(edge)
@@ -469,7 +450,7 @@ class _Front:
             [k for away, k in ranked if away < room] for room in (MERGED, STRETCHED)
         )
         for vertex in (*near, -1, *far):
-            made = self._made(edge, queue) if vertex < 0 else None
+            made = self._made(edge) if vertex < 0 else None
             if vertex < 0:
                 if made is None:
                     continue
@@ -477,7 +458,7 @@ class _Front:
                 if np.min(away, initial=np.inf) <= CROWDED * self.side:
                     continue
             if self._fits(edge, vertex, place, walls):
-                self._join(a, b, vertex if made is None else self._add(made, number), queue)
+                self._join(a, b, vertex if made is None else self._add(made))
                 return
 
     def _fits(
@@ -489,7 +470,8 @@ class _Front:
         if outwards * _turn(a, b, top) < LOWEST * self.side * abs(b - a):
             return False
         for end in edge:
-            if (min(end, vertex), max(end, vertex)) in self.closed:
+            side = (min(end, vertex), max(end, vertex))
+            if side not in self.open and {side, side[::-1]} & self.ways:
                 return False
             if abs(top - place[end]) > STRETCHED * self.side:
                 return False
