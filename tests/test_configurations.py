@@ -8,9 +8,13 @@ from independent import multi_start
 import spherekit as sk
 from spherekit.guarantee import Guarantee
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.configuration import configuration_curves, turning_inputs
+from spherekit.motion.configuration import configuration_curves
 from spherekit.motion.elimination import assemblies
-from spherekit.motion.input_turning_points import InputTurningPoints, easiest_drive
+from spherekit.motion.input_turning_points import (
+    InputTurningPoints,
+    easiest_drive,
+    input_turning_points,
+)
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.numeric.crossings import crossings
 from spherekit.planning.inputs import plan_assembly
@@ -36,6 +40,13 @@ def crossing_values(tracer, found, q):
         for item in found.curves
     ]
     return np.concatenate(points)
+
+
+def turning_inputs(solver, curve):
+    """Return the inputs (k,) at which a curve turns back, rising."""
+    dead = curve.dead_points(solver.single)
+    values = curve.at(dead.places[~dead.double]).values
+    return np.sort(np.mod(values[:, solver.single], TURN))
 
 
 def test_sign_changes_of_a_function_without_its_derivative():
@@ -112,10 +123,12 @@ def test_components_between_five_equally_spaced_inputs_are_found():
     probed = TURN * (np.arange(5) + 0.5) / 5.0
     met = np.concatenate([assemblies(solver, np.array([q])).values for q in probed])
     hidden = [c.curve for c in found.curves if np.all(np.isnan(c.curve.find(met)))]
-    spans = [np.degrees(np.sort(turning_inputs(c, solver.single, 0.0))) for c in hidden]
-    spans = sorted(span.tolist() for span in spans)
+    spans = sorted(np.degrees(turning_inputs(solver, c)).tolist() for c in hidden)
     assert np.allclose(spans[0], [4.040, 352.884], atol=2e-3)
     assert np.allclose(spans[1:], [[118.793, 140.852], [324.223, 346.282]], atol=2e-3)
+    met = input_turning_points(solver, 0.0, TURN).places
+    turned = np.sort([q for c in found.curves for q in turning_inputs(solver, c.curve)])
+    assert np.allclose(turned, met, rtol=0, atol=1e-5)
 
 
 def test_the_range_of_the_input_decides_which_curves_are_wanted():

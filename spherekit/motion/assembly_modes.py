@@ -43,7 +43,6 @@ from spherekit.motion.loops import (
 )
 from spherekit.motion.meshes import GearPhases, meshes_of
 from spherekit.motion.steps import determinant_sign, follow_inputs
-from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import Assembly
@@ -389,8 +388,8 @@ class Unwrapping:
     def _in_order(self, at: Floats, last: Floats | None) -> Floats:
         """Return turns (n, angles) of rows that follow each other, several inputs.
 
-        Where no straight way within the mode leads there from the row before, angles are
-        those of `_from_anchor`.
+        Where no straight way within the mode leads there from the row before, one from the
+        anchor; where none does, angles are in (-pi, pi].
         """
         angles, given = self._angles, at if last is None else np.concatenate([[last], at])
         after, before = given[1:], given[:-1]
@@ -402,33 +401,13 @@ class Unwrapping:
         follows = (status == Status.OK) & (np.max(away, axis=1, initial=0.0) < SAME)
         anew = np.concatenate([[last is None], ~follows])
         turns = np.zeros((len(given), len(angles)))
-        turns[anew] = self._from_anchor(given[anew])
+        first, goal = given[anew], np.tile(self.anchor, (np.count_nonzero(anew), 1))
+        reached, status, _ = follow_inputs(self._closure, self._driven, first, goal)
+        led = (status == Status.OK)[:, None]
+        turns[anew] = -first_turns(np.where(led, reached.values, first)[:, angles])
         for row in np.flatnonzero(~anew[1:]):
             turns[row + 1] = turns[row] - steps[row]
         return turns[len(given) - len(at) :]
-
-    def _from_anchor(self, at: Floats) -> Floats:
-        """Return turns (n, angles) of rows to which a straight way from the anchor leads.
-
-        But for whole periods of inputs, with which angles grow as they do from the anchor.
-        Where none leads there, angles are in (-pi, pi].
-        """
-        angles, anchor = self._angles, self.anchor
-        far = whole_laps(at[:, self._driven] - anchor, self.solver.periods)
-        near = self.solver.moved(at, at[:, self._driven] - far)
-        goal = np.broadcast_to(anchor, far.shape)
-        reached, status, _ = follow_inputs(self._closure, self._driven, near, goal)
-        there, led = reached.values, status == Status.OK
-        turns = -first_turns(np.where(led[:, None], there, near)[:, angles])
-        for k, period in enumerate(self.solver.periods):
-            rows = np.flatnonzero(led & (far[:, k] != 0.0))
-            goal = np.tile(anchor + np.eye(len(anchor))[k] * period, (len(rows), 1))
-            lap, status, _ = follow_inputs(self._closure, self._driven, there[rows], goal)
-            grown = (lap.values - there[rows])[:, angles] / TURN
-            whole = np.all(np.abs(grown % 1.0 - 0.5) > 0.45, axis=1) & (status == Status.OK)
-            laps = far[rows[whole], k, None] / period
-            turns[rows[whole]] += np.round(grown[whole]) * laps
-        return turns
 
 
 def flatness(jacobian: Floats) -> Floats:

@@ -55,8 +55,6 @@ NEAR_DEAD = 1e-6
 """Inputs (rad) nearer to a dead point than this are not counted at."""
 NEAR_CROSSING = 1e-3
 """Configurations (rad) nearer to a crossing of curves than this are not start of one."""
-SAME_INPUT = 1e-5
-"""Dead points (rad) found in two ways may differ by this."""
 
 
 class Piece(NamedTuple):
@@ -114,18 +112,6 @@ def monotone_pieces(
     return [Piece(None, middle, *row) for row, middle in rows]
 
 
-def turning_inputs(
-    curve: ArcCurve, driven: int, low: float, period: float = TURN
-) -> Floats:
-    """Return the values (k,) from `low` on at which a variable turns back on a curve.
-
-    They are less whole periods; those that have none as they are.
-    """
-    dead_points = curve.dead_points(driven)
-    values = curve.at(dead_points.places[~dead_points.double]).values[:, driven]
-    return np.asarray(low + np.mod(values - low, period)) if np.isfinite(period) else values
-
-
 class ConfigurationCurve(NamedTuple):
     """A curve and its pieces within the input range, in order of arc length."""
 
@@ -149,8 +135,8 @@ class Configurations(NamedTuple):
         (k,) values (rad) of the given input at which all real modes were found, or
         looked for, on their own, and (k,) how many there are.
     mismatches
-        What the checks found wrong, in words: inputs at which the modes and the curves
-        do not agree, dead points that modes do not meet at. Empty if all agrees.
+        What the checks found wrong, in words: inputs at which the modes and the curves do
+        not agree. Empty if all agrees.
     """
 
     curves: tuple[ConfigurationCurve, ...]
@@ -207,8 +193,6 @@ def configuration_curves(
         monotone_pieces(curve, solver.single, low, high, period) for curve in search.curves
     ]
     search.count([part for one in parts for part in one], complete)
-    if complete:
-        search.compare(drive, dead)
     if search.problems:
         failed = counted(len(search.problems), "check")
         words = f"{failed} failed, the first: {search.problems[0]}"
@@ -343,17 +327,6 @@ class _CurveSearch:
                     f"at the input {np.degrees(q):.6g} deg there are {modes} modes, but "
                     f"the curves have {crossings}"
                 )
-
-    def compare(self, drive: Solver, dead: InputTurningPoints) -> None:
-        """Check that curves turn back only where modes of `drive` meet."""
-        name = drive.mechanism.pairs[drive.assembly.input].name
-        for curve in self.curves:
-            for q in turning_inputs(curve, drive.single, dead.low, *drive.periods):
-                if not dead.has(q, SAME_INPUT):
-                    self.problems.append(
-                        f"{name} = {np.degrees(q):.6g} deg: a curve turns back, but no "
-                        "modes meet"
-                    )
 
 
 def _crossing_ends(curves: Iterable[ArcCurve]) -> Iterator[Floats]:

@@ -57,7 +57,6 @@ from spherekit.motion.search import (
     SEED,
     STARTS,
     Distinct,
-    SearchStatistics,
     damped,
     search,
     starting_range,
@@ -299,41 +298,17 @@ MOVED = 1e-2
 class Method(NamedTuple):
     """How the modes of one group were found.
 
-    `roots` is the number of complex solutions that were all computed, 0 for a search;
-    `problem` says why an elimination that exists for the group was not complete; `census`
-    counts the starts of a search.
+    `doubt` orders methods: 0 where no real mode at the inputs probed can be missing, the
+    more the worse.
     """
 
-    roots: int
-    problem: str = ""
-    closed_form: bool = False
-    census: SearchStatistics | None = None
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether no real mode at the inputs probed can be missing."""
-        return self.roots > 0
-
-    @property
-    def doubt(self) -> float:
-        """What orders methods: 0 where nothing can be missing, the more the worse."""
-        if self.is_complete:
-            return 0.0
-        return 1.0 if self.census is None else self.census.share
-
-    def __str__(self) -> str:
-        if self.closed_form:
-            return "closed form"
-        if self.is_complete:
-            return f"elimination: all {self.roots} complex roots"
-        words = f"search ({self.problem})" if self.problem else "search"
-        return words if self.census is None else f"{words}: {self.census.words('modes')}"
+    words: str
+    doubt: float = 0.0
 
 
-CLOSED_FORM = Method(2, closed_form=True)
-"""The method of dyads."""
-ONE_WAY = Method(1, closed_form=True)
-"""The method of trains of wheels, which have one mode."""
+CLOSED_FORM = Method("closed form")
+"""The method of dyads, and of trains of wheels, which have one mode."""
+SEARCH = Method("search", 1.0)
 
 
 def solutions(
@@ -346,8 +321,7 @@ def solutions(
     `closure` is the group's own, with a single sample.
     The order is that of the angles and the same every time.
     """
-    distinct = Distinct(closure)
-    method = Method(0)
+    distinct, words, problem = Distinct(closure), SEARCH.words, ""
     if has_elimination(group):
         near, real, problem = eliminated(group, closure)
         at = closure.solve(near, iterations=POLISHING_STEPS)
@@ -356,9 +330,12 @@ def solutions(
         if np.any(real & ~(closed & (moved < MOVED))):
             problem = problem or "a real root led to no closed configuration"
         distinct.add(at.values[closed])
-        method = Method(0 if problem else orders_of(group)[0].roots, problem)
-    if not method.is_complete:
-        method = method._replace(census=search(closure, distinct, given))
+        words = f"{words} ({problem})"
+    if has_elimination(group) and not problem:
+        method = Method(f"elimination: all {orders_of(group)[0].roots} complex roots")
+    else:
+        census = search(closure, distinct, given)
+        method = Method(f"{words}: {census.words('modes')}", census.share)
     values = distinct.values
     values.sort(key=in_order)
     return values, method
@@ -381,7 +358,7 @@ def least_complete(*methods: Method | None) -> Method | None:
 
 def all_complete(methods: Iterable[Method | None]) -> bool:
     """Return whether no real mode can be missing."""
-    return all(method is None or method.is_complete for method in methods)
+    return not any(method and method.doubt for method in methods)
 
 
 FLAT_SIGN = 1e-8
@@ -421,7 +398,7 @@ def assemblies(solver: Solver, q: Floats) -> Assemblies:
     if searched and solver.meshes is not None and solver.meshes.all_known:
         there = solver.meshes.modes(solver.closure, solver.driven, q)
         signs = tuple(signs_at(solver, values) for values in there)
-        return Assemblies(signs, there, (Method(0),) * len(methods))
+        return Assemblies(signs, there, (SEARCH,) * len(methods))
     every = chains(solver, q[None], 4 * MOST_ASSEMBLY_MODES, methods)
     values = np.array([state.values[0] for _, state in every])
     values = values.reshape(-1, len(solver.mechanism.variable_owners))
@@ -471,7 +448,7 @@ def _grown(
             else:
                 further.lost |= ~(solver.place(further, number, q).gap < CLOSURE_TOLERANCE)
         closed = [(sign, further) for sign, further in placed if not np.all(further.lost)]
-        return closed, CLOSED_FORM if group.is_dyad else ONE_WAY
+        return closed, CLOSED_FORM
     reference = solver.reference
     variables = group_variables(state, group)
     given = None if reference is None else reference[None, variables]

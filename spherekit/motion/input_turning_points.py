@@ -214,13 +214,6 @@ class InputTurningPoints(NamedTuple):
     places: Floats
     doubtful: Floats
 
-    def has(self, q: float, tolerance: float) -> bool:
-        """Return whether modes may meet at an input q, or whether it is out of range."""
-        within = (self.doubtful[:, 0] <= q) & (q <= self.doubtful[:, 1])
-        beyond = not self.low + tolerance < q < self.high - tolerance
-        meets = np.any(np.abs(self.places - q) < tolerance)
-        return bool(beyond or meets or np.any(within))
-
     def gap(self, step: float) -> float:
         """Return the longest part (rad) without an input of `probes(step)`, 0 if none."""
         widths = np.diff(self.doubtful, axis=1)[:, 0]

@@ -23,8 +23,8 @@ from spherekit.motion.configuration import monotone_pieces
 from spherekit.motion.elimination import (
     CLOSED_FORM,
     MOST_ASSEMBLY_MODES,
-    ONE_WAY,
     RANGE_ROUNDS,
+    SEARCH,
     Method,
     all_complete,
     assemblies,
@@ -148,10 +148,7 @@ class ModeSearch:
         if search or not signs:
             q, self.claim = self._probed()
             self.probes = len(q)
-            self.methods = [
-                ONE_WAY if number in solver.trains else CLOSED_FORM
-                for number in range(len(self.groups))
-            ]
+            self.methods = [CLOSED_FORM] * len(self.groups)
             for of_mode, state in chains(solver, q, MOST_ASSEMBLY_MODES):
                 signs.append(of_mode)
                 if any(group.redundant for group in self.groups):
@@ -277,7 +274,7 @@ class ModeSearch:
             if claim is not None:
                 return claim
         self.methods = [
-            CLOSED_FORM if group.is_dyad else method or Method(0)
+            CLOSED_FORM if group.is_dyad else method or SEARCH
             for group, method in zip(self.groups, self.methods, strict=True)
         ]
         census = self._search()

@@ -445,7 +445,7 @@ class PositionAnalysis:
         if not self._probes:
             return f"{self.claim}; no others were looked for"
         used = [
-            f"{group.kind}: {method}"
+            f"{group.kind}: {method.words}"
             for group, method in zip(self.assembly.groups, self.methods, strict=True)
             if method is not None
         ]
