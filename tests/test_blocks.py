@@ -13,7 +13,7 @@ from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import Findings
 from spherekit.analysis.scene import Axis, Portrait, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
-from spherekit.motion.motion import AngleUnwrapping, PositionAnalysis
+from spherekit.motion.motion import PositionAnalysis, continued
 
 BACK = {"laws": {"21": sk.ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
 """More than three turns of the crank, and of the coupler on it, backwards."""
@@ -55,12 +55,12 @@ def test_blocks_go_on_where_the_one_before_ended(size):
             return replace(motion, values=values)
 
         names, modes = list(tracer.mechanism.angles), len(tracer.assembly_modes)
-        whole = AngleUnwrapping().continued(gaps(tracer.motion()), names, tracer.solver)
-        memory, parts = AngleUnwrapping(), []
+        whole = continued(gaps(tracer.motion()), names, tracer.solver, {})
+        memory, parts = {}, []
         for motion in tracer.blocks(size):
-            found = memory.continued(gaps(motion), names, tracer.solver)
+            found = continued(gaps(motion), names, tracer.solver, memory)
             parts.append({name: own.reshape(modes, -1) for name, own in found.items()})
-            memory = AngleUnwrapping.restored(json.loads(json.dumps(memory.state())))
+            memory = json.loads(json.dumps(memory))
         for name in names:
             joined = np.concatenate([part[name] for part in parts], axis=1)
             here = joined.ravel(), whole[name]
@@ -70,7 +70,7 @@ def test_blocks_go_on_where_the_one_before_ended(size):
 def test_inputs_are_as_given_and_grids_go_on_as_paths():
     tracer = many_turns()
     motion = tracer.motion()
-    found = AngleUnwrapping().continued(motion, ["21"], tracer.solver)["21"]
+    found = continued(motion, ["21"], tracer.solver, {})["21"]
     assert np.array_equal(found, motion.q) and np.min(found) == -25.0
     low = replace(
         five := sk.load("five_bar"),
@@ -82,7 +82,7 @@ def test_inputs_are_as_given_and_grids_go_on_as_paths():
     grid = PositionAnalysis(low, samples=(3, 4), grid=True)
     names = sorted(set(grid.mechanism.angles) - set(grid.inputs))
     motion = grid.motion()
-    found = AngleUnwrapping().continued(motion, names, grid.solver)
+    found = continued(motion, names, grid.solver, {})
     way = np.linspace([0.7, 0.7], [1.1, 2.4], 400)
     fine = PositionAnalysis(low, path=way).motion()
     for name in names:

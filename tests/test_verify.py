@@ -13,7 +13,7 @@ from exact_four_bar import angle, arcs_of
 import spherekit as sk
 from spherekit.analysis import run as runner
 from spherekit.analysis.batch import Needs
-from spherekit.analysis.running import summary, verify
+from spherekit.analysis.running import sampling, summary, verify
 from spherekit.analysis.running.evaluation import ORDINARY
 from spherekit.analysis.running.sampling import Sampling
 from spherekit.analysis.running.summary import RunPlan, faults, told
@@ -24,7 +24,7 @@ from spherekit.conventions import EPS
 from spherekit.engine.fields import evaluate
 from spherekit.errors import EngineError, FileError
 from spherekit.model.study import Start
-from spherekit.motion.motion import AngleUnwrapping, PositionAnalysis
+from spherekit.motion.motion import PositionAnalysis
 from spherekit.rates.request import request
 
 
@@ -221,7 +221,7 @@ def test_whole_motions_have_their_rows_replaced(monkeypatch):
     The row that is off most is then the last one that is verified, several turns on.
     """
     drift = 1e-9
-    right = AngleUnwrapping.continued
+    right = sampling.continued
     path = np.linspace(0.0, -25.0, 160)[:, None]
     result = sk.run(sk.load("four_bar"), Risen(), path=path, verify=9)
     verdict, sound = result.summary["verified"], result.frame()
@@ -230,11 +230,11 @@ def test_whole_motions_have_their_rows_replaced(monkeypatch):
     assert found["compared"] and found["deviation"] < 2e-14
     assert np.ptp(sound["rise"]) > 20.0
 
-    def drifting(memory, motion, names, solver):
-        angles = right(memory, motion, names, solver)
+    def drifting(motion, *how):
+        angles = right(motion, *how)
         return {name: angle + drift * motion.sample for name, angle in angles.items()}
 
-    monkeypatch.setattr(AngleUnwrapping, "continued", drifting)
+    monkeypatch.setattr(sampling, "continued", drifting)
     result = sk.run(sk.load("four_bar"), Risen(), path=path, verify=9)
     verdict = result.summary["verified"]
     assert "risen.rise" in verdict["beyond"]

@@ -305,7 +305,7 @@ class Unwrapping:
         values: Floats,
         q: Floats,
         wanted: Sequence[int],
-        last: Floats | None = None,
+        last: Sequence[float] | None = None,
     ) -> Floats:
         """Return turns (n, variables) to be added to configurations (n, variables).
 
@@ -385,7 +385,7 @@ class Unwrapping:
 
         return turns
 
-    def _in_order(self, at: Floats, last: Floats | None) -> Floats:
+    def _in_order(self, at: Floats, last: Sequence[float] | None) -> Floats:
         """Return turns (n, angles) of rows that follow each other, several inputs.
 
         Where no straight way within the mode leads there from the row before, one from the
@@ -401,7 +401,8 @@ class Unwrapping:
         follows = (status == Status.OK) & (np.max(away, axis=1, initial=0.0) < SAME)
         anew = np.concatenate([[last is None], ~follows])
         turns = np.zeros((len(given), len(angles)))
-        first, goal = given[anew], np.tile(self.anchor, (np.count_nonzero(anew), 1))
+        first = given[anew]
+        goal = np.tile(self.anchor, (len(first), 1))
         reached, status, _ = follow_inputs(self._closure, self._driven, first, goal)
         led = (status == Status.OK)[:, None]
         turns[anew] = -first_turns(np.where(led, reached.values, first)[:, angles])

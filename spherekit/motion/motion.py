@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -154,18 +154,16 @@ class Motion(ArrayRows):
             )
         return self.inputs[:, 0]
 
-    @cached_property
+    @property
     def rotations(self) -> Floats:
         """(n, links, 3, 3) from link axes to ground axes."""
-        if self.placed is not None:
-            return self.placed
-        return Linearisation(LoopTree.of(self.mechanism), self.joints, self.values).placed
+        return self.linearisation.placed
 
     @cached_property
     def linearisation(self) -> Linearisation:
         """The rows with all that follows from them, in ground axes."""
         tree = LoopTree.of(self.mechanism)
-        return Linearisation(tree, self.joints, self.values, None, self.rotations)
+        return Linearisation(tree, self.joints, self.values, None, self.placed)
 
     @property
     def frames(self) -> Floats:
@@ -537,72 +535,51 @@ def trace(
     ).motion()
 
 
-class AngleUnwrapping:
-    """The last configuration of each mode with its turns, from which samples go on.
+LastAngles = dict[str, list[float]]
+"""The last configuration of each mode with its turns, from which samples go on.
 
-    With one input nothing is remembered: its value says how far all angles have turned.
+With one input nothing is remembered: its value says how far all angles have turned.
+"""
+
+
+def continued(
+    motion: Motion, names: Iterable[str], solver: Solver, last: LastAngles
+) -> Mapping[str, Floats]:
+    """Return the variables (n,) of pairs, by name, at the next block of a motion.
+
+    Angles are those of `spherekit.motion.assembly_modes`; NaN stays, is passed over.
+    That of a driven pair is the input as it was given. Arc lengths, and angles of a
+    simulation, which go on already, are those of the motion. What is the `last` is set.
     """
-
-    def __init__(self) -> None:
-        self._last: dict[int, Floats] = {}
-
-    def state(self) -> list[list[Any]]:
-        """Return what is remembered, ready for JSON, bit for bit."""
-        return [[mode, *map(float, last)] for mode, last in self._last.items()]
-
-    @classmethod
-    def restored(cls, state: Iterable[Any]) -> Self:
-        """Return the memory that `state` gave."""
-        memory = cls()
-        memory._last = {int(mode): np.array(last) for mode, *last in state}
-        return memory
-
-    def continued(
-        self, motion: Motion, names: Iterable[str], solver: Solver
-    ) -> Mapping[str, Floats]:
-        """Return the variables (n,) of pairs, by name, at the next block of a motion.
-
-        Angles are those of `spherekit.motion.assembly_modes`; NaN stays, is passed over.
-        That of a driven pair is the input as it was given. Arc lengths, and angles of a
-        simulation, which go on already, are those of the motion.
-        """
-        names = list(names)
-        if not names:
-            return {}
-        mechanism, inputs = motion.mechanism, motion.assembly.inputs
-        wanted = [mechanism.angles[name] for name in names if name in mechanism.angles]
-        turns = np.zeros_like(motion.values)
-        if wanted and motion.sense is None:
-            for place, mode in enumerate(motion.assembly_modes):
-                first = place * motion.samples
-                here = motion.values[first : first + motion.samples]
-                rows = np.flatnonzero(all_finite(here, 1)) + first
-                if not len(rows):
-                    continue
-                turns[rows] = solver.unwrapping.turns(
-                    mode.number,
-                    motion.values[rows],
-                    motion.inputs[rows],
-                    wanted,
-                    self._last.get(mode.number),
-                )
-                if len(inputs) > 1:
-                    last = motion.values[rows[-1]] + TURN * turns[rows[-1]]
-                    last[list(solver.driven)] = motion.inputs[rows[-1]]
-                    self._last[mode.number] = last
-        angles = {}
-        for name in names:
-            pair = mechanism.pair_number[name]
-            (variable,) = mechanism.variables_of(pair)
-            angles[name] = motion.values[:, variable] + TURN * turns[:, variable]
-            if pair in inputs:
-                angles[name] = motion.inputs[:, inputs.index(pair)]
-        return angles
+    mechanism, inputs = motion.mechanism, motion.assembly.inputs
+    names, turns = list(names), np.zeros_like(motion.values)
+    wanted = [mechanism.angles[name] for name in names if name in mechanism.angles]
+    if wanted and motion.sense is None:
+        for place, mode in enumerate(motion.assembly_modes):
+            first, key = place * motion.samples, str(mode.number)
+            here = motion.values[first : first + motion.samples]
+            rows = np.flatnonzero(all_finite(here, 1)) + first
+            if not len(rows):
+                continue
+            at = motion.values[rows], motion.inputs[rows]
+            turns[rows] = solver.unwrapping.turns(mode.number, *at, wanted, last.get(key))
+            if len(inputs) > 1:
+                whole = motion.values[rows[-1]] + TURN * turns[rows[-1]]
+                whole[list(solver.driven)] = motion.inputs[rows[-1]]
+                last[key] = whole.tolist()
+    angles = {}
+    for name in names:
+        pair = mechanism.pair_number[name]
+        (variable,) = mechanism.variables_of(pair)
+        angles[name] = motion.values[:, variable] + TURN * turns[:, variable]
+        if pair in inputs:
+            angles[name] = motion.inputs[:, inputs.index(pair)]
+    return angles
 
 
 def going_on(motion: Motion, solver: Solver) -> Motion:
     """Return a motion whose angles go on over all turns, as loads see them."""
     values, angles = motion.values.copy(), motion.mechanism.angles
-    for pair, angle in AngleUnwrapping().continued(motion, angles, solver).items():
+    for pair, angle in continued(motion, angles, solver, {}).items():
         values[:, angles[pair]] = angle
     return replace(motion, values=values)

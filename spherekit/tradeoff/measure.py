@@ -31,7 +31,7 @@ from spherekit.engine.compiler import available
 from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError, EngineError, SpherekitError
 from spherekit.model.study import Study
-from spherekit.motion.motion import AngleUnwrapping, Motion, Timing
+from spherekit.motion.motion import Motion, Timing
 from spherekit.numeric.crossings import wrap
 from spherekit.progress import ProgressReporter
 from spherekit.proof.balls import FEWEST, exactly, floats, pi
@@ -258,7 +258,7 @@ def reference_at(
     exact, better, fields = in_many_digits(motion, wanted, given, inputs=inputs)
     better = replace(better, samples=motion.samples)
     lacking = np.sum((motion.status == Status.OK) & (exact[0].status != Status.OK))
-    angles = plan.angles(better, AngleUnwrapping())
+    angles = plan.angles(better, {})
     tables = plan.given(analysis, plan.batch(analysis, better, fields, angles))
     return tables, fields, f", {lacking} rows without" if lacking else ""
 

@@ -16,7 +16,7 @@ from spherekit.arrays import Array, Bools, Floats, SmallIntegers
 from spherekit.conventions import STATUS_MEANING, Facts, Names, Status
 from spherekit.files.plain import as_json
 from spherekit.motion.loops import rank_mobility, redundancy
-from spherekit.motion.motion import AngleUnwrapping, Motion, PositionAnalysis
+from spherekit.motion.motion import LastAngles, Motion, PositionAnalysis
 from spherekit.numeric.unread import Interleaved
 from spherekit.rates.request import SignContinuation
 
@@ -49,7 +49,7 @@ class RunState:
     """
 
     signs: list[SignContinuation]
-    angles: AngleUnwrapping = field(default_factory=AngleUnwrapping)
+    angles: LastAngles = field(default_factory=dict)
     done: int = 0
     failures: dict[str, str] = field(default_factory=dict)
     findings: dict[str, Findings] = field(default_factory=dict)
@@ -63,7 +63,6 @@ class RunState:
         """Return it ready for JSON."""
         return vars(self) | {
             "signs": [memory.state() for memory in self.signs],
-            "angles": self.angles.state(),
             "failures": dict(self.failures),
             "findings": {name: asdict(item) for name, item in self.findings.items()},
             "counts": [[*key, number] for key, number in self.counts.items()],
@@ -80,7 +79,6 @@ class RunState:
             **{
                 **state,
                 "signs": [SignContinuation.restored(memory) for memory in state["signs"]],
-                "angles": AngleUnwrapping.restored(state["angles"]),
                 "findings": findings,
                 "counts": Counter({tuple(key): n for *key, n in state["counts"]}),
             }

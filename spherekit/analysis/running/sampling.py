@@ -18,11 +18,12 @@ from spherekit.errors import ModelError, SolveError
 from spherekit.model.study import ConstantSpeed, Law, Study
 from spherekit.motion.motion import (
     BLOCK,
-    AngleUnwrapping,
+    LastAngles,
     Motion,
     PositionAnalysis,
     Timing,
     by_laws,
+    continued,
     extents,
 )
 from spherekit.numeric.crossings import wrap
@@ -125,7 +126,7 @@ class Sampling:
         )
 
     def angles(
-        self, motion: Motion, names: Collection[str], memory: AngleUnwrapping
+        self, motion: Motion, names: Collection[str], last: LastAngles
     ) -> Mapping[str, Floats]:
         """Return the variables that go on, by pair, at the next block of a motion."""
         solver = self.tracer.solver
@@ -135,7 +136,7 @@ class Sampling:
             values = motion.values.copy()
             values[:, solver.angles] += TURN * np.round(whole / TURN)[:, solver.angles]
             motion = replace(motion, values=values)
-        return memory.continued(motion, names, solver)
+        return continued(motion, names, solver, last)
 
     @property
     def titles(self) -> dict[int, str]:

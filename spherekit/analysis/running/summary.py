@@ -55,7 +55,7 @@ from spherekit.errors import AnalysisError, PluginError
 from spherekit.files.write import mechanism_hash
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
-from spherekit.motion.motion import AngleUnwrapping, Motion
+from spherekit.motion.motion import LastAngles, Motion
 from spherekit.planning.inputs import driven_at, graph_mobility
 from spherekit.planning.part import part_for
 from spherekit.planning.poles import Plan
@@ -102,9 +102,9 @@ class RunPlan:
 
     def read(self, motions: Iterable[Motion]) -> Iterator[Read]:
         """Yield motions that follow each other with what analyses read of them."""
-        signs, memory = [SignContinuation() for _ in self.requests], AngleUnwrapping()
+        signs, last = [SignContinuation() for _ in self.requests], LastAngles()
         for motion in motions:
-            yield motion, self.fields(motion, signs), self.angles(motion, memory)
+            yield motion, self.fields(motion, signs), self.angles(motion, last)
 
     def fields(self, motion: Motion, memories: Sequence[SignContinuation]) -> Fields:
         """Return the poles of a block of the source for each input that moves."""
@@ -117,10 +117,10 @@ class RunPlan:
             if item.poles
         )
 
-    def angles(self, motion: Motion, memory: AngleUnwrapping) -> Angles:
+    def angles(self, motion: Motion, last: LastAngles) -> Angles:
         """Return the variables that go on, by pair, at a block of the source."""
         names = frozenset[str]().union(*(needs.continued_values for needs in self.needs))
-        return self.course.angles(motion, sorted(names), memory)
+        return self.course.angles(motion, sorted(names), last)
 
     def batch(
         self,
