@@ -19,11 +19,9 @@ from spherekit.numeric.zeros import ArrayRows
 from spherekit.region.mesh import Evaluator, active, chosen, least
 from spherekit.sphere.rotation import arc, cross, max_abs, nans, unit_rows
 
-ORDERS = (2, 4, 8, 16)
-"""Steps between the nodes of a piece, doubled until its area is known well enough."""
-REACH = {2: 1.0, 4: 0.02, 8: 0.001, 16: 0.0001}
-"""How far around the height of the order before a height is sought, at first, as part of
-the farthest."""
+ORDERS = (1, 4, 8, 16)
+"""Steps between the nodes of a piece, doubled until its area is known well enough; 1 for
+the chord of a piece that was not found."""
 HIGHEST = 0.4
 """A piece higher than this part of its chord is cut first."""
 SHORTEST = 1e-11
@@ -79,7 +77,8 @@ class BoundarySegments(ArrayRows):
     `margin` is the number of the margin that is 0 on each, `height` (n, 17) are the
     heights at the nodes of the piece's own `order`, the first `order` + 1 of them.
     `area` is the part of the region cut off by the chord, `error` what halving the order
-    changes, `sound` whether the piece was found and no other margin is negative on it.
+    changes, `sound` whether the piece was found and no other margin is negative on it;
+    those that are not are their chords.
     `owner` is the triangle that it is in, `start` and `stop` are the crossings between
     which the border runs there, and of two pieces that make a corner one is `leading`.
     """
@@ -105,7 +104,7 @@ class BoundarySegments(ArrayRows):
         place: tuple[Indices, Indices, Indices, Bools],
         sought: Bools,
     ) -> "BoundarySegments":
-        """Return the pieces of the second order between points (n, 3) of the border.
+        """Return the pieces between points (n, 3) of the border, of the lowest order.
 
         `place` are owner, start, stop and leading. Those not `sought` (n,) are their
         chords, and not sound.
@@ -122,16 +121,15 @@ class BoundarySegments(ArrayRows):
             *np.zeros((2, n)),
         )
         which = np.flatnonzero(sought)
-        heights = nans((len(which), ORDERS[0] + 1))
+        heights = nans((len(which), ORDERS[1] + 1))
         heights[:, [0, -1]] = 0.0
-        pieces._measure(evaluate, which, ORDERS[0], heights)
-        pieces.raise_order(evaluate, np.flatnonzero(pieces.sound))
+        pieces._measure(evaluate, which, ORDERS[1], heights)
         return pieces
 
     def raise_order(self, evaluate: Evaluator, which: Indices) -> None:
         """Double the order of some pieces, all of them below the highest."""
         wanted = 2 * self.order[which]
-        for order in ORDERS[1:]:
+        for order in ORDERS[2:]:
             some = which[wanted == order]
             if len(some):
                 heights = nans((len(some), order + 1))
@@ -146,26 +144,25 @@ class BoundarySegments(ArrayRows):
         long = length > SHORTEST
         height[~long] = 0.0
         row, node = np.nonzero(np.isnan(height))
-        u = nodes(order)[node]
-        guess = np.zeros(height.shape)
-        if order > ORDERS[0]:
-            guess = height[:, ::2] @ between(order // 2, nodes(order)).T
-        heights, sound = self._heights(
-            evaluate, which[row], u, guess[row, node], REACH[order]
+        heights, sound = self._heights(evaluate, which[row], nodes(order)[node])
+        height[row, node] = heights
+        halved, area = (
+            -0.5 * length * (np.sin(height[:, :: order // steps]) @ weights(steps))
+            for steps in (order // 2, order)
         )
-        height[row, node] = np.where(sound, heights, 0.0)
-        bad = np.zeros(len(which), dtype=bool)
-        bad[row[~sound]] = True
-        area = -0.5 * length * (np.sin(height) @ weights(order))
-        change = np.abs(area - self.area[which]) + EPS * length
-        change += np.where(long, 0.0, length**2)
-        self.sound[which] &= ~bad
-        self.error[which], self.area[which] = change, area
-        self.order[which] = order
+        self.error[which] = np.abs(area - halved) + EPS * length
+        self.error[which] += np.where(long, 0.0, length**2)
+        self.area[which], self.order[which] = area, order
         self.height[which, : order + 1] = height
+        self._straighten(which[np.unique(row[~sound])])
+
+    def _straighten(self, which: Indices) -> None:
+        """Take pieces that are not found for their chords."""
+        self.sound[which], self.order[which] = False, ORDERS[0]
+        self.height[which], self.area[which] = 0.0, 0.0
 
     def _heights(
-        self, evaluate: Evaluator, chord: Indices, u: Floats, guess: Floats, reach: float
+        self, evaluate: Evaluator, chord: Indices, u: Floats
     ) -> tuple[Floats, Bools]:
         """Return heights (m,) where margins are 0 over places of chords, and whether found.
 
@@ -173,8 +170,6 @@ class BoundarySegments(ArrayRows):
         left, and no other may be negative there.
         """
         number, widest = self.margin[chord], HIGHEST * self.length[chord] * (1.0 - u * u)
-        with np.errstate(all="ignore"):
-            centre = np.where(widest > 0.0, np.clip(guess / widest, -1.0, 1.0), 0.0)
 
         def rows(part: Floats, which: Indices) -> Floats:
             return evaluate(self._at(chord[which], u[which], part * widest[which]))
@@ -182,23 +177,15 @@ class BoundarySegments(ArrayRows):
         def value(part: Floats, which: Indices) -> Floats:
             return chosen(rows(part, which), number[which])
 
-        low, high = np.maximum(centre - reach, -1.0), np.minimum(centre + reach, 1.0)
-        right, left = np.empty(len(u)), np.empty(len(u))
-        some = np.arange(len(u))
-        while True:
-            ends = value(np.append(low[some], high[some]), np.append(some, some))
-            right[some], left[some] = np.split(ends, 2)
-            sound = (right < 0.0) & (left >= 0.0)
-            some = np.flatnonzero(~sound & (high - low < 2.0))
-            if not len(some):
-                break
-            low[some], high[some] = -1.0, 1.0
+        ends = np.repeat([-1.0, 1.0], len(u))
+        right, left = value(ends, np.tile(np.arange(len(u)), 2)).reshape(2, -1)
+        sound = (right < 0.0) & (left >= 0.0)
         some = np.flatnonzero(sound)
         part = np.zeros(len(u))
         part[some], _ = bracketed_zeros(
             lambda part, which: value(part, some[which]),
-            low[some],
-            high[some],
+            -np.ones(len(some)),
+            np.ones(len(some)),
             right[some],
             left[some],
             EPS / widest[some],
@@ -209,16 +196,13 @@ class BoundarySegments(ArrayRows):
         return part * widest, sound
 
     def audit(self, evaluate: Evaluator, which: Indices) -> None:
-        """Find unsound those pieces on which another margin dips below 0 between nodes.
+        """Straighten pieces, as they are made, on which another margin dips below 0.
 
         What a margin exceeds the piece's own by, which is 0 on the border, is taken as a
         parabola through every three samples.
         """
         u = np.linspace(-1.0, 1.0, AUDIT + 1)
-        height = np.empty((len(which), len(u)))
-        for order in ORDERS:
-            some = self.order[which] == order
-            height[some] = self.height[which[some], : order + 1] @ between(order, u).T
+        height = self.height[which, : ORDERS[1] + 1] @ between(ORDERS[1], u).T
         rows = evaluate(self._at(which, u, height).reshape(-1, 3))
         margin = chosen(rows, np.repeat(self.margin[which], len(u)))
         rows = (rows - margin[:, None]).reshape(len(which), len(u), rows.shape[1])
@@ -228,7 +212,7 @@ class BoundarySegments(ArrayRows):
             turn = -slope / bend
             lowest = np.where(np.abs(turn) < 1.0, b + 0.5 * slope * turn, b)
             dips = np.any(np.minimum(lowest, b) < -evaluate.floor, axis=1)
-        self.sound[which] &= ~np.any(dips, axis=1)
+        self._straighten(which[np.any(dips, axis=1)])
 
     def _at(self, which: Indices, u: Floats, height: Floats) -> Floats:
         return beside(self.frames[which], self.length[which], u, height)
@@ -244,14 +228,11 @@ class BoundarySegments(ArrayRows):
         return self._at(which, nodes(order), self.height[which, : order + 1])
 
     def curve(self, chain: Indices) -> Floats:
-        """Return the nodes (m, 3) of pieces that follow one another, known ones only."""
-        step = ORDERS[-1] // np.where(self.sound[chain], self.order[chain], 1)
+        """Return the nodes (m, 3) of pieces that follow one another."""
+        step = ORDERS[-1] // self.order[chain, None]
         place = np.arange(1, ORDERS[-1] + 1)
-        shown = place % step[:, None] == 0
-        u = nodes(ORDERS[-1])[1:]
-        height = np.take_along_axis(self.height[chain], place // step[:, None], axis=1)
-        height[~self.sound[chain]] = 0.0
-        points = self._at(chain, u, height)[shown]
+        height = np.take_along_axis(self.height[chain], place // step, axis=1)
+        points = self._at(chain, nodes(ORDERS[-1])[1:], height)[place % step == 0]
         return np.concatenate([self.frames[chain[:1], 0], points])
 
 

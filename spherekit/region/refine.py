@@ -127,12 +127,11 @@ class Refinement:
         """Return points and triangles of the region alone, its border as it was found."""
         held, apex, third, more = self._mixed()
         pieces = self.pieces
-        step = np.where(pieces.sound, pieces.order, 1)
         points, triangles = [self.points], [self.triangles[held == 3]]
         count = len(self.points)
-        for order in (1, *ORDERS):
-            some = np.flatnonzero(step == order)
-            nodes = pieces.points(some, order) if order > 1 else pieces.ends[some]
+        for order in ORDERS:
+            some = np.flatnonzero(pieces.order == order)
+            nodes = pieces.points(some, order)
             number = count + np.arange(nodes.shape[0] * (order + 1)).reshape(-1, order + 1)
             fan = (
                 np.repeat(apex[some], order),
