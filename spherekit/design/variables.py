@@ -14,7 +14,7 @@ from spherekit.engine.row_quantities import row_quantities
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document, KeyPath
 from spherekit.files.read import stated
-from spherekit.files.schema import Limits, check, limits_of
+from spherekit.files.schema import check_numbers
 from spherekit.files.write import number_at, number_path, with_numbers
 from spherekit.model.dynamics import LOADS, PairTorque
 from spherekit.model.gears import COLLINEAR, pose_sizes
@@ -44,8 +44,6 @@ class DesignVariable:
         Whether it is an angle, in the file's unit of angles.
     slot
         Which size of a kernel it is, if it is one.
-    limits
-        Which numbers the format allows there.
     """
 
     key: str
@@ -53,7 +51,6 @@ class DesignVariable:
     value: float
     is_angle: bool
     slot: tuple[str, Any] | None
-    limits: Limits
 
     @property
     def name(self) -> str:
@@ -77,10 +74,7 @@ def design_variable(document: Document, key: str) -> DesignVariable:
             f"are the same for all; vary numbers of {listing(DESIGNED)}"
         )
     slot = _slot(document, path)
-    limits = limits_of(document, path)
-    return DesignVariable(
-        key, path, number_at(document, path), slot is not None, slot, limits
-    )
+    return DesignVariable(key, path, number_at(document, path), slot is not None, slot)
 
 
 def _slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
@@ -118,8 +112,7 @@ def designed(
     """
     numbers = dict(zip([v.path for v in variables], map(float, values), strict=True))
     changed = with_numbers(document, numbers)
-    if not all(variable.limits.allow(numbers[variable.path]) for variable in variables):
-        check(changed)
+    check_numbers(changed, numbers)
     return stated(changed)
 
 
@@ -151,7 +144,7 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
             key = f"links.{link}.{kind[:-1] if alone else f'{kind}.{pair}'}"
             slot = kind, (link, pair)
             path = ("links", link, kind, pair)
-            made[key] = DesignVariable(key, path, value, True, slot, Limits())
+            made[key] = DesignVariable(key, path, value, True, slot)
     return made
 
 

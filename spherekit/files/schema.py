@@ -1,19 +1,17 @@
 """The schemas of files: what they allow, what they refuse, and what values they name.
 
 A JSON Schema is the one declaration of every key. From it follow the check of a file, with
-faults that say what to write instead, the limits of its numbers, and the conversion of
-angles, rates and directions between the unit of a file and the radians used inside.
+faults that say what to write instead, and the conversion of angles, rates and directions
+between the unit of a file and the radians used inside.
 """
 
-import copy
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache, reduce
+from functools import cache
 from importlib.resources import files
 from itertools import islice
-from operator import getitem
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -70,6 +68,22 @@ def check(document: Document, kind: Kind = "mechanism") -> None:
     faults = list(islice(explained, 100))
     if faults:
         raise document.faults(faults)
+
+
+def check_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> None:
+    """Refuse a document that fits the format but for some numbers that it allows not.
+
+    What else the format asks depends on keys, names and kinds, so that only the entries of
+    tables are looked at in which these numbers stand.
+    """
+    entries: dict[str, dict[str, Any]] = {}
+    for table, name, *_ in (map(str, path) for path in numbers):
+        entries.setdefault(table, {})[name] = document.data[table][name]
+    faults = validator().iter_errors(entries)
+    if not all(map(math.isfinite, numbers.values())) or any(
+        tuple(fault.absolute_path) in numbers for fault in faults
+    ):
+        check(document)
 
 
 def shown(value: object) -> str:
@@ -160,60 +174,6 @@ def _holds(condition: Table, value: Table) -> bool:
         value.get(key, None if key in needed else rule["const"]) == rule["const"]
         for key, rule in condition["properties"].items()
     )
-
-
-class Limits(NamedTuple):
-    """Numbers allowed: from `low` to `high`, greater than `above`, if `whole` integers."""
-
-    low: float = -math.inf
-    high: float = math.inf
-    above: float = -math.inf
-    whole: bool = False
-
-    def allow(self, number: float) -> bool:
-        """Return whether a number is allowed."""
-        inside = self.low <= number <= self.high and number > self.above
-        likely = inside and math.isfinite(number)
-        return likely and (not self.whole or float(number).is_integer())
-
-
-NONE = Limits(math.inf, -math.inf)
-"""Where rules say more than limits of numbers."""
-
-
-def limits_of(document: Document, path: KeyPath) -> Limits:
-    """Return which numbers the format allows at a path of a document that fits it.
-
-    What else the format asks depends on keys, names and kinds, never on a number beside
-    this one, so that with a number that is allowed the document fits the format as before.
-    """
-    if len(path) < 2:
-        return NONE
-    table, name, *_ = map(str, path)
-    data: Any = copy.deepcopy({table: {name: document.data[table][name]}})
-    *within, last = path
-    place = reduce(getitem, within, data)
-    limits = Limits()
-    for trial in (-HUGE, HUGE, 0.5):
-        place[last] = trial
-        for error in validator().iter_errors(data):
-            if tuple(error.absolute_path) != path:
-                continue
-            rule, limit = error.validator, error.validator_value
-            if rule not in _LIMITS:
-                return NONE
-            limits = limits._replace(**{_LIMITS[rule]: True if rule == "type" else limit})
-    return limits
-
-
-HUGE = 1e300
-"""A number that breaks every limit."""
-_LIMITS = {
-    "minimum": "low",
-    "maximum": "high",
-    "exclusiveMinimum": "above",
-    "type": "whole",
-}
 
 
 def _check_format(document: Document) -> None:
