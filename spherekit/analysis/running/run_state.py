@@ -126,13 +126,16 @@ class RunState:
         self, key: Names, status: SmallIntegers, often: int = 1, but: Names = ()
     ) -> None:
         """Count how often each code is there, but for some."""
-        for code, n in enumerate(np.bincount(status.ravel()).tolist()):
+        for code in range(int(np.max(status, initial=-1)) + 1):
+            n = int(np.count_nonzero(status == code))
             if n and (name := Status(code).name) not in but:
                 self.counts[*key, name] += often * n
 
     def _note(self, name: str, values: Floats) -> None:
         """Keep the largest finite number; what is infinite counts as none."""
-        largest = float(np.max(values, initial=-np.inf, where=np.isfinite(values)))
+        largest = float(np.max(values, initial=-np.inf))
+        if not np.isfinite(largest):
+            largest = float(np.max(values[np.isfinite(values)], initial=-np.inf))
         if np.isfinite(largest):
             self.largest[name] = max(self.largest.get(name, largest), largest)
 
