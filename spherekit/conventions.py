@@ -132,6 +132,14 @@ def listing(words: Iterable[object], limit: int = 12) -> str:
     return f"{shown} and {rest} more" if rest > 0 else shown
 
 
+def size_text(count: float) -> str:
+    """Return a number of bytes as ``1.5 GB``."""
+    for unit, scale in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
+        if count >= scale:
+            return f"{count / scale:.3g} {unit}"
+    return f"{count / 1e3:.3g} kB"
+
+
 def without_numbers(text: str) -> str:
     """Return a text by which those that differ in numbers only are one."""
     return _NUMBER.sub("", text)

@@ -30,7 +30,7 @@ from spherekit.analysis.tables import (
     arrays,
     formats_of,
 )
-from spherekit.conventions import AnyPath, listing
+from spherekit.conventions import AnyPath, listing, size_text
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.atomic import make_folder, refused, write_bytes
 from spherekit.files.plain import locked
@@ -330,14 +330,6 @@ MODES = "modes"
 
 FRAMES_HELD = 8
 """Frames held at once for each link and pair of a row: 5 to 7.6 were measured."""
-
-
-def size_text(count: float) -> str:
-    """Return a number of bytes as ``1.5 GB``."""
-    for unit, scale in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
-        if count >= scale:
-            return f"{count / scale:.3g} {unit}"
-    return f"{count / 1e3:.3g} kB"
 
 
 def memory_at_once(mechanism: Mechanism, rows: int) -> int:

@@ -300,14 +300,6 @@ def write_columns(
             file.write_table(table[rows].cast(file.schema))
 
 
-def columns_of_files(paths: Sequence[Path]) -> dict[str, Array]:
-    """Return the columns of files that `write_columns` wrote, one after the other."""
-    import pyarrow as pa
-
-    whole = pa.concat_tables(map(_read, paths))
-    return {name: whole[name].to_numpy() for name in whole.column_names}
-
-
 DESIGN = "design"
 """The column that says whose rows tables of many designs have."""
 
@@ -355,7 +347,7 @@ def part_tables(
 
 
 def frame_of_parts(parts: Sequence[Path]) -> "pd.DataFrame":
-    """Return the rows of files of `part_tables`, with units in `attrs`."""
+    """Return the rows of Parquet files one after the other, with notes in `attrs`."""
     import pyarrow as pa
 
     whole = pa.concat_tables(map(_read, parts))

@@ -40,6 +40,12 @@ NEAR = 1e-6
 
 HOLDS, EXCEEDED, OPEN = "holds", "exceeded", "open"
 
+FINDINGS = {
+    "bounds of axes": "error_bound_is",
+    "of coefficients": "velocity_coefficient_error_bound_is",
+}
+"""Columns that say whether bounds hold, by what people call these."""
+
 GIVEN = ("sample", "assembly_mode", "link", "relative_to", "moving", "status")
 """Columns that are those of the table of poles."""
 
@@ -82,32 +88,26 @@ PROVEN = Table(
 
 @dataclass(frozen=True)
 class ProvenPoles:
-    """The table, and how many rows of poles are proven and of each finding."""
+    """The table, and how many rows of poles are proven, by finding: of which bounds."""
 
     data: TableArrays
-    axes: Mapping[str, int]
-    coefficients: Mapping[str, int]
-
-    @property
-    def proven(self) -> int:
-        """How many rows of poles are proven."""
-        return sum(self.axes.values())
+    counts: Mapping[str, Counter[str]]
 
     @property
     def exceeded(self) -> int:
         """How many bounds are proven to be exceeded."""
-        return self.axes.get(EXCEEDED, 0) + self.coefficients.get(EXCEEDED, 0)
+        return sum(counts[EXCEEDED] for counts in self.counts.values())
 
     def __str__(self) -> str:
         parts = [
-            f"{what}: " + ", ".join(f"{n} {word}" for word, n in sorted(counts.items()))
-            for what, counts in (
-                ("bounds of axes", self.axes),
-                ("of coefficients", self.coefficients),
-            )
+            f"{what}: {', '.join(f'{n} {word}' for word, n in sorted(counts.items()))}"
+            for what, counts in self.counts.items()
         ]
-        rows = len(self.data["status"])
-        return f"proven: {self.proven} of {rows} rows of poles; " + "; ".join(parts)
+        proven, rows = (
+            max(c.total() for c in self.counts.values()),
+            len(self.data["status"]),
+        )
+        return f"proven: {proven} of {rows} rows of poles; {'; '.join(parts)}"
 
     def write(
         self,
@@ -182,9 +182,11 @@ def prove_poles(
             enclosed = proven.get((*place, str(given["moving"]), ends))
             if given["status"] == Status.OK and enclosed:
                 parts[-1] |= _proven(given, *enclosed)
-    of = "error_bound_is", "velocity_coefficient_error_bound_is"
-    words = (Counter(part[name] for part in parts if name in part) for name in of)
-    return ProvenPoles(PROVEN.stacked(mechanism, parts), *words)
+    counts = {
+        what: Counter(part[name] for part in parts if name in part)
+        for what, name in FINDINGS.items()
+    }
+    return ProvenPoles(PROVEN.stacked(mechanism, parts), counts)
 
 
 def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool) -> None:

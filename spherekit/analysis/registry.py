@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 
 from spherekit.analysis.arguments import given_in
 from spherekit.analysis.class_check import fault_of_class
@@ -33,16 +32,13 @@ def registered(*classes: type[AbstractAnalysis]) -> Iterator[None]:
 
 
 def _entries() -> Mapping[str, list[EntryPoint]]:
-    """Return the entry points of the folders that packages are in, as these are now."""
-    there = ((place, Path(place)) for place in sys.path)
-    return _entries_of(
-        *((x, path.stat().st_mtime_ns if path.exists() else 0) for x, path in there)
-    )
+    """Return the entry points of the folders that packages are in."""
+    return _entries_of(tuple(sys.path))
 
 
 @lru_cache(maxsize=1)
-def _entries_of(*_: tuple[str, int]) -> Mapping[str, list[EntryPoint]]:
-    """Return the entry points, which take long to list, of folders as they are now."""
+def _entries_of(_: Names) -> Mapping[str, list[EntryPoint]]:
+    """Return the entry points, which take long to list, of the folders of packages."""
     entries: dict[str, list[EntryPoint]] = {}
     for entry in entry_points(group=GROUP):
         same = entries.setdefault(entry.name, [])

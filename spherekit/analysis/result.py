@@ -18,7 +18,6 @@ from spherekit.analysis.folder import (
     RunFolder,
     StoredParts,
     signed,
-    size_text,
 )
 from spherekit.analysis.rows import InMemory, pieces_of
 from spherekit.analysis.running.cost import TABLES
@@ -33,7 +32,7 @@ from spherekit.analysis.tables import (
     formats_of,
 )
 from spherekit.argument_validation import checked
-from spherekit.conventions import Facts, choices, counted, listing, with_units
+from spherekit.conventions import Facts, choices, counted, listing, size_text, with_units
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.files.atomic import make_folder, write_bytes
 from spherekit.markup import html_list, html_table

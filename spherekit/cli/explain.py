@@ -2,12 +2,13 @@
 
 from argparse import Namespace
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from spherekit.cli.main import print_json
-from spherekit.cli.run_report import megabytes
 from spherekit.cli.study import STUDY, study_from
-from spherekit.conventions import Facts, Lines, counted, numbered
+from spherekit.conventions import Facts, Lines, counted, numbered, size_text
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
@@ -37,6 +38,7 @@ examples:
 def execute(options: Namespace) -> int:
     """Print the closure of what the analyses need."""
     from spherekit.analysis.registry import create
+    from spherekit.analysis.running.expected import extrapolated_recording
     from spherekit.analysis.running.summary import needed_part
     from spherekit.analysis.study import analyses_of
 
@@ -46,7 +48,15 @@ def execute(options: Namespace) -> int:
         study = replace(study, mechanism=needed_part(study, analyses))
     facts = _facts(study, analyses)
     if options.recording and facts["predicted"].get("assembly_modes"):
-        facts["predicted"]["recording"] = _recording(study, analyses)
+        from spherekit.view.rerun_view import RerunRecorder
+
+        with TemporaryDirectory() as folder:
+            place = Path(folder)
+            facts["predicted"]["recording"] = extrapolated_recording(
+                study,
+                analyses,
+                lambda number: RerunRecorder(study.name, path=place / f"{number}.rrd"),
+            )
     if options.json:
         print_json(facts)
     else:
@@ -105,8 +115,6 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
 
 
 def _tell(facts: Facts, links: int) -> None:
-    from spherekit.analysis.folder import size_text
-
     inputs, at_once = facts["inputs"], facts["at_once"]
     print(
         f"{facts['mechanism']}, {numbered('input', inputs)}, "
@@ -160,14 +168,14 @@ def _predicted(sizes: Facts, recording: bool) -> Lines:
     lines += [
         f"  table {name}: {counted(table['rows'], 'row')} of "
         f"{counted(table['columns'], 'column')}, "
-        f"{megabytes(table['csv_bytes'])} as CSV, "
-        f"{megabytes(table['parquet_bytes'])} as Parquet"
+        f"{size_text(table['csv_bytes'])} as CSV, "
+        f"{size_text(table['parquet_bytes'])} as Parquet"
         for name, table in sizes["tables"].items()
     ]
     if recorded := sizes.get("recording"):
         lines.append(
             f"  recording: {recorded['entities']} entities, "
-            f"{counted(recorded['rows'], 'row')}, {megabytes(recorded['bytes'])}"
+            f"{counted(recorded['rows'], 'row')}, {size_text(recorded['bytes'])}"
         )
     missing = [f"analysis {name}" for name in sizes["not_predicted"]]
     if modes is None:
@@ -176,19 +184,3 @@ def _predicted(sizes: Facts, recording: bool) -> Lines:
     if missing:
         lines.append(f"  not predicted: {', '.join(missing)}")
     return lines
-
-
-def _recording(study: "Study", analyses: "list[AbstractAnalysis]") -> dict[str, int]:
-    """Return the entities, rows and bytes of a recording, from two short ones."""
-    import tempfile
-    from pathlib import Path
-
-    from spherekit.analysis.running.expected import extrapolated_recording
-    from spherekit.view.rerun_view import RerunRecorder
-
-    with tempfile.TemporaryDirectory() as folder:
-
-        def made(number: int) -> RerunRecorder:
-            return RerunRecorder(study.name, path=Path(folder) / f"{number}.rrd")
-
-        return extrapolated_recording(study, analyses, made)

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from spherekit.conventions import Lines, counted, numbered
+from spherekit.conventions import Lines, counted, numbered, size_text
 from spherekit.progress import ProgressReporter
 
 BAR = 30
@@ -142,9 +142,9 @@ def spent(cost: Any) -> Lines:
     line = f"  {counted(rows, 'row')} in {counted(len(tables), 'table')}"
     for kind, name in (("csv_bytes", "CSV"), ("parquet_bytes", "Parquet")):
         if all(kind in table for table in tables):
-            line += f", {megabytes(sum(table[kind] for table in tables))} {name}"
+            line += f", {size_text(sum(table[kind] for table in tables))} {name}"
     if recording := cost.get("recording"):
-        size = megabytes(recording["bytes"])
+        size = size_text(recording["bytes"])
         line += f"; recording: {recording['entities']} entities, {size}"
     return [*lines, line]
 
@@ -152,11 +152,6 @@ def spent(cost: Any) -> Lines:
 def duration(seconds: float) -> str:
     """Return a number of seconds with two digits, more only where they are whole."""
     return f"{seconds:.2g}" if seconds < 99.5 else f"{seconds:.0f}"
-
-
-def megabytes(count: int) -> str:
-    """Return a number of bytes as people read it."""
-    return f"{count / 1e6:.3g} MB" if count >= 1e5 else f"{count / 1e3:.3g} kB"
 
 
 def accuracy_line(choice: Any) -> str:

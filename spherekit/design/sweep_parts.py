@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from weakref import finalize
 
 from spherekit.analysis.folder import need_disk
-from spherekit.analysis.frames import columns_of_files, frame_of, frame_of_parts
+from spherekit.analysis.frames import frame_of_parts
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath, Names, counted, listing, nearest
 from spherekit.design.sweep import DESIGNS, TABLES, Sweep
@@ -145,7 +145,9 @@ class SweepResult:
     def frame(self) -> "pd.DataFrame":
         """Return all rows as a pandas frame, with the units of its columns in `attrs`."""
         paths = [self.sweep.path_of(self._store, k) for k in range(self.sweep.parts)]
-        return frame_of(columns_of_files(paths), {"units": self.sweep.units()})
+        frame = frame_of_parts(paths)
+        frame.attrs = {"units": self.sweep.units()}
+        return frame
 
     @property
     def table_names(self) -> Names:
