@@ -16,7 +16,7 @@ from refusals import TABLES, check
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.cli.run_report import bar, duration
+from spherekit.cli.run_report import duration
 from spherekit.errors import ModelError
 
 ROOT = Path(__file__).parent.parent
@@ -203,14 +203,3 @@ def test_an_output_without_legs_says_so(tmp_path):
     path.write_text(text)
     with pytest.raises(ModelError, match="no leg of two links joins the base"):
         sk.mid_plane_form(sk.load(path), "tool")
-
-
-def test_progress_says_how_long_the_rest_will_take(capsys):
-    clock = iter([0.0, 10.0, 14.0, 30.0])
-    show = bar(lambda: next(clock))
-    for done in (200, 300, 1000):  # 200 were done before: 100 samples took 4 s
-        show(done, 1000)
-    first, second, last = capsys.readouterr().err.removesuffix("\n").split("\r")[1:]
-    assert first == "[######........................] 200/1000 samples"
-    assert second.endswith("300/1000 samples, 28 s left")
-    assert last.rstrip() == f"[{'#' * 30}] 1000/1000 samples" and len(last) == len(second)

@@ -177,7 +177,7 @@ from spherekit.cli.main import main
 rows_at_once.BYTES = 1 << 21
 def stop(done, total):
     os.kill(os.getpid(), int(sys.argv[1]))
-run.progress = lambda quiet: stop
+run.progress = lambda: stop
 sys.exit(main(sys.argv[2:]))
 """
 

@@ -158,7 +158,7 @@ def _executed(
             tables=options.prove,
             recorder=recorder if collector is None else collector,
             log_every=options.log_every,
-            progress=progress(options.quiet),
+            progress=progress(),
             **chosen,
         )
         if collector is not None and study.folder is not None:

@@ -1,14 +1,10 @@
 """What a run says to people: how far it is, on stderr, and its summary in lines."""
 
-import sys
-import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from spherekit.conventions import Lines, counted, numbered, size_text
 from spherekit.progress import ProgressReporter
-
-BAR = 30
 
 
 def report(summary: Any) -> str:
@@ -173,41 +169,12 @@ def accuracy_line(choice: Any) -> str:
     return f"{line}; nothing that depends on samples was asked for"
 
 
-def progress(quiet: bool) -> Callable[[int, int], None] | None:
-    """Return what is told how many samples are done: a line, or words now and then."""
-    if quiet:
-        return None
-    if sys.stderr.isatty():
-        return bar(time.monotonic)
+def progress() -> Callable[[int, int], None]:
+    """Return what is told how many samples are done, and says so now and then."""
     working = ProgressReporter("computing")
 
     def tell(done: int, total: int) -> None:
         if done < total:
             working.tell(lambda: f"{done} of {total} samples")
-
-    return tell
-
-
-def bar(now: Callable[[], float]) -> Callable[[int, int], None]:
-    """Return what prints how many samples are done, and how long the others will take.
-
-    That follows from those done since the first call; `now` gives seconds.
-    """
-    started, width = now(), 0
-    first: tuple[float, int] | None = None
-
-    def tell(done: int, total: int) -> None:
-        nonlocal first, width
-        at = now()
-        since, before = first = first or (at, done)
-        if at - started < 0.5 and done < total:
-            return
-        filled = BAR * done // total
-        text = f"[{'#' * filled + '.' * (BAR - filled)}] {done}/{counted(total, 'sample')}"
-        if before < done < total:
-            rest = (at - since) * (total - done) / (done - before)
-            text += f", {duration(rest)} s left"
-        shown, width = text.ljust(width), len(text)
-        print(f"\r{shown}", end="\n" * (done == total), file=sys.stderr, flush=True)
 
     return tell
