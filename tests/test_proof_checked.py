@@ -38,7 +38,7 @@ def over_boxes():
     text = text.replace("from = 40.0\nto = 140.0", "from = 78.0\nto = 96.0")
     written = written_of(text)
     ends = [written.input_range(item.pair) for item in written.mechanism.inputs]
-    found = input_map(written, ends, 0.08, 3)
+    found = input_map(written, ends, 0.08)
     assert {0, 1, 2} >= set(found.kind.tolist()) >= {0, 1}
     return recorded(map_certificate(found))
 

@@ -227,16 +227,9 @@ def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance)
         real, exactly = Equations(wide, made).real, Equations(Written.of(mechanism), made)
         degrees = made.degrees
         for place in np.random.default_rng(6).uniform(-3.0, 3.0, (5, len(made.pairs))):
-            values, slopes, curvatures = real.second(circle(place))
-            first = real.first(circle(place)[None])
-            assert np.max(np.abs(first[0][0] - values)) < 1e-14
-            assert np.max(np.abs(first[1][0] - slopes)) < 1e-14
-            both = zip(
-                exactly.arrays([exact(q) for q in place], 2),
-                (values, slopes, curvatures),
-                strict=True,
-            )
-            for balls, got in both:
+            balls_of = exactly.arrays([exact(q) for q in place], 2)
+            made_of = real.derivatives(circle(place)[None], 2)
+            for balls, (got,) in zip(balls_of, made_of, strict=True):
                 for (k, *key), ball in np.ndenumerate(balls):
                     off = abs(float(ball) - got[(k, *key)])
                     assert off <= real.error[k] * np.prod([degrees[k, j] for j in key])
@@ -272,7 +265,8 @@ def test_rates_along_pieces_are_within_their_bounds():
             y = np.zeros(normals.shape[1])
             for _ in range(8):
                 place = circle(piece.centre + s * t + normals @ y)
-                values, slopes, curvatures = curves.equations.real.second(place)
+                made = curves.equations.real.derivatives(place[None], 2)
+                values, slopes, curvatures = (part[0] for part in made)
                 y -= np.linalg.solve(slopes @ normals, values)
             assert np.max(np.abs(y)) <= piece.tight
             rate = t - normals @ np.linalg.solve(slopes @ normals, slopes @ t)

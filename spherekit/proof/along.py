@@ -321,8 +321,9 @@ def _place(
     def rate(parts: Floats, _: Indices) -> Floats:
         """Return the rate, negative at the centre, part of the way; nothing rests on it."""
         place = corrected(equations, piece.centre + parts[0] * way)
-        slopes = equations.real.second(turns_of(piece.centre if place is None else place))
-        made = frame_at(slopes[1], piece.tangent)
+        turns = turns_of(piece.centre if place is None else place)[None]
+        _, (slopes,) = equations.real.derivatives(turns, 1)
+        made = frame_at(slopes, piece.tangent)
         return beyond * (np.zeros(1) if made is None else made[0][variable, :1])
 
     here, there, up = np.zeros(1), np.ones(1), np.ones(1)

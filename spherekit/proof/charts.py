@@ -9,8 +9,6 @@ angles are inputs too. Numbers may be infinite: callers let NumPy divide by zero
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
@@ -18,9 +16,12 @@ import numpy as np
 from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
 from spherekit.proof.tubes import ROUNDING, UP
 
-WIDEST = 0.05
-"""Largest radius of a tube: the bounds of derivatives are for it."""
-MARGIN = 4.0
+OUTSIDE = 1.05
+"""A point is moved to the other chart where its size is more."""
+AROUND, CLOSE = 1.7, 50.0
+"""Radius in which a root is shown alone, over how far it moves and how near it is."""
+NEARER, MEAN = 0.04, 0.52
+"""Part of that radius that a root is within, and mean of what grows from that on."""
 NEWTON_STEPS = 8
 STILL = 1e-13
 
@@ -83,47 +84,27 @@ class ChartRoots:
         order.
         """
         n, count = self.z.shape
-        every = list(combinations_with_replacement(range(count), order))
-        places = [every.index(tuple(sorted(key))) for key in np.ndindex(*[count] * order)]
-        rows = []
+        made = []
         for series in arrays:
-            here = series[self.row]
-            made = [self._derivative(here, key) for key in every]
-            rows.append(np.stack([made[place] for place in places], axis=1))
-        out = np.stack(rows, axis=1)
-        return out.reshape(n, len(rows), *[count] * order, *out.shape[3:])
+            for key in np.ndindex(*[count] * order):
+                part = series[self.row]
+                for column in reversed(range(count)):
+                    powers = self._powers(column, part.shape[-1], key.count(column))
+                    part = np.einsum("n...p,np->n...", part, powers)
+                made.append(part)
+        out = np.stack(made, axis=1)
+        return out.reshape(n, len(arrays), *[count] * order, *out.shape[2:])
 
-    def _derivative(self, series: Complexes, columns: tuple[int, ...]) -> Complexes:
-        """Return (n, ...) that of series (n, ..., sizes) by the unknowns of `columns`."""
-        sizes = series.shape[-self.z.shape[1] :]
-        if any(sizes[column] == 1 for column in columns):
-            return np.zeros(series.shape[: -len(sizes)], dtype=complex)
-        out = series
-        for column, size in reversed(list(enumerate(sizes))):
-            powers = self._powers_of(column, size, columns.count(column))
-            out = np.einsum("n...p,np->n...", out, powers)
-        return out
-
-    def _powers_of(self, column: int, size: int, order: int) -> Complexes:
+    def _powers(self, column: int, size: int, order: int) -> Complexes:
         """Return (n, size) the powers of z that belong to coefficients, or derivatives."""
-        key = column, size, order
-        if key not in self._powers:
-            up = np.arange(size)
-            exponents = np.where(self.inverse[:, column, None], size - 1 - up, up)
-            factor = np.ones(exponents.shape)
-            for step in range(order):
-                factor = factor * (exponents - step)
-            z = self.z[:, column, None]
-            self._powers[key] = factor * z ** np.maximum(exponents - order, 0)
-        return self._powers[key]
-
-    @cached_property
-    def _powers(self) -> dict[tuple[int, int, int], Complexes]:
-        return {}
+        up = np.arange(size)
+        exponents = np.where(self.inverse[:, column, None], up[::-1], up)
+        factor = np.prod([exponents - step for step in range(order)], axis=0)
+        return factor * self.z[:, column, None] ** np.maximum(exponents - order, 0)
 
     def moved(self, z: Complexes) -> "ChartRoots":
         """Return the same with other points, each in the better chart."""
-        over = np.abs(z) > 1.0 + WIDEST
+        over = np.abs(z) > OUTSIDE
         return ChartRoots(np.where(over, 1.0 / z, z), self.inverse ^ over, self.row)
 
 
@@ -172,100 +153,61 @@ def _rounding(made: Polynomials, rows: Indices) -> Floats:
     return np.asarray(count * (made.error + 4 * ROUNDING * total)[rows])
 
 
-def _along(
-    made: Polynomials,
-    roots: ChartRoots,
-    moving: Floats,
-    inverse: Complexes,
-    rates: Complexes,
-    half: Floats,
-) -> tuple[Complexes, Complexes, Floats]:
-    """Return how the derivative changes along the axis by each input (n, k, k, inputs).
-
-    Then its derivatives by what is given, and by how much the axis is curved (n, k).
-    """
-    mixed = roots.derivatives(made.slopes, 1)
-    along = np.einsum("nijl,nld->nijd", roots.derivatives(made.values, 2), rates)
-    along += np.einsum("nijg,ngd->nijd", mixed, moving)
-    twice = np.einsum("nijd,nje->nide", along, rates)
-    twice += np.einsum("nijg,nje,ngd->nide", mixed, rates, moving)
-    curves = 0.5 * np.abs(np.einsum("nij,njde->nide", inverse, twice))
-    curves += ROUNDING * np.einsum("nij,njde->nide", np.abs(inverse), np.abs(twice))
-    return along, mixed, np.einsum("nide,nd,ne->ni", curves, half, half)
-
-
 def tubes(
     made: Polynomials, roots: ChartRoots, half: Floats, moving: Floats, off: Floats
 ) -> tuple[Bools, Floats, Floats, Floats, Floats, Complexes]:
     """Return where points (n,) have one root for every input of boxes, and where it is.
 
-    At the centre it is within the first distance (n,), alone within the second; in the box
-    within the third of its tube's axis, whose slopes (n, k, inputs) are last, and within
-    (n, k) of its place there. What is given to the system moves by `moving` (m, given,
-    inputs) times the inputs, `half` (m, inputs) at most, and by at most `off` (m, given)
-    rad more. It is to second order along the axes, bounded beyond: derivatives are at most
-    the constant times `growth` in `reach`, `axis` on the axis, times powers of `steps`,
-    those by what is given of `turned` (S. Bernstein).
+    At the centre it is within the first distance (n,), and everywhere alone within the
+    second; in the box within the third of its tube's axis, whose slopes (n, k, inputs) are
+    last, and within (n, k) of its place there. What is given to the system moves by
+    `moving` (m, given, inputs) times the inputs, `half` (m, inputs) at most, and by at most
+    `off` (m, given) rad more.
+
+    With Y P' within `slack` of 1 all over, Y next to the inverse at the point, the way from
+    there, z' = -P'^-1 P and then -P'^-1 P_g g' with what is given, is known but for this
+    part of it, which grows along the way. Derivatives of order three are at most `most` times powers of `steps`, and
+    by what is given of `turned` (S. Bernstein).
     """
     count = roots.z.shape[1]
     half, stray, moving = (box[roots.row] for box in (half, off, moving))
     values, first, by_given = values_at(made, roots)
     inverse, regular = inverses(first)
-    size = np.abs(inverse)
-    by_input = by_given @ moving
-    rates = -inverse @ by_input
+    size, pull = np.abs(inverse), inverse @ by_given
+    rates = -pull @ moving
     moved = applied(np.abs(rates), half) * UP
-    reach = np.abs(roots.z) + moved + WIDEST
-    steps = 2.0 * made.degrees[:, :count]
-    turned = made.degrees[:, count:].astype(float)
-    growth = np.exp(np.log(np.maximum(reach, 1.0)) @ steps.T) * UP
-    near = np.maximum(np.abs(roots.z) + moved, 1.0)
-    axis = made.constant * np.exp(np.log(near) @ steps.T) * UP
-    across, strays = moved @ steps.T, stray @ turned.T
-    given = applied(np.abs(moving), half) @ turned.T + strays
-    way = (across + given) * UP
-    along, mixed, curved = _along(made, roots, moving, inverse, rates, half)
-    blur = growth * _rounding(made, roots.row)
-    spare = (made.constant * growth * given + blur) * UP
-    far = axis * (0.5 * given**2 + across * strays + way**3 / 6.0)
-    lost = ROUNDING * np.abs(values)
-    far += applied(np.abs(by_given), stray) + blur * (1.0 + way + 0.5 * way**2) + lost
-    far += applied(np.abs(first @ rates + by_input), half)
-    start = np.abs(applied(inverse, values))
-    still = start + applied(size, blur + lost)
-    miss = start + curved + applied(size, far)
-    turning = np.einsum("nij,njld->nild", inverse, along)
-    part = np.abs(np.eye(count) - inverse @ first)
-    part += np.einsum("nild,nd->nil", np.abs(turning), half)
-    change = np.einsum("nijg,ng->nij", np.abs(mixed), stray)
-    change += (0.5 * axis * way**2)[:, :, None] * steps
-    change += (blur * (1.0 + way))[:, :, None] * np.maximum(steps, 1.0)
-    change += ROUNDING * np.einsum("nijd,nd->nij", np.abs(along), half)
-    part += size @ change + ROUNDING * (size @ np.abs(first) + 1.0)
-    slack = np.max(np.sum(part, axis=2), axis=1, initial=0.0) * UP
-    around = ChartRoots(reach.astype(complex), roots.inverse, roots.row)
-    bent = np.abs(around.derivatives([np.abs(array) for array in made.values], 2))
-    bent += spare[:, :, None, None] * steps[:, :, None] * steps[:, None, :]
-    bend = applied(size, np.sum(bent, axis=(2, 3)))
-    miss, bend = (np.max(bound * UP, axis=1, initial=0.0) for bound in (miss, bend))
-    unique, slope, good = _contracted(miss, slack, bend)
-    radius = MARGIN * np.max(still * UP, axis=1, initial=0.0) / (1.0 - slope)
-    width = np.minimum(miss / (1.0 - slope) * UP, unique)
-    reach = (moved + width[:, None]) * UP
-    return good & regular, np.minimum(radius, unique), unique, width, reach, rates
-
-
-def _contracted(miss: Floats, slack: Floats, bend: Floats) -> tuple[Floats, Floats, Bools]:
-    """Return within what a root is alone, the slope of Newton's map, and if it is proven.
-
-    With miss >= |Y P| on the axis, slack >= |1 - Y P'| there and bend r >= |Y| |P'(y) - P'|
-    within r of it, y - Y P(y) takes a ball of radius r into itself and contracts if miss +
-    (slack + bend r) r < r and slack + bend r < 1 (L. Kantorovich, 1948).
-    """
-    unique = np.minimum(WIDEST, 0.5 * (1.0 - slack) / bend)
-    slope = (slack + bend * unique) * UP
-    good = np.isfinite(miss) & np.isfinite(bend) & (slack < 1.0) & (slope < 1.0)
-    return unique, slope, good & (miss < unique * (1.0 - slope) / UP)
+    swing = (applied(np.abs(moving), half) + stray) * UP
+    missed, rounding = np.abs(applied(inverse, values)), _rounding(made, roots.row)
+    steps, turned = 2.0 * made.degrees[:, :count], made.degrees[:, count:].astype(float)
+    given = swing @ turned.T
+    astray = applied(np.abs(pull), stray)
+    goes = moved + astray + applied(size, made.constant * given**2)
+    begins = missed + applied(size, rounding)
+    wide = np.max(AROUND * goes + CLOSE * begins, axis=1) + 1e-12
+    reach = np.maximum(np.abs(roots.z) + wide[:, None], 1.0)
+    growth = np.exp(np.log(reach) @ steps.T) * UP
+    across = wide[:, None] * np.sum(steps, axis=1)
+    way, bent = across + given, np.abs(roots.derivatives(made.values, 2))
+    most, blur = made.constant * growth, growth * rounding
+    mixed = np.einsum("nijg,ng->nij", np.abs(roots.derivatives(made.slopes, 1)), swing)
+    # at the point, and by how much more all over
+    least = np.maximum(steps, 1.0)
+    still = blur[:, :, None] * least + ROUNDING * np.abs(first)
+    change = np.sum(bent, axis=3) * wide[:, None, None] + mixed
+    change += (0.5 * most * way**2 + blur * way)[:, :, None] * least
+    part, more = np.abs(np.eye(count) - inverse @ first) + size @ still, size @ change
+    slack = (np.max(np.sum(part + more, axis=2), axis=1) + count * ROUNDING) * UP
+    start = missed + applied(size, blur + ROUNDING * np.abs(values))
+    drift = np.sum(mixed, axis=2) * wide[:, None] + most * given * (given + across**2)
+    drift = MEAN * drift + blur * (1.0 + way) * way
+    drift += ROUNDING * applied(np.abs(by_given), swing)
+    strays = start + astray + applied(size, drift)
+    strays += applied(part + MEAN * more + ROUNDING, moved)
+    radius, width = (
+        np.max(bound, axis=1) / (1.0 - slack) * UP for bound in (start, strays)
+    )
+    good = regular & (slack < 1.0) & (np.max(moved, axis=1) + width < wide) & (radius < NEARER * wide)
+    return good, radius, wide, width, (moved + width[:, None]) * UP, rates
 
 
 def roots_of_one(made: Polynomials) -> ChartRoots:

@@ -16,6 +16,7 @@ II), and the number of modes is the same everywhere. Where two such boxes in one
 part have different numbers, a singular configuration lies between.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -60,7 +61,7 @@ def apart(values: Floats, slopes: Floats, radii: Floats, bent: Floats) -> Bools:
     return np.asarray(np.any(sums > reach * UP, axis=1))
 
 
-CHUNK = 20000
+CHUNK = 4000
 FIRST = -2.4
 """Where turns of unknown angles begin (rad): at no place that special geometry prefers."""
 
@@ -157,7 +158,7 @@ def paved(
 
     def judged(boxes: Integers, looked_at: int) -> Integers:
         radii = ranges.radii(boxes)
-        values, slopes = equations.real.first(ranges.turns(boxes))
+        values, slopes = equations.real.derivatives(ranges.turns(boxes), 1)
         change = radii @ degrees.T
         bent = 0.5 * equations.bound * change**2 + error * (1.0 + change)
         reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
@@ -181,7 +182,7 @@ def paved(
 PRECISION = 80
 CELL = 0.01
 """Largest side (rad) of the cells that are judged."""
-FINER = 4
+FINER = 5
 """How often cells are halved further each way, to judge them."""
 AT_ONCE = 4096
 """Roots that are looked at together."""
@@ -250,7 +251,6 @@ def input_map(
     written: Written,
     range_texts: Sequence[tuple[str, str]],
     cell: float = CELL,
-    finer: int = FINER,
 ) -> InputMap:
     """Return where over the ranges of the inputs modes are proven to be regular.
 
@@ -263,8 +263,6 @@ def input_map(
         order of the inputs.
     cell
         Largest side (rad) of the boxes that are said to contain a singular configuration.
-    finer
-        How often these are halved each way to be judged.
 
     Raises
     ------
@@ -285,21 +283,21 @@ def input_map(
         low = [start for start, _ in ends]
         ranges = Ranges(low, [end - start for start, end in ends])
         systems = systems_of(Equations(written, made))
-        boxes, kinds, modes = _judged(systems, ranges, cell, finer)
+        boxes, kinds, modes = _judged(systems, ranges, cell)
         centres, radii = ranges.centres(boxes), ranges.radii(boxes)
     texts = tuple(range_texts)
     return InputMap(written, made, texts, centres, radii, kinds, modes, systems)
 
 
 def _judged(
-    systems: Sequence[System], ranges: Ranges, side: float, finer: int
+    systems: Sequence[System], ranges: Ranges, side: float
 ) -> tuple[Integers, Indices, Indices]:
     """Return boxes with their kinds and numbers of modes, halved until they are judged."""
     cell = np.maximum(np.ceil(np.log2(ranges.extent / side)), 0).astype(np.int64)
-    finest = cell + finer
+    finest = cell + FINER
     most = max(1, AT_ONCE // sum(system.bound for system in systems))
     done: list[tuple[Integers, Indices, Indices]] = []
-    fine: dict[tuple[int, ...], set[int]] = {}
+    fine: dict[tuple[int, ...], set[int]] = defaultdict(set)
 
     def judged(boxes: Integers, _: int) -> Integers:
         levels, places = boxes
@@ -310,10 +308,13 @@ def _judged(
         last = np.all(levels >= finest, axis=1)
         whole = good & ~inside
         done.append((boxes[:, whole], 0 * modes[whole], modes[whole]))
-        for row in np.flatnonzero(inside & (good | last)):
-            place = tuple((places[row] >> (levels[row] - cell)).tolist())
-            fine.setdefault(place, set()).add(int(modes[row]) if good[row] else -1)
         left = ~good & ~last
+        for row in np.flatnonzero(inside):
+            counts = fine[tuple((places[row] >> (levels[row] - cell)).tolist())]
+            if good[row] or last[row]:
+                counts.add(int(modes[row]) if good[row] else -1)
+            # of a cell with two numbers of modes no more is asked
+            left[row] &= len(counts - {-1}) < 2
         # across the side that has farthest to go, to cells first
         coarse = np.any(levels < cell, axis=1, keepdims=True)
         farther = radii * np.where(coarse, levels < cell, levels < finest)

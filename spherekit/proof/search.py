@@ -23,7 +23,7 @@ SEEDING = 0.12
 OVERLAPPING = "two curves found may be one, so that modes are not counted"
 OUTSIDE = 1e-9
 """Arms (rad) may reach so far into the range without a chain."""
-TRIED = 6
+TRIED = 3
 """Boxes of each batch that are looked into."""
 
 

@@ -115,7 +115,7 @@ def piece_at(
     shortest: float = SHORTEST_PIECE,
 ) -> CertifiedArc | None:
     """Return a piece around a configuration, as long as can be proven up to `longest`."""
-    derivatives = equations.real.second(circle(centre))
+    derivatives = [x[0] for x in equations.real.derivatives(circle(centre)[None], 2)]
     made = frame_at(derivatives[1], along)
     if made is None:
         return None
@@ -149,7 +149,7 @@ class Test:
     def __init__(
         self,
         equations: Equations,
-        derivatives: tuple[Floats, Floats, Floats],
+        derivatives: list[Floats],
         frame: Floats,
         inverse: Floats,
     ) -> None:
@@ -198,7 +198,7 @@ def corrected(
     """
     place = place.copy()
     for _ in range(steps):
-        values, slopes, _ = equations.real.second(turns_of(place))
+        (values,), (slopes,) = equations.real.derivatives(turns_of(place)[None], 1)
         change, *_ = np.linalg.lstsq(slopes[:, :moved], -values, rcond=1e-13)
         place[:moved] += change
         size = float(np.max(np.abs(change)))
