@@ -179,7 +179,9 @@ class GearTrain(NamedTuple):
 
     `followers` are the numbers of pairs; `ratios` (followers, inputs) the rates of their
     angles, and `offsets` (followers,) these at inputs of zero, rad. Of `contacts`, pairs as
-    well, `length_ratios` (contacts, inputs) and `lengths` (contacts,), rad, say the same.
+    well, `length_ratios` (contacts, inputs) and `lengths` (contacts,), rad, say the same;
+    `rolled` (contacts, 2) are lengths along both circles where all angles are zero, NaN
+    where a reference pose says how it is put together.
     """
 
     followers: tuple[int, ...]
@@ -188,6 +190,7 @@ class GearTrain(NamedTuple):
     contacts: tuple[int, ...]
     length_ratios: Floats
     lengths: Floats
+    rolled: Floats
 
     @property
     def numbers(self) -> list[float]:
@@ -336,6 +339,7 @@ def _fixed(
         return None
     length_ratios = -(by_angles @ ratios + first[:, inputs])
     contacts = [mesh.contact for mesh, _, _ in made]
+    unrolled = np.full((len(made), 2), np.nan)
     if reference is not None:
         at, turned, rolled = (
             reference[[mechanism.variables_of(pair)[0] for pair in pairs]]
@@ -361,5 +365,11 @@ def _fixed(
             unrolled[k] = fits[np.lexsort([-fits[:, 0], rolled])[0]]
         lengths = unrolled[:, 0] - by_angles @ offsets
     return GearTrain(
-        tuple(followers), ratios, offsets, tuple(contacts), length_ratios, lengths
+        tuple(followers),
+        ratios,
+        offsets,
+        tuple(contacts),
+        length_ratios,
+        lengths,
+        unrolled,
     )

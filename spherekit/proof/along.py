@@ -322,8 +322,7 @@ def _place(
         """Return the rate, negative at the centre, part of the way; nothing rests on it."""
         place = corrected(equations, piece.centre + parts[0] * way)
         turns = turns_of(piece.centre if place is None else place)[None]
-        _, (slopes,) = equations.real.derivatives(turns, 1)
-        made = frame_at(slopes, piece.tangent)
+        made = frame_at(equations.real.derivatives(turns, 1)[1][0], piece.tangent)
         return beyond * (np.zeros(1) if made is None else made[0][variable, :1])
 
     here, there, up = np.zeros(1), np.ones(1), np.ones(1)

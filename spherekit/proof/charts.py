@@ -153,6 +153,30 @@ def _rounding(made: Polynomials, rows: Indices) -> Floats:
     return np.asarray(count * (made.error + 4 * ROUNDING * total)[rows])
 
 
+def _changes(
+    made: Polynomials, roots: ChartRoots, wide: Floats, swing: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return by how much P (n, k) and P' (n, k, k) are off, and more within `wide` (n,).
+
+    Last is by how much P' times a way may be off for what is given, which moves by at most
+    `swing` (n, given). Derivatives of order three are at most the constant times powers of
+    `steps`, and by what is given of `turned` (S. Bernstein).
+    """
+    count = roots.z.shape[1]
+    steps, turned = 2.0 * made.degrees[:, :count], made.degrees[:, count:].astype(float)
+    reach = np.maximum(np.abs(roots.z) + wide[:, None], 1.0)
+    growth = np.exp(np.log(reach) @ steps.T) * UP
+    most, blur = made.constant * growth, growth * _rounding(made, roots.row)
+    across, given = wide[:, None] * np.sum(steps, axis=1), swing @ turned.T
+    way, least = across + given, np.maximum(steps, 1.0)
+    mixed = np.einsum("nijg,ng->nij", np.abs(roots.derivatives(made.slopes, 1)), swing)
+    bent = np.sum(np.abs(roots.derivatives(made.values, 2)), axis=3)
+    more = bent * wide[:, None, None] + mixed
+    more += (0.5 * most * way**2 + blur * way)[:, :, None] * least
+    drift = np.sum(mixed, axis=2) * wide[:, None] + most * given * (given + across**2)
+    return blur, more, MEAN * drift + blur * (1.0 + way) * way
+
+
 def tubes(
     made: Polynomials, roots: ChartRoots, half: Floats, moving: Floats, off: Floats
 ) -> tuple[Bools, Floats, Floats, Floats, Floats, Complexes]:
@@ -166,8 +190,7 @@ def tubes(
 
     With Y P' within `slack` of 1 all over, Y next to the inverse at the point, the way from
     there, z' = -P'^-1 P and then -P'^-1 P_g g' with what is given, is known but for this
-    part of it, which grows along the way. Derivatives of order three are at most `most` times powers of `steps`, and
-    by what is given of `turned` (S. Bernstein).
+    part of it, which grows along the way.
     """
     count = roots.z.shape[1]
     half, stray, moving = (box[roots.row] for box in (half, off, moving))
@@ -177,36 +200,25 @@ def tubes(
     rates = -pull @ moving
     moved = applied(np.abs(rates), half) * UP
     swing = (applied(np.abs(moving), half) + stray) * UP
-    missed, rounding = np.abs(applied(inverse, values)), _rounding(made, roots.row)
-    steps, turned = 2.0 * made.degrees[:, :count], made.degrees[:, count:].astype(float)
-    given = swing @ turned.T
-    astray = applied(np.abs(pull), stray)
+    astray, missed = applied(np.abs(pull), stray), np.abs(applied(inverse, values))
+    given = swing @ made.degrees[:, count:].T
     goes = moved + astray + applied(size, made.constant * given**2)
-    begins = missed + applied(size, rounding)
+    begins = missed + applied(size, _rounding(made, roots.row))
     wide = np.max(AROUND * goes + CLOSE * begins, axis=1) + 1e-12
-    reach = np.maximum(np.abs(roots.z) + wide[:, None], 1.0)
-    growth = np.exp(np.log(reach) @ steps.T) * UP
-    across = wide[:, None] * np.sum(steps, axis=1)
-    way, bent = across + given, np.abs(roots.derivatives(made.values, 2))
-    most, blur = made.constant * growth, growth * rounding
-    mixed = np.einsum("nijg,ng->nij", np.abs(roots.derivatives(made.slopes, 1)), swing)
-    # at the point, and by how much more all over
-    least = np.maximum(steps, 1.0)
-    still = blur[:, :, None] * least + ROUNDING * np.abs(first)
-    change = np.sum(bent, axis=3) * wide[:, None, None] + mixed
-    change += (0.5 * most * way**2 + blur * way)[:, :, None] * least
-    part, more = np.abs(np.eye(count) - inverse @ first) + size @ still, size @ change
-    slack = (np.max(np.sum(part + more, axis=2), axis=1) + count * ROUNDING) * UP
+    blur, more, drift = _changes(made, roots, wide, swing)
+    steps = np.maximum(2.0 * made.degrees[:, :count], 1.0)
+    part = np.abs(np.eye(count) - inverse @ first) + ROUNDING
+    part += size @ (blur[:, :, None] * steps + ROUNDING * np.abs(first))
+    more = size @ more
+    slack = np.max(np.sum(part + more, axis=2), axis=1) * UP
     start = missed + applied(size, blur + ROUNDING * np.abs(values))
-    drift = np.sum(mixed, axis=2) * wide[:, None] + most * given * (given + across**2)
-    drift = MEAN * drift + blur * (1.0 + way) * way
     drift += ROUNDING * applied(np.abs(by_given), swing)
-    strays = start + astray + applied(size, drift)
-    strays += applied(part + MEAN * more + ROUNDING, moved)
+    strays = start + astray + applied(size, drift) + applied(part + MEAN * more, moved)
     radius, width = (
         np.max(bound, axis=1) / (1.0 - slack) * UP for bound in (start, strays)
     )
-    good = regular & (slack < 1.0) & (np.max(moved, axis=1) + width < wide) & (radius < NEARER * wide)
+    good = regular & (slack < 1.0) & (np.max(moved, axis=1) + width < wide)
+    good &= radius < NEARER * wide
     return good, radius, wide, width, (moved + width[:, None]) * UP, rates
 
 

@@ -20,6 +20,7 @@ others. A rolling contact also says how far both wheels turn (`gears`).
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -32,11 +33,11 @@ from spherekit.errors import PlanError
 from spherekit.files.document import Document, LiteralNumber, parse
 from spherekit.files.read import read
 from spherekit.files.write import dumps
-from spherekit.model.gears import carrier_of, link_axes
+from spherekit.model.gears import carrier_of, joints_of, link_axes
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry
 from spherekit.planning.inputs import driven_pairs
-from spherekit.planning.wheels import GearMesh, Way, back, least_rolled, mesh_of
+from spherekit.planning.wheels import ONE_LINE, GearMesh, Way, back, on_carrier, wheel_train
 from spherekit.proof.balls import (
     Arcs,
     Ball,
@@ -162,13 +163,6 @@ class Touching:
         """The signed arc from the first centre over the contact on to the second."""
         return self.radii[0] - self.sense * self.radii[1]
 
-    @property
-    def scales(self) -> Array:
-        """By how much lengths in units of `sines` are longer (2,)."""
-        return np.array(
-            [s / radius.sin() for s, radius in zip(self.sines, self.radii, strict=True)]
-        )
-
     def towards(self, first: Vector, second: Vector) -> tuple[Vector, Vector]:
         """Return the directions of the contact at both centres, where these are."""
         sine, cosine = self.arc.sin_cos()
@@ -191,7 +185,7 @@ class Written:
 
     `tolerance` (rad) is that of every arc, angle, zero and direction of the file.
     `structure` are the links and R pairs that it stands for, `meshes` its wheels in mesh
-    and `turns` those with which they are put together.
+    and `lengths` about those that they have rolled where all angles are zero.
     """
 
     mechanism: Mechanism
@@ -199,7 +193,7 @@ class Written:
     tolerance: float
     structure: Structure
     meshes: tuple[GearMesh, ...] = ()
-    turns: tuple[tuple[int, int], ...] = ()
+    lengths: Sequence[Sequence[float]] = ()
 
     @staticmethod
     def of(
@@ -247,7 +241,7 @@ class Written:
             values, zero = self._angles("value"), exact(0.0)
             constants = rows @ np.array([values.get(p, zero) for p in structure.pairs])
         else:
-            constants = self._rolled(self.turns) @ exactly([1.0, -1.0])
+            constants = self._rolled() @ exactly([1.0, -1.0])
         right = constants - rows[:, list(structure.inputs)] @ np.array(inputs)
         return [*inputs, *(angle for (angle,) in self._followed(rows, right[:, None]))]
 
@@ -281,25 +275,26 @@ class Written:
         for row, mesh in zip(rows, self.meshes, strict=True):
             touch = self._touching(mesh.contact)
             one, other = touch.sines
-            for pair, factor in mesh.relation((one, -touch.sense * other)).items():
-                row[pair] = factor
+            for pair, factor in mesh.relation((one, -other)).items():
+                row[self._number(pair)] = factor
         return rows
 
-    def _rolled(self, turns: Sequence[tuple[int, int]]) -> Array:
+    def _rolled(self) -> Array:
         """Return the lengths (meshes, 2) rolled along circles with all angles zero.
 
         It is the sine of the radius times the azimuth of the contact, less where it starts;
-        in teeth, if these are given. `turns` are the whole turns of both circles.
+        in teeth, if these are given.
         """
-        frames, rolled = self.frames(), []
+        frames, rolled = self.frames(), list[Array]()
 
         def along(vector: Vector, way: Way) -> Vector:
             """Return a vector of the first link of a way in the last, all angles zero."""
             for pair, side in way:
-                vector = carried(vector, frames[pair][side], frames[pair][1 - side])
+                ends = frames[self._number(pair)]
+                vector = carried(vector, ends[side], ends[1 - side])
             return vector
 
-        for mesh, two in zip(self.meshes, turns, strict=True):
+        for mesh, near in zip(self.meshes, self.lengths, strict=True):
             touch = self._touching(mesh.contact)
             sides = list(zip(touch.axes, mesh.ways, strict=True))
             lines = [along(axes[2], way) for axes, way in sides]
@@ -307,58 +302,15 @@ class Written:
                 axes @ along(direction, back(way))
                 for (axes, way), direction in zip(sides, touch.towards(*lines), strict=True)
             ]
-            azimuths = [
-                angle_of(x, y) + 2 * pi() * turn
-                for (x, y, _), turn in zip(ahead, two, strict=True)
-            ]
-            starts = touch.scales * self._starts(mesh.contact)
-            rolled.append(np.array(touch.sines) * azimuths * (1, touch.sense) - starts)
+            azimuths = np.array([angle_of(x, y) for x, y, _ in ahead])
+            sines = [radius.sin() for radius in touch.radii]
+            scales = np.array(touch.sines) / np.array(sines)
+            starts = scales * self._starts(mesh.contact)
+            length = np.array(touch.sines) * azimuths * (1, touch.sense) - starts
+            lap = 2 * pi() * np.array(touch.sines)
+            turns = np.round((floats(scales) * near - floats(length)) / floats(lap))
+            rolled.append(length + lap * exactly(turns))
         return np.array(rolled)
-
-    def _least_rolled(self) -> tuple[tuple[int, int], ...]:
-        """Return the whole turns of wheels put together as the file means.
-
-        That is with nothing rolled in the reference pose, which takes none; without one,
-        with wheels rolled least at inputs of zero.
-
-        Raises
-        ------
-        PlanError
-            If the meshes do not fix all angles that they relate by the inputs.
-        """
-        structure, count = self.structure, len(self.meshes)
-        where = ", ".join(structure.pairs[pair] for pair in structure.followers)
-        problem = PlanError(
-            f"{structure.name}: its {count} rolling contacts relate the angles {where} to "
-            "the inputs, and do not fix each of them; proofs are for wheels whose turning "
-            "follows from the inputs alone: drive another pair"
-        )
-        if count != len(structure.followers):
-            raise problem
-        try:
-            self.ratios()
-        except ZeroDivisionError:
-            raise problem from None
-        if isinstance(self.mechanism.geometry, PoseGeometry):
-            return ()
-        touching = [self._touching(mesh.contact) for mesh in self.meshes]
-        scale = floats(np.array([touch.scales[:1] for touch in touching]))
-        laps = np.array([touch.sines for touch in touching])
-        senses = np.array([(1, touch.sense) for touch in touching])
-        square = floats(self._relations()[:, list(structure.followers)])
-        on_first = [[p in m.turned[0] for p in structure.followers] for m in self.meshes]
-        turns = least_rolled(
-            floats(self._rolled([(0, 0)] * count)) / scale,
-            2.0 * np.pi * floats(laps) * senses / scale,
-            square * on_first / scale,
-            square / scale,
-        )
-        if turns is None:
-            raise PlanError(
-                f"{structure.name}: it has {count} rolling contacts; without a reference "
-                "pose proofs are for fewer, whose turns can all be tried"
-            )
-        return tuple((int(one), int(other)) for one, other in turns)
 
     def motion_columns(self) -> list[tuple[str, float]]:
         """Return the column of the table motion and the factor of each pair's angle.
@@ -395,19 +347,19 @@ class Written:
         return np.array([self.angle(length, False) for length in starts])
 
     def _in_mesh(self) -> "Written":
-        """Return the same with its wheels in mesh."""
+        """Return the same with its wheels in mesh, put together as the file means.
+
+        Raises
+        ------
+        PlanError
+            If no link carries the wheels of a contact, or the meshes do not fix all angles
+            that they relate by the inputs.
+        """
         structure, mechanism = self.structure, self.mechanism
-        axes = {
-            pair: (floats(one[2]), floats(other[2]))
-            for pair, (one, other) in enumerate(self.frames())
-        }
-        meshes = []
+        joints, meshes = joints_of(mechanism), list[GearMesh]()
         for contact in structure.wheels:
-            touch, two = self._touching(contact), (contact, mechanism.ends[contact])
-            first, second = (floats(axes[2]) for axes in touch.axes)
-            cosine = float(np.cos(middle(touch.arc)))
-            mesh = mesh_of(structure.ends, axes, two, (first, second), cosine)
-            if mesh is None:
+            held = on_carrier(mechanism, joints, contact, ONE_LINE)
+            if held is None:
                 pair = mechanism.pairs[contact]
                 raise PlanError(
                     f"{mechanism.name}: pair {pair.name} is a rolling contact, and no link "
@@ -415,12 +367,31 @@ class Written:
                     "its circle so that they touch; of rolling contacts proofs are for "
                     "wheels that a link carries so, and for sliding contacts of circles"
                 )
-            meshes.append(mesh)
-        every = set().union(*(mesh.pairs for mesh in meshes))
+            meshes.append(held[0])
+        every = {self._number(pair) for mesh in meshes for pair in mesh.pairs}
         followers = tuple(sorted(every - set(structure.inputs)))
-        followed = replace(structure, followers=followers)
-        meshed = replace(self, meshes=tuple(meshes), structure=followed)
-        return replace(meshed, turns=meshed._least_rolled())
+        train = wheel_train(mechanism, driven_pairs(mechanism))
+        with suppress(ZeroDivisionError):
+            if train is not None and len(followers) == len(meshes):
+                made = replace(
+                    self,
+                    structure=replace(structure, followers=followers),
+                    meshes=tuple(meshes),
+                    lengths=train.rolled.tolist(),
+                )
+                made.ratios()
+                return made
+        where = ", ".join(structure.pairs[pair] for pair in followers)
+        raise PlanError(
+            f"{structure.name}: its {len(meshes)} rolling contacts relate the angles "
+            f"{where} to the inputs, and do not fix each of them, or in more ways than can "
+            "be tried; proofs are for wheels whose turning follows from the inputs alone: "
+            "drive another pair, or give a reference pose"
+        )
+
+    def _number(self, pair: int) -> int:
+        """Return the number in the structure of an R pair of the mechanism."""
+        return self.structure.pairs.index(self.mechanism.pairs[pair].name)
 
     def angle(self, number: float, tolerance: bool = True) -> Ball:
         """Return an angle of the file in rad."""

@@ -82,7 +82,7 @@ class Harmonics:
 def _summed(left: Complexes, waves: Complexes) -> Complexes:
     """Return sums (parts, ..., n) over the last axes of coefficients with waves of each.
 
-    Part number a + b r + ..., of r orders, has the derivative a by the first, b by the next.
+    Part a + b r + ..., of r orders, has the derivative a by the first, b by the next.
     """
     parts: Complexes = left[None, ..., None]
     for wave in waves[::-1]:
