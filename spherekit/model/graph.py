@@ -41,15 +41,10 @@ def joined(count: int, couples: Iterable[tuple[int, int]]) -> list[int]:
     return owner
 
 
-def pieces(mechanism: Mechanism) -> list[list[str]]:
-    """Return the connected pieces, label as its links in file order, ground's first."""
-    left = list(range(len(mechanism.links)))
-    components: list[list[str]] = []
-    while left:
-        reached = {left[0], *(link for _, _, link in spanning(mechanism.ends, left[:1]))}
-        components.append([mechanism.links[link] for link in sorted(reached)])
-        left = [link for link in left if link not in reached]
-    return components
+def clusters(count: int, couples: Iterable[tuple[int, int]]) -> list[list[int]]:
+    """Return so many things, those together that couples join, by their smallest."""
+    owner = joined(count, couples)
+    return [[k for k in range(count) if owner[k] == one] for one in sorted(set(owner))]
 
 
 def layout(mechanism: Mechanism) -> Floats:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from spherekit.conventions import listing
 from spherekit.errors import CountError, PlanError
-from spherekit.model.graph import joined, pieces
+from spherekit.model.graph import clusters, joined
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.wheels import (
     held_meshes,
@@ -208,9 +208,10 @@ def counted_freedom(
 
 
 def _check_connected(mechanism: Mechanism) -> None:
-    parts = pieces(mechanism)
+    parts = clusters(len(mechanism.links), mechanism.ends)
     if len(parts) > 1:
-        loose = "; ".join(", ".join(part) for part in parts[1:])
+        names = mechanism.links
+        loose = "; ".join(", ".join(names[k] for k in part) for part in parts[1:])
         raise PlanError(
             f"{mechanism.name}: the graph is not connected: no pairs join the ground to "
             f"[{loose}]; add the missing pairs or remove these links"
@@ -259,17 +260,31 @@ def _play(mechanism: Mechanism) -> Pebbles:
     return game
 
 
+def _covered(
+    mechanism: Mechanism,
+    body: Sequence[int],
+    pairs: Iterable[int],
+    meshes: Collection[int] = (),
+) -> tuple[Pebbles, bool]:
+    """Return the game of bodies with the constraints of pairs; False if any is redundant.
+
+    Of `meshes` one constraint counts.
+    """
+    game, independent = Pebbles(len(body)), True
+    for n in pairs:
+        taken = 1 if n in meshes else mechanism.pairs[n].constraints
+        a, b = mechanism.ends[n]
+        independent &= game.cover(body[a], body[b], taken)
+    return game, independent
+
+
 def _locked(
     mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]
 ) -> tuple[tuple[int, ...], Pebbles]:
     """Play the game with inputs locked, and make one body of each part that is rigid."""
     body = merged(mechanism, locked)
-    game = Pebbles(len(body))
     left = [k for k in range(len(mechanism.pairs)) if k not in locked]
-    independent = True
-    for number in left:
-        a, b = (body[link] for link in mechanism.ends[number])
-        independent &= game.cover(a, b, mechanism.pairs[number].constraints)
+    game, independent = _covered(mechanism, body, left)
     for number in left:
         a, b = (body[link] for link in mechanism.ends[number])
         part = game.rigid_part(a, b) if a != b else None
@@ -425,16 +440,10 @@ def split(
     """
     body_of = list(bodies)
     open_pairs = {n: mechanism.ends[n] for n in pairs}
-    taken = [
-        1 if n in meshes else pair.constraints for n, pair in enumerate(mechanism.pairs)
-    ]
-    game = Pebbles(len(mechanism.links))
-    covered = True
-    for n, ends in open_pairs.items():
-        covered &= game.cover(body_of[ends[0]], body_of[ends[1]], taken[n])
+    game, covered = _covered(mechanism, bodies, open_pairs, meshes)
     joined = {body_of[link] for ends in open_pairs.values() for link in ends}
-    equations = sum(taken[n] for n in open_pairs)
-    if open_pairs and not (covered and equations == FREEDOMS * (len(joined) - 1)):
+    left = sum(game.free[body] for body in joined)
+    if open_pairs and not (covered and left == FREEDOMS):
         raise CountError(
             f"{mechanism.name}: {len(joined)} bodies joined by {len(open_pairs)} pairs are "
             "no structure that can just be assembled"

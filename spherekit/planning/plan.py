@@ -18,7 +18,7 @@ from itertools import combinations, pairwise
 
 from spherekit.argument_validation import checked
 from spherekit.errors import PlanError
-from spherekit.model.graph import joined
+from spherekit.model.graph import clusters
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Pebbles, counted_freedom, driven_pairs
 from spherekit.planning.poles import (
@@ -157,10 +157,7 @@ def circles(
     for links, _ in coaxial:
         if not links.isdisjoint(pole):
             same += pairwise(k for k, third in enumerate(thirds) if third in links)
-    owner = joined(len(thirds), same)
-    numbers = range(len(thirds))
-    every = ([thirds[k] for k in numbers if owner[k] == first] for first in numbers)
-    return [tuple(alike) for alike in every if alike]
+    return [tuple(thirds[k] for k in alike) for alike in clusters(len(thirds), same)]
 
 
 def _smallest_block(

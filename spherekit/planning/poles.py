@@ -25,7 +25,7 @@ from spherekit.conventions import counted, nearest
 from spherekit.errors import PlanError
 from spherekit.markup import html_table
 from spherekit.model.gears import SAME_AXIS, link_axes
-from spherekit.model.graph import joined
+from spherekit.model.graph import clusters
 from spherekit.model.mechanism import Mechanism
 
 
@@ -42,18 +42,17 @@ def coaxial_links(mechanism: Mechanism) -> tuple[tuple[frozenset[int], int, bool
         for one, other in combinations(axes, 2):
             if np.linalg.norm(np.cross(axes[one], axes[other])) < SAME_AXIS:
                 couples.append((number[one], number[other]))
-                same = [np.array_equal(axes[one], s * axes[other]) for s in (1.0, -1.0)]
-                rounded |= set() if any(same) else set(couples[-1])
-    owner = joined(len(mechanism.pairs), couples)
-    sets = []
-    for first in sorted(set(owner)):
-        pairs = [
-            pair for pair, representative in enumerate(owner) if representative == first
-        ]
-        if len(pairs) > 1:
-            links = frozenset(link for pair in pairs for link in mechanism.ends[pair])
-            sets.append((links, first, not rounded & set(pairs)))
-    return tuple(sets)
+                if not any(np.array_equal(axes[one], s * axes[other]) for s in (1.0, -1.0)):
+                    rounded |= {*couples[-1]}
+    return tuple(
+        (
+            frozenset(link for pair in pairs for link in mechanism.ends[pair]),
+            pairs[0],
+            not rounded & {*pairs},
+        )
+        for pairs in clusters(len(mechanism.pairs), couples)
+        if len(pairs) > 1
+    )
 
 
 PRIMARY_MARK = "x"
