@@ -1,5 +1,6 @@
 """Rolling and sliding contact: cams as four-bars, gears, exact derivatives."""
 
+import importlib.util
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,22 +31,17 @@ from spherekit.planning.poles import all_poles
 ROOT = Path(__file__).parent.parent
 
 
-SHAPE = Profile(
-    "fourier",
-    (0.0, 0.0, 1.0),
-    cosines=(25 * DEGREE, 4 * DEGREE, 3 * DEGREE),
-    sines=(0.0, 0.0, 1.0 * DEGREE),
+EVEN, ODD = (25 * DEGREE, 4 * DEGREE, 3 * DEGREE), (0.0, 0.0, 1.0 * DEGREE)
+SHAPE = Profile("fourier", (0.0, 0.0, 1.0), cosines=EVEN, sines=ODD)
+
+
+BY_GRAPH = {"bevel_pair": 0, "rolling_cones": 0, "planetary_bevel": -1} | dict.fromkeys(
+    ("roller_cam", "flat_cam", "shaped_cam", "shaped_flat_cam"), 1
 )
-
-
-SHIPPED_GEARS = ("bevel_pair", "rolling_cones", "planetary_bevel")
-SHIPPED_CAMS = ("roller_cam", "flat_cam", "shaped_cam", "shaped_flat_cam")
-
-
 HUMPAGE = text_of("humpage")
 
 
-def test_gears_of_a_train_turn_about_coaxial_pairs(tmp_path):
+def test_gears_of_a_train_turn_about_coaxial_pairs(tmp_path, capsys):
     """Humpage's gear: sun and fixed ring, out wheel and arm turn about one line."""
     path = tmp_path / "humpage.toml"
     path.write_text(HUMPAGE)
@@ -58,30 +54,21 @@ def test_gears_of_a_train_turn_about_coaxial_pairs(tmp_path):
     assert np.max(np.abs(np.abs(here.velocity_coefficient("out/case")) - wheel)) < 1e-13
     sk.dump(made, tmp_path / "again.toml")
     assert sk.load(tmp_path / "again.toml") == made
+    if importlib.util.find_spec("flint"):
+        assert main(["certify", str(path)]) == 0
+        assert f"arm_shaft turns {arm:+.10f}" in capsys.readouterr().out
     path.write_text(HUMPAGE.replace("arcs = [0.0, 180.0]", "arcs = [10.0, 180.0]"))
     with pytest.raises(sk.SpherekitError, match="nor does a pair coaxial"):
         sk.load(path)
 
 
-def test_a_train_with_coaxial_pairs_is_proven(tmp_path, capsys):
-    pytest.importorskip("flint")
-    path = tmp_path / "humpage.toml"
-    path.write_text(HUMPAGE)
-    sun, ring = np.sin(np.radians([18.0, 78.0]))
-    assert main(["certify", str(path)]) == 0
-    ratio = f"{sun / (sun + ring):+.10f}"
-    assert f"arm_shaft turns {ratio}" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("name", [*SHIPPED_GEARS, *SHIPPED_CAMS])
-def test_shipped_contact_mechanisms_run_over_their_whole_range(name):
+@pytest.mark.parametrize("name, by_graph", BY_GRAPH.items())
+def test_shipped_contact_mechanisms_run_over_their_whole_range(name, by_graph):
     result = sk.run(sk.load(name), "poles", samples=37)
     assert not result.failures
     assert result.summary["status"] == {"OK": 37 * len(result.summary["assembly_modes"])}
     assert result.summary["errors_reached"]["largest_closure_residual_rad"] < 1e-13
-    assert result.summary["mobility"]["rank"] == 1
-    by_graph = {"bevel_pair": 0, "rolling_cones": 0, "planetary_bevel": -1}.get(name, 1)
-    assert result.summary["mobility"]["graph"] == by_graph
+    assert result.summary["mobility"] == {"rank": 1, "graph": by_graph}
     repeated = result.summary["redundant_constraints"]
     assert repeated["count"] == 1 - by_graph
     all_pairs = sorted(pair.name for pair in sk.load(name).pairs)
@@ -103,9 +90,8 @@ def test_internal_bevel_gears():
         replace(p, profiles=circles, contact="internal") if p.name == "12" else p
         for p in base.pairs
     )
-    _, field = field_of(
-        replace(base, pairs=pairs, geometry=SizeGeometry(sizes)), samples=13
-    )
+    made = replace(base, pairs=pairs, geometry=SizeGeometry(sizes))
+    _, field = field_of(made, samples=13)
     assert np.max(np.abs(field.velocity_coefficient[0, 2] - 20 / 50)) < 1e-13
 
 
@@ -139,15 +125,9 @@ def test_running_off_an_open_profile_has_a_status():
     open_motion = sk.trace(open_cam(), samples=361, search=False)
     assert np.any(open_motion.status == sk.Status.OK)
     assert np.any(open_motion.status == sk.Status.OFF_PROFILE)
-    ok = open_motion.status == sk.Status.OK
-    psi = open_motion.values[ok, 1]
-    nearest = [
-        np.min(
-            np.abs(np.exp(1j * motion.values[np.abs(motion.q - q) < 1e-9, 1] - 1j * p) - 1)
-        )
-        for q, p in zip(open_motion.q[ok], psi, strict=True)
-    ]
-    assert np.nanmax(nearest) < 1e-5
+    for row in np.flatnonzero(open_motion.status == sk.Status.OK):
+        there = motion.values[np.abs(motion.q - open_motion.q[row]) < 1e-9, 1]
+        assert np.min(np.abs(np.exp(1j * (there - open_motion.values[row, 1])) - 1)) < 1e-5
 
 
 BEVEL = (ROOT / "mechanisms" / "bevel_pair.toml").read_text()
@@ -165,10 +145,8 @@ def geared(old, new):
 def apart():
     """Return a mechanism whose profiles do not touch in the reference pose."""
     circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
-    made = cam(GROUND, circle, circle)
-    return replace(
-        made, geometry=PoseGeometry({"12": (1.0, 0.0, 0.0), "13": (0.0, 1.0, 0.0)})
-    )
+    posed = PoseGeometry({"12": (1.0, 0.0, 0.0), "13": (0.0, 1.0, 0.0)})
+    return replace(cam(GROUND, circle, circle), geometry=posed)
 
 
 def crossing():
@@ -191,10 +169,8 @@ def test_pole_of_two_sliding_contacts_is_where_their_planes_meet():
     assert step.case == "c"
     motion, field = field_of(made, samples=41, search=False)
     assert np.all(motion.status == sk.Status.OK)
-    good = np.flatnonzero(motion.status == sk.Status.OK)
-    assert len(good) > 20
     types = [pair.type for pair in made.pairs]
-    for row in good[::5]:
+    for row in range(0, 41, 5):
         w, _ = null_space(3, made.ends, motion.axes[row], types)
         for i, j in all_poles(3):
             assert off_axis(field.direction[i, j][row], w[j] - w[i]) < 1e-11

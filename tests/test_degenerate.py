@@ -28,11 +28,10 @@ def run(made, samples=7, search=False):
     return frame
 
 
-@pytest.mark.parametrize(
-    "arcs",
-    [(60, 40, 60, 40), (60, 60, 60, 60), (40, 60, 40, 60), (90, 90, 90, 90)]
-    + [(60, 20, 40, 40), (60, 120, 70, 130)],
-)
+CHANGING = (60, 40, 60, 40), (60,) * 4, (40, 60, 40, 60), (90,) * 4, (60, 20, 40, 40)
+
+
+@pytest.mark.parametrize("arcs", [*CHANGING, (60, 120, 70, 130)])
 def test_change_points_have_a_status_and_no_garbage(arcs):
     frame = run(four_bar(np.radians(arcs)), samples=37)
     counts = frame["status"].value_counts()

@@ -7,13 +7,12 @@ from chains import FOUR_BAR, WATT, joints, mechanism, random_axes
 from spherekit.conventions import EPS
 from spherekit.engine.kernels import kernel
 from spherekit.motion.motion import PositionAnalysis
+from spherekit.planning.inputs import plan_assembly
 from spherekit.proof.balls import Digits, floats
 from spherekit.proof.rows import exact_rows
 
 FIFTY = Digits(50)
 NEAR = {"nearly coinciding": 1.0, "nearly opposite": -1.0}
-COMPOSITE = WATT
-"""Driven at 2-3, a body of its dyads is several links."""
 
 
 def tilted(random, axis, angle):
@@ -30,9 +29,8 @@ def digits_lost(made):
     exact = exact_rows(motion, motion.sample >= 0, driven, FIFTY, order=1)
     links = tuple(range(1, len(made.links)))
     name = made.pairs[driven].name
-    function = kernel(
-        tracer.mechanism, name, (), source="input", links=links, engine="numpy"
-    )
+    given = {"source": "input", "links": links, "engine": "numpy"}
+    function = kernel(tracer.mechanism, name, (), **given)
     signs = np.array(tracer.assembly_modes[0].signs, dtype=float)
     found = function.values(np.concatenate([[0.0], signs])[:, None])
     want = floats(exact.w)[0]
@@ -58,26 +56,23 @@ def test_no_more_digits_are_lost_than_the_configuration_has_not(pair, sense, ang
 @pytest.mark.parametrize("sense", NEAR.values(), ids=NEAR)
 @pytest.mark.parametrize("which", [0, 1], ids=["axes of one body", "outer axes"])
 def test_bodies_of_several_links(which, sense):
+    """Watt's chain driven at 2-3, where a body of its dyads is several links."""
     random = np.random.default_rng(4)
     lost = []
     for _ in range(4):
-        axes = random_axes(random, len(joints(COMPOSITE)))
-        made = mechanism(COMPOSITE, axes, driven="p2_3")
+        axes = random_axes(random, len(joints(WATT)))
+        made = mechanism(WATT, axes, driven="p2_3")
         outer, other = outer_and_other(made, which)
         axes[other] = sense * tilted(random, axes[outer], 1e-3)
-        lost.append(digits_lost(mechanism(COMPOSITE, axes, driven="p2_3")))
+        lost.append(digits_lost(mechanism(WATT, axes, driven="p2_3")))
     assert np.median(lost) < 10.0
 
 
 def outer_and_other(made, which):
     """Return the outer pair of a body of several links, and its middle or far pair."""
-    groups = PositionAnalysis(made, search=False, samples=3).assembly.groups
-    group, body = next(
-        (group, body) for group in groups for body in (1, 2) if len(group.bodies[body]) > 1
-    )
-
-    def joining(a, b):
-        ends = next(k for k, pair in enumerate(group.ends) if set(pair) == {a, b})
-        return group.pairs[ends]
-
-    return joining(0, body), joining(1, 2) if which == 0 else joining(0, 3 - body)
+    for group in plan_assembly(made).groups:
+        near, middle, far = (group.pairs[k] for k in group.dyad_places)
+        if len(group.bodies[1]) > 1:
+            return near, far if which else middle
+        if len(group.bodies[2]) > 1:
+            return far, near if which else middle

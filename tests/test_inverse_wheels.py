@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.errors import AnalysisError
@@ -14,6 +15,8 @@ from spherekit.workspace.inverse import output_kinematics
 RATIO = 1.5
 """Teeth of a side gear for one of the hand's: half angles atan(1.5) and its complement."""
 SIDE = float(np.degrees(np.arctan(RATIO)))
+POSES = np.random.default_rng(4).uniform([-3.0, 0.2, -3.0], [3.0, 2.9, 3.0], (12, 3))
+"""Tilts and torsions (rad)."""
 
 
 @pytest.fixture(scope="module")
@@ -30,11 +33,8 @@ def wrist():
     hand = {"kind": "circle", "centre_xyz": [1.0, 0.0, 0.0], "radius": 90.0 - SIDE}
     for gear, way in (("left", 1.0), ("right", -1.0)):
         circle = {"kind": "circle", "centre_xyz": [0.0, way, 0.0], "radius": SIDE}
-        pairs[f"{gear}_mesh"] = {
-            "type": "Cr",
-            "links": [gear, "hand"],
-            "profiles": {gear: circle, "hand": hand},
-        }
+        mesh = {"links": [gear, "hand"], "profiles": {gear: circle, "hand": hand}}
+        pairs[f"{gear}_mesh"] = {"type": "Cr", **mesh}
     return sk.build(
         "differential_wrist",
         angle_unit="deg",
@@ -46,22 +46,11 @@ def wrist():
     )
 
 
-def turned(axis, angle):
-    c, s = np.cos(angle), np.sin(angle)
-    rotation = np.eye(3)
-    one, other = (axis + 1) % 3, (axis + 2) % 3
-    rotation[[one, one, other, other], [one, other, one, other]] = [c, -s, s, c]
-    return rotation
-
-
 def by_hand(inputs):
     """Yaw, then the mean of both side gears, then their difference by the ratio."""
     yaw, left, right = inputs
-    return (
-        turned(2, yaw)
-        @ turned(1, (left + right) / 2)
-        @ turned(0, -RATIO * (left - right) / 2)
-    )
+    angles = yaw, 0.5 * (left + right), -0.5 * RATIO * (left - right)
+    return Rotation.from_euler("ZYX", angles).as_matrix()
 
 
 def test_forward_is_the_formula_of_the_differential(wrist):
@@ -75,8 +64,7 @@ def test_forward_is_the_formula_of_the_differential(wrist):
 
 def test_inputs_of_a_pose_lead_back_to_it_over_all_turns_of_the_wheels(wrist):
     """Both yaws, each with the side gears turned least of all that have the hand there."""
-    angles = np.random.default_rng(4).uniform([-3.0, 0.2, -3.0], [3.0, 2.9, 3.0], (12, 3))
-    poses = from_tilt_torsion(angles)
+    poses = from_tilt_torsion(POSES)
     inverse = sk.InverseKinematics(wrist).solutions(poses)
     assert np.all(np.bincount(inverse.row) == 2)
     for row, inputs in zip(inverse.row, inverse.inputs, strict=True):
@@ -98,12 +86,9 @@ def gimbal(roll):
         shaft = axes["roll" if name == "pan" else "pan" if name == "tilt" else "tilt"]
         pairs[name] = {"type": "R", "links": [carrier, moved], "xyz": axes[name]}
         pairs[f"m_{name}"] = {"type": "R", "links": [carrier, f"p_{name}"], "xyz": shaft}
-        pairs[f"g_{name}"] = {
-            "type": "Cr",
-            "links": [f"p_{name}", moved],
-            "teeth": [(20, 17, 15)[k], (50, 40, 30)[k]],
-            "axes": [f"m_{name}", name],
-        }
+        teeth = ([20, 50], [17, 40], [15, 30])[k]
+        mesh = {"links": [f"p_{name}", moved], "teeth": teeth, "axes": [f"m_{name}", name]}
+        pairs[f"g_{name}"] = {"type": "Cr", **mesh}
     output = {"link": "tool"} if roll else {"link": "cage", "xyz": [1.0, 0.0, 0.0]}
     return sk.build(
         "gimbal",
@@ -122,13 +107,7 @@ def test_the_closed_form_is_that_of_the_graph(made, wrist):
     mechanism = wrist if made == "differential" else gimbal(made == "pan_tilt_roll")
     closed, graph = output_kinematics(mechanism), output_kinematics(mechanism, graph=True)
     assert (closed.solved_by, graph.solved_by) == ("dyads", "graph")
-    poses = (
-        spread(6)
-        if closed.points
-        else from_tilt_torsion(
-            np.random.default_rng(7).uniform([-3.0, 0.2, -3.0], [3.0, 2.9, 3.0], (4, 3))
-        )
-    )
+    poses = spread(6) if closed.points else from_tilt_torsion(POSES[:4])
     one = closed.inverse(poses, closed.labels, range(len(mechanism.pairs)))
     other = graph.inverse(poses, graph.labels, range(len(mechanism.pairs)))
     assert len(one) == 2 * len(poses) and np.all(one.status == 0)

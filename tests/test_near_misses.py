@@ -42,9 +42,7 @@ def least_of_table(made, pole, samples=3601):
 
 
 @pytest.mark.many
-@pytest.mark.parametrize(
-    ("name", "pole"), [("single_flier", "61"), ("double_butterfly", "41")]
-)
+@pytest.mark.parametrize("name, pole", [("single_flier", "61"), ("double_butterfly", "41")])
 def test_near_misses_of_type_i_are_the_least_velocity_coefficients(name, pole):
     """The single flier has c = d = 0 of form ii in mode 4 near 359 deg: that is none."""
     misses, warnings = near_misses(name)
@@ -89,8 +87,7 @@ def test_the_least_transmission_angle_is_between_samples_too(samples):
     cosine = (np.cos(g - a) - np.cos(h) * np.cos(b)) / (np.sin(h) * np.sin(b))
     least = np.degrees(np.arccos(cosine))
     said = "\n".join(sk.run(made, NAME, samples=samples).summary["remarks"])
-    line = f"least transmission angle of 4/1: {least:.4g} deg at 21 = 360 deg in modes 0, 1"
-    assert line in said
+    assert f"angle of 4/1: {least:.4g} deg at 21 = 360 deg in modes 0, 1" in said
 
 
 def geared(teeth, ground=60.0, crank=20.0, span=360.0):

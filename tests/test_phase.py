@@ -36,10 +36,8 @@ def test_both_shafts_are_there_together_and_elsewhere_off_by_the_ratio(
     q = np.linspace(-200.0, 500.0, 15)
     rows = sk.trace(made, path=np.radians(q)).values
     turned = {pair: np.degrees(rows[:, k]) for pair, k in made.angles.items()}
-    if driven == "pinion_shaft":
-        off = turned["wheel_shaft"] - wheel - ratio * (q - pinion)
-    else:
-        off = turned["pinion_shaft"] - pinion - (q - wheel) / ratio
+    off = turned["wheel_shaft"] - wheel - ratio * (turned["pinion_shaft"] - pinion)
+    off = off if driven == "pinion_shaft" else off / ratio
     assert np.abs((off + 180.0) % 360.0 - 180.0).max() < 1e-10
 
 

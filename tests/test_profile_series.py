@@ -6,24 +6,12 @@ import pytest
 from spherekit.sphere.profile import fourier, through
 from spherekit.sphere.profile_series import ProfileSeries
 
-
-def an_open_curve():
-    """Points of a wave that does not close."""
-    a = np.linspace(0.0, 2.0, 15)
-    c = 0.8 + 0.1 * np.sin(2.0 * a)
-    points = [np.sin(c) * np.cos(a), np.sin(c) * np.sin(a), np.cos(c)]
-    return through(np.stack(points, axis=1), closed=False)
+CLOSED, A = fourier([0.0, 0.6, 0.8], [0.5, 0.02, 0.04], [0.0, 0.01]), np.linspace(0, 2, 15)
+C = 0.8 + 0.1 * np.sin(2.0 * A)
+OPEN = through(np.c_[np.sin(C) * np.cos(A), np.sin(C) * np.sin(A), np.cos(C)], closed=False)
 
 
-@pytest.mark.parametrize(
-    "curve",
-    [
-        fourier([0.0, 0.6, 0.8], [0.5, 0.02, 0.04], [0.0, 0.01]),
-        fourier([0.0, 0.6, 0.8], [0.5, 0.02, 0.04], [0.0, 0.01]).reversed(),
-        an_open_curve(),
-    ],
-    ids=["series", "backwards", "open"],
-)
+@pytest.mark.parametrize("curve", [CLOSED, CLOSED.reversed(), OPEN])
 def test_series_are_the_curve(curve):
     """Frames to rounding, curvatures nearly; the slope bounds differences of dk/ds."""
     made = ProfileSeries.of(curve)
@@ -41,9 +29,8 @@ def test_series_are_the_curve(curve):
 
 def test_beyond_the_ends():
     """A closed curve repeats itself, an open one ends."""
-    closed = fourier([0.0, 0.6, 0.8], [0.5, 0.02])
-    made, s = ProfileSeries.of(closed), np.array([-0.4, closed.length + 0.2])
-    assert np.allclose(made.at(s), made.at(np.mod(s, closed.length)), rtol=0.0, atol=1e-13)
-    curve = an_open_curve()
-    made = ProfileSeries.of(curve)
-    assert np.all(np.isnan(made.at(np.array([-1e-9, curve.length + 1e-9]))))
+    made, s = ProfileSeries.of(CLOSED), np.array([-0.4, CLOSED.length + 0.2])
+    assert np.allclose(made.at(s), made.at(np.mod(s, CLOSED.length)), rtol=0.0, atol=1e-13)
+    assert np.all(
+        np.isnan(ProfileSeries.of(OPEN).at(np.array([-1e-9, OPEN.length + 1e-9])))
+    )

@@ -35,10 +35,9 @@ def four_bar():
 @pytest.fixture(scope="module")
 def models(four_bar, tmp_path_factory):
     """Both modes of the four-bar, saved and loaded."""
-    folder = tmp_path_factory.mktemp("models")
+    path = tmp_path_factory.mktemp("models") / "mode.npz"
     found = []
     for assembly_mode in (0, 1):
-        path = folder / f"mode{assembly_mode}.npz"
         reduced_model(four_bar, assembly_mode=assembly_mode).save(path)
         found.append(load_reduced(path))
     return found
@@ -56,10 +55,9 @@ def worst_pole_errors(mechanism, model, assembly_mode, count, names):
         side = np.sign(np.sum(field.direction[pole] * model.pole(name, x), axis=1))
         gap = field.direction[pole] * side[:, None] - model.pole(name, x)
         worst = max(worst, np.max(np.abs(gap)))
-        for want, found in (
-            (field.velocity_coefficient[pole], model.rate(name, x)),
-            (field.acceleration_coefficient[pole], model.rate_derivative(name, x)),
-        ):
+        rates = field.velocity_coefficient[pole], field.acceleration_coefficient[pole]
+        made = model.rate(name, x), model.rate_derivative(name, x)
+        for want, found in zip(rates, made, strict=True):
             size = np.max(np.abs(want)) if np.max(np.abs(want)) > 1e-9 else 1.0
             worst = max(worst, np.max(np.abs(want * side - found)) / size)
     for number, variable in enumerate(mechanism.variable_names):
@@ -95,12 +93,11 @@ def test_inertia_and_torque_are_those_of_the_inverse_problem(
     law = Polynomial((0.3, 1.0, 2.0, -0.5))
     found = inverse_dynamics(four_bar, law, t, assembly_mode=assembly_mode)
     args = (found.q, found.dq, found.ddq, t)
-    for want, values in (
-        (found.B, model.inertia(found.q)),
-        (found.dB_dq, model.inertia_rate(found.q)),
-        (found.Q, sum(model.forces(found.q, found.dq, t).values())),
-        (found.tau, model.torque(*args)),
-    ):
+    inertias = model.inertia(found.q), model.inertia_rate(found.q)
+    force = sum(model.forces(found.q, found.dq, t).values())
+    stored = *inertias, force, model.torque(*args)
+    wanted = found.B, found.dB_dq, found.Q, found.tau
+    for want, values in zip(wanted, stored, strict=True):
         assert np.max(np.abs(want - values)) < 1e-12 * np.max(np.abs(want))
     for row in range(0, 400, 57):
         one = model.torque(*(float(x[row]) for x in args))
@@ -138,9 +135,8 @@ def test_without_a_crank_the_coordinate_is_the_arc_length(four_bar):
 def test_an_open_curve_refuses_places_beyond_its_ends(four_bar):
     from spherekit.model.dynamics import JointLimit
 
-    model = reduced_model(
-        replace(four_bar, joint_limits=(JointLimit("21", 0.5, 4.5),)), poles=("3/1",)
-    )
+    limited = replace(four_bar, joint_limits=(JointLimit("21", 0.5, 4.5),))
+    model = reduced_model(limited, poles=("3/1",))
     (high,) = model.heading.high
     assert not model.heading.periodic
     ends = np.sort(model.value("theta_21", [0.0, high]))
@@ -191,18 +187,15 @@ def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
 
 def test_a_stored_model_needs_numpy_only(models, tmp_path):
     models[0].save(tmp_path / "model.npz")
-    code = (
-        "import sys; from spherekit.dynamics.tabulated import load_reduced; "
-        "print(load_reduced(sys.argv[1]).torque(0.3, 1.0, 0.2, 0.1)); "
-        "print(*sys.modules)"
-    )
+    code = """import sys; from spherekit.dynamics.tabulated import load_reduced
+print(load_reduced(sys.argv[1]).torque(0.3, 1.0, 0.2, 0.1), *sys.modules)"""
     command = [sys.executable, "-c", code, str(tmp_path / "model.npz")]
     out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    torque, _, modules = out.partition("\n")
+    torque, *modules = out.split()
     assert float(torque) == models[0].torque(0.3, 1.0, 0.2, 0.1)
-    own = {name for name in modules.split() if name.startswith("spherekit.")}
-    assert not own & {"spherekit.model.mechanism", "spherekit.motion", "spherekit.files"}
-    top = {name.split(".")[0] for name in modules.split()}
+    own = {"spherekit.model.mechanism", "spherekit.motion", "spherekit.files"}
+    assert not own & {*modules}
+    top = {name.split(".")[0] for name in modules}
     assert not top & {"scipy", "pandas", "networkx", "heyoka", "rerun"}
 
 

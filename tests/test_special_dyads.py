@@ -24,15 +24,10 @@ def no_warning():
         yield
 
 
-@pytest.mark.parametrize(
-    ("arcs", "folded"),
-    [
-        ((60, 40, 40, 60), 0.0),
-        ((33, 71, 71, 33), 0.0),
-        ((90, 90, 90, 90), 0.0),
-        ((60, 40, 140, 120), np.pi),
-    ],
-)
+FOLDED = {(60, 40, 40, 60): 0, (33, 71, 71, 33): 0, (90,) * 4: 0, (60, 40, 140, 120): np.pi}
+
+
+@pytest.mark.parametrize(("arcs", "folded"), FOLDED.items())
 def test_two_bars_that_can_turn_together_are_singular_and_not_out_of_reach(arcs, folded):
     """The tip of the rocker lies on the crank's axis, or opposite to it."""
     made = four_bar(np.radians(arcs)).with_inputs("41")
@@ -80,9 +75,8 @@ def test_a_pose_at_a_dead_centre_is_there_and_has_a_way_on(chain, driven):
     random = np.random.default_rng(11)
     for _ in range(2):
         made = mechanism(chain, dead_pose(chain, driven, random), driven)
-        motion = PositionAnalysis(
-            made, path=np.array([0.0, -1e-4, 1e-4]), search=False
-        ).motion()
+        path = np.array([0.0, -1e-4, 1e-4])
+        motion = PositionAnalysis(made, path=path, search=False).motion()
         assert motion.status[0] == Status.AT_SINGULARITY
         assert np.max(np.abs(motion.values[0])) < 1e-6  # a double root
         assert sorted(motion.status[1:]) == [Status.OK, Status.OUT_OF_REACH]
@@ -99,19 +93,16 @@ def test_a_function_of_rounding_only_is_given_up_early():
     _, doubtful = crossings(noise, 0.0, 2.0 * np.pi, smooth=0.5 * np.pi)
     assert sum(asked) < 39 * 64
     assert np.allclose(doubtful, [[0.0, 2.0 * np.pi]])
-
-
-def test_a_smooth_function_of_many_periods_is_not_given_up():
+    # a smooth function of many periods is not
     places, doubtful = crossings(np.sin, 0.5, 200.0, smooth=0.5 * np.pi)
     assert not len(doubtful)
     assert np.allclose(places, np.pi * np.arange(1, 64), rtol=0.0, atol=1e-12)
+    roots = np.array([-1.5, -0.75, 0.0, 1.5, 2.25])  # round places, each of them once
 
+    def product(x):
+        return np.prod(np.sin(0.5 * (x[:, None] - roots)), axis=1)
 
-def test_zeros_in_round_places_are_there_once():
-    roots = np.array([-1.5, -0.75, 0.0, 1.5, 2.25])
-    places, doubtful = crossings(
-        lambda x: np.prod(np.sin(0.5 * (x[:, None] - roots)), axis=1), -3.0, 3.0
-    )
+    places, doubtful = crossings(product, -3.0, 3.0)
     assert places == pytest.approx(roots, abs=1e-12) and not len(doubtful)
 
 

@@ -27,14 +27,12 @@ DISTANCES = [0.0, 1e-12, 1e-10, 1e-8, 1e-5, 1e-3, 0.1]
 
 def axes_of(mechanism, values):
     """Return the axes (n, pairs, 3) of R pairs, and directions of the output or None."""
-    solver = Solver(mechanism, plan_assembly(mechanism))
-    at = solver.closure.at(values)
+    at = Solver(mechanism, plan_assembly(mechanism)).closure.at(values)
     output = mechanism.outputs[0]
-    directions = None
-    if len(mechanism.inputs) == 2 and output.direction is not None:
-        turned = at.placed[:, mechanism.link_number[output.link]]
-        directions = turned @ np.array(output.direction)
-    return at.vectors, directions
+    if len(mechanism.inputs) != 2 or output.direction is None:
+        return at.vectors, None
+    turned = at.placed[:, mechanism.link_number[output.link]]
+    return at.vectors, turned @ np.array(output.direction)
 
 
 def by_links(mechanism, values):
@@ -43,19 +41,10 @@ def by_links(mechanism, values):
     output = mechanism.outputs[0]
     link, of = (mechanism.link_number[name] for name in (output.link, output.relative_to))
     locked = {mechanism.pair_number[item.pair] for item in mechanism.inputs}
-    return np.array(
-        [
-            least_misfit(
-                mechanism.ends,
-                own,
-                locked,
-                link,
-                of,
-                None if directions is None else directions[row],
-            )
-            for row, own in enumerate(axes)
-        ]
-    )
+    given = mechanism.ends, locked, link, of
+    towards = [None] * len(axes) if directions is None else directions
+    rows = zip(axes, towards, strict=True)
+    return np.array([least_misfit(given[0], own, *given[1:], way) for own, way in rows])
 
 
 def rows_of(name, count=60):
@@ -126,13 +115,11 @@ def test_loops_that_lose_their_rank_are_seen_by_all(paper, distance):
     (expected,) = by_links(made, values)
     assert expected == pytest.approx(0.6315 * distance, rel=0.3, abs=2e-14)
     assert at.type_2[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
-    rows = output_kinematics(made).inverse(
-        at.orientation @ np.array(made.outputs[0].direction), ["-++"]
-    )
+    place = at.orientation @ np.array(made.outputs[0].direction)
+    rows = output_kinematics(made).inverse(place, ["-++"])
     assert rows.type_2[0] == pytest.approx(expected, rel=1e-3, abs=2e-13)
-    found = coefficients(
-        motion_of(Solver(made, plan_assembly(made)), values), output_of(made)
-    )
+    motion = motion_of(Solver(made, plan_assembly(made)), values)
+    found = coefficients(motion, output_of(made))
     assert found.type_two[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
     singular = expected < SINGULAR
     assert (found.type[0] == RowType.II) == singular
@@ -140,7 +127,6 @@ def test_loops_that_lose_their_rank_are_seen_by_all(paper, distance):
     assert (rows.status[0] == Status.AT_SINGULARITY) == singular
     kinematics = closed_kinematics(made)
     bounds = bounds_of(kinematics, Constraints(near=np.radians(5.0)))
-    place = at.orientation @ np.array(made.outputs[0].direction)
     margin = judge(kinematics, bounds, (-1, 1, 1), place).margin[0]
     # its limit is known by the cosine of twice the angle, which rounds at 1e-8
     assert margin == pytest.approx(np.arcsin(expected) - np.radians(5.0), abs=3e-8)
