@@ -28,6 +28,7 @@ from spherekit.plugin import (
     listing,
     numbered,
 )
+from spherekit.plugin.rotations import wrap
 from spherekit.plugin.singularities import (
     NearMiss,
     SampledSingularities,
@@ -58,7 +59,7 @@ RESTS = 1e-8
 LINE_TONE = 4
 DRAWN = 721
 """Points with which a whole configuration curve is drawn."""
-AXES = {"ir": "ir", "or_": "or", "os": "os", "io": "io", "is_": "is", "rs": "rs"}
+AXES = ("ir", "or_", "os", "io", "is_", "rs")
 COINCIDE = {
     "I": (("io", "os", "is_"), ("ir", "is_", "rs")),
     "II": (("or_", "os", "rs"), ("io", "os", "is_")),
@@ -303,6 +304,9 @@ class OneInput:
             s = np.linspace(0.0, curve.length * (1.0 - 1e-12), DRAWN)
             for output in range(len(self.names)):
                 turned = sampled.output_angle(number, output, s)
+                links = sampled.report.outputs[output]
+                if sampled.tracer.mechanism.angle_between(*links) is not None:
+                    turned = wrap(turned)
                 line = sampled.input_at(number, s), turned
                 lines[number, output] = np.stack(line, axis=1)
         return lines
@@ -356,21 +360,19 @@ class OneInput:
             for (curve, s), output in zip(places, outputs, strict=True)
         ]
         turned = np.stack([sampled.configuration(*place) for place in places])
-        planes = [
-            [poles.plane(axes) for axes in COINCIDE["I" if kind == "I" else "II"]]
-            for poles, kind in zip(six, points["kind"], strict=True)
-        ]
+        coincide = [COINCIDE["I" if kind == "I" else "II"] for kind in points["kind"]]
         parts: list[Primitive] = [*link_bodies(sampled.tracer.mechanism, turned)]
-        for name, words in AXES.items():
+        for name in AXES:
             axes = np.concatenate([getattr(poles, name) for poles in six])
             if np.any(np.isfinite(axes)):
+                words = name.rstrip("_")
                 parts.append(Arrow(f"pole/{name}", words, axes, False, path_shown=False))
         for k, which in enumerate(("one triplet", "the other")):
-            normals, sines = (
-                np.concatenate(x) for x in zip(*(two[k] for two in planes), strict=True)
-            )
-            normals[~(sines > 0.0)] = np.nan
-            parts.append(GreatCircle(f"plane/{k}", f"plane of {which}", normals))
+            normals = [
+                poles.plane(two[k])[0] for poles, two in zip(six, coincide, strict=True)
+            ]
+            circles = np.concatenate(normals)
+            parts.append(GreatCircle(f"plane/{k}", f"plane of {which}", circles))
         told = ("kind", "condition", "assembly_mode", "q", "output")
         shown = {**points, "q": [f"{q:.4f}" for q in np.degrees(points["q"])]}
         rows = zip(*(shown[name] for name in told), strict=True)

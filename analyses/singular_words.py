@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.plugin import Floats, Status, numbered
+from spherekit.plugin.rotations import wrap
 from spherekit.plugin.singularities import (
     NearMiss,
     SampledSingularities,
@@ -109,19 +110,10 @@ def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
     ]
     s = np.linspace(0.0, curve.length * (1.0 - 1e-12), TRACED)
     s = np.unique(np.append(s, [point.s for point in points]))
-    along = sampled.output_angle(number, output, s)
-    ends = curve.at(s[[0, -1]]).values
-    grown = np.abs(ends[1] - ends[0])
-    input_turns = float(grown[sampled.tracer.solver.single]) / (2.0 * np.pi)
-    angle, turned = along, float(np.ptp(along))
+    angle = along = sampled.output_angle(number, output, s)
     if variable is not None:
-        along = np.unwrap(along)
-        laps = ends[:, variable] - along[[0, -1]]
-        beyond = [
-            values[variable] - laps[int(place > 0.0)]
-            for place, values in sampled.crossing_ends(number)
-        ]
-        angle, turned = np.append(along, beyond), float(grown[variable])
+        beyond = [values[variable] for _, values in sampled.crossing_ends(number)]
+        angle = np.append(along, beyond) - along[0] + wrap(along[0])
     low, high = np.degrees([np.min(angle), np.max(angle)])
     swing = _degrees(high - low)
     reverses = any(point.output_turns for point in points)
@@ -129,8 +121,10 @@ def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
     far = ", as far as the curve was followed" if left else ""
     if swing == "0":
         return "rests" + (f" at {_degrees(high)} deg" if variable is not None else "")
+    input_ends = curve.at(s[[0, -1]]).values[:, sampled.tracer.solver.single]
+    input_turns = float(np.ptp(input_ends)) / (2.0 * np.pi)
     if left and input_turns > 1.0 and not reverses:
-        ratio = _degrees(float(np.degrees(turned)) / input_turns)
+        ratio = _degrees(float(np.degrees(np.ptp(along))) / input_turns)
         return f"turns in one sense, by {ratio} deg in a turn of the input"
     if variable is None:
         to_and_fro = "to and fro " if reverses else ""

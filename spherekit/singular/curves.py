@@ -50,7 +50,8 @@ from spherekit.singular.starts import StartPoints
 from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import max_abs
 
-GAUSS = np.polynomial.legendre.leggauss(8)
+LENGTH_PARTS = 128
+"""Straight parts of a way between two nodes whose lengths are summed up."""
 NOTHING = 1e-6
 """A function smaller than this at two nodes is taken to vanish between them."""
 
@@ -93,13 +94,14 @@ class SingularCurve:
     @cached_property
     def s(self) -> Floats:
         """Arc lengths (n,) of the nodes (rad), of the Hermite polynomials through them."""
-        tangents = self.nodes.tangents[:, None, :, 0]
-        start, chord = tangents[:-1], self.chord.directions[:, None]
-        places, weights = GAUSS
-        x, bent = 0.5 * (places[:, None] + 1.0), start + tangents[1:] - 2.0 * chord
-        speed = start + x * (2.0 * (chord - start - bent) + 3.0 * x * bent)
-        lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chord.chords
-        return np.append(0.0, np.cumsum(lengths))
+        points = self.chord.predict(*self.divided(LENGTH_PARTS))
+        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        return np.append(0.0, np.cumsum(lengths))[::LENGTH_PARTS]
+
+    def divided(self, parts: int) -> tuple[Indices, Floats]:
+        """Return chords (n,) and parts of them where each is divided into so many."""
+        number, part = np.divmod(np.arange(parts * (len(self.nodes) - 1)), parts)
+        return np.append(number, number[-1]), np.append(part / parts, 1.0)
 
     def on(self, which: Indices, parts: Floats) -> LocusPoints:
         """Return the points whose projections divide chords `which` (n,) at parts (n,)."""
@@ -157,7 +159,7 @@ class SingularCurve:
         the output (type I) the curve turns back.
         """
         if self.locus.motions < self.locus.freedoms:
-            return self.nodes.rows(np.zeros(0, dtype=np.intp))
+            return self.nodes.rows(slice(0))
 
         def side(points: LocusPoints) -> Floats:
             ways = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
@@ -358,11 +360,7 @@ class CurveSeen:
         """Return the curve, each way between two traced nodes divided into parts."""
         if self.curve is None or self.view is None:
             return self.points
-        count = len(self.curve.nodes.values) - 1
-        which = np.repeat(np.arange(count), parts)
-        along = np.tile(np.arange(parts) / parts, count)
-        made = self.curve.on(np.append(which, count - 1), np.append(along, 1.0))
-        return self.view.points(made)
+        return self.view.points(self.curve.on(*self.curve.divided(parts)))
 
 
 @dataclass(frozen=True)

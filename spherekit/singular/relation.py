@@ -101,13 +101,16 @@ class SixPoles:
         return np.stack([getattr(self, axis) for axis in axes], axis=1)
 
     def plane(self, axes: Sequence[str]) -> tuple[Floats, Floats]:
-        """Return unit normals (n, 3) of three axes, and the sine of their widest angle."""
+        """Return unit normals (n, 3) of three axes, and the sine of their widest angle.
+
+        NaN where they are one line.
+        """
         vectors = self.stacked(axes)
         normals = cross(vectors, np.roll(vectors, -1, axis=1))
         length = np.linalg.norm(normals, axis=-1)
         widest = np.arange(len(vectors)), np.argmax(np.nan_to_num(length), axis=1)
         sine = length[widest]
-        return normals[widest] / np.where(sine > 0.0, sine, 1.0)[:, None], sine
+        return normals[widest] / np.where(sine > 0.0, sine, np.nan)[:, None], sine
 
 
 @dataclass(frozen=True)

@@ -298,8 +298,7 @@ class SampledSingularities:
                     columns = measured.setdefault((output, relation.form), {})
                     here |= {"c": relation.c, "d": relation.d}
                     for name, part in here.items():
-                        whole = columns.setdefault(name, nans(len(self.s)))
-                        whole[rows] = part
+                        columns.setdefault(name, nans(len(self.s)))[rows] = part
         return dict(sorted(measured.items()))
 
     def transmission_angles(self, values: Floats) -> list[Floats]:
@@ -335,14 +334,14 @@ class SampledSingularities:
         return hold(solver.closure.tree, [solver.single], solver.closure.at(placed).vectors)
 
     def output_angle(self, curve: int, output: int, s: Floats) -> Floats:
-        """Return (n,) rad at rising s: the variable of the output's R pair in (-pi, pi].
+        """Return (n,) rad at rising s: the variable of the output's R pair on the curve.
 
         Where no R pair joins its links: how far one has turned about the pole since s[0].
         """
         links = self.report.outputs[output]
         variable = self.tracer.mechanism.angle_between(*links)
         if variable is not None:
-            return wrap(self.curves[curve].at(s).values[:, variable])
+            return self.curves[curve].at(s).values[:, variable]
         rate, _ = self.report.along[curve].signed(s, pole_of(*links))
         return np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s)))
 
@@ -374,14 +373,13 @@ class SampledSingularities:
             if (point.curve, point.output, point.type) == (number, links, kind)
         ]
         met += self.crossing_ends(number)
-        places = np.array([(place, values[self._driven]) for place, values in met])
-        if not len(places):
-            return nans(len(s))
+        every = [(place, values[self._driven]) for place, values in met]
+        places = np.array(every).reshape(-1, 2)
         if curve.closed:
             lap = np.array([curve.length, curve.rise[self._driven]])
             places = np.concatenate([places - lap, places, places + lap])
         places = places[np.argsort(places[:, 0])]
         after = np.searchsorted(places[:, 0], s)
-        beside = np.pad(places[:, 1], 1, constant_values=np.inf)
+        beside = np.pad(places[:, 1], 1, constant_values=np.nan)
         here = curve.at(s).values[:, self._driven]
-        return np.min(np.abs(beside[[after, after + 1]] - here), axis=0)
+        return np.fmin.reduce(np.abs(beside[[after, after + 1]] - here), axis=0)
