@@ -15,6 +15,7 @@ from common import LECTURE_TABLE
 from refusals import TABLES, check
 
 import spherekit as sk
+from spherekit.cli import run_report
 from spherekit.cli.main import main
 from spherekit.cli.run_report import duration
 from spherekit.errors import ModelError
@@ -203,3 +204,15 @@ def test_an_output_without_legs_says_so(tmp_path):
     path.write_text(text)
     with pytest.raises(ModelError, match="no leg of two links joins the base"):
         sk.mid_plane_form(sk.load(path), "tool")
+
+
+def test_progress_says_how_long_the_rest_will_take(monkeypatch):
+    clock, said = iter([0.0, 10.0, 14.0, 30.0]), []
+    monkeypatch.setattr(
+        run_report.ProgressReporter, "tell", lambda _, how_far: said.append(how_far())
+    )
+    monkeypatch.setattr(run_report.time, "monotonic", lambda: next(clock))
+    show = run_report.progress()  # which asks for the time once
+    for done in (200, 300, 1000):  # 200 were done before: 100 samples took 4 s
+        show(done, 1000)
+    assert said == ["300 of 1000 samples, 28 s left"]

@@ -1,5 +1,6 @@
 """What a run says to people: how far it is, on stderr, and its summary in lines."""
 
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -170,11 +171,18 @@ def accuracy_line(choice: Any) -> str:
 
 
 def progress() -> Callable[[int, int], None]:
-    """Return what is told how many samples are done, and says so now and then."""
-    working = ProgressReporter("computing")
+    """Return what is told how many samples are done, and says so now and then.
+
+    And how long the others will take, by those done since it was told first.
+    """
+    working, first = ProgressReporter("computing"), list[tuple[float, int]]()
 
     def tell(done: int, total: int) -> None:
-        if done < total:
-            working.tell(lambda: f"{done} of {total} samples")
+        now = time.monotonic()
+        since, before = (first or [(now, done)])[0]
+        first[:] = [(since, before)]
+        if before < done < total:
+            left = duration((now - since) * (total - done) / (done - before))
+            working.tell(f"{done} of {total} samples, {left} s left".__str__)
 
     return tell
