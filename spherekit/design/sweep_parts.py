@@ -9,7 +9,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
-from multiprocessing import get_context, resource_tracker
+from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from tempfile import mkdtemp
@@ -32,32 +32,19 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def _no_stop() -> Iterator[None]:
-    """Put off what stops this process, and keep it from processes that are started.
+def _deaf() -> Iterator[None]:
+    """Let processes that are started in the block ignore Ctrl-C from their first moment.
 
-    A terminal sends Ctrl-C to all of them, and one half started would speak of a fault.
-    Where any thread takes a signal, its handler is called in the main one.
+    A terminal sends it to all of them, and one half started would speak of a fault.
     """
-    if not hasattr(signal, "pthread_sigmask"):  # not on Windows
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came: list[int] = []
-    stops = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
-    handlers = {x: signal.getsignal(x) for x in stops if callable(signal.getsignal(x))}
-    if threading.current_thread() is not threading.main_thread():
-        handlers = {}  # it handles none
-    resource_tracker.ensure_running()  # it would let go of the mask
-    for number in handlers:
-        signal.signal(number, lambda number, _: came.append(number))
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, stops)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        for put_off in came:
-            signal.raise_signal(put_off)
+        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
 
 
 _at_work: list[tuple[Sweep, str]] = []
@@ -67,8 +54,6 @@ _at_work: list[tuple[Sweep, str]] = []
 def _begin(line: Connection, sweep: Sweep, folder: str) -> None:
     """Make a process ready, which ends with the other end of a line, whatever ends that."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_SETMASK, [])
     _at_work.append((sweep, folder))
 
     def end() -> None:
@@ -101,7 +86,7 @@ def _in_processes(
         given, made = (there, sweep, folder), set[int]()
         pool = ProcessPoolExecutor(min(workers, len(left)), context, _begin, given)
         try:
-            with _no_stop():
+            with _deaf():
                 parts = [pool.submit(_part, number) for number in sorted(left)]
             for part in as_completed(parts):
                 with suppress(BrokenProcessPool):
