@@ -1,7 +1,7 @@
 """Inverse kinematics of many poses of an output, and its poses at many inputs."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -133,15 +133,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
 
     def findings(self, batch: Batch) -> Findings:
         """Return how many poses have how many solutions, and how well they close."""
-        solver = self.solver(batch.mechanism)
-        told = self._found(batch).findings()
-        figures = {
-            "output": solver.output.name,
-            "closed_form": isinstance(solver, ClosedKinematics),
-            "solved_by": solver.solved_by,
-            "legs": list(solver.legs),
-        }
-        return replace(told, figures=figures | dict(told.figures))
+        return self._found(batch).findings()
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return the poses on the sphere by number of solutions, and by worst measure."""
@@ -186,11 +178,22 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         return batch.once("found", find)
 
 
+def _about(solver: OutputKinematics) -> Row:
+    """Return the figures of what solves for an output."""
+    return {
+        "output": solver.output.name,
+        "closed_form": isinstance(solver, ClosedKinematics),
+        "solved_by": solver.solved_by,
+        "legs": list(solver.legs),
+    }
+
+
 class ConfigurationsOfPoses:
     """The configurations of poses, and a reachable pose near rows out of reach.
 
-    `solutions` (poses,) is how many each has, `near` (rows, 4) and `away` (rows,) rad what
-    is offered to `offered` rows. `shape` is that of a grid.
+    `found` has the variables of all pairs; `solutions` (poses,) is how many each has,
+    `near` (rows, 4) and `away` (rows,) rad what is offered to `offered` rows. `shape` is
+    that of a grid.
     """
 
     def __init__(
@@ -201,27 +204,22 @@ class ConfigurationsOfPoses:
         shape: tuple[int, ...] | None,
         asked: InverseKinematicsAnalysis,
     ) -> None:
-        self.mechanism, self.solver, self.poses, self.shape = (
-            mechanism,
-            solver,
-            poses,
-            shape,
-        )
-        self.modes, self.pairs = asked.modes(solver), asked.pair_numbers(mechanism)
-        self.found = rows = solver.inverse(poses, self.modes, self.pairs)
+        self.mechanism, self.solver, self.poses = mechanism, solver, poses
+        self.shape, self.pairs = shape, asked.pair_numbers(mechanism)
+        self.modes = asked.modes(solver)
+        self.found = rows = solver.inverse(poses, self.modes, range(len(mechanism.pairs)))
         self.solutions = np.bincount(rows.pose[rows.solved], minlength=len(poses))
         self.near, self.away = np.full((len(rows), 4), np.nan), np.full(len(rows), np.nan)
         self.offered = 0
         if isinstance(solver, ClosedKinematics):
             wanted = np.flatnonzero(~rows.solved)[: asked.nearest]
             self.offered = len(wanted)
-            for mode in np.unique(rows.mode[wanted]):
-                in_mode = wanted[rows.mode[wanted] == mode]
-                given = poses[rows.pose[in_mode]]
-                places = given if solver.points else quaternion(given)
-                signs = solver.modes[solver.labels.index(str(mode))]
-                offered, self.away[in_mode] = nearest_poses(solver, places, signs)
-                self.near[in_mode, : offered.shape[1]] = offered
+            places = poses if solver.points else quaternion(poses)
+            for signs, mode in zip(solver.modes, solver.labels, strict=True):
+                here = wanted[rows.mode[wanted] == mode]
+                if len(here):
+                    offers = nearest_poses(solver, places[rows.pose[here]], signs)
+                    self.near[here, : places.shape[1]], self.away[here] = offers
 
     def rows(self) -> dict[str, list[Row]]:
         """Return the rows of tables: configurations, and variables of pairs."""
@@ -234,7 +232,6 @@ class ConfigurationsOfPoses:
             turns = turns_of(rows.rates, directions)
             rates |= mirror_rates(mechanism, solver.form, directions, turns)
         places = pose_columns(solver, self.poses)
-        numbers = self.pairs
         inverse: Row = {
             "pose": rows.pose,
             "working_mode": rows.mode,
@@ -251,18 +248,21 @@ class ConfigurationsOfPoses:
             **{f"near_{axis}": self.near[:, k] for k, axis in enumerate("xyzw")},
             "away": self.away,
         }
+        names = np.array(mechanism.names_of(self.pairs), dtype=str)
         pairs: Row = {
-            "pose": np.repeat(rows.pose, len(numbers)),
-            "working_mode": np.repeat(rows.mode, len(numbers)),
-            "pair": np.tile(np.array(mechanism.names_of(numbers), dtype=str), len(rows)),
-            "value": rows.values.ravel(),
+            "pose": np.repeat(rows.pose, len(names)),
+            "working_mode": np.repeat(rows.mode, len(names)),
+            "pair": np.tile(names, len(rows)),
+            "value": rows.values[:, self.pairs].ravel(),
         }
         return {INVERSE.name: [inverse], PAIRS.name: [pairs]}
 
     def findings(self) -> Findings:
         """Return how many poses have how many solutions, and how well they close."""
         rows, count, solutions = self.found, len(self.poses), self.solutions
-        figures: Row = {
+        some = np.isin(rows.pose, np.linspace(0, count - 1, CHECKED).astype(int))
+        gaps = self.solver.residual(rows.values[some & (rows.status == Status.OK)])
+        figures: Row = _about(self.solver) | {
             "poses": count,
             "limits": list(rows.limits),
             "poses_by_number_of_solutions": _numbers_of(solutions),
@@ -274,7 +274,7 @@ class ConfigurationsOfPoses:
                 }
                 for mode in self.modes
             },
-            "largest_closure_residual_rad": self._closure(),
+            "largest_closure_residual_rad": float(np.max(gaps)) if len(gaps) else None,
         }
         none, solved = (int(np.sum(which)) for which in (solutions == 0, rows.solved))
         singular = int(np.sum(rows.status == Status.AT_SINGULARITY))
@@ -323,16 +323,6 @@ class ConfigurationsOfPoses:
         angles = zip(self.mechanism.input_pairs, self.found.inputs[row], strict=True)
         return ", ".join(f"{pair} = {_degrees(q)} deg" for pair, q in angles)
 
-    def _closure(self) -> float | None:
-        """Return the largest rotation (rad) by which a loop of some rows is open."""
-        if not len(self.poses):
-            return None
-        last = len(self.poses) - 1
-        some = self.poses[np.unique(np.linspace(0, last, CHECKED).astype(int))]
-        rows = self.solver.inverse(some, self.modes, range(len(self.mechanism.pairs)))
-        gap = self.solver.residual(rows.values[rows.status == Status.OK])
-        return float(np.max(gap)) if len(gap) else None
-
     def pages(self) -> tuple[Scene, ...]:
         """Return the poses on the sphere by number of solutions, and by worst measure."""
         mechanism, rows, poses, solver = self.mechanism, self.found, self.poses, self.solver
@@ -355,8 +345,7 @@ class ConfigurationsOfPoses:
         shown = order[rows.solved[order]][:DRAWN]
         if not len(shown):
             return (Scene("Inverse", (solved, legend)),)
-        whole = solver.inverse(poses, self.modes, range(len(mechanism.pairs)))
-        placed = solver_of(mechanism).closure.at(whole.values[shown]).placed
+        placed = solver_of(mechanism).closure.at(rows.values[shown]).placed
         base = placed[:, mechanism.link_number[solver.output.relative_to]]
         at = np.einsum("nij,nj->ni", base, places[rows.pose[shown]])
         listed = [
@@ -397,7 +386,8 @@ class PosesAtInputs:
         table, count = self.found, len(self.inputs)
         solved = table["status"] != Status.OUT_OF_REACH
         number = np.bincount(table["pose"][solved], minlength=count)
-        figures = {"inputs": count, "inputs_by_number_of_poses": _numbers_of(number)}
+        numbers = {"inputs": count, "inputs_by_number_of_poses": _numbers_of(number)}
+        figures = _about(self.solver) | numbers
         none = int(np.sum(number == 0))
         warnings = [f"at {none} of {count} inputs no pose was found"] if none else []
         sets = "the inputs given" if count == 1 else f"{count} sets of inputs"

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import (
     INPUTS,
@@ -25,7 +24,6 @@ from spherekit.plugin import (
 from spherekit.plugin.rotations import (
     MidPlaneArchitecture,
     azimuth_tilt,
-    normals_of,
     quaternion,
     tilt_torsion,
     wrap,
@@ -44,11 +42,12 @@ from .posed_workspace import (
     AZIMUTH_TILT,
     DIRECTION,
     MIRROR,
+    POSED,
     QUATERNION,
     TILT_TORSION,
     VECTOR,
+    WANTING,
     numbers_of,
-    posed,
 )
 
 MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
@@ -85,9 +84,12 @@ def read_poses(
     sources = {called: poses, "file": file, "window": window}
     told = [name for name, source in sources.items() if source]
     if len(told) != 1:
+        kinds = _kinds(solver)
+        names = next((k for k in (AZIMUTH_TILT, TILT_TORSION) if k in kinds), kinds[-1])
+        example = "+".join(f"{name}={10 * k}" for k, name in enumerate(names, 1))
         raise AnalysisError(
             f"{where}: found {' and '.join(told) or 'no poses'}; give one of "
-            f"poses={_example(solver)}, file=NAME.csv and window=NAME:FROM:TO:COUNT+.."
+            f"poses={example}, file=NAME.csv and window=NAME:FROM:TO:COUNT+.."
         )
     if columns and not file:
         raise AnalysisError(
@@ -195,23 +197,22 @@ def _posed(
     where: str,
 ) -> Floats:
     """Return the poses of rows (n, names), refusing those that are none."""
+    made = rows.reshape(-1, 3, 3) if names == MATRIX else POSED[names](rows)
     if names == MIRROR:
-        form = solver.form
-        assert form is not None and solver.output.direction is not None
-        normals = normals_of(rows[:, 0], rows[:, 1])
-        lost = np.any(~np.isfinite(normals), axis=1)
-        why = "is not a mid-plane: phi and gamma are too large"
-        _refuse(lost, places, where, why)
-        return form.orientations(normals) @ np.array(solver.output.direction)
-    if names in (DIRECTION, QUATERNION):
-        length = np.linalg.norm(rows, axis=1)
-        _refuse(~(length > 0.0), places, where, "has no direction: all numbers are 0")
-        rows = rows / length[:, None]
-    made = posed(names, rows)
+        assert solver.form is not None and solver.output.direction is not None
+        made = solver.form.orientations(made) @ np.array(solver.output.direction)
     if names == MATRIX:
         gap = np.abs(made @ np.swapaxes(made, 1, 2) - np.eye(3)).max(axis=(1, 2))
-        proper = (gap < NOT_ROTATION) & (np.linalg.det(made) > 0.0)
-        _refuse(~proper, places, where, "is not a rotation matrix")
+        made[~((gap < NOT_ROTATION) & (np.linalg.det(made) > 0.0))] = np.nan
+    wrong = np.flatnonzero(np.isnan(made).reshape(len(made), -1).any(axis=1))
+    if len(wrong):
+        shown = ", ".join(places[k] for k in wrong[:MOST_SHOWN])
+        more = f" and {len(wrong) - MOST_SHOWN} more" if len(wrong) > MOST_SHOWN else ""
+        why = {
+            MATRIX: "is not a rotation matrix",
+            MIRROR: "is not a mid-plane: phi and gamma are too large",
+        }
+        raise AnalysisError(f"{where}: {shown}{more} {why.get(names, f'has {WANTING}')}")
     return made
 
 
@@ -240,32 +241,8 @@ def _kind(kinds: Sequence[Names], names: Names, where: str) -> Names:
     )
 
 
-def _example(solver: OutputKinematics) -> str:
-    """Return a pose of this output that is reached, as it is written."""
-    ranges = solver.mechanism.inputs
-    inputs = np.linspace([x.start for x in ranges], [x.stop for x in ranges], 11)[3:10]
-    solutions = solver.forward(inputs)
-    names, values = solver.mechanism.input_pairs, inputs[0]
-    if len(solutions.row) and solver.labels:
-        if solutions.directions is not None and solver.points:
-            names, values = AZIMUTH_TILT, azimuth_tilt(solutions.directions[:1])[0]
-        else:
-            names, values = TILT_TORSION, tilt_torsion(solutions.rotations[:1])[0]
-    told = zip(names, np.round(np.degrees(values), 4) + 0.0, strict=True)
-    return "+".join(f"{name}={number:.8g}" for name, number in told)
-
-
 def _ways(kinds: Sequence[Names]) -> str:
     return listing("+".join(kind) for kind in kinds)
-
-
-def _refuse(bad: NDArray[np.bool_], places: Sequence[str], where: str, why: str) -> None:
-    """Raise the error about rows that are not poses."""
-    wrong = np.flatnonzero(bad)
-    if len(wrong):
-        shown = ", ".join(places[k] for k in wrong[:MOST_SHOWN])
-        more = f" and {len(wrong) - MOST_SHOWN} more" if len(wrong) > MOST_SHOWN else ""
-        raise AnalysisError(f"{where}: {shown}{more} {why}")
 
 
 Row = dict[str, Any]

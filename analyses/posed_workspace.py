@@ -1,6 +1,6 @@
 """A pose of an output as text, ``azimuth=10+tilt=20``, ``21=5.3+61=56.7``; its limits."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from spherekit.plugin.rotations import (
     Pose,
     from_quaternion,
     from_tilt_torsion,
+    normals_of,
     pointing,
 )
 from spherekit.plugin.workspace import (
@@ -34,6 +35,7 @@ VECTOR = ("rx", "ry", "rz")
 TURN = ("ux", "uy", "uz", "angle")
 ANGLES = frozenset((*TILT_TORSION, *MIRROR, *VECTOR))
 """Terms that are angles."""
+WANTING = "no direction: all numbers are 0"
 
 
 def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
@@ -64,54 +66,54 @@ def read_end(
 ) -> Pose | AtRotation:
     """Return the pose, or with `turns` also the turn (ux, uy, uz, angle), of a text."""
     (given,) = numbers_of(text.split("+"), where, several=False)
-    kinds = [inputs, DIRECTION, AZIMUTH_TILT, MIRROR, TILT_TORSION, QUATERNION, VECTOR]
-    if turns:
-        kinds.append(TURN)
+    kinds = [inputs, *POSED][: None if turns else -1]
     kind = next((names for names in kinds if set(names) == set(given)), None)
     if kind is None:
         ways = listing("+".join(f"{name}=.." for name in names) for names in kinds)
         raise AnalysisError(f'{where}: "{text}" is not a pose; say one of {ways}')
     values = np.array([given[name] for name in kind])
-    if kind == inputs or ANGLES.issuperset(kind):
-        values = np.radians(values)
-    if kind in (DIRECTION, QUATERNION, TURN):
-        vector = values[:3] if kind == TURN else values
-        length = float(np.linalg.norm(vector))
-        if length == 0.0:
-            raise AnalysisError(f'{where}: "{text}" has no direction: all numbers are 0')
-        if kind == TURN and not values[3] > 0.0:
-            raise AnalysisError(
-                f'{where}: "{text}": angle has to be above 0; turn the axis round instead'
-            )
-        vector /= length
     if kind == inputs:
-        return AtInputs(values)
+        return AtInputs(np.radians(values))
     if kind == MIRROR:
-        return AtMirror(*values)
-    if kind == TURN:
-        return AtRotation(values[:3], float(np.radians(values[3])))
-    pose = posed(kind, values[None])[0]
-    return AtDirection(pose) if pose.ndim == 1 else AtOrientation(pose)
+        return AtMirror(*np.radians(values))
+    if ANGLES.issuperset(kind):
+        values = np.radians(values)
+    (pose,) = POSED[kind](values[None])
+    if np.any(np.isnan(pose)):
+        raise AnalysisError(f'{where}: "{text}" has {WANTING}')
+    if kind != TURN:
+        return AtDirection(pose) if pose.ndim == 1 else AtOrientation(pose)
+    if not values[3] > 0.0:
+        raise AnalysisError(
+            f'{where}: "{text}": angle has to be above 0; turn the axis round instead'
+        )
+    return AtRotation(pose, float(np.radians(values[3])))
 
 
-def posed(kind: tuple[str, ...], rows: Floats) -> Floats:
-    """Return directions (n, 3) or rotations (n, 3, 3) said in terms of one kind, in rad."""
-    match kind:
-        case ("azimuth", "tilt"):
-            return pointing(rows)
-        case ("azimuth", "tilt", "torsion"):
-            return from_tilt_torsion(rows)
-        case ("qx", "qy", "qz", "qw"):
-            return np.asarray(from_quaternion(rows))
-        case ("rx", "ry", "rz"):
-            half = 0.5 * np.linalg.norm(rows, axis=1, keepdims=True)
-            vector = 0.5 * np.sinc(half / np.pi) * rows
-            return np.asarray(
-                from_quaternion(np.concatenate([vector, np.cos(half)], axis=1))
-            )
-        case ("x", "y", "z"):
-            return rows
-    return rows.reshape(-1, 3, 3)
+def _unit(rows: Floats) -> Floats:
+    """Return rows of length 1, NaN where all numbers of one are 0."""
+    with np.errstate(invalid="ignore"):
+        return rows / np.linalg.norm(rows, axis=1, keepdims=True)
+
+
+def _turned(rows: Floats) -> Floats:
+    """Return the rotations (n, 3, 3) with rotation vectors (n, 3)."""
+    half = 0.5 * np.linalg.norm(rows, axis=1, keepdims=True)
+    vector = 0.5 * np.sinc(half / np.pi) * rows
+    return np.asarray(from_quaternion(np.concatenate([vector, np.cos(half)], axis=1)))
+
+
+POSED: Mapping[tuple[str, ...], Callable[[Floats], Floats]] = {
+    DIRECTION: _unit,
+    AZIMUTH_TILT: pointing,
+    MIRROR: lambda rows: normals_of(*rows.T),
+    TILT_TORSION: from_tilt_torsion,
+    QUATERNION: lambda rows: np.asarray(from_quaternion(_unit(rows))),
+    VECTOR: _turned,
+    TURN: lambda rows: _unit(rows[:, :3]),
+}
+"""Directions (n, 3), mid-planes (n, 3), rotations (n, 3, 3) and axes of turns, by the terms
+that they are said in: rows of numbers, angles in rad. NaN where the numbers say none."""
 
 
 def numbers_of(

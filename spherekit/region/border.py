@@ -264,21 +264,13 @@ def crossings(
         return evaluate(along(inside[which], outside[which], angle))
 
     every, zero = np.arange(len(length)), np.zeros(len(length))
-    ends = least(evaluate(np.concatenate([inside, outside])))
+    ends = least(evaluate(inside)), least(evaluate(outside))
     place, beyond = bracketed_zeros(
-        lambda angle, which: least(rows(angle, which)),
-        zero,
-        length,
-        ends[: len(length)],
-        ends[len(length) :],
-        EPS,
+        lambda angle, which: least(rows(angle, which)), zero, length, *ends, EPS
     )
     at = least(rows(place, every))
     after = rows(np.where(at == 0.0, place + BEYOND * length, beyond), every)
-    number = active(after, evaluate.floor)
-    still = np.flatnonzero(least(after) >= 0.0)
-    number[still] = active(rows(place[still], still), evaluate.floor)
-    return along(inside, outside, place), number
+    return along(inside, outside, place), active(after, evaluate.floor)
 
 
 def corners(
