@@ -108,26 +108,6 @@ def axode_traces(batch: Batch, pole: Pole, label: str, rows: slice) -> list[Prim
     return traces
 
 
-def _two_circles(batch: Batch, step: LinePole, row: int) -> Floats:
-    """Return the normals (2, 3) of the two great circles of a step that cross most."""
-    if step.contacts:
-        return batch.planes(*step.pole)[row]
-    i, j = step.pole
-    normals = np.stack(
-        [
-            np.cross(
-                batch.direction(*pole_of(i, k))[row], batch.direction(*pole_of(j, k))[row]
-            )
-            for k in step.via
-        ]
-    )
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = normals / np.where(length > 0.0, length, np.nan)
-    across = np.linalg.norm(np.cross(normals[:, None], normals[None]), axis=2)
-    one, other = np.unravel_index(int(np.argmax(np.nan_to_num(across))), across.shape)
-    return normals[[one, other]]
-
-
 def construction(batch: Batch, row: int) -> Scene:
     """Return a page on which row k is step k of the plan at one configuration.
 
@@ -136,29 +116,26 @@ def construction(batch: Batch, row: int) -> Scene:
     mechanism, plan = batch.mechanism, batch.plans[0]
     axes = [x for x in plan.steps if isinstance(x, PrimaryPole) and not x.round]
     primary = [step.pole for step in axes]
-    stages: list[tuple[str, Sequence[Pole], LinePole | None]]
-    stages = [(f"{len(primary)} axes of pairs are known", primary, None)]
+    words, every = [f"{len(primary)} axes of pairs are known"], list(plan.rounds)
+    made: list[tuple[Sequence[Pole], bool]] = [(primary, False)]
     for step in plan.steps:
         if step in axes:
             continue
-        made: list[tuple[Sequence[Pole], LinePole | None]]
         if isinstance(step, BlockPoles):
-            later = {passed.pole for passed in step.passes}
-            made = [([pole for pole in step.poles if pole not in later], None)]
-            made += [([passed.pole], passed) for passed in step.passes]
+            later = [passed.pole for passed in step.passes]
+            made.append(([pole for pole in step.poles if pole not in later], False))
+            made += [([pole], True) for pole in later]
         else:
-            made = [([step.pole], step if isinstance(step, LinePole) else None)]
-        said = describe(plan, step).split("\n")
-        stages += [(text, *new) for text, new in zip(said, made, strict=True)]
-    words = [text for text, *_ in stages]
-    n, every = len(stages), list(plan.rounds)
+            made.append(([step.pole], isinstance(step, LinePole)))
+        words += describe(plan, step).split("\n")
+    n = len(words)
     directions = np.full((n, len(every), 3), np.nan)
     circles = np.full((n, 2, 3), np.nan)
-    for number, (_, new, line) in enumerate(stages):
+    for number, (new, on_circles) in enumerate(made):
         for pole in new:
             directions[number:, every.index(pole)] = batch.direction(*pole)[row]
-        if line is not None:
-            circles[number] = _two_circles(batch, line, row)
+            if on_circles:
+                circles[number] = batch.planes(*pole)[row]
     turned = np.stack([batch.rotation(link)[row] for link in mechanism.links])
     names = [f"P{_short(mechanism, pole)}" for pole in every]
     listed = "\n".join(f"{k:3d}  {text}" for k, text in enumerate(words))

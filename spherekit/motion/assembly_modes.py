@@ -56,8 +56,9 @@ SAME = 0.3
 """Angles (rad) of a followed mode that are farther from a row's are another's."""
 BEYOND = 1e-4
 """An input beyond the end of a mode by less (rad) is at its end, a dead centre."""
-HALF = np.pi + 1e-9
-"""An angle (rad) of half a turn is positive, whatever rounding makes of it."""
+HALF = np.pi + 1e-6
+"""An angle (rad) of half a turn is positive, whatever rounding makes of it, and a dead
+centre of rounding."""
 
 
 def first_turns(angles: Floats) -> Floats:
@@ -403,9 +404,9 @@ class Unwrapping:
         turns = np.zeros((len(given), len(angles)))
         first = given[anew]
         goal = np.tile(self.anchor, (len(first), 1))
-        reached, status, _ = follow_inputs(self._closure, self._driven, first, goal)
-        led = (status == Status.OK)[:, None]
-        turns[anew] = -first_turns(np.where(led, reached.values, first)[:, angles])
+        there = follow_inputs(self._closure, self._driven, first, goal)[0].values
+        led = max_abs(there[:, self._driven] - goal, axis=1) < BEYOND
+        turns[anew] = -first_turns(np.where(led[:, None], there, first)[:, angles])
         for row in np.flatnonzero(~anew[1:]):
             turns[row + 1] = turns[row] - steps[row]
         return turns[len(given) - len(at) :]
