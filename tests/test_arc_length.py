@@ -12,11 +12,8 @@ from spherekit.errors import SolveError
 from spherekit.model.gears import joints_of
 from spherekit.model.parts import Profile
 from spherekit.motion.arc_length import follow_arc
-from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.closure import Closure
-from spherekit.motion.configuration import configuration_curves
 from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.inputs import plan_assembly
 
 NO_CRANK = np.radians([60.0, 75.0, 40.0, 50.0])
 """Shortest and longest link together exceed the others: no link turns fully."""
@@ -42,32 +39,12 @@ def shipped(name):
     if name in GUESSES:
         return closed_near(sk.load(name), GUESSES[name])
     tracer = PositionAnalysis(sk.load(name), search=False)
-    there = tracer.solver.evaluate(
-        tracer.assembly_modes[0], np.array([[tracer.range[0] + 0.5]])
-    )
-    return follow_arc(tracer.solver.closure, there.values[0])
+    return follow_arc(tracer.solver.closure, tracer.at(tracer.range[0] + 0.5).values[0])
 
 
-def configurations(made, inputs):
-    """Return the closed configurations of a mechanism of one dyad at some inputs."""
-    solver = Solver(made, plan_assembly(made))
-    found = []
-    for sign in (1, -1):
-        there = solver.evaluate(AssemblyMode(0, (sign,)), inputs[:, None])
-        found.append(there.values[there.status == sk.Status.OK])
-    return solver.closure, np.concatenate(found)
-
-
-def all_curves(made, inputs):
-    """Return the curves through the configurations at some inputs."""
-    closure, todo = configurations(made, inputs)
-    curves = []
-    while len(todo):
-        curves.append(follow_arc(closure, todo[0]))
-        known = curves[-1].find(todo)
-        assert not np.isnan(known[0])
-        todo = todo[np.isnan(known)]
-    return curves
+def all_curves(made):
+    """Return the configuration curves of a mechanism."""
+    return [item.curve for item in PositionAnalysis(made).configurations.curves]
 
 
 def loop_gap(arcs, values):
@@ -82,14 +59,9 @@ def loop_gap(arcs, values):
     return np.sum(k3 * k4, axis=0) - c3
 
 
-def axes_of(curve, values):
-    """Return the pair axes (n, pairs, 3) in the axes of the ground."""
-    return curve.closure.at(values).axes
-
-
 @pytest.fixture(scope="module")
 def no_crank():
-    (curve,) = all_curves(four_bar(NO_CRANK), np.linspace(0.0, 2 * np.pi, 25))
+    (curve,) = all_curves(four_bar(NO_CRANK))
     return curve
 
 
@@ -131,8 +103,7 @@ def test_shipped_mechanisms_close_after_one_lap(name, winding):
 
 def test_cones_without_a_common_length_never_close():
     tracer = PositionAnalysis(sk.load("rolling_cones"), search=False)
-    there = tracer.solver.evaluate(tracer.assembly_modes[0], np.array([[0.5]])).values[0]
-    curve = follow_arc(tracer.solver.closure, there, longest=20.0)
+    curve = follow_arc(tracer.solver.closure, tracer.at(0.5).values[0], longest=20.0)
     assert not curve.closed and curve.ends == (sk.Status.OK, sk.Status.OK)
     assert 40.0 <= curve.length < 41.0 and np.isinf(curve.periods[-1])
 
@@ -170,13 +141,12 @@ def test_stops_end_a_curve_where_they_are(no_crank):
 
 def test_a_folding_four_bar_ends_at_the_crossing():
     """A kite, 60-40-60-40 degrees, folds flat: four open curves between two poses."""
-    curves = all_curves(
-        four_bar(np.radians([60.0, 40.0, 60.0, 40.0])), np.array([0.7, 4.0])
-    )
+    curves = all_curves(four_bar(np.radians([60.0, 40.0, 60.0, 40.0])))
+    assert len(curves) == 4
     for curve in curves:
         assert curve.ends == (sk.Status.AT_SINGULARITY, sk.Status.AT_SINGULARITY)
         for node in (0, -1):
-            axes = axes_of(curve, curve.nodes.values[[node]])[0]
+            axes = curve.closure.at(curve.nodes.values[[node]]).axes[0]
             assert np.linalg.svd(axes, compute_uv=False)[-1] < 1e-4
         s = np.linspace(0.0, curve.length, 50)
         assert np.max(curve.at(s).residual) < 1e-13
@@ -199,11 +169,8 @@ def test_starts_that_cannot_be_followed(no_crank):
 
 def test_modes_that_meet_at_dead_points_are_one_curve():
     tracer = PositionAnalysis(four_bar(NO_CRANK))
-    (found,) = configuration_curves(
-        tracer.solver, tracer.assembly_modes, *tracer.range
-    ).curves
-    numbers = [piece.assembly_mode for piece in found.pieces]
-    assert set(numbers) == {0, 1}
+    (found,) = tracer.configurations.curves
+    assert {piece.assembly_mode for piece in found.pieces} == {0, 1}
     curve = found.curve
     covered = sum(piece.stop - piece.start for piece in found.pieces)
     assert covered == pytest.approx(curve.length, abs=1e-9)
@@ -211,10 +178,8 @@ def test_modes_that_meet_at_dead_points_are_one_curve():
         s = np.linspace(piece.start, piece.stop, 9)[1:-1]
         values = curve.at(s).values
         q = np.mod(values[:, 0], 2 * np.pi)
-        (assembly_mode,) = (
-            b for b in tracer.assembly_modes if b.number == piece.assembly_mode
-        )
-        there = tracer.solver.evaluate(assembly_mode, q[:, None]).values
+        mode = tracer.assembly_modes[piece.assembly_mode]
+        there = tracer.solver.evaluate(mode, q[:, None]).values
         assert np.max(np.abs(curve.wrapped(there - values))) < 1e-9
         again = curve.at(curve.find(there)).values
         assert np.max(np.abs(curve.wrapped(again - there))) < 1e-9

@@ -8,7 +8,6 @@ from independent import multi_start
 import spherekit as sk
 from spherekit.guarantee import Guarantee
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.configuration import configuration_curves
 from spherekit.motion.elimination import assemblies
 from spherekit.motion.input_turning_points import (
     InputTurningPoints,
@@ -22,24 +21,10 @@ from spherekit.planning.inputs import plan_assembly
 TURN = 2.0 * np.pi
 
 
-def solver_of(made):
-    return Solver(made, plan_assembly(made))
-
-
 def with_curves(chain, axes, driven, span=(0.0, TURN)):
     """Return a tracer over the whole turn of an input, and all its curves."""
     tracer = PositionAnalysis(mechanism(chain, axes, driven, span=span))
-    found = configuration_curves(tracer.solver, tracer.assembly_modes, *tracer.range)
-    return tracer, found
-
-
-def crossing_values(tracer, found, q):
-    """Return the configurations (n, variables) of all curves at an input."""
-    points = [
-        item.curve.at(item.curve.at_input(tracer.solver.single, q).places).values
-        for item in found.curves
-    ]
-    return np.concatenate(points)
+    return tracer, tracer.configurations
 
 
 def turning_inputs(solver, curve):
@@ -85,15 +70,11 @@ def test_what_is_no_smooth_function_is_doubtful():
     assert np.allclose(places, [0.5, 1.5], rtol=0, atol=1e-12)
 
 
-LOOSE = InputTurningPoints(
-    0.0, 2.0, np.array([0.4]), np.array([[1.0, 1.3], [1.7, 1.70001]])
-)
-
-
 def test_a_doubtful_part_is_sampled_and_said_to_be():
-    probes = LOOSE.probes(0.11)
-    assert np.allclose(probes, [0.2, 0.7, 1.05, 1.15, 1.25, 1.5, 1.850005])
-    claim = LOOSE.claim(0.11)
+    doubtful = np.array([[1.0, 1.3], [1.7, 1.70001]])
+    loose = InputTurningPoints(0.0, 2.0, np.array([0.4]), doubtful)
+    assert np.allclose(loose.probes(0.11), [0.2, 0.7, 1.05, 1.15, 1.25, 1.5, 1.850005])
+    claim = loose.claim(0.11)
     assert claim.guarantee is Guarantee.TO_BOX and claim.box == pytest.approx(0.1)
     assert str(claim).startswith("complete to a box of 5.73 deg: all modes at 7 inputs")
 
@@ -166,30 +147,33 @@ def test_curves_have_every_mode_that_a_search_finds(chain, seed, inputs):
     tracer, found = with_curves(chain, random_axes(random, len(edges)), f"p{a}_{b}")
     assert not found.mismatches and found.guarantee is Guarantee.COMPLETE
     here = there = 0
+    driven = tracer.solver.single
     for q in random.uniform(0.0, TURN, inputs):
-        values = crossing_values(tracer, found, q)
-        at = tracer.solver.closure.at(values)
+        met = [(each.curve, each.curve.at_input(driven, q).places) for each in found.curves]
+        at = tracer.solver.closure.at(
+            np.concatenate([curve.at(places).values for curve, places in met])
+        )
         placed = at.placed
         assert np.max(at.gap, initial=0.0) < 1e-12
         searched, links = multi_start(tracer.mechanism, random, 96, q=q)
         for turn in searched:
             gaps = np.max(np.abs(placed[:, links] - turn), axis=(1, 2, 3))
             assert np.min(gaps) < 1e-5
-        here, there = here + len(values), there + len(searched)
+        here, there = here + len(placed), there + len(searched)
     assert here >= there > 0.85 * here > 10
 
 
 def test_a_mechanism_with_a_hard_input_is_searched_at_another_pair():
     """The single flier is one group of seven bodies, or a dyad and a triad."""
     axes = random_axes(np.random.default_rng(15), 10)
-    solver = solver_of(mechanism(EIGHT_BARS[5], axes, "p5_6", span=(0.0, TURN)))
+    made = mechanism(EIGHT_BARS[5], axes, "p5_6", span=(0.0, TURN))
+    solver = Solver(made, plan_assembly(made))
     assert len(solver.assembly.groups) == 1
     drive = easiest_drive(solver)
     assert [len(group.bodies) for group in drive.assembly.groups] == [3, 5]
 
 
 def test_curves_of_wheels_on_fixed_axes_are_all_there():
-    tracer = PositionAnalysis(sk.load("bevel_pair"))
-    found = configuration_curves(tracer.solver, tracer.assembly_modes, *tracer.range)
+    found = PositionAnalysis(sk.load("bevel_pair")).configurations
     assert found.guarantee is Guarantee.COMPLETE and not found.mismatches
     assert len(found.curves) == 1 and set(found.counts) <= {1}

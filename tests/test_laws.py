@@ -69,14 +69,6 @@ def test_rates_of_a_table_are_exactly_those_of_its_spline(rest_at_ends):
     assert bool(np.max(np.abs(ends)) < 1e-11 * scale) is rest_at_ends
 
 
-def test_two_rows_at_rest_are_the_quintic_of_smooth_steps():
-    q, dq, ddq = Tabulated((0.0, 2.0), (1.0, 3.0), rest_at_ends=True).at([0.5, 1.0])
-    x = np.array([0.25, 0.5])
-    np.testing.assert_allclose(q, 1 + 2 * x**3 * (10 - 15 * x + 6 * x**2), atol=1e-15)
-    np.testing.assert_allclose(dq, 30 * x**2 * (1 - x) ** 2, atol=1e-14)
-    np.testing.assert_allclose(ddq, 30 * x * (1 - x) * (1 - 2 * x), atol=1e-14)
-
-
 def test_a_table_ends_where_it_ends():
     law = Tabulated((0.0, 2.0), (1.0, 3.0), rest_at_ends=True)
     for t in (-0.1, [0.0, 2.1], math.nan):

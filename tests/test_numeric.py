@@ -31,6 +31,11 @@ def test_piecewise_chebyshev_reaches_what_it_says():
     assert np.max(np.abs(fitted.derivative.at(s) - bump_rates(s))) < 1e-9
     kink = PiecewiseChebyshev.fit(lambda s: np.abs(s - 0.3)[:, None], 0.0, 1.0, most=8)
     assert kink.error > 1e-6
+    edges = np.array([0.0, 0.3, 0.31, 1.0])
+    parted = PiecewiseChebyshev.fit(bumps, 0.0, 1.0, cells=edges)
+    assert set(edges) <= set(parted.edges) <= set(parted.grid(4))
+    s = np.random.default_rng(1).uniform(0.0, 1.0, 400)
+    assert np.max(np.abs(parted.at(s).T - parted.scattered(s))) < 1e-13
 
 
 def test_local_polynomials_give_functions_at_single_places():
@@ -144,21 +149,6 @@ def test_a_zero_at_the_seam_of_a_lap_is_there_once(sense, off):
     found = zeros(lambda s: (sense * np.sin(s) + off, sense * np.cos(s)), grid)
     once = found.once(2.0 * np.pi).places
     assert once == pytest.approx([0.0, np.pi], abs=1e-13)
-
-
-def test_chebyshev_cells_begin_at_given_edges():
-    edges = np.array([0.0, 0.3, 0.31, 2.0])
-    fitted = PiecewiseChebyshev.fit(
-        lambda s: np.column_stack([np.sin(3.0 * s), np.abs(s - 0.31)]),
-        0.0,
-        2.0,
-        cells=edges,
-    )
-    assert set(edges) <= set(fitted.edges) <= set(fitted.grid(4))
-    x = np.random.default_rng(1).uniform(0, 2, 400)
-    expected = np.stack([np.sin(3.0 * x), np.abs(x - 0.31)])
-    for found in (fitted.at(x).T, fitted.scattered(x)):
-        assert np.max(np.abs(found - expected)) < 2e-13
 
 
 def test_least_squares_keep_to_limits_and_leave_them_for_less():
