@@ -18,7 +18,7 @@ from spherekit.analysis.tables import (
     Table,
     TableArrays,
 )
-from spherekit.arrays import Array, Floats
+from spherekit.arrays import Array
 from spherekit.conventions import Facts, Status
 from spherekit.errors import AnalysisError
 from spherekit.files.atomic import check_own
@@ -227,7 +227,8 @@ def _proven(given: Facts, direction: Array, coefficient: Ball) -> Facts:
     pairs = zip(direction, axis, strict=True)
     off = max(upper(ball - exact(float(near))) for ball, near in pairs)
     axis = axis if axis @ u > 0 else -axis
-    least, most = _between(u, axis, off)
+    apart = float(np.linalg.norm(u - axis))
+    around = np.sqrt(3.0) * off + 4.0 * 2.0**-53 * (apart + 1e-3)
     size = middle(coefficient)
     spare = upper(coefficient - exact(size))
     gap = abs(abs(float(given["velocity_coefficient"])) - size)
@@ -236,11 +237,11 @@ def _proven(given: Facts, direction: Array, coefficient: Ball) -> Facts:
         "proven_u_off": off,
         "proven_velocity_coefficient": size,
         "proven_velocity_coefficient_off": spare,
-        "u_error": most,
+        "u_error": apart + around,
         "velocity_coefficient_error": gap + spare,
     }
     for name, low, high in (
-        ("error_bound", least, most),
+        ("error_bound", apart - around, apart + around),
         ("velocity_coefficient_error_bound", gap - spare - slack, gap + spare + slack),
     ):
         bound = made[name] = float(given[name])
@@ -249,10 +250,3 @@ def _proven(given: Facts, direction: Array, coefficient: Ball) -> Facts:
         if word == EXCEEDED:
             made["status"] = Status.BOUND_EXCEEDED
     return made
-
-
-def _between(u: Floats, axis: Floats, off: float) -> tuple[float, float]:
-    """Return least and largest distance of a vector from one known to `off` each."""
-    gap = float(np.linalg.norm(u - axis))
-    spare = np.sqrt(3.0) * off + 4.0 * 2.0**-53 * (gap + 1e-3)
-    return gap - spare, gap + spare

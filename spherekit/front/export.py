@@ -5,7 +5,7 @@ The plan of a mechanism, given as such or named.
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -196,24 +196,18 @@ def _functions(
         notes.append(f"outputs left out: {names}")
     if not mechanism.masses:
         notes.append("no inertia: the mechanism has no masses")
-    if len(mechanism.inputs) > 1:
-        model = reduced_grid_model(
-            mechanism,
-            assembly_mode=assembly_mode,
-            poles=poles or (),
-            tolerance=1e-11 if tolerance is None else tolerance,
-        )
-        if model.heading.covered < 1.0:
-            notes.append(
-                f"known in {model.heading.covered:.3g} of the box of the inputs' ranges; "
-                "elsewhere the assembly mode does not exist or is near a singularity"
-            )
-    else:
-        model = reduced_model(
-            mechanism,
-            assembly_mode=assembly_mode,
-            poles=poles,
-            tolerance=1e-13 if tolerance is None else tolerance,
+    several = len(mechanism.inputs) > 1
+    tabulated: Any = reduced_grid_model if several else reduced_model
+    model = tabulated(
+        mechanism,
+        assembly_mode=assembly_mode,
+        poles=poles or () if several else poles,
+        tolerance=(1e-11 if several else 1e-13) if tolerance is None else tolerance,
+    )
+    if model.heading.covered < 1.0:
+        notes.append(
+            f"known in {model.heading.covered:.3g} of the box of the inputs' ranges; "
+            "elsewhere the assembly mode does not exist or is near a singularity"
         )
     model.save(target)
     count, of = len(model.heading.functions), listing(model.heading.by)

@@ -304,7 +304,22 @@ def timing_loop(
     working = ProgressReporter("measuring settings")
     for done, (name, setting, way) in enumerate(ways):
         working.tell(f"{name}, {done + 1} of {len(ways)}".__str__)
-        measured[name] = _judged(name, setting, way, judge)
+        try:
+            tables, first, _ = way(True)
+            off = judge(tables)
+        except SpherekitError as problem:
+            measured[name] = Measured(name, setting, reason=problem.fault)
+            continue
+        largest = worst(off) or Deviation("", np.nan, np.nan, 0, 0)
+        measured[name] = Measured(
+            name,
+            setting,
+            error=largest.error,
+            worst_column=largest.column,
+            own_estimate=largest.estimate,
+            missing=sum(deviation.missing for deviation in off),
+            compile_seconds=first,
+        )
     alive = [(name, way) for name, _, way in ways if not measured[name].reason]
     times: dict[str, list[tuple[float, float]]] = {name: [] for name, _ in alive}
     for number in range(effort.rounds):
@@ -327,30 +342,6 @@ def timing_loop(
             compile_seconds=max(measured[name].compile_seconds - first, 0.0) * compiles,
         )
     return list(measured.values())
-
-
-def _judged(
-    name: str,
-    setting: Setting | None,
-    way: Runner,
-    judge: Callable[[Tables], Sequence[Deviation]],
-) -> Measured:
-    """Return a way with its error, or the reason why it does not apply."""
-    try:
-        tables, first, _ = way(True)
-        off = judge(tables)
-    except SpherekitError as problem:
-        return Measured(name, setting, reason=problem.fault)
-    largest = worst(off)
-    return Measured(
-        name,
-        setting,
-        error=np.nan if largest is None else largest.error,
-        worst_column="" if largest is None else largest.column,
-        own_estimate=np.nan if largest is None else largest.estimate,
-        missing=sum(deviation.missing for deviation in off),
-        compile_seconds=first,
-    )
 
 
 def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:

@@ -151,13 +151,25 @@ def trade(
 
 
 def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
-    """Return the settings of samples against reference values."""
-    (analysis,) = plan.analyses
-    most = effort.checked or max(
-        FEWEST, CHECKED_ROWS // len(plan.course.tracer.assembly_modes)
-    )
-    long = _long(plan.course, study)
-    course = _at_fewer(plan, study, min(most, CHECKED))
+    """Return the settings of samples against reference values.
+
+    The ordinary one is timed at successive samples, so many that a kernel gives their rows
+    where it gives those of the run that is wanted. Errors are measured at fewer.
+    """
+    (analysis,), whole = plan.analyses, plan.course
+    total, modes = len(whole), len(whole.tracer.assembly_modes)
+    most = min(CHECKED, effort.checked or max(FEWEST, CHECKED_ROWS // modes))
+    long = None
+    if whole.shape == (total,) and total * modes >= rows_at_once.FEWEST:
+        samples = min(total, 4 * rows_at_once.FEWEST // modes)
+        long = at_places(whole, np.arange(samples), study.search)
+    course, axes = whole, len(whole.shape)
+    if total > most and axes > 1:
+        side = max(2, int(most ** (1.0 / axes)))
+        fewer = tuple(min(count, side) for count in whole.shape)
+        course = course_of(replace(study, samples=fewer))
+    elif total > most:
+        course = at_places(whole, places(whole, most, plan.requests[0]), study.search)
     plan = plan_of(course, analysis)
     right, poles, without = reference_at(plan)
     words = f"the closure equations in {DIGITS} digits{without}"
@@ -177,30 +189,6 @@ def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
         effort,
     )
     return _trade(plan, study, (words, EPS, right, results))
-
-
-def _long(course: Sampling, study: Study) -> Sampling | None:
-    """Return a course at successive samples, so many that a kernel gives their rows.
-
-    None where the run that is wanted has fewer: then it has none either.
-    """
-    modes = len(course.tracer.assembly_modes)
-    if course.shape != (len(course),) or len(course) * modes < rows_at_once.FEWEST:
-        return None
-    samples = min(len(course), 4 * rows_at_once.FEWEST // modes)
-    return at_places(course, np.arange(samples), study.search)
-
-
-def _at_fewer(plan: RunPlan, study: Study, most: int) -> Sampling:
-    """Return the course at about so many samples of the same range, or all of them."""
-    course = plan.course
-    if len(course) <= most:
-        return course
-    if (axes := len(course.shape)) > 1:
-        side = max(2, int(most ** (1.0 / axes)))
-        fewer = tuple(min(count, side) for count in course.shape)
-        return course_of(replace(study, samples=fewer))
-    return at_places(course, places(course, most, plan.requests[0]), study.search)
 
 
 def _trade(plan: RunPlan, study: Study, result: Found) -> Trade:

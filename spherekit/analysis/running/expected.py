@@ -51,7 +51,13 @@ def expected(study: Study, analyses: Analyses, assembly: Assembly) -> Facts:
     few = study if assembly.has_closed_form else replace(study, search=False)
     able = [analysis for analysis in analyses if analysis.rowwise]
     follow = traced(study, analyses, Execution())
-    shorter, longer = (_summary(few, able, k * half, follow) for k in (1, 2))
+    summaries: list[Facts] = []
+    for count in (half, 2 * half):
+        with TemporaryDirectory() as folder:
+            execution = Execution(folder=folder, formats=tuple(FILE_SIZE))
+            made = executed(shortened(few, count), able, execution, follow)
+            summaries.append(made.summary)
+    shorter, longer = summaries
     modes = len(longer["assembly_modes"])
     multiple = modes if assembly.has_closed_form else min(modes, 1)
 
@@ -81,13 +87,6 @@ def expected(study: Study, analyses: Analyses, assembly: Assembly) -> Facts:
         "velocity_equation_solves": grown("velocity_equation_solves"),
         "not_predicted": [a.name for a in analyses if a.name not in names],
     }
-
-
-def _summary(study: Study, analyses: Analyses, samples: int, follow: bool) -> Any:
-    """Return the summary of a run of so many samples that writes all files."""
-    with TemporaryDirectory() as folder:
-        execution = Execution(folder=folder, formats=tuple(FILE_SIZE))
-        return executed(shortened(study, samples), analyses, execution, follow).summary
 
 
 def shortened(study: Study, samples: int) -> Study:

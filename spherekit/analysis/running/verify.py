@@ -183,6 +183,11 @@ class Verifier:
             except SpherekitError:
                 verdict["not_verified"].append(analysis.name)
         columns = [item for pair in pairs for item in self._compared(*pair)]
+        names = [f"{item['table']}.{item['column']}" for item in columns]
+        told = [
+            (x, item) for x, item in zip(names, columns, strict=True) if item["compared"]
+        ]
+        name, worst = max(told, key=lambda pair: float(pair[1]["in_roundings"]))
         return verdict | {
             "rows": len(motion),
             "without_reference": [
@@ -196,7 +201,16 @@ class Verifier:
             ],
             "largest_condition": _largest(exact[0].condition),
             "largest_distance_rad": _largest(exact[0].distance),
-            **_of_columns(columns),
+            "columns": [item for _, item in told],
+            "not_recomputed": [
+                x for x, item in zip(names, columns, strict=True) if not item["compared"]
+            ],
+            "worst": {
+                "column": name,
+                "in_roundings": worst["in_roundings"],
+                **worst["worst"],
+            },
+            "beyond": [x for x, item in told if item["beyond"]],
             **self._within_bounds(compared, nearest),
             "seconds": time.perf_counter() - started,
         }
@@ -347,26 +361,6 @@ def _as_far(better: Motion, angles: Angles) -> Angles:
         value = better.values[:, number]
         turned[name] = value + TURN * np.round((angle - value) / TURN)
     return turned
-
-
-def _of_columns(columns: Sequence[Facts]) -> Facts:
-    """Return what is to be said of columns that were compared, and of the others."""
-    told = [item for item in columns if item["compared"]]
-    worst = max(told, key=lambda item: float(item["in_roundings"]))
-
-    def name(item: Facts) -> str:
-        return f"{item['table']}.{item['column']}"
-
-    return {
-        "columns": told,
-        "not_recomputed": [name(item) for item in columns if not item["compared"]],
-        "worst": {
-            "column": name(worst),
-            "in_roundings": worst["in_roundings"],
-            **worst["worst"],
-        },
-        "beyond": [name(item) for item in told if item["beyond"]],
-    }
 
 
 def _largest(values: Floats) -> float:
