@@ -135,20 +135,6 @@ def test_view_says_what_to_do_without_display(capsys, tmp_path, monkeypatch):
     assert (status, "--png" in err) == (0, True)
 
 
-def test_closed_pipe_and_help():
-    command = f"{sys.executable} -m spherekit plan stephenson --json | head -c 10"
-    done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
-    assert done.stderr == ""
-    text = subprocess.run(
-        [sys.executable, "-m", "spherekit", "--help"],
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    for command in ("validate", "plan", "explain", "run", "view", "mechanisms", "analyses"):
-        assert command in text
-
-
 @pytest.mark.slow
 def test_serve_streams_and_stops_on_interrupt():
     with socket.socket() as probe:

@@ -6,7 +6,6 @@ import pty
 import re
 import select
 import shlex
-import shutil
 import subprocess
 import sys
 import time
@@ -109,23 +108,14 @@ CASES = {
 }
 
 
-def environment():
+def test_a_shell_completes_words():
     path = f"{BIN}{os.pathsep}{os.environ['PATH']}"
-    return {**os.environ, "PATH": path, "TERM": "dumb", "PS1": "$ "}
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh"])
-def test_a_shell_completes_words(shell):
-    if shutil.which(shell) is None:
-        pytest.skip(f"{shell} is not installed")
-    bare = {"bash": ["--norc", "--noprofile"], "zsh": ["-f"]}[shell]
-    begin = {"bash": "", "zsh": "autoload -Uz compinit; compinit -u; "}[shell]
     child, terminal = pty.fork()
     if child == 0:
-        os.execvpe(shell, [shell, *bare, "-i"], environment())
+        environment = {**os.environ, "PATH": path, "TERM": "dumb", "PS1": "$ "}
+        os.execvpe("bash", ["bash", "--norc", "--noprofile", "-i"], environment)
     try:
-        code = f'{begin}eval "$(spherekit completion {shell})"; echo rea""dy\n'
-        os.write(terminal, code.encode())
+        os.write(terminal, b'eval "$(spherekit completion bash)"; echo rea""dy\n')
         assert "ready" in until(terminal, "ready")
         for typed, whole in CASES.items():
             os.write(terminal, f"{typed}\t".encode())
@@ -143,14 +133,3 @@ def until(terminal, word, limit=20.0):
         if select.select([terminal], [], [], 0.2)[0]:
             seen += os.read(terminal, 4096).decode(errors="replace")
     return seen
-
-
-def test_fish_completes_words():
-    if shutil.which("fish") is None:
-        pytest.skip("fish is not installed")
-    for typed, whole in CASES.items():
-        code = f"spherekit completion fish | source; complete -C '{typed}'"
-        done = subprocess.run(
-            ["fish", "-c", code], capture_output=True, text=True, env=environment()
-        )
-        assert whole in done.stdout.split(), (typed, done.stdout, done.stderr)

@@ -85,7 +85,7 @@ def test_over_a_grid_series_are_maps_of_the_inputs(tmp_path):
     assert np.array_equal(cells, values.reshape(5, 4))
 
 
-def test_noise_is_no_signal_and_ticks_are_round():
+def test_noise_is_no_signal_ticks_are_round_and_colours_go_from_first_to_last():
     noise = 1.0 + 1e-15 * np.random.default_rng(1).normal(size=50)
     low, high = plotted_range(noise, 1.0)
     assert high - low >= 0.1 and low < np.min(noise) and np.max(noise) < high
@@ -98,9 +98,6 @@ def test_noise_is_no_signal_and_ticks_are_round():
     ):
         step, values = ticks(low, high, degrees)
         assert [written(value, step) for value in values] == expected
-
-
-def test_values_of_a_map_go_from_the_first_colour_to_the_last():
     low, high = heat_of(np.array([2.0, 5.0]), 2.0, 5.0).tolist()
     assert (tuple(low), tuple(high)) == (HEAT[0], HEAT[-1])
 

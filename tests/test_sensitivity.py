@@ -10,7 +10,6 @@ from refusals import text_of
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.design.sensitivity import Sensitivity, SizeDeviations
-from spherekit.design.variables import sizes_of
 from spherekit.files.library import find
 from spherekit.files.read import read
 from spherekit.files.write import document_of, number_at, number_path, with_numbers
@@ -163,11 +162,6 @@ def test_transmission_angles_are_the_same_from_variables_and_in_closed_form():
                 least = np.argmin(values[k, own])
                 near = values[k, own][least] + change * gradients[0, k, own][least]
                 assert np.radians(row[f"low_{k}"]) == pytest.approx(near, abs=1e-10)
-
-
-def test_defaults():
-    assert sizes_of(sk.load("stephenson"))[:2] == ("links.1.arcs.14", "links.1.arcs.16")
-    assert len(sizes_of(sk.load("double_butterfly"))) == 20
 
 
 def test_deviating_profiles_close_where_the_mechanism_with_them_does(tmp_path):

@@ -29,7 +29,6 @@ from spherekit.files.read import read
 from spherekit.files.write import document_of, number_path, with_numbers
 from spherekit.front.designs import sweep_of
 from spherekit.model.study import Study
-from spherekit.plugin.designs import middle_pairs, row_quantities
 
 SAMPLES = 25
 
@@ -459,12 +458,6 @@ def test_lost_workers_of_a_cluster_change_nothing(whole, tmp_path):
             process.wait()
     for one, other in zip(rows, rows_of(folder), strict=True):
         pd.testing.assert_frame_equal(one, other, check_exact=True)
-
-
-def test_middle_pairs_and_quantities_of_rows():
-    assert middle_pairs(sk.load("four_bar")) == ("43",)
-    assert middle_pairs(sk.load("double_butterfly")) == ()
-    assert row_quantities(sk.load("stephenson"))["theta_16"] == "rad"
 
 
 def test_a_mechanism_that_states_no_input_is_driven_as_in_runs():

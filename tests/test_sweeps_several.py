@@ -120,14 +120,6 @@ def test_what_is_said_of_several_inputs():
     assert np.allclose(rows["where"], np.degrees(low))
 
 
-def test_modes_beyond_dyads_are_followed_to_those_of_a_run():
-    vary = {"links.crank1.arc": [48.0, 50.0]}
-    rows = sk.sweep("three_rrr", vary, "at(theta_c1, 40, 50, 60)", samples=(1, 1, 1))
-    swept = rows.frame().query("design == 1")
-    there = sk.evaluate("three_rrr", np.radians([[40.0, 50.0, 60.0]]))
-    assert swept.iloc[:, -2].to_numpy() == pytest.approx(np.degrees(there.variable("c1")))
-
-
 def test_a_function_of_two_inputs_is_found_again(tmp_path):
     known = sk.load("five_bar")
     places = [[45.0, 60.0], [50.0, 80.0], [70.0, 60.0], [80.0, 75.0]]

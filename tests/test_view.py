@@ -132,7 +132,8 @@ def partial(tmp_path_factory):
     return record(path, 4, NO_CRANK)
 
 
-def test_series_keep_every_digit_and_both_timelines(recording):
+def test_series_poles_and_links_are_where_they_belong(recording):
+    """Series keep every digit."""
     found = columns(recording)
     for mode in (0, 1):
         entity = f"/four_bar/assembly_mode_{mode}/{SERIES}"
@@ -143,10 +144,6 @@ def test_series_keep_every_digit_and_both_timelines(recording):
         np.testing.assert_array_equal(values, logged.values)
         for timeline in ("sample", "input_deg"):
             assert found[entity, timeline] == SAMPLES.tolist()
-
-
-def test_poles_and_links_are_where_they_belong(recording):
-    found = columns(recording)
     vectors = np.array(found["/four_bar/assembly_mode_1/pole/3_1", "Arrows3D:vectors"])
     u31 = four_bar_poles(INPUTS, FOUR_BAR_ARCS, 1)["31"]
     np.testing.assert_allclose(vectors[:, 0], 1.25 * u31, atol=1e-6)
@@ -359,7 +356,7 @@ def test_wrong_number_of_rows(tmp_path):
         recorder.log(block(0, SAMPLES[:50]), SAMPLES[:49], INPUTS[:49])
 
 
-def test_no_viewer_listens(tmp_path):
+def test_no_viewer_listens_and_a_port_in_use_serves_none(tmp_path):
     for url in ("127.0.0.1", "http://x:1/", "rerun+http://127.0.0.1/proxy"):
         with pytest.raises(OutputError, match="looks like"), RerunRecorder("x", url=url):
             pass
@@ -374,19 +371,12 @@ def test_no_viewer_listens(tmp_path):
                 RerunRecorder("x", path=tmp_path / "a.rrd", url=url),
             ):
                 pass
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_port_in_use():
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1]
         with (
             pytest.raises(OutputError, match="cannot serve"),
-            RerunRecorder("x", port=port),
+            RerunRecorder("x", port=other.getsockname()[1]),
         ):
             pass
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_file_and_live_together(tmp_path, recording):
