@@ -17,7 +17,6 @@ from spherekit.analysis.scene import Primitive, Range, Scene, Series
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     INPUTS,
-    RESIDUAL,
     SAMPLE,
     TIME,
     Column,
@@ -507,39 +506,31 @@ def _parts(
     table: Table, data: TableData, mode: int, samples: Integers
 ) -> Iterator[Primitive]:
     """Yield the columns of one mode, of each subject that has a row at every sample."""
-    here = np.asarray(data[ASSEMBLY_MODE.name]) == mode
-    texts = [
-        np.asarray(data[column.name]).astype(str)[here]
-        for column in table.columns
-        if column.kind == "text"
-    ]
-    subjects = np.array([", ".join(words) for words in zip(*texts, strict=True)], dtype=str)
-    if not texts:
-        subjects = np.full(int(np.sum(here)), "")
-    names = list(dict.fromkeys(subjects.tolist()))
-    if len(names) > MOST_SUBJECTS:
-        return
-    for subject in names:
-        chosen = np.flatnonzero(here)[subjects == subject]
+    (here,) = np.nonzero(np.asarray(data[ASSEMBLY_MODE.name]) == mode)
+    texts = [c.name for c in table.columns if c.kind == "text"]
+    words = (np.asarray(data[name]).astype(str)[here] for name in texts)
+    named = zip(np.full(len(here), ""), *words, strict=True)
+    subjects = np.array([", ".join(filter(None, words)) for words in named], dtype=str)
+    names = dict.fromkeys(subjects.tolist())
+    for subject in names if len(names) <= MOST_SUBJECTS else ():
+        chosen = here[subjects == subject]
         if not np.array_equal(np.asarray(data[SAMPLE.name])[chosen], samples):
             continue
-        for column in table.columns:
-            if _shown(column):
-                path = f"tables/{table.name}/{column.name}/{subject}"
-                values = np.asarray(data[column.name], dtype=float)[chosen]
-                label = subject or column.name
-                yield Series(path, label, column.meaning, values, column.unit)
+        for column in filter(_shown, table.columns):
+            path = f"tables/{table.name}/{column.name}/{subject}"
+            values = np.asarray(data[column.name], dtype=float)[chosen]
+            label = subject or column.name
+            yield Series(path, label, column.meaning, values, column.unit)
 
 
 def _shown(column: Column) -> bool:
     """Return whether a column is a result, and not an input, the time or an error."""
-    given = (INPUTS.name, TIME.name, RESIDUAL.name)
-    is_input = column.name.startswith(f"{INPUTS.name}_") and column.meaning.startswith(
+    is_input = column.name.startswith(INPUTS.name) and column.meaning.startswith(
         INPUTS.meaning
     )
     return (
         column.kind == "number"
         and column.scale != "none"
-        and column.name not in given
+        and column.name != TIME.name
         and not is_input
     )

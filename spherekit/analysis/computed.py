@@ -77,10 +77,8 @@ def _columns(where: str, table: Table, data: Any) -> dict[str, Array | Interleav
 
 def _typed(where: str, column: Column, data: Any) -> Array | Interleaved:
     kind = column.kind
-    if (
-        isinstance(data, Interleaved)
-        and data.ndim == 1
-        and (data.dtype.kind == "U" if kind == "text" else data.dtype == TYPES[kind])
+    if isinstance(data, Interleaved) and (
+        data.dtype.kind == "U" if kind == "text" else data.dtype == TYPES[kind]
     ):
         return data
     try:

@@ -144,7 +144,7 @@ def write_table(
             parquet = stack.enter_context(_parquet(paths["parquet"], schema))
         if "csv" in paths:
             text = stack.enter_context(writing(paths["csv"]))
-            text.write(_csv([first.column_names]))
+            text.write(csv_text([first.column_names]))
         for piece in chain([first], rest):
             if "parquet" in paths:
                 parquet.write_table(piece.cast(schema))
@@ -396,20 +396,11 @@ def _with_words(rows: "pa.Table") -> "pa.Table":
     return pa.table(columns, names=rows.column_names)
 
 
-def _csv(rows: Iterable[Sequence[str]]) -> bytes:
+def csv_text(rows: Iterable[Sequence[str]]) -> bytes:
+    """Return rows of texts as CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue().encode()
-
-
-def columns_text(tables: Mapping[str, tuple[str, Table]], degrees: bool) -> bytes:
-    """Return the text of `COLUMNS`: of tables by their files' stems, column by column."""
-    rows = [
-        (stem, column.header(degrees), column.stated_unit(degrees), column.meaning)
-        for stem, (_, table) in tables.items()
-        for column in table.columns
-    ]
-    return _csv([("table", "column", "unit", "meaning"), *rows])
 
 
 class ParquetColumns(Mapping[str, Array]):

@@ -57,11 +57,13 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
         If it cannot be read, or a cell is not a finite number, with line or row.
     """
     cells, word, first = _frame(path)[list(names)], "line", 2
+    units = dict(cells.attrs.get("units", {}))
     if path.suffix == PARQUET:
         word, first = "row", 1
-        units = dict(cells.attrs.get("units", {}))
     else:
-        units = _units_beside(path)
+        with suppress(FileError, KeyError):  # what the folder of a run states
+            stated = _frame(path.with_name(COLUMNS)).set_index("table").loc[[path.stem]]
+            units = dict(zip(stated["column"], stated["unit"], strict=True))
     values = np.array([[_number(x) for x in row] for row in cells.itertuples(index=False)])
     values = values.reshape(-1, len(names))
     places = [f"{word} {number + first}" for number in cells.index]
@@ -76,14 +78,6 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
         )
     said = {name: match[1] for name in names if (match := _NAMED.search(name))}
     return Numbers(values, places, units | said)
-
-
-def _units_beside(path: Path) -> dict[str, str]:
-    """Return the units of the columns of a CSV file that the folder of a run states."""
-    with suppress(FileError, KeyError):
-        stated = _frame(path.with_name(COLUMNS)).set_index("table").loc[[path.stem]]
-        return dict(zip(stated["column"], stated["unit"], strict=True))
-    return {}
 
 
 def _number(cell: Any) -> float:

@@ -363,7 +363,7 @@ def write_results(
     OutputError
         If the disk is full; the folder then has what it had.
     """
-    from spherekit.analysis.frames import columns_text, write_table
+    from spherekit.analysis.frames import csv_text, write_table
 
     started = time.perf_counter()
     by_stem, cost = stems(declared), summary["cost"]["tables"]
@@ -386,7 +386,13 @@ def write_results(
             key = f"{name.rpartition('.')[2]}_bytes"
             cost[stem][key] = (made / name).stat().st_size
             names.append(name)
-    write_bytes(made / COLUMNS, columns_text(by_stem, degrees))
+    columns = [
+        (stem, column.header(degrees), column.stated_unit(degrees), column.meaning)
+        for stem, (_, table) in by_stem.items()
+        for column in table.columns
+    ]
+    headed = [("table", "column", "unit", "meaning"), *columns]
+    write_bytes(made / COLUMNS, csv_text(headed))
     names.append(COLUMNS)
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - started
     sizes = {name: (made / name).stat().st_size for name in names}

@@ -6,6 +6,7 @@ from contextlib import suppress
 import numpy as np
 
 from spherekit.analysis.contract import Analyses
+from spherekit.analysis.folder import differences
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
 from spherekit.analysis.running.sampling import course_of
 from spherekit.argument_validation import checked
@@ -23,7 +24,6 @@ from spherekit.tradeoff.measure import (
 from spherekit.tradeoff.record import (
     MARGIN,
     Trade,
-    check_run,
     check_tolerance,
     read_trade,
     recommended,
@@ -129,7 +129,13 @@ def stored_for(study: Study, analyses: Analyses, places: Sequence[str]) -> list[
                 f"the run has {listing(analysis.name for analysis in analyses)}: leave "
                 "this --trade out"
             )
-        check_run(record, run_of(study, named[0]), place)
+        now = run_of(study, named[0])
+        if differs := differences(record.made_for, now):
+            raise AnalysisError(
+                f"{place}: the trade was made for another run ({differs}); make it for "
+                f"this one with: spherekit trade {now['mechanism']} -a {now['analysis']} "
+                f"-o {place} and the options of the run, or leave --trade out"
+            )
         if all(measured.setting is None for measured in record.settings):
             raise AnalysisError(
                 f"{place}: the trade is of parameters of {record.analysis}, not of ways to "

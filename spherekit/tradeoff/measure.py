@@ -330,8 +330,8 @@ def timing_loop(
             times[name].append((first, longer * (seconds - first)))
             working.tell(f"{name}, round {number + 1} of {effort.rounds}".__str__)
     for name, rounds in times.items():
-        made = measured[name].setting
-        compiles = made is not None and made.compiles
+        made = measured[name].setting or ORDINARY
+        compiles = made.engine != "numpy" or made.integrator == "compiled"
         before, after = np.array(rounds).T
         first = float(np.min(before))
         measured[name] = replace(

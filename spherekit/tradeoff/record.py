@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.folder import differences
 from spherekit.analysis.result import Columns
 from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Text
@@ -274,17 +273,6 @@ def read_trade(path: AnyPath) -> Trade:
         raise AnalysisError(
             f"{file}: is not a trade that this version reads ({problem!r}); {again}"
         ) from None
-
-
-def check_run(stored: Trade, now: Facts, where: str) -> None:
-    """Raise `AnalysisError` unless a trade was made for a run, see `run_of`."""
-    differs = differences(stored.made_for, now)
-    if differs:
-        raise AnalysisError(
-            f"{where}: the trade was made for another run ({differs}); make it for this "
-            f"one with: spherekit trade {now['mechanism']} -a {now['analysis']} -o {where} "
-            "and the options of the run, or leave --trade out"
-        )
 
 
 def _trade(data: Facts) -> Trade:

@@ -40,11 +40,6 @@ class Setting:
             parts.append(self.route)
         return " ".join(parts)
 
-    @property
-    def compiles(self) -> bool:
-        """Whether something is made ready first, once for many runs."""
-        return self.engine != "numpy" or self.integrator == "compiled"
-
     def describe(self) -> str:
         """Return the setting in words."""
         if self.tolerance is not None:

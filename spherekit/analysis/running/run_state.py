@@ -12,7 +12,7 @@ from spherekit.analysis.batch import Batch, Fields, run_status
 from spherekit.analysis.contract import Analyses, Findings
 from spherekit.analysis.running.kernel_columns import LazyField, largest_errors
 from spherekit.analysis.tables import Table, TableData
-from spherekit.arrays import Array, Bools, Floats, SmallIntegers
+from spherekit.arrays import Array, Floats, SmallIntegers
 from spherekit.conventions import STATUS_MEANING, Facts, Names, Status
 from spherekit.files.plain import as_json
 from spherekit.motion.loops import rank_mobility, redundancy
@@ -96,11 +96,11 @@ class RunState:
         for mode, of_mode in zip(motion.assembly_modes, status, strict=True):
             self._count((MODE, str(mode.number)), of_mode)
         self._note(RESIDUAL, motion.residual)
-        good = _good(motion.status)
+        good = motion.status == Status.OK
         self._note(OFF, motion.configuration_error[good])
         for poles in fields:
             if poles.status is not motion.status:
-                good = _good(poles.status)
+                good = poles.status == Status.OK
             for codes, often in _counted_once(poles.pole_status.values()):
                 some = codes[good]
                 if len(fields) == 1 or np.any(some != Status.NO_POLE):
@@ -204,12 +204,6 @@ class RunState:
                 )
             },
         }
-
-
-def _good(status: SmallIntegers) -> slice | Bools:
-    """Return which rows are well: a slice, if all are."""
-    held = status == Status.OK
-    return slice(None) if np.all(held) else np.asarray(held)
 
 
 def _counted_once(arrays: Iterable[Array]) -> Iterable[tuple[Array, int]]:
