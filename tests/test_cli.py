@@ -33,9 +33,6 @@ def test_plan_prints_the_lectures_table(capsys):
     status, out, err = run(capsys, "plan", "stephenson")
     assert (status, err) == (0, "")
     assert [line.split()[1:] for line in out.splitlines()[1:]] == LECTURE_TABLE
-
-
-def test_plan_as_json_and_markdown(capsys):
     _, out, _ = run(capsys, "plan", "stephenson", "--json")
     assert json.loads(out)["table"] == LECTURE_TABLE
     _, out, _ = run(capsys, "plan", "stephenson", "--markdown")

@@ -59,6 +59,9 @@ def test_a_study_is_read_as_written(tmp_path):
 def test_everything_but_the_mechanism_has_a_default(tmp_path):
     path = write(tmp_path, 'format = 1\nmechanism = "four_bar"\n')
     assert load_study(path) == Study("x", sk.load("four_bar"))
+    asked = load_study(write(tmp_path, f"{path.read_text()}verify = 3\n"))
+    assert sk.run(asked, samples=5).summary["verified"]["rows"] == 3
+    write(tmp_path, path.read_text().replace("verify = 3\n", ""))
     assert load_study("four_bar") == Study("four_bar", sk.load("four_bar"))
     walked = [Study("x", sk.load("five_bar"), path=[[0, 0], [1, k]]) for k in (1, 1, 2)]
     assert walked[0] == walked[1] != walked[2]
