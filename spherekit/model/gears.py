@@ -504,21 +504,10 @@ def start_of_phase(mechanism: Mechanism, pair: Pair, phase: Angles) -> Ends:
             "instead"
         )
     wheels = [Wheel.of(curve) for curve in contact_curves(mechanism, pair)]
-    both = list(zip(wheels, placed, strict=True))
-    centre, beside = (turned(0.0) @ wheel.centre for wheel, turned in both)
-    across = beside - (centre @ beside) * centre
-    size = float(np.linalg.norm(across))
-    if size < COLLINEAR:
-        raise ModelError("both wheels turn about one line, so they touch everywhere")
-    radius = wheels[0].radius
-    sense = np.sign(np.sin(radius - wheels[1].radius))
-    point = np.cos(radius) * centre + np.sin(radius) * sense * across / size
 
     def lengths(angles: Sequence[float]) -> list[float]:
-        return [
-            wheel.length(turned(angle).T @ point)
-            for (wheel, turned), angle in zip(both, angles, strict=True)
-        ]
+        turns = [turned(angle) for turned, angle in zip(placed, angles, strict=True)]
+        return lengths_at(wheels, turns)
 
     angles = [phase[shaft] for shaft in shafts]
     for side in [k for k, x in enumerate(shafts) if x in mechanism.input_pairs][:1]:
@@ -552,6 +541,27 @@ def _shaft(
     if shaft.links[1] == link:
         return shaft.name, shaft.links[0], lambda angle: near @ about_z(angle) @ far.T
     return shaft.name, shaft.links[1], lambda angle: far @ about_z(-angle) @ near.T
+
+
+def lengths_at(wheels: Sequence["Wheel"], turns: Sequence[Floats]) -> list[float]:
+    """Return the lengths (2,) rad along two wheels where they touch.
+
+    `turns` (3, 3) lead from their axes to those of their carrier.
+
+    Raises
+    ------
+    ModelError
+        If they touch everywhere.
+    """
+    radius, beyond = (wheel.radius for wheel in wheels)
+    centre, beside = (x @ wheel.centre for wheel, x in zip(wheels, turns, strict=True))
+    across = beside - (centre @ beside) * centre
+    size = float(np.linalg.norm(across))
+    if size < COLLINEAR:
+        raise ModelError("both wheels turn about one line, so they touch everywhere")
+    sense = np.sign(np.sin(radius - beyond))
+    point = np.cos(radius) * centre + np.sin(radius) * sense * across / size
+    return [wheel.length(x.T @ point) for wheel, x in zip(wheels, turns, strict=True)]
 
 
 class Wheel(NamedTuple):

@@ -25,6 +25,7 @@ from spherekit.model.gears import (
     Wheel,
     joints_in_pose,
     joints_of,
+    lengths_at,
     one_line,
     seen_from_links,
 )
@@ -212,25 +213,15 @@ def rolled_angles(contact: RollingOnCarrier) -> dict[int, float]:
 def _lengths(contact: RollingOnCarrier, joints: Sequence[Joint]) -> list[float]:
     """Return the lengths (2,) along both circles, rad, where all angles are zero."""
     mesh, *wheels = contact
-    one, other = (
-        _carried(joints, wheel.centre, way)
-        for wheel, way in zip(wheels, mesh.ways, strict=True)
-    )
-    sense = np.sign(np.sin(wheels[0].radius - wheels[1].radius))
-    towards = other - (one @ other) * one, (one @ other) * other - one
-    return [
-        wheel.length(sense * _carried(joints, direction, back(way)))
-        for wheel, direction, way in zip(wheels, towards, mesh.ways, strict=True)
-    ]
-
-
-def _carried(joints: Sequence[Joint], vector: Floats, way: Way) -> Floats:
-    """Return a vector (3,) of the first link of a way in the last, all angles zero."""
-    for pair, side in way:
-        joint = revolute(joints[pair])
-        frames = joint.first, joint.second
-        vector = frames[1 - side] @ (frames[side].T @ vector)
-    return vector
+    turns = []
+    for way in mesh.ways:
+        turn = np.eye(3)
+        for pair, side in way:
+            joint = revolute(joints[pair])
+            frames = joint.first, joint.second
+            turn = frames[1 - side] @ frames[side].T @ turn
+        turns.append(turn)
+    return lengths_at(wheels, turns)
 
 
 def held_meshes(mechanism: Mechanism) -> frozenset[int]:
