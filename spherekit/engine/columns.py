@@ -157,10 +157,6 @@ def placed(columns: dict[Any, int], items: Iterable[Expr]) -> list[int]:
     return [columns.setdefault(item, len(columns)) for item in items]
 
 
-def _moves(item: Exprs) -> bool:
-    return any(isinstance(x, ExpressionNode) for x in item)
-
-
 class RowTerms(VelocityEquations):
     """The terms of a row that do not depend on the input that moves."""
 
@@ -370,7 +366,9 @@ class MovingTerms:
             for i, j in self._wanted.poles
             if plan.pole(i, j) is not None and plan.pole(i, j) not in pairs
         )
-        return bool(plan.rounded_axes) or any(not _moves(v) for v in relative)
+        return bool(plan.rounded_axes) or not all(
+            any(isinstance(x, ExpressionNode) for x in v) for v in relative
+        )
 
     def _of_pair(self, pole: Pole, pair: int) -> dict[str, Sequence[Expr]]:
         """Return what there is of a pole that is the axis of a pair, by part."""
@@ -390,22 +388,28 @@ class MovingTerms:
             rate, change = sense * self._rates[variable], sense * self._change[variable]
             e_rate, e_change = self._off_rates[variable], self._off_change[variable]
         else:
-            rate = dot(self._w[j] - self._w[i], unit)
-            change = dot(self._dw[j] - self._dw[i], unit)
-            e_rate = self._off_w[i] + self._off_w[j]
-            e_change = self._off_dw[i] + self._off_dw[j] + e_rate
-            e_change = e_change + off * (self._swings[i] + self._swings[j])
+            v, dv, e_rate, e_change, swing = self._between(i, j)
+            rate, change = dot(v, unit), dot(dv, unit)
+            e_change = e_change + off * swing
         axis = zip(SIGNED, (list(unit), list(turned), [rate], [change]), strict=True)
         return {**dict(axis), "angle": [1.0]} | _errors(off, e_rate, e_change)
 
+    def _between(self, i: int, j: int) -> tuple[Exprs, Exprs, Expr, Expr, Expr]:
+        """Return how links turn relative to each other, its change, and the errors of both.
+
+        And how fast the rates of both change at most.
+        """
+        off = self._off_w[i] + self._off_w[j]
+        changed = self._off_dw[i] + self._off_dw[j] + off
+        v, dv = (np.asarray(rates[j] - rates[i]) for rates in (self._w, self._dw))
+        return v, dv, off, changed, self._swings[i] + self._swings[j]
+
     def _across(self, i: int, j: int) -> tuple[list[Expr], dict[str, Sequence[Expr]]]:
         """Return the columns with a sign of a pole, and what else there is of it."""
-        v, dv = self._w[j] - self._w[i], self._dw[j] - self._dw[i]
+        v, dv, e_rate, e_change, swing = self._between(i, j)
         length = root(dot(v, v))
-        e_rate = self._off_w[i] + self._off_w[j]
-        swing = self._swings[i] + self._swings[j]
         if isinstance(length, float) and length == 0.0:
-            errors = _errors(1.0, e_rate, self._off_dw[i] + self._off_dw[j] + e_rate)
+            errors = _errors(1.0, e_rate, e_change)
             return [*[np.nan] * 6, 0.0, 0.0], {"angle": [0.0], **errors}
         share = 1.0 / length
         unit = v * share
@@ -414,7 +418,7 @@ class MovingTerms:
         sizes = [root(dot(w, w)) for w in (self._w[i], self._w[j])]
         angle = length / (sizes[0] + sizes[1]) if all(sizes) else 1.0
         direction = e_rate * share
-        e_change = self._off_dw[i] + self._off_dw[j] + e_rate + direction * swing
+        e_change = e_change + direction * swing
         doubt = e_change * share * (2.0 * LARGEST_ERROR / TURN_KNOWN)
         self.worst = self.worst + direction + doubt
         errors = _errors(direction, e_rate, e_change)

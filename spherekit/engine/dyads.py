@@ -136,11 +136,8 @@ def _close(
         pair, end = group.pairs[which], group.ends[which].index(body)
         return mechanism.ends[pair][end], structure.pairs.axes(pair)[end]
 
-    def axis(which: int, body: int) -> Exprs:
-        link, direction = held(which, body)
-        return within[link].direction(direction)
-
-    first, second = axis(near, 0), axis(far, 0)
+    fixed = (held(outer, 0) for outer in (near, far))
+    first, second = (within[link].direction(axis) for link, axis in fixed)
     bodies = [(near, 1), (far, 2)]
     held_axes = [(held(outer, body), held(middle, body)) for outer, body in bodies]
     sides = [_side(within, *both) for both in held_axes]

@@ -186,7 +186,7 @@ class PoleField(ArrayRows):
 
 
 Path = Floats
-"""(8, k) what a direction follows: the way, the sense of the input, w and dw."""
+"""(8,) or (8, k) what a direction follows: the way, the sense of the input, w and dw."""
 
 
 class SignContinuation:
@@ -196,18 +196,15 @@ class SignContinuation:
     """
 
     def __init__(self) -> None:
-        self.last: dict[tuple[int, Pole], tuple[Path, float]] = {}
+        self.last: dict[tuple[int, ...], tuple[Path, float]] = {}
         self.home: dict[int, Floats] = {}
 
     def state(self) -> dict[str, Any]:
         """Return what is remembered, ready for JSON, bit for bit."""
         return {
-            "home": [
-                [assembly_mode, side.tolist()] for assembly_mode, side in self.home.items()
-            ],
+            "home": [[mode, side.tolist()] for mode, side in self.home.items()],
             "last": [
-                [assembly_mode, *pole, path[:, 0].tolist(), sign]
-                for (assembly_mode, pole), (path, sign) in self.last.items()
+                [*key, path.tolist(), sign] for key, (path, sign) in self.last.items()
             ],
         }
 
@@ -215,11 +212,9 @@ class SignContinuation:
     def restored(cls, state: Mapping[str, Any]) -> "SignContinuation":
         """Return the memory that `state` gave."""
         memory = cls()
-        memory.home = {
-            assembly_mode: np.array(side) for assembly_mode, side in state["home"]
-        }
-        for assembly_mode, low, high, path, sign in state["last"]:
-            memory.last[assembly_mode, (low, high)] = np.array(path)[:, None], sign
+        memory.home = {mode: np.array(side) for mode, side in state["home"]}
+        for *key, path, sign in state["last"]:
+            memory.last[tuple(key)] = np.array(path), sign
         return memory
 
 
@@ -349,7 +344,7 @@ def signs_at_stops(
             good = np.flatnonzero(is_moved[j, some])
             if not len(good):
                 continue
-            unit, key, side = units[:, j, some], (mode.number, pole), 1.0
+            unit, key, side = units[:, j, some], (mode.number, *pole), 1.0
             if key not in memory.last:
                 home = _home(motion, mode.number, int(rows[good[0]]), memory)
                 side = -1.0 if home @ unit[:, good[0]] < 0.0 else 1.0
@@ -397,7 +392,7 @@ SUBSTEPS = 8
 
 def _chain(
     memory: SignContinuation,
-    key: tuple[int, Pole],
+    key: tuple[int, ...],
     side: float,
     path: Path,
     linked: Bools,
@@ -410,10 +405,10 @@ def _chain(
     flips = np.where(linked, _flips(path) if np.any(linked) else 1.0, 1.0)
     if key in memory.last:
         last, side = memory.last[key]
-        if last[2:5, 0] @ path[2:5, 0] < 0.0:
-            side *= float(_flips(np.column_stack([last, path[:, :1]]))[0])
+        if last[2:5] @ path[2:5, 0] < 0.0:
+            side *= float(_flips(np.column_stack([last, path[:, 0]]))[0])
     chain = side * np.concatenate(([1.0], np.cumprod(flips)))
-    memory.last[key] = path[:, -1:].copy(), float(chain[-1])
+    memory.last[key] = path[:, -1].copy(), float(chain[-1])
     return chain
 
 
