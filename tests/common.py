@@ -47,6 +47,15 @@ class Listener:
         return {p.path: p for p in self.pages.get(page, ()) if isinstance(p, kind)}
 
 
+def told_by(analysis, mechanism, **parameters):
+    """Run an analysis alone, that reads no samples; its result and its findings."""
+    text = ",".join(f"{key}={value}" for key, value in parameters.items())
+    result = sk.run(mechanism, f"{analysis}:{text}")
+    assert not result.failures
+    (own,) = result.summary["analyses"]
+    return result, own["findings"]
+
+
 def bare(name):
     """Return a shipped mechanism without its masses and loads."""
     return replace(sk.load(name), masses=(), loads=())

@@ -1,11 +1,14 @@
-"""Regions of directions: areas against closed forms and quadrature, borders, parts."""
+"""Regions of directions and orientations: sizes against closed forms, borders, parts."""
 
 import numpy as np
 import pytest
 from sphere_areas import common_area
 
 from spherekit.errors import RegionError
+from spherekit.region.mesh import triangle_areas
+from spherekit.region.orientations import ALL_ORIENTATIONS, find_orientations
 from spherekit.region.refine import find_region
+from spherekit.sphere.rotation import from_quaternion
 
 
 def unit(vector):
@@ -26,16 +29,13 @@ def cap_area(radius):
 @pytest.mark.parametrize("radius", [1e-4, 0.01, 0.7, np.pi / 2, 3.1])
 def test_cap(radius):
     region = find_region(caps([[1, 2, 3]], [radius], [True]), 1e-9, feature=1e-3)
-    exact = cap_area(radius)
-    assert abs(region.area - exact) <= region.error < 1e-9
-    assert len(region.components) == len(region.boundaries) == 1
-    assert not region.holes
+    assert abs(region.area - cap_area(radius)) <= region.error < 1e-9
+    assert len(region.components) == len(region.boundaries) == len(region.gaps) == 1
     assert region.unresolved == 0.0
 
 
 def test_annulus_and_its_hole():
-    centres = [[1, 2, 3], [1, 2, 3]]
-    region = find_region(caps(centres, [0.7, 0.5], [True, False]), 1e-12)
+    region = find_region(caps([[1, 2, 3]] * 2, [0.7, 0.5], [True, False]), 1e-12)
     assert abs(region.area - cap_area(0.7) + cap_area(0.5)) < 1e-14
     assert [part.area for part in region.holes] == pytest.approx([cap_area(0.5)])
     (component,) = region.components
@@ -139,15 +139,10 @@ def test_border_lies_on_its_margins():
 def test_surface_covers_the_region():
     margins = caps([[1, 2, 3], [-1, 2, 0.1], [1, 0, 0]], [0.9, 0.9, 0.8], [1, 1, 0])
     region = find_region(margins, 1e-6, spacing=0.1)
-    a, b, c = np.moveaxis(region.surface_points[region.surface_triangles], 1, 0)
-    volume = np.sum(a * np.cross(b - a, c - a), axis=1)
-    dots = np.sum(a * b + b * c + c * a, axis=1)
-    areas = 2.0 * np.arctan2(volume, 1.0 + dots)
-    assert areas.min() > -1e-6
-    assert abs(areas.sum() - region.area) < 2e-4
-    assert (
-        margins(region.surface_points[region.surface_triangles].mean(axis=1)).min() > -0.01
-    )
+    corners = region.surface_points[region.surface_triangles]
+    areas = triangle_areas(*np.moveaxis(corners, 1, 0))
+    assert areas.min() > -1e-6 and abs(areas.sum() - region.area) < 2e-4
+    assert margins(corners.mean(axis=1)).min() > -0.01
     assert np.array_equal(region.surface_points[: len(region.points)], region.points)
 
 
@@ -250,3 +245,59 @@ def test_cost_does_not_follow_the_area():
         for w in widths
     ]
     assert counts[1] < 6 * counts[0]
+
+
+# --- orientations -----------------------------------------------------------------------
+
+
+def tilt(axis, reference, angle):
+    """Keep the orientations that carry an axis to within an angle of a reference."""
+
+    def margins(quaternions):
+        carried = from_quaternion(quaternions) @ unit(axis)
+        return (carried @ unit(reference) - np.cos(angle))[:, None]
+
+    return margins
+
+
+def test_everything_and_nothing():
+    whole = find_orientations(lambda q: np.ones((len(q), 1)))
+    assert abs(whole.volume / ALL_ORIENTATIONS - 1.0) < 1e-10 and whole.error == 0.0
+    assert whole.fraction == pytest.approx(1.0)
+    nothing = find_orientations(lambda q: -np.ones((len(q), 2)))
+    assert nothing.volume == nothing.error == 0.0 and nothing.depth < 0.0
+
+
+@pytest.mark.parametrize("angle", [0.4, 1.5, 2.8])
+def test_turns_by_at_most_an_angle(angle):
+    """The volume is 8 pi (a - sin a)."""
+    exact = 8.0 * np.pi * (angle - np.sin(angle))
+    found = find_orientations(lambda q: 2.0 * q[:, 3:] ** 2 - 1.0 - np.cos(angle), 5e-3)
+    assert abs(found.volume - exact) <= found.error <= 5e-3 * found.volume
+
+
+def test_one_axis_in_common_caps():
+    """The volume is 2 pi times the area in which the axis may be."""
+    rng = np.random.default_rng(11)
+    for _ in range(4):
+        centres, radii = unit(rng.normal(size=(3, 3))), rng.uniform(0.7, 1.8, 3)
+        keep = np.array([True, True, False])
+        axis = unit(rng.normal(size=3))
+        sign = np.where(keep, 1.0, -1.0)
+
+        def margins(q, centres=centres, radii=radii, axis=axis, sign=sign):
+            return sign * (from_quaternion(q) @ axis @ centres.T - np.cos(radii))
+
+        exact = 2.0 * np.pi * common_area(centres, radii, keep)
+        found = find_orientations(margins, 2e-2, most=200_000)
+        assert abs(found.volume - exact) <= found.error
+
+
+def test_limits_of_the_work_are_told_by_the_error():
+    within = tilt([0, 0, 1], [0, 0, 1], 0.6)
+    exact = 4.0 * np.pi**2 * (1.0 - np.cos(0.6))
+    found = find_orientations(within, 1e-6, most=50_000)
+    assert found.evaluations < 100_000 and abs(found.volume - exact) <= found.error
+    assert found.depth > 0.0 and within(found.place[None]).min() == found.depth
+    with pytest.raises(RegionError, match="tolerance is -1"):
+        find_orientations(within, -1)

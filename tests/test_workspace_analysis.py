@@ -1,11 +1,12 @@
 """The analysis `workspace`: areas against quadrature, samples, bad input."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from closed_forms import mid_plane_area
-from common import Listener
+from common import Listener, told_by
 from example_mechanisms import mechanism_of, unlike_legs
 from sphere_areas import common_area
 
@@ -47,13 +48,7 @@ SCATTER = 0.02
 """What an area counted from these may be off by (sr): some 30 of them."""
 
 
-def found_in(mechanism, **parameters):
-    """Run the analysis over few samples; its result and its findings."""
-    text = ",".join(f"{key}={value}" for key, value in parameters.items())
-    result = sk.run(mechanism, [f"workspace:{text}"], samples=2, search=False)
-    assert not result.failures
-    (own,) = result.summary["analyses"]
-    return result, own["findings"]
+found_in = partial(told_by, "workspace")
 
 
 @pytest.fixture(scope="module")
