@@ -94,22 +94,15 @@ def check(name: str, locks: Sequence[str] | None = None) -> Facts:
 
 def line(facts: Facts) -> str:
     """Return one line that says what a good file holds."""
-    text = f"{facts['name']}: ok"
-    if "study" in facts:
-        text = f"{facts['study']}: ok, study of {facts['name']}"
-    rank, mobility = facts.get("rank_mobility"), str(facts["mobility"])
-    if rank not in (None, facts["mobility"]):
-        mobility += f" by the graph and {rank} by rank"
-    text += (
-        f", {counted(facts['links'], 'link')}, {counted(facts['pairs'], 'pair')}, mobility "
-        f"{mobility}, {numbered('input', facts['inputs'])}"
+    mobility, study = facts["mobility"], facts.get("study")
+    rank = facts.get("rank_mobility", mobility)
+    by_rank = f" by the graph and {rank} by rank" if rank != mobility else ""
+    heading = f"{study}: ok, study of {facts['name']}" if study else f"{facts['name']}: ok"
+    named = ", ".join(f"{name} is {mode}" for name, mode in facts["modes"].items())
+    text = (
+        f"{heading}, {counted(facts['links'], 'link')}, {counted(facts['pairs'], 'pair')}, "
+        f"mobility {mobility}{by_rank}, {numbered('input', facts['inputs'])}, groups: "
+        f"{', '.join(facts['groups']) or 'none'}, assembly modes: {facts['assembly_modes']}"
+        f"{f' ({named})' if named else ''}"
     )
-    if "groups" in facts:
-        groups = ", ".join(facts["groups"]) or "none"
-        text += f", groups: {groups}, assembly modes: {facts['assembly_modes']}"
-        if facts["modes"]:
-            named = ", ".join(f"{name} is {mode}" for name, mode in facts["modes"].items())
-            text += f" ({named})"
-    if "study" in facts:
-        text += f", analyses: {', '.join(facts['analyses'])}"
-    return text
+    return text + f", analyses: {', '.join(facts['analyses'])}" if study else text

@@ -53,11 +53,6 @@ class InputGrid:
         """Return the rows of the `count` samples nearest to inputs q (inputs,)."""
         return np.argsort(np.linalg.norm(self.q - q, axis=1), kind="stable")[:count]
 
-    def thinned(self, most: int) -> "InputGrid":
-        """Return at most about `most` evenly chosen samples, as a path."""
-        rows = spread_rows(len(self), most)
-        return InputGrid(self.q[rows], (len(rows),))
-
 
 def spread_rows(count: int, most: int) -> Indices:
     """Return at most so many of the numbers below a count, spread evenly."""

@@ -176,7 +176,7 @@ class ModeSearch:
             words = "wheels in mesh have one" if trains else "no loop has to close"
             return grid.q[:1], Completeness(Guarantee.COMPLETE, words)
         if grid.q.shape[1] > 1:
-            q = grid.thinned(PROBED_INPUTS).q
+            q = grid.q[spread_rows(len(grid), PROBED_INPUTS)]
             return q, Completeness(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")
         dead = input_turning_points(self.solver, *grid.range, MOST_COST, MOST_TIME)
         step = float(np.ptp(grid.q)) / (PROBED_INPUTS - 1)
@@ -436,7 +436,8 @@ def _why_nothing_closes(solver: Solver, input_grid: InputGrid) -> str:
         f"{pair} in [{low:.6g}, {high:.6g}] deg"
         for pair, low, high in zip(inputs, lows, highs, strict=True)
     )
-    state = solver.start(input_grid.thinned(PROBED_INPUTS).q)
+    rows = spread_rows(len(input_grid), PROBED_INPUTS)
+    state = solver.start(input_grid.q[rows])
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:
             pairs = ", ".join(solver.mechanism.names_of(group.pairs))

@@ -300,18 +300,21 @@ def motion_of(solver: Solver, values: Floats) -> Motion:
     at, inputs = solver.closure.at(values), values[:, list(solver.driven)]
     status = np.full(len(values), Status.OK, dtype=np.int8)
     there = Evaluated(values, at.placed, status, at.gap)
-    return _in_rows(solver, (), inputs, 0, there, False)
+    return _in_rows(solver, (), inputs, np.arange(len(values)), there, False)
 
 
 def _in_rows(
     solver: Solver,
     assembly_modes: tuple[AssemblyMode, ...],
     q: Floats,
-    first_sample: int,
+    sample: Indices,
     there: Evaluated,
     is_path: bool,
 ) -> Motion:
-    """Return configurations at inputs q (k, inputs), mode after mode, as a motion."""
+    """Return configurations at samples (k,), mode after mode, as a motion.
+
+    The inputs there are q (k, inputs).
+    """
     numbers = [mode.number for mode in assembly_modes] or [0]
     k, count = len(q), len(numbers)
     return Motion(
@@ -320,7 +323,7 @@ def _in_rows(
         assembly=solver.assembly,
         assembly_modes=assembly_modes,
         samples=k,
-        sample=np.tile(np.arange(first_sample, first_sample + k), count),
+        sample=np.tile(sample, count),
         assembly_mode=np.repeat(numbers, k),
         inputs=np.tile(q, (count, 1)),
         values=there.values,
@@ -454,7 +457,7 @@ class PositionAnalysis:
         """All configuration curves that meet the input's range; `PlanError` as `range`."""
         return configuration_curves(self.solver, self.assembly_modes, *self.range)
 
-    def at(self, q: Floats, first_sample: int = 0) -> Motion:
+    def at(self, q: Floats) -> Motion:
         """Return all assembly modes at inputs q (k,) or (k, inputs) rad, any order.
 
         Raises
@@ -470,21 +473,24 @@ class PositionAnalysis:
                 "motion is known at the samples of the tracer only; give these inputs as "
                 "its path"
             )
-        return self._at(wanted, None, first_sample)
+        return self._at(wanted, None)
 
     def given(self, values: Floats) -> Motion:
         """Return closed configurations (n, variables) as a motion; see `motion_of`."""
         return motion_of(self.solver, values)
 
-    def _at(self, q: Floats, rows: Indices | None, first_sample: int) -> Motion:
+    def _at(self, q: Floats, rows: Indices | None) -> Motion:
         if not self.assembly_modes:
             none = np.empty((0, len(self.mechanism.variable_owners)))
             return replace(motion_of(self.solver, none), samples=len(q))
         there = Evaluated.joined(
             [self.solver.evaluate(mode, q, rows) for mode in self.assembly_modes]
         )
-        is_path = self.input_grid.is_path
-        return _in_rows(self.solver, self.assembly_modes, q, first_sample, there, is_path)
+        sample, is_path = (
+            np.arange(len(q)) if rows is None else rows,
+            self.input_grid.is_path,
+        )
+        return _in_rows(self.solver, self.assembly_modes, q, sample, there, is_path)
 
     def sparse(self, most: int) -> Motion:
         """Return the motion at about `most` of the samples, spread evenly."""
@@ -492,7 +498,7 @@ class PositionAnalysis:
 
     def samples(self, rows: Indices) -> Motion:
         """Return the motion at some of the samples, by their numbers."""
-        return self._at(self.input_grid.q[rows], rows, 0)
+        return self._at(self.input_grid.q[rows], rows)
 
     @property
     def block(self) -> int:
@@ -511,8 +517,7 @@ class PositionAnalysis:
         """
         size = size or self.block
         for start in range(first, len(self.input_grid), size):
-            rows = np.arange(start, min(start + size, len(self.input_grid)))
-            yield self._at(self.input_grid.q[rows], rows, start)
+            yield self.samples(np.arange(start, min(start + size, len(self.input_grid))))
 
 
 @checked(SolveError)

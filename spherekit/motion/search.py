@@ -87,11 +87,6 @@ class SearchStatistics:
         return min(self.counts.values()) < ENOUGH
 
     @property
-    def unseen(self) -> float:
-        """Share of the closing starts that would meet something new (Good and Turing)."""
-        return [*self.counts.values()].count(1) / max(self.closed, 1)
-
-    @property
     def share(self) -> float:
         """Share of starts that must lead to what is missed with probability `DOUBT`."""
         return float(1.0 - DOUBT ** (1.0 / max(self.starts, 1)))
@@ -107,8 +102,11 @@ class SearchStatistics:
         least = min(self.counts.values())
         if least > 1:
             return f"{made}, on each at least {least} times; {self._missed()}"
-        few = sum(count <= 1 for count in self.counts.values())
-        made += f", on {few} of them at most once, so that about {self.unseen:.1%} of "
+        often = [*self.counts.values()]
+        few, once = sum(count <= 1 for count in often), often.count(1)
+        made += (
+            f", on {few} of them at most once, so that about {once / self.closed:.1%} of "
+        )
         return f"{made}further ones would close on another; {self._missed()}"
 
     def _missed(self) -> str:

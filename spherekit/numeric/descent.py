@@ -15,10 +15,6 @@ FIRST_DAMPING, EASED, RAISED = 0.1, 0.2, 5.0
 LEAST_DAMPING, MOST_DAMPING = 1e-12, 1e9
 STILL = 1e-15
 """A step in which no variable changes by more is the last one."""
-STALLED = 8
-"""A start that halved its sum of squares in none of so many steps, far from zero, ends."""
-FAR = 1e-3
-"""Sum of squares above which it does."""
 
 
 def descent(
@@ -50,8 +46,8 @@ def descent(
     n, count = start.shape
     values, active, damping = start.copy(), np.arange(n), np.full(n, FIRST_DAMPING)
     gap, slope = residuals(values, active)
-    squares, before = np.sum(gap**2, axis=1), np.full(n, np.inf)
-    for turn in range(STEPS):
+    squares = np.sum(gap**2, axis=1)
+    for _ in range(STEPS):
         here, across = values[active], np.swapaxes(slope, 1, 2)
         right = -(across @ gap[..., None])
         normal = across @ slope
@@ -73,9 +69,6 @@ def descent(
         damping[active] = np.maximum(changed, LEAST_DAMPING)
         going = (squares[active] >= close**2) & (damping[active] < MOST_DAMPING)
         going &= size > STILL
-        if turn % STALLED == STALLED - 1:
-            going &= (squares[active] < 0.5 * before[active]) | (squares[active] < FAR)
-            before[active] = squares[active]
         active, gap, slope = active[going], gap[going], slope[going]
         if not len(active):
             break

@@ -92,10 +92,9 @@ class Sampling:
         """Return the motion at some samples (n,), by their numbers in rising order."""
         if self.simulation is None:
             motion, timing = self.tracer.samples(sample), self.timing
-            modes = len(motion.assembly_modes)
             if timing is not None:
-                timing = timing.rows(sample).repeated(modes)
-            return replace(motion, sample=np.tile(sample, modes), timing=timing)
+                timing = timing.rows(sample).repeated(len(motion.assembly_modes))
+            return replace(motion, timing=timing)
         assert self.timing is not None
         tracer, simulation = self.tracer, self.simulation
         t = np.minimum(self.timing.t[sample], simulation.end.t)
