@@ -486,10 +486,8 @@ class PositionAnalysis:
         there = Evaluated.joined(
             [self.solver.evaluate(mode, q, rows) for mode in self.assembly_modes]
         )
-        sample, is_path = (
-            np.arange(len(q)) if rows is None else rows,
-            self.input_grid.is_path,
-        )
+        sample = np.arange(len(q)) if rows is None else rows
+        is_path = self.input_grid.is_path
         return _in_rows(self.solver, self.assembly_modes, q, sample, there, is_path)
 
     def sparse(self, most: int) -> Motion:
