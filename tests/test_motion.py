@@ -12,6 +12,8 @@ from refusals import TABLES, check_call
 import spherekit as sk
 from spherekit.errors import SolveError
 from spherekit.model.parts import LinkSizes, SizeGeometry
+from spherekit.motion.guides import follow_each
+from spherekit.motion.motion import PositionAnalysis
 
 SHIPPED = (
     "four_bar",
@@ -128,3 +130,16 @@ def test_unknown_modes_ranges_and_samples(call):
 
 def test_one_sample_is_one_of_each_mode():
     assert len(sk.trace(sk.load("four_bar"), samples=1)) == 2
+
+
+@pytest.mark.parametrize("name", ["single_flier", "shaped_cam"])
+def test_curves_followed_side_by_side_are_those_of_each(name):
+    tracer = PositionAnalysis(sk.load(name))
+    closure, driven = tracer.solver.closure, tracer.solver.driven[0]
+    guides = [mode.guide for mode in tracer.assembly_modes]
+    values = np.array([guide.values[len(guide.values) // 3] for guide in guides])
+    together = follow_each(closure, driven, values, *tracer.range)
+    for one, curve in zip(values, together, strict=True):
+        (alone,) = follow_each(closure, driven, one[None], *tracer.range)
+        assert (curve.ends, curve.tried) == (alone.ends, alone.tried)
+        assert np.max(np.abs(curve.values - alone.values)) < 1e-12

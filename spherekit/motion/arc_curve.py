@@ -207,22 +207,18 @@ class ArcCurve(Chords):
         (variables,) growth of each variable that changes nothing: a turn, the length of
         a closed profile that a contact slides on, the least common length of two that
         roll; infinite for open profiles and lengths without a ratio.
-    closed, winding
-        Whether the curve closes, and then (variables,) the whole periods of one lap.
+    closed
+        Whether the curve closes.
     ends
         Why the curve goes no further at s = 0 and at s = `length`: OK if it is closed, or
         a stop or the greatest length was reached; else OFF_PROFILE, CURVATURE,
         AT_SINGULARITY where two curves cross, MODE_LOST.
-    start
-        Number of the node that was given.
     """
 
     closure: Closure
     periods: Floats
     closed: bool
-    winding: Integers
     ends: tuple[Status, Status]
-    start: int
 
     @cached_property
     def starts(self) -> Floats:
@@ -275,6 +271,12 @@ class ArcCurve(Chords):
     def s(self) -> Floats:
         """Arc lengths (k,) of the nodes (rad)."""
         return self.table.at_edge(self.starts)
+
+    @cached_property
+    def winding(self) -> Integers:
+        """The whole periods (variables,) of one lap, zero on an open curve."""
+        grown = self.closed * (self.nodes.values[-1] - self.nodes.values[0])
+        return np.round(grown / self.periods).astype(np.int64)
 
     @cached_property
     def rise(self) -> Floats:

@@ -176,25 +176,21 @@ def _followed(
 
 def _curve(ahead: "_Arcs", behind: "_Arcs", row: int, other: int | None) -> ArcCurve:
     """Return the curve of a row that was followed in both senses."""
-    closure = ahead.closure.take(np.array([row]))
-    periods, nodes = ahead.periods, ahead.nodes_of(row).plain
-    if other is None or behind.closed[other]:
-        if other is not None:
-            nodes = behind.nodes_of(other).plain
-        winding = np.round((nodes.values[-1] - nodes.values[0]) / periods).astype(np.int64)
-        ends = Status.OK, Status.OK
-        return ArcCurve(nodes, closure, periods, True, winding, ends, 0)
-    back = behind.nodes_of(other).plain.reversed.rows(slice(-1))
-    count = len(back.values)
-    if count == 0 and len(nodes.values) == 1:
+    nodes, ends = ahead.nodes_of(row).plain, (Status.OK, Status.OK)
+    closed = other is None or bool(behind.closed[other])
+    if other is not None:
+        back = behind.nodes_of(other).plain
+        if not closed:
+            back = CurvePoints.joined([back.reversed.rows(slice(-1)), nodes])
+            ends = Status(behind.end[other]), Status(ahead.end[row])
+        nodes = back
+    if len(nodes.values) == 1:
         raise SolveError(
             "the configuration to follow has its limits on both sides; widen the "
             "joint limits"
         )
-    points = CurvePoints.joined([back, nodes])
-    winding = np.zeros(len(periods), dtype=np.int64)
-    ends = Status(behind.end[other]), Status(ahead.end[row])
-    return ArcCurve(points, closure, periods, False, winding, ends, count)
+    closure = ahead.closure.take(np.array([row]))
+    return ArcCurve(nodes, closure, ahead.periods, closed, ends)
 
 
 def periods_of(closure: Closure) -> Floats:

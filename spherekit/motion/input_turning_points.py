@@ -18,6 +18,8 @@ is not. Driven at one pair a six-bar is two dyads, at another a triad.
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from itertools import pairwise
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -225,20 +227,15 @@ class InputTurningPoints(NamedTuple):
 
         Those are at most `step` (rad) apart.
         """
-        if self.low == self.high:
-            return np.array([self.low])
         ends = [self.low, *self.places, *self.doubtful.ravel(), self.high]
-        edges = np.unique(ends)
-        middles = 0.5 * (edges[:-1] + edges[1:])
-        inside = np.zeros(len(middles), dtype=bool)
-        parts = []
-        for start, stop in self.doubtful:
-            inside |= (middles > start) & (middles < stop)
-            count = int(np.ceil((stop - start) / step)) if stop - start > POINTLIKE else 0
-            parts.append(start + (np.arange(count) + 0.5) / max(count, 1) * (stop - start))
-        probes = np.sort(np.concatenate([middles[~inside], *parts]))
+        probes: list[float] = []
+        for start, stop in pairwise(np.unique(ends).tolist()):
+            middle, width, count = 0.5 * (start + stop), stop - start, 1
+            if any(low < middle < high for low, high in self.doubtful.tolist()):
+                count = ceil(width / step) if width > POINTLIKE else 0
+            probes += [start + (k + 0.5) / count * width for k in range(count)]
         # A range that is one short doubtful part has no sides to look at.
-        return probes if len(probes) else np.array([0.5 * (self.low + self.high)])
+        return np.array(probes or [0.5 * (self.low + self.high)])
 
     def claim(self, step: float) -> Completeness:
         """Return what all modes at the inputs of `probes(step)` say of all others."""
@@ -279,12 +276,9 @@ def input_turning_points(
     working = ProgressReporter("looking for the inputs at which modes meet")
     per_group = []
     for part in range(len(meetings.groups)):
-        asked = [0]
 
-        def function(q: Floats, part: int = part, asked: list[int] = asked) -> Floats:
-            asked[0] += len(q)
-            words = f"group {part + 1} of {len(meetings.groups)}, {asked[0]} inputs"
-            working.tell(lambda: words)
+        def function(q: Floats, part: int = part) -> Floats:
+            working.tell(f"group {part + 1} of {len(meetings.groups)}".__str__)
             return meetings(part, q)
 
         smooth = SMOOTH / meetings.modes(part)
