@@ -8,7 +8,6 @@ A trade as text and as a table of values.
 """
 
 import csv
-import hashlib
 import io
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -21,12 +20,13 @@ import numpy as np
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.result import Columns
 from spherekit.analysis.running.evaluation import Setting
+from spherekit.analysis.running.run_state import digest, identities_of
 from spherekit.analysis.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Text
 from spherekit.argument_validation import checked as judged
 from spherekit.arrays import Floats
 from spherekit.conventions import AnyPath, Facts, Names, without_numbers
 from spherekit.errors import AnalysisError
-from spherekit.files.plain import as_json, finite
+from spherekit.files.plain import finite
 from spherekit.files.write import mechanism_hash
 from spherekit.model.study import Study
 from spherekit.planning.inputs import driven_at
@@ -226,20 +226,17 @@ FILE = "trade.json"
 def run_of(study: Study, analysis: AbstractAnalysis) -> Facts:
     """Return what a trade for a study's run depends on, ready for JSON."""
     mechanism, path = driven_at(study.mechanism), study.path
-    values = None
-    if path is not None:
-        values = hashlib.sha256(np.ascontiguousarray(path).tobytes()).hexdigest()
-    given = asdict(analysis)  # type: ignore[call-overload]
+    ((_, version, given),) = identities_of([analysis])
     return {
         "spherekit": __version__,
         "mechanism": mechanism.name,
         "mechanism_hash": mechanism_hash(mechanism),
         "analysis": analysis.name,
-        "analysis_version": analysis.version,
-        "parameters": {key: as_json(value) for key, value in given.items()},
+        "analysis_version": version,
+        "parameters": given,
         "inputs": list(mechanism.input_pairs),
         "samples": "x".join(map(str, study.shape)),
-        "input_values": values,
+        "input_values": None if path is None else digest(path),
         "assembly_mode": study.assembly_mode
         if study.start is None
         else study.assembly_mode or 0,

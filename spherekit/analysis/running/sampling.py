@@ -1,6 +1,6 @@
 """What a run goes through: the samples of its inputs, or the times of a simulation."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,6 +15,7 @@ from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import drives
 from spherekit.engine.kernels import Engine
 from spherekit.errors import ModelError, SolveError
+from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import ConstantSpeed, Law, Study
 from spherekit.motion.motion import (
     BLOCK,
@@ -27,7 +28,7 @@ from spherekit.motion.motion import (
     extents,
 )
 from spherekit.numeric.crossings import wrap
-from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.inputs import driven_at
 
 UNIT_SPEED = 1.0
 """An input without a law turns at this speed (rad/s), as in the source's example."""
@@ -220,7 +221,8 @@ def course_of(
         See `PositionAnalysis` and `simulate`.
     """
     check_time(study)
-    mechanism, assembly_mode, samples = study.mechanism, study.assembly_mode, study.samples
+    mechanism, assembly_mode = driven_at(study.mechanism), study.assembly_mode
+    samples, inputs = study.samples, mechanism.input_pairs
     if study.duration is None:
         how = study.search, samples, study.grid, study.path, follow
         tracer = PositionAnalysis(mechanism, None, assembly_mode, *how)
@@ -233,7 +235,6 @@ def course_of(
     t = np.linspace(0.0, study.duration, samples) if samples > 1 else np.zeros(samples)
     if study.start is not None:
         need_allowed(mechanism, engine, study.tolerance)
-        inputs = _inputs(study)
         several = study.start.each(inputs)[0][None] if len(inputs) > 1 else None
         tracer = PositionAnalysis(
             mechanism, None, assembly_mode or 0, samples=2, path=several
@@ -253,12 +254,10 @@ def course_of(
             seen=seen and (lambda so_far: seen(Sampling(*rows, {}, simulation=so_far))),
         )
         return simulated_course(tracer, simulation, t, study.tolerance)
-    inputs, laws = _inputs(study), study.laws
-    if not laws:
-        laws = {inputs[0]: ConstantSpeed(UNIT_SPEED)}
-        # Through its range at 1 rad/s.
-        for driven in mechanism.inputs:
-            laws = {inputs[0]: ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)}
+    laws = study.laws
+    if not laws:  # through its range
+        driven = mechanism.inputs[0]
+        laws = {driven.pair: ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)}
     q, timing = by_laws(inputs, laws, t)
     tracer = PositionAnalysis(mechanism, None, assembly_mode, study.search, path=q)
     return Sampling(tracer, q, (len(q),), timing, True, laws, study.duration)
@@ -272,14 +271,15 @@ def check_time(study: Study) -> None:
     AnalysisError, FileError
         With what does not fit, and with file and line if the study is from a file.
     """
-    for fault in _time_faults(study, _inputs(study)):
+    for fault in _time_faults(study, driven_at(study.mechanism)):
         raise study.fault(*fault)
 
 
 def _time_faults(
-    study: Study, inputs: Sequence[str]
+    study: Study, mechanism: Mechanism
 ) -> Iterator[tuple[tuple[str, ...], str]]:
     """Yield what is wrong with how time is given, by the keys of a study that say it."""
+    inputs = mechanism.input_pairs
     start, duration, torque = study.start, study.duration, study.driving_torque
     for pair in study.laws:
         law = ("inputs", pair, "law")
@@ -321,7 +321,6 @@ def _time_faults(
         for size in given:
             if isinstance(size, int | float) and not np.isfinite(size):
                 yield ("start", "torque"), f"{size} is not finite"
-        mechanism = study.mechanism.with_inputs(*inputs)
         try:
             mechanism.with_loads(*drives(mechanism, torque))
         except (ModelError, SolveError) as problem:
@@ -336,12 +335,6 @@ def _time_faults(
             ("samples",),
             "over time the samples are times; give a single number of them",
         )
-
-
-def _inputs(study: Study) -> list[str]:
-    """Return the names of the driven pairs."""
-    pairs = study.mechanism.pairs
-    return [pairs[pair].name for pair in driven_pairs(study.mechanism)]
 
 
 def simulated_course(
