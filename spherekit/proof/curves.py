@@ -28,8 +28,6 @@ from spherekit.proof.saddles import Saddle
 from spherekit.proof.search import OVERLAPPING, Search
 
 PRECISION = 80
-SMALLEST = 1e-6
-"""Boxes (rad) are not halved further."""
 MOST_BOXES = 6_000_000
 
 
@@ -283,8 +281,6 @@ def certified_curves(
     written: Written,
     range_text: tuple[str, str],
     construction: Construction | None = None,
-    smallest: float = SMALLEST,
-    most: int = MOST_BOXES,
 ) -> CertifiedCurves:
     """Return all configuration curves over a range of the only input, as far as proven.
 
@@ -296,8 +292,6 @@ def certified_curves(
         The ends of the range as decimal numbers in the unit of the file.
     construction
         By default that of `construct`.
-    smallest, most
-        Least radius of boxes (rad), and how many are looked at.
 
     Raises
     ------
@@ -320,7 +314,7 @@ def certified_curves(
                 f"{written.mechanism.name}: {range_text[0]} to {range_text[1]} is more "
                 f"than {allowed}, after which everything returns; give at most that"
             )
-        search, boxes, left = _searched(equations, low, high, exact_turn, smallest, most)
+        search, boxes, left = _searched(equations, low, high, exact_turn)
     return CertifiedCurves(
         written,
         made,
@@ -338,7 +332,7 @@ def certified_curves(
 
 
 def _searched(
-    equations: Equations, low: Ball, high: Ball, whole: bool, smallest: float, most: int
+    equations: Equations, low: Ball, high: Ball, whole: bool
 ) -> tuple[Search, int, Left]:
     """Return the search between values of the input's variable, its boxes and those left.
 
@@ -352,5 +346,5 @@ def _searched(
         return 0 if whole else int(q > end + off) - int(q < start - off)
 
     search = Search(equations, side)
-    boxes, left = paved(equations, ranges, search.covers, search.look, smallest, most)
+    boxes, left = paved(equations, ranges, search.covers, search.look, MOST_BOXES)
     return search, boxes, search.without_saddles(*left)

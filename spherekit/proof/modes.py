@@ -31,7 +31,6 @@ from spherekit.proof.roots import Root, root_near
 from spherekit.proof.systems import SEEDS, System, counted, modes_near, systems_of
 from spherekit.proof.tubes import Zone, corrected, covered
 
-SMALLEST = 1e-6
 MOST_BOXES = 500_000
 TRIED = 4
 STEPS = 20
@@ -140,9 +139,7 @@ class CertifiedModes:
             yield equations, [[*root.balls(), *driven] for root in self.real]
 
 
-def certified_modes(
-    written: Written, inputs: Sequence[str], construction: Construction | None = None
-) -> CertifiedModes:
+def certified_modes(written: Written, inputs: Sequence[str]) -> CertifiedModes:
     """Return all complex modes at inputs, as far as they are proven.
 
     Parameters
@@ -151,15 +148,13 @@ def certified_modes(
         The mechanism.
     inputs
         The input angles as decimal numbers in the unit of the file.
-    construction
-        By default that of `construct`.
 
     Raises
     ------
     PlanError
         If the mechanism is none that proofs are for.
     """
-    made = construction or construct(written.structure)
+    made = construct(written.structure)
     if not made.unknowns:
         only = (Root((), 0.0, 0.0, True),)
         return CertifiedModes(written, made, tuple(inputs), only, PRECISIONS[0])
@@ -263,7 +258,7 @@ class _Search:
         count, fixed = self.equations.unknowns, len(self.driven)
         low = [exact(FIRST)] * count + self.driven
         ranges = Ranges(low, [2 * pi()] * count + [exact(0.0)] * fixed)
-        return paved(self.equations, ranges, self._covers, self._look, SMALLEST, MOST_BOXES)
+        return paved(self.equations, ranges, self._covers, self._look, MOST_BOXES)
 
     def _covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return which boxes are in balls of which the root is known."""

@@ -62,6 +62,8 @@ def apart(values: Floats, slopes: Floats, radii: Floats, bent: Floats) -> Bools:
 
 
 CHUNK = 4000
+SMALLEST = 1e-6
+"""Boxes (rad) are not halved further."""
 FIRST = -2.4
 """Where turns of unknown angles begin (rad): at no place that special geometry prefers."""
 
@@ -145,13 +147,11 @@ def paved(
     ranges: Ranges,
     covered: Covered,
     looked: Looked,
-    smallest: float,
     most: int,
 ) -> tuple[int, Left]:
     """Return how many boxes of the ranges were looked at, and those left over.
 
-    They may have configurations that are not in pieces. Boxes whose largest radius is below
-    `smallest` (rad) are not halved; after `most` boxes none are.
+    They may have configurations that are not in pieces. After `most` boxes none are halved.
     """
     degrees, error = equations.degrees, equations.real.error
     left: list[Left] = []
@@ -169,7 +169,7 @@ def paved(
         kept = ~covered(centres, radii)
         if np.any(kept) and looked(centres[kept], radii[kept]):
             kept[kept] = ~covered(centres[kept], radii[kept])
-        ended = kept & ((np.max(radii, axis=1) < smallest) | (looked_at > most))
+        ended = kept & ((np.max(radii, axis=1) < SMALLEST) | (looked_at > most))
         left.append((centres[ended], radii[ended]))
         kept &= ~ended
         return halved(boxes[:, kept], np.argmax(radii[kept], axis=1))

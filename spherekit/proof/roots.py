@@ -31,8 +31,6 @@ from spherekit.proof.equations import Equations
 
 WIDEST = 0.0625
 """Largest radius (rad) of a ball looked at."""
-TRIED, SHRINK = 2, 0.25
-"""Radii tried, and how much smaller each is than the one before."""
 MARGIN = 4.0
 """A solution is said to be in a ball so much wider than proven, so that others see it."""
 STEPS = 80
@@ -112,18 +110,13 @@ def _certified(
     growth = np.exp(degrees @ [upper(ball.imag) for ball in x])
     second = equations.bound * growth * np.sum(degrees, axis=1) ** 2
     rows = np.vectorize(upper)(_inverse_near(first))
-    # where derivatives may have changed by half
-    unique = min(WIDEST, 0.5 / float(np.max(rows @ second)))
-    for _ in range(TRIED):
-        around = np.array([_around(angle, unique, False) for angle in x])
-        off = zero_within(values, _at(equations, around, driven)[1])
-        if off < unique:
-            radius = min(max(MARGIN * off, 1e-300), unique)
-            if not real and not any(lower(ball.imag) > radius for ball in x):
-                return None
-            return Root(tuple(x), radius, unique, real)
-        unique *= SHRINK
-    return None
+    # where derivatives may have changed by a fifth
+    unique = min(WIDEST, 0.2 / float(np.max(rows @ second)))
+    around = np.array([_around(angle, unique, False) for angle in x])
+    off = zero_within(values, _at(equations, around, driven)[1])
+    radius = min(max(MARGIN * off, 1e-300), unique)
+    apart = real or any(lower(ball.imag) > radius for ball in x)
+    return Root(tuple(x), radius, unique, real) if off < unique and apart else None
 
 
 def _around(angle: Ball, radius: float, real: bool) -> Ball:

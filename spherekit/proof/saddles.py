@@ -145,11 +145,6 @@ class Saddle(Zone):
     reach: Mapping[Quadrant, tuple[float, ...]]
     passes: tuple[bool, ...] = ()
 
-    @property
-    def open(self) -> int:
-        """How many rates have no proven sign."""
-        return sum(row.count(0) for row in self.rates.values())
-
     def on(self, quadrant: Quadrant) -> Floats:
         """Return a place (v,) near an arm, not far from where it leaves."""
         u, v = 0.9 * FLATTER * self.limits[0], 0.9 * self.limits[1]
@@ -177,23 +172,18 @@ def saddle_near(
     `crosses` says whether in its part of space a configuration is proven at which a sum of
     the rows of F' vanishes, so that the level is 0; `fits` whether the part may be used.
     """
-    best: Saddle | None = None
     with bits(PRECISIONS[0]), suppress(ZeroDivisionError):
         form = _form(equations, place, farthest)
         size = WIDEST
         while form is not None and size > NARROWEST:
             shown = form.shown(size, crosses)
             if shown is not None and fits(shown):
-                # more signs of rates; or arms that reach less, of a level that is not 0
-                fewer = best is None or shown.open < best.open
-                same = best is not None and shown.open == best.open > 0
-                best = shown if fewer or (same and shown.level != 0) else best
-            if best is not None:
-                enough = STEEPEST if best.level == 0 else LEAST
-                if not best.open or size < enough:
-                    break
+                # of a smaller one more signs of rates may be known, or arms reach less
+                enough = STEEPEST if shown.level == 0 else LEAST
+                if size < enough or not any(0 in row for row in shown.rates.values()):
+                    return shown
             size *= SHRINK
-    return best
+    return None
 
 
 def _form(equations: Equations, place: Floats, farthest: float) -> "_Form | None":

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import takewhile
+from typing import Any
 
 import numpy as np
 
@@ -56,16 +57,17 @@ class Search:
         if not tried:
             return out
         small = np.flatnonzero(~out & (np.max(radii, axis=1) < np.max(self._limits)))
-        _, near = self._tree.query(_turned(centres[small]), k=tried)
-        for pieces in np.asarray(near).reshape(len(small), tried).T:
-            left = ~out[small]
-            rows, pieces = small[left], pieces[left]
-            frames = self._frames[pieces]
-            apart = wrap(centres[rows] - self._centres[pieces])
-            inside = np.abs(np.einsum("nv,nvw->nw", apart, frames))
-            inside += np.einsum("nv,nvw->nw", radii[rows], np.abs(frames)) * UP + 1e-13
-            out[rows] = np.all(inside <= self._limits[pieces], axis=1)
+        _, near = self._tree.query(_turned(centres[small]), k=[*range(1, tried + 1)])
+        sizes = np.einsum("nv,nkvw->nkw", radii[small], np.abs(self._frames[near]))
+        inside = self._inside(near, centres[small, None], sizes * UP + 1e-13)
+        out[small] = np.any(inside, axis=1)
         return out
+
+    def _inside(self, pieces: Any, places: Floats, reach: Floats | float) -> Bools:
+        """Return whether places (..., v) are in pieces (...), with a reach along frames."""
+        apart = wrap(places - self._centres[pieces])
+        along = np.abs(np.einsum("...v,...vw->...w", apart, self._frames[pieces]))
+        return np.all(along + reach <= self._limits[pieces], axis=-1)
 
     def look(self, centres: Floats, radii: Floats) -> bool:
         """Look for curves that go through boxes; return whether there is a new one."""
@@ -141,8 +143,7 @@ class Search:
 
     def _known(self, place: Floats, off: float) -> bool:
         """Return whether a place, off by at most `off`, may be in a piece or a saddle."""
-        inside = np.abs(np.einsum("nv,nvw->nw", wrap(place - self._centres), self._frames))
-        on = np.any(np.all(inside - off - 1e-13 <= self._limits, axis=1))
+        on = np.any(self._inside(slice(None), place, -off - 1e-13))
         return bool(on) or self.crossings.may_hold(place, off)
 
     def _overlapping(self) -> bool:

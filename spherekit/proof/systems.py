@@ -43,7 +43,7 @@ from spherekit.proof.equations import Equations
 from spherekit.proof.tubes import ROUNDING, turns_of
 
 MOST_STEPS = 600
-FIRST_STEP, LEAST_STEP, LARGEST_STEP = 0.02, 1e-7, 0.1
+FIRST_STEP, LEAST_STEP, LARGEST_STEP, LONGER = 0.02, 1e-7, 0.1, 1.2
 TRUSTED = 3e-3
 """Largest correction of a predicted point, over its size: a neighbour's is farther."""
 NEARLY = 0.9
@@ -75,9 +75,8 @@ def solutions(made: Polynomials, seed: int) -> ChartRoots:
     ends, z = _product_of_lines(made, np.random.default_rng(seed))
     points = ChartRoots.of(z, np.zeros(len(z), dtype=np.intp))
     t, step = np.zeros(len(z)), np.full(len(z), FIRST_STEP)
-    streak, lost = np.zeros(len(z), dtype=int), np.zeros(len(z), dtype=bool)
     for _ in range(MOST_STEPS):
-        going = np.flatnonzero((t < 1.0) & ~lost)
+        going = np.flatnonzero((t < 1.0) & (step >= LEAST_STEP))
         if not len(going):
             break
         start = points.take(going)
@@ -97,12 +96,8 @@ def solutions(made: Polynomials, seed: int) -> ChartRoots:
         kept, failed = going[good], going[~good]
         moved = ahead.take(good).moved(ahead.z[good])
         points.z[kept], points.inverse[kept], t[kept] = moved.z, moved.inverse, there[good]
-        streak[kept] += 1
-        longer = kept[streak[kept] >= 3]
-        step[longer] = np.minimum(2.0 * step[longer], LARGEST_STEP)
-        streak[longer] = streak[failed] = 0
+        step[kept] = np.minimum(LONGER * step[kept], LARGEST_STEP)
         step[failed] = 0.5 * length[~good]
-        lost[failed] = step[failed] < LEAST_STEP
     # a way that ends short of its goal leads to a double solution, or nearly
     return points.take((t > NEARLY) & np.all(np.isfinite(points.z), axis=1))
 
