@@ -11,7 +11,9 @@ import numpy as np
 from oracles import revolute_frames
 
 DIGITS = 50
-STEPS = 8
+STEPS = 12
+wide = np.frompyfunc(mp.mpf, 1, 1)
+root = np.frompyfunc(mp.sqrt, 1, 1)
 
 
 class Rest(NamedTuple):
@@ -35,81 +37,54 @@ def exact_rest(made, rotations, w, links, along):
     first link and v in its second: R_a u = R_b v and (w_b - w_a) x R_a u = 0. The rates
     have the size they start with, and the relative rate of `links` has no component along
     a vector. The residual is evaluated in 50 digits; the least squares that give a step
-    need only those of the machine.
+    are those of the machine, by differences.
     """
     with mp.workdps(DIGITS):
-        return _solved(made, rotations, w, links, along)
+        first, second = (wide(f[:, :, 2]) for f in revolute_frames(made))
+        axes = [u / root(np.sum(u * u, axis=1, keepdims=True)) for u in (first, second)]
+        (one, other), (a, b) = links, np.array(made.ends).T
+        turn, rate, along = wide(rotations), wide(w), wide(along)
+        for _ in range(3):
+            turn = turn @ (3 * wide(np.eye(3)) - np.swapaxes(turn, 1, 2) @ turn) / 2
+        start, scale = turn, rate
 
+        def residual(turn, rate):
+            p, g = (
+                (turn[k] @ u[..., None])[..., 0] for k, u in zip((a, b), axes, strict=True)
+            )
+            slip = np.cross(rate[b] - rate[a], p)
+            more = np.sum(scale * (rate - scale)), np.sum(along * (rate[one] - rate[other]))
+            return np.concatenate([(p - g).ravel(), slip.ravel(), more])
 
-def _solved(made, rotations, w, links, along):
-    first, second = (_exact(f[:, :, 2]) for f in revolute_frames(made))
-    first, second = (u / _lengths(u) for u in (first, second))
-    count, (one, other) = len(made.links), links
-    turn, rate, along = _exact(rotations), _exact(w), _exact(along)
-    for _ in range(3):
-        turn = turn @ (3 * _exact(np.eye(3)) - np.swapaxes(turn, 1, 2) @ turn) / 2
-    start, scale = turn.copy(), rate.copy()
-    a, b = np.array(made.ends).T
-    inverse = None
-    for _ in range(STEPS):
-        p = (turn[a] @ first[..., None])[..., 0]
-        g = (turn[b] @ second[..., None])[..., 0]
-        v = rate[b] - rate[a]
-        if inverse is None:
-            inverse = _inverse(count, a, b, p, g, v, scale, links, along)
-        size = np.sum(scale * (rate - scale))
-        still = np.sum(along * (rate[one] - rate[other]))
-        rest = np.concatenate([(p - g).ravel(), np.cross(v, p).ravel(), [size, still]])
-        left = np.max(np.abs(rest))
-        if left < mp.mpf(10) ** (4 - DIGITS):
-            break
-        step = -(inverse @ (rest / left).astype(float)) * left
-        step = step.reshape(2, count - 1, 3)
-        turn[1:] = [_about(x) @ r for x, r in zip(step[0], turn[1:], strict=True)]
-        rate[1:] += step[1]
-    return Rest(
-        float(np.max(np.abs(turn - start))),
-        float(left),
-        float(np.max(np.abs(rate[one] - rate[other]))),
-        rate.astype(float),
-    )
+        def moved(step):
+            """The configuration a step (2, links - 1, 3) on, the first link held."""
+            turns = [_about(x) @ r for x, r in zip(step[0], turn[1:], strict=True)]
+            still = np.zeros((1, 3), dtype=int)
+            return np.stack([turn[0], *turns]), rate + np.concatenate([still, step[1]])
 
-
-def _inverse(count, a, b, p, g, v, scale, links, along):
-    """Return the pseudo-inverse of the Jacobian, the first link held."""
-    p, g, v, scale, along = (x.astype(float) for x in (p, g, v, scale, along))
-    pairs = len(a)
-    rows = np.zeros((6 * pairs + 2, 2, count, 3))
-    for k in range(pairs):
-        gap, slip = slice(3 * k, 3 * k + 3), slice(3 * (pairs + k), 3 * (pairs + k) + 3)
-        rows[gap, 0, a[k]] -= _skew(p[k])
-        rows[gap, 0, b[k]] += _skew(g[k])
-        rows[slip, 0, a[k]] -= _skew(v[k]) @ _skew(p[k])
-        rows[slip, 1, a[k]] += _skew(p[k])
-        rows[slip, 1, b[k]] -= _skew(p[k])
-    rows[-2, 1] = scale
-    rows[-1, 1, links[0]] += along
-    rows[-1, 1, links[1]] -= along
-    return np.linalg.pinv(rows[:, :, 1:].reshape(len(rows), -1), rcond=1e-10)
-
-
-def _exact(values):
-    return np.vectorize(mp.mpf, otypes=[object])(values)
-
-
-def _lengths(vectors):
-    squares = np.sum(vectors * vectors, axis=-1, keepdims=True)
-    return np.vectorize(mp.sqrt, otypes=[object])(squares)
-
-
-def _skew(v):
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+        units = np.eye(6 * (len(turn) - 1)).reshape(-1, 2, len(turn) - 1, 3)
+        small = mp.mpf(10) ** -20
+        slopes = [residual(*moved(small * wide(x))) - residual(turn, rate) for x in units]
+        inverse = np.linalg.pinv((np.array(slopes) / small).astype(float).T, rcond=1e-10)
+        for _ in range(STEPS):
+            rest = residual(turn, rate)
+            left = np.max(np.abs(rest))
+            if left < mp.mpf(10) ** (4 - DIGITS):
+                break
+            step = -(inverse @ (rest / left).astype(float)) * left
+            turn, rate = moved(step.reshape(units.shape[1:]))
+        return Rest(
+            float(np.max(np.abs(turn - start))),
+            float(left),
+            float(np.max(np.abs(rate[one] - rate[other]))),
+            rate.astype(float),
+        )
 
 
 def _about(x):
     """Return the rotation matrix of a rotation vector (3,)."""
     angle = mp.sqrt(np.sum(x * x))
     if not angle:
-        return _exact(np.eye(3))
-    n = _skew(x / angle)
-    return _exact(np.eye(3)) + mp.sin(angle) * n + (1 - mp.cos(angle)) * (n @ n)
+        return wide(np.eye(3))
+    n = np.cross(wide(np.eye(3)), -x / angle)
+    return wide(np.eye(3)) + mp.sin(angle) * n + (1 - mp.cos(angle)) * (n @ n)

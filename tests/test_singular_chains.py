@@ -83,7 +83,7 @@ def check_counts(tracer, found, analysis, points):
     counts = []
     for q in inputs[:INPUTS]:
         modes = assemblies(tracer.solver, np.array([q]))
-        assert all(each is None or each.is_complete for each in modes.methods)
+        assert all(each is None or not each.doubt for each in modes.methods)
         counts.append(len(modes.values))
     counts += found.counts.tolist()
     for q, count in zip(inputs, counts, strict=True):

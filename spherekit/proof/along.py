@@ -17,6 +17,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices
 from spherekit.numeric.crossings import bracketed_zeros, wrap
+from spherekit.proof.balls import circle
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import Arm, Crossings
 from spherekit.proof.tubes import (
@@ -27,7 +28,6 @@ from spherekit.proof.tubes import (
     corrected,
     frame_at,
     piece_at,
-    turns_of,
 )
 
 FORWARD = 0.9
@@ -321,7 +321,7 @@ def _place(
     def rate(parts: Floats, _: Indices) -> Floats:
         """Return the rate, negative at the centre, part of the way; nothing rests on it."""
         place = corrected(equations, piece.centre + parts[0] * way)
-        turns = turns_of(piece.centre if place is None else place)[None]
+        turns = circle((piece.centre if place is None else place)[None])
         made = frame_at(equations.real.derivatives(turns, 1)[1][0], piece.tangent)
         return beyond * (np.zeros(1) if made is None else made[0][variable, :1])
 

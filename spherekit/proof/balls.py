@@ -10,7 +10,7 @@ A frame (3, 3) has three unit vectors as its rows: zero direction, side, axis.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
@@ -197,16 +197,13 @@ def parts_of(ball: Ball) -> tuple[int, int]:
     return int(mantissa), int(exponent)
 
 
-def circle(angles: Sequence[Ball] | Floats) -> Floats:
-    """Return float64 cosines and sines (n, 2) of angles, each rounded once.
+def circle(angles: Any) -> Floats:
+    """Return float64 cosines and sines (..., 2) of angles (...), each rounded once.
 
     Angles are float64 numbers, taken as they are, or balls far narrower than a rounding.
     """
-    out = np.empty((len(angles), 2))
-    for row, angle in enumerate(angles):
-        sine, cosine = (exact(angle) if isinstance(angle, float) else angle).sin_cos()
-        out[row] = float(cosine.mid()), float(sine.mid())
-    return out
+    sine, cosine = sine_cosine(np.frompyfunc(library().arb, 1, 1)(np.asarray(angles)))
+    return floats(np.stack([cosine, sine], axis=-1))
 
 
 Vector = Array

@@ -466,7 +466,7 @@ def _systems(
                         for inverse, z in zip(roots.inverse, roots.z, strict=True)
                     ],
                 }
-                for place, roots in system.shown
+                for place, roots in system.solved
             ],
         }
         for system in systems

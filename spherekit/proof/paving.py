@@ -100,8 +100,8 @@ class Ranges:
         centres = self.centres(boxes)
         numbers, back = np.unique(centres.ravel(), return_inverse=True)
         made = circle(numbers)[back].reshape(*centres.shape, 2)
-        for variable in np.flatnonzero(self.extent == 0.0).tolist():
-            made[:, variable] = circle([self.low[variable]])
+        fixed = self.extent == 0.0
+        made[:, fixed] = circle(self.low)[fixed]
         return made
 
 

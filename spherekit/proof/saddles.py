@@ -234,7 +234,7 @@ class _Form:
     @staticmethod
     def about(equations: Equations, place: Floats) -> "_Form | None":
         """Return one by the rank that F' is nearest to losing; None if it is more."""
-        _, slopes = equations.real.derivatives(circle(place)[None], 1)
+        _, slopes = equations.real.derivatives(circle(place[None]), 1)
         left, sizes, right = np.linalg.svd(slopes[0])
         if len(sizes) > 1 and not sizes[-2] > 1e-6 * sizes[0]:
             return None

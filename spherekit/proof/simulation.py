@@ -132,8 +132,8 @@ def _of_table(table: TorqueTable, t: Array, inside: float) -> Array:
 SWEEPS = 40
 """Most turns of Picard's iteration; a step that needs more is too long."""
 
-FEW = 15
-"""Turns after which a step is longer than is cheap."""
+FEW, LONGER = 15, 1.05
+"""Turns after which a step is longer than is cheap; how much longer else the next is."""
 
 ACCEPTED = 16
 """Roundings by which a step's last terms may move it."""
@@ -428,9 +428,8 @@ class ExactSimulation:
             if switch is not None:
                 sides[switch] = -sides[switch]
                 self.switches.append(self.end)
-            longer = 0.9 * (ACCEPTED / max(step.error, 1e-3)) ** (1 / self._count)
-            factor = 0.8 if step.sweeps > FEW else min(longer, 1.5)
-            length = (step.length * factor).mid()
+            costly = step.sweeps > FEW or step.error > 1.0
+            length = (step.length * (0.8 if costly else LONGER)).mid()
         if not self._steps:
             raise EngineError(f"{self.mechanism.name}: the motion ends where it starts")
 

@@ -40,7 +40,7 @@ from spherekit.proof.charts import (
 )
 from spherekit.proof.construction import permanent
 from spherekit.proof.equations import Equations
-from spherekit.proof.tubes import ROUNDING, turns_of
+from spherekit.proof.tubes import ROUNDING
 
 MOST_STEPS = 600
 FIRST_STEP, LEAST_STEP, LARGEST_STEP, LONGER = 0.02, 1e-7, 0.1, 1.2
@@ -150,7 +150,7 @@ WIDEST_ANGLE = 0.3
 """Angles of roots (rad) over boxes that vary by more are no inputs of the next system."""
 NEAR = 1.0
 """Squared distance, as points of circles, of known roots that others are followed from."""
-MOST_KNOWN, MOST_SHOWN = 1024, 128
+MOST_KNOWN = 128
 
 
 class System:
@@ -169,11 +169,6 @@ class System:
         self.degrees = degrees[np.ix_(rows, [*unknowns, *self.given])]
         self.bound = permanent(2 * self.degrees[:, : len(unknowns)])
         self.solved: list[tuple[Floats, ChartRoots]] = []
-
-    @property
-    def shown(self) -> list[tuple[Floats, ChartRoots]]:
-        """Some of the solutions, spread over the places tried."""
-        return self.solved[:: 1 + len(self.solved) // MOST_SHOWN]
 
     def at(self, turns: Array) -> Polynomials:
         """Return the polynomials at cosines and sines (m, given, 2), each rounded once."""
@@ -221,21 +216,21 @@ class System:
         Where none are near they are found anew.
         """
         start, origins = given.copy(), []
-        at = turns_of(np.array([place for place, _ in self.solved]))
+        at = circle([place for place, _ in self.solved])
         for place in start:
-            gaps = np.sum((at - turns_of(place)) ** 2, axis=(1, 2)) if len(at) else [np.inf]
+            gaps = np.sum((at - circle(place)) ** 2, axis=(1, 2)) if len(at) else [np.inf]
             near = int(np.argmin(gaps))
             if gaps[near] < NEAR:
                 place[:], roots = self.solved[near]
             else:
-                roots = self._found(self.at(turns_of(place)[None]))
+                roots = self._found(self.at(circle(place)[None]))
             origins.append(roots)
         roots = ChartRoots(
             np.concatenate([origin.z for origin in origins]),
             np.concatenate([origin.inverse for origin in origins]),
             np.repeat(np.arange(len(given)), self.bound),
         )
-        _, first, by_given = values_at(self.at(turns_of(start)), roots)
+        _, first, by_given = values_at(self.at(circle(start)), roots)
         ways = wrap(given - start)[roots.row]
         rates = -inverses(first)[0] @ by_given
         return roots.moved(roots.z + applied(rates, ways))
@@ -294,7 +289,7 @@ def counted(
         (kept,) = np.nonzero(real & good[modes["row"]][row])
         modes = modes[row[kept]]
         angle, rates, off = (column[kept] for column in columns)
-        turned = circle(angle.ravel()).reshape(*angle.shape, 2)
+        turned = circle(angle)
         for name, column in zip(
             ("angle", "turn", "rates", "off"), (angle, turned, rates, off), strict=True
         ):

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.arrays import Array, Bools, Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.numeric.crossings import wrap
 from spherekit.proof.balls import circle
 from spherekit.proof.equations import Equations
@@ -115,7 +115,7 @@ def piece_at(
     shortest: float = SHORTEST_PIECE,
 ) -> CertifiedArc | None:
     """Return a piece around a configuration, as long as can be proven up to `longest`."""
-    derivatives = [x[0] for x in equations.real.derivatives(circle(centre)[None], 2)]
+    derivatives = [x[0] for x in equations.real.derivatives(circle(centre[None]), 2)]
     made = frame_at(derivatives[1], along)
     if made is None:
         return None
@@ -198,7 +198,7 @@ def corrected(
     """
     place = place.copy()
     for _ in range(steps):
-        (values,), (slopes,) = equations.real.derivatives(turns_of(place)[None], 1)
+        (values,), (slopes,) = equations.real.derivatives(circle(place[None]), 1)
         change, *_ = np.linalg.lstsq(slopes[:, :moved], -values, rcond=1e-13)
         place[:moved] += change
         size = float(np.max(np.abs(change)))
@@ -207,8 +207,3 @@ def corrected(
         if size < 1e-14:
             break
     return place if float(np.max(np.abs(values))) < 1e-10 else None
-
-
-def turns_of(q: Array) -> Array:
-    """Return cosines and sines (..., 2) of angles, for approximations."""
-    return np.stack([np.cos(q), np.sin(q)], axis=-1)
