@@ -1,6 +1,7 @@
 """Columns that the pages relate, on rows that move: each relation, in every table."""
 
 from importlib import resources
+from itertools import product
 
 import numpy as np
 import pytest
@@ -70,10 +71,10 @@ def wide(frame, value, by):
 def test_what_pairs_carry_is_one_wrench_in_all_columns(which, request):
     run = request.getfixturevalue(which)
     table, motion = run.frame("reactions"), run.frame("motion")
-    size = table[["moment_x", "moment_y"]].abs().max().max()
-    assert size > 1e-4
     x, y = table["moment_x"], table["moment_y"]
-    assert np.max(np.abs(np.hypot(x, y) - table["transverse_moment"])) < 1e-15
+    size = max(x.abs().max(), y.abs().max())
+    assert size > 1e-4
+    same(np.hypot(x, y), table["transverse_moment"], abs=1e-15)
     contacts = table["contact_torque"].notna()
     at = table[contacts]
     same(at["contact_torque"], at["moment_x"], rel=0.0)
@@ -83,12 +84,9 @@ def test_what_pairs_carry_is_one_wrench_in_all_columns(which, request):
     assert at["moment_x_first"].isna().all()
     assert len(at) == (7 if which == "gears" else 0)
     for pair, rows in table[~contacts].groupby("pair"):
-        theta = motion[f"theta_{pair}"].to_numpy()
-        turn = Rotation.from_rotvec(theta[:, None] * [0.0, 0.0, 1.0])
-        moments = rows[["moment_x", "moment_y", "moment_z"]]
-        there = turn.apply(moments.to_numpy().copy())
-        firsts = rows[["moment_x_first", "moment_y_first"]]
-        same(there[:, :2], firsts.to_numpy(), abs=1e-14 * size)
+        turn = Rotation.from_euler("z", motion[[f"theta_{pair}"]].to_numpy())
+        there = turn.apply(rows[["moment_x", "moment_y", "moment_z"]].to_numpy().copy())
+        same(there[:, :2], rows[["moment_x_first", "moment_y_first"]], abs=1e-14 * size)
 
 
 def test_torque_is_what_inertia_and_loads_ask_for(gears):
@@ -114,13 +112,10 @@ def test_energy_grows_by_the_power(wrist):
     table = table[table["assembly_mode"] == table["assembly_mode"].min()]
     tau, rates = (table[[f"{x}_21", f"{x}_51"]] for x in ("tau", "dq"))
     same(table["power"], (tau.to_numpy() * rates.to_numpy()).sum(1))
-    supplied = (
-        table["power"]
-        + wide(wrist.frame("dynamics", "loads"), "power", "load").sum(axis=1).to_numpy()
-    )
+    loads = wide(wrist.frame("dynamics", "loads"), "power", "load").sum(axis=1)
     t, kinetic = table["t"].to_numpy(), table["kinetic_energy"].to_numpy()
     fitted = np.polynomial.Chebyshev.fit(t, kinetic, 14).deriv()(t)
-    same(fitted[3:-3], supplied.to_numpy()[3:-3], abs=1e-9)
+    same(fitted[3:-3], (table["power"].to_numpy() + loads.to_numpy())[3:-3], abs=1e-9)
     mass = wrist.frame("dynamics", "inertia")
     mass = mass[mass["assembly_mode"] == mass["assembly_mode"].min()]
     twice = np.zeros(len(table))
@@ -143,10 +138,9 @@ def test_pole_columns_change_as_their_derivatives_say():
             assert np.nanmax(np.abs(np.sum(u * du, axis=1))) <= 1e-9 * np.nanmax(np.abs(du))
         # Simpson's rule over a pair of steps: the columns change by their derivatives.
         h = np.diff(rows["q"].to_numpy())[0]
-        for value, slope in [
-            *((f"u{x}", f"du{x}_dq") for x in "xyz"),
-            ("velocity_coefficient", "acceleration_coefficient"),
-        ]:
+        slopes = {f"u{x}": f"du{x}_dq" for x in "xyz"}
+        slopes["velocity_coefficient"] = "acceleration_coefficient"
+        for value, slope in slopes.items():
             f, df = rows[value].to_numpy(), rows[slope].to_numpy()
             grown = h / 3.0 * (df[:-2] + 4.0 * df[1:-1] + df[2:])
             allowed = 1e-5 * max(1.0, np.nanmax(np.abs(df)))
@@ -180,21 +174,18 @@ def test_coefficients_have_one_sign_in_all_commands(name, vary, samples, by):
         if {link, other} in shared:
             sign = 1.0
         for ending in by:
-            kinds = ("velocity", "acceleration")
+            asked = [*product(("velocity", "acceleration"), ("min", "max"))]
             reduce = [
                 f"{how}_{kind}={how}({kind}_coefficient_{link}_{other}{ending})"
-                for kind in kinds
-                for how in ("min", "max")
+                for kind, how in asked
             ]
             found = sk.sweep(made, numbers, reduce, samples=samples).frame()
             moved = rows["moving"].astype(str) == ending.removeprefix("_by_")
             mine = rows[moved] if ending else rows
-            for kind in kinds:
+            for kind, how in asked:
                 values = (mine[f"{kind}_coefficient"] * sign).groupby(mine["assembly_mode"])
-                for how in ("min", "max"):
-                    wanted = getattr(values, how)().sort_values()
-                    got = found[f"{how}_{kind}"].dropna().sort_values()
-                    same(got, wanted, abs=1e-9)
+                got = found[f"{how}_{kind}"].dropna().sort_values()
+                same(got, values.agg(how).sort_values(), abs=1e-9)
     assert lower
 
 
@@ -202,9 +193,8 @@ def test_an_input_that_does_not_move_an_output_balances_any_moment():
     """In half the modes of the agile eye its platform rests, and 1/|w| was 1e19."""
     run = sk.run("agile_eye", ["statics", "poles:only=platform/base"], samples=5)
     outputs, poles = run.frame("statics", "outputs"), run.frame("poles")
-    rates = poles["velocity_coefficient"].abs()
-    fastest = rates.groupby([poles["assembly_mode"], poles["sample"]]).max()
-    rests = fastest.to_numpy() < 1e-12
+    rows = poles.groupby(["assembly_mode", "sample"])["velocity_coefficient"]
+    rests = rows.agg(lambda rates: rates.abs().max()).to_numpy() < 1e-12
     given = outputs.filter(regex="^(advantage|stiffness)_").to_numpy()
     assert np.sum(rests) == len(rests) // 2
     assert np.all(np.isinf(given[rests])) and np.max(given[~rests]) < 1e4
@@ -231,26 +221,19 @@ def test_forces_on_bearings_are_those_of_moment_and_force():
     """R_a = (b F - M x z)/(b - a) across the axis, and the stated part of F along it."""
     weight = sk.Gravity("weight", (1.0, 2.0, -9.0))
     made = sk.load("universal_joint").with_loads(weight)
-    run = sk.run(
-        made,
-        "reactions",
-        samples=13,
-        laws={"21": sk.Polynomial((0.2, 30.0, 4.0))},
-        duration=0.1,
-    )
+    laws = {"21": sk.Polynomial((0.2, 30.0, 4.0))}
+    run = sk.run(made, "reactions", samples=13, laws=laws, duration=0.1)
     table, bearings = run.frame(), run.frame("reactions", "bearings")
-    placed = [load for load in made.loads if isinstance(load, sk.Bearings)]
     sized = 0.0
-    for load in placed:
+    for load in (load for load in made.loads if isinstance(load, sk.Bearings)):
         rows = table[table["pair"] == load.pair]
         M, F = (rows[[f"{x}_{k}" for k in "xyz"]].to_numpy() for x in ("moment", "force"))
         a, b = load.positions
         turned = np.cross(M, [0.0, 0.0, 1.0])
         for place, across in ((a, b * F - turned), (b, turned - a * F)):
             radial = np.linalg.norm(across[:, :2], axis=1) / abs(b - a)
-            here = bearings[
-                (bearings["load"] == load.name) & (bearings["position"] == place)
-            ]
+            here = bearings[bearings["load"] == load.name]
+            here = here[here["position"] == place]
             same(here["radial"], radial, abs=1e-11)
             part = load.axial[load.positions.index(place)]
             same(here["axial"], part * F[:, 2], abs=1e-11)
@@ -262,13 +245,11 @@ def test_relations_of_singularities_are_coefficients():
     names = ["singularities:output=6/1", "poles:only=61"]
     run = sk.run("stephenson", names, samples=37)
     table, poles = run.frame("singularities", "relation"), run.frame("poles")
-    same(table["velocity_coefficient"], table["d"] / table["c"])
-    same(
-        table["velocity_coefficient"], table["output_rate"] / table["input_rate"], abs=1e-11
-    )
-    same(np.tan(table["distance_I"]), np.abs(table["velocity_coefficient"]), abs=1e-11)
-    table = table[table["form"] == "i"]
-    same(table["velocity_coefficient"], poles["velocity_coefficient"], abs=1e-11)
+    ratio = table["velocity_coefficient"]
+    same(ratio, table["d"] / table["c"])
+    same(ratio, table["output_rate"] / table["input_rate"], abs=1e-11)
+    same(np.tan(table["distance_I"]), np.abs(ratio), abs=1e-11)
+    same(ratio[table["form"] == "i"], poles["velocity_coefficient"], abs=1e-11)
 
 
 def test_spreads_are_of_the_derivatives_and_these_of_the_values():
@@ -282,13 +263,14 @@ def test_spreads_are_of_the_derivatives_and_these_of_the_values():
     same(spreads["worst"], 3.0 * deviation * by_size.abs().sum(axis=1))
     share = (deviation * by_size.abs().max(axis=1) / spread) ** 2
     same(spreads["share"], share)
-    moved = []
-    for sense in (1.0, -1.0):
-        sizes = {"3": (np.radians(70.0) + sense * 1e-5,)}
-        made = sk.load("four_bar").with_sizes(angle_unit="rad", arcs=sizes)
-        moved.append(sk.run(made, samples=7).frame("motion")["theta_41"].to_numpy())
-    mine = rows[rows["size"] == "links.3.arc"]["derivative"]
-    same(mine, (moved[0] - moved[1]) / 2e-5, abs=1e-7)
+    more, less = (
+        sk.load("four_bar").with_sizes(
+            angle_unit="rad", arcs={"3": np.radians(70.0) + step}
+        )
+        for step in (1e-5, -1e-5)
+    )
+    more, less = (sk.run(x, samples=7).frame("motion")["theta_41"] for x in (more, less))
+    same(rows[rows["size"] == "links.3.arc"]["derivative"], (more - less) / 2e-5, abs=1e-7)
 
 
 def test_sensitivities_and_evaluations_keep_to_that_sign():

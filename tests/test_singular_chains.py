@@ -72,25 +72,20 @@ def check_counts(tracer, found, analysis, points):
     has a maximum, two vanish.
     """
     single = tracer.solver.single
-    dead = [
-        (p.values[single], analysis.along[p.curve].curve.at(p.s).bends[0, single])
-        for p in points
-        if p.output == analysis.outputs[0] and p.input_turns
-    ]
-    places, slopes = np.array(dead).reshape(-1, 2).T
-    random = np.random.default_rng(1)
-    inputs = [*np.sort(random.uniform(-np.pi, np.pi, INPUTS)), *found.inputs]
-    counts = []
-    for q in inputs[:INPUTS]:
-        modes = assemblies(tracer.solver, np.array([q]))
-        assert all(each is None or not each.doubt for each in modes.methods)
-        counts.append(len(modes.values))
-    counts += found.counts.tolist()
-    for q, count in zip(inputs, counts, strict=True):
-        between = np.mod(places - inputs[0], 2.0 * np.pi) < np.mod(
-            q - inputs[0], 2.0 * np.pi
+    dead = [p for p in points if p.output == analysis.outputs[0] and p.input_turns]
+    places = np.array([p.values[single] for p in dead])
+    slopes = np.array(
+        [analysis.along[p.curve].curve.at(p.s).bends[0, single] for p in dead]
+    )
+    inputs = np.sort(np.random.default_rng(1).uniform(-np.pi, np.pi, INPUTS))
+    modes = [assemblies(tracer.solver, np.array([q])) for q in inputs]
+    assert all(each.is_complete for each in modes)
+    counts = [*(len(each.values) for each in modes), *found.counts.tolist()]
+    for q, count in zip([*inputs, *found.inputs], counts, strict=True):
+        passed, way = np.mod(
+            [places - inputs[0], 0.0 * places + q - inputs[0]], 2.0 * np.pi
         )
-        assert count - counts[0] == 2 * np.sum(np.sign(slopes[between]))
+        assert count - counts[0] == 2 * np.sum(np.sign(slopes[passed < way]))
     return len(places), len(set(counts))
 
 

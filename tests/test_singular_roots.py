@@ -1,7 +1,5 @@
 """Singularities at the right input, in range or marked; searches that end and say so."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from refusals import text_of
@@ -35,23 +33,21 @@ def dead_inputs_of_geared(made, low, high):
     """
     motion = PositionAnalysis(made, samples=61).motion()
     row = int(np.flatnonzero(~motion.failed)[0])
-    axes = axes_at(made, motion.values[row : row + 1])[0]
-    number = made.pair_number
+    axes, number = axes_at(made, motion.values[row : row + 1])[0], made.pair_number
     left, right, one, other = (axes[number[name]] for name in ("left", "right", "32", "54"))
-    start = motion.inputs[row, 0]
 
     def gap(q, across):
-        first = Rotation.from_rotvec((q - start) * left).apply(one)
-        second = Rotation.from_rotvec(-(q - start) * 20 / 40 * right).apply(other)
-        return np.arccos(first @ second) - across
+        turned = np.atleast_1d(q)[:, None] - motion.inputs[row, 0]
+        first = Rotation.from_rotvec(turned * left).apply(one)
+        second = Rotation.from_rotvec(-turned * 20 / 40 * right).apply(other)
+        return np.arccos(np.sum(first * second, axis=1)) - across
 
-    found = []
+    grid, found = np.linspace(low, high, 2001), []
     for across in np.radians([60.0 + 55.0, 60.0 - 55.0]):
-        grid = np.linspace(low, high, 2001)
-        values = [gap(q, across) for q in grid]
-        for (a, fa), (b, fb) in pairwise(zip(grid, values, strict=True)):
-            if fa * fb < 0.0:
-                found.append(brentq(gap, a, b, args=(across,), xtol=1e-14))
+        for k in np.flatnonzero(np.diff(np.sign(gap(grid, across)))):
+            found.append(
+                brentq(lambda q, a=across: gap(q, a)[0], *grid[k : k + 2], xtol=1e-14)
+            )
     return np.sort(found)
 
 
@@ -89,20 +85,16 @@ def test_what_lies_outside_the_range_is_marked_at_the_nearest_turn():
     dead = np.sort(whole[whole["kind"] == "II"]["q"])
     assert np.min(np.abs(np.mod(dead - turn + np.pi, 2 * np.pi) - np.pi)) < 1e-9
     low, high = dead[0] - 0.3, dead[0] - 0.1
-    made = four_bar(ROCKER)
-    narrow = PositionAnalysis(made).mechanism.with_inputs("21")
     path = np.linspace(low, high, 9)[:, None]
-    result = sk.run(narrow, NAME, path=path)
+    result = sk.run(four_bar(ROCKER).with_inputs("21"), NAME, path=path)
     frame = result.frame()
     away = frame[frame["kind"] == "II"]
     assert set(away["inside"]) == {"no"}
-    gap = np.maximum(low - away["q"], away["q"] - high)
-    turned = (away["q"] + 2 * np.pi, away["q"] - 2 * np.pi)
-    again = [np.maximum(low - q, q - high) for q in turned]
-    assert np.all(gap > 0.0) and all(np.all(gap <= other) for other in again)
+    turned = away["q"].to_numpy() + 2 * np.pi * np.array([[0], [1], [-1]])
+    gap, *again = np.maximum(low - turned, turned - high)
+    assert np.all(gap > 0.0) and np.all(gap <= again)
     figures, _ = findings_of(result)
-    assert "II" not in figures["singularities"]
-    assert figures["outside"]["II"] == len(away)
+    assert "II" not in figures["singularities"] and figures["outside"]["II"] == len(away)
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 720.0), (-500.0, 400.0), (10.0, 370.0)])
@@ -120,12 +112,11 @@ def test_places_are_listed_for_every_turn_of_a_range(low, high):
     figures, _ = findings_of(result)
     assert not figures["checks_failed"] and "complete" in figures["guarantee"]
     relation = result.frame(NAME, "relation")
-    relation = relation[relation["input_margin_II"].notna()]
-    assert len(relation)
-    margin = relation["input_margin_II"]
-    leads = np.stack([relation["q"] + margin, relation["q"] - margin])
-    every = np.radians(turns.ravel())
-    assert np.all(np.min(np.abs(leads[..., None] - every), axis=(0, 2)) < 1e-7)
+    q, margin = (
+        relation.dropna(subset="input_margin_II")[["q", "input_margin_II"]].to_numpy().T
+    )
+    leads = np.stack([q + margin, q - margin])[..., None] - np.radians(turns.ravel())
+    assert len(q) and np.all(np.min(np.abs(leads), axis=(0, 2)) < 1e-7)
 
 
 def test_a_place_at_both_ends_of_a_turn_is_listed_once():
@@ -140,10 +131,8 @@ def test_a_place_at_both_ends_of_a_turn_is_listed_once():
     relation = result.frame(NAME, "relation")
     at = relation[relation["status"].astype(str) == "AT_SINGULARITY"]
     assert len(at) and set(at["type"]) == {"III"} and set(at["group"]) == {1}
-    to = relation["input_margin_II"].to_numpy()
-    assert np.sum(np.isfinite(to)) > 9
-    away = np.pi - np.abs(relation["q"].to_numpy())
-    assert np.nanmax(np.abs(to - away)) < 1e-11
+    to, away = relation["input_margin_II"], np.pi - relation["q"].abs()
+    assert to.count() > 9 and (to - away).abs().max() < 1e-11
 
 
 def check_points(tracer, points, kind):
@@ -196,12 +185,10 @@ def test_random_starts_meet_the_curves_that_slices_meet(kind):
     tracer = PositionAnalysis(made, samples=3)
     for each in by_slices.curves:
         check_points(tracer, each.points, kind)
-        points = each.points
-        inside = np.flatnonzero(points.inside)
-        hit = np.zeros(len(inside), dtype=bool)
-        for other in by_starts.curves:
-            hit |= other.curve.find(points.values[inside], points.motion[inside])
-        assert np.all(hit)
+        inside = each.points.rows(each.points.inside)
+        curves = (other.curve for other in by_starts.curves)
+        hits = [curve.find(inside.values, inside.motion) for curve in curves]
+        assert np.all(np.any(hits, axis=0))
 
 
 def test_a_search_without_time_says_so():
@@ -212,9 +199,9 @@ def test_a_search_without_time_says_so():
     assert "no processor time was left" in found.claim.reason
     assert not len(result.frame()) and not len(result.frame(NAME, "aspects"))
     remarks = result.summary["remarks"]
+    ended = [each for each in remarks if "no processor time was left" in each]
     for words in ("type II", "type I", "aspects"):
-        ended = "no processor time was left"
-        assert any(words in each and ended in each for each in remarks)
+        assert any(words in each for each in ended)
     assert any("in every row of assembly modes 2, 3, 6, 7" in each for each in remarks)
     assert "type I of" not in " ".join(result.summary["warnings"])
 
@@ -300,15 +287,14 @@ def test_the_output_reverses_where_it_is_said_to(name, tmp_path):
     reversing = places[places["reversal"].str.contains("output", na=False)]
     changes = 0
     for assembly_mode, rows in rates.groupby("assembly_mode"):
-        u, size = rows[["ux", "uy", "uz"]].to_numpy(), rows["velocity_coefficient"]
-        w = u * size.to_numpy()[:, None]
-        q = rows["q"].to_numpy()
-        modes = reversing["assembly_mode"].str.split()
-        own = reversing[[str(assembly_mode) in each for each in modes]]
-        for k in range(len(q) - 1):
-            if not np.all(np.isfinite(w[k : k + 2])):
-                continue
-            there = np.sum((own["q"] > q[k]) & (own["q"] < q[k + 1]))
-            assert there % 2 == int(w[k] @ w[k + 1] < 0.0), (assembly_mode, q[k])
-            changes += int(w[k] @ w[k + 1] < 0.0)
+        q, *u, size = rows[["q", "ux", "uy", "uz", "velocity_coefficient"]].to_numpy().T
+        along = (
+            np.sum(np.array(u)[:, 1:] * np.array(u)[:, :-1], axis=0) * size[1:] * size[:-1]
+        )
+        modes = reversing["assembly_mode"].str.split("+")
+        places = reversing["q"][[str(assembly_mode) in each for each in modes]]
+        for k in np.flatnonzero(np.isfinite(along)):
+            there = places.between(q[k], q[k + 1], inclusive="neither").sum()
+            assert there % 2 == int(along[k] < 0.0), (assembly_mode, q[k])
+        changes += np.sum(along < 0.0)
     assert changes

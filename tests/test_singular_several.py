@@ -69,10 +69,9 @@ def test_superposition_gives_the_motion_of_all_inputs_together():
             motion, 0, dict(zip(motion.assembly.inputs, rates, strict=True))
         )
         c, d, u = found.c[0], found.d[0], found.u[0]
-        product_of = np.prod(c)
         rest = np.array([np.prod(np.delete(c, i)) for i in range(3)])
-        right = np.sum(u * (d * rest * rates)[:, None], axis=0)
-        assert np.allclose(product_of * w[7], right, atol=1e-12 * np.linalg.norm(w[7]))
+        right = (d * rest * rates) @ u
+        assert np.allclose(np.prod(c) * w[7], right, atol=1e-12 * np.linalg.norm(w[7]))
         for k, driven in enumerate(motion.assembly.inputs):
             alone, _ = locked_rates(motion, 0, driven)
             assert np.allclose(found.w[0, k], alone[7], rtol=1e-9, atol=1e-11)
@@ -206,8 +205,7 @@ def with_flat_chain(kind):
     A stretched or folded leg is one bar to the output point; coplanar distal links are
     one bar between the elbows.
     """
-    base, *legs = np.radians(SIZES[0]), *(np.radians(np.array(leg)) for leg in SIZES[1:])
-    (crank, coupler), (other, second) = legs
+    base, ((crank, coupler), (other, second)) = np.radians(SIZES[0]), np.radians(SIZES[1:])
     if kind == "II":
         return [(base, crank, abs(coupler + s * second), other) for s in (1, -1)]
     return [
@@ -231,7 +229,7 @@ def test_five_bar_type_one_curves_are_the_borders_of_the_annuli():
     assert sum(each.closed for each in found.curves) == sum(map(components, folded))
     assert [components(bars) for bars in stretched] == [1, 1]
     assert sum(not each.closed for each in found.curves) == 4 and not len(found.stray)
-    legs = [np.radians(np.array(leg)) for leg in SIZES[1:]]
+    legs = np.radians(SIZES[1:])
     for each in found.curves:
         values = each.points.values
         assert np.max(each.points.residual) < 1e-12
@@ -255,6 +253,9 @@ def test_five_bar_type_two_curves_have_coplanar_distal_axes():
     found = singular_curves(whole(made), "II", pointing="43", slices_of_each=5)
     assert len(found.curves) == sum(map(components, with_flat_chain("II")))
     assert not len(found.stray)
+    both = np.concatenate([each.both.values for each in found.curves])
+    seen = coefficients(motion_of(solver_of(made), both), output_of(made, pointing="43"))
+    assert len(both) and np.all(seen.type == RowType.III)
     for each in found.curves:
         assert each.closed
         axes = axes_at(made, each.points.values)
@@ -284,18 +285,6 @@ def elbows(first, second):
         np.cos(other) * np.cos(base) + along * np.sin(base),
     )
     return sum(a * b for a, b in zip(one, two, strict=True))
-
-
-def test_type_three_points_lie_on_both_kinds_of_curves():
-    made = five_bar()
-    found = singular_curves(whole(made), "II", slices_of_each=2, pointing="43")
-    both = [each.both for each in found.curves if len(each.both.values)]
-    assert both
-    solver = solver_of(made)
-    for points in both:
-        motion = motion_of(solver, points.values)
-        seen = coefficients(motion, output_of(made, pointing="43"))
-        assert np.all(seen.type == RowType.III)
 
 
 def test_cusps_of_a_three_rrr_with_one_input_locked(monkeypatch):

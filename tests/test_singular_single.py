@@ -32,23 +32,21 @@ def test_a_tangential_zero_of_an_output_is_one_double_point():
 
     w61 is a product of two functions that vanish there; w41 is one of them.
     """
-    random = np.random.default_rng(4)
-    p12, p23, p34, p14, p45, p56, p16 = random_axes(random, 7)
-    p12 = p23 + 0.7 * p34
-    p14 = p45 - 0.4 * p56
-    axes = np.array([p12, p23, p34, p14, p45, p56, p16])
+    axes = random_axes(np.random.default_rng(4), 7)
+    axes[0], axes[3] = axes[1] + 0.7 * axes[2], axes[4] - 0.4 * axes[5]
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     tracer = PositionAnalysis(mechanism(WATT, axes, span=(-0.3, 0.3)), samples=31)
     curve = follow_arc(tracer.solver.closure, np.zeros(7))
     (simple,), (double,) = (
         report_at(tracer, curve, output, "2/1") for output in ("4/1", "6/1")
     )
-    assert (simple.type, double.type) == (Type.I, Type.I)
-    assert (simple.double, double.double) == (False, True)
-    assert (simple.output_turns, double.output_turns) == (True, False)
-    assert simple.certain and double.certain
-    assert np.max(np.abs(double.values)) < 1e-7
-    assert np.max(np.abs(simple.values)) < 1e-13
+    for point, touches, near in ((simple, False, 1e-13), (double, True, 1e-7)):
+        assert (point.type, point.double, point.output_turns) == (
+            Type.I,
+            touches,
+            not touches,
+        )
+        assert point.certain and np.max(np.abs(point.values)) < near
     (both,) = report_at(tracer, curve, "6/1", "4/1")
     assert both.type == Type.SELF_MOTION
     assert (both.input_turns, both.output_turns) == (True, False)
@@ -66,8 +64,7 @@ FOLDING = [(60, 40, 60, 40), (60, 50, 70, 40), (60, 60, 40, 40), (50, 50, 50, 50
 @pytest.mark.many
 @pytest.mark.parametrize("degrees", FOLDING)
 def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
-    arcs = np.radians(degrees)
-    tracer = PositionAnalysis(four_bar(arcs))
+    tracer = PositionAnalysis(four_bar(np.radians(degrees)))
     report = SingleFreedom(tracer, all_curves(tracer), ["4/1"])
     assert report.crossings
     q, y = 0, 3
@@ -115,10 +112,10 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     assert np.max(np.abs(crossing.values)) < 1e-15
     found = crossing.tangents[:, [3, 6]] / crossing.tangents[:, [0, 3]]
     slopes = []
-    for axes in ([p12, p23, p34, common], [common, p45, p56, p16]):
-        text = "1-2 2-3 3-4 1-4"
-        one = PositionAnalysis(mechanism(text, np.array(axes), span=(-1.0, 1.0)), samples=3)
-        alone = crossing_near(one.solver.closure, np.full(4, 1e-6))
+    for axes in (both[:4], both[3:]):
+        one = mechanism("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0))
+        closed = PositionAnalysis(one, samples=3).solver.closure
+        alone = crossing_near(closed, np.full(4, 1e-6))
         slopes.append(alone.tangents[:, 3] / alone.tangents[:, 0])
     wanted = np.array([[a, b] for a in slopes[0] for b in slopes[1]])
     order = [np.lexsort(np.round(each, 9).T) for each in (found, wanted)]
@@ -129,16 +126,11 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     assert np.max(ahead.residual) < 1e-13
 
 
-def chain(text, seed):
-    """Return a chain with random axes."""
-    random = np.random.default_rng(seed)
-    return mechanism(text, random_axes(random, len(joints(text))), span=(-np.pi, np.pi))
-
-
 @pytest.mark.parametrize(("text", "seed"), [(STEPHENSON, 3), (EIGHT_BARS[0], 1)])
 def test_no_zero_of_any_pole_is_missed_or_invented(text, seed):
     """A relative rate reverses between two of many samples, and in finer ones vanishes."""
-    tracer = PositionAnalysis(chain(text, seed), samples=41)
+    axes = random_axes(np.random.default_rng(seed), len(joints(text)))
+    tracer = PositionAnalysis(mechanism(text, axes, span=(-np.pi, np.pi)), samples=41)
     along = SingleFreedom(tracer, all_curves(tracer)[:1], []).along[0]
     every = all_poles(len(tracer.mechanism.links))
     s = np.linspace(0.0, along.curve.length, 1501)
@@ -180,10 +172,8 @@ def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations
     quadruples += [(2, 0, 5, 0), (2, 0, 2, 5), (2, 0, 0, 5), (2, 0, 5, 2), (2, 0, 0, 2)]
     for numbers in quadruples:
         links = FourLinks(*numbers)
-        error = np.max(
-            [planned.error[pole_of(a, b)] for a in numbers for b in numbers if a != b],
-            axis=0,
-        )
+        poles = [pole_of(a, b) for a in numbers for b in numbers if a != b]
+        error = np.max([planned.error[pole] for pole in poles], axis=0)
         for form in ("i", "ii"):
             if form == "ii" and links.o in (links.r, links.i):
                 continue

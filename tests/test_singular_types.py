@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from chains import any_inputs, joints, mechanism, random_axes, random_chain
+from common import bare
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 from singular_examples import four_bar
@@ -55,39 +56,37 @@ def kernel_type(made, values, output):
     inputs = w[3 * links :][driven]
     count = motions.shape[1]
     both = count - rank(np.concatenate([inputs, turning]))
-    controlled = count - rank(inputs) == both
     idle = max(min(count - both, len(driven)) - freedoms, 0)
-    held = count - rank(turning) - both == idle
     crossed = count > len(driven)
-    if not controlled:
-        return "II" if held or crossed else "III"
-    if not held and not crossed:
+    held = crossed or count - rank(turning) - both == idle
+    if count - rank(inputs) != both:
+        return "II" if held else "III"
+    if not held:
         return "I"
     return "self-motion" if both or crossed else "regular"
 
 
 def of_rows(frame, made):
     """Return the configurations (n, V) that rows of the table name."""
-    driven = {item.pair for item in made.inputs}
     several = len(made.inputs) > 1
-    names = [
-        (f"q_{pair.name}" if several else "q") if pair.name in driven else name
-        for pair, name in zip(made.pairs, made.variable_names, strict=True)
-    ]
-    return frame[names].to_numpy()
+    driven = {f"theta_{x.pair}": f"q_{x.pair}" if several else "q" for x in made.inputs}
+    return frame[[driven.get(name, name) for name in made.variable_names]].to_numpy()
 
 
 def posed(edges, driven, *outputs, axes=None, span=1.0):
     """Return a chain in a pose, with inputs and with outputs (link, relative to)."""
     if axes is None:
         axes = random_axes(np.random.default_rng(2), len(edges))
-    made = mechanism(edges, axes)
-    declared = tuple(
+    return declared(mechanism(edges, axes), driven, outputs, span)
+
+
+def declared(made, driven, outputs, span=1.0):
+    """Return a mechanism with inputs and with outputs (link, relative to, direction)."""
+    named = tuple(
         Output(f"out{k}", str(a), str(b), direction)
         for k, (a, b, direction) in enumerate(outputs)
     )
-    inputs = tuple(Input(name, -span, span) for name in driven)
-    return replace(made, inputs=inputs, outputs=declared)
+    return replace(made, inputs=tuple(Input(x, -span, span) for x in driven), outputs=named)
 
 
 AHEAD = (0.0, 0.6, 0.8)
@@ -156,11 +155,7 @@ def test_one_input_has_the_same_name_for_what_moves_neither():
 
 def test_no_note_takes_an_output_for_the_input():
     """Stephenson's with a short last link: its dyad stretches, and the crank waits."""
-    made = sk.load("stephenson")
-    links = dict(made.geometry.links)
-    links["6"] = replace(links["6"], arcs=(0.5,))
-    geometry = replace(made.geometry, links=links)
-    made = replace(made, geometry=geometry, masses=(), loads=())
+    made = bare("stephenson").with_sizes(angle_unit="rad", arcs={"6": 0.5})
     frame = sk.run(made, f"{NAME}:output=2/3", samples=9).frame(NAME)
     rows = frame[frame.kind == "self-motion"]
     assert len(rows) and rows.note.str.contains("stand still together").all()
@@ -202,13 +197,9 @@ def drawn(number):
     assert made is not None
     links = [random.choice(made.links, 2, replace=False) for _ in range(2)]
     links.append(made.pairs[made.pair_number[made.inputs[0].pair]].links)
-    direction = None if freedoms == 3 else AHEAD
-    outputs = tuple(
-        Output(f"out{k}", str(a), str(b), direction if k == 0 else None)
-        for k, (a, b) in enumerate(links)
-    )
-    inputs = tuple(Input(item.pair, -1.0, 1.0) for item in made.inputs)
-    return replace(made, inputs=inputs, outputs=outputs)
+    directions = (None if freedoms == 3 else AHEAD, None, None)
+    outputs = [(*two, way) for two, way in zip(links, directions, strict=True)]
+    return declared(made, made.input_pairs, outputs)
 
 
 def closed(solver, count):

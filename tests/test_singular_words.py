@@ -1,8 +1,7 @@
 """What a run says of singularities in a few lines, by hand formulas."""
 
 import numpy as np
-import pytest
-from singular_examples import four_bar
+from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 
@@ -12,7 +11,7 @@ NAME = "singularities"
 def said_of(mechanism, samples=73):
     found = sk.run(mechanism, NAME, samples=samples)
     assert not found.failures
-    return "\n".join(found.summary["remarks"]), found.summary["warnings"]
+    return "\n".join(found.summary["remarks"])
 
 
 def flapper():
@@ -46,27 +45,11 @@ def built(name, links, joined, outputs=("wing", "vane")):
 
 def test_a_dyad_at_its_limit_is_no_crossing_for_an_output_before_it():
     """Where the tie and the vane are in line crank and wing rest, and no curves cross."""
-    said, _ = said_of(flapper())
+    said = said_of(flapper())
     line = "it rests with the input while other links move: at motor = 4.31768, 108.184 deg"
     assert f"self-motion for wing/body, {line}" in said
     assert "curves of configurations cross" not in said
     assert "least transmission angle of vane/body: 0 deg" in said
-
-
-@pytest.mark.slow
-def test_an_output_that_stands_still_on_a_whole_curve_rests_there():
-    """With all arcs of 90 degrees two links come to lie on each other and turn as one."""
-    said, _ = said_of(four_bar(np.radians([90.0] * 4)))
-    assert "4/1 rests at 0 deg on configuration curves" in said and "swings 0" not in said
-
-
-def test_a_folding_loop_is_told_up_to_its_crossings():
-    said, warnings = said_of(four_bar(np.radians([60.0, 25.0, 60.0, 25.0])))
-    assert "curves of configurations cross: at 21 = 0, 180 deg" in said
-    assert "4/1 swings 180 deg, from 0 to 180 deg on configuration curves" in said
-    assert "4/1 swings 180 deg, from -180 to 0 deg on configuration curves" in said
-    assert "least transmission angle of 4/1: 0 deg" in said
-    assert "complete" in said and not warnings
 
 
 def test_a_plate_about_a_moving_pole_does_not_swing():
@@ -79,19 +62,15 @@ def test_a_plate_about_a_moving_pole_does_not_swing():
         "ring": {"axes": ["gimbal", "trunnion"], "arcs": [90.0]},
     }
     joined = "shaft case swash, tilted swash plate, trunnion plate ring, gimbal case ring"
-    said, _ = said_of(built("wobble", links, joined, outputs=["plate"]))
-    q = np.linspace(0.0, 2.0 * np.pi, 20001)
-    normal = np.stack(
-        [np.sin(q) * np.sin(np.radians(tilt)), np.cos(q) * np.sin(np.radians(tilt))]
-    )
-    normal = np.stack([*normal, np.full_like(q, np.cos(np.radians(tilt)))])
-    gimbal = np.array([0.0, 1.0, 0.0])
-    trunnion = np.cross(gimbal, normal.T)
+    said = said_of(built("wobble", links, joined, outputs=["plate"]))
+    q, tilted = np.linspace(0.0, 2.0 * np.pi, 20001), np.radians(tilt)
+    normal = np.stack([np.sin(q) * np.sin(tilted), np.cos(q) * np.sin(tilted)])
+    normal = np.stack([*normal, np.full_like(q, np.cos(tilted))], axis=1)
+    trunnion = np.cross([0.0, 1.0, 0.0], normal)
     trunnion /= np.linalg.norm(trunnion, axis=1)[:, None]
-    axes = np.stack([normal.T, trunnion, np.cross(normal.T, trunnion)], axis=2)
-    between = np.swapaxes(axes[:-1], 1, 2) @ axes[1:]
-    steps = np.arccos(np.clip((np.trace(between, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0))
-    turned = np.degrees(np.sum(steps))
+    axes = np.stack([normal, trunnion, np.cross(normal, trunnion)], axis=2)
+    turns = Rotation.from_matrix(np.swapaxes(axes[:-1], 1, 2) @ axes[1:])
+    turned = np.degrees(np.sum(turns.magnitude()))
     (line,) = (x for x in said.splitlines() if "moving pole" in x)
     assert "plate/case turns by " in line
     assert abs(float(line.split(" deg")[0].split()[-1]) - turned) < 1e-3
@@ -99,7 +78,7 @@ def test_a_plate_about_a_moving_pole_does_not_swing():
 
 def test_a_cone_that_never_returns_turns_by_its_ratio():
     """About the line of contact, by the sines of the shaft angle and its half angle."""
-    said, _ = said_of(sk.load("rolling_cones"))
+    said = said_of(sk.load("rolling_cones"))
     turned = 360.0 * np.sin(np.radians(70.0)) / np.sin(np.radians(20.0))
     (line,) = (x for x in said.splitlines() if "turns in one sense" in x)
     assert line.endswith("deg in a turn of the input")

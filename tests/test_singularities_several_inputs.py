@@ -28,22 +28,19 @@ def test_points_of_singular_curves_say_why_they_are_singular(five_bar):
     assert list(frame)[:6] == columns.split()
     assert set(frame.guarantee) == {"complete to a box size"}
     assert frame.residual.max() < 1e-12
-    conditions = frame.groupby("kind").condition.unique()
-    assert set(conditions["II"]) == {"c_21=0 c_51=0 u of 21, 51 coincide"}
-    assert set(conditions["I"]) <= {"u_21 along the direction", "d_51=0"}
+    one, two = (set(frame[frame.kind == kind].condition) for kind in ("I", "II"))
+    assert two == {"c_21=0 c_51=0 u of 21, 51 coincide"}
+    assert one <= {"u_21 along the direction", "d_51=0"}
 
 
 def test_relation_has_every_input_and_agrees_with_itself(five_bar):
     result, _ = five_bar
     frame = result.frame("singularities", "relation")
     assert list(frame)[-3:] == ["moving", "type", "group"]
-    assert set(frame.moving) == {"21", "51"}
     good = frame[frame.status == "OK"]
-    gap = good.c * good.velocity_coefficient - good.d
-    assert np.nanmax(np.abs(gap)) < 1e-12
-    assert np.all(good.sigma > 0.0)
-    assert set(good.type) == {"regular"}
-    assert np.all(good.group == 0)
+    assert np.nanmax(np.abs(good.c * good.velocity_coefficient - good.d)) < 1e-12
+    assert np.all(good.sigma > 0.0) and set(good.moving) == {"21", "51"}
+    assert set(good.type) == {"regular"} and np.all(good.group == 0)
 
 
 def test_aspects_and_findings(five_bar):
@@ -52,29 +49,29 @@ def test_aspects_and_findings(five_bar):
     assert list(frame) == ["aspect", "q_21", "q_51", "sign_II", "sign_I", "assembly_modes"]
     (own,) = result.summary["analyses"]
     assert own["findings"]["aspects"] == frame.aspect.value_counts().sort_index().tolist()
-    assert own["findings"]["3/1"]["curves_II"] == frame_curves(result, "II")
+    points = result.frame("singularities")
+    assert (
+        own["findings"]["3/1"]["curves_II"] == points.curve[points.kind == "II"].nunique()
+    )
     assert any("type II of output 3/1" in text for text in result.summary["warnings"])
-
-
-def frame_curves(result, kind):
-    frame = result.frame("singularities")
-    return frame[frame.kind == kind].curve.nunique()
 
 
 def test_recording_has_the_curves_on_the_sphere_and_in_the_plane_of_inputs(five_bar):
     _, path = five_bar
     entities = {chunk.entity_path for chunk in RrdReader(path).stream()}
-    assert "/five_bar/assembly_mode_0/singular/pointer/II" in entities
-    assert "/five_bar/assembly_mode_0/plots/inputs/pointer/curve_0" in entities
-    assert "/five_bar/assembly_mode_0/plots/inputs/pointer/mark" in entities
+    for name in (
+        "singular/pointer/II",
+        *(f"plots/inputs/pointer/{x}" for x in ("curve_0", "mark")),
+    ):
+        assert f"/five_bar/assembly_mode_0/{name}" in entities
 
 
 def test_three_inputs_have_coefficients_and_no_surface_if_it_is_left_out():
     pages = Listener()
-    wanted = "singularities:input_grid=3,mesh=0"
-    result = sk.run(sk.load("three_rrr"), wanted, samples=3, recorder=pages)
+    result = sk.run(
+        "three_rrr", "singularities:input_grid=3,mesh=0", samples=3, recorder=pages
+    )
     assert result.frame("singularities").empty
-    frame = result.frame("singularities", "relation")
-    assert set(frame.moving) == {"a1", "a2", "a3"}
+    assert set(result.frame("singularities", "relation").moving) == {"a1", "a2", "a3"}
     parts = [part for own in pages.pages.values() for part in own]
     assert not any(isinstance(p, Surface | Portrait | SphereCurves) for p in parts)
