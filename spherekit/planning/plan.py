@@ -64,8 +64,8 @@ def steps_of(chain: Plan, game: Pebbles | None) -> list[Step]:
             shared = next((n for links, n in chain.coaxial if links >= {*pole}), None)
             if shared is not None:
                 new_steps.append(PrimaryPole(pole, shared, round_number))
-            elif _has_lines(chain, contacts, partners, pole):
-                new_steps.append(_line(contacts, partners, pole, round_number))
+            else:
+                new_steps += _by_lines(chain, contacts, partners, [pole], round_number)
         if not new_steps:
             block = _smallest_block(chain, game, parts, unknown, round_number)
             if game is not None:
@@ -78,16 +78,19 @@ def steps_of(chain: Plan, game: Pebbles | None) -> list[Step]:
     return steps
 
 
-def _has_lines(
+def _by_lines(
     chain: Plan,
     contacts: dict[Pole, list[int]],
     partners: Partners,
-    pole: Pole,
-) -> bool:
-    """Return whether two different lines or more go through a pole."""
-    common = partners[pole[0]] & partners[pole[1]]
-    touching = len(contacts.get(pole, ()))
-    return len(circles(common, pole, chain.coaxial)) + touching >= 2
+    poles: Iterable[Pole],
+    number: int,
+) -> Iterator[LinePole]:
+    """Yield the steps of a pass for poles that two different lines or more go through."""
+    for pole in poles:
+        common = partners[pole[0]] & partners[pole[1]]
+        touching = tuple(contacts.get(pole, ()))
+        if len(circles(common, pole, chain.coaxial)) + len(touching) >= 2:
+            yield LinePole(pole, number, tuple(sorted(common)), touching)
 
 
 def _opened(
@@ -98,52 +101,28 @@ def _opened(
 ) -> BlockPoles:
     """Return a part with the pole by which passes find the most others, and soonest."""
 
+    def opened(pole: Pole) -> BlockPoles:
+        """Return the part with the passes that follow from a pole."""
+        then = [{*others} for others in partners]
+        passes, steps = list[LinePole](), [LinePole(pole, block.round, ())]
+        while steps:
+            _mark(then, [step.pole for step in steps])
+            left = [other for other in block.poles if other[1] not in then[other[0]]]
+            number = steps[0].round + 1
+            steps = [*_by_lines(chain, contacts, then, left, number)]
+            passes += steps
+        return replace(block, opening=pole, passes=tuple(passes))
+
+    def left_and_passes(part: BlockPoles) -> tuple[int, int]:
+        left = len(block.poles) - 1 - len(part.passes)
+        return left, part.last + (left > 0)
+
     def lines(pole: Pole) -> int:
         return len(partners[pole[0]] & partners[pole[1]])
 
-    def left_and_passes(pole: Pole) -> tuple[int, int]:
-        passes = [poles for _, poles in _following(chain, contacts, partners, block, pole)]
-        left = len(block.poles) - 1 - sum(map(len, passes))
-        return left, len(passes) + (left > 0)
-
     ordered = sorted(block.poles, key=lambda pole: (-lines(pole), pole))
     tried = ordered[: max(1, MOST_TRIED // len(block.poles) ** 2)]
-    opening = min(tried, key=left_and_passes)
-    after = _following(chain, contacts, partners, block, opening)
-    passes = [
-        _line(contacts, then, pole, number)
-        for number, (then, poles) in enumerate(after, block.round + 1)
-        for pole in poles
-    ]
-    return replace(block, opening=opening, passes=tuple(passes))
-
-
-def _line(
-    contacts: dict[Pole, list[int]], partners: Partners, pole: Pole, number: int
-) -> LinePole:
-    """Return the step of a pass that gives a pole by all lines through it."""
-    common = sorted(partners[pole[0]] & partners[pole[1]])
-    return LinePole(pole, number, tuple(common), tuple(contacts.get(pole, ())))
-
-
-def _following(
-    chain: Plan,
-    contacts: dict[Pole, list[int]],
-    partners: Partners,
-    block: BlockPoles,
-    opening: Pole,
-) -> Iterator[tuple[Partners, list[Pole]]]:
-    """Return, for each pass from a pole on, what was known and which poles follow."""
-    then = [{*others} for others in partners]
-    _mark(then, [opening])
-    left = [pole for pole in block.poles if pole != opening]
-    while left:
-        follows = [pole for pole in left if _has_lines(chain, contacts, then, pole)]
-        if not follows:
-            return
-        yield then, follows
-        _mark(then, follows)
-        left = [pole for pole in left if pole[1] not in then[pole[0]]]
+    return min(map(opened, tried), key=left_and_passes)
 
 
 def circles(
