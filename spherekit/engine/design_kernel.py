@@ -33,6 +33,7 @@ from spherekit.engine.expression_graph import (
 )
 from spherekit.engine.row_quantities import VariedTerms
 from spherekit.engine.system import term_function
+from spherekit.model.load import TorqueTable
 
 Parts = tuple[Expr, Expr]
 """The real and the imaginary part."""
@@ -129,6 +130,8 @@ class DesignKernel:
     not negative where it closes. Otherwise they are the variables of all pairs. It is
     `compiled` where heyoka is installed, or ready at once.
 
+    Tables of torques over time are read at the samples.
+
     Loads that count turns take those (rad) of the pairs `turning`, after the places and the
     columns of profiles. `angles` is the function of the same rows that gives the first
     outputs and then the variables of these pairs less the turns.
@@ -150,20 +153,29 @@ class DesignKernel:
         turns = terms.turns if torques else {}
         self.turning = tuple(turns)
         moving = [*terms.sample, *terms.places, *terms.handed_in, *turns.values()]
+        tables = terms.tables if torques else {}
+        loads = terms.mechanism.loads if torques else ()
+        self._tables = [load for load in loads if isinstance(load, TorqueTable)]
+        self._time = len(terms.sample) - 1
         items = [*terms.squares, *outputs, *(terms.angle(pair) for pair in turns)]
-        self._rows, fixed = hoisted(items, moving)
+        self._rows, fixed = hoisted(items, [*tables.values(), *moving])
         self._given, self._reached = [*moving, *fixed], len(terms.squares)
         self._count = self._reached + len(outputs)
         self.prepare = term_function([*fixed.values()], terms.sizes, self._compiled)
-        self.evaluate = self._made(self._rows[: self._count])
+        given = [*tables.values(), *self._given]
+        rows = self._rows[: self._count]
+        self._evaluate = term_function(rows, given, self._compiled)
 
-    def _made(self, rows: Sequence[Expr]) -> TermFunction:
-        return term_function(rows, self._given, self._compiled)
+    def evaluate(self, rows: Floats) -> Floats:
+        """See above."""
+        torques = [table.at(rows[self._time])[None] for table in self._tables]
+        return self._evaluate(np.concatenate([*torques, rows]) if torques else rows)
 
     @cached_property
     def angles(self) -> TermFunction:
         """See above."""
-        return self._made([*self._rows[: self._reached], *self._rows[self._count :]])
+        rows = [*self._rows[: self._reached], *self._rows[self._count :]]
+        return term_function(rows, self._given, self._compiled)
 
     @property
     def reaches(self) -> int:

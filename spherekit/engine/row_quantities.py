@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import TURN, listing, nearest
+from spherekit.conventions import listing, nearest
 from spherekit.engine.algebra import cross
 from spherekit.engine.dyads import angle_of, place_by_inputs
 from spherekit.engine.expression_graph import (
@@ -150,9 +150,6 @@ def _quantities(
     return table
 
 
-BENDS = 200
-"""Rows of a table of torques that a kernel may have."""
-
 Geometry = Callable[[Mapping[str, Expr]], TurningPairs]
 """The pairs in which sizes, by name, are terms."""
 
@@ -176,6 +173,8 @@ class VariedTerms:
         Of pairs, where these are the places; those that follow from others as terms.
     squares
         What `place_by_inputs` gives of signs.
+    tables
+        What the torques of tables are now, by the names of these loads.
     turns
         Of passive pairs whose variables loads depend on, by name: what their turns (rad)
         add to angles that places give.
@@ -220,6 +219,8 @@ class VariedTerms:
             actions_of(mechanism), lambda number: of_place.get(next(place), number)
         )
         self.sizes = (*terms, *more)
+        tables = [x.name for x in mechanism.loads if isinstance(x, TorqueTable)]
+        self.tables = dict(zip(tables, symbols(f"torque_{x}" for x in tables), strict=True))
         passive = (pair for pair in wound_pairs(mechanism) if pair not in inputs)
         self.turns = {pair: symbols([f"turns_of_{pair}"])[0] for pair in passive}
 
@@ -352,7 +353,7 @@ class VariedTerms:
             flow.moving(speeds)[1],
             self.sample[-1],
             sign_of,
-            self._table,
+            self.tables.__getitem__,
         )
         force = sum((forces_of(parts, state)[moving] for parts in self.actions[1]), 0.0)
         return self._moments.resistance(moving, speeds, accelerations) - force / flow.scale
@@ -390,29 +391,6 @@ class VariedTerms:
         normal, level = cross(one, other), dot(one, other)
         sine, cosine = dot(normal, normal), level * level
         return function("atan2", function("sqrt", sine), function("sqrt", cosine))
-
-    def _table(self, name: str) -> Expr:
-        """Return a torque over time: straight pieces, with a bend at each of its times."""
-        (table,) = (load for load in self.mechanism.loads if load.name == name)
-        assert isinstance(table, TorqueTable)
-        if len(table.times) > BENDS:
-            raise EngineError(
-                f"{self.mechanism.name}: loads.{name}: a table of {len(table.times)} "
-                f"torques cannot be part of a kernel, one of {BENDS} can; write the torque "
-                "as an expression"
-            )
-        start, t = table.times[0], self.sample[-1]
-        if table.periodic:
-            period = table.times[-1] - start
-            angle = (t - start) * (TURN / period) - np.pi
-            within = function("atan2", function("sin", angle), function("cos", angle))
-            t = within * (period / TURN) + (start + 0.5 * period)
-        slopes = np.diff(table.torques) / np.diff(table.times)
-        torque = (t - start) * float(slopes[0]) + table.torques[0]
-        for place, bend in zip(table.times[1:], np.diff(slopes).tolist(), strict=False):
-            beyond = t - place
-            torque = torque + 0.5 * bend * (beyond + beyond * sign_of(beyond))
-        return torque
 
 
 def middle_pairs(mechanism: Mechanism) -> tuple[str, ...]:
