@@ -45,7 +45,7 @@ from spherekit.dynamics.simulation import (
 )
 from spherekit.dynamics.start import Problem, variable_of
 from spherekit.dynamics.state import Dynamics
-from spherekit.engine.integration import CROSSED, good_until
+from spherekit.engine.integration import CROSSED, agreeing
 from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import all_finite, max_abs
 
@@ -334,7 +334,7 @@ class Collocation:
             seen = motion.values, rates_by_time(motion, dynamics.speed), t
             return np.max(missed, axis=1) / enough, loads.evaluated(loads.steep, *seen)
 
-        return bool(good_until(look, 1)[0] == 1.0)
+        return bool(agreeing(look, 1)[0])
 
     def _noisy(self, step: Step) -> bool:
         """Return whether a step's last coefficients are noise: not smaller than others."""

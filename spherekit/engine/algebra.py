@@ -213,18 +213,11 @@ def about_z(angle: Expr) -> Exprs:
 
 def _about(axis: Floats, angle: Expr) -> Exprs:
     """Return the rotation about an axis of numbers (Rodrigues)."""
-    x, y, z = map(float, axis)
-    c, s = cosine(angle), sine(angle)
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    along = np.outer(axis, axis)
-    rows = [
-        [
-            c * float(i == k) + s * float(across[i, k]) + (1.0 - c) * float(along[i, k])
-            for k in range(3)
-        ]
-        for i in range(3)
-    ]
-    return np.array(rows, dtype=object)
+    x, y, z = axis.tolist()
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], dtype=object)
+    one, along = np.eye(3).astype(object), np.outer(axis, axis).astype(object)
+    c = cosine(angle)
+    return one * c + across * sine(angle) + along * (1.0 - c)
 
 
 def sine(angle: Expr) -> Expr:
