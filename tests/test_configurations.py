@@ -34,19 +34,6 @@ def turning_inputs(solver, curve):
     return np.sort(np.mod(values[:, solver.single], TURN))
 
 
-def test_sign_changes_of_a_function_without_its_derivative():
-    def function(x):
-        return (np.cos(3.0 * x) - 0.5) * (np.sin(x - 0.7) - 0.3) * np.exp(np.sin(5 * x))
-
-    places, doubtful = crossings(function, 0.0, TURN)
-    angles = np.arange(3)[:, None] * TURN / 3.0 + np.pi / 9.0 * np.array([1.0, -1.0])
-    true = np.sort(
-        np.mod([*angles.ravel(), 0.7 + np.arcsin(0.3), 0.7 + np.pi - np.arcsin(0.3)], TURN)
-    )
-    assert len(places) == 8 and not len(doubtful)
-    assert np.max(np.abs(places - true)) < 1e-12
-
-
 @pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-5])
 def test_two_near_zeros_are_parted_or_doubtful_but_never_lost(gap):
     places, _ = crossings(

@@ -20,17 +20,6 @@ from spherekit.motion.motion import PositionAnalysis
 AWAY = 0.3 + 6.0 * np.pi
 
 
-@pytest.fixture(scope="module")
-def coil():
-    made = sk.load("four_bar")
-    return replace(made, loads=(PairTorque("coil", "32", "-0.7*theta_32"),))
-
-
-def torques(mechanism, speed, times, mode=0):
-    law = ConstantSpeed(speed, 0.0)
-    return inverse_dynamics(mechanism, law, times, assembly_mode=mode).torques[:, 0]
-
-
 def loaded(name, pair):
     """A shipped mechanism with a coil on a passive pair alone."""
     made = sk.load(name)
@@ -112,8 +101,9 @@ def test_tables_for_controllers_count_turns():
     assert found == pytest.approx(whole_at(mechanism, "32", 5.3 * np.pi, 0), abs=1e-5)
 
 
-def test_stops_of_passive_pairs_count_turns(coil):
+def test_stops_of_passive_pairs_count_turns():
     """The same end from q = 0 and from q = 5; a start beyond it is refused."""
+    coil = loaded("four_bar", "32")
     whole = sk.reduced_model(coil, poles=[]).value
     limit = whole("theta_32", 5.5)
     side = np.sign(limit - whole("theta_32", 0.0))

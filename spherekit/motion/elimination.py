@@ -52,6 +52,7 @@ from spherekit.motion.loops import (
     pair_angle,
     penetrates,
 )
+from spherekit.motion.meshes import GearPhases
 from spherekit.motion.search import (
     POLISHING_STEPS,
     SEED,
@@ -62,6 +63,7 @@ from spherekit.motion.search import (
     starting_range,
 )
 from spherekit.motion.steps import determinant_sign
+from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import Group
 from spherekit.sphere.paths import dot
@@ -396,13 +398,24 @@ def assemblies(solver: Solver, q: Floats) -> Assemblies:
         for number, group in enumerate(solver.assembly.groups)
     )
     if searched and solver.meshes is not None and solver.meshes.all_known:
-        there = solver.meshes.modes(solver.closure, solver.driven, q)
+        there = _modes_in_mesh(solver, solver.meshes, q)
         signs = tuple(signs_at(solver, values) for values in there)
         return Assemblies(signs, there, (SEARCH,) * len(methods))
     every = chains(solver, q[None], 4 * MOST_ASSEMBLY_MODES, methods)
     values = np.array([state.values[0] for _, state in every])
     values = values.reshape(-1, len(solver.mechanism.variable_owners))
     return Assemblies(tuple(signs for signs, _ in every), values, tuple(methods))
+
+
+def _modes_in_mesh(solver: Solver, meshes: GearPhases, q: Floats) -> Floats:
+    """Return the closed configurations (n, variables) found with wheels in mesh."""
+    near = q - whole_laps(q - meshes.anchor, meshes.periods)
+    held = np.append(near, meshes.rolled(near[None]))[None]
+    locked = solver.closure.locked([*solver.driven, *meshes.variables], held)
+    distinct = Distinct(locked)
+    search(locked, distinct)
+    values = np.array(distinct.values).reshape(-1, len(solver.closure.tree.owners))
+    return solver.moved(values, q[None])
 
 
 def chains(

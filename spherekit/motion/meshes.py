@@ -21,8 +21,6 @@ from spherekit.model.joints import MOST_TEETH, Joint
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rolled_lengths
-from spherekit.motion.search import Distinct, search
-from spherekit.motion.turns import whole_laps
 from spherekit.planning.wheels import (
     SAME_LENGTH,
     GearTrain,
@@ -57,18 +55,6 @@ class GearPhases(NamedTuple):
     def rolled(self, q: Floats) -> Floats:
         """Return the lengths (n, m), rad, at inputs q (n, k)."""
         return self.lengths + (q - self.anchor) @ self.ratios.T
-
-    def modes(self, closure: Closure, driven: Sequence[int], q: Floats) -> Floats:
-        """Return the closed configurations (n, variables) found at inputs q (k,)."""
-        far, q = q, q - whole_laps(q - self.anchor, self.periods)
-        held = np.append(q, self.rolled(q[None]))[None]
-        locked = closure.locked([*driven, *self.variables], held)
-        distinct = Distinct(locked)
-        search(locked, distinct)
-        closed = np.array(distinct.values).reshape(-1, len(closure.tree.owners))
-        closed[:, list(driven)] = far
-        closed[:, list(self.variables)] += self.ratios @ (far - q)
-        return closed
 
 
 def meshes_of(

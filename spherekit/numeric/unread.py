@@ -15,6 +15,18 @@ Reader = Callable[[slice, Sequence[Array]], None]
 """Takes some rows and what columns hold there, which is there during the call."""
 
 
+def _array(
+    column: "LazyColumn | Interleaved",
+    dtype: DTypeLike | None = None,
+    copy: bool | None = None,
+) -> Array:
+    """Return a column as an array."""
+    if copy is False:
+        raise ValueError("what is put together cannot be read without a copy")
+    (made,) = read([column])
+    return made if dtype is None else made.astype(dtype, copy=False)
+
+
 @dataclass(frozen=True)
 class LazyColumn:
     """A column (n,) of numbers that `source` makes by its `key` when it is read.
@@ -32,8 +44,7 @@ class LazyColumn:
     def __len__(self) -> int:
         return self.count
 
-    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
-        return _array(self, dtype, copy)
+    __array__ = _array
 
 
 class Interleaved:
@@ -54,8 +65,7 @@ class Interleaved:
     def __len__(self) -> int:
         return len(self.parts) * len(self.parts[0])
 
-    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
-        return _array(self, dtype, copy)
+    __array__ = _array
 
 
 def once(column: Array | Interleaved) -> tuple[Array, int]:
@@ -68,15 +78,6 @@ def once(column: Array | Interleaved) -> tuple[Array, int]:
 Column = Array | LazyColumn | Interleaved
 Span = tuple[slice, int]
 """Rows of a column, and from where on they belong in an array."""
-
-
-def _array(
-    column: LazyColumn | Interleaved, dtype: DTypeLike | None, copy: bool | None
-) -> Array:
-    if copy is False:
-        raise ValueError("what is put together cannot be read without a copy")
-    (made,) = read([column])
-    return made if dtype is None else made.astype(dtype, copy=False)
 
 
 def read(columns: Iterable[Column]) -> list[Array]:
