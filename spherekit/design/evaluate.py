@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.contract import FigureOfMerit
-from spherekit.arrays import Bools, Floats, Indices
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN, Facts, Names
 from spherekit.design.figures import (
     BLOCK,
@@ -346,8 +346,9 @@ class Evaluator:
     def _together(self, values: Floats) -> Evaluated:
         assert self.kernel is not None
         kernel, names = self.kernel, self.figures.names
-        sizes, reason = self.varied.sizes(values)
-        reason[self._outside(values)] = UNLIKE
+        sizes, why = self.varied.sizes(values)
+        reason = self._impossible(values)
+        reason = np.where(reason == OK, why, reason)
         unlike, possible = np.flatnonzero(reason == UNLIKE), np.flatnonzero(reason == OK)
         lacking = np.flatnonzero((reason != OK) & (reason != UNLIKE))
         parts = [
@@ -363,17 +364,19 @@ class Evaluator:
             parts.append(_numbered(self._one_by_one(values[:, lost]), lost))
         return Evaluated.in_order(parts, names)
 
-    def _outside(self, values: Floats) -> Bools:
-        """Return which designs (n,) have arcs that no link has."""
-        geometry, made = self.mechanism.geometry, np.zeros(values.shape[1], dtype=bool)
-        for variable, row in zip(
-            self.variables, values * self.varied.scale[:, None], strict=True
-        ):
+    def _impossible(self, values: Floats) -> NDArray[np.object_]:
+        """Return why designs (n,) are impossible, OK where they are not."""
+        reason = np.full(values.shape[1], OK, dtype=object)
+        geometry = self.mechanism.geometry
+        scaled = values * self.varied.scale[:, None]
+        for variable, given, row in zip(self.variables, values, scaled, strict=True):
             kind, (link, *_) = variable.slot or ("", ("",))
-            if kind == "arcs" and isinstance(geometry, SizeGeometry):
-                inside = (row > 0.0) & (row < np.pi)
-                made |= ~inside & (not geometry.links[link].signed)
-        return made
+            if kind != "arcs" or not isinstance(geometry, SizeGeometry):
+                continue
+            outside = ~((row > 0.0) & (row < np.pi)) & (reason == OK)
+            for k in np.flatnonzero(outside & (not geometry.links[link].signed)):
+                reason[k] = f"{variable.key} = {given[k]:g}: not between 0 and 180 deg"
+        return reason
 
     def _with_others(self, parts: list[Evaluated], n: int, claim: str) -> Evaluated:
         """Return parts with a row for each of n designs that is in none of them."""
