@@ -23,7 +23,7 @@ from spherekit.analysis.registry import create, load, origin_of
 from spherekit.analysis.run import executed
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, TableArrays, arrays
 from spherekit.arrays import Floats
-from spherekit.conformance.report import ConformanceCase, Line, Report, failed_at
+from spherekit.conformance.report import ConformanceCase, Line, Report, Verdict, failed_at
 from spherekit.conformance.variants import (
     BLOCKS,
     VARIANTS,
@@ -69,35 +69,34 @@ class ConformanceSuite:
         self._samples = samples
         self._trials: list[ConformanceCase] = []
         self._refused: list[str] = []
-        self._lines: list[Line] = []
         self._analysis: AbstractAnalysis | None = None
 
     def report(self) -> Report:
-        """Return all lines."""
-        for look in (self._installed, self._metadata, self._needs, self._runs):
-            self._add(look.__name__, look)
-        for check in CHECKS:
-            self._add(check.__name__, partial(self._on_all, check))
+        """Return a line for each check, named as it is: what is seen, or what is wrong."""
+        lines: list[Line] = []
+        looks: list[tuple[Any, Callable[[], str]]] = [
+            (look, look)
+            for look in (self._installed, self._metadata, self._needs, self._runs)
+        ]
+        looks += [(check, partial(self._on_all, check)) for check in CHECKS]
+        for check, look in looks:
+            verdict: Verdict = "holds"
+            unmet = [x.name for x in lines if x.verdict == "FAILS" and x.name in FIRST]
+            try:
+                if unmet:
+                    raise NotAppliesError(f"after {unmet[0]}")
+                note = look()
+            except NotAppliesError as why:
+                verdict, note = "not checked", str(why)
+            except SpherekitError as fault:
+                verdict, note = "FAILS", str(fault)
+            lines.append(Line(check.__name__[1:].replace("_", " "), verdict, note))
         named = self._subject if isinstance(self._subject, str) else self._class.__name__
-        return Report(named, tuple(self._lines))
+        return Report(named, tuple(lines))
 
     @property
     def _class(self) -> Any:
         return self._subject if isinstance(self._subject, type) else type(self._subject)
-
-    def _add(self, name: str, look: Callable[[], str]) -> None:
-        """Add a line named as a check is: what is seen, or what is wrong."""
-        name = name[1:].replace("_", " ")
-        unmet = [e.name for e in self._lines if e.verdict == "FAILS" and e.name in FIRST]
-        if unmet:
-            self._lines.append(Line(name, "not checked", f"after {unmet[0]}"))
-            return
-        try:
-            self._lines.append(Line(name, "holds", look()))
-        except NotAppliesError as why:
-            self._lines.append(Line(name, "not checked", str(why)))
-        except SpherekitError as fault:
-            self._lines.append(Line(name, "FAILS", str(fault)))
 
     def _installed(self) -> str:
         if isinstance(self._subject, str):

@@ -27,7 +27,6 @@ from spherekit.arrays import Array, Floats, Indices
 from spherekit.conventions import EPS, TURN, Names, Status
 from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.reference import refined
-from spherekit.engine.compiler import available
 from spherekit.engine.fields import evaluate
 from spherekit.errors import AnalysisError, EngineError, SpherekitError
 from spherekit.model.study import Study
@@ -429,11 +428,10 @@ def _tightest(plan: RunPlan, study: Study) -> tuple[Setting, Sampling, float]:
         Setting(integrator=integrator, tolerance=LEAST[integrator])
         for integrator in INTEGRATORS
     )
-    if available():
-        with suppress(EngineError):
-            course = _solved(plan, study, compiled)
-            assert course.simulation is not None
-            return compiled, course, course.simulation.engine.compile_seconds
+    with suppress(EngineError):
+        course = _solved(plan, study, compiled)
+        assert course.simulation is not None
+        return compiled, course, course.simulation.engine.compile_seconds
     return setting, _solved(plan, study, setting), 0.0
 
 

@@ -232,7 +232,7 @@ def course_of(
         timing = _at_unit_speed(input_grid.q, straight) if moves else None
         return Sampling(tracer, input_grid.q, input_grid.shape, timing, False, {})
     assert isinstance(samples, int)
-    t = np.linspace(0.0, study.duration, samples) if samples > 1 else np.zeros(samples)
+    t = np.linspace(0.0, study.duration, samples)
     if study.start is not None:
         need_allowed(mechanism, engine, study.tolerance)
         several = study.start.each(inputs)[0][None] if len(inputs) > 1 else None
