@@ -25,20 +25,21 @@ def counts_of(wanted: Request) -> dict[str, int]:
     """
     steps = wanted.plan.steps if wanted.poles else ()
     lines = [step for step in steps if isinstance(step, LinePole)]
-    parts = [len(step.poles) for step in steps if isinstance(step, BlockPoles)]
-    primary, rates = len(steps) - len(lines) - len(parts), len(wanted.bodies)
-    counts = {"primary": primary, "secondary": len(lines), "irreducible": sum(parts)}
-    poles, rates = sum(counts.values()), rates * bool(wanted.poles)
-    return (
-        {"poles": poles}
-        | counts
-        | {
-            "great_circles": sum(len(step.via) + len(step.contacts) for step in lines),
-            "link_rates": rates,
-            "axis_derivatives": poles * wanted.derivatives,
-            "rate_derivatives": rates * wanted.derivatives,
-        }
-    )
+    blocks = [step for step in steps if isinstance(step, BlockPoles)]
+    irreducible = sum(len(step.poles) for step in blocks)
+    primary = len(steps) - len(lines) - len(blocks)
+    poles = primary + len(lines) + irreducible
+    rates = len(wanted.bodies) if wanted.poles else 0
+    return {
+        "poles": poles,
+        "primary": primary,
+        "secondary": len(lines),
+        "irreducible": irreducible,
+        "great_circles": sum(len(step.via) + len(step.contacts) for step in lines),
+        "link_rates": rates,
+        "axis_derivatives": poles * wanted.derivatives,
+        "rate_derivatives": rates * wanted.derivatives,
+    }
 
 
 class Timer:

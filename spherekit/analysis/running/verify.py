@@ -183,11 +183,6 @@ class Verifier:
             except SpherekitError:
                 verdict["not_verified"].append(analysis.name)
         columns = [item for pair in pairs for item in self._compared(*pair)]
-        names = [f"{item['table']}.{item['column']}" for item in columns]
-        told = [
-            (x, item) for x, item in zip(names, columns, strict=True) if item["compared"]
-        ]
-        name, worst = max(told, key=lambda pair: float(pair[1]["in_roundings"]))
         return verdict | {
             "rows": len(motion),
             "without_reference": [
@@ -201,16 +196,7 @@ class Verifier:
             ],
             "largest_condition": _largest(exact[0].condition),
             "largest_distance_rad": _largest(exact[0].distance),
-            "columns": [item for _, item in told],
-            "not_recomputed": [
-                x for x, item in zip(names, columns, strict=True) if not item["compared"]
-            ],
-            "worst": {
-                "column": name,
-                "in_roundings": worst["in_roundings"],
-                **worst["worst"],
-            },
-            "beyond": [x for x, item in told if item["beyond"]],
+            **_of_columns(columns),
             **self._within_bounds(compared, nearest),
             "seconds": time.perf_counter() - started,
         }
@@ -256,19 +242,20 @@ class Verifier:
         if not table.in_assembly_modes:
             return
         row = self._rows_of(given)
-        kept = row >= 0
+        if not np.any(row >= 0):
+            return
         first, second = (
-            {name: values[kept] for name, values in arrays(data).items()}
+            {name: values[row >= 0] for name, values in arrays(data).items()}
             for data in (given, reference)
         )
-        row = row[kept]
+        row = row[row >= 0]
         # Rows of a simulation close no better than its tolerance; those are no faults.
         residual = self._motion.residual
         simulated = residual > CLOSURE_TOLERANCE
         allowed = BEYOND + np.where(simulated, OPEN * residual / EPS, 0.0)
         subjects = [c.name for c in table.columns if c.kind == "text"]
         for column in table.columns:
-            if column.kind != "number" or column == RESIDUAL or not len(row):
+            if column.kind != "number" or column == RESIDUAL:
                 continue
             one, other = (
                 np.where(self._has_reference[row], data[column.name], np.nan)
@@ -361,6 +348,26 @@ def _as_far(better: Motion, angles: Angles) -> Angles:
         value = better.values[:, number]
         turned[name] = value + TURN * np.round((angle - value) / TURN)
     return turned
+
+
+def _of_columns(columns: Sequence[Facts]) -> Facts:
+    """Return what is to be said of columns that were compared, and of the others."""
+    told = [item for item in columns if item["compared"]]
+    worst = max(told, key=lambda item: float(item["in_roundings"]))
+
+    def name(item: Facts) -> str:
+        return f"{item['table']}.{item['column']}"
+
+    return {
+        "columns": told,
+        "not_recomputed": [name(item) for item in columns if not item["compared"]],
+        "worst": {
+            "column": name(worst),
+            "in_roundings": worst["in_roundings"],
+            **worst["worst"],
+        },
+        "beyond": [name(item) for item in told if item["beyond"]],
+    }
 
 
 def _largest(values: Floats) -> float:
