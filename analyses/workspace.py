@@ -274,29 +274,25 @@ class Reached:
                     "type_1": _numbers(here.type_1)[0],
                     "type_2": _numbers(here.type_2)[0],
                 }
-                figures.append(row)
-                text, nearest = f"by {limit}", None
-                if is_inside:
-                    text = f"{np.degrees(here.margin[0]):.4g} deg from {limit}"
-                else:
+                text = f"{np.degrees(here.margin[0]):.4g} deg from {limit}"
+                if not is_inside:
+                    text = f"by {limit}"
                     given = self.kinematics, self.bounds, item, place
-                    nearest = nearest_reachable(*given)
-                if nearest is not None:
-                    there, angle = nearest
-                    row["nearest"] = there.tolist()
-                    row["away_rad"] = angle
-                    row["nearest_inputs"] = _numbers(
-                        self.judge(item, there[None]).inputs[0]
-                    )
-                    text += f"; nearest is ({_shown(there)}), {np.degrees(angle):.4g} deg"
-                    text += " away"
+                    if (nearest := nearest_reachable(*given)) is not None:
+                        there, row["away_rad"] = nearest
+                        inputs = self.judge(item, there[None]).inputs[0]
+                        row |= {
+                            "nearest": there.tolist(),
+                            "nearest_inputs": _numbers(inputs),
+                        }
+                        away = f"{np.degrees(row['away_rad']):.4g} deg away"
+                        text += f"; nearest is ({_shown(there)}), {away}"
+                figures.append(row)
                 told.setdefault((is_inside, text), []).append(label)
             for (is_inside, text), labels in told.items():
-                pose, modes = f"pose ({_shown(place)}) is", ", ".join(labels)
-                if is_inside:
-                    said.append(f"{text}, {pose} inside in mode {modes}")
-                else:
-                    warnings.append(f"{pose} outside in mode {modes}, {text}")
+                state, modes = "inside" if is_inside else "outside", ", ".join(labels)
+                words = f"pose ({_shown(place)}) is {state} in mode {modes}, {text}"
+                (said if is_inside else warnings).append(words)
         return figures, warnings, said
 
     def pages(self) -> tuple[Scene, ...]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from common import Listener
 from refusals import TABLES, check_call
+from scipy.optimize import brentq
 
 import spherekit as sk
 from spherekit.analysis.batch import Needs
@@ -164,15 +165,9 @@ def test_one_pose_in_all_its_terms():
     u, angle = turn_to(first, second)
     starts = [
         "21=5.339100020817853+61=56.74044673238507",
-        "+".join(
-            f"{n}={v:.17g}"
-            for n, v in zip(("azimuth", "tilt", "torsion"), tilt, strict=True)
-        ),
+        said(("azimuth", "tilt", "torsion"), tilt),
     ]
-    ends = [
-        f"qx={q[0]:.17g}+qy={q[1]:.17g}+qz={q[2]:.17g}+qw={q[3]:.17g}",
-        f"ux={u[0]:.17g}+uy={u[1]:.17g}+uz={u[2]:.17g}+angle={np.degrees(angle):.17g}",
-    ]
+    ends = [said(QUATERNION, q), said(("ux", "uy", "uz", "angle"), [*u, np.degrees(angle)])]
     want = degrees(ran("two_dof_spm", TABLE_3 + ",samples=3"), "q_21", "q_61")
     for start, end in zip(starts, ends, strict=True):
         result = ran("two_dof_spm", f"start={start},end={end},samples=3")
@@ -226,6 +221,10 @@ def test_end_of_the_reach_on_the_way():
         assert first - 3.0 / 4000 <= turn.reached + 1e-9 and turn.reached <= first + 1e-9
         ended += int(np.any(lost))
     assert ended > 6
+
+
+def said(names, values):
+    return "+".join(f"{name}={x:.17g}" for name, x in zip(names, values, strict=True))
 
 
 def arc_of(angles):
@@ -333,20 +332,16 @@ def near_the_reach(eps):
     margin = judge(kinematics, kinematics.bounds, signs, every).margin
     inner, outer = every[np.argmax(margin)], every[np.argmin(margin)]
 
-    def left(part):
+    def at(part):
         place = (1.0 - part) * inner + part * outer
-        place /= np.linalg.norm(place)
-        return judge(kinematics, kinematics.bounds, signs, place[None]).margin[0], place
+        return place / np.linalg.norm(place)
 
-    low, high = 0.0, 1.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if left(middle)[0] > 0.0 else (low, middle)
-    words = [
-        "+".join(f"{name}={float(x)!r}" for name, x in zip(QUATERNION, place, strict=True))
-        for place in (left(low - eps)[1], inner)
-    ]
-    return f"start={words[0]},end={words[1]},speed=30"
+    def left(part):
+        return judge(kinematics, kinematics.bounds, signs, at(part)[None]).margin[0]
+
+    border = brentq(left, 0.0, 1.0, xtol=1e-16)
+    start, end = (said(QUATERNION, place) for place in (at(border - eps), inner))
+    return f"start={start},end={end},speed=30"
 
 
 @pytest.mark.parametrize("eps", [1e-5, 1e-7])

@@ -13,6 +13,7 @@ from numpy.polynomial import chebyshev
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import EPS
+from spherekit.numeric.chebyshev import real_zeros
 from spherekit.numeric.crossings import bracketed_zeros
 from spherekit.numeric.descent import descent
 from spherekit.numeric.zeros import ArrayRows
@@ -307,8 +308,6 @@ def corners(
     ), sound
 
 
-BESIDE = 1e-6
-"""Zeros of a slope as near to the real ones are real, but for rounding."""
 SLACK = 1e4
 """A point is in the region if no margin is below 0 by more than this times rounding."""
 
@@ -320,20 +319,14 @@ def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> 
     the distance's polynomial is 0, or the point is an end. Of a piece that is not found
     only the ends count.
     """
-    far = np.empty(len(border.margin))
-    for order in ORDERS:
-        some = np.flatnonzero(border.order == order)
-        far[some] = np.min(arc(border.points(some, order), place), axis=1)
+    far = np.min(arc(border.ends, place), axis=1)
     pieces = border.rows(far - border.length <= np.min(far))
     while np.any(rough := pieces.sound & (pieces.order < ORDERS[-1])):
         pieces.raise_order(evaluate, np.flatnonzero(rough))
     candidates = [pieces.ends.reshape(-1, 3)]
     for piece in np.flatnonzero(pieces.sound)[:, None]:
         cosine = pieces.points(piece, ORDERS[-1])[0] @ place
-        slope = chebyshev.chebder(coefficients(ORDERS[-1]) @ cosine)
-        flat = chebyshev.chebtrim(slope, EPS * np.max(np.abs(slope)))
-        u = np.asarray(chebyshev.chebroots(flat))
-        u = u.real[(np.abs(u.imag) < BESIDE) & (np.abs(u.real) <= 1.0)]
+        u = real_zeros(chebyshev.chebder(coefficients(ORDERS[-1]) @ cosine))
         height = pieces.height[piece] @ between(ORDERS[-1], u).T
         candidates.append(pieces._at(piece, u, height)[0])
     points = np.concatenate(candidates)

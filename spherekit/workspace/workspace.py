@@ -231,9 +231,8 @@ def nearest_reachable(
     if not workspace.region.components:
         return None
     border = workspace.region.nearest(place)
-    deepest = [part.place for part in workspace.region.components]
-    aims = [border, *(_beyond(border, 2.0 * border - place, step) for step in NUDGES)]
-    aims += [_beyond(border, aim, step) for step in NUDGES for aim in deepest]
+    inward = [2.0 * border - place, *(part.place for part in workspace.region.components)]
+    aims = [border, *(_beyond(border, aim, step) for step in NUDGES for aim in inward)]
     candidates = np.stack(aims)
     good = np.flatnonzero(judge(kinematics, bounds, workspace.signs, candidates).inside)
     there = candidates[good[0]] if len(good) else border
