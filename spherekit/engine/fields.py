@@ -31,7 +31,7 @@ from spherekit.engine.row_kernel import NEARLY_FLAT, RowKernel, row_kernel
 from spherekit.errors import SolveError
 from spherekit.model.gears import SAME_AXIS
 from spherekit.motion.motion import Motion
-from spherekit.planning.poles import Pole, PrimaryPole
+from spherekit.planning.poles import Pole
 from spherekit.rates.request import (
     ROUTES,
     SIGNED,
@@ -163,13 +163,15 @@ class _Rows:
         self.wide = ~self.sure & ~motion.failed
         if np.any(self.wide):
             self._widen(kernel, np.flatnonzero(self.wide))
-        for step in wanted.plan.steps:
-            if (
-                isinstance(step, PrimaryPole)
-                and step.round
-                and step.pair in wanted.plan.rounded_axes
-            ):
-                self._round(step.pole)
+        # Axes of pairs that are one but for rounding differ by that.
+        pairs, rounded = axis_pairs(wanted.plan), wanted.plan.rounded_axes
+        passes = wanted.plan.rounds
+        for links, errors in self.errors.items():
+            pole = wanted.plan.pole(*links)
+            if pole is not None and passes[pole] and pairs.get(pole) in rounded:
+                slack = SAME_AXIS * self._aside[-2]
+                self.apart[links] = slack / norm(self.relative(links)[0])
+                errors[:2] += self.apart[links], slack
         lost = np.isinf(self.loss) & (self.status == Status.OK)
         self.status[lost] = Status.AT_SINGULARITY
 
@@ -255,7 +257,10 @@ class _Rows:
         self.loss[rows] = np.where(held, loss, np.inf)
         more = SECOND_ORDER * np.fmin(bend, 0.5)
         for pole in signed_poles:
-            self._doubt_turn(pole, rows, gap * spread("direction_dq", pole))
+            # How a direction turns is left out where it may be off by too much.
+            at, off = np.array(self._of["direction_dq"][pole]), spread("direction_dq", pole)
+            turn = np.maximum(1.0, norm(columns[at]))
+            self._columns[np.ix_(at, rows[~(gap * off < TURN_KNOWN * turn)])] = np.nan
         for pole, errors in self.errors.items():
             i, j = pole
             v, dv = (norm(part[:, rows]) for part in self.relative(pole))
@@ -277,21 +282,6 @@ class _Rows:
                 # Numbers of the file are rounded before they become terms.
                 direction = np.where(rests, np.inf, direction + numbers * fast * turned / v)
             errors[:, rows] = direction, rate, change
-
-    def _doubt_turn(self, pole: Pole, rows: Indices, off: Floats) -> None:
-        """Leave out how a direction turns where that may be off by too much (k,)."""
-        at = np.array(self._of["direction_dq"][pole])
-        size = norm(self._columns[np.ix_(at, rows)])
-        unknown = ~(off < TURN_KNOWN * np.maximum(1.0, size))
-        self._columns[np.ix_(at, rows[unknown])] = np.nan
-
-    def _round(self, pole: Pole) -> None:
-        """Add what the axes of pairs differ by that are one but for rounding."""
-        for links, errors in self.errors.items():
-            if self.wanted.plan.pole(*links) == pole:
-                slack = SAME_AXIS * self._aside[-2]
-                self.apart[links] = slack / norm(self.relative(links)[0])
-                errors[:2] += self.apart[links], slack
 
 
 def _add_pole(

@@ -87,7 +87,7 @@ def rotation_vector(matrix: Floats) -> Floats:
     """Return the rotation vectors (..., 3), axis times angle in [0, pi], of matrices.
 
     Accurate to rounding for small angles, where closure residuals live; near a half
-    turn the axis comes from the symmetric part.
+    turn the axis comes from the quaternion.
     """
     r = matrix
     twice_sine = np.empty(r.shape[:-1])
@@ -102,11 +102,9 @@ def rotation_vector(matrix: Floats) -> Floats:
     out: Floats = 0.5 * factor[..., None] * twice_sine
     flipped = (cosine < 0.0) & (sine < 1e-3)
     if np.any(flipped):
-        _, vectors = np.linalg.eigh(0.5 * (r + transpose(r))[flipped])
-        axis = vectors[..., -1]
-        turn = np.sum(axis * twice_sine[flipped], axis=-1, keepdims=True)
-        axis = np.where(turn < 0.0, -axis, axis)
-        out[flipped] = axis * angle[flipped][..., None]
+        four = quaternion(r[flipped])
+        axis = unit_rows(four[:, :3] * np.where(four[:, 3:] < 0.0, -1.0, 1.0))
+        out[flipped] = axis * angle[flipped][:, None]
     return out
 
 

@@ -58,10 +58,9 @@ def _starts(curves: tuple[Curve, Curve]) -> Floats:
         for curve, s in zip(curves, (one, other), strict=True)
     ]
     cosine = 0.5 * (frames[0] @ frames[1].T - 1.0)
-    far = -np.ones((len(one), 1))
-    along = np.hstack([cosine[:, -1:], cosine, cosine[:, :1]])
+    along = np.pad(cosine, ((0, 0), (1, 1)), "wrap")
     if not curves[1].closed:
-        along = np.hstack([far, cosine, far])
+        along[:, [0, -1]] = -1.0
     top = (cosine >= along[:, :-2]) & (cosine >= along[:, 2:])
     maxima = top & (cosine > np.cos(turn + second_turn))
     maxima.flat[np.argmax(cosine)] = True

@@ -268,9 +268,7 @@ def _roots(equations: Numbers, involves: Bools) -> tuple[Complexes, Floats, list
 
     spectrum = np.fft.fft(samples, axis=1) / count
     beyond = np.abs(spectrum[:, degree + 1 : count - degree])
-    powers = np.concatenate(
-        [spectrum[:, degree::-1], spectrum[:, : -degree - 1 : -1]], axis=1
-    )
+    powers = spectrum[:, np.arange(degree, -degree - 1, -1)]
     companions = np.zeros((len(powers), 2 * degree, 2 * degree), dtype=complex)
     companions[:, 1:, :-1] = np.eye(2 * degree - 1)
     companions[:, 0] = -powers[:, 1:] / powers[:, :1]
