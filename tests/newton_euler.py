@@ -99,13 +99,13 @@ def newton_euler(mechanism, values, angle, t, dq, ddq, joint, full=False, torque
     return moments_by_pair
 
 
-def hold_to(found, drive, grips=(), speed=1.0, within=1e-11):
+def hold_to(found, drive, grips=(), speed=1.0, within=1e-11, dry=()):
     """Hold a simulation to be the motion under torques at its inputs.
 
     In each step its variables and rates are integrals of its rates and accelerations, at
     which links that pairs hold together need the torques that `drive` gives of a time and
     the rates of the inputs. Bearings at pairs rub by what these `grips` make of the moment
-    across.
+    across, and `dry` (N m) at others whatever that is.
     """
     count, made, chebyshev = 28, found.mechanism, np.polynomial.chebyshev
     nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
@@ -121,12 +121,15 @@ def hold_to(found, drive, grips=(), speed=1.0, within=1e-11):
             assert np.max(np.abs(gap - gap[0])) < within
         moving = history.input_rates[9], history.input_accelerations[9]
         state = made, history.values[9], 0.0, t[9], *moving, ""
-        rubbing = dict.fromkeys(grips, 0.0)
+        slowed = {
+            pair: -np.tanh(history.value_rates[9, made.angles[pair]] / speed)
+            for pair in (*grips, *dry)
+        }
+        rubbing = {pair: dry[pair] * slowed[pair] for pair in dry}
         for _ in range(60 if grips else 0):
             held = newton_euler(*state, full=True, torques=rubbing)
             for pair in grips:
-                slowed = np.tanh(history.value_rates[9, made.angles[pair]] / speed)
-                rubbing[pair] = -grips[pair] * slowed * np.hypot(*held[pair])
+                rubbing[pair] = grips[pair] * slowed[pair] * np.hypot(*held[pair])
         needed = newton_euler(*state, torques=rubbing)
         assert needed == pytest.approx(drive(t[9], moving[0]), abs=within)
 
