@@ -522,7 +522,7 @@ def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path)
     four_bar(samples=45, recorder=all_of_them, log_every=1)
     assert all(len(own) == 45 for own in shown(all_of_them))
     grid = Listener()
-    sk.run(sk.load("five_bar"), samples=(3, 4), assembly_mode=0, recorder=grid, log_every=2)
+    sk.run("five_bar", samples=(3, 4), assembly_mode=0, recorder=grid, log_every=2)
     assert all(own == [0, 2, 4, 6, 8, 10] for own in shown(grid))
     assert grid.row == 2
     with pytest.raises(AnalysisError, match="log_every must be at least 1"):

@@ -93,7 +93,7 @@ def test_wrong_names_of_results(result):
         result.frame("poles", "pols")
 
 
-def test_folder_that_is_a_file(result, tmp_path, capsys):
+def test_folders_that_cannot_be_written(result, tmp_path, capsys):
     (tmp_path / "taken").write_text("mine")
     with pytest.raises(OutputError, match="taken"):
         result.write(tmp_path / "taken")
@@ -104,9 +104,6 @@ def test_folder_that_is_a_file(result, tmp_path, capsys):
     said = capsys.readouterr().err
     assert said.startswith("spherekit: ") and taken in said and "Traceback" not in said
     assert (tmp_path / "taken").read_text() == "mine"
-
-
-def test_unwritable_folder(result, tmp_path):
     folder = tmp_path / "locked"
     folder.mkdir()
     folder.chmod(0o500)
