@@ -20,8 +20,8 @@ from spherekit.analysis.declared import declared
 from spherekit.analysis.running.evaluation import ORDINARY, Integrator, Setting
 from spherekit.analysis.running.sampling import Sampling, simulated_course
 from spherekit.analysis.running.summary import RunPlan, job_of, links_of
-from spherekit.analysis.running.verify import in_many_digits
-from spherekit.analysis.tables import Column, Table, TableData, arrays
+from spherekit.analysis.running.verify import GOLDEN, in_many_digits
+from spherekit.analysis.tables import Column, Table, Tables, arrays
 from spherekit.argument_validation import check_fields
 from spherekit.arrays import Array, Floats, Indices
 from spherekit.conventions import EPS, TURN, Names, Status
@@ -111,8 +111,8 @@ def _integrated(unit: str) -> str | None:
 
 def deviations(
     tables: Sequence[Table],
-    given: Mapping[str, TableData],
-    reference: Mapping[str, TableData],
+    given: Tables,
+    reference: Tables,
 ) -> list[Deviation]:
     """Return the deviation of every column of numbers in tables of equal rows.
 
@@ -166,9 +166,6 @@ def worst(compared: Sequence[Deviation]) -> Deviation | None:
 
 LEAST_ROUNDS = 2
 
-GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
-
-Tables = Mapping[str, TableData]
 Found = tuple[str, float, Tables, list[Measured]]
 """What the reference is in words, how well it is known, its tables, and the settings."""
 

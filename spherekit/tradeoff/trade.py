@@ -19,7 +19,7 @@ from spherekit.analysis.running.evaluation import ENGINES, ORDINARY, Setting
 from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.running.summary import RunPlan
 from spherekit.analysis.study import Subject, study_of, takes
-from spherekit.analysis.tables import TableData, arrays
+from spherekit.analysis.tables import TableData, Tables, arrays
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import EPS, TURN, Facts, Names
@@ -34,7 +34,6 @@ from spherekit.tradeoff.measure import (
     Deviation,
     Effort,
     Found,
-    Tables,
     Timed,
     deviations_of,
     measured,

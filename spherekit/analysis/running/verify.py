@@ -20,6 +20,7 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.run_state import BOUNDS
 from spherekit.analysis.running.summary import BOUNDED, RunPlan, motion_rows, motion_table
+from spherekit.analysis.scene import TINY
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     RESIDUAL,
@@ -52,8 +53,6 @@ GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 BEYOND = 1e4
 """A deviation above this many roundings times the conditioning is a fault."""
-
-TINY = 1e-300
 
 OPEN = 100.0
 """Rows of a simulation may be off by this times their residual and conditioning too."""
