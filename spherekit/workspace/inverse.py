@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices
+from spherekit.arrays import Floats
 from spherekit.conventions import TURN
 from spherekit.errors import ModelError, SolveError, SpherekitError
 from spherekit.guidance.loci import mid_plane_form
@@ -430,26 +430,30 @@ class GraphKinematics(OutputKinematics):
     ) -> InverseRows:
         """Return a row for each configuration found, or one that says there is none."""
         solutions = self.kinematics.solutions(poses)
-        labels = np.array([label_of(signs) for signs in solutions.signs], dtype=str)
-        kept = np.flatnonzero(np.isin(labels, list(modes)))
+        labels = np.array([*map(label_of, solutions.signs), ""])
+        kept = np.flatnonzero(np.isin(labels[:-1], list(modes)))
         none = np.setdiff1d(np.arange(len(poses)), solutions.row[kept])
-        lost = np.full(len(kept) + len(none), -1)
-        lost[: len(kept)] = kept
-        values = _filled(solutions.values, lost)
-        owner = list(self.mechanism.variable_owners)
-        turns, seen = nans((len(values), 3, len(self.mechanism.inputs))), lost >= 0
+        at = np.append(kept, np.full(len(none), -1))
+        seen = at >= 0
+
+        def filled(array: Floats) -> Floats:
+            return np.concatenate([array, nans((1, *array.shape[1:]))])[at]
+
+        values = filled(solutions.values)
+        turns = nans((len(values), 3, len(self.mechanism.inputs)))
         turns[seen] = self.turns(values[seen])
         directions = None
         if self.points and solutions.directions is not None:
-            directions = _filled(solutions.directions, lost)
+            directions = filled(solutions.directions)
         rates, type_1 = rates_of_turns(turns, directions)
+        owner = list(self.mechanism.variable_owners)
         rows = InverseRows(
-            np.concatenate([solutions.row[kept], none]),
-            np.concatenate([labels[kept], np.full(len(none), "")]),
-            _filled(solutions.inputs, lost),
-            np.zeros(len(lost), dtype=np.int8),
+            np.append(solutions.row[kept], none),
+            labels[at],
+            filled(solutions.inputs),
+            np.zeros(len(at), dtype=np.int8),
             np.where(seen, np.nan, -np.inf),
-            np.full(len(lost), -1),
+            np.full(len(at), -1),
             type_1,
             self.type_2(values),
             rates,
@@ -457,8 +461,3 @@ class GraphKinematics(OutputKinematics):
             (),
         )
         return InverseRows.joined([rows.judged()])
-
-
-def _filled(array: Floats, rows: Indices) -> Floats:
-    """Return some rows, NaN where their number is negative."""
-    return np.concatenate([array, nans((1, *array.shape[1:]))])[rows]
