@@ -332,7 +332,7 @@ class SeveralInputs:
         if not input_grid:
             return loci, None
         share = budget.part(1.0, "aspects")
-        return loci, aspects(mechanism, input_grid, ("I", "II"), names[0], budget=share)
+        return loci, aspects(mechanism, input_grid, KINDS, names[0], budget=share)
 
     def _searched(
         self,

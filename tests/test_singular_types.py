@@ -167,9 +167,7 @@ def test_axes_that_coincide_are_not_called_coplanar(name):
     """Theorem 2 of Di Gregorio (2015): all u_i coincide at type II of three inputs."""
     made = sk.load(name)
     view = SingularityReport.of(solver_of(made), output_of(made), "II")
-    random = np.random.default_rng(5)
-    ranges = np.stack(view.ranges, axis=1)
-    values = closed_configurations(view.solver, ranges, 16, random)
+    values = closed_configurations(view.solver, 16, np.random.default_rng(5))
     points = points_from(view.locus, values, view.solver.driven)
     words = what_vanishes(motion_of(view.solver, points.values), view.output)
     assert name == "agile_eye" or len(words)
@@ -207,8 +205,7 @@ def closed(solver, count):
     random = np.random.default_rng(1)
     starts = random.uniform(-0.8, 0.8, (2 * count, len(solver.closure.tree.owners)))
     if solver.reference is None:
-        ranges = np.stack([item.range for item in solver.mechanism.inputs])
-        return closed_configurations(solver, ranges, 4 * count, random)[:count]
+        return closed_configurations(solver, 4 * count, random)[:count]
     starts[0] = 0.0
     solution = solver.closure.solve(starts, list(solver.driven), iterations=40)
     return solution.values[solution.gap < 1e-12][:count]

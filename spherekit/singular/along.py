@@ -16,7 +16,7 @@ from spherekit.motion.arc_curve import ArcCurve, bordered, bordered_condition
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.motion import PositionAnalysis, motion_of
 from spherekit.numeric.zeros import zeros
-from spherekit.planning.poles import Plan, Pole, pole_of
+from spherekit.planning.poles import Plan, Pole
 from spherekit.rates.sequence import PlannedPoles
 
 NEAR_REST = 1e-6
@@ -139,7 +139,7 @@ class AlongCurve:
 
     def axes(self, s: Floats, poles: Iterable[Pole]) -> Axes:
         """Return the axes of poles at s (n,), in either sense, and bounds of errors."""
-        wanted = tuple(dict.fromkeys(pole_of(*pole) for pole in poles))
+        wanted = tuple(dict.fromkeys(poles))
         return self.at(s).axes(wanted, self.plan_of(wanted))
 
     def oriented(self, s: Floats, poles: Sequence[Pole]) -> dict[Pole, Floats]:

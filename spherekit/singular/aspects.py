@@ -24,7 +24,7 @@ from spherekit.motion.turns import less_periods
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.region.mesh import labels
 from spherekit.singular.locus import SingularityLocus, configurations, solver_of
-from spherekit.singular.several import TypeName
+from spherekit.singular.several import LocusName
 from spherekit.singular.stationarity import InputsLocked, OutputStationary, output_of
 from spherekit.sphere.rotation import max_abs, nans
 
@@ -75,7 +75,7 @@ class Aspects:
     sign_two: SmallIntegers
     sign_one: SmallIntegers
     modes: Integers
-    free_of: tuple[TypeName, ...]
+    free_of: tuple[LocusName, ...]
     singular: int
     note: str
 
@@ -93,7 +93,7 @@ class Aspects:
 def aspects(
     mechanism: Mechanism,
     samples: int | Sequence[int] = 21,
-    free_of: Sequence[TypeName] = ("II",),
+    free_of: Sequence[LocusName] = ("II",),
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
     budget: TimeLimit | None = None,
@@ -282,7 +282,7 @@ class _Spread:
             clear &= (signs[:, 0] != 0.0) & np.all(signs == signs[:, :1], axis=1)
         self.joined.append(ends[clear])
 
-    def labelled(self, free_of: tuple[TypeName, ...]) -> Aspects:
+    def labelled(self, free_of: tuple[LocusName, ...]) -> Aspects:
         """Return the regular configurations with their aspects."""
         kept = np.flatnonzero(self.nodes.regular)
         nodes, n = self.nodes.rows(kept), len(kept)

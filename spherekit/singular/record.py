@@ -24,7 +24,8 @@ from spherekit.singular.relation import (
     Type,
     third_axis,
 )
-from spherekit.sphere.rotation import all_finite, cross, max_abs, nans
+from spherekit.singular.stationarity import decomposed
+from spherekit.sphere.rotation import cross, max_abs
 
 TOLERANCE = 1e-9
 """Sines up to this are taken for zero where the error of the axes is not larger."""
@@ -161,11 +162,8 @@ def conditions(
 
 def _out_of_plane(vectors: Floats) -> Floats:
     """Return (n,) the largest sine of the angles of vectors (n, k, 3) to their plane."""
-    out = nans(len(vectors))
-    finite = all_finite(vectors, (1, 2))
-    _, _, right = np.linalg.svd(vectors[finite])
-    out[finite] = max_abs(np.einsum("nki,ni->nk", vectors[finite], right[:, -1]), axis=1)
-    return out
+    _, _, right, _ = decomposed(vectors)
+    return max_abs(np.einsum("nki,ni->nk", vectors, right[:, -1]), axis=1)
 
 
 @dataclass(frozen=True)

@@ -203,16 +203,15 @@ class SampledSingularities:
 
     def _touched(self, curve: int, s: float, q: float) -> Iterator[Piece]:
         """Yield the pieces of a curve that hold or touch a place s at input q."""
-        item, arc = self.configurations.curves[curve], self.curves[curve]
-        period, whole = self._period(curve), self.whole_range(curve)
-        there = float(arc.at(s).values[0, self._driven])
-        for lap, piece in product((0, 1, -1) if arc.closed else (0,), item.pieces):
-            grown = there + lap * arc.rise[self._driven] + piece.shift - q
-            turns = round(grown / period)
-            met = turns == 0 or self.is_simulation or (whole and turns % whole == 0)
-            place = s + lap * arc.length
-            if met and piece.start - TOUCHES <= place <= piece.stop + TOUCHES:
-                yield piece
+        pieces, arc = self.configurations.curves[curve].pieces, self.curves[curve]
+        around = 1 if self.is_simulation else self.whole_range(curve) or np.inf
+        away = float(arc.at(s).values[0, self._driven]) - q
+        for lap, piece in product((0, 1, -1) if arc.closed else (0,), pieces):
+            grown = away + lap * arc.rise[self._driven] + piece.shift
+            if round(grown / self._period(curve)) % around == 0:
+                place = s + lap * arc.length
+                if piece.start - TOUCHES <= place <= piece.stop + TOUCHES:
+                    yield piece
 
     def _is_passed(self, place: tuple[int, float]) -> bool:
         """Return whether a simulation, if it is one, passes a place on a curve."""
@@ -220,9 +219,8 @@ class SampledSingularities:
         if self._ways is None or number not in self._ways:
             return self._ways is None
         (low, high), curve = self._ways[number], self.curves[number]
-        if curve.closed:
-            s = low - TOUCHES + (s - low + TOUCHES) % curve.length
-        return low - TOUCHES <= s <= high + TOUCHES
+        lap = curve.length if curve.closed else np.inf
+        return bool((s - low + TOUCHES) % lap <= high - low + 2.0 * TOUCHES)
 
     def input_at(self, curve: int, s: Floats) -> Floats:
         """Return the input (n,) at places s, in the range or as near to it as turns allow.

@@ -358,7 +358,6 @@ def _what_moves(motion: Motion, output: OutputStationary) -> str:
     return f"{' '.join(names)} alone move"
 
 
-TypeName = Literal["I", "II"]
 LocusName = Literal["I", "II", "self-motion"]
 OWN: Mapping[LocusName, tuple[RowType, ...]] = {
     "I": (RowType.I, RowType.III),
@@ -463,8 +462,7 @@ class SingularityReport:
     @cached_property
     def ranges(self) -> tuple[Floats, Floats]:
         """The lowest and the highest declared values (g,) of the inputs (rad)."""
-        ends = [item.range for item in self.solver.mechanism.inputs]
-        low, high = np.array(ends).T
+        low, high = np.transpose([item.range for item in self.solver.mechanism.inputs])
         return low, high
 
     def inputs_of(self, values: Floats) -> Floats:

@@ -123,12 +123,11 @@ class StartPoints:
 
     def _of_random_starts(self) -> Iterator[LocusPoints]:
         random, solver = np.random.default_rng(SEED), self.view.solver
-        ranges = np.stack(self.view.ranges, axis=1)
         for number in range(MOST_ROUNDS):
             words = f"round {number + 1} of random starts"
             if self._dry >= DRY or not self.budget.goes_on(words):
                 return
-            values = closed_configurations(solver, ranges, STARTS, random)
+            values = closed_configurations(solver, STARTS, random)
             self.starts += STARTS
             self._dry += 1
             yield points_from(self.view.locus, values, solver.driven)
@@ -166,17 +165,18 @@ def ranges_of(mechanism: Mechanism) -> list[tuple[float, float]]:
 
 
 def closed_configurations(
-    solver: Solver, ranges: Floats, count: int, random: np.random.Generator
+    solver: Solver, count: int, random: np.random.Generator
 ) -> Floats:
     """Return the closed configurations (n, V) that random starts lead to.
 
-    `ranges` (g, 2) rad are those of the inputs, which are spread over them and held. With
-    them what wheels in mesh have rolled, where that is known.
+    Inputs are spread over their ranges and held. With them what wheels in mesh have
+    rolled, where that is known.
     """
     low, high = starting_range(solver.closure)
     start = random.uniform(low, high, (count, len(low)))
     held = list(solver.driven)
-    start[:, held] = random.uniform(ranges[:, 0], ranges[:, 1], (count, len(held)))
+    first, last = np.transpose(ranges_of(solver.mechanism))
+    start[:, held] = random.uniform(first, last, (count, len(held)))
     meshes = solver.meshes
     if meshes is not None and meshes.all_known:
         rolled = meshes.rolled(start[:, held])
@@ -191,8 +191,7 @@ def everywhere(view: SingularityReport) -> bool:
 
     What has no more freedoms than the locus has is not looked for on curves or surfaces.
     """
-    ranges = np.stack(view.ranges, axis=1)
-    values = closed_configurations(view.solver, ranges, PROBES, np.random.default_rng(SEED))
+    values = closed_configurations(view.solver, PROBES, np.random.default_rng(SEED))
     return bool(len(values)) and bool(np.all(view.is_own(view.types(values))))
 
 
