@@ -71,7 +71,7 @@ def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
     for point in report.crossings:
         crossing = point.crossing
         assert point.certain, point.note
-        assert (crossing.rank, crossing.freedoms, len(crossing.tangents)) == (2, 2, 2)
+        assert (crossing.freedoms, len(crossing.tangents)) == (2, 2)
         assert crossing.miss < 1e-15
         assert np.max(np.abs(np.sin(crossing.values))) < 1e-14
         closure = tracer.solver.closure
@@ -108,7 +108,7 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
         mechanism(WATT, both, span=(-1.0, 1.0)), samples=3
     ).solver.closure
     crossing = crossing_near(closure, np.full(7, 1e-6))
-    assert (crossing.rank, crossing.freedoms) == (4, 3)
+    assert crossing.freedoms == 3
     assert np.max(np.abs(crossing.values)) < 1e-15
     found = crossing.tangents[:, [3, 6]] / crossing.tangents[:, [0, 3]]
     slopes = []

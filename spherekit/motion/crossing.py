@@ -49,8 +49,8 @@ class Crossing(NamedTuple):
     ----------
     values
         (variables,) rad.
-    rank, freedoms
-        Of the velocity equations: their rank, and the variables less that.
+    freedoms
+        The variables less the rank of the velocity equations.
     tangents
         (assembly modes, variables) unit directions of the real curves through it, one sense
         of each.
@@ -64,7 +64,6 @@ class Crossing(NamedTuple):
     """
 
     values: Floats
-    rank: int
     freedoms: int
     tangents: Floats
     resolved: bool
@@ -122,12 +121,14 @@ def _spread(count: int) -> Floats:
 
 def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
     """Solve F = 0 and l . J t = 0, for all l and t that J loses, by Gauss and Newton."""
-    x, rank, error = start.copy(), len(start) - freedoms, np.inf
-    for _ in range(MOST_STEPS):
+    x, rank, error, settled = start.copy(), len(start) - freedoms, np.inf, False
+    for turn in range(MOST_STEPS + 1):
         at = closure.at(x[None])
-        left, _, right = np.linalg.svd(at.jacobian[0])
+        left, sizes, right = np.linalg.svd(at.jacobian[0])
         lost, null = left[:, rank:], right[rank:]
         bends = np.einsum("bma,ml,ka->lkb", jacobian_rates(closure, x), lost, null)
+        if settled or turn == MOST_STEPS:
+            break
         matrix = np.concatenate([at.jacobian[0], bends.reshape(-1, len(x))])
         rest = np.append(at.residual[0], lost.T @ at.jacobian[0] @ null.T)
         step = np.linalg.lstsq(matrix, -rest, rcond=1e-12)[0]
@@ -135,19 +136,15 @@ def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
         x = x + step
         if not all_finite(x) or max_abs(x - start) > FAR:
             return None
-        if error < 4.0 * EPS or (error < 1e-11 and error > 0.25 * before):
-            break
-    at = closure.at(x[None])
-    left, sizes, right = np.linalg.svd(at.jacobian[0])
+        settled = error < 4.0 * EPS or (error < 1e-11 and error > 0.25 * before)
     miss = float(max_abs(np.append(at.residual[0], sizes[rank:])))
     if miss > MISSED or error > 1e-6:
         return None
-    lost, null = left[:, rank:], right[rank:]
-    forms = np.einsum("bma,ml,ib,ja->lij", jacobian_rates(closure, x), lost, null, null)
+    forms = bends @ null.T
     tangents = _directions(0.5 * (forms + np.swapaxes(forms, 1, 2)))
     resolved = tangents is not None
     along = np.zeros((0, len(x))) if tangents is None else tangents @ null
-    return Crossing(x, rank, freedoms, along, resolved, miss, error)
+    return Crossing(x, freedoms, along, resolved, miss, error)
 
 
 def jacobian_rates(closure: Closure, values: Floats) -> Floats:
