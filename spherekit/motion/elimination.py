@@ -350,7 +350,7 @@ def in_order(mode: Floats) -> list[float]:
     """
     angles = np.round(wrap(mode), DIGITS)
     turned = np.where(angles <= np.round(-np.pi, DIGITS), -angles, angles)
-    return [float(angle) for angle in turned]
+    return turned.tolist()
 
 
 def least_complete(*methods: Method | None) -> Method | None:

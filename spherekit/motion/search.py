@@ -170,6 +170,7 @@ class Distinct:
         self._poses, self._tolerances = list[Floats](), list[float]()
         self._loose = 0
         self._rolling = rolled_lengths(closure.joints)
+        self._rolled = [variable for variable, _ in self._rolling]
 
     def add(self, values: Floats) -> Indices:
         """Add those of closed configurations (n, variables) that are new.
@@ -187,8 +188,7 @@ class Distinct:
         least, loose = sizes[:, -1], sizes[:, -1] < LOOSE * sizes[:, 0]
         error = np.maximum(at.gap, EPS) / np.maximum(least, EPS)
         tolerance = np.clip(SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
-        rolled = [variable for variable, _ in self._rolling]
-        order = np.argsort(np.sum(np.abs(values[:, rolled]), axis=1), kind="stable")
+        order = np.argsort(np.sum(np.abs(values[:, self._rolled]), axis=1), kind="stable")
         for row in order[exists[order]].tolist():
             same = np.flatnonzero(
                 self._away(values[row], placed[row])
@@ -215,8 +215,7 @@ class Distinct:
             turns = way[:, variable] / np.array(joint.laps)[:, None]
             apart = np.min(np.abs(turns - np.round(turns)), axis=0, initial=np.inf)
             again &= np.minimum(apart, way[:, variable]) <= SAME_MODE
-        rolled = [variable for variable, _ in self._rolling]
-        again &= np.any(way[:, rolled] > SAME_MODE, axis=1)
+        again &= np.any(way[:, self._rolled] > SAME_MODE, axis=1)
         return np.where(again, 0.0, max_abs(poses - placed, axis=(1, 2, 3)))
 
 

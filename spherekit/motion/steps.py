@@ -23,6 +23,7 @@ keep its sign.
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -272,13 +273,12 @@ class Curves(ABC, Generic[Node]):
 class Limits:
     """Where curves have to end: bounds of variables, and equal curvatures of profiles.
 
-    Bounds are variables (b,), their values, and 1 from above or -1 from below. A contact
-    is a pair with the variables of its arc lengths.
+    A bound is a variable with its value, 1 from above or -1 from below, and what lies
+    beyond. A contact is a pair with the variables of its arc lengths.
     """
 
-    bounds: tuple[Indices, Floats, Floats]
+    bounds: tuple[tuple[int, float, float, Status], ...]
     contacts: tuple[tuple[int, tuple[int, ...]], ...]
-    statuses: tuple[Status, ...]
 
     @staticmethod
     def of(closure: Closure, stops: Mapping[int, tuple[float, float]]) -> "Limits":
@@ -286,20 +286,29 @@ class Limits:
 
         `stops` has the lowest and the highest value (rad) of variables by their numbers.
         """
-        ranges = [(variable, *ends, Status.OK) for variable, ends in stops.items()]
-        contacts = []
-        for pair, tracks in contact_tracks(closure.joints):
-            contacts.append((pair, tuple(track.variable for track in tracks)))
-            for track in tracks:
-                if not track.curve.closed:
-                    ends = -track.start, track.curve.length - track.start
-                    ranges.append((track.variable, *ends, Status.OFF_PROFILE))
-        variables = np.array([variable for variable, *_ in ranges], dtype=np.intp)
-        values = np.array([ends for _, *ends, _ in ranges], dtype=float)
-        bounds = np.repeat(variables, 2), values.ravel(), np.tile([1.0, -1.0], len(ranges))
-        statuses = [status for *_, status in ranges for _ in range(2)]
-        statuses += [Status.CURVATURE] * len(contacts)
-        return Limits(bounds, tuple(contacts), tuple(statuses))
+        contacts = dict(contact_tracks(closure.joints))
+        ranges = [(variable, ends, Status.OK) for variable, ends in stops.items()]
+        ranges += [
+            (x.variable, (-x.start, x.curve.length - x.start), Status.OFF_PROFILE)
+            for tracks in contacts.values()
+            for x in tracks
+            if not x.curve.closed
+        ]
+        bounds = (
+            (variable, end, sense, status)
+            for variable, ends, status in ranges
+            for end, sense in zip(ends, (1.0, -1.0), strict=True)
+        )
+        along = (
+            (pair, tuple(x.variable for x in tracks)) for pair, tracks in contacts.items()
+        )
+        return Limits(tuple(bounds), tuple(along))
+
+    @cached_property
+    def statuses(self) -> tuple[Status, ...]:
+        """What lies beyond each limit."""
+        beyond = [status for *_, status in self.bounds]
+        return (*beyond, *[Status.CURVATURE] * len(self.contacts))
 
     def margins(
         self, values: Floats, bends: Floats, rates: Floats
@@ -309,13 +318,12 @@ class Limits:
         These (n, limits, variables) are by the variables (n, variables); curvatures of
         profiles and their rates are (n, pairs, 2).
         """
-        variables, places, senses = self.bounds
-        count = len(variables)
         margins = np.empty((len(values), len(self.statuses)))
         gradients = np.zeros((*margins.shape, values.shape[1]))
-        margins[:, :count] = senses * (values[:, variables] - places)
-        gradients[:, np.arange(count), variables] = senses
-        for number, (pair, along) in enumerate(self.contacts, count):
+        for number, (variable, place, sense, _) in enumerate(self.bounds):
+            margins[:, number] = sense * (values[:, variable] - place)
+            gradients[:, number, variable] = sense
+        for number, (pair, along) in enumerate(self.contacts, len(self.bounds)):
             margins[:, number] = bends[:, pair, 0] - bends[:, pair, 1] - EQUAL_CURVATURE
             for variable, rate in zip(along, (rates[:, pair] * [1.0, -1.0]).T, strict=True):
                 gradients[:, number, variable] += rate
@@ -323,12 +331,12 @@ class Limits:
 
     def words(self, number: int) -> str:
         """Return what a limit is of."""
-        variables, places, senses = self.bounds
-        if number >= len(variables):
-            pair, _ = self.contacts[number - len(variables)]
+        if number >= len(self.bounds):
+            pair, _ = self.contacts[number - len(self.bounds)]
             return f"equal curvatures of the profiles of pair {pair}"
-        side = "lowest" if senses[number] > 0.0 else "highest"
-        return f"the {side} value {places[number]:.6g} rad of variable {variables[number]}"
+        variable, place, sense, _ = self.bounds[number]
+        side = "lowest" if sense > 0.0 else "highest"
+        return f"the {side} value {place:.6g} rad of variable {variable}"
 
 
 LARGEST_STEP = 0.2

@@ -54,34 +54,32 @@ class PiecewiseChebyshev:
         was reached. Without sizes the largest value at the first places counts for all.
         """
         edges = np.linspace(low, high, cells + 1) if isinstance(cells, int) else cells
-        starts, ends = edges[:-1], edges[1:]
+        bounds = np.stack([edges[:-1], edges[1:]], axis=1)
         checks = np.cos(np.arange(degree + 2)[:, None] * np.pi / (degree + 1))
 
         def rising(x: Floats) -> Floats:
             order = np.argsort(x[:, 0])
             return function(np.minimum(x[order, 0], high))[np.argsort(order)]
 
-        before = np.full(len(starts), np.inf)
-        done: list[tuple[float, Floats]] = []
-        largest = 0.0
-        while len(starts):
-            bounds = np.stack([starts, ends], axis=1)[..., None]
-            series, gap, largest_value = sampled(rising, bounds, degree, checks)
+        before, largest = np.full(len(bounds), np.inf), 0.0
+        done: dict[float, Floats] = {}
+        while len(bounds):
+            series, gap, largest_value = sampled(rising, bounds[..., None], degree, checks)
             if size is None:
                 size = np.full(gap.shape[2], np.max(largest_value) or 1.0)
             error = np.max(gap / size, axis=(1, 2))
             good = (error <= tolerance) | ((error < rounding) & (error > 0.5 * before))
-            if len(done) + 2 * len(starts) > most:
+            if len(done) + 2 * len(bounds) > most:
                 good[:] = True
-            done += zip(starts[good], series[good], strict=True)
+            done.update(zip(bounds[good, 0].tolist(), series[good], strict=True))
             largest = float(np.max(error[good], initial=largest))
-            left, right, before = starts[~good], ends[~good], np.repeat(error[~good], 2)
-            middle = 0.5 * (left + right)
-            starts = np.stack([left, middle], axis=1).ravel()
-            ends = np.stack([middle, right], axis=1).ravel()
-        done.sort(key=lambda cell: cell[0])
-        edges = np.array([start for start, _ in done] + [high])
-        return PiecewiseChebyshev(edges, np.stack([cell for _, cell in done]), largest)
+            bounds, before = bounds[~good], np.repeat(error[~good], 2)
+            middle = np.mean(bounds, axis=1, keepdims=True)
+            bounds = np.insert(bounds, [1, 1], middle, axis=1).reshape(-1, 2)
+        starts = sorted(done)
+        edges = np.array([*starts, high])
+        series = np.stack([done[start] for start in starts])
+        return PiecewiseChebyshev(edges, series, largest)
 
     def grid(self, parts: int) -> Floats:
         """Return so many places in each cell, spread evenly, and the last edge."""
