@@ -73,17 +73,11 @@ def test_dead_centre_itself_closes_but_has_no_rates():
 
 def test_arcs_that_cannot_close_are_refused_with_the_group():
     random = mechanism(EIGHT_BARS[8], random_axes(np.random.default_rng(1), 10))
-    lengths = {
-        link: LinkSizes(
-            tuple(p.name for p in random.pairs if link in p.links),
-            *(
-                ((0.05, 0.05), (0.3,))
-                if sum(link in p.links for p in random.pairs) == 3
-                else ((1.5 if link == "3" else 0.05,), ())
-            ),
-        )
-        for link in random.links
-    }
+    lengths = {}
+    for link in random.links:
+        axes = tuple(p.name for p in random.pairs if link in p.links)
+        arcs = (1.5 if link == "3" else 0.05,) * (len(axes) - 1)
+        lengths[link] = LinkSizes(axes, arcs, (0.3,) * (len(axes) - 2))
     made = sk.Mechanism(
         "far", "1", random.links, random.pairs, SizeGeometry(lengths), inputs=random.inputs
     )
