@@ -95,17 +95,26 @@ def _turned(piece: CertifiedArc) -> CertifiedArc:
     return replace(piece, frame=frame)
 
 
+def _ahead(
+    equations: Equations, piece: CertifiedArc, place: Floats, longest: float
+) -> CertifiedArc | None:
+    """Return a piece next to a place, the centre of which is ahead in another, or None."""
+    corrected_place = corrected(equations, place)
+    if corrected_place is None:
+        return None
+    made = piece_at(equations, corrected_place, piece.tangent, longest)
+    if made is None or not piece.coordinates(made.centre)[0] > 0.0:
+        return None
+    return made if piece.holds(made.centre, made.miss) else None
+
+
 def _next(equations: Equations, last: CertifiedArc) -> CertifiedArc | None:
     """Return the piece that goes on from one, with its centre in that one."""
-    part = FORWARD
+    part, longest = FORWARD, min(LONGEST, LONGER * last.half)
     while part > 1e-3:
-        place = corrected(equations, last.centre + part * last.half * last.tangent)
-        if place is not None:
-            longest = min(LONGEST, LONGER * last.half)
-            further = piece_at(equations, place, last.tangent, longest)
-            ahead = further is not None and last.coordinates(place)[0] > 0
-            if ahead and further is not None and last.holds(place, further.miss):
-                return further
+        place = last.centre + part * last.half * last.tangent
+        if further := _ahead(equations, last, place, longest):
+            return further
         part *= 0.6
     return None
 
@@ -164,9 +173,7 @@ def rates(piece: CertifiedArc, half: float) -> Floats:
     """
     test, t, normals = piece.test, piece.frame[:, 0], piece.frame[:, 1:]
     length = np.array(half)
-    tight, _, _ = test.arc(length, piece.limits[1])
-    # the arc is in the piece; where rows come close to 1, that says more
-    tight = np.minimum(tight, piece.radius)
+    tight = np.array(piece.beside(half))
     _, rows, across = test.arc(length, tight)
     spread = np.sum(np.abs(normals), axis=1) * across * UP
     # z'' = -N (F' N)^-1 F''(z', z'), and z' along the frame is 1 and at most `across`
@@ -282,13 +289,11 @@ def _doubt(
     equations: Equations, piece: CertifiedArc, goal: Floats, off: float, variable: int
 ) -> StationaryPlace:
     """Return where a variable may stop from a piece's centre to a goal, off by `off`."""
-    reach = float(piece.coordinates(goal)[0]) + off + 1e-13
-    # a shorter piece says more
-    near = piece_at(equations, piece.centre, piece.tangent, 1.5 * reach, 1.1 * reach)
-    near = piece if near is None or near.half < reach else near
-    fastest = np.max(np.abs(rates(near, min(reach, near.half))[0, :, variable]))
-    spread = np.abs(near.frame[variable]) @ [reach, *[near.tight] * (len(goal) - 1)]
-    off = min(float(spread), 1.001 * float(fastest) * reach + near.miss) + 1e-12
+    reach = min(float(piece.coordinates(goal)[0]) + off + 1e-13, piece.half)
+    fastest = np.max(np.abs(rates(piece, reach)[0, :, variable]))
+    beside = [piece.beside(reach)] * (len(goal) - 1)
+    spread = np.abs(piece.frame[variable]) @ [reach, *beside]
+    off = min(float(spread), 1.001 * float(fastest) * reach + piece.miss) + 1e-12
     return StationaryPlace(piece.centre, off)
 
 
@@ -296,13 +301,10 @@ def _middle(
     equations: Equations, piece: CertifiedArc, goal: Floats, part: float
 ) -> CertifiedArc | None:
     """Return a piece between a piece's centre and a goal in it, about so far on the way."""
-    place = corrected(equations, piece.centre + part * wrap(goal - piece.centre))
-    if place is None:
-        return None
     reach = float(piece.coordinates(goal)[0])
-    there = float(piece.coordinates(place)[0])
-    halfway = piece_at(equations, place, piece.tangent, max(2.0 * reach, SHORTEST_PART))
-    if halfway is None or not 0.0 < there < reach or not piece.holds(place, halfway.miss):
+    place = piece.centre + part * wrap(goal - piece.centre)
+    halfway = _ahead(equations, piece, place, max(2.0 * reach, SHORTEST_PART))
+    if halfway is None or not piece.coordinates(halfway.centre)[0] < reach:
         return None
     forward = halfway.coordinates(goal)[0] > 0.0
     return halfway if forward and halfway.tangent @ piece.tangent > 1e-3 else None
@@ -336,10 +338,6 @@ def _place(
                 ends[sense] = True
                 start, goal = (start, end.centre) if sense == beyond else (end, goal)
         width *= WIDER
-    apart = wrap(goal - start.centre)
-    longest = max(4.0 * float(np.max(np.abs(apart))), 1e-8)
-    around = piece_at(equations, start.centre, start.tangent, longest, 1e-12)
-    if around is None or not around.holds(goal, 1e-10):
-        around = start
-    reach = float(np.max(np.abs(around.coordinates(goal))))
-    return StationaryPlace(start.centre + 0.5 * apart, reach + 2.0 * around.tight + 1e-10)
+    reach = float(np.max(np.abs(start.coordinates(goal)))) + 1e-10
+    place = start.centre + 0.5 * wrap(goal - start.centre)
+    return StationaryPlace(place, reach + 2.0 * start.beside(reach))

@@ -10,7 +10,7 @@ A frame (3, 3) has three unit vectors as its rows: zero direction, side, axis.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
@@ -22,7 +22,7 @@ from spherekit.arrays import Array, Floats
 from spherekit.errors import EngineError
 from spherekit.model.gears import COLLINEAR, axes_from_sizes
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import PoseGeometry, SizeGeometry
+from spherekit.model.parts import LinkSizes, PoseGeometry, SizeGeometry
 
 Ball = Any
 """A real ball, `flint.arb`, or a complex one, `flint.acb`."""
@@ -210,8 +210,6 @@ Vector = Array
 Frame = Array
 Frames = dict[str, tuple[Frame, Frame]]
 """The frames of R pairs in their first and their second link, by name."""
-Arcs = tuple[list[Ball], list[Ball]]
-"""The arcs and angles (rad) of a link, as `LinkSizes` has them."""
 
 
 def unit(a: Vector) -> Vector:
@@ -254,15 +252,19 @@ def axes_about(centre: Vector) -> Frame:
 def frames_of_sizes(
     mechanism: Mechanism,
     geometry: SizeGeometry,
-    sizes: Mapping[str, Arcs],
+    sizes: Mapping[str, Sequence[Sequence[Ball]]],
     zeros: Mapping[str, Ball],
 ) -> Frames:
-    """Return frames from arcs and angles; those of float64 say which axes are on a line."""
+    """Return frames from arcs and angles (rad) of links.
+
+    Those of float64 say which axes are on a line.
+    """
     near = {link: axes_from_sizes(given) for link, given in geometry.links.items()}
-    axes = {
-        link: dict(zip(geometry.links[link].axes, _axes(*given), strict=False))
-        for link, given in sizes.items()
-    }
+    axes = {}
+    for link, (arcs, turns) in sizes.items():
+        given = LinkSizes(geometry.links[link].axes, tuple(arcs), tuple(turns))
+        placed = axes_from_sizes(given).items()
+        axes[link] = {name: axis + exact(0.0) for name, axis in placed}
     made = {}
     for pair in mechanism.pairs:
         if pair.kind.has_axis:
@@ -292,24 +294,15 @@ def declared_frames(mechanism: Mechanism) -> Frames:
     if isinstance(given, PoseGeometry):
         axes = {name: unit(exactly(axis)) for name, axis in given.axes.items()}
         return frames_of_pose(given, axes, _exact(given.values))
-    sizes: dict[str, Arcs] = {
-        link: (list(exactly(sizes_of_link.arcs)), list(exactly(sizes_of_link.angles)))
-        for link, sizes_of_link in given.links.items()
+    sizes = {
+        link: [list(exactly(numbers)) for numbers in (near.arcs, near.angles)]
+        for link, near in given.links.items()
     }
     return frames_of_sizes(mechanism, given, sizes, _exact(given.zeros))
 
 
 def _exact(numbers: Mapping[str, float]) -> dict[str, Ball]:
     return dict(zip(numbers, exactly(list(numbers.values())), strict=True))
-
-
-def _axes(arcs: list[Ball], angles: list[Ball]) -> list[Vector]:
-    """Return the unit axes of a link in its sizes_of_link frame, in the order listed."""
-    axes = [exactly([0.0, 0.0, 1.0])]
-    for length, turn in zip(arcs, [*exactly([0.0]), *angles], strict=False):
-        (across, up), (s, c) = length.sin_cos(), turn.sin_cos()
-        axes.append(np.array([-across * s, across * c, up]))
-    return axes
 
 
 def _reference_frame(

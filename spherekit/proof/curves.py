@@ -346,5 +346,5 @@ def _searched(
         return 0 if whole else int(q > end + off) - int(q < start - off)
 
     search = Search(equations, side)
-    boxes, left = paved(equations, ranges, search.covers, search.look, MOST_BOXES)
+    boxes, left = paved(equations, ranges, search.covers, search.take, MOST_BOXES)
     return search, boxes, search.without_saddles(*left)

@@ -39,7 +39,6 @@ from spherekit.model.parts import Pair, PoseGeometry
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.wheels import ONE_LINE, GearMesh, Way, back, on_carrier, wheel_train
 from spherekit.proof.balls import (
-    Arcs,
     Ball,
     Frame,
     Frames,
@@ -416,11 +415,11 @@ class Written:
         if isinstance(given, PoseGeometry):
             axes = {name: self._axis(self.item(name)) for name in given.axes}
             return frames_of_pose(given, axes, self._angles("value"))
-        sizes: dict[str, Arcs] = {
-            link: (
-                [self.angle(number) for number in item.get("arcs", [])],
-                [self.angle(number) for number in item.get("angles", [])],
-            )
+        sizes = {
+            link: [
+                [self.angle(number) for number in item.get(key, [])]
+                for key in ("arcs", "angles")
+            ]
             for link, item in self.document.data["links"].items()
             if link in given.links
         }

@@ -29,11 +29,9 @@ from spherekit.proof.gears import Written
 from spherekit.proof.paving import FIRST, Left, Ranges, paved
 from spherekit.proof.roots import Root, root_near
 from spherekit.proof.systems import SEEDS, System, counted, modes_near, systems_of
-from spherekit.proof.tubes import Zone, corrected, covered
+from spherekit.proof.tubes import Zone, covered
 
 MOST_BOXES = 500_000
-TRIED = 4
-STEPS = 20
 PRECISIONS = (80, 160, 320, 640)
 """Bits of centres; the next where roots are missing."""
 CENTRAL = 6.0
@@ -258,7 +256,7 @@ class _Search:
         count, fixed = self.equations.unknowns, len(self.driven)
         low = [exact(FIRST)] * count + self.driven
         ranges = Ranges(low, [2 * pi()] * count + [exact(0.0)] * fixed)
-        return paved(self.equations, ranges, self._covers, self._look, MOST_BOXES)
+        return paved(self.equations, ranges, self._covers, self._take_real, MOST_BOXES)
 
     def _covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return which boxes are in balls of which the root is known."""
@@ -273,14 +271,11 @@ class _Search:
         )
         return covered(balls, centres[:, :count], radii[:, :count])
 
-    def _look(self, centres: Floats, radii: Floats) -> bool:
-        """Look for real roots next to boxes; return whether there are new ones."""
-        before, count = len(self.real), self.equations.unknowns
-        small = np.flatnonzero(np.max(radii, axis=1) < 0.1)
-        for row in small[:: max(1, len(small) // TRIED)]:
-            place = corrected(self.equations, centres[row], STEPS, count)
-            if place is not None and not self._covers(place[None], 0.0 * place[None])[0]:
-                self.take(place[:count].astype(complex).tolist())
+    def _take_real(self, place: Floats) -> bool:
+        """Try a real configuration; return whether there is a new root."""
+        before = len(self.real)
+        if not self._covers(place[None], 0.0 * place[None])[0]:
+            self.take(place[: self.equations.unknowns].astype(complex).tolist())
         return len(self.real) > before
 
 

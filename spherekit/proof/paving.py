@@ -33,7 +33,7 @@ from spherekit.proof.construction import Construction, construct
 from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written
 from spherekit.proof.systems import System, counted, systems_of
-from spherekit.proof.tubes import ROUNDING, UP
+from spherekit.proof.tubes import ROUNDING, UP, corrected
 
 RIDGE = 1e-9
 """What is added to the squares of slopes, so that weights are finite."""
@@ -62,6 +62,8 @@ def apart(values: Floats, slopes: Floats, radii: Floats, bent: Floats) -> Bools:
 
 
 CHUNK = 4000
+SEEDING, TRIED = 0.12, 3
+"""Boxes (rad) so small are looked into for what is not known yet, some of each batch."""
 SMALLEST = 1e-6
 """Boxes (rad) are not halved further."""
 FIRST = -2.4
@@ -136,8 +138,8 @@ def cut_up(
 
 Covered = Callable[[Floats, Floats], Bools]
 """Says which boxes of centres and radii (n, variables) are inside a piece."""
-Looked = Callable[[Floats, Floats], bool]
-"""Is told the centres and radii of boxes that are not decided; whether it finds pieces."""
+Taken = Callable[[Floats], bool]
+"""Is told a configuration next to a box that is not decided; whether it finds a piece."""
 Left = tuple[Floats, Floats]
 """Centres and radii (n, variables) rad of boxes that are left undecided."""
 
@@ -146,7 +148,7 @@ def paved(
     equations: Equations,
     ranges: Ranges,
     covered: Covered,
-    looked: Looked,
+    taken: Taken,
     most: int,
 ) -> tuple[int, Left]:
     """Return how many boxes of the ranges were looked at, and those left over.
@@ -154,6 +156,7 @@ def paved(
     They may have configurations that are not in pieces. After `most` boxes none are halved.
     """
     degrees, error = equations.degrees, equations.real.error
+    moved = int(np.sum(ranges.extent > 0.0))
     left: list[Left] = []
 
     def judged(boxes: Integers, looked_at: int) -> Integers:
@@ -167,7 +170,14 @@ def paved(
         boxes, radii = boxes[:, rows], radii[rows]
         centres = ranges.centres(boxes)
         kept = ~covered(centres, radii)
-        if np.any(kept) and looked(centres[kept], radii[kept]):
+        small = np.flatnonzero(kept & (np.max(radii, axis=1) < SEEDING))
+        new = False
+        for row in small[:: max(1, len(small) // TRIED)]:
+            place = corrected(equations, centres[row], moved)
+            near = place is not None and np.abs(place - centres[row])
+            if place is not None and np.max(near) <= 4.0 * np.max(radii[row]):
+                new |= taken(place)
+        if new:
             kept[kept] = ~covered(centres[kept], radii[kept])
         ended = kept & ((np.max(radii, axis=1) < SMALLEST) | (looked_at > most))
         left.append((centres[ended], radii[ended]))

@@ -13,19 +13,15 @@ from spherekit.numeric.crossings import wrap
 from spherekit.proof.along import Chain, Side, chain_through
 from spherekit.proof.equations import Equations
 from spherekit.proof.folded import MOST_SADDLES, Arm, Crossings
-from spherekit.proof.paving import Left
+from spherekit.proof.paving import TRIED, Left
 from spherekit.proof.saddles import Saddle
 from spherekit.proof.tubes import LONGEST, UP, CertifiedArc, corrected, piece_at
 
 NEIGHBOURS = 8
 """Pieces with the nearest centres that a box is tried against."""
-SEEDING = 0.12
-"""Boxes (rad) so small are looked into for curves not known yet."""
 OVERLAPPING = "two curves found may be one, so that modes are not counted"
 OUTSIDE = 1e-9
 """Arms (rad) may reach so far into the range without a chain."""
-TRIED = 3
-"""Boxes of each batch that are looked into."""
 
 
 class Search:
@@ -69,19 +65,11 @@ class Search:
         along = np.abs(np.einsum("...v,...vw->...w", apart, self._frames[pieces]))
         return np.all(along + reach <= self._limits[pieces], axis=-1)
 
-    def look(self, centres: Floats, radii: Floats) -> bool:
-        """Look for curves that go through boxes; return whether there is a new one."""
+    def take(self, place: Floats) -> bool:
+        """Follow the curve through a configuration; return whether anything is new."""
         before = len(self.chains), len(self.crossings.saddles)
-        small = np.flatnonzero(np.max(radii, axis=1) < SEEDING)
-        for row in small[:: max(1, len(small) // TRIED)]:
-            place = corrected(self.equations, centres[row])
-            if place is None:
-                continue
-            reach = 4.0 * float(np.max(radii[row]))
-            if float(np.max(np.abs(place - centres[row]))) > reach:
-                continue
-            if not self.side(float(place[-1]), OUTSIDE):
-                self._follow(place)
+        if not self.side(float(place[-1]), OUTSIDE):
+            self._follow(place)
         return (len(self.chains), len(self.crossings.saddles)) != before
 
     def without_saddles(self, centres: Floats, radii: Floats) -> Left:

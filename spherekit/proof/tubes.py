@@ -25,6 +25,7 @@ LONGEST = 0.4
 SHORTEST_PIECE = 1e-7
 """Pieces that would have to be shorter are not looked for."""
 SHRINK = 0.7
+STEPS = 12
 WIDTHS = (1.0, 0.6, 0.35, 0.2, 0.1, 0.03, 0.01)
 """Radii tried, over the half length."""
 UP = 1.0 + 1e-12
@@ -93,6 +94,12 @@ class CertifiedArc(Zone):
     def tangent(self) -> Floats:
         """T (v,)."""
         return self.frame[:, 0]
+
+    def beside(self, half: float) -> float:
+        """Return how far the arc is from the axis where |s| <= half, at most."""
+        tight, _, _ = self.test.arc(np.array(half), self.limits[1])
+        # it is in the piece, which says more where the bounds come to nothing
+        return min(float(tight), self.radius)
 
 
 def frame_at(slopes: Floats, along: Floats | None) -> tuple[Floats, Floats] | None:
@@ -190,14 +197,14 @@ class Test:
 
 
 def corrected(
-    equations: Equations, place: Floats, steps: int = 8, moved: int | None = None
+    equations: Equations, place: Floats, moved: int | None = None
 ) -> Floats | None:
     """Return the configuration next to a place by Newton's method, None without one.
 
     Only the first `moved` variables are, by default all.
     """
     place = place.copy()
-    for _ in range(steps):
+    for _ in range(STEPS):
         (values,), (slopes,) = equations.real.derivatives(circle(place[None]), 1)
         change, *_ = np.linalg.lstsq(slopes[:, :moved], -values, rcond=1e-13)
         place[:moved] += change
