@@ -8,7 +8,7 @@ from refusals import text_of
 pytest.importorskip("flint")
 
 from proof_checker import Refused, check, recorded, refuse
-from test_proof_geared import geared
+from test_proof_geared import PLANET, geared
 from test_wheels import FIVE_BAR
 
 from spherekit.proof.certificate import (
@@ -20,8 +20,6 @@ from spherekit.proof.certificate import (
 from spherekit.proof.curves import certified_curves
 from spherekit.proof.modes import certified_modes
 
-PLANET = FIVE_BAR.replace('links = ["2", "5"]\nteeth', 'links = ["1", "3"]\nteeth')
-PLANET = PLANET.replace('axes = ["left", "right"]\n', 'axes = ["left", "32"]\n')
 WITHIN = FIVE_BAR + 'contact = "internal"\n'
 TURNED = FIVE_BAR.replace('links = ["1", "5"]', 'links = ["5", "1"]')
 BACKWARDS = FIVE_BAR.replace("inputs.left", "inputs.right")
@@ -118,9 +116,9 @@ def test_a_file_with_other_teeth_of_the_same_ratio_is_repeated(part_of_laps):
     check(changed)
 
 
-def test_two_pairs_of_wheels_are_refused(part_of_laps):
+def test_two_pairs_of_wheels_are_refused():
     """Which whole turns several wheels have rolled least with is not repeated."""
-    changed = copy.deepcopy(part_of_laps)
+    changed = modes_certificate(certified_modes(geared((20, 40)), ("393.25",)))
     more = '[pairs.more]\ntype = "Cr"\nlinks = ["2", "5"]\nteeth = [20, 40]\n'
     changed["mechanism"] += more + 'axes = ["left", "right"]\n'
     with pytest.raises(Refused, match="more than one pair of wheels"):

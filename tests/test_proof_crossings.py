@@ -10,13 +10,13 @@ pytest.importorskip("flint")
 
 from refusals import written_of
 from test_proof_adversaries import FOUR_BAR, two_dyads
+from test_proof_range import check_counts
 
 from spherekit.cli.main import main
 from spherekit.guarantee import Guarantee
 from spherekit.proof.balls import bits, library, pi
 from spherekit.proof.certificate import singularities
 from spherekit.proof.curves import certified_curves
-from spherekit.proof.modes import certified_modes
 
 TURN = ("0", "360")
 FOLDS = ("80", "30", "50", "60")
@@ -100,15 +100,11 @@ def crossing_dyads():
 
 
 def test_curves_of_two_loops_cross_once_in_each_mode_of_the_other():
-    written = crossing_dyads()
-    curves = certified_curves(written, TURN)
+    curves = certified_curves(crossing_dyads(), TURN)
     assert curves.claim.guarantee is Guarantee.CERTIFIED
     assert [saddle.level for saddle in curves.saddles] == [0, 0]
     assert np.ptp(curves.crossed) < 1e-9
-    for low, high, count in curves.intervals:
-        middle = repr(float(np.round(np.degrees(0.5 * (low + high)), 6)))
-        modes = certified_modes(written, (middle,))
-        assert modes.complete and len(modes.real) == count
+    check_counts(curves, curves.intervals)
 
 
 def test_the_input_is_clear_of_crossings_as_far_as_is_said():

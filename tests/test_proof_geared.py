@@ -20,6 +20,9 @@ from spherekit.proof.certificate import curves_certificate, singularities
 from spherekit.proof.curves import certified_curves
 from spherekit.proof.modes import certified_modes
 
+PLANET = FIVE_BAR.replace('links = ["2", "5"]\nteeth', 'links = ["1", "3"]\nteeth')
+PLANET = PLANET.replace('axes = ["left", "right"]\n', 'axes = ["left", "32"]\n')
+
 
 def geared(teeth, text=FIVE_BAR):
     return written_of(text.format(*teeth, 0.0, 360.0))
@@ -111,9 +114,7 @@ def test_certify_says_what_it_proves_of_wheels(tmp_path, capsys):
 
 def test_a_planet_on_a_crank_has_the_modes_that_are_proven_at_inputs():
     """A wheel of the coupler rolls about one of the ground, which the crank carries."""
-    planet = FIVE_BAR.replace('links = ["2", "5"]\nteeth', 'links = ["1", "3"]\nteeth')
-    planet = planet.replace('axes = ["left", "right"]\n', 'axes = ["left", "32"]\n')
-    written = geared((14, 21), planet)
+    written = geared((14, 21), PLANET)
     curves = certified_curves(written, ("0", "1080"))
     assert curves.claim.guarantee is Guarantee.CERTIFIED and curves.laps == 3
     assert len(curves.turning_points) > 0

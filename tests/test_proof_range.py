@@ -42,6 +42,13 @@ def over(name, pair=None, ends=TURN, tolerance=0.0, wanted=()):
     return certified_curves(Written.of(mechanism, tolerance=tolerance), ends, made)
 
 
+def check_counts(curves, intervals):
+    for low, high, count in intervals:
+        middle = repr(float(np.round(np.degrees(0.5 * (low + high)), 6)))
+        modes = certified_modes(curves.written, (middle,))
+        assert modes.complete and len(modes.real) == count
+
+
 @pytest.mark.parametrize(
     ("name", "pair", "ends", "turning"),
     [
@@ -58,10 +65,7 @@ def test_modes_between_turning_points_are_as_many_as_at_one_input(
     curves = over(name, pair, ends)
     assert curves.claim.guarantee is Guarantee.CERTIFIED, curves.claim
     assert len(curves.turning_points) == turning
-    for low, high, count in curves.intervals[:4]:
-        middle = repr(float(np.round(np.degrees(0.5 * (low + high)), 6)))
-        modes = certified_modes(curves.written, (middle,))
-        assert modes.counted and len(modes.real) == count
+    check_counts(curves, curves.intervals[:4])
 
 
 @pytest.mark.many
@@ -79,10 +83,7 @@ def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
             for part in (0.25, 0.5, 0.9, 1.0):
                 low, high = rates(piece, part * piece.half).swapaxes(0, 1)
                 assert np.all(low <= high)
-    for low, high, count in curves.intervals:
-        middle = repr(float(np.round(np.degrees(0.5 * (low + high)), 6)))
-        modes = certified_modes(curves.written, (middle,))
-        assert modes.complete and len(modes.real) == count
+    check_counts(curves, curves.intervals)
 
 
 @pytest.mark.many
@@ -136,10 +137,6 @@ def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
     assert undecided.claim.guarantee is not Guarantee.CERTIFIED
 
 
-def certificate_of(curves):
-    return recorded(curves_certificate(curves))
-
-
 def tampered(certificate, moves):
     changed = copy.deepcopy(certificate)
     curves = changed["curves"]
@@ -163,7 +160,7 @@ def tampered(certificate, moves):
 
 
 def test_the_checker_proves_curves_again_and_refuses_tampered_ones():
-    whole = certificate_of(over("four_bar", "41", ("-50", "-40")))
+    whole = recorded(curves_certificate(over("four_bar", "41", ("-50", "-40"))))
     check(whole)
     moves = random.Random(23)
     for _ in range(12):
