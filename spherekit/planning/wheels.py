@@ -80,13 +80,6 @@ def back(way: Way) -> Way:
     return tuple((pair, 1 - side) for pair, side in reversed(way))
 
 
-def axes_of(joints: Sequence[Joint], pairs: Iterable[int] | None = None) -> Axes:
-    """Return the axes of R pairs, of all or of some of them."""
-    numbers = range(len(joints)) if pairs is None else pairs
-    made = {n: revolute(joints[n]) for n in numbers if joints[n].has_axis}
-    return {n: (joint.first[:, 2], joint.second[:, 2]) for n, joint in made.items()}
-
-
 def mesh_of(
     ends: Sequence[tuple[int, int]],
     axes: Axes,
@@ -254,9 +247,12 @@ def on_carrier(
     if any(profile.round_axis is None for profile in profiles) or not joints[number].rolled:
         return None
     one, other = (Wheel.of(track.curve, track.start) for track in joints[number].tracks)
+    numbers = range(len(joints)) if pairs is None else pairs
+    hinges = {n: revolute(joints[n]) for n in numbers if joints[n].has_axis}
+    axes = {n: (hinge.first[:, 2], hinge.second[:, 2]) for n, hinge in hinges.items()}
     made = mesh_of(
         mechanism.ends,
-        axes_of(joints, pairs),
+        axes,
         (number, mechanism.ends[number]),
         (one.centre, other.centre),
         float(np.cos(one.radius - other.radius)),

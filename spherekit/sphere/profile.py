@@ -13,9 +13,6 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Bools, Floats
 from spherekit.conventions import EPS
 from spherekit.sphere.paths import (
-    FEWEST_POINTS,
-    SLOWEST,
-    UNIT_TOLERANCE,
     ArcLength,
     CirclePath,
     FourierPath,
@@ -29,20 +26,6 @@ from spherekit.sphere.paths import (
     quintic,
 )
 from spherekit.sphere.rotation import all_finite, arc, slope_of, stepped
-
-__all__ = [
-    "FEWEST_POINTS",
-    "SLOWEST",
-    "UNIT_TOLERANCE",
-    "Bools",
-    "Curve",
-    "CurvePoint",
-    "circle",
-    "fourier",
-    "great_circle",
-    "through",
-]
-
 
 _REFITS = 4
 
