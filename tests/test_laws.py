@@ -46,6 +46,9 @@ def test_a_table_of_a_quintic_is_that_quintic():
     t = np.linspace(0.0, 3.0, 41)
     for found, each in zip(law.at(t), (exact, exact.deriv(1), exact.deriv(2)), strict=True):
         np.testing.assert_allclose(found, each(t), rtol=0, atol=2e-11)
+    for beyond in (-0.1, [0.0, 3.1], math.nan):
+        with pytest.raises(ModelError, match=r"times from 0 to 3 s, but .* asked for"):
+            law.at(beyond)
 
 
 @pytest.mark.parametrize("rest_at_ends", [False, True])
@@ -67,19 +70,13 @@ def test_rates_of_a_table_are_exactly_those_of_its_spline(rest_at_ends):
     assert bool(np.max(np.abs(ends)) < 1e-11 * scale) is rest_at_ends
 
 
-def test_a_table_ends_where_it_ends():
-    law = Tabulated((0.0, 2.0), (1.0, 3.0), rest_at_ends=True)
-    for t in (-0.1, [0.0, 2.1], math.nan):
-        with pytest.raises(ModelError, match=r"times from 0 to 2 s, but .* asked for"):
-            law.at(t)
-
-
 @pytest.mark.parametrize("call", TABLES["laws"])
 def test_laws_that_are_none(call):
     check_call(call, globals(), TABLES["laws"][call])
 
 
 STUDY = text_of("laws_study.study")
+CYCLOID = 'kind = "cycloidal"\nfrom = 0\nto = 90\nduration = 2'
 CONSTANT = 'kind = "constant_speed"\nspeed = 90.0\nfrom = 10\n'
 TABLE = 'kind = "table"\ntimes = [0, 1, 3]\nangles = [0, 90, 900]\nrest_at_ends = true\n'
 
@@ -95,10 +92,7 @@ def study(folder, text):
     [
         (CONSTANT, ConstantSpeed(math.pi / 2, math.radians(10))),
         ('kind = "polynomial"\ncoefficients = [0, 180]', Polynomial((0.0, math.pi))),
-        (
-            'kind = "cycloidal"\nfrom = 0\nto = 90\nduration = 2',
-            Cycloidal(0.0, math.pi / 2, 2.0),
-        ),
+        (CYCLOID, Cycloidal(0.0, math.pi / 2, 2.0)),
         (TABLE, Tabulated((0.0, 1.0, 3.0), (0.0, math.pi / 2, 5 * math.pi), True)),
     ],
 )
