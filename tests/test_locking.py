@@ -28,10 +28,10 @@ def pulled(name):
     )
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["five_bar", "three_rrr", "posed", pytest.param("two_dof_spm", marks=pytest.mark.long)],
-)
+LONG = pytest.param("two_dof_spm", marks=pytest.mark.long)
+
+
+@pytest.mark.parametrize("name", ["five_bar", "three_rrr", "posed", LONG])
 def test_poses_and_torques_are_those_with_the_input_held(name, tmp_path):
     pair, value, others = CASES[name]
     made = pulled(name)
@@ -46,9 +46,8 @@ def test_poses_and_torques_are_those_with_the_input_held(name, tmp_path):
     }
     t = [0.0, 0.1]
     sk.dump(locked, tmp_path / "locked.toml")
-    one = sk.inverse_dynamics(
-        made, laws | {p: ConstantSpeed(0.0, q) for p, q in held.items()}, t, assembly_mode=0
-    )
+    every = laws | {p: ConstantSpeed(0.0, q) for p, q in held.items()}
+    one = sk.inverse_dynamics(made, every, t, assembly_mode=0)
     for other in (locked, sk.load(tmp_path / "locked.toml")):
         found = sk.inverse_dynamics(other, laws if len(laws) > 1 else laws[free[0]], t)
         turns = found.motion.rotations
@@ -73,8 +72,7 @@ def test_a_pair_between_moving_links_and_one_beside_a_contact():
     held = PositionAnalysis(made, path=np.array([[1.0, 1.2]]), assembly_mode=0).motion()
     coupler = float(held.values[0, made.angles["43"]])
     locked = sk.lock(made, {"43": coupler}, angle_unit="rad").with_inputs("21")
-    tracer = PositionAnalysis(locked, path=np.array([[1.0]]))
-    found = tracer.motion()
+    found = PositionAnalysis(locked, path=np.array([[1.0]])).motion()
     near = [abs(np.sin(0.5 * (x - 1.2))) for x in found.values[:, locked.angles["51"]]]
     assert min(near) < 1e-12
     geared = sk.load("bevel_differential")

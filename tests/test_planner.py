@@ -16,15 +16,12 @@ from spherekit.planning.plan import plan
 from spherekit.planning.poles import LinePole, all_poles, describe
 
 
-def test_steps_name_case_and_sources():
+def test_plan_for_one_pole_holds_only_its_ancestors():
     planned = sk.plan(sk.load("stephenson"))
     lines = [describe(planned, step) for step in planned.steps]
     assert "I    P31 case (a) = (P21 P32) x (P41 P43)" in lines
     assert "II   P51 case (a) = (P31 P53) x (P61 P65)" in lines
     assert "III  P62 case (a) = (P21 P61) x (P32 P63)" in lines
-
-
-def test_plan_for_one_pole_holds_only_its_ancestors():
     planned = sk.plan(sk.load("stephenson"), ["5/2"])
     secondary = [step.pole for step in planned.steps if isinstance(step, LinePole)]
     assert secondary == [(0, 2), (0, 4), (1, 4)]
