@@ -190,3 +190,11 @@ def test_no_search_is_told_too():
     made = mechanism(STEPHENSON, random_axes(np.random.default_rng(13), 7), "p1_6")
     words = "component only: the mode of the reference pose; no others were looked for"
     assert PositionAnalysis(made, search=False).search == words
+
+
+def test_a_group_of_no_real_modes_is_eliminated():
+    """All roots are far from the unit circle: none is left to start from."""
+    random = np.random.default_rng(7)
+    made = made_of(STEPHENSON, ("p5_6",), random_axes(random, 7))
+    counts = [len(solved(made, [q])[1].values) for q in np.arange(0.0, 6.3, 0.1)]
+    assert min(counts) == 0 < max(counts)

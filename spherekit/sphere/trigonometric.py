@@ -17,6 +17,7 @@ analytic while they do has to be known on both. Products here are bilinear, a . 
 a_k b_k without conjugation, so a formula for real unit vectors holds word for word.
 """
 
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -171,12 +172,12 @@ def _next_to(
     `roots` are (n, k) of the first angle. With them whether they are solutions of their
     root, and where equations are flat.
     """
-    starts = _starts(equations, -1j * np.log(roots))
-    shape, t = (*roots.shape, -1), starts.shape[2]
-    best = np.argsort(_residual(equations, starts).reshape(shape), axis=2)
+    starts, (n, k) = _starts(equations, -1j * np.log(roots)), roots.shape
+    t, each = starts.shape[2], starts.shape[1] // max(k, 1)  # there may be no root
+    best = np.argsort(_residual(equations, starts).reshape(n, k, each), axis=2)
     chosen = best[:, :, :most, None]
-    starts = np.take_along_axis(starts.reshape(*shape, t), chosen, axis=2)
-    starts = starts.reshape(len(roots), -1, t)
+    starts = np.take_along_axis(starts.reshape(n, k, each, t), chosen, axis=2)
+    starts = starts.reshape(n, k * chosen.shape[2], t)
     starts[_residual(equations, starts) > STARTED] = np.nan
     angles, residual, flat = _polished(equations, starts)
     near = np.abs(angles[..., 0] - starts[..., 0]) < CLUSTER
@@ -286,7 +287,7 @@ def _starts(equations: Numbers, first: Complexes) -> Complexes:
     every = [np.broadcast_to(first[..., None, None], lasts.shape), lasts]
     if equations.shape[1] == 3:
         every.insert(1, np.broadcast_to(_angle(seconds)[..., None], lasts.shape))
-    return np.stack(every, axis=-1).reshape(len(first), -1, len(every))
+    return np.stack(every, axis=-1).reshape(len(first), prod(lasts.shape[1:]), len(every))
 
 
 def _polished(equations: Numbers, angles: Complexes) -> tuple[Complexes, Floats, Bools]:
