@@ -28,80 +28,6 @@ WITHOUT_EXPRESSIONS = 'use NumPy\'s simulate(engine="numpy") or engine.fields.ev
 """What to ask for where a mechanism cannot be written in terms."""
 
 
-class ExpressionNode:
-    """A variable, or an operation on terms and numbers.
-
-    `operation` is ``variable``, one of ``+ - * / **`` or the name of a function. Equal
-    terms are the same object. Products with 0 and 1, sums with 0 and x - x are carried
-    out as terms are made, and signs are moved outwards; the value remains the same to
-    the last bit, except that 0 times what is not finite is 0.
-    """
-
-    __slots__ = ("__weakref__", "arguments", "number", "operation")
-
-    operation: str
-    arguments: tuple[Any, ...]
-    number: int
-
-    def __add__(self, other: Any) -> Expr:
-        return _sum(self, other) if isinstance(other, _OWN) else NotImplemented
-
-    def __radd__(self, other: Any) -> Expr:
-        return _sum(other, self) if isinstance(other, _OWN) else NotImplemented
-
-    def __sub__(self, other: Any) -> Expr:
-        return _difference(self, other) if isinstance(other, _OWN) else NotImplemented
-
-    def __rsub__(self, other: Any) -> Expr:
-        return _difference(other, self) if isinstance(other, _OWN) else NotImplemented
-
-    def __mul__(self, other: Any) -> Expr:
-        return _product(self, other) if isinstance(other, _OWN) else NotImplemented
-
-    def __rmul__(self, other: Any) -> Expr:
-        return _product(other, self) if isinstance(other, _OWN) else NotImplemented
-
-    def __truediv__(self, other: Any) -> Expr:
-        return _quotient(self, other) if isinstance(other, _OWN) else NotImplemented
-
-    def __rtruediv__(self, other: Any) -> Expr:
-        return _quotient(other, self) if isinstance(other, _OWN) else NotImplemented
-
-    def __neg__(self) -> Expr:
-        return _product(-1.0, self)
-
-    # NumPy's functions call these on arrays of objects.
-
-    def sin(self) -> "ExpressionNode":
-        """Return the sine."""
-        return _term("sin", self)
-
-    def cos(self) -> "ExpressionNode":
-        """Return the cosine."""
-        return _term("cos", self)
-
-    def sqrt(self) -> "ExpressionNode":
-        """Return the square root."""
-        return _term("sqrt", self)
-
-
-_OWN = (ExpressionNode, float, int)
-_known: WeakValueDictionary[tuple[Any, ...], ExpressionNode] = WeakValueDictionary()
-_numbers = count()
-
-
-def _term(operation: str, *arguments: Any) -> ExpressionNode:
-    # Numbers stand in the key by their text, for 0.0 and -0.0 are equal.
-    key = (operation, *(x if isinstance(x, ExpressionNode) else repr(x) for x in arguments))
-    node = _known.get(key)
-    if node is None:
-        node = ExpressionNode()
-        node.operation, node.arguments = operation, arguments
-        node.number = next(_numbers)
-        _known[key] = node
-    return node
-
-
 def _negated(item: Expr) -> Expr | None:
     """Return x of a term -1 * x, else None."""
     if (
@@ -158,6 +84,76 @@ def _ordered(a: Expr, b: Expr) -> tuple[Expr, Expr]:
     """Return the arguments of a sum or product in one order: numbers first, then by age."""
     ages = [x.number if isinstance(x, ExpressionNode) else -1 for x in (a, b)]
     return (a, b) if ages[0] <= ages[1] else (b, a)
+
+
+_Operation = Callable[[Any, Any], Expr]
+
+
+def _operators(made: _Operation) -> tuple[_Operation, _Operation]:
+    """Return an operation and its reverse, for terms and numbers alone."""
+
+    def forward(one: Any, other: Any) -> Expr:
+        return made(one, other) if isinstance(other, _OWN) else NotImplemented
+
+    def backward(one: Any, other: Any) -> Expr:
+        return made(other, one) if isinstance(other, _OWN) else NotImplemented
+
+    return forward, backward
+
+
+class ExpressionNode:
+    """A variable, or an operation on terms and numbers.
+
+    `operation` is ``variable``, one of ``+ - * / **`` or the name of a function. Equal
+    terms are the same object. Products with 0 and 1, sums with 0 and x - x are carried
+    out as terms are made, and signs are moved outwards; the value remains the same to
+    the last bit, except that 0 times what is not finite is 0.
+    """
+
+    __slots__ = ("__weakref__", "arguments", "number", "operation")
+
+    operation: str
+    arguments: tuple[Any, ...]
+    number: int
+
+    __add__, __radd__ = _operators(_sum)
+    __sub__, __rsub__ = _operators(_difference)
+    __mul__, __rmul__ = _operators(_product)
+    __truediv__, __rtruediv__ = _operators(_quotient)
+
+    def __neg__(self) -> Expr:
+        return _product(-1.0, self)
+
+    # NumPy's functions call these on arrays of objects.
+
+    def sin(self) -> "ExpressionNode":
+        """Return the sine."""
+        return _term("sin", self)
+
+    def cos(self) -> "ExpressionNode":
+        """Return the cosine."""
+        return _term("cos", self)
+
+    def sqrt(self) -> "ExpressionNode":
+        """Return the square root."""
+        return _term("sqrt", self)
+
+
+_OWN = (ExpressionNode, float, int)
+_known: WeakValueDictionary[tuple[Any, ...], ExpressionNode] = WeakValueDictionary()
+_numbers = count()
+
+
+def _term(operation: str, *arguments: Any) -> ExpressionNode:
+    # Numbers stand in the key by their text, for 0.0 and -0.0 are equal.
+    key = (operation, *(x if isinstance(x, ExpressionNode) else repr(x) for x in arguments))
+    node = _known.get(key)
+    if node is None:
+        node = ExpressionNode()
+        node.operation, node.arguments = operation, arguments
+        node.number = next(_numbers)
+        _known[key] = node
+    return node
 
 
 def symbols(names: Iterable[str]) -> list[ExpressionNode]:
