@@ -1,7 +1,7 @@
 """The direct problem by Taylor series of the compiled equation of motion."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -42,7 +42,6 @@ from spherekit.dynamics.start import Problem
 from spherekit.engine.equation import (
     COARSEST,
     LOOSEST,
-    CompiledEquation,
     compiled_equation,
 )
 from spherekit.engine.integration import CROSSED, MOST_STEPS, Integration, Run, RunEnd
@@ -97,29 +96,12 @@ def by_taylor_series(
         If the mechanism cannot be compiled, or not on all of the way, or a load has no
         series at the start.
     """
-    compiling, started = 0.0, time.perf_counter()
-
-    def compiled(
-        coordinates: Sequence[str], values: Floats | None, most: float
-    ) -> CompiledEquation:
-        nonlocal compiling
-        before = time.perf_counter()
-        step = min(tolerance, most)
-        made, reused = compiled_equation(
-            problem.equation.mechanism,
-            step,
-            compact,
-            coordinates=coordinates,
-            values=values,
-        )
-        compiling += 0.0 if reused else time.perf_counter() - before
-        return made
-
+    started = time.perf_counter()
     motion = problem.equation.motion(problem.values[None], problem.frame)
     status = Status(int(motion.status[0]))
     if status != Status.OK:
         raise cannot_leave(problem, STATUS_MEANING[status])
-    runs, frames = _run(problem, motion, compiled)
+    runs, frames, compiling = _run(problem, motion, tolerance, compact)
     path, run = through_runs(runs, frames), runs[-1]
     seconds = time.perf_counter() - started - compiling
     if run.end == "singularity":
@@ -136,24 +118,25 @@ def by_taylor_series(
     )
 
 
-Compiled = Callable[[Sequence[str], Floats | None, float], CompiledEquation]
-"""The equation in some coordinates, with steps for a tolerance or less."""
-
-
 def _run(
-    problem: Problem, motion: CoordinateMotion, compiled: Compiled
-) -> tuple[list[Run], list[Frames]]:
-    """Return the runs, of several freedoms by other pair variables where it has to be."""
+    problem: Problem, motion: CoordinateMotion, tolerance: float, compact: bool
+) -> tuple[list[Run], list[Frames], float]:
+    """Return the runs, of several freedoms by other pair variables where it has to be.
+
+    With their frames, and what compiling took (s).
+    """
     equation, mechanism = problem.equation, problem.equation.mechanism
     runs: list[Run] = []
     framed: list[Frames] = []
     values, turns = problem.values, problem.turns
     rates = rates_by_time(motion, problem.speed[None])[0]
     before: Run | None = None
-    gap, most = 0.0, COARSEST
+    gap, most, compiling = 0.0, COARSEST, 0.0
     while True:
         pairs = coordinates_at(problem, values)
-        made = compiled(pairs, values if pairs else None, most)
+        started, of = time.perf_counter(), (pairs, values if pairs else None)
+        made, reused = compiled_equation(mechanism, min(tolerance, most), compact, *of)
+        compiling += 0.0 if reused else time.perf_counter() - started
         places = [mechanism.angles[pair] for pair in pairs]
         fine, frame = made.tolerance <= LOOSEST, np.eye(equation.variables)[places]
         if equation.freedoms == 1:
@@ -190,7 +173,7 @@ def _run(
         motion = equation.motion(values[None], frame)
         rates = rates_by_time(motion, state[None, equation.momenta] / unit)[0]
         before = run
-    return runs, framed
+    return runs, framed, compiling
 
 
 def coordinates_at(problem: Problem, values: Floats) -> tuple[str, ...]:

@@ -128,11 +128,16 @@ def simulate(
     mechanism = mechanism_of(mechanism)
     start = start if isinstance(start, PoseStart) else Start.of(start)
     need_allowed(mechanism, engine, tolerance)
-    passes = _passes(mechanism, crossings, "compiled" if scheme == "paper" else engine)
+    passes = crossings == "pass"
+    if passes and (engine == "compiled" or scheme == "paper"):
+        raise EngineError(
+            f"{mechanism.name}: only NumPy's engine passes crossings",
+            "leave engine and scheme out, or crossings",
+        )
     problem = prepare(
         mechanism, start, until, torque, input_pair, assembly_mode, switches, passes
     )
-    if not _one_sided(problem):
+    if not any(pair.one_sided for pair in mechanism.pairs):
         problem = replace(problem, seen=seen)
     if scheme != "paper" and step is not None:
         raise SolveError('simulate: step does nothing without scheme = "paper"')
@@ -144,17 +149,6 @@ def simulate(
             )
         return by_differences(problem, step if step is not None else until / 1000.0)
     return (_checked if check else _solved)(problem, tolerance, engine, compact)
-
-
-def _passes(mechanism: Mechanism, crossings: Crossings, engine: str) -> bool:
-    """Return whether crossings are passed, if the engine that is asked for can."""
-    passes = crossings == "pass"
-    if passes and engine == "compiled":
-        raise EngineError(
-            f"{mechanism.name}: only NumPy's engine passes crossings",
-            "leave engine and scheme out, or crossings",
-        )
-    return passes
 
 
 def need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
@@ -218,35 +212,19 @@ def _difference(one: Simulation, other: Simulation) -> float:
 def _solved(
     problem: Problem, tolerance: float, engine: Engine, compact: bool
 ) -> Simulation:
-    asked = "it was asked for"
     if engine == "compiled":
-        simulation = by_taylor_series(problem, tolerance, compact, asked)
-    elif engine == "numpy":
-        simulation = _stepped(Collocation(problem, tolerance), asked)
-    else:
-        simulation = _cheaper(problem, tolerance, compact)
-    return until_lift_off(simulation) if _one_sided(problem) else simulation
+        return until_lift_off(by_taylor_series(problem, tolerance, compact, ASKED))
+    return until_lift_off(_cheaper(problem, tolerance, engine, compact))
 
 
-def _one_sided(problem: Problem) -> bool:
-    """Return whether a contact may lift off."""
-    return any(pair.one_sided for pair in problem.equation.mechanism.pairs)
-
-
-def _stepped(
-    solver: Collocation, reason: str, forecast: Forecast | None = None
-) -> Simulation:
-    """Return what NumPy finds step by step, from where it is."""
-    while solver.end is None and solver.advance():
-        pass
-    return solver.simulation(reason, forecast)
-
-
+ASKED = "it was asked for"
 EXPECTED = "expected NumPy {numpy:.2g} s more, compiled {compiled:.2g} s"
 
 
-def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Simulation:
-    """Return the motion by the engine that is expected to take less time from here.
+def _cheaper(
+    problem: Problem, tolerance: float, engine: Engine, compact: bool
+) -> Simulation:
+    """Return the motion by NumPy, or the engine expected to take less time from here.
 
     NumPy starts, and goes on until what is left takes it longer than compiling. What it
     cannot do as well is compiled at once.
@@ -254,6 +232,8 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Simulation:
     mechanism = problem.equation.mechanism
     solver = Collocation(problem, tolerance)
     try:
+        if engine == "numpy":
+            raise EngineError(ASKED)
         if problem.passes:
             raise EngineError("only NumPy's engine passes crossings")
         first = coordinates_at(problem, problem.values)
@@ -285,7 +265,9 @@ def _cheaper(problem: Problem, tolerance: float, compact: bool) -> Simulation:
         why = EXPECTED.format(**forecast)
     else:
         forecast = None
-    return _stepped(solver, why, forecast)
+    while solver.end is None and solver.advance():
+        pass
+    return solver.simulation(why, forecast)
 
 
 PLACES = 8
@@ -306,6 +288,8 @@ def until_lift_off(simulation: Simulation) -> Simulation:
     """
     mechanism = simulation.mechanism
     pairs = [k for k, pair in enumerate(mechanism.pairs) if pair.one_sided]
+    if not pairs:
+        return simulation
     path = simulation.path
     parts = np.arange(PLACES) / PLACES
     t = (path.starts[:, None] + parts * path.lengths[:, None]).ravel()
