@@ -182,6 +182,17 @@ sys.exit(main(sys.argv[2:]))
 """
 
 
+def signalled(number, handler, words):
+    """Run a command that sends itself a signal, which is handled so from the start."""
+    return subprocess.run(
+        [sys.executable, "-c", STOPPED, str(int(number)), *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(number, handler),
+    )
+
+
 @pytest.mark.many
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -189,14 +200,8 @@ def test_a_signal_says_how_to_go_on(number, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(rows_at_once, "BYTES", 1 << 21)
     folder = tmp_path / "with space"
     words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "80000", "-o"]
-    done = subprocess.run(
-        [sys.executable, "-c", STOPPED, str(int(number)), *words, str(folder)],
-        capture_output=True,
-        text=True,
-        check=False,
-        # Ignored, as by the shells that start jobs in the background, it would stay so.
-        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
-    )
+    # Ignored, as by the shells that start jobs in the background, it would stay so.
+    done = signalled(number, signal.SIG_DFL, [*words, str(folder)])
     assert done.returncode == 128 + number and done.stdout == ""
     assert "Traceback" not in done.stderr
     (line,) = done.stderr.splitlines()
@@ -215,13 +220,7 @@ def test_a_signal_says_how_to_go_on(number, tmp_path, capsys, monkeypatch):
 def test_a_run_in_the_background_of_a_shell_ignores_ctrl_c(tmp_path):
     """Shells start such jobs with SIGINT ignored, and programs leave it so."""
     words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "9000", "-o"]
-    done = subprocess.run(
-        [sys.executable, "-c", STOPPED, str(int(signal.SIGINT)), *words, str(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=False,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
-    )
+    done = signalled(signal.SIGINT, signal.SIG_IGN, [*words, str(tmp_path)])
     assert done.returncode == 0, done.stderr
     assert contents(tmp_path)["summary.json"]["samples"] == 9000
 
