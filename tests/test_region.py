@@ -191,6 +191,10 @@ def test_touching_caps_stay_open():
     region = find_region(caps(centres, [0.6, 0.4], [True, True]), 1e-6)
     assert region.area < region.error
     assert 0.0 < region.unresolved < 1e-6
+    for bite in 10.0 ** np.arange(-7.0, -2.0, 0.5):
+        given = centres, [0.6, 0.4 + bite], [True, False]
+        region = find_region(caps(*given), 1e-9, most=60_000)
+        assert abs(region.area - common_area(*given)) <= region.error + 1e-12
 
 
 def test_nearest_point():
