@@ -8,14 +8,11 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.output.dyads import Signs
-from spherekit.region.mesh import spread
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.refine import Region, find_region
 from spherekit.sphere.rotation import from_quaternion, nans, unit_rows
 from spherekit.workspace.rows import AngleLimit, ClosedKinematics, left_of
 
-FIRST_LOOK = 2000
-"""Directions at which the area is guessed, to make its error relative."""
 SAMPLES = 4000
 """Orientations looked at."""
 PSI = 1.533751168755204288118041
@@ -26,8 +23,6 @@ WAY_ROUNDS, WAY_SAMPLES = 8, 65
 COARSE = 1e-2
 """Relative error of the set of directions in which the nearest one is looked for; the
 places on its border do not depend on it."""
-LEAST_PART = 1e-3
-"""Part of the sphere that the tolerance is relative to at first, at least."""
 
 
 @dataclass(frozen=True)
@@ -129,12 +124,9 @@ def direction_workspaces(
     """
 
     def find(margins: Margins) -> tuple[Floats, Floats, Region]:
-        with np.errstate(invalid="ignore"):
-            inside = np.all(margins(spread(FIRST_LOOK)) >= 0.0, axis=1)
-        part = max(float(np.mean(inside)), LEAST_PART)
-        region = find_region(margins, tolerance * 0.5 * part * 4.0 * np.pi)
+        region = find_region(margins, tolerance * 2.0 * np.pi)
         goal = tolerance * region.area
-        if region.error > goal > 0.0 and part == LEAST_PART:
+        if region.error > goal > 0.0:
             region = find_region(margins, goal)
         return region.points, region.values, region
 
