@@ -185,18 +185,6 @@ def middle(ball: Ball) -> float:
     return float(ball.mid())
 
 
-def middle_of(ball: Ball) -> complex:
-    """Return a complex float64 number next to the centre of a complex ball."""
-    return complex(float(ball.real.mid()), float(ball.imag.mid()))
-
-
-def parts_of(ball: Ball) -> tuple[int, int]:
-    """Return mantissa and exponent of 2 of a real ball without radius."""
-    assert ball.is_exact()
-    mantissa, exponent = ball.man_exp()
-    return int(mantissa), int(exponent)
-
-
 def circle(angles: Any) -> Floats:
     """Return float64 cosines and sines (..., 2) of angles (...), each rounded once.
 

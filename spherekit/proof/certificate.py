@@ -27,7 +27,6 @@ from spherekit.proof.balls import (
     exactly,
     lower,
     middle,
-    parts_of,
     solved,
     upper,
 )
@@ -477,7 +476,7 @@ def _root(root: Root) -> dict[str, Any]:
     return {
         "real": root.real,
         "centre": [
-            [list(parts_of(part)) for part in (number.real, number.imag)]
+            [list(map(int, part.man_exp())) for part in (number.real, number.imag)]
             for number in root.centre
         ],
         "radius": root.radius,

@@ -73,7 +73,11 @@ class Equations:
         self.unknowns = construction.unknowns
         self.variables = len(construction.pairs)
         self.frames = written.frames()
-        self.offsets = self._offsets()
+        # the angles (rad) at an input of 0 of pairs that turn with its variable
+        self.offsets: dict[int, Ball] = {}
+        if not construction.followers:
+            _, *angles = written.given([exact(0.0)])
+            self.offsets = dict(zip(written.structure.followers, angles, strict=True))
         steps = construction.steps
         self.turning = {x.link: self._turning(x) for x in steps if not x.is_dyad}
         self.putting = {x.link: self._putting(x) for x in steps if x.is_dyad}
@@ -81,14 +85,6 @@ class Equations:
     def frame(self, pair: int, link: int) -> Frame:
         """Return the frame of a pair in one of its links."""
         return self.frames[pair][self.written.structure.ends[pair].index(link)]
-
-    def _offsets(self) -> dict[int, Ball]:
-        """Return the angles (rad) at an input of 0 of pairs that turn with its variable."""
-        followers = self.written.structure.followers
-        if self.construction.followers or not followers:
-            return {}
-        _, *angles = self.written.given([exact(0.0)])
-        return dict(zip(followers, angles, strict=True))
 
     def _turning(self, step: Step) -> Array:
         """Return how a link turns in the one before: still, and by cosine and sine."""

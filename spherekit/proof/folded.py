@@ -165,8 +165,6 @@ def _in_line(
     return same, same + pi()
 
 
-FARTHEST = 0.02
-"""How far (rad) from where a curve could not be followed a saddle is looked for."""
 MOST_SADDLES = 64
 
 
@@ -191,7 +189,7 @@ class Crossings:
         """Look for a saddle next to a place; return whether there is a new one."""
         if len(self.saddles) >= MOST_SADDLES:
             return False
-        made = saddle_near(self.equations, place, FARTHEST, self._crosses, self._fits)
+        made = saddle_near(self.equations, place, self._crosses, self._fits)
         if made is not None:
             self.saddles.append(made)
         return made is not None

@@ -20,7 +20,6 @@ from spherekit.proof.balls import (
     complex_ball,
     exact,
     library,
-    middle_of,
     middles,
     pi,
     upper,
@@ -125,7 +124,7 @@ def _coefficients(
         rows = np.array(library().acb_mat.dft(side).tolist()) / exact(side).sqrt()
         waves = np.roll(rows, side // 2, axis=0)
         sums = np.moveaxis(np.tensordot(waves, sums, (1, axis)), 0, axis)
-    coefficients = np.frompyfunc(middle_of, 1, 1)(sums).astype(complex)
+    coefficients = np.frompyfunc(complex, 1, 1)(sums).astype(complex)
     missed = sum(map(upper, (sums - np.frompyfunc(complex_ball, 1, 1)(coefficients)).flat))
     steps = sum(side + 2 + 8 * (side // 2) for side in sides if side > 1)
     rounded = 2.0 * steps * UNIT * float(np.sum(np.abs(coefficients)))

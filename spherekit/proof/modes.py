@@ -20,7 +20,6 @@ from spherekit.proof.balls import (
     circle,
     exact,
     middle,
-    middle_of,
     pi,
 )
 from spherekit.proof.construction import Construction, construct
@@ -168,7 +167,7 @@ def certified_modes(written: Written, inputs: Sequence[str]) -> CertifiedModes:
         proven = len(search.roots) >= made.bound or bool(systems)
         if proven:
             break
-        near = [*([middle_of(ball) for ball in r.centre] for r in search.roots), *near]
+        near = [*([complex(ball) for ball in r.centre] for r in search.roots), *near]
     assert len(search.roots) <= made.bound, "more roots were proven than there can be"
     with bits(precision):
         excluded = () if proven else search.excluded()
@@ -281,7 +280,7 @@ class _Search:
 
 def _place(root: Root) -> tuple[float, ...]:
     """Return where a root comes in the order: real ones first, by their angles."""
-    middles = [middle_of(ball) for ball in root.centre]
+    middles = [complex(ball) for ball in root.centre]
     wrapped = [float(np.round(np.remainder(m.real + np.pi, 2 * np.pi), 9)) for m in middles]
     return (float(not root.real), *wrapped, *(m.imag for m in middles))
 

@@ -20,7 +20,6 @@ from spherekit.proof.balls import (
     complex_ball,
     exactly,
     lower,
-    middle_of,
     middles,
     precision,
     solved,
@@ -62,7 +61,7 @@ class Root:
 
     def leads_to(self, near: Sequence[complex]) -> bool:
         """Return whether an approximation is in its ball, whole turns away or not."""
-        apart = np.array(near) - [middle_of(angle) for angle in self.centre]
+        apart = np.array(near) - [complex(angle) for angle in self.centre]
         return bool(np.all(np.abs(wrap(apart.real) + 1j * apart.imag) < 0.5 * self.unique))
 
     def points(self) -> list[Ball]:

@@ -109,6 +109,8 @@ def _passes(ways: Array, bend: Array, level: Ball, steep: float) -> tuple[bool, 
 
 PRECISIONS = (80, 160, 320, 640)
 """Bits of centres in which the level of a saddle is enclosed, until its sign is known."""
+FARTHEST = 0.02
+"""How far (rad) from where a curve could not be followed a saddle is looked for."""
 WIDEST = 0.4
 """Largest rectangle tried (rad), in the units of the branches."""
 NARROWEST = 1e-5
@@ -163,17 +165,16 @@ class Saddle(Zone):
 def saddle_near(
     equations: Equations,
     place: Floats,
-    farthest: float,
     crosses: Callable[[Zone], bool],
     fits: Callable[[Zone], bool],
 ) -> Saddle | None:
-    """Return the saddle next to a place, None if none is proven within `farthest` (rad).
+    """Return the saddle next to a place, None if none is proven that near.
 
     `crosses` says whether in its part of space a configuration is proven at which a sum of
     the rows of F' vanishes, so that the level is 0; `fits` whether the part may be used.
     """
     with bits(PRECISIONS[0]), suppress(ZeroDivisionError):
-        form = _form(equations, place, farthest)
+        form = _form(equations, place)
         size = WIDEST
         while form is not None and size > NARROWEST:
             shown = form.shown(size, crosses)
@@ -186,7 +187,7 @@ def saddle_near(
     return None
 
 
-def _form(equations: Equations, place: Floats, farthest: float) -> "_Form | None":
+def _form(equations: Equations, place: Floats) -> "_Form | None":
     """Return coordinates in which the curves at a saddle are diagonals of a rectangle.
 
     Raises
@@ -200,7 +201,7 @@ def _form(equations: Equations, place: Floats, farthest: float) -> "_Form | None
         return None
     centre = floats(critical)
     form = _Form.about(equations, centre)
-    if form is None or not np.max(np.abs(centre - place)) < farthest:
+    if form is None or not np.max(np.abs(centre - place)) < FARTHEST:
         return None
     _, residual = form.open(exactly(centre))
     _, second = form.solved(exactly(centre), residual)
