@@ -86,18 +86,6 @@ def test_bodies_held_together_move_the_same_way(name, engine, until):
     hold_to(found, drive, within=1e-10)
 
 
-def test_a_feedback_law_and_a_spring_hold_a_differential():
-    """By the derivatives that the law itself asks for: a rate that dies away."""
-    made = heavy("bevel_differential")
-    torque = {
-        "left_axle": lambda t, q, dq: -3.0 * dq,
-        "right_axle": lambda t, q, dq: -3.0 * dq,
-    }
-    found = sk.simulate(made, sk.Start((0.5, 0.4), (1.0, -2.0)), 40.0, torque=torque)
-    assert np.max(np.abs(found.at([40.0]).input_rates)) < 1e-3
-    assert found.checks.energy < 1e-9
-
-
 @compiled
 def test_a_stop_beyond_a_singularity_of_type_2_ends_both_engines_alike():
     held = replace(heavy("five_bar"), joint_limits=(JointLimit("51", -1.0, 1.35),))

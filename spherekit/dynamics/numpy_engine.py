@@ -45,13 +45,11 @@ from spherekit.dynamics.simulation import (
 )
 from spherekit.dynamics.start import Problem, variable_of
 from spherekit.dynamics.state import Dynamics
-from spherekit.engine.integration import CROSSED, agreeing
+from spherekit.engine.integration import CROSSED, SHORTEST, agreeing
 from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import all_finite, max_abs
 
 FIRST_ARC = 0.1
-SHORTEST = 1e-11
-"""Steps shorter than this part of the whole time end a simulation."""
 
 FINEST = 0.1 * CROSSED**2
 """Largest tolerance of a step that passes near a crossing of curves, or meets one.
@@ -354,7 +352,7 @@ class Collocation:
         near = np.abs(orientation) < CROSSED * size
         if not np.any(orientation * side < 0.0):
             return not np.any(near)
-        t = step.crossing(orientation, float(np.copysign(size, side)), CROSSED)
+        t = step.crossing(orientation, float(np.copysign(size, side)))
         if np.any(near[-2:]) or t is None:
             return False
         values = step.at(np.array([t]))[0, : equation.variables]
@@ -401,7 +399,7 @@ class Collocation:
             yield t, "joint_limit", pair
         size, side = self._sense(orientation)
         self.orientation = float(np.copysign(size, side))
-        crossing = step.crossing(orientation, self.orientation, CROSSED)
+        crossing = step.crossing(orientation, self.orientation)
         if crossing is not None:
             passes = self.problem.passes
             yield crossing, "crossing" if passes else "singularity", ""

@@ -19,7 +19,7 @@ from spherekit.dynamics.coordinates import inertia
 from spherekit.dynamics.start import variable_of
 from spherekit.dynamics.state import EquationOfMotion, Roots
 from spherekit.engine.equation import CompiledEquation
-from spherekit.engine.integration import Run, Stretch
+from spherekit.engine.integration import CROSSED, Run, Stretch
 from spherekit.engine.system import mass_size
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
@@ -131,14 +131,14 @@ class Step:
             return np.ones(len(values))
         return np.linalg.det(bordered)
 
-    def crossing(self, orientation: Floats, largest: float, least: float) -> float | None:
+    def crossing(self, orientation: Floats, largest: float) -> float | None:
         """Return the time at which the orientation (N,) vanishes, if it does.
 
         `largest` is the largest seen so far, with the sign it had at the last node;
-        orientations smaller than the part `least` of it are zero.
+        orientations smaller than the part `CROSSED` of it are zero.
         """
         turned = orientation * largest < 0.0
-        small = turned | (np.abs(orientation) < least * abs(largest))
+        small = turned | (np.abs(orientation) < CROSSED * abs(largest))
         if not np.any(small):
             return None
         passed = self.passed(TO_SERIES @ orientation) if np.any(turned) else []
@@ -165,6 +165,9 @@ class Traced(ArrayRows):
         return self.states[:, : self.turns.shape[1]] + TURN * self.turns
 
 
+CHECKED = 2000
+"""Most steps at which balances are formed, evenly chosen."""
+
 BLOCK = 1024
 """Times at which states are evaluated together."""
 
@@ -184,10 +187,11 @@ class StatePath:
     lengths: Floats
     drift: float
 
-    def chosen(self, most: int) -> Indices:
-        """Return the numbers of that many steps at most, evenly chosen."""
+    @property
+    def chosen(self) -> Indices:
+        """The numbers of `CHECKED` steps at most, evenly chosen."""
         count = len(self.starts)
-        return np.linspace(0, count - 1, min(most, count)).astype(np.intp)
+        return np.linspace(0, count - 1, min(CHECKED, count)).astype(np.intp)
 
     def at(self, t: Floats) -> Traced:
         """Return the states at times (n,) within the path."""
@@ -224,7 +228,7 @@ Frames = Callable[[Floats, Floats], Floats]
 """Sets the momenta of a run's states and rates (n, states), returns their frames."""
 
 
-def on_curve(equation: CompiledEquation, sense: float = 1.0) -> Frames:
+def on_curve(equation: CompiledEquation, sense: float) -> Frames:
     """Return the frames of one freedom: homogeneous rates, in the sense of a tangent."""
     count = equation.layout.variables
 

@@ -56,9 +56,6 @@ EndKind = Literal[
     "too_fast",
 ]
 
-CHECKED = 2000
-"""Most steps at which balances are formed, evenly chosen."""
-
 OVER = "the time asked for is over"
 
 CROSSING = (
@@ -145,7 +142,7 @@ def given_up(
     equation: EquationOfMotion, path: StatePath, t: float, why: str
 ) -> SimulationEnd:
     """Return the end where no step is short enough: `why`, or the inertia has vanished."""
-    traced = path.at(np.append(path.starts[path.chosen(CHECKED)], t))
+    traced = path.at(np.append(path.starts[path.chosen], t))
     motion = equation.motion(traced.states[:, : equation.variables], traced.frames)
     sizes = np.linalg.eigvalsh(inertia_matrix(equation.mechanism, motion))
     if sizes[-1, 0] < VANISHED * np.max(sizes):
@@ -342,7 +339,7 @@ class Simulation:
     def checks(self) -> Checks:
         """The balance of energy and power, closure, and the error if it was asked for."""
         path = self.path
-        chosen = path.chosen(CHECKED)
+        chosen = path.chosen
         starts, lengths = path.starts[chosen], path.lengths[chosen]
         # Not at the ends of steps, where loads may jump.
         t = np.concatenate([starts + x * lengths for x in (0.03, 0.35, 0.7)])

@@ -95,7 +95,7 @@ MOST_STEPS = 300_000
 """Their series take about 2 kB each."""
 
 SHORTEST = 1e-11
-"""Steps shorter than this part of the whole time end a run."""
+"""Steps shorter than this part of the whole time end a run, by either engine."""
 
 CROSSED = 1e-5
 """Where |tau| is smaller than this part of its largest, curves cross, for either engine.
