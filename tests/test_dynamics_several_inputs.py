@@ -46,7 +46,8 @@ def test_inertia_is_symmetric_positive_and_changes_as_its_derivatives_say(name):
     change = np.polynomial.chebyshev.chebval(nodes, slope).T.reshape(M.shape)
     C = np.einsum("nijk,nk->nij", christoffel(found.dM), found.input_rates)
     left = change - 2.0 * C
-    assert np.max(np.abs(left + np.swapaxes(left, 1, 2))) < 1e-11 * size
+    # The slope of the series has some thousand times the rounding of M.
+    assert np.max(np.abs(left + np.swapaxes(left, 1, 2))) < 3e-11 * size
     own = np.einsum("nijk,nk->nij", found.dM, found.input_rates) - 2.0 * C
     assert np.max(np.abs(own + np.swapaxes(own, 1, 2))) < 1e-13 * size
 
