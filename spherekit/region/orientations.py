@@ -160,14 +160,12 @@ class _Cells:
         volume, certain = self._measure(cube, low, width)
         change = np.abs(volume.reshape(-1, 8).sum(axis=1) - self.volume[cut])
         vague = ~certain.reshape(-1, 8)
-        count = np.count_nonzero(vague, axis=1)
-        share = np.where(count > 0, change / np.maximum(count, 1), 0.0)
+        share = change / np.maximum(np.count_nonzero(vague, axis=1), 1)
         error = np.where(vague, share[:, None], 0.0).ravel()
-        kept = np.ones(len(self.cube), dtype=bool)
-        kept[cut] = False
         made = {"cube": cube, "low": low, "width": width, "volume": volume, "error": error}
         for name, eighths in made.items():
-            setattr(self, name, np.concatenate([getattr(self, name)[kept], eighths]))
+            kept = np.delete(getattr(self, name), cut, axis=0)
+            setattr(self, name, np.concatenate([kept, eighths]))
 
     def _measure(self, cube: Indices, low: Indices, width: Indices) -> tuple[Floats, Bools]:
         """Return the volumes (n,) of the region in cells, and whether they are certain."""
