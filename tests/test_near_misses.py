@@ -28,12 +28,11 @@ def least_of_table(made, pole, samples=3601):
     frame = sk.run(made, f"poles:only={pole}", samples=samples).frame()
     found = []
     for mode, rows in frame.groupby("assembly_mode"):
-        q, size = np.degrees(rows["q"].to_numpy()), np.abs(rows["velocity_coefficient"])
-        size = size.to_numpy()
+        q, size = rows[["q", "velocity_coefficient"]].to_numpy().T
+        q, size = np.degrees(q), np.abs(size)
         limit = NEAR * min(1.0, np.nanmax(size))
-        for k in range(1, len(q) - 1):
-            if not (size[k] < size[k - 1] and size[k] <= size[k + 1]):
-                continue
+        deep = (size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])
+        for k in np.flatnonzero(deep) + 1:
             bend, slope, least = np.polyfit(q[k - 1 : k + 2] - q[k], size[k - 1 : k + 2], 2)
             way = -0.5 * slope / bend
             if least + 0.5 * slope * way <= limit:
@@ -150,6 +149,5 @@ def test_minima_of_values_alone():
 
     x, y = minima(function, np.linspace(0.0, 1.0, 6))
     assert len(x) == 2 and np.allclose(y, function(x))
-    for shift in (-1e-6, 1e-6):
-        assert np.all(function(x + shift) > y)
+    assert np.all(function(x - 1e-6) > y) and np.all(function(x + 1e-6) > y)
     assert not len(minima(lambda x: np.full(len(x), 0.3), np.linspace(0.0, 1.0, 6))[0])

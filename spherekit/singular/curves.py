@@ -50,7 +50,7 @@ from spherekit.singular.starts import StartPoints
 from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import max_abs
 
-LENGTH_PARTS = 128
+LENGTH_PARTS = 64
 """Straight parts of a way between two nodes whose lengths are summed up."""
 NOTHING = 1e-6
 """A function smaller than this at two nodes is taken to vanish between them."""
