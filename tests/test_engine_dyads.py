@@ -44,8 +44,7 @@ def digits_lost(made):
 @pytest.mark.parametrize("angle", [1e-3, 1e-5])
 def test_no_more_digits_are_lost_than_the_configuration_has_not(pair, sense, angle):
     """Twice as many were: 1 / sin^2 of the angle."""
-    random = np.random.default_rng(3)
-    lost = []
+    random, lost = np.random.default_rng(3), []
     for _ in range(4):
         axes = random_axes(random, 4)
         axes[pair] = sense * tilted(random, axes[3], angle)
@@ -57,8 +56,7 @@ def test_no_more_digits_are_lost_than_the_configuration_has_not(pair, sense, ang
 @pytest.mark.parametrize("which", [0, 1], ids=["axes of one body", "outer axes"])
 def test_bodies_of_several_links(which, sense):
     """Watt's chain driven at 2-3, where a body of its dyads is several links."""
-    random = np.random.default_rng(4)
-    lost = []
+    random, lost = np.random.default_rng(4), []
     for _ in range(4):
         axes = random_axes(random, len(joints(WATT)))
         made = mechanism(WATT, axes, driven="p2_3")

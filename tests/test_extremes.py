@@ -88,8 +88,7 @@ def test_conditioning_is_that_of_a_change_of_the_data():
 def test_cases_can_be_listed_and_run_alone(capsys):
     assert main(["--list"]) == 0
     assert "four_bar_dead_centre: Type II" in capsys.readouterr().out
-    alone = ["extremes", "--quick", "--only", "torque_of_a_huge_load"]
-    assert main(alone) == 0
+    assert main(["extremes", "--quick", "--only", "torque_of_a_huge_load"]) == 0
     out = capsys.readouterr().out
     assert "## Extremes: loads" in out and "## Extremes: torque_of_a_huge_load" in out
     with pytest.raises(SystemExit):

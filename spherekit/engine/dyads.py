@@ -140,10 +140,14 @@ def _close(
     first, second = (within[link].direction(axis) for link, axis in fixed)
     bodies = [(near, 1), (far, 2)]
     held_axes = [(held(outer, body), held(middle, body)) for outer, body in bodies]
-    sides = [_side(within, *both) for both in held_axes]
-    reached, square = _third_axis(
-        first, second, sides, sign if group.dyad_parity > 0 else -1.0 * sign
-    )
+    near_arc, far_arc = (_side(within, *both) for both in held_axes)
+    more, less = first + second, first - second
+    squares = dot(more, more), dot(less, less)
+    square = triple_square(near_arc, far_arc, *squares)
+    height = function("sqrt", square) * (sign if group.dyad_parity > 0 else -1.0 * sign)
+    along, beside, upright = middle_axis(near_arc, far_arc, *squares, height)
+    third = more * along + less * beside + cross(first, second) * upright
+    reached = np.asarray(third)
     depth = 1 + max(placement.depth for placement in within)
     for (_, body), ((one, outer), (other, mid)) in zip(bodies, held_axes, strict=True):
         ends = within[one].direction(outer), within[other].direction(mid)
@@ -185,20 +189,6 @@ def _side(
         a, b = (within[link].direction(axis) for link, axis in (one, other))
     more, less = a + b, a - b
     return HalfAngle(0.5 * np.sqrt(dot(less, less)), 0.5 * np.sqrt(dot(more, more)))
-
-
-def _third_axis(
-    first: Exprs, second: Exprs, sides: Sequence[HalfAngle], sign: Expr
-) -> tuple[Exprs, Expr]:
-    """Return the unit vector at given arcs from two others, and their squared volume."""
-    more, less = first + second, first - second
-    squares = dot(more, more), dot(less, less)
-    near, far = sides
-    square = triple_square(near, far, *squares)
-    height = function("sqrt", square)
-    along, beside, upright = middle_axis(near, far, *squares, height * sign)
-    third = more * along + less * beside + cross(first, second) * upright
-    return np.asarray(third), square
 
 
 OUT_OF_REACH = -1e-4
