@@ -173,10 +173,10 @@ def _next_to(
     root, and where equations are flat.
     """
     starts, (n, k) = _starts(equations, -1j * np.log(roots)), roots.shape
-    t, each = starts.shape[2], starts.shape[1] // max(k, 1)  # there may be no root
-    best = np.argsort(_residual(equations, starts).reshape(n, k, each), axis=2)
+    t, count = starts.shape[2], starts.shape[1] // max(k, 1)  # there may be no root
+    best = np.argsort(_residual(equations, starts).reshape(n, k, count), axis=2)
     chosen = best[:, :, :most, None]
-    starts = np.take_along_axis(starts.reshape(n, k, each, t), chosen, axis=2)
+    starts = np.take_along_axis(starts.reshape(n, k, count, t), chosen, axis=2)
     starts = starts.reshape(n, k * chosen.shape[2], t)
     starts[_residual(equations, starts) > STARTED] = np.nan
     angles, residual, flat = _polished(equations, starts)
