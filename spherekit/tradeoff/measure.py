@@ -284,16 +284,8 @@ def timing_loop(
 ) -> list[Measured]:
     """Return every way with its error and its times over alternating rounds.
 
-    Parameters
-    ----------
-    ways
-        Their names, settings, and what runs them.
-    judge
-        How far tables are off.
-    longer
-        How many times the samples of these the run has that is wanted.
-    effort
-        How often, and after how many seconds no further round begins.
+    `ways` are their names, settings, and what runs them, `judge` says how far tables are
+    off, and the run that is wanted has `longer` times the samples.
     """
     began = time.monotonic()
     measured: dict[str, Measured] = {}
