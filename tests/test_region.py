@@ -274,10 +274,13 @@ def test_everything_and_nothing():
 
 @pytest.mark.parametrize("angle", [0.4, 1.5, 2.8])
 def test_turns_by_at_most_an_angle(angle):
-    """The volume is 8 pi (a - sin a)."""
+    """The volume is 8 pi (a - sin a); that of tilts by a 4 pi^2 (1 - cos a)."""
     exact = 8.0 * np.pi * (angle - np.sin(angle))
     found = find_orientations(lambda q: 2.0 * q[:, 3:] ** 2 - 1.0 - np.cos(angle), 5e-3)
     assert abs(found.volume - exact) <= found.error <= 5e-3 * found.volume
+    low = np.cos(0.25 * angle)
+    found = find_orientations(lambda q: from_quaternion(q)[:, 2, 2:] - low, 3e-2)
+    assert abs(found.volume - 4.0 * np.pi**2 * (1.0 - low)) <= 0.3 * found.error
 
 
 def test_one_axis_in_common_caps():

@@ -80,6 +80,8 @@ _BOUNDS = np.kron(_LINE, np.kron(_LINE, _LINE))
 _CENTRES = (_cube(np.arange(STEPS)) + 0.5) / STEPS
 _CHANGES = [_at(_CENTRES + h) - _at(_CENTRES - h) for h in 0.5 / STEPS * np.eye(3)]
 """Of the polynomial over a step in each direction, there exactly its slope."""
+_MEANS = np.mean([_at(_CENTRES + h / STEPS) for h in (_TWO - 0.5) / 3**0.5], axis=0)
+"""Of the polynomial over steps, by Gauss's rule."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 _GAUSS_PLACES = _cube(0.5 * (1.0 + _NODES))
 _GAUSS_WEIGHTS = np.prod(_cube(0.5 * _WEIGHTS), axis=1)
@@ -217,12 +219,13 @@ def _filled(model: Floats) -> Floats:
     """Return how full (STEPS**3, m) the steps of cells are, by polynomials (27, m).
 
     Across the border this rises evenly over the width of the step, which is exact for
-    planes on the average.
+    planes on the average; what bending does to that average is taken away.
     """
-    value = _at(_CENTRES) @ model
-    reach = sum(np.abs(change @ model) for change in _CHANGES)
+    value, changes = _at(_CENTRES) @ model, np.abs(_CHANGES @ model)
+    reach, square = changes.sum(axis=0), np.sum(changes**2, axis=0)
     with np.errstate(all="ignore"):
-        return np.where(reach > 0.0, np.clip(0.5 + value / reach, 0.0, 1.0), value >= 0.0)
+        bent = value / reach + (_MEANS @ model - value) * reach / square
+        return np.where(square > 0.0, np.clip(0.5 + bent, 0.0, 1.0), value >= 0.0)
 
 
 def _quaternions(cube: Indices, units: Indices) -> Floats:
