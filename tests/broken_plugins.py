@@ -136,6 +136,7 @@ MISTAKES = {
     "impure_needs": ("needs", {"needs": impure}),
     "undeclared": ("reads", {"needs": lambda self, mechanism: Needs()}),
     "hidden": ("reads", speed(lambda batch, own: batch._motion.values[:, 1])),
+    "hidden_turn": ("reads", speed(lambda batch, own: batch._motion.rotations[:, 1, 0, 0])),
     "writes": ("inputs", {"columns": without_rates}),
     "raises": ("runs", {"compute": compute}),
     "exits": ("runs", {"compute": lambda self, batch: sys.exit(3)}),
@@ -169,7 +170,15 @@ BROKEN = {
     for name, (line, made) in MISTAKES.items()
 }
 UNNOTICED = (
-    *("impure_needs", "hidden", "leaks", "fills", "counts_blocks", "keeps_its_axes"),
+    *(
+        "impure_needs",
+        "hidden",
+        "hidden_turn",
+        "leaks",
+        "fills",
+        "counts_blocks",
+        "keeps_its_axes",
+    ),
     "knows_names",
 )
 """Those whose mistake no single run can see."""

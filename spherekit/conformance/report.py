@@ -161,8 +161,11 @@ class ConformanceCase:
         rotations[:, links] = motion.rotations[:, links]
         values[:, kept] = motion.values[:, kept]
         made = replace(motion, placed=rotations, values=values)
-        for name in ("linearisation", "conditioning"):  # these follow from all
-            vars(made)[name] = getattr(motion, name)
+        vars(made).update(
+            rotations=rotations,
+            linearisation=motion.linearisation,  # this follows from all, and the next
+            conditioning=motion.conditioning,
+        )
         return made
 
 

@@ -154,7 +154,7 @@ class Motion(ArrayRows):
             )
         return self.inputs[:, 0]
 
-    @property
+    @cached_property
     def rotations(self) -> Floats:
         """(n, links, 3, 3) from link axes to ground axes."""
         return self.linearisation.placed
