@@ -45,7 +45,7 @@ from spherekit.dynamics.simulation import (
 )
 from spherekit.dynamics.start import Problem, variable_of
 from spherekit.dynamics.state import Dynamics
-from spherekit.engine.integration import CROSSED, SHORTEST, agreeing
+from spherekit.engine.integration import CROSSED, SHORTEST, first_missed
 from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import all_finite, max_abs
 
@@ -332,7 +332,7 @@ class Collocation:
             seen = motion.values, rates_by_time(motion, dynamics.speed), t
             return np.max(missed, axis=1) / enough, loads.evaluated(loads.steep, *seen)
 
-        return bool(agreeing(look, 1)[0])
+        return bool(first_missed(look, 1)[0] > 1.0)
 
     def _noisy(self, step: Step) -> bool:
         """Return whether a step's last coefficients are noise: not smaller than others."""

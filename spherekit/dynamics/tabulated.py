@@ -8,6 +8,7 @@ evaluates it in control loops. It needs NumPy and the standard library only.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
+from itertools import chain
 from typing import Any, TypeVar
 
 import numpy as np
@@ -115,14 +116,10 @@ class StoredModel:
 
     def _given(self, states: Sequence[Floats], t: Floats) -> Floats:
         """Return what terms are of (k, n) in states (n, m) of coordinates and two rates."""
-        tables = [table.at(t) for table in self.heading.tables]
         q, *rates = states
-        columns = (
-            self._rows(0, q),
-            *rates,
-            *(np.reshape(x, (-1, 1)) for x in (t, *tables)),
-        )
-        return np.concatenate(columns, axis=1).T
+        moving = (row for rate in rates for row in rate.T)
+        tables = (table.at(t) for table in self.heading.tables)
+        return np.array([*self._rows(0, q).T, *moving, t, *tables])
 
     @cached_property
     def _torques(self) -> TermFunction:
@@ -130,8 +127,7 @@ class StoredModel:
 
     @cached_property
     def _forces(self) -> TermFunction:
-        forces = [term for terms in self.heading.forces for term in terms]
-        return array_function(forces, self._variables)
+        return array_function([*chain(*self.heading.forces)], self._variables)
 
     @property
     def _variables(self) -> list[ExpressionNode]:
@@ -292,13 +288,14 @@ class StoredModel:
 
         Of that row and the motion there; along a curve dB/dx comes next.
         """
-        heading, used = self.heading, {*in_order(self.heading.torques)}
-        first = [*heading.inertia, *heading.christoffel[0]]
-        stored = [function.name for function in heading.groups[0]]
-        more = [name for name in stored if symbols([name])[0] in used]
-        names = list(dict.fromkeys([*first, *more]))
-        given = [*symbols(names), *heading.motion]
-        return self._single(*names), float_function(heading.torques, given)
+        heading = self.heading
+        first = symbols([*heading.inertia, *heading.christoffel[0]])
+        used = [
+            x for x in in_order([*first, *heading.torques]) if x.operation == "variable"
+        ]
+        stored = [x for x in used if x not in heading.motion]
+        single = self._single(*(x.arguments[0] for x in stored))
+        return single, float_function(heading.torques, [*stored, *heading.motion])
 
     def torque_at(self, row: list[float], x: Any, dx: Any, ddx: Any, t: Any) -> Any:
         """Return the torques in a state at a place of which `row` is that of `dynamics`."""

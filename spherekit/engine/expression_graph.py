@@ -428,7 +428,13 @@ def float_function(
     For one row it takes a tenth of the time of an `array_function`. Where a result is not
     finite it may raise `ArithmeticError` or `ValueError`.
     """
-    names = {**vars(math), "power": math.pow, "maximum": max, "sign": np.sign}
+    names = {
+        **vars(math),
+        "power": math.pow,
+        # As NumPy's: of what is no number neither is one.
+        "maximum": lambda a, b: a if a >= b or a != a else b,
+        "sign": lambda a: np.sign(a).item(),
+    }
     return _printed(outputs, inputs, float, names)[0]
 
 

@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, Indices
+from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.engine.compiler import MOST_SWITCHES, EventKind, Integrator
 from spherekit.engine.equation import CompiledEquation
@@ -41,8 +41,8 @@ Look = Callable[[Indices, Floats], tuple[Floats, Floats]]
 misses there (n,), and the steep arguments (n, arguments)."""
 
 
-def agreeing(look: Look, steps: int) -> Bools:
-    """Return which steps (steps,) miss no more than 1 wherever they are looked at."""
+def first_missed(look: Look, steps: int) -> Floats:
+    """Return at which part each step (steps,) first misses more than 1, else infinity."""
     even = np.sort([*np.linspace(0.0, 1.0, EVEN), BESIDE, 1.0 - BESIDE])
     owner, x = np.repeat(np.arange(steps), len(even)), np.tile(even, steps)
     missed, arguments = look(owner, x)
@@ -64,8 +64,11 @@ def agreeing(look: Look, steps: int) -> Bools:
         pairs = np.flatnonzero(which[1:] == which[:-1])
         which = np.append(which, which[pairs])
         places = np.append(places, 0.5 * (places[pairs] + places[pairs + 1]))
-        owner, missed = np.append(owner, which), np.append(missed, look(which, places)[0])
-    return ~np.isin(np.arange(steps), owner[~(missed <= 1.0)])
+        owner, x = np.append(owner, which), np.append(x, places)
+        missed = np.append(missed, look(which, places)[0])
+    first = np.full(steps, np.inf)
+    np.minimum.at(first, owner, np.where(missed <= 1.0, np.inf, x))
+    return first
 
 
 def _zeros(
@@ -107,8 +110,9 @@ A configuration off its curve by d misses a crossing by sqrt(d), so this suits
 MISSED = 100.0
 """Tolerances of a step by which its series may miss the momentum within it."""
 
-SHRUNK, GROWN = 0.1, 4.0
-"""Parts by which a step that missed is shortened, and lengthened after it."""
+SHORTER, SHRUNK, GROWN = 0.9, 0.03, 4.0
+"""The part of a step before the first place that missed which is tried next, the least part
+of the step, and by what those after it are longer."""
 
 _FULL_TURN_REST = 2.4492935982947064e-16
 """2 pi less its nearest float64."""
@@ -358,7 +362,7 @@ class Integration:
     def _agree(self, integrator: Integrator, steps: Sequence[_Step]) -> tuple[int, float]:
         """Return how many steps agree with what the loads do, and how long the next may be.
 
-        After one that does not agree the next is a part of it, otherwise of any length.
+        After one that does not agree the next ends before it missed, otherwise anywhere.
         """
         if not steps:
             return 0, np.inf
@@ -378,11 +382,10 @@ class Integration:
             missed = np.max(missed, axis=1) * lengths[step]
             return missed / (MISSED * self.equation.tolerance), values[1].T
 
-        wrong = np.flatnonzero(~agreeing(look, len(starts)))
-        if not len(wrong):
-            return len(starts), np.inf
-        first = int(wrong[0])
-        return first, float(SHRUNK * lengths[first])
+        for agree, part in enumerate(first_missed(look, len(starts))):
+            if part <= 1.0:
+                return agree, float(max(SHORTER * part, SHRUNK) * lengths[agree])
+        return len(starts), np.inf
 
     def _event(self, integrator: Integrator) -> RunEnd:
         kind = integrator.events[integrator.seen[-1][0]].kind
