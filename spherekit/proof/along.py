@@ -241,7 +241,7 @@ def stops(equations: Equations, chain: Chain, variable: int) -> Stops:
             if decided:
                 del made[1][kept:]
             if decided and sign != end:
-                place = _place(equations, begun, goal, variable, end)
+                place = _place(equations, begun, goal, off, variable, end)
                 made[0].append(replace(place, after=number))
             elif part and not decided:
                 made[1].append(
@@ -311,11 +311,16 @@ def _middle(
 
 
 def _place(
-    equations: Equations, piece: CertifiedArc, goal: Floats, variable: int, beyond: int
+    equations: Equations,
+    piece: CertifiedArc,
+    goal: Floats,
+    off: float,
+    variable: int,
+    beyond: int,
 ) -> StationaryPlace:
-    """Return the only zero of a rate from a piece's centre to a goal, near its place.
+    """Return the only zero of a rate from a piece's centre to a goal in it, near its place.
 
-    `beyond` is the sign of the rate at the goal.
+    `beyond` is the sign of the rate at the goal, which is off by `off`.
     """
     way = wrap(goal - piece.centre)
     length = float(np.max(np.abs(way)))
@@ -329,15 +334,19 @@ def _place(
 
     here, there, up = np.zeros(1), np.ones(1), np.ones(1)
     (part,), _ = bracketed_zeros(rate, here, there, -up, up, ROUNDING)
-    start, width, ends = piece, NEAREST, {-beyond: False, beyond: False}
-    while width < length and not all(ends.values()):
-        for sense in ends:
-            at = part + 0.5 * sense * beyond * width / length
-            end = _middle(equations, piece, goal, at)
-            if end is not None and signs(end, 0.0, variable)[0] == sense:
-                ends[sense] = True
-                start, goal = (start, end.centre) if sense == beyond else (end, goal)
+    start, end, width = piece, goal, NEAREST
+    while width < length and (start is piece or end is goal):
+        for side in (1, -1):
+            made = _middle(equations, piece, goal, part + 0.5 * side * width / length)
+            if made is None or signs(made, 0.0, variable)[0] != side * beyond:
+                continue
+            if side > 0:
+                end, off = made.centre, made.miss
+            elif made.holds(end, off):
+                start = made
         width *= WIDER
-    reach = float(np.max(np.abs(start.coordinates(goal)))) + 1e-10
-    place = start.centre + 0.5 * wrap(goal - start.centre)
-    return StationaryPlace(place, reach + 2.0 * start.beside(reach))
+    reach = float(start.coordinates(end)[0]) + off + 1e-13
+    # the middle of start and end is about as far beside the axis as the zero
+    beside = [2.0 * start.beside(reach) + off] * (len(goal) - 1)
+    spread = np.max(np.abs(start.frame) @ [0.5 * (reach + off), *beside]) + 1e-12
+    return StationaryPlace(start.centre + 0.5 * wrap(end - start.centre), float(spread))
