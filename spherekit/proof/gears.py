@@ -52,10 +52,12 @@ from spherekit.proof.balls import (
     frames_of_pose,
     frames_of_sizes,
     library,
+    lower,
     middle,
     pi,
     solved,
     unit,
+    upper,
     wide,
 )
 
@@ -170,6 +172,8 @@ class Touching:
         ) / sine
 
 
+SAME_TURN = 1e-6
+"""Numbers of turns are one if the train of the plan is so near to it."""
 AXES = {"through_xyz", "through_lonlat", "xyz", "lonlat"}
 """Keys of pairs in files that say where their axis is."""
 MOST_TEETH = 10**6
@@ -307,8 +311,15 @@ class Written:
             starts = scales * self._starts(mesh.contact)
             length = np.array(touch.sines) * azimuths * (1, touch.sense) - starts
             lap = 2 * pi() * np.array(touch.sines)
-            turns = np.round((floats(scales) * near - floats(length)) / floats(lap))
-            rolled.append(length + lap * exactly(turns))
+            away = (scales * exactly(near) - length) / lap
+            turns = exactly(np.round(floats(away)))
+            for miss in away - turns:
+                if not (lower(miss) < SAME_TURN and upper(miss) < 0.25):
+                    raise PlanError(
+                        f"{self.structure.name}: the sizes leave open how many turns wheels "
+                        "have rolled"
+                    )
+            rolled.append(length + lap * turns)
         return np.array(rolled)
 
     def motion_columns(self) -> list[tuple[str, float]]:
