@@ -20,8 +20,6 @@ OUTSIDE = 1.05
 """A point is moved to the other chart where its size is more."""
 AROUND, CLOSE = 1.7, 50.0
 """Radius in which a root is shown alone, over how far it moves and how near it is."""
-NEARER, MEAN = 0.04, 0.52
-"""Part of that radius that a root is within, and mean of what grows from that on."""
 NEWTON_STEPS = 8
 STILL = 1e-13
 
@@ -174,7 +172,7 @@ def _changes(
     more = bent * wide[:, None, None] + mixed
     more += (0.5 * most * way**2 + blur * way)[:, :, None] * least
     drift = np.sum(mixed, axis=2) * wide[:, None] + most * given * (given + across**2)
-    return blur, more, MEAN * drift + blur * (1.0 + way) * way
+    return blur, more, 0.5 * drift + blur * (1.0 + way) * way
 
 
 def tubes(
@@ -188,9 +186,10 @@ def tubes(
     `moving` (m, given, inputs) times the inputs, `half` (m, inputs) at most, and by at most
     `off` (m, given) rad more.
 
-    With Y P' within `slack` of 1 all over, Y next to the inverse at the point, the way from
-    there, z' = -P'^-1 P and then -P'^-1 P_g g' with what is given, is known but for this
-    part of it, which grows along the way.
+    With Y P' within `slack` of 1 all over, Y next to the inverse at the point, roots are no
+    farther from any place there than the largest of Y P over 1 - `slack`. On the axis this
+    is small: as far as Y P' and Y P_g change, which grow evenly at most, for half the way.
+    So the way of the root, z' = -P'^-1 P and then -P'^-1 P_g g', does not leave.
     """
     count = roots.z.shape[1]
     half, stray, moving = (box[roots.row] for box in (half, off, moving))
@@ -213,12 +212,11 @@ def tubes(
     slack = np.max(np.sum(part + more, axis=2), axis=1) * UP
     start = missed + applied(size, blur + ROUNDING * np.abs(values))
     drift += ROUNDING * applied(np.abs(by_given), swing)
-    strays = start + astray + applied(size, drift) + applied(part + MEAN * more, moved)
+    strays = start + astray + applied(size, drift) + applied(part + 0.5 * more, moved)
     radius, width = (
         np.max(bound, axis=1) / (1.0 - slack) * UP for bound in (start, strays)
     )
     good = regular & (slack < 1.0) & (np.max(moved, axis=1) + width < wide)
-    good &= radius < NEARER * wide
     return good, radius, wide, width, (moved + width[:, None]) * UP, rates
 
 
