@@ -146,8 +146,6 @@ def _solved(matrices: Complexes, right: Complexes) -> Complexes:
     return np.where(regular[:, None], applied(inverse, right), np.nan)
 
 
-WIDEST_ANGLE = 0.3
-"""Angles of roots (rad) over boxes that vary by more are no inputs of the next system."""
 NEAR = 1.0
 """Squared distance, as points of circles, of known roots that others are followed from."""
 MOST_KNOWN = 128
@@ -182,12 +180,11 @@ class System:
 
     def proven(
         self, modes: Array, centres: Floats, turns: Floats, half: Floats
-    ) -> tuple[Indices, Bools, Bools, Bools, tuple[Floats, Floats, Floats]]:
+    ) -> tuple[Indices, Bools, Bools, tuple[Floats, Floats, Floats]]:
         """Return what is proven of the roots for all modes, over boxes of each.
 
         The mode of each root; for which modes all are proven, real or not, and different;
-        which roots are real, and which go too far to be inputs of other systems. Then what
-        `_angles` says of them. Boxes have their centres, turns and half widths.
+        which roots are real. Then what `_angles` says of them. Boxes have their centres, turns and half widths.
         """
         bound, earlier = self.bound, self.solved
         eye = np.broadcast_to(np.eye(centres.shape[1]), (*centres.shape, centres.shape[1]))
@@ -206,9 +203,8 @@ class System:
         del earlier[:-MOST_KNOWN]
         real, off_circle = are_real(roots, radius, unique)
         apart = are_apart(roots, radius, good & (real | off_circle), bound)
-        wide = np.any(reach >= WIDEST_ANGLE, axis=1)
         angles = _angles(roots, half[roots.row], width, reach, rates)
-        return roots.row, apart, real, wide, angles
+        return roots.row, apart, real, angles
 
     def _near(self, given: Floats) -> ChartRoots:
         """Return the roots known nearest to what is given (n, given), moved to there.
@@ -284,7 +280,7 @@ def counted(
         if not len(modes):
             break
         boxes = (values[modes["row"]] for values in (centres, turns, half))
-        row, apart, real, wide, columns = system.proven(modes, *boxes)
+        row, apart, real, columns = system.proven(modes, *boxes)
         good[modes["row"][~apart]] = False
         (kept,) = np.nonzero(real & good[modes["row"]][row])
         modes = modes[row[kept]]
@@ -294,8 +290,6 @@ def counted(
             ("angle", "turn", "rates", "off"), (angle, turned, rates, off), strict=True
         ):
             modes[name][:, system.unknowns] = column
-        if system is not systems[-1]:
-            good[modes["row"][wide[kept]]] = False
     return good, np.bincount(modes["row"], minlength=m)
 
 
