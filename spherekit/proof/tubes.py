@@ -119,7 +119,6 @@ def piece_at(
     centre: Floats,
     along: Floats | None,
     longest: float,
-    shortest: float = SHORTEST_PIECE,
 ) -> CertifiedArc | None:
     """Return a piece around a configuration, as long as can be proven up to `longest`."""
     derivatives = [x[0] for x in equations.real.derivatives(circle(centre[None]), 2)]
@@ -128,7 +127,7 @@ def piece_at(
         return None
     frame, inverse = made
     test = Test(equations, derivatives, frame, inverse)
-    count = 1 + max(0, math.floor(math.log(shortest / longest) / math.log(SHRINK)))
+    count = 1 + max(0, math.floor(math.log(SHORTEST_PIECE / longest) / math.log(SHRINK)))
     halves: Floats = longest * SHRINK ** np.arange(float(count))[:, None]
     radii: Floats = halves * np.array(WIDTHS)
     tight, rows, _ = test.arc(halves, radii)
