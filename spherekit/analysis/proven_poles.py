@@ -182,11 +182,9 @@ def prove_poles(
             enclosed = proven.get((*place, str(given["moving"]), ends))
             if given["status"] == Status.OK and enclosed:
                 parts[-1] |= _proven(given, *enclosed)
-    counts = {
-        what: Counter(part[name] for part in parts if name in part)
-        for what, name in FINDINGS.items()
-    }
-    return ProvenPoles(PROVEN.stacked(mechanism, parts), counts)
+    counts = (Counter(x[name] for x in parts if name in x) for name in FINDINGS.values())
+    of = dict(zip(FINDINGS, counts, strict=True))
+    return ProvenPoles(PROVEN.stacked(mechanism, parts), of)
 
 
 def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool) -> None:
