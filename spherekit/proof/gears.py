@@ -316,8 +316,8 @@ class Written:
             for miss in away - turns:
                 if not (lower(miss) < SAME_TURN and upper(miss) < 0.25):
                     raise PlanError(
-                        f"{self.structure.name}: the sizes leave open how many turns wheels "
-                        "have rolled"
+                        f"{self.structure.name}: the sizes leave open how many turns "
+                        "wheels have rolled"
                     )
             rolled.append(length + lap * turns)
         return np.array(rolled)

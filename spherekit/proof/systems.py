@@ -184,7 +184,8 @@ class System:
         """Return what is proven of the roots for all modes, over boxes of each.
 
         The mode of each root; for which modes all are proven, real or not, and different;
-        which roots are real. Then what `_angles` says of them. Boxes have their centres, turns and half widths.
+        which roots are real. Then what `_angles` says of them. Boxes have their centres,
+        turns and half widths.
         """
         bound, earlier = self.bound, self.solved
         eye = np.broadcast_to(np.eye(centres.shape[1]), (*centres.shape, centres.shape[1]))
