@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from chains import mechanism, random_axes
 from example_mechanisms import four_bar
 
 import spherekit as sk
@@ -74,3 +75,11 @@ def test_bars_without_length_that_close_are_singular():
     motion = sk.trace(four_bar(np.radians((0, 20, 20, 0))), samples=7)
     assert np.all(motion.status == sk.Status.AT_SINGULARITY)
     assert np.max(motion.residual) < 1e-13
+
+
+def test_a_link_of_a_triad_with_coincident_axes_is_no_traceback():
+    edges = [(1, 2), (2, 3), (3, 4), (1, 4), (2, 5), (5, 8), (3, 6), (6, 8), (4, 7), (7, 8)]
+    axes = random_axes(np.random.default_rng(1), 13)
+    axes[5] = axes[4]
+    made = mechanism([*edges, (1, 9), (9, 10), (8, 10)], axes)
+    assert np.all(sk.trace(made, samples=3).status != sk.Status.OK)

@@ -67,7 +67,7 @@ from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import Group
 from spherekit.sphere.paths import dot
-from spherekit.sphere.rotation import all_finite, cross, max_abs, transpose
+from spherekit.sphere.rotation import cross, max_abs, transpose
 from spherekit.sphere.trigonometric import (
     all_angles,
     common_angles,
@@ -119,13 +119,8 @@ def eliminated(group: Group, closure: Closure) -> tuple[Floats, Bools, str]:
         solved, problem = common_angles(frames.equations(order)[0], order.involves)
         imaginary = max_abs(solved.imag, axis=1)
         tried = imaginary < NEARLY_REAL
-        with np.errstate(invalid="ignore", divide="ignore"):
-            angles = frames.angles(frames.placed(order, solved[None, tried].real))
-        finite = all_finite(angles, 1)
-        values.append(angles[finite])
-        real.append(imaginary[tried][finite] < REAL)
-        if not problem and not np.all(finite):
-            problem = "the neighbours of a link have axes on one line"
+        values.append(frames.angles(frames.placed(order, solved[None, tried].real)))
+        real.append(imaginary[tried] < REAL)
         if not problem:
             return values[-1], real[-1], ""
     return np.concatenate(values), np.concatenate(real), problem

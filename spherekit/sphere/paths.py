@@ -208,7 +208,7 @@ def check_colatitude(path: FourierPath) -> None:
     """Raise ValueError if a Fourier colatitude leaves (0, pi) anywhere."""
     even, odd = path.series[1]
     # e^(ia) at the zeros of the slope, and so its angle at the real ones, are roots
-    ahead = 0.5 * (even - 1j * odd)
+    ahead = np.round(0.5 * (even - 1j * odd), 30)  # quotients remain finite
     roots = np.roots(np.concatenate([ahead[::-1], np.conj(ahead[1:])]))
     a = np.angle(np.append(roots, 1.0))
     value = path.colatitude(a, 0)[0]

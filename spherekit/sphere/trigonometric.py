@@ -350,8 +350,7 @@ def taking(
 
     Both pairs have the same scalar product; NaN where it is 1 or -1.
     """
-    one, other = (
-        np.stack([a, b, cross(a, b)], axis=-1)
-        for a, b in ((first, second), (to_first, to_second))
-    )
-    return other @ np.linalg.inv(one)
+    normal = cross(first, second)
+    dual = np.stack([cross(second, normal), cross(normal, first), normal], axis=-2)
+    there = np.stack([to_first, to_second, cross(to_first, to_second)], axis=-1)
+    return there @ dual / np.sum(normal * normal, axis=-1)[..., None, None]
