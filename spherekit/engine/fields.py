@@ -303,7 +303,7 @@ def _add_pole(
     redundant = any(group.redundant for group in at.motion.assembly.groups)
     if np.any(open_) and (at.by_sequence or not redundant):
         axis = planned().unit[body_pole]
-        axis = axis * np.where(dot(unit, axis) < 0.0, -1.0, 1.0)
+        axis = axis * np.where(~unknown & (dot(unit, axis) < 0.0), -1.0, 1.0)
         # Axes are off as the configuration is.
         off = np.fmin(at.motion.orientation_error, at.motion.fold_error)
         off = planned().error[body_pole] * np.maximum(off / EPS, 1.0)
