@@ -13,6 +13,7 @@ from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import Findings
 from spherekit.analysis.scene import Axis, Portrait, Scene, Series
 from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
+from spherekit.conventions import TURN
 from spherekit.motion.motion import PositionAnalysis, continued
 
 BACK = {"laws": {"21": sk.ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
@@ -90,6 +91,18 @@ def test_inputs_are_as_given_and_grids_go_on_as_paths():
         grown = np.ptp(np.unwrap(column, axis=1)[:, [0, -1]], axis=1)
         ends = found[name].reshape(2, -1)[:, [0, -1]]
         assert np.max(np.abs(np.ptp(ends, axis=1) - grown)) < 1e-9
+
+
+def test_angles_grow_by_every_turn_of_one_of_several_inputs():
+    def angles(turns):
+        way = np.radians([[40.0 + 360.0 * turns, 40.0], [50.0 + 360.0 * turns, 45.0]])
+        five = PositionAnalysis(sk.load("five_bar"), path=way)
+        return continued(five.motion(), ["54"], five.solver, {})["54"]
+
+    lap = angles(1) - angles(0)
+    assert np.max(np.abs(np.abs(lap) - TURN)) < 1e-9
+    for turns in (-1000, 100_000):
+        assert np.max(np.abs(angles(turns) - angles(0) - turns * lap)) < 1e-6
 
 
 def data_of(result, name):

@@ -43,6 +43,7 @@ from spherekit.motion.loops import (
 )
 from spherekit.motion.meshes import GearPhases, meshes_of
 from spherekit.motion.steps import determinant_sign, follow_inputs
+from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import Assembly
@@ -56,6 +57,8 @@ SAME = 0.3
 """Angles (rad) of a followed mode that are farther from a row's are another's."""
 BEYOND = 1e-4
 """An input beyond the end of a mode by less (rad) is at its end, a dead centre."""
+FEW = 8
+"""Whole periods of inputs that are followed; of more, one is."""
 HALF = np.pi + 1e-6
 """An angle (rad) of half a turn is positive, whatever rounding makes of it, and a dead
 centre of rounding."""
@@ -390,26 +393,43 @@ class Unwrapping:
         """Return turns (n, angles) of rows that follow each other, several inputs.
 
         Where no straight way within the mode leads there from the row before, one from the
-        anchor; where none does, angles are in (-pi, pi].
+        anchor, but for many whole periods of inputs: in each angles grow as in one lap.
+        Where none leads there, angles are in (-pi, pi].
         """
         angles, given = self._angles, at if last is None else np.concatenate([[last], at])
-        after, before = given[1:], given[:-1]
-        goal = before[:, self._driven]
-        moved, status, _ = follow_inputs(self._closure, self._driven, after, goal)
-        grown = (moved.values - before)[:, angles]
-        steps = np.round(grown / TURN)
-        away = np.abs(grown - TURN * steps)
-        follows = (status == Status.OK) & (np.max(away, axis=1, initial=0.0) < SAME)
+        steps, follows = self._grown(given[1:], given[:-1])
         anew = np.concatenate([[last is None], ~follows])
-        turns = np.zeros((len(given), len(angles)))
-        first = given[anew]
-        goal = np.tile(self.anchor, (len(first), 1))
-        there = follow_inputs(self._closure, self._driven, first, goal)[0].values
+        first, periods = given[anew], self.solver.periods
+        q = first[:, self._driven]
+        far, goal = whole_laps(q - self.anchor, periods), np.full_like(q, self.anchor)
+        far *= np.abs(far) > FEW * periods
+        near = self.solver.moved(first, q - far)
+        there = follow_inputs(self._closure, self._driven, near, goal)[0].values
         led = max_abs(there[:, self._driven] - goal, axis=1) < BEYOND
-        turns[anew] = -first_turns(np.where(led[:, None], there, first)[:, angles])
+        turns = np.zeros((len(given), len(angles)))
+        turns[anew] = -first_turns(np.where(led[:, None], there, near)[:, angles])
+        rows, which = np.nonzero(far)
+        near, period = near[rows], periods[which, None]
+        on = near[:, self._driven] + np.eye(len(periods))[which] * period
+        grown, whole = self._grown(near, self.solver.moved(near, on))
+        laps = far[rows[whole], which[whole], None] / period[whole]
+        np.add.at(turns, np.flatnonzero(anew)[rows[whole]], grown[whole] * laps)
         for row in np.flatnonzero(~anew[1:]):
             turns[row + 1] = turns[row] - steps[row]
         return turns[len(given) - len(at) :]
+
+    def _grown(self, values: Floats, others: Floats) -> tuple[Floats, Bools]:
+        """Return by how many turns (n, angles) values followed to others differ from these.
+
+        And (n,) whether a straight way leads there.
+        """
+        there, status, _ = follow_inputs(
+            self._closure, self._driven, values, others[:, self._driven]
+        )
+        grown = (there.values - others)[:, self._angles]
+        turns = np.round(grown / TURN)
+        away = max_abs(grown - TURN * turns, axis=1)
+        return turns, (status == Status.OK) & (away < SAME)
 
 
 def flatness(jacobian: Floats) -> Floats:
