@@ -88,9 +88,7 @@ class ModeCoalescence:
         self._seen: list[frozenset[int]] = []
         for part, group in enumerate(self.groups):
             self._seen.append(every)
-            tried: Sequence[Order | None] = (None,)
-            if part not in solver.trains:
-                tried = orders_of(group)
+            tried = (None,) if part in solver.trains else orders_of(group)
             self._orders.append(tried[0])
             for self._orders[part] in tried:
                 determinants = self._determinants(part, tried_at)

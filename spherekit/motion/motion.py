@@ -435,8 +435,8 @@ class PositionAnalysis:
         PlanError
             If there are several inputs.
         """
-        column = self.input_grid.q[:, self.assembly.inputs.index(self.assembly.input)]
-        return float(np.min(column)), float(np.max(column))
+        _ = self.assembly.input
+        return self.input_grid.range
 
     @property
     def search(self) -> str:
