@@ -204,7 +204,7 @@ def _posed(
     if names == MATRIX:
         gap = np.abs(made @ np.swapaxes(made, 1, 2) - np.eye(3)).max(axis=(1, 2))
         made[~((gap < NOT_ROTATION) & (np.linalg.det(made) > 0.0))] = np.nan
-    wrong = np.flatnonzero(np.isnan(made).reshape(len(made), -1).any(axis=1))
+    wrong = np.unique(np.argwhere(np.isnan(made))[:, 0])
     if len(wrong):
         shown = ", ".join(places[k] for k in wrong[:MOST_SHOWN])
         more = f" and {len(wrong) - MOST_SHOWN} more" if len(wrong) > MOST_SHOWN else ""

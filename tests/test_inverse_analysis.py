@@ -167,6 +167,9 @@ def test_all_ways_to_say_an_orientation(tmp_path):
     assert np.isfinite(rows[0]).all() and len(rows[0]) == 8
     for row in rows[1:]:
         assert np.max(wrapped(row - rows[0])) < 1e-14
+    path.write_text("rx,ry,rz\n")
+    _, findings = found_in("three_rrr", file=path)
+    assert findings["poses"] == 0
 
 
 def test_own_tables_are_read_again(tmp_path):
