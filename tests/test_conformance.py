@@ -8,6 +8,7 @@ import pytest
 from broken_plugins import BROKEN, UNNOTICED, Sound
 
 import spherekit as sk
+from spherekit.analysis.registry import names
 from spherekit.cli.main import main
 from spherekit.conformance.examine import TURN, ConformanceSuite
 from spherekit.conformance.variants import renamed, turned
@@ -81,6 +82,15 @@ def test_what_does_not_load_is_listed_beside_the_others(installed, capsys):
     said = capsys.readouterr().out
     assert all(f"BROKEN: analysis {name} of broken" in said for name in BROKEN_AT_IMPORT)
     assert "pole axes and velocity coefficients" in said
+
+
+def test_what_is_installed_later_on_is_found(installed, tmp_path):
+    assert "raises_at_import" in names() and "later" not in names()
+    info = tmp_path / "later-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: later\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[spherekit.analyses]\nlater = later:Later\n")
+    assert "later" in names()
 
 
 def test_all_failing_lines_are_raised():

@@ -91,16 +91,12 @@ def _arrow(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
         if column.kind == "status":
             codes = pa.array(values, pa.int8())
             made = pa.DictionaryArray.from_arrays(codes, pa.array(STATUSES))
-        elif column.kind == "text":
-            made = (
-                pa.array(values, pa.string()) if isinstance(values, np.ndarray) else values
-            )
         elif column.kind == "number":
             turned = column.unit_in(degrees) != column.unit
             made = np.degrees(values) if turned else values
             made = pa.array(made + 0.0, from_pandas=True)  # -0 is 0
         else:
-            made = pa.array(values, from_pandas=True)
+            made = values
         columns[column.header(degrees)] = made
     return pa.table(columns)
 

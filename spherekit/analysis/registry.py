@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 
 from spherekit.analysis.arguments import given_in
 from spherekit.analysis.class_check import fault_of_class
@@ -32,13 +33,15 @@ def registered(*classes: type[AbstractAnalysis]) -> Iterator[None]:
 
 
 def _entries() -> Mapping[str, list[EntryPoint]]:
-    """Return the entry points of the folders that packages are in."""
-    return _entries_of(tuple(sys.path))
+    """Return the entry points of the folders that packages are in, as these are now."""
+    return _entries_of(
+        *((x, Path(x).exists() and Path(x).stat().st_mtime_ns) for x in sys.path)
+    )
 
 
 @lru_cache(maxsize=1)
-def _entries_of(_: Names) -> Mapping[str, list[EntryPoint]]:
-    """Return the entry points, which take long to list, of the folders of packages."""
+def _entries_of(*_: tuple[str, int]) -> Mapping[str, list[EntryPoint]]:
+    """Return the entry points, which take long to list, of folders as they are now."""
     entries: dict[str, list[EntryPoint]] = {}
     for entry in entry_points(group=GROUP):
         same = entries.setdefault(entry.name, [])
