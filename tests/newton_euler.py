@@ -104,11 +104,16 @@ def hold_to(found, drive, grips=(), speed=1.0, within=1e-11, dry=()):
 
     In each step its variables and rates are integrals of its rates and accelerations, at
     which links that pairs hold together need the torques that `drive` gives of a time and
-    the rates of the inputs. Bearings at pairs rub by what these `grips` make of the moment
-    across, and `dry` (N m) at others whatever that is.
+    the rates of the inputs; steps begin where those before them end. Bearings at pairs rub
+    by what these `grips` make of the moment across, and `dry` (N m) at others whatever
+    that is.
     """
     count, made, chebyshev = 28, found.mechanism, np.polynomial.chebyshev
     nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    after = found.path.starts[1:]
+    joined = (found.at(t) for t in (np.nextafter(after, 0.0), after))
+    ends, starts = (np.hstack([x.values, x.input_rates]) for x in joined)
+    assert np.allclose(ends, starts, rtol=0.0, atol=within)
     for start, length in zip(found.path.starts, found.path.lengths, strict=True):
         t = start + 0.5 * length * (nodes + 1.0)
         history = found.at(t)
