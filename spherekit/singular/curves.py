@@ -50,8 +50,7 @@ from spherekit.singular.starts import StartPoints
 from spherekit.singular.stationarity import output_of
 from spherekit.sphere.rotation import max_abs
 
-LENGTH_PARTS = 64
-"""Straight parts of a way between two nodes whose lengths are summed up."""
+GAUSS = np.polynomial.legendre.leggauss(8)
 NOTHING = 1e-6
 """A function smaller than this at two nodes is taken to vanish between them."""
 
@@ -94,9 +93,13 @@ class SingularCurve:
     @cached_property
     def s(self) -> Floats:
         """Arc lengths (n,) of the nodes (rad), of the Hermite polynomials through them."""
-        points = self.chord.predict(*self.divided(LENGTH_PARTS))
-        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        return np.append(0.0, np.cumsum(lengths))[::LENGTH_PARTS]
+        tangents = self.nodes.tangents[:, None, :, 0]
+        start, chord = tangents[:-1], self.chord.directions[:, None]
+        places, weights = GAUSS
+        x, bent = 0.5 * (places[:, None] + 1.0), start + tangents[1:] - 2.0 * chord
+        speed = start + x * (2.0 * (chord - start - bent) + 3.0 * x * bent)
+        lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chord.chords
+        return np.append(0.0, np.cumsum(lengths))
 
     def divided(self, parts: int) -> tuple[Indices, Floats]:
         """Return chords (n,) and parts of them where each is divided into so many."""
