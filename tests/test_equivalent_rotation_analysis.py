@@ -205,7 +205,7 @@ def test_end_of_the_reach_on_the_way():
     form = mid_plane_form(sk.load("two_dof_spm"))
     random = np.random.default_rng(7)
     ended = 0
-    for _ in range(40):
+    for _ in range(16):
         a, b = random.normal(size=(2, 3))
         turn_axis = np.cross(a, b)
         start = a / np.linalg.norm(a)
@@ -220,7 +220,7 @@ def test_end_of_the_reach_on_the_way():
         first = theta[np.argmax(lost)] if np.any(lost) else 3.0
         assert first - 3.0 / 4000 <= turn.reached + 1e-9 and turn.reached <= first + 1e-9
         ended += int(np.any(lost))
-    assert ended > 6
+    assert ended > 2
 
 
 def said(names, values):

@@ -13,6 +13,8 @@ from spherekit.errors import SpherekitError
 from spherekit.files.read import load, loads
 from spherekit.files.study import load_study
 
+pytestmark = pytest.mark.slow
+
 MEMORY = 3 << 29
 """1.5 GiB of address space."""
 SECONDS = 12.0
@@ -62,14 +64,12 @@ def outcomes(tmp_path_factory):
     return json.loads(done.stdout)
 
 
-@pytest.mark.slow
 def test_every_hostile_file_is_read_or_refused(outcomes):
     assert {n: o for n, o in outcomes.items() if o[0] == "defect"} == {}
     assert {n: o for n, o in outcomes.items() if len(o[1]) > LONGEST} == {}
     assert {n: o for n, o in outcomes.items() if not o[1].isprintable()} == {}
 
 
-@pytest.mark.slow
 def test_every_hostile_file_takes_bounded_time(outcomes):
     assert {n: o[2] for n, o in outcomes.items() if not o[2] < SECONDS} == {}
 
