@@ -11,10 +11,10 @@ from spherekit.planning.inputs import plan_assembly
 
 
 def test_no_wrong_value_without_a_status():
-    tally = sweep(range(45))
-    assert tally.wrong == [] and tally.mechanisms["evaluated"] >= 30
-    assert tally.rows["OK"] >= 90 and tally.rows["AT_SINGULARITY"] >= 1
-    assert tally.poles["OK"] >= 2000
+    tally = sweep(range(26))
+    assert tally.wrong == [] and tally.mechanisms["evaluated"] >= 15
+    assert tally.rows["OK"] >= 45 and tally.rows["AT_SINGULARITY"] >= 1
+    assert tally.poles["OK"] >= 1000
 
 
 @pytest.mark.long
