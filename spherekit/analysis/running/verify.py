@@ -20,7 +20,6 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.run_state import BOUNDS
 from spherekit.analysis.running.summary import BOUNDED, RunPlan, motion_rows, motion_table
-from spherekit.analysis.scene import TINY
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
     RESIDUAL,
@@ -297,8 +296,7 @@ class Verifier:
 
         With the worst of each.
         """
-        told: dict[str, Facts]
-        told = {
+        told: dict[str, Facts] = {
             name: {"count": 0, "within_bound": 0, "over_bound": 0.0} for name in BOUNDED
         }
         motion, links = self._motion, self._motion.mechanism.links
@@ -317,7 +315,7 @@ class Verifier:
                 for facts, error, name in zip(told.values(), errors, BOUNDS, strict=True):
                     bound = getattr(field, name)[pole]
                     judged = self._has_reference & np.isfinite(error) & np.isfinite(bound)
-                    over = np.where(judged, error / np.maximum(bound, TINY), -1.0)
+                    over = np.where(judged, error / np.maximum(bound, EPS**2), -1.0)
                     facts["count"] += int(np.sum(judged))
                     facts["within_bound"] += int(np.sum(judged & (over <= 1.0)))
                     row = int(np.argmax(over))
