@@ -190,7 +190,7 @@ def test_parts_by_other_code_are_refused(tmp_path):
 
 def test_a_worker_with_other_versions_writes_nothing(tmp_path):
     sweep = swept({"links.2.arc": [20.0]}).sweep
-    code = sweep_identity.code_identity() | {"numpy": "1.0"}
+    code = folder.code_identity() | {"numpy": "1.0"}
     with pytest.raises(DesignError, match=r"other versions \(numpy: .* there, 1\.0 now"):
         _write(sweep, str(tmp_path), 0, code)
     assert not list(tmp_path.iterdir())

@@ -11,14 +11,18 @@ it lists: nothing else is replaced or removed, and nothing behind a link.
 import hashlib
 import json
 import os
+import platform
 import re
 import shutil
 import stat
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
+
+import numpy as np
 
 from spherekit.analysis.rows import in_modes, typed
 from spherekit.analysis.tables import (
@@ -36,6 +40,7 @@ from spherekit.files.atomic import make_folder, refused, write_bytes
 from spherekit.files.plain import locked
 from spherekit.model.mechanism import Mechanism
 from spherekit.resources import usable_memory
+from spherekit.version import __version__
 
 WORK = ".spherekit-run"
 JOURNAL = "journal.json"
@@ -201,6 +206,21 @@ class RunFolder:
 def has_unfinished(path: Path) -> bool:
     """Return whether a run was stopped in a folder and can go on."""
     return (path / WORK / JOURNAL).exists()
+
+
+def code_identity() -> dict[str, str]:
+    """Return what parts of results depend on besides what was asked: versions, machine."""
+    try:
+        compiler = version("heyoka")
+    except PackageNotFoundError:
+        compiler = "none"
+    return {
+        "spherekit": __version__,
+        "numpy": np.__version__,
+        "heyoka": compiler,
+        "texts_in_parts": "strings",
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:

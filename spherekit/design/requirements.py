@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.folder import differences
+from spherekit.analysis.folder import code_identity, differences
 from spherekit.arrays import Array, Floats, Indices
 from spherekit.conventions import Names, counted
 from spherekit.design.figures import NEVER_CLOSES
 from spherekit.design.sweep import Columns, Sweep
-from spherekit.design.sweep_identity import code_identity
 from spherekit.design.variables import OK
 from spherekit.errors import DesignError, ModelError
 from spherekit.model.expression import Expression, parse

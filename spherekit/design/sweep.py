@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis, FigureOfMerit
+from spherekit.analysis.folder import code_identity
 from spherekit.analysis.frames import notes_of, part_tables, write_columns
 from spherekit.analysis.running.run_state import identities_of
 from spherekit.analysis.tables import Table, TableArrays, Units
@@ -26,7 +27,6 @@ from spherekit.conventions import AnyPath, Facts, Names, choices, listing
 from spherekit.design.evaluate import Evaluator
 from spherekit.design.figures import NEVER_CLOSES, DesignSamples, Evaluated
 from spherekit.design.runs import ASSEMBLY, DesignRuns
-from spherekit.design.sweep_identity import code_identity
 from spherekit.design.variables import OK, DesignVariable, check_variables, design_variable
 from spherekit.engine.row_quantities import row_quantities
 from spherekit.errors import DesignError, ModelError

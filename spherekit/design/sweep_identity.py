@@ -1,22 +1,17 @@
-"""Which sweep a folder holds, and by which code its numbers were made."""
+"""Which sweep a folder holds."""
 
 import json
 import os
-import platform
 import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-
-import numpy as np
 
 from spherekit.analysis.folder import differences, foreign
 from spherekit.conventions import Facts, listing
 from spherekit.errors import OutputError
 from spherekit.files.atomic import make_folder, write_text
-from spherekit.version import __version__
 
 DEFINITION = "_sweep.json"
 """What readers of a folder of Parquet pass over begins with _ or a point."""
@@ -27,20 +22,6 @@ WORK = ".sweep-work"
 MADE = re.compile(r"(.+/)?(part-\d{6}\.parquet|\.part-\d{6}\.parquet\.\w{8}\.part)")
 ANY = re.compile(r".+")
 """Where parts are made, and what the files and folders there are called."""
-
-
-def code_identity() -> dict[str, str]:
-    """Return the versions of what makes the bits of numbers, and the kind of machine."""
-    try:
-        compiler = version("heyoka")
-    except PackageNotFoundError:
-        compiler = "none"
-    return {
-        "spherekit": __version__,
-        "numpy": np.__version__,
-        "heyoka": compiler,
-        "machine": f"{platform.system()} {platform.machine()}",
-    }
 
 
 @contextmanager

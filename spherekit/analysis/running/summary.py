@@ -5,7 +5,6 @@ And what is said of rows that were verified in many digits.
 A run made ready: what is evaluated for whom, of which part, in which blocks.
 """
 
-import platform
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -18,7 +17,7 @@ from spherekit.analysis.batch import Angles, Batch, Fields, Needs, run_status
 from spherekit.analysis.computed import computed
 from spherekit.analysis.contract import AbstractAnalysis, Analyses, Findings
 from spherekit.analysis.declared import declared
-from spherekit.analysis.folder import StoredParts, need_memory
+from spherekit.analysis.folder import StoredParts, code_identity, need_memory
 from spherekit.analysis.result import MOTION, stems
 from spherekit.analysis.rows import InMemory
 from spherekit.analysis.running.cost import RECORDING, Timer, counts_of
@@ -176,10 +175,7 @@ class RunPlan:
         course, source = self.course, self.source
         simulation, timing = course.simulation, course.timing
         times = [] if timing is None else [timing.t, timing.dq, timing.ddq]
-        return {
-            "spherekit": __version__,
-            "numpy": np.__version__,
-            "machine": f"{platform.system()} {platform.machine()}",
+        return code_identity() | {
             "mechanism": self.mechanism.name,
             "mechanism_hash": mechanism_hash(self.mechanism),
             "inputs": list(course.tracer.inputs),
