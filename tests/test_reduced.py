@@ -1,6 +1,7 @@
 """Stored functions of a mechanism against other routes to the same values."""
 
 import json
+import pickle
 import re
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from spherekit.engine.fields import evaluate
 from spherekit.errors import FileError, SolveError
 from spherekit.files.read import load
 from spherekit.files.write import dumps
+from spherekit.model.dynamics import JointLimit
 from spherekit.model.study import Polynomial
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import parse_pole
@@ -100,6 +102,7 @@ def test_inertia_and_torque_are_those_of_the_inverse_problem(
     for want, values in zip(wanted, stored, strict=True):
         assert np.max(np.abs(want - values)) < 1e-12 * np.max(np.abs(want))
     for row in range(0, 400, 57):
+        model = pickle.loads(pickle.dumps(model))  # which has printed functions by then
         one = model.torque(*(float(x[row]) for x in args))
         assert isinstance(one, float)
         assert abs(one - found.tau[row]) < 1e-12 * np.max(np.abs(found.tau))
@@ -133,14 +136,11 @@ def test_without_a_crank_the_coordinate_is_the_arc_length(four_bar):
 
 
 def test_an_open_curve_refuses_places_beyond_its_ends(four_bar):
-    from spherekit.model.dynamics import JointLimit
-
     limited = replace(four_bar, joint_limits=(JointLimit("21", 0.5, 4.5),))
     model = reduced_model(limited, poles=("3/1",))
     (high,) = model.heading.high
     assert not model.heading.periodic
-    ends = np.sort(model.value("theta_21", [0.0, high]))
-    assert np.allclose(ends, [0.5, 4.5])
+    assert np.allclose(np.sort(model.value("theta_21", [0.0, high])), [0.5, 4.5])
     for x in (high + 0.1, -0.1, float("nan"), np.array([0.1, high + 0.1])):
         with pytest.raises(SolveError, match="lies within 0 to"):
             model.pole("3/1", x)

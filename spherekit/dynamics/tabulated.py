@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
-from spherekit.conventions import AnyPath, Status, choices, listing
+from spherekit.conventions import AnyPath, Facts, Status, choices, listing
 from spherekit.dynamics.stored_model import (
     SLACK,
     StoredFunction,
@@ -75,6 +75,10 @@ class StoredModel:
 
     heading: StoredHeading
     groups: tuple[PiecewiseChebyshev | TensorChebyshev, ...]
+
+    def __getstate__(self) -> Facts:
+        # Printed functions, and the terms they are of, stay in their process.
+        return {"heading": replace(self.heading), "groups": self.groups}
 
     @property
     def error(self) -> float:

@@ -10,7 +10,13 @@ from typing import Any, Literal
 import numpy as np
 
 from spherekit.arrays import Array, Floats
-from spherekit.engine.expression_graph import Expr, ExpressionNode, TermFunction, rewrite
+from spherekit.engine.expression_graph import (
+    OPERATORS,
+    Expr,
+    ExpressionNode,
+    TermFunction,
+    rewrite,
+)
 from spherekit.errors import EngineMissing
 
 MOST_SWITCHES = 100_000
@@ -44,10 +50,7 @@ def heyoka() -> ModuleType:
 
 
 _OPERATORS: Mapping[str, Callable[[Any, Any], Any]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
+    **OPERATORS,
     "**": operator.pow,
 }
 

@@ -9,6 +9,7 @@ and intermediate values do not leave the cache.
 """
 
 import math
+import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import reduce
 from itertools import count
@@ -107,7 +108,7 @@ class ExpressionNode:
     `operation` is ``variable``, one of ``+ - * / **`` or the name of a function. Equal
     terms are the same object. Products with 0 and 1, sums with 0 and x - x are carried
     out as terms are made, and signs are moved outwards; the value remains the same to
-    the last bit, except that 0 times what is not finite is 0.
+    the last bit, except that what is not finite is 0 when times 0 and when less itself.
     """
 
     __slots__ = ("__weakref__", "arguments", "number", "operation")
@@ -257,7 +258,7 @@ _Chain = Callable[[ExpressionNode, Sequence[Expr], Sequence[Expr]], Expr]
 def _power_rate(node: ExpressionNode, x: Sequence[Expr], dx: Sequence[Expr]) -> Expr:
     base, exponent = x
     total: Expr = exponent * power(base, exponent - 1.0) * dx[0]
-    if isinstance(dx[1], ExpressionNode) or dx[1] != 0.0:
+    if dx[1] != 0.0:
         total = total + node * function("log", base) * dx[1]
     return total
 
@@ -307,20 +308,17 @@ def derivatives(items: Sequence[Expr], rates: Mapping[ExpressionNode, Expr]) -> 
             made[node] = slopes.get(node, 0.0)
             continue
         changes = [of(argument) for argument in node.arguments]
-        if all(isinstance(change, float) and change == 0.0 for change in changes):
-            made[node] = 0.0
-        else:
+        made[node] = 0.0
+        if any(changes):
             made[node] = _DERIVATIVES[node.operation](node, node.arguments, changes)
     return [of(item) for item in items]
 
 
-_BY_OPERATOR: Mapping[str, Callable[..., Expr]] = {
-    "+": lambda a, b: a + b,
-    "-": lambda a, b: a - b,
-    "*": lambda a, b: a * b,
-    "/": lambda a, b: a / b,
-    "**": power,
-    "negative": lambda a: -1.0 * a,
+OPERATORS: Mapping[str, _Operation] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
 }
 
 _PERIODIC = ("sin", "cos", "tan")
@@ -354,7 +352,9 @@ def expression_terms(
 
     signed = sign or sign_of
     made: Mapping[str, Callable[..., Expr]] = {
-        **_BY_OPERATOR,
+        **OPERATORS,
+        "**": power,
+        "negative": lambda a: -1.0 * a,
         "abs": lambda a: signed(a) * a,
         "sign": signed,
         "max": lambda *items: reduce(larger, items),
@@ -389,7 +389,7 @@ _OPERATORS = {
     "**": "power",
 }
 
-_INFIX = ("+", "-", "*", "/", "positive")
+_INFIX = (*OPERATORS, "positive")
 """What is written between its arguments where these are floats."""
 
 TermFunction = Callable[..., Array]

@@ -219,8 +219,8 @@ class VariedTerms:
             actions_of(mechanism), lambda number: of_place.get(next(place), number)
         )
         self.sizes = (*terms, *more)
-        tables = [x.name for x in mechanism.loads if isinstance(x, TorqueTable)]
-        self.tables = dict(zip(tables, symbols(f"torque_{x}" for x in tables), strict=True))
+        tables = (x.name for x in mechanism.loads if isinstance(x, TorqueTable))
+        self.tables = {table: symbols([f"torque_{table}"])[0] for table in tables}
         passive = (pair for pair in wound_pairs(mechanism) if pair not in inputs)
         self.turns = {pair: symbols([f"turns_of_{pair}"])[0] for pair in passive}
 

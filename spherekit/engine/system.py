@@ -69,8 +69,7 @@ from spherekit.model.mechanism import Mechanism
 
 def constant(number: int) -> ExpressionNode:
     """Return the variable that stands for one of the integrator's parameters."""
-    (made,) = symbols([f"constant_{number}"])
-    return made
+    return symbols([f"constant_{number}"])[0]
 
 
 class ParameterLayout:
