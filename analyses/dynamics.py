@@ -30,6 +30,7 @@ from spherekit.plugin import (
     Status,
     Table,
     TableData,
+    counted,
     input_columns,
 )
 from spherekit.plugin.dynamics import (
@@ -94,20 +95,20 @@ def largest_torques(batch: Batch, torques: Floats, size: str) -> dict[str, Any]:
                 size: float(torques[row, k]),
                 "at_sample": int(batch.sample[row]),
                 "at_assembly_mode": int(batch.assembly_mode[row]),
-                "at_rad": [float(x) for x in batch.inputs[row]],
+                "at_rad": batch.inputs[row].tolist(),
             }
     return figures
 
 
-def said_of_torques(figures: Mapping[str, Any], size: str, what: str) -> list[str]:
+def said_of_torques(figures: Mapping[str, Any], size: str, what: str) -> tuple[str, ...]:
     """Return in words what `largest_torques` found."""
-    return [
+    return tuple(
         f"largest {what} at {name}: {largest[size]:.6g} N m at sample "
         f"{largest['at_sample']} of assembly mode {largest['at_assembly_mode']}"
         if largest[size]
         else f"{what} at {name}: zero in every row, to rounding"
         for name, largest in figures.items()
-    ]
+    )
 
 
 def largest_of(
@@ -220,8 +221,7 @@ class Dynamics(AbstractAnalysis):
         inputs, loads = batch.moving_inputs, [load.name for load in mechanism.loads]
         m, timed = len(inputs), row_columns(batch, timed=True)
         rows, columns = np.triu_indices(m)
-        ones = [inputs[row] for row in rows]
-        slopes = solution.dM[:, rows, columns]
+        entries, slopes = solution.M[:, rows, columns], solution.dM[:, rows, columns]
         forces = np.swapaxes(solution.Q_parts, 1, 2)
         return {
             "dynamics": {
@@ -236,11 +236,11 @@ class Dynamics(AbstractAnalysis):
                 "status": solution.status,
             },
             "inertia": {
-                **repeated(row_columns(batch), ones, "row"),
-                "column": np.tile(np.array(inputs, dtype=str)[columns], len(batch)),
-                "M": solution.M[:, rows, columns].ravel(),
+                **repeated(row_columns(batch), [inputs[row] for row in rows], "row"),
+                "column": np.tile(np.array(inputs)[columns], len(batch)),
+                "M": entries.ravel(),
                 **input_columns(mechanism, slopes.reshape(-1, m), "dM"),
-                "status": of_parts(solution.M[:, rows, columns], solution.status).ravel(),
+                "status": of_parts(entries, solution.status).ravel(),
             },
             "loads": {
                 **repeated(timed, loads, "load"),
@@ -256,16 +256,21 @@ class Dynamics(AbstractAnalysis):
     def findings(self, batch: Batch) -> Findings:
         """Return the largest torque at each input, and where that is."""
         solution, mechanism = self._found(batch), batch.mechanism
-        figures = largest_torques(batch, solution.sure_torques, "largest_torque_Nm")
-        lost = int(np.count_nonzero(solution.status == Status.AT_SINGULARITY))
-        return _said(figures, lost, bool(mechanism.masses), bool(mechanism.loads))
+        lost = np.count_nonzero(solution.status == Status.AT_SINGULARITY)
+        figures = {
+            "inputs": largest_torques(batch, solution.sure_torques, "largest_torque_Nm"),
+            "rows_at_singularities": int(lost),
+            "masses": bool(mechanism.masses),
+            "loads": bool(mechanism.loads),
+        }
+        return _said(figures)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger torques of both."""
         both = before.figures["inputs"], now.figures["inputs"]
-        figures = largest_of(*both, "largest_torque_Nm")
         lost = sum(item.figures["rows_at_singularities"] for item in (before, now))
-        return _said(figures, lost, now.figures["masses"], now.figures["loads"])
+        largest = largest_of(*both, "largest_torque_Nm")
+        return _said({**now.figures, "inputs": largest, "rows_at_singularities": lost})
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of torques, of the entries of the inertia matrix and of power."""
@@ -285,27 +290,15 @@ class Dynamics(AbstractAnalysis):
         return plotted(batch, curves)
 
 
-def _said(figures: Mapping[str, Any], lost: int, masses: bool, loads: bool) -> Findings:
-    remarks = said_of_torques(figures, "largest_torque_Nm", "driving torque")
-    if not masses:
-        remarks.append("the file has no masses: the torques are against loads alone")
-    if not loads:
-        remarks.append("the file has no loads: the torques are against inertia alone")
-    warnings = (
-        (
-            f"in {lost} {'row' if lost == 1 else 'rows'} the inputs do not hold the "
-            "mechanism, so that no torques at them do it (AT_SINGULARITY)",
+def _said(figures: Mapping[str, Any]) -> Findings:
+    remarks = said_of_torques(figures["inputs"], "largest_torque_Nm", "driving torque")
+    for given, other in (("masses", "loads"), ("loads", "inertia")):
+        if not figures[given]:
+            remarks += (f"the file has no {given}: the torques are against {other} alone",)
+    warnings: tuple[str, ...] = ()
+    if figures["rows_at_singularities"]:
+        warnings = (
+            f"in {counted(figures['rows_at_singularities'], 'row')} the inputs do not hold "
+            "the mechanism, so that no torques at them do it (AT_SINGULARITY)",
         )
-        if lost
-        else ()
-    )
-    return Findings(
-        {
-            "inputs": dict(figures),
-            "rows_at_singularities": lost,
-            "masses": masses,
-            "loads": loads,
-        },
-        warnings,
-        tuple(remarks),
-    )
+    return Findings(figures, warnings, remarks)

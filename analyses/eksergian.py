@@ -144,8 +144,7 @@ class Eksergian(AbstractAnalysis):
                 f"({listing(mechanism.input_pairs)}), but the torque is "
                 "that of a single one; the analysis dynamics has those of several"
             )
-        links = frozenset(mass.link for mass in mechanism.masses)
-        links |= used_links(mechanism)
+        links = used_links(mechanism) | {mass.link for mass in mechanism.masses}
         pairs = used_pairs(mechanism)
         if self.at and not mechanism.pair(self.at).kind.has_axis:
             raise AnalysisError(
@@ -225,10 +224,10 @@ class Eksergian(AbstractAnalysis):
         both = [item.figures for item in (before, now) if item.figures]
         if not both:
             return now
-        figures = dict(max(both, key=lambda item: item["largest_conditioning"]))
+        figures = max(both, key=lambda item: item["largest_conditioning"])
         torques = [item["torque"] for item in both if "torque" in item]
         if torques:
-            figures["torque"] = max(torques, key=lambda item: item[LARGEST])
+            figures = {**figures, "torque": max(torques, key=lambda item: item[LARGEST])}
         return _said(figures)
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
@@ -283,8 +282,7 @@ def _said(figures: Mapping[str, Any]) -> Findings:
     """Return the figures, and the largest torque in words."""
     torques = [figures["torque"]] if "torque" in figures else []
     by_pair = {torque["pair"]: torque for torque in torques}
-    words = said_of_torques(by_pair, LARGEST, "driving torque")
-    return Findings(figures, remarks=tuple(words))
+    return Findings(figures, (), said_of_torques(by_pair, LARGEST, "driving torque"))
 
 
 def _solution(batch: Batch) -> InverseSolution:
@@ -293,14 +291,12 @@ def _solution(batch: Batch) -> InverseSolution:
     The motion's status, with ILL_CONDITIONED where the rates of links are not known well
     enough.
     """
-    mechanism, status = batch.mechanism, batch.status.copy()
-    if Loads(mechanism).rubbing:
+    if Loads(batch.mechanism).rubbing:
         return needed_torques(as_loads_see(batch))
-    lost = ~(batch.rates_loss() < USABLE_RATES)
+    status, lost = batch.status.copy(), ~(batch.rates_loss() < USABLE_RATES)
     status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
-    rows = batch.sample, batch.assembly_mode, batch.inputs, batch.residual
     timing = Timing(batch.t, batch.input_rates, batch.input_accelerations)
-    return balancing(mechanism, rows, timing, _motion(batch), status)
+    return balancing(batch, timing, _motion(batch), status)
 
 
 def _motion(batch: Batch) -> CoordinateMotion:

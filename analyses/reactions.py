@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import compress
 from typing import Any, ClassVar
 
 import numpy as np
@@ -154,15 +155,14 @@ class ReactionAnalysis(AbstractAnalysis):
         result = self._found(batch)
         pairs: dict[str, Any] = {}
         for k, pair in enumerate(batch.mechanism.pairs):
-            transverse_moment = result.across[:, k]
-            lifted = int(np.count_nonzero(result.status[:, k] == Status.LIFT_OFF))
+            lifted = np.count_nonzero(result.status[:, k] == Status.LIFT_OFF)
             pairs[pair.name] = {
-                **_peaks(batch, largest_transverse_moment_Nm=transverse_moment),
-                "rows_that_lift_off": lifted,
+                **_peaks(batch, largest_transverse_moment_Nm=result.across[:, k]),
+                "rows_that_lift_off": int(lifted),
                 "is_open": bool(np.any(result.is_open[:, k])),
                 "force_is_open": bool(np.any(result.open_forces[:, k])),
             }
-        bearings: dict[str, Any] = {
+        bearings = {
             _named(load, at): _peaks(
                 batch,
                 largest_couple_force_N=couple,
@@ -172,7 +172,7 @@ class ReactionAnalysis(AbstractAnalysis):
             for load, at, couple, radial, axial in _bearing_loads(batch.mechanism, result)
         }
         more = result.lacking
-        links = zip(batch.mechanism.links, np.any(result.slides, axis=0), strict=True)
+        sliding = compress(batch.mechanism.links, np.any(result.slides, axis=0))
         figures = {
             "pairs": pairs,
             "bearings": bearings,
@@ -188,7 +188,7 @@ class ReactionAnalysis(AbstractAnalysis):
                     if pair.rolls and pair.pressure_angle is None
                 ],
             },
-            "links_that_slide": [link for link, slides in links if slides],
+            "links_that_slide": [*sliding],
             "asks_for_forces": any(x.axial is not None for x in _placed(batch.mechanism)),
             "largest_unbalanced_Nm": _largest(result.unbalanced),
         }
@@ -250,15 +250,14 @@ def _bearing_rows(batch: Batch, result: Reactions) -> TableData:
     pairs = [load.pair for load, *_ in bearings]
     numbers = [batch.mechanism.pair_number[pair] for pair in pairs]
     timed = row_columns(batch, timed=True)
-    loads = {
-        name: np.reshape([bearing[k] for bearing in bearings], (-1, n)).T.ravel()
-        for k, name in enumerate(("couple_force", "radial", "axial"), 2)
-    }
     return {
         **repeated(timed, [load.name for load, *_ in bearings], "load"),
         "pair": np.tile(np.array(pairs, dtype=str), n),
-        "position": np.tile(np.array([at for _, at, *_ in bearings], dtype=float), n),
-        **loads,
+        "position": np.tile([float(at) for _, at, *_ in bearings], n),
+        **{
+            name: np.reshape([bearing[k] for bearing in bearings], (-1, n)).T.ravel()
+            for k, name in enumerate(("couple_force", "radial", "axial"), 2)
+        },
         "status": result.status[:, numbers].ravel(),
     }
 
@@ -270,20 +269,21 @@ def _largest(values: Floats) -> float | None:
 
 def _peaks(batch: Batch, **values: Floats) -> dict[str, Any]:
     """Return the largest of each, and at which sample and assembly mode it is."""
-    made: dict[str, Any] = {name: _largest(column) for name, column in values.items()}
-    at = {}
+    made: dict[str, Any] = {"at": {}}
     for name, column in values.items():
-        if made[name] is not None:
-            row = int(np.argmax(column >= made[name] * (1.0 - SAME)))
-            at[name] = [int(batch.sample[row]), int(batch.assembly_mode[row])]
-    return made | {"at": at}
+        made[name] = largest = _largest(column)
+        if largest is not None:
+            row = np.argmax(column >= largest * (1.0 - SAME))
+            made["at"][name] = [int(batch.sample[row]), int(batch.assembly_mode[row])]
+    return made
 
 
 def _joined(one: Any, other: Any, key: str = "") -> Any:
     """Return the figures of two blocks of rows as those of both."""
     if isinstance(one, Mapping):
-        rest = {name: value for name, value in one.items() if name != "at"}
-        made = {name: _joined(value, other[name], name) for name, value in rest.items()}
+        made = {
+            name: _joined(x, other[name], name) for name, x in one.items() if name != "at"
+        }
         if "at" in one:
             more = {name: at for name, at in one["at"].items() if made[name] == one[name]}
             made["at"] = other["at"] | more
@@ -327,13 +327,13 @@ def _said(figures: Mapping[str, Any]) -> Findings:
             if given[name] <= ROUNDING * beside:
                 remarks.append(f"{what}: zero in every row, to rounding")
                 continue
-            size = f"{given[name]:.6g} {unit}"
             sample, mode = facts[name]["at"][key]
             remarks.append(
-                f"largest {what}: {size} {where} at sample {sample} of assembly mode {mode}"
+                f"largest {what}: {given[name]:.6g} {unit} {where} at sample {sample} of "
+                f"assembly mode {mode}"
             )
     (warnings if figures["asks_for_forces"] else remarks).extend(_on_forces(figures))
-    return Findings(dict(figures), tuple(warnings), tuple(remarks))
+    return Findings(figures, tuple(warnings), tuple(remarks))
 
 
 def _on_forces(figures: Mapping[str, Any]) -> list[str]:

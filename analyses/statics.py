@@ -174,16 +174,16 @@ class Statics(AbstractAnalysis):
         )
 
     def _outputs(self, batch: Batch) -> Mapping[str, Stiffness]:
-        def made() -> dict[str, Stiffness]:
-            solution, stiffnesses = self._found(batch), self._each(batch.mechanism)
-            return {
+        solution, each = self._found(batch), self._each(batch.mechanism)
+        return batch.once(
+            "outputs",
+            lambda: {
                 output.name: output_stiffness(
-                    solution, output.link, output.relative_to, stiffnesses
+                    solution, output.link, output.relative_to, each
                 )
                 for output in batch.mechanism.outputs
-            }
-
-        return batch.once("outputs", made)
+            },
+        )
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest holding torque at each input."""
@@ -217,8 +217,8 @@ class Statics(AbstractAnalysis):
 def _said(largest: Mapping[str, Any], loads: bool) -> Findings:
     remarks = said_of_torques(largest, LARGEST, "holding torque")
     if not loads:
-        remarks = ["the file has no loads, so there is nothing to hold; see [loads.NAME]"]
-    return Findings({"inputs": dict(largest), "loads": loads}, remarks=tuple(remarks))
+        remarks = ("the file has no loads, so there is nothing to hold; see [loads.NAME]",)
+    return Findings({"inputs": largest, "loads": loads}, (), remarks)
 
 
 def _beside(parts: Sequence[Floats], shape: tuple[int, ...]) -> Floats:

@@ -16,7 +16,7 @@ two sums of one form: a linear map of a, and w times that of w.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -56,7 +56,6 @@ class Loads:
         self.grips = np.array([rubs[k].grip for k in self.rubbing])
         self.watched = bool(self.steep) or any(functions)
         self._first = np.unique(self.owners, return_index=True)[1]
-        self._angles = mechanism.angles
 
     def velocities(self, motion: CoordinateMotion) -> Floats:
         """Return what each component works on (n, m, components), per unit rates."""
@@ -65,27 +64,25 @@ class Loads:
             if part.pair:
                 velocities[..., column] = self._rate(motion.rates, part.pair)
             for link, moment, _ in self.on_links(part, motion.rotations):
-                velocities[..., column] += (motion.w[:, :, link] @ moment[..., None])[
-                    ..., 0
-                ]
+                worked = motion.w[:, :, link] @ moment[..., None]
+                velocities[..., column] += worked[..., 0]
         return velocities
 
     def on_links(
         self, part: Component, rotations: Floats
-    ) -> Iterator[tuple[int, Floats, Floats | None]]:
+    ) -> Iterator[tuple[int, Floats, Floats]]:
         """Yield the links on which a component acts, per unit of its magnitude.
 
-        With its moment about the centre (n, 3), and the force (n, 3) that it is the moment
-        of, in ground axes, `rotations` (n, links, 3, 3) being those of the links.
+        With its moment about the centre (n, 3) or (3,), and the force that it is the moment
+        of, 0 of a couple, in ground axes; `rotations` (n, links, 3, 3) are of the links.
         """
         for given in part.moments:
             link = self.mechanism.link_number[given.link]
-            turn, vector = rotations[:, link], np.array(given.direction)
-            along = (
-                turn @ vector if given.axes == "link" else np.tile(vector, (len(turn), 1))
-            )
+            turn, along = rotations[:, link], np.array(given.direction)
+            if given.axes == "link":
+                along = turn @ along
             if given.arm is None:
-                yield link, along, None
+                yield link, along, 0.0 * along
             else:
                 yield link, cross(turn @ np.array(given.arm), along), along
 
@@ -123,10 +120,10 @@ class Loads:
 
         For the same as `magnitudes`.
         """
-        names = {"t": t}
-        names |= {f"theta_{pair}": values[:, k] for pair, k in self._angles.items()}
-        names |= {f"dtheta_{pair}": value_rates[:, k] for pair, k in self._angles.items()}
-        for pair in {self.components[k].pair for k in self.rubbing} - {*self._angles}:
+        names, angles = {"t": t}, self.mechanism.angles
+        for pair, k in angles.items():
+            names |= {f"theta_{pair}": values[:, k], f"dtheta_{pair}": value_rates[:, k]}
+        for pair in {self.components[k].pair for k in self.rubbing} - {*angles}:
             names[sliding_rate(pair)] = self._rate(value_rates, pair)
         results = np.empty((len(t), len(laws)))
         for column, law in enumerate(laws):
@@ -157,8 +154,6 @@ class Loads:
         carried
             See `magnitudes`.
         """
-        if not self.components:
-            return np.zeros((*speed.shape, 0))
         rates = rates_by_time(motion, speed)
         magnitudes = self.magnitudes(motion.values, rates, t, carried)
         by_component = magnitudes[:, None] * self.velocities(motion)
@@ -258,10 +253,9 @@ class NewtonEuler:
             for k in range(pair.constraints)
             if k or pair.pressure_angle is None
         ]
-        distances = []
         if forces:
             self.columns += _force_columns(mechanism)
-            distances = [x.distance for x in mechanism.pairs if x.distance is not None]
+        distances = [x.distance for x in mechanism.pairs if x.distance is not None]
         # A length makes forces comparable with moments where contacts tie them.
         self.length = float(np.mean(distances)) if distances else 1.0
         self.working = np.stack([_working(pair) for pair in mechanism.pairs])
@@ -277,11 +271,9 @@ class NewtonEuler:
         turned = _turned(frames[:, pairs], self.wrenches * np.repeat([1.0, self.length], 3))
         matrix = self._on_links[pairs].T[:, None] * np.swapaxes(turned, 1, 2)[:, None]
         self._rows = np.zeros((links, 6), dtype=bool)
-        self._rows[1:, :3] = True
-        if forces:
-            self._rows[1:, 3:] = True
-            for link in without_centre(mechanism):
-                self._rows[mechanism.link_number[link], 3:] = False
+        self._rows[1:, : 6 if forces else 3] = True
+        for link in without_centre(mechanism):
+            self._rows[mechanism.link_number[link], 3:] = False
         self.matrix = matrix[:, self._rows]
         self._invert(bool(distances))
 
@@ -292,26 +284,18 @@ class NewtonEuler:
         self.is_open = np.zeros((n, columns_of_all), dtype=bool)
         unheld = np.zeros((n, equations_of_all), dtype=bool)
         # Moments and forces are two systems unless the places of contacts tie them.
-        of_row = np.nonzero(self._rows)[1] < 3
-        of_column = np.array([component < 3 for _, component in self.columns], dtype=bool)
-        halves = [(of_row, of_column), (~of_row, ~of_column)]
-        if tied:
-            halves = [(np.full_like(of_row, True), np.full_like(of_column, True))]
-        for equations, columns in halves:
+        of_row = (np.nonzero(self._rows)[1] < 3) | tied
+        of_column = np.array([tied or part < 3 for _, part in self.columns], dtype=bool)
+        for equations, columns in ((of_row, of_column), (~of_row, ~of_column)):
             part = self.matrix[:, equations][:, :, columns]
-            if not part.size:
-                unheld[:, equations] = True
-                self.is_open[:, columns] = True
-                continue
             left, sizes, back = np.linalg.svd(part, full_matrices=False)
+            left = transpose(left)
             kept = sizes > DEPENDENT * sizes[:, :1]
-            with np.errstate(divide="ignore"):
-                scales = np.where(kept, 1.0 / sizes, 0.0)
-            inverse = transpose(back) @ (scales[..., None] * transpose(left))
-            places = np.ix_(np.arange(n), *map(np.flatnonzero, (columns, equations)))
-            self._inverse[places] = inverse
-            self.is_open[:, columns] = 1.0 - _share(kept, back) > DETERMINED
-            unheld[:, equations] = 1.0 - _share(kept, transpose(left)) > DETERMINED
+            sizes[~kept] = np.inf
+            inverse = transpose(back) @ (left / sizes[..., None])
+            self._inverse[np.ix_(np.arange(n), columns, equations)] = inverse
+            self.is_open[:, columns] = _leave(kept, back)
+            unheld[:, equations] = _leave(kept, left)
         by_link = np.zeros((n, len(self.mechanism.links), 6), dtype=bool)
         by_link[:, self._rows] = unheld
         self.slides = np.any(by_link[..., 3:], axis=2)
@@ -326,10 +310,13 @@ class NewtonEuler:
         for k, (number, component) in enumerate(self.columns):
             pair = self.mechanism.pairs[number]
             wrench = wrenches[:, k]
-            wrench[:, component] = 1.0 if component < 3 else 1.0 / self.length
-            if component < 3 and pair.pressure_angle is not None:
+            if component > 2:
+                wrench[:, component] = 1.0 / self.length
+                continue
+            wrench[:, component] = 1.0
+            if pair.pressure_angle is not None:
                 wrench[:, 0] = np.tan(pair.pressure_angle) * sides[:, number]
-            if component < 3 and pair.distance is not None:
+            if pair.distance is not None:
                 wrench[:, 3] = wrench[:, 1] / pair.distance
                 wrench[:, 4] = -wrench[:, 0] / pair.distance
         return wrenches
@@ -362,13 +349,6 @@ class NewtonEuler:
         """(n, pairs, 6) which components of the pairs' wrenches are not determined."""
         return self.on_pairs(self.is_open.astype(float)) != 0.0
 
-    def transmitted(self) -> JointReactions:
-        """Return what the pairs transmit, NaN where it is open."""
-        values = self.on_pairs(self.reactions) + self.about[..., None] * self.working
-        opened = self.opened | ~self.settled[:, None, None]
-        wrenches = np.where(opened, np.nan, values)
-        return JointReactions(wrenches, opened, self.missed, self.slides)
-
     def on_pairs(self, reactions: Floats) -> Floats:
         """Return reactions (n, columns) as wrenches (n, pairs, 6) in pair axes."""
         return self._on_pairs.T @ (reactions[..., None] * self.wrenches)
@@ -377,7 +357,7 @@ class NewtonEuler:
 def _turned(frames: Floats, wrenches: Floats) -> Floats:
     """Return wrenches (..., k, 6) in ground axes, from those of frames (n, k, 3, 3)."""
     halves = wrenches.reshape(*wrenches.shape[:-1], 2, 3) @ transpose(frames)
-    return np.reshape(halves, (*halves.shape[:-2], 6))
+    return halves.reshape(*frames.shape[:2], 6)
 
 
 def _working(pair: Pair) -> Floats:
@@ -400,25 +380,23 @@ def without_centre(mechanism: Mechanism) -> list[str]:
 
 def _force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     """Return the components of forces that moments do not say: 3, 4 and 5 are x, y, z."""
-    bearings = [load for load in mechanism.loads if isinstance(load, Bearings)]
-    floating = {load.pair for load in bearings if load.floats}
-    rubs = {load.pair for load in mechanism.loads if isinstance(load, ContactFriction)}
-    columns = []
+    loads, columns = mechanism.loads, []
+    floating = {x.pair for x in loads if isinstance(x, Bearings) and x.floats}
+    rubs = {load.pair for load in loads if isinstance(load, ContactFriction)}
     for number, pair in enumerate(mechanism.pairs):
-        if not pair.kind.has_axis:
+        if pair.kind.has_axis:
+            axes = range(3, 5 if pair.name in floating else 6)
+            columns += [(number, axis) for axis in axes]
+        elif pair.distance is None:
             # Against the moment about x the force is along y, as that about y along x.
             held = 2 if pair.name in rubs else pair.constraints
-            acting = range(0 if pair.distance is not None else held)
-            columns += [(number, 4 - axis) for axis in acting]
-        else:
-            most = 2 if pair.name in floating else 3
-            columns += [(number, 3 + axis) for axis in range(most)]
+            columns += [(number, 4 - axis) for axis in range(held)]
     return columns
 
 
-def _share(kept: Bools, vectors: Floats) -> Floats:
-    """Return the parts (n, k) of unit vectors that lie in the span of the kept rows."""
-    return np.sum(np.where(kept[..., None], vectors, 0.0) ** 2, axis=1)
+def _leave(kept: Bools, vectors: Floats) -> Bools:
+    """Return which (n, k) of unit vectors do not lie in the span of the kept rows."""
+    return 1.0 - np.sum(kept[..., None] * vectors**2, axis=1) > DETERMINED
 
 
 def transmitted(driven: DrivenState, *, forces: bool = False) -> JointReactions:
@@ -427,17 +405,19 @@ def transmitted(driven: DrivenState, *, forces: bool = False) -> JointReactions:
     Where links slide, forces are not determined, for the loads would move the links.
     """
     balance = balanced(driven, forces)
-    results = balance.transmitted()
+    wrenches = balance.on_pairs(balance.reactions)
+    wrenches += balance.about[..., None] * balance.working
+    opened = balance.opened | ~balance.settled[:, None, None]
+    wrenches[opened] = np.nan
     if not forces:
-        results.wrenches[..., 3:] = np.nan
-        return replace(results, opened=results.opened & (np.arange(6) < 3))
+        wrenches[..., 3:], opened[..., 3:] = np.nan, False
     sliding = np.any(balance.slides, axis=1)
     if np.any(sliding):
         alone = transmitted(driven.rows(sliding))
-        results.wrenches[sliding] = alone.wrenches
-        results.opened[sliding] = alone.opened | (np.arange(6) > 2)
-        results.unbalanced[sliding] = alone.unbalanced
-    return results
+        wrenches[sliding], opened[sliding] = alone.wrenches, alone.opened
+        opened[sliding, :, 3:] = True
+        balance.missed[sliding] = alone.unbalanced
+    return JointReactions(wrenches, opened, balance.missed, balance.slides)
 
 
 def balanced(driven: DrivenState, forces: bool) -> NewtonEuler:
@@ -502,7 +482,7 @@ def _of_inertia(mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats)
 def applied(driven: DrivenState) -> tuple[Floats, Floats]:
     """Return the wrenches of loads on links (n, links, 6), and torques at pairs (n, pairs).
 
-    These with the torques of the drives.
+    Those of the drives are among the torques.
     """
     mechanism, motion, timing = driven.mechanism, driven.motion, driven.timing
     loads = Loads(mechanism)
@@ -515,8 +495,7 @@ def applied(driven: DrivenState) -> tuple[Floats, Floats]:
             about[:, mechanism.pair_number[part.pair]] += size
         for link, moment, force in loads.on_links(part, motion.rotations):
             wrenches[:, link, :3] += size[:, None] * moment
-            if force is not None:
-                wrenches[:, link, 3:] += size[:, None] * force
-    for k, item in enumerate(mechanism.inputs):
-        about[:, mechanism.pair_number[item.pair]] += driven.torques[:, k]
+            wrenches[:, link, 3:] += size[:, None] * force
+    inputs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
+    about[:, inputs] += driven.torques
     return wrenches, about

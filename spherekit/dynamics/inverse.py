@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,7 +46,7 @@ ROUNDING = 1e-13
 def total(parts: Floats, status: SmallIntegers) -> Floats:
     """Return sums (n, ...) of parts (n, k, ...), NaN in rows that failed, also of none."""
     with np.errstate(over="ignore"):
-        sums = np.array(np.sum(parts, axis=1))
+        sums: Floats = np.sum(parts, axis=1)
     sums[status != Status.OK] = np.nan
     return sums
 
@@ -61,7 +62,7 @@ def judged(
     forces: Floats,
     torques: Floats,
     rates: Floats,
-    locked: Bools | None,
+    locked: Bools | bool,
 ) -> SmallIntegers:
     """Return the status (n,) of torques (n, m), and blank what is not known.
 
@@ -69,8 +70,7 @@ def judged(
     `forces` (n, m, loads) is no number, or bearings are `locked`, and so do other loads.
     """
     rated, status = status == Status.OK, status.copy()
-    if locked is not None:
-        status[rated & locked] = Status.NOT_CONVERGED
+    status[rated & locked] = Status.NOT_CONVERGED
     with np.errstate(over="ignore", invalid="ignore"):
         finite = np.isfinite(np.einsum("ni,nil->nl", rates, forces))
     finite &= all_finite(forces, 1)
@@ -119,11 +119,10 @@ class InverseSolution(InputMotion):
     rounds: int = 0
 
     def __repr__(self) -> str:
-        failed = int(np.count_nonzero(self.status))
-        modes = len(set(self.assembly_mode.tolist()))
+        modes = len(np.unique(self.assembly_mode))
         return (
             f"<InverseSolution of {self.mechanism.name}: {counted(len(self.t), 'row')} in "
-            f"{counted(modes, 'assembly mode')}, {failed} failed>"
+            f"{counted(modes, 'assembly mode')}, {np.count_nonzero(self.status)} failed>"
         )
 
     @property
@@ -289,8 +288,8 @@ def _scheduled(mechanism: Mechanism, schedule: TimeScaling, t: Floats) -> Motion
     tracer = PositionAnalysis(mechanism.with_inputs(*rows.names), follow=False)
     samples = schedule.rotation.at(rows.theta)
     motion = replace(tracer.given(samples.values), inputs=rows.inputs, status=rows.status)
-    motion = going_on(motion, tracer.solver)
-    return replace(motion, timing=Timing(t, rows.rates, rows.accelerations))
+    timing = Timing(t, rows.rates, rows.accelerations)
+    return replace(going_on(motion, tracer.solver), timing=timing)
 
 
 def needed_torques(motion: Motion) -> InverseSolution:
@@ -314,8 +313,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
         field = found(motion.rows(held), request(mechanism, name, (), by_rank=True))
         flat[held] |= field.status != Status.OK
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
-    rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
-    of = mechanism, rows, timing, coordinates, status
+    of = motion, timing, coordinates, status
     solution, loads = balancing(*of), Loads(mechanism)
     if loads.rubbing:
         good = all_finite(solution.torques, 1)
@@ -330,12 +328,11 @@ def needed_torques(motion: Motion) -> InverseSolution:
 
 
 def balancing(
-    mechanism: Mechanism,
-    rows: tuple[Integers, Integers, Floats, Floats],
+    rows: Any,
     timing: Timing,
     coordinates: CoordinateMotion,
     rate_status: SmallIntegers,
-    locked: Bools | None = None,
+    locked: Bools | bool = False,
     carried: Floats | None = None,
 ) -> InverseSolution:
     """Return the torques that balance inertia and loads, given how all moves by the inputs.
@@ -343,24 +340,24 @@ def balancing(
     Parameters
     ----------
     rows
-        The samples, assembly modes, inputs (n, inputs) and residuals of the rows.
+        The motion or batch of which the mechanism, samples, assembly modes, inputs
+        (n, inputs) and residuals are.
     rate_status
         (n,) the status of what does not depend on loads.
     locked, carried
         Where (n,) bearings that rub lock, and what they carry, see `InverseSolution`.
     """
-    sample, assembly_mode, inputs, residual = rows
     with np.errstate(over="ignore", invalid="ignore"):
-        masses = inertia(mechanism, coordinates)
-        forces = Loads(mechanism).parts(coordinates, timing.dq, timing.t, carried)
+        masses = inertia(rows.mechanism, coordinates)
+        forces = Loads(rows.mechanism).parts(coordinates, timing.dq, timing.t, carried)
         Q = np.sum(forces, axis=2)
         torques = driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
     return InverseSolution(
-        mechanism,
-        sample,
-        assembly_mode,
+        rows.mechanism,
+        rows.sample,
+        rows.assembly_mode,
         timing.t,
-        inputs,
+        rows.inputs,
         timing.dq,
         timing.ddq,
         masses.M_parts,
@@ -369,7 +366,7 @@ def balancing(
         torques,
         coordinates.values.copy(),
         coordinates,
-        residual,
+        rows.residual,
         judged(rate_status, masses, forces, torques, timing.dq, locked),
         rate_status,
         carried,
@@ -396,7 +393,7 @@ def holding_torques(motion: Motion, t: float = 0.0) -> InverseSolution:
         The time (s) at which loads that depend on it are taken.
     """
     still = np.zeros_like(motion.inputs)
-    timing = Timing(np.full(len(motion), float(t)), still, still)
+    timing = Timing(np.full(len(motion), t), still, still)
     return needed_torques(replace(motion, timing=timing))
 
 
@@ -458,8 +455,7 @@ def output_stiffness(
     vectors[values == 0.0] = np.nan
     # Each axis points to the side to which the inputs turn the link together.
     side = np.sum(w / (1.0 + np.arange(w.shape[1]))[:, None], axis=1)
-    vectors *= np.where(np.einsum("nka,na->nk", vectors, side) < 0.0, -1.0, 1.0)[..., None]
+    vectors *= np.where(vectors @ side[..., None] < 0.0, -1.0, 1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        principal = 1.0 / values
         advantage = 1.0 / np.linalg.norm(w, axis=2)
-    return Stiffness(w, advantage, principal[:, ::-1], vectors[:, ::-1])
+        return Stiffness(w, advantage, 1.0 / values[:, ::-1], vectors[:, ::-1])
