@@ -150,7 +150,8 @@ def test_recommended_settings_meet_the_tolerance(name, count, samples):
             assert all(MARGIN * each.error > tolerance for each in found.pareto)
             continue
         plan = plan_of(course(made, samples, **given), create("poles"))
-        right, poles, _ = reference_at(plan)
+        (motion,) = plan.course.blocks(samples)
+        right, poles, _ = reference_at(plan, motion)
         tables, _, _ = tables_by(plan.course, *plan.analyses, chosen.setting, poles)
         for each in deviations_of(plan, tables, right):
             assert each.error <= tolerance and not each.missing, (chosen.name, each)

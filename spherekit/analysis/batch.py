@@ -6,7 +6,7 @@ What an analysis declares to read.
 """
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,8 +21,9 @@ from spherekit.analysis.tables import (
     TIME,
     Column,
     Table,
-    TableData,
+    TableArrays,
     Tables,
+    arrays,
 )
 from spherekit.arrays import Array, Floats, Integers, SmallIntegers
 from spherekit.conventions import Names, Status, listing
@@ -68,10 +69,7 @@ class Needs:
     def union(self, other: "Needs") -> "Needs":
         """Return what two analyses need together."""
         return Needs(
-            **{
-                one.name: getattr(self, one.name) | getattr(other, one.name)
-                for one in fields(Needs)
-            }
+            **{name: held | getattr(other, name) for name, held in vars(self).items()}
         )
 
 
@@ -167,15 +165,13 @@ class Batch:
     @property
     def q_range(self) -> Range:
         """Least and greatest q of the whole run, rad; `SolveError` with several inputs."""
-        low, high = self._single(self._extents[0]).tolist()
-        return low, high
+        return self._range(0)
 
     @property
     def dq_range(self) -> Range:
         """Least and greatest dq of the whole run, rad/s; `SolveError` likewise."""
         self._check("time", "time")
-        low, high = self._single(self._extents[1]).tolist()
-        return low, high
+        return self._range(1)
 
     @property
     def residual(self) -> Floats:
@@ -237,7 +233,8 @@ class Batch:
                     f"a column of {quantity!r} was asked for; give one of "
                     f"{listing(_QUANTITIES)}"
                 )
-            name, parts = _QUANTITIES[quantity], list[Array | LazyColumn]()
+            name = _QUANTITIES[quantity]
+            parts: list[Array | LazyColumn] = []
             for i, j, moved in poles:
                 here = self._found(moved)
                 if isinstance(here, LazyField) and name not in here.KNOWN:
@@ -261,7 +258,6 @@ class Batch:
             "relative_to": [links[i] for i, *_ in poles],
             "moving": [pairs[moved] for *_, moved in poles],
         }
-        names = ("velocity_coefficient", "acceleration_coefficient")
         return {
             **{
                 name: Interleaved([getattr(self, name)] * len(poles))
@@ -272,7 +268,8 @@ class Batch:
                 for name, texts in words.items()
             },
             **{f"u{axis}": of("direction", k) for k, axis in enumerate("xyz")},
-            **{name: of(name, None) for name in names},
+            "velocity_coefficient": of("velocity_coefficient", None),
+            "acceleration_coefficient": of("acceleration_coefficient", None),
             "status": of("pole_status", None),
         }
 
@@ -381,7 +378,8 @@ class Batch:
         pair = self.mechanism.pair_number[name]
         (number,) = self.mechanism.variables_of(pair)
         first, second = self.mechanism.ends[pair]
-        vector, w = self._motion.vectors[:, number], self._found(moved).w
+        vector = self._motion.vectors[:, number]
+        w = self._found(moved).w
         along = np.sum((w[second] - w[first]) * vector, axis=1)
         return along / np.sum(vector * vector, axis=1)
 
@@ -405,10 +403,11 @@ class Batch:
         assert self._motion.timing is not None
         return self._motion.timing
 
-    @property
-    def _extents(self) -> list[Floats]:
-        """Those of the run, or of the batch where there is no run; see `extents`."""
-        return self._of_run or extents(self._motion.inputs, self._motion.timing)
+    def _range(self, quantity: int) -> Range:
+        """Return extents of the run, or of the batch where there is none; see `extents`."""
+        whole = self._of_run or extents(self._motion.inputs, self._motion.timing)
+        low, high = self._single(whole[quantity])
+        return float(low), float(high)
 
     def _single(self, columns: Floats) -> Floats:
         if columns.shape[1] != 1:
@@ -425,23 +424,27 @@ class Batch:
 
     def _pole(self, i: int, j: int, quantity: str, moved: int) -> Array:
         self._declared(i, j, quantity)
-        values: Mapping[Pole, Array]
-        values = getattr(self._found(moved), _QUANTITIES.get(quantity, quantity))
+        part = _QUANTITIES.get(quantity, quantity)
+        values: Mapping[Pole, Array] = getattr(self._found(moved), part)
         return _sealed(values[pole_of(i, j)])
 
     def _declared(self, i: int, j: int, quantity: str) -> None:
         """Raise `UndeclaredNeed` if a quantity of a pole was not said to be read."""
-        pole, needs = pole_of(i, j), self.needs
+        pole = pole_of(i, j)
+        needs = self.needs
         if quantity.startswith("acceleration"):
             self._check(quantity, "derivatives")
-        allowed, said = needs.directions | needs.rates | needs.planes, "directions=..."
+        allowed = needs.directions | needs.rates | needs.planes
+        said = "directions=..."
         if quantity == "planes":
-            allowed, said = needs.planes, "planes=..."
+            allowed = needs.planes
+            said = "planes=..."
         elif quantity == "direction_dq":
             allowed = needs.turns if needs.derivatives else frozenset()
             said = "turns=..., derivatives=True"
         elif "coefficient" in quantity:
-            allowed, said = needs.rates, "rates=..."
+            allowed = needs.rates
+            said = "rates=..."
         if pole not in allowed:
             low, high = (self.mechanism.links[link] for link in pole)
             raise UndeclaredNeed(
@@ -477,7 +480,7 @@ def run_status(motion: Motion, fields: Fields) -> SmallIntegers:
     for pole_field in fields:
         if pole_field.status is not motion.status:
             status = np.where(status == Status.OK, pole_field.status, status)
-    return np.asarray(status, dtype=np.int8)
+    return status
 
 
 MOST_SUBJECTS = 60
@@ -495,7 +498,7 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> tuple[S
             part
             for table in tables
             if table.in_assembly_modes
-            for part in _parts(table, data[table.name], mode, batch.sample[rows])
+            for part in _parts(table, arrays(data[table.name]), mode, batch.sample[rows])
         )
         if parts:
             scenes.append(Scene(mode, parts))
@@ -503,34 +506,29 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> tuple[S
 
 
 def _parts(
-    table: Table, data: TableData, mode: int, samples: Integers
+    table: Table, data: TableArrays, mode: int, samples: Integers
 ) -> Iterator[Primitive]:
     """Yield the columns of one mode, of each subject that has a row at every sample."""
-    (here,) = np.nonzero(np.asarray(data[ASSEMBLY_MODE.name]) == mode)
-    texts = [c.name for c in table.columns if c.kind == "text"]
-    words = (np.asarray(data[name]).astype(str)[here] for name in texts)
+    here = np.flatnonzero(data[ASSEMBLY_MODE.name] == mode)
+    words = (data[c.name][here] for c in table.columns if c.kind == "text")
     named = zip(np.full(len(here), ""), *words, strict=True)
     subjects = np.array([", ".join(filter(None, words)) for words in named], dtype=str)
     names = dict.fromkeys(subjects.tolist())
     for subject in names if len(names) <= MOST_SUBJECTS else ():
         chosen = here[subjects == subject]
-        if not np.array_equal(np.asarray(data[SAMPLE.name])[chosen], samples):
+        if not np.array_equal(data[SAMPLE.name][chosen], samples):
             continue
         for column in filter(_shown, table.columns):
             path = f"tables/{table.name}/{column.name}/{subject}"
-            values = np.asarray(data[column.name], dtype=float)[chosen]
-            label = subject or column.name
-            yield Series(path, label, column.meaning, values, column.unit)
+            values = data[column.name][chosen]
+            yield Series(path, subject or column.name, column.meaning, values, column.unit)
 
 
 def _shown(column: Column) -> bool:
     """Return whether a column is a result, and not an input, the time or an error."""
-    is_input = column.name.startswith(INPUTS.name) and column.meaning.startswith(
-        INPUTS.meaning
-    )
     return (
         column.kind == "number"
         and column.scale != "none"
-        and column.name != TIME.name
-        and not is_input
+        and column != TIME
+        and not column.meaning.startswith(INPUTS.meaning)
     )

@@ -37,9 +37,6 @@ WORTH = 50_000
 CHECKED = 121
 """Samples of a short trade."""
 
-CHECK_ROWS = 61
-"""Samples at which what was reached is measured, spread over the run's own."""
-
 SHORT = {
     "settings": (ORDINARY, Setting(route="conditioned"), Setting(engine="compiled")),
     "checked": CHECKED,
@@ -94,7 +91,7 @@ def choose(
     for plan in plans:
         with suppress(AnalysisError, PluginError):
             by_setting = plan_of(plan.course, plan.analyses[0], setting)
-            deviations, rows = checked_rows(by_setting, CHECK_ROWS)
+            deviations, rows = checked_rows(by_setting)
             collected += deviations
     largest = worst(collected)
     achieved = np.nan if largest is None else largest.error

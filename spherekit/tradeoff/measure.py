@@ -38,6 +38,7 @@ from spherekit.rates.request import (
     PoleField,
     turn_round,
 )
+from spherekit.sphere.rotation import max_abs
 from spherekit.tradeoff.record import Measured
 
 ROUNDS = 5
@@ -127,35 +128,34 @@ def deviations(
         largest: dict[str, float] = {}
         for column in results:
             if not is_absolute(column):
-                values = np.abs(np.asarray(theirs[column.name], dtype=float))
-                size = float(np.max(values[np.isfinite(values)], initial=0.0))
+                values = theirs[column.name]
+                size = max_abs(values[np.isfinite(values)])
                 largest[column.unit] = max(size, largest.get(column.unit, 0.0))
         for column in results:
             scale = 1.0 if is_absolute(column) else _scale(largest, column.unit)
-            both = (np.asarray(x[column.name], dtype=float) for x in (ours, theirs))
-            off, lost = _apart(column, *both)
-            error = max(float(np.max(off, initial=0.0)) / scale, EPS)
+            off, count = _apart(column, ours[column.name], theirs[column.name])
+            error = max(float(max_abs(off)) / scale, EPS)
             name = f"{table.name}.{column.name}"
-            made.append(Deviation(name, error, scale, len(off) + lost, lost))
+            made.append(Deviation(name, error, scale, count, count - len(off)))
     return made
 
 
 def _scale(largest: Mapping[str, float], unit: str) -> float:
-    size, whole = largest[unit], _integrated(unit)
+    size = largest[unit]
+    whole = _integrated(unit)
     before = 0.0 if whole is None else largest.get(whole, 0.0)
     return (size if size > EPS * before else before) or 1.0
 
 
 def _apart(column: Column, ours: Floats, theirs: Floats) -> tuple[Floats, int]:
-    """Return by how much numbers differ that both have, and how many ours lack."""
+    """Return by how much numbers differ that both have, and how many are expected."""
     expected = np.isfinite(theirs)
+    count = int(np.sum(expected))
     if len(ours) != len(theirs):
-        return np.zeros(0), int(np.sum(expected))
+        return np.zeros(0), count
     both = expected & np.isfinite(ours)
-    off = np.abs(ours[both] - theirs[both])
-    if column.unit == "rad":
-        off = np.abs(wrap(off))
-    return off, int(np.sum(expected & ~both))
+    off = ours[both] - theirs[both]
+    return wrap(off) if column.unit == "rad" else off, count
 
 
 def worst(compared: Sequence[Deviation]) -> Deviation | None:
@@ -217,16 +217,20 @@ def tables_by(
     return tables, first, time.process_time() - started
 
 
-def checked_rows(plan: RunPlan, most: int) -> tuple[list[Deviation], int]:
+CHECK_ROWS = 61
+"""Samples at which what was reached is measured, spread over the run's own."""
+
+
+def checked_rows(plan: RunPlan) -> tuple[list[Deviation], int]:
     """Return how far a run is off at some samples, and their number of rows.
 
-    The samples are spread over the course: at most so many, chosen apart from any
+    The samples are spread over the course: at most `CHECK_ROWS`, chosen apart from any
     regular pattern.
     """
     total = len(plan.course)
     rows = np.arange(total)
-    if total > most:
-        shares = (np.arange(most) + (np.arange(most) * GOLDEN) % 1.0) / most
+    if total > CHECK_ROWS:
+        shares = (rows[:CHECK_ROWS] + rows[:CHECK_ROWS] * GOLDEN % 1.0) / CHECK_ROWS
         rows = np.unique((shares * total).astype(np.intp))
     right, poles, _ = reference_at(plan, plan.course.motion_at(rows))
     ((motion, fields, angles),) = plan.read([plan.source.motion_at(rows)])
@@ -237,25 +241,23 @@ def checked_rows(plan: RunPlan, most: int) -> tuple[list[Deviation], int]:
 
 
 def reference_at(
-    plan: RunPlan, motion: Motion | None = None, inputs: Array | None = None
+    plan: RunPlan, motion: Motion, inputs: Array | None = None
 ) -> tuple[Tables, tuple[PoleField, ...], str]:
-    """Return the tables at the rows of a motion, by default of all samples.
+    """Return the tables at the rows of a motion.
 
     With the poles behind them, and words on rows that have none. They hold the float64
     numbers nearest to configurations and rates that the closure equations give in 20
     digits; see `spherekit.proof`. The motion's inputs are taken as exact, or else `inputs`
     (n, inputs), which they are rounded from.
     """
-    course, (analysis,) = plan.course, plan.analyses
-    if motion is None:
-        (motion,) = course.blocks(len(course))
+    (analysis,) = plan.analyses
     wanted = [item for item in plan.requests if item.poles]
     given = [evaluate(motion, item) for item in wanted]
     exact, better, fields = in_many_digits(motion, wanted, given, inputs=inputs)
     better = replace(better, samples=motion.samples)
     lacking = np.sum((motion.status == Status.OK) & (exact[0].status != Status.OK))
-    angles = plan.angles(better, {})
-    tables = plan.given(analysis, plan.batch(analysis, better, fields, angles))
+    batch = plan.batch(analysis, better, fields, plan.angles(better, {}))
+    tables = plan.given(analysis, batch)
     return tables, fields, f", {lacking} rows without" if lacking else ""
 
 
@@ -324,8 +326,8 @@ def timing_loop(
         first = float(np.min(before))
         measured[name] = replace(
             measured[name],
-            seconds=first + float(np.min(after)),
-            seconds_median=first + float(np.median(after)),
+            seconds=first + np.min(after),
+            seconds_median=first + np.median(after),
             first_seconds=first,
             compile_seconds=max(measured[name].compile_seconds - first, 0.0) * compiles,
         )
@@ -348,14 +350,17 @@ def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
     best, course, compiling = _tightest(plan, study)
     try:
         tables, poles, without = _in_many_digits(plan, study, course)
-        words, near = f"a simulation in {FEWEST} digits{without}", []
+        words = f"a simulation in {FEWEST} digits{without}"
+        near = []
     except EngineError as reason:
         poles = ()
         tables, *_ = _simulated_tables(plan, study, best)
         other = replace(best, tolerance=10.0 * LEAST[best.integrator])
         near = deviations_of(plan, _simulated_tables(plan, study, other)[0], tables)
-        words = f"simulation {best}, known to {_largest(near):.1e} from {other} "
-        words += f"({reason.fault})"
+        words = (
+            f"simulation {best}, known to {_largest(near):.1e} from {other} "
+            f"({reason.fault})"
+        )
         settings = [setting for setting in settings if setting != best]
 
     def way(setting: Setting, judged: bool) -> Timed:
@@ -457,5 +462,5 @@ def _in_many_digits(
 
 
 def _largest(near: Sequence[Deviation]) -> float:
-    """Return the largest error, no less than the rounding of float64."""
-    return max([EPS, *(deviation.error for deviation in near)])
+    """Return the largest error, the rounding of float64 where there is none."""
+    return max((deviation.error for deviation in near), default=EPS)

@@ -170,7 +170,8 @@ def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
     elif total > most:
         course = at_places(whole, places(whole, most, plan.requests[0]), study.search)
     plan = plan_of(course, analysis)
-    right, poles, without = reference_at(plan)
+    motion = course.motion_at(np.arange(len(course)))
+    right, poles, without = reference_at(plan, motion)
     words = f"the closure equations in {DIGITS} digits{without}"
     engines = [Setting(engine=engine) for engine in ENGINES if engine != "numpy"]
     every = effort.settings or [*(Setting(route=route) for route in ROUTES), *engines]

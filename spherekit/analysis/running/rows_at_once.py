@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
@@ -31,6 +30,7 @@ from spherekit.engine.columns import MovingTerms
 from spherekit.engine.compiler import available
 from spherekit.engine.dyads import given_by, lost_by
 from spherekit.engine.row_kernel import ColumnFunction, RowKernel, row_kernel
+from spherekit.motion.assembly_modes import assembled
 from spherekit.motion.guides import ModeCurve
 from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.motion.predicted import predictor
@@ -70,7 +70,7 @@ MORE = 32
 class Rows:
     """The rows of a block while they are found, slice by slice.
 
-    By assembly mode, then sample, whose inputs are `q` (inputs, samples). `values`
+    By assembly mode, then sample; `q` (inputs, n) are their inputs. `values`
     (variables, n) are nearly closed where they were predicted, and follow from the inputs
     where the kernel has the closed form in it; in the end they are those of all variables.
     `closure` (2, n) is by how much loops are open, and the error of the configuration.
@@ -80,17 +80,16 @@ class Rows:
 
     def __init__(self, kernel: RowKernel, tracer: PositionAnalysis, q: Floats) -> None:
         self.kernel, self._tracer, self._q = kernel, tracer, q
-        modes, by_inputs = len(tracer.assembly_modes), kernel.has_closed_form
-        n = modes * q.shape[1]
+        modes = len(tracer.assembly_modes)
+        n = q.shape[1]
         self.closure = np.empty((2, n))
         self.vouched = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
-        shape = len(tracer.mechanism.variable_owners), n
-        self.values = np.empty(shape) if by_inputs else nans(shape)
-        self._deciding = kernel.by_inputs if by_inputs else kernel.judging
+        self.values = nans((len(tracer.mechanism.variable_owners), n))
+        self._deciding = kernel.by_inputs if kernel.has_closed_form else kernel.judging
         # So many that little is left to do between.
         size = max(1, round(JUDGED / (self._deciding.width * SLICE))) * SLICE
-        self.parts = slices_of(modes, q.shape[1], size)
+        self.parts = slices_of(modes, n // modes, size)
 
     def fill(self, samples: Indices) -> "list[tuple[int, Seen]]":
         """Fill all rows, of samples by their numbers.
@@ -108,19 +107,22 @@ class Rows:
             rows = part.start + np.flatnonzero(self.vouched[part])
             if here is None and len(rows):
                 here = Seen(self.kernel, judging, judging(self.values[:, rows]), rows)
-            seen += [] if here is None else [(mode, here)]
+            if here:
+                seen.append((mode, here))
         return seen
 
     def _fill(self, part: Part) -> "Seen | None":
         """Fill a slice; return what is seen of it if all of its rows are vouched for."""
         mode, rows = part
-        deciding, first = self._deciding, mode * self._q.shape[1]
-        q, numbers = self._q[:, rows.start - first : rows.stop - first], np.r_[rows]
+        deciding = self._deciding
+        numbers = np.r_[rows]
+        q = self._q[:, rows]
         by_form = self.kernel.has_closed_form
         signs = self._tracer.assembly_modes[mode].signs
         count = len(q) + len(signs) if by_form else len(self.values)
         room = np.empty((count + deciding.width, len(numbers)))
-        given, columns = room[:count], room[count:]
+        given = room[:count]
+        columns = room[count:]
         if by_form:
             given_by(q, signs, given)
         else:
@@ -129,10 +131,10 @@ class Rows:
         places = deciding.places
         if by_form:
             self.values[:, rows] = columns[places["variables"]]
-        rounding, closure = self.kernel.open_by_rounding, columns[places["closure"]]
+        rounding = self.kernel.open_by_rounding
+        closure = columns[places["closure"]]
         self.closure[:, rows] = closure
-        most_doubt, most_open = np.max(columns[places["doubt"]][0]), np.max(closure[0])
-        if most_doubt <= 1.0 and most_open <= rounding:
+        if np.max(columns[places["doubt"]]) <= 1.0 and np.max(closure[0]) <= rounding:
             return Seen(self.kernel, deciding, columns, numbers)
         if by_form:
             lost = lost_by(columns[places["squares"]])
@@ -146,10 +148,10 @@ class Rows:
                 lost[:] = False
             is_open = (closure[0] > rounding) & np.isfinite(closure[0])
             self._close(columns, numbers, np.flatnonzero(is_open))
-            self.closure[:, rows] = columns[places["closure"]]
-        well = np.all(columns[places["doubts"]] <= 1.0, axis=0)
-        well &= self.closure[0, rows] <= rounding
-        self.vouched[rows], self.status[rows][lost] = well, Status.OUT_OF_REACH
+            self.closure[:, rows] = closure
+        well = np.all(columns[places["doubts"]] <= 1.0, axis=0) & (closure[0] <= rounding)
+        self.vouched[rows] = well
+        self.status[rows][lost] = Status.OUT_OF_REACH
         if not np.any(well) or not np.all(well | lost):
             return None
         return Seen(self.kernel, deciding, columns[:, well], numbers[well])
@@ -161,32 +163,31 @@ class Rows:
             after = before.copy()
             after[list(self.kernel.free)] = self.kernel.closer(before)
             near = max_abs(after - before, axis=0) < SMALL_STEP
-            at, after = at[near], np.ascontiguousarray(after[:, near])
+            at = at[near]
+            after = np.ascontiguousarray(after[:, near])
             self.values[:, numbers[at]] = after
             columns[:, at] = self.kernel.judging(after)
 
     def _with_care(self, samples: Indices, late: Indices) -> None:
         """Find rows as the tracer does, and what the kernel says of them."""
-        tracer, residual = self._tracer, np.empty(len(late))
-        for number, mode in enumerate(tracer.assembly_modes):
-            of_mode = late // len(samples) == number
-            if np.any(of_mode):
-                at = late[of_mode]
-                wanted = samples[at % len(samples)]
-                q = tracer.input_grid.q[wanted]
-                evaluated = tracer.solver.evaluate(mode, q, wanted)
-                self.values[:, at] = evaluated.values.T
-                self.status[at] = evaluated.status
-                residual[of_mode] = evaluated.residual
-        self._judge(late[np.isfinite(residual)])
-        self.closure[0, late] = residual
-
-    def _judge(self, rows: Indices) -> None:
-        """Judge by the kernel rows by their numbers, whose values are known."""
+        tracer = self._tracer
+        residual = np.empty(len(late))
+        modes = late // len(samples)
+        for number in np.unique(modes):
+            of_mode = modes == number
+            at = late[of_mode]
+            wanted = samples[at % len(samples)]
+            q = tracer.input_grid.q[wanted]
+            evaluated = tracer.solver.evaluate(tracer.assembly_modes[number], q, wanted)
+            self.values[:, at] = evaluated.values.T
+            self.status[at] = evaluated.status
+            residual[of_mode] = evaluated.residual
+        known = late[np.isfinite(residual)]
         judging = self.kernel.judging
-        columns = judging(self.values[:, rows])
-        self.closure[:, rows] = columns[judging.places["closure"]]
-        self.vouched[rows] = np.all(columns[judging.places["doubts"]] <= 1.0, axis=0)
+        columns = judging(self.values[:, known])
+        self.closure[:, known] = columns[judging.places["closure"]]
+        self.vouched[known] = np.all(columns[judging.places["doubts"]] <= 1.0, axis=0)
+        self.closure[0, late] = residual
 
 
 class Seen:
@@ -228,12 +229,14 @@ def _gaps(moving: MovingTerms, spins: Floats) -> Indices:
     product of two in a box falls below the one of its corners, and no size exceeds the
     other.
     """
-    low, high = np.min(spins, axis=1), np.max(spins, axis=1)
-    least, most = moving.relative(low, high), moving.relative(high, low)
+    low = np.min(spins, axis=1)
+    high = np.max(spins, axis=1)
+    least = moving.relative(low, high)
+    most = moving.relative(high, low)
     across, one, other = least * most, least * least, most * most
     inner = np.where(across > 0.0, np.minimum(one, other), across)
-    product, size = np.sum(inner, axis=1), np.sum(np.maximum(one, other), axis=1)
-    if np.all(product >= ASIDE * size):
+    size = np.sum(np.maximum(one, other), axis=1)
+    if np.all(np.sum(inner, axis=1) >= ASIDE * size):
         return NONE
     v = np.moveaxis(moving.relative(spins), 1, 2)
     return np.flatnonzero(~np.all(_along(v[:, :-1], v[:, 1:]), axis=0))
@@ -256,18 +259,17 @@ def stops_of(
             gaps[mode].append(np.array([one.rows[1:], two.rows[:1]]))
     stops: dict[int, Stops] = {}
     for mode, of_mode in enumerate(held):
-        (rows,) = np.nonzero(of_mode)
+        rows = np.flatnonzero(of_mode)
         if len(rows):
             by_itself = careful[mode, rows]
-            (at,) = np.nonzero(by_itself[:-1] | by_itself[1:])
+            at = np.flatnonzero(by_itself[:-1] | by_itself[1:])
             rows += mode * len(of_mode)
             every = np.concatenate([*gaps[mode], [rows[at], rows[at + 1]]], axis=1)
             some = np.unique(np.concatenate([rows[[0, -1]], every.ravel()]))
             first, last = np.searchsorted(some, every)
-            depth = np.zeros(len(some), dtype=np.intp)
-            np.add.at(depth, first, 1)
-            np.add.at(depth, last, -1)
-            stops[mode] = some, np.cumsum(depth)[:-1] > 0
+            begun = np.bincount(first, minlength=len(some))
+            ended = np.bincount(last, minlength=len(some))
+            stops[mode] = some, np.cumsum(begun - ended)[:-1] > 0
     return stops
 
 
@@ -284,7 +286,7 @@ class BatchRunner:
     """
 
     course: Sampling
-    requests: tuple[Request, ...]
+    requests: Sequence[Request]
     kernel: RowKernel
     predicted: Callable[[int, int, Floats], None] | None
     recorded: bool
@@ -311,13 +313,13 @@ class BatchRunner:
         rows = len(course) * len(tracer.assembly_modes)
         if course.simulation is not None or rows < FEWEST or not requests:
             return None
-        engine: Literal["numpy", "compiled"]
-        engine = "compiled" if rows >= MANY and available() else "numpy"
-        made = row_kernel(tracer.sparse(REFERENCES), requests, engine)
+        compiles = rows >= MANY and available()
+        references = tracer.sparse(REFERENCES)
+        made = row_kernel(references, requests, "compiled" if compiles else "numpy")
         if made is None or not made.vouches:
             return None
         predicted = None if made.has_closed_form else predictor(tracer)
-        return cls(course, tuple(requests), made, predicted, recorded, looks_ahead)
+        return cls(course, requests, made, predicted, recorded, looks_ahead)
 
     @property
     def block(self) -> int:
@@ -334,14 +336,15 @@ class BatchRunner:
         most = GROWTH * size if size == self.block and not self.recorded else size
 
         def samples() -> Iterator[Indices]:
-            start, count = first, size
+            start = first
+            count = size
             while start < len(self.course):
                 yield np.arange(start, min(start + count, len(self.course)))
                 start += count
                 if self._last is not None:
                     count = size if self._last.was_read else min(2 * count, most)
 
-        yield from in_turn(self.motion_at, samples(), self.looks_ahead)
+        return in_turn(self.motion_at, samples(), self.looks_ahead)
 
     def fields(
         self, motion: Motion, memories: Sequence[SignContinuation]
@@ -351,40 +354,40 @@ class BatchRunner:
         They are made when they are read.
         """
         vouched, held, doubtful, stops, errors = self.unread.pop(id(motion))
-        asked = self.requests[: len(memories)]
-        self._last = columns = ComputedColumns(self.kernel, motion, asked, doubtful)
+        self._last = columns = ComputedColumns(self.kernel, motion, self.requests, doubtful)
         turned: list[Turning] = []
-        for k, memory in enumerate(memories[: len(asked)]):
+        inputs = zip(self.kernel.moving, memories, strict=False)
+        for k, (moving, memory) in enumerate(inputs):
             if motion.is_path:
                 at = partial(columns.relative_at, k)
-                signed = self.kernel.moving[k].signed
-                turned.append(signs_at_stops(motion, signed, stops[k], at, memory))
+                turned.append(signs_at_stops(motion, moving.signed, stops[k], at, memory))
             else:
                 turned.append(sides_of(motion, held, memory))
         columns.turn(turned, motion.samples)
         return tuple(
-            LazyField(columns, k, motion, vouched, errors[k].tolist())
-            for k in range(len(asked))
+            LazyField(columns, k, motion, vouched, of_input)
+            for k, of_input in enumerate(errors)
         )
 
     def motion_at(self, samples: Indices) -> Motion:
         """Return the motion at some samples, by their numbers in rising order."""
-        course, tracer = self.course, self.course.tracer
-        modes, count = len(tracer.assembly_modes), len(samples)
-        q = np.ascontiguousarray(tracer.input_grid.q[samples].T)
+        timing = self.course.timing
+        tracer = self.course.tracer
+        modes = len(tracer.assembly_modes)
+        count = len(samples)
+        q = np.tile(tracer.input_grid.q[samples].T, modes)
         rows = Rows(self.kernel, tracer, q)
         if self.predicted is not None:
             values = rows.values.reshape(-1, modes, count)
             edges = np.flatnonzero(np.diff(samples, prepend=-2, append=-2) != 1)
-            for low, high in pairwise(edges.tolist()):
-                ends = int(samples[low]), int(samples[high - 1]) + 1
+            for low, high in pairwise(edges):
+                ends = samples[low], samples[high - 1] + 1
                 self.predicted(*ends, values[:, :, low:high])
         seen = rows.fill(samples)
-        failed = (rows.status != Status.OK) & (rows.status != Status.AT_SINGULARITY)
+        failed = ~assembled(rows.status)
         rows.values[:, failed] = rows.closure[:, failed] = np.nan
         careful = ~(rows.vouched | failed)
         doubtful = np.flatnonzero(careful)
-        timing = course.timing
         motion = Motion(
             mechanism=tracer.mechanism,
             joints=tracer.solver.joints,
@@ -393,7 +396,7 @@ class BatchRunner:
             samples=count,
             sample=np.tile(samples, modes),
             assembly_mode=np.repeat([m.number for m in tracer.assembly_modes], count),
-            inputs=np.tile(q, modes).T,
+            inputs=q.T,
             values=rows.values.T,
             status=rows.status,
             residual=rows.closure[0],
@@ -403,7 +406,8 @@ class BatchRunner:
         if len(doubtful):
             rows.closure[1, doubtful] = motion.rows(doubtful).configuration_error
         vars(motion)["configuration_error"] = rows.closure[1]
-        held, careful = (some.reshape(modes, count) for some in (~failed, careful))
+        held = ~failed.reshape(modes, count)
+        careful = careful.reshape(held.shape)
         every = range(len(self.requests))
         stops = [stops_of(seen, k, held, careful) for k in every if motion.is_path]
         errors = [nans((len(every), 3)), *(np.array(here.errors) for _, here in seen)]

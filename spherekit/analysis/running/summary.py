@@ -19,10 +19,9 @@ from spherekit.analysis.contract import AbstractAnalysis, Analyses, Findings
 from spherekit.analysis.declared import declared
 from spherekit.analysis.folder import StoredParts, code_identity, need_memory
 from spherekit.analysis.result import MOTION, stems
-from spherekit.analysis.rows import InMemory
+from spherekit.analysis.rows import InMemory, JoinedBlocks
 from spherekit.analysis.running.cost import RECORDING, Timer, counts_of
 from spherekit.analysis.running.evaluation import ORDINARY, Setting
-from spherekit.analysis.running.recording import Recorder
 from spherekit.analysis.running.rows_at_once import BatchRunner
 from spherekit.analysis.running.run_state import (
     BY_EQUATIONS,
@@ -74,8 +73,8 @@ class RunPlan:
     """
 
     course: Sampling
-    analyses: tuple[AbstractAnalysis, ...]
-    needs: tuple[Needs, ...]
+    analyses: Analyses
+    needs: Sequence[Needs]
     refused: Mapping[str, str]
     requests: tuple[Request, ...]
     setting: Setting
@@ -101,7 +100,8 @@ class RunPlan:
 
     def read(self, motions: Iterable[Motion]) -> Iterator[Read]:
         """Yield motions that follow each other with what analyses read of them."""
-        signs, last = [SignContinuation() for _ in self.requests], LastAngles()
+        signs = [SignContinuation() for _ in self.requests]
+        last = LastAngles()
         for motion in motions:
             yield motion, self.fields(motion, signs), self.angles(motion, last)
 
@@ -109,9 +109,8 @@ class RunPlan:
         """Return the poles of a block of the source for each input that moves."""
         if isinstance(self.source, BatchRunner) and id(motion) in self.source.unread:
             return self.source.fields(motion, memories)
-        how = self.setting.route, self.setting.engine
         return tuple(
-            evaluate(motion, item, memory, *how)
+            evaluate(motion, item, memory, self.setting.route, self.setting.engine)
             for item, memory in zip(self.requests, memories, strict=True)
             if item.poles
         )
@@ -129,10 +128,18 @@ class RunPlan:
         angles: Angles,
     ) -> Batch:
         """Return what an analysis may read of a block."""
-        course, read = self.course, (motion, tuple(fields), angles)
-        needs = self.needs[self.analyses.index(analysis)]
-        given = self.mechanism, self.plans, needs, *read, course.timed, course.tracer
-        return Batch(*given, course.extents)
+        course = self.course
+        return Batch(
+            self.mechanism,
+            self.plans,
+            self.needs[self.analyses.index(analysis)],
+            motion,
+            fields,
+            angles,
+            course.timed,
+            course.tracer,
+            course.extents,
+        )
 
     def given(self, analysis: AbstractAnalysis, batch: Batch) -> dict[str, TableData]:
         """Return the tables that an analysis gives; see `computed` for what it raises."""
@@ -142,12 +149,11 @@ class RunPlan:
         self, analysis: AbstractAnalysis, batches: Iterable[Batch]
     ) -> dict[str, TableArrays]:
         """Return the tables that an analysis gives of successive batches, in memory."""
-        store, tables = InMemory(), self.tables_of(analysis)
-        for batch in batches:
-            given = self.given(analysis, batch)
-            for table in tables:
-                store.add(analysis.name, table, given[table.name])
-        return {table.name: store.table(analysis.name, table) for table in tables}
+        given = [self.given(analysis, batch) for batch in batches]
+        return {
+            table.name: JoinedBlocks([tables[table.name] for tables in given], table)
+            for table in self.tables_of(analysis)
+        }
 
     def hand_over(
         self,
@@ -161,8 +167,7 @@ class RunPlan:
         """Store and count rows of a block, with the names of assembly modes."""
         if store is not None:
             stored = table.with_names(self.mechanism)
-            modes = self.course.tracer.assembly_modes
-            names = {mode.number: mode.name for mode in modes if mode.name}
+            names = {x.number: x.name for x in self.course.tracer.assembly_modes if x.name}
             store.add(name, stored, stored.named(rows, names))
         standing.add_rows(name, table, rows, batch)
 
@@ -172,9 +177,10 @@ class RunPlan:
 
         Two runs with the same identity give the same bits on one machine.
         """
-        course, source = self.course, self.source
-        simulation, timing = course.simulation, course.timing
-        times = [] if timing is None else [timing.t, timing.dq, timing.ddq]
+        course = self.course
+        source = self.source
+        simulation = course.simulation
+        timing = course.timing
         return code_identity() | {
             "mechanism": self.mechanism.name,
             "mechanism_hash": mechanism_hash(self.mechanism),
@@ -187,7 +193,7 @@ class RunPlan:
             "setting": asdict(self.setting),
             "over_time": course.timed,
             "input_values": digest(course.inputs),
-            "times": [digest(values) for values in times],
+            "times": [] if timing is None else [digest(x) for x in vars(timing).values()],
             "samples_in_a_block": self.block,
             "kernel": source.kernel.engine if isinstance(source, BatchRunner) else None,
         }
@@ -223,7 +229,7 @@ class RunPlan:
         }
 
 
-Asked = tuple[tuple[Needs, ...], Mapping[str, str]]
+Asked = tuple[Sequence[Needs], Mapping[str, str]]
 """What each analysis needs, and by name why those that break the contract go."""
 
 
@@ -235,7 +241,8 @@ def needs_of_each(analyses: Analyses, mechanism: Mechanism) -> Asked:
     tables have one place.
     """
     mechanism = driven_at(mechanism)
-    needs, refused = [], {}
+    needs = []
+    refused = {}
     for name, count in Counter(analysis.name for analysis in analyses).items():
         if count > 1:
             raise AnalysisError(
@@ -249,7 +256,7 @@ def needs_of_each(analyses: Analyses, mechanism: Mechanism) -> Asked:
         except PluginError as fault:
             refused[analysis.name] = str(fault)
             needs.append(Needs())
-    return tuple(needs), refused
+    return needs, refused
 
 
 def job_of(
@@ -273,36 +280,40 @@ def job_of(
         If the setting does not apply, an analysis needs times and there are none, or all
         samples at once need more memory than there is.
     """
-    mechanism, tracer, (needs, refused) = course.tracer.mechanism, course.tracer, asked
+    tracer = course.tracer
+    needs, refused = asked
     for analysis, what in zip(analyses, needs, strict=True):
         if what.time and course.timing is None:
             raise AnalysisError(
                 f"{analysis.name}: needs time, but with several inputs nothing says how "
                 "they move; give a law for every input, and a duration"
             )
-    wanted = requests_for(mechanism, reduce(Needs.union, needs, Needs()), tracer.by_rank)
+    together = reduce(Needs.union, needs, Needs())
+    wanted = requests_for(tracer.mechanism, together, tracer.by_rank)
     source: BatchRunner | Sampling = course
     if setting.engine == "compiled":
         heyoka()
-    if (setting.engine, setting.route) == (ORDINARY.engine, ORDINARY.route):
-        ahead = not any(item.tracer for item in needs)
+    if setting == ORDINARY:
         moving = [item for item in wanted if item.poles]
+        ahead = not together.tracer
         source = BatchRunner.of(course, moving, all_links, ahead) or course
     whole = [x.name for x in analyses if x.name not in refused and x.at_once]
     if whole:
         block = len(course)
-        need_memory(mechanism, block * len(tracer.assembly_modes), whole)
+        need_memory(tracer.mechanism, block * len(tracer.assembly_modes), whole)
     block = min(block or source.block, len(course))
-    return RunPlan(course, tuple(analyses), *asked, wanted, setting, source, block, whole)
+    return RunPlan(course, analyses, *asked, wanted, setting, source, block, whole)
 
 
 def motion_table(course: Sampling) -> Table:
     """Return the table of the configurations of a course."""
     mechanism = course.tracer.mechanism
     variables = [
-        Column(name, "rad", f"variable of pair {mechanism.pairs[owner].name}")
-        for name, owner in zip(
-            mechanism.variable_names, mechanism.variable_owners, strict=True
+        Column(name, "rad", f"variable of pair {pair}")
+        for name, pair in zip(
+            mechanism.variable_names,
+            mechanism.names_of(mechanism.variable_owners),
+            strict=True,
         )
     ]
     return Table(
@@ -323,25 +334,24 @@ def motion_table(course: Sampling) -> Table:
 def motion_rows(course: Sampling, motion: Motion, fields: Fields) -> TableArrays:
     """Return the rows of a block of a course whose poles were found."""
     mechanism = course.tracer.mechanism
-    rows: Facts = {"sample": motion.sample, "assembly_mode": motion.assembly_mode}
-    if course.timed and motion.timing is not None:
-        rows["t"] = motion.timing.t
-    rows |= input_columns(mechanism, motion.inputs)
-    rows |= dict(zip(mechanism.variable_names, motion.values.T, strict=True))
-    return rows | {"residual": motion.residual, "status": run_status(motion, fields)}
+    return {
+        "sample": motion.sample,
+        "assembly_mode": motion.assembly_mode,
+        **({"t": motion.timing.t} if course.timed and motion.timing else {}),
+        **input_columns(mechanism, motion.inputs),
+        **dict(zip(mechanism.variable_names, motion.values.T, strict=True)),
+        "residual": motion.residual,
+        "status": run_status(motion, fields),
+    }
 
 
 def links_of(mechanism: Mechanism, needs: Needs) -> frozenset[int]:
     """Return the numbers of the links whose placement something declared depends on."""
     poles = needs.directions | needs.rates | needs.planes | needs.turns
     pairs = needs.pair_values | needs.continued_values | needs.pair_rates
-    names = needs.rotations | needs.link_rates
-    names |= {link for pair in pairs for link in mechanism.pair(pair).links}
-    return frozenset(
-        {link for pole in poles for link in pole}
-        | {mechanism.link_number[name] for name in names}
-        | needs.links
-    )
+    ends = (mechanism.pair(pair).links for pair in pairs)
+    names = needs.rotations.union(needs.link_rates, *ends)
+    return needs.links.union(*poles, (mechanism.link_number[name] for name in names))
 
 
 def needed_part(study: Study, analyses: Analyses) -> Mechanism:
@@ -379,18 +389,19 @@ def needed_part(study: Study, analyses: Analyses) -> Mechanism:
 
 def left_out(whole: Mechanism, part: Mechanism) -> Facts:
     """Return what a part lacks, with the fingerprint of the whole, ready for JSON."""
-    names = {pair.name for pair in part.pairs}
     return {
         "mechanism_hash": mechanism_hash(whole),
         "left_out_links": [link for link in whole.links if link not in part.links],
-        "left_out_pairs": [p.name for p in whole.pairs if p.name not in names],
+        "left_out_pairs": [p.name for p in whole.pairs if p.name not in part.pair_number],
     }
 
 
 def summary_of(job: RunPlan, standing: RunState) -> Facts:
     """Return what is to be said of a run that is done, ready for JSON."""
-    course, mechanism = job.course, job.mechanism
-    tracer, findings = course.tracer, standing.findings
+    course = job.course
+    mechanism = job.mechanism
+    tracer = course.tracer
+    findings = standing.findings
     told = {
         kind: [
             f"{name}: {x}" for name, item in findings.items() for x in getattr(item, kind)
@@ -439,7 +450,7 @@ def summary_of(job: RunPlan, standing: RunState) -> Facts:
                 "parameters": asdict(analysis),  # type: ignore[call-overload]
                 "failed": analysis.name in standing.failures,
                 "failed_rows": standing.failed_rows(analysis.name),
-                "cites": list(analysis.cites),
+                "cites": analysis.cites,
                 "findings": dict(findings.get(analysis.name, Findings()).figures),
             }
             for analysis in job.analyses
@@ -449,24 +460,20 @@ def summary_of(job: RunPlan, standing: RunState) -> Facts:
     }
 
 
-def actual_cost(
-    job: RunPlan, standing: RunState, ledger: Timer, recorder: Recorder | None
-) -> Facts:
+def actual_cost(job: RunPlan, standing: RunState, ledger: Timer, recorder: Any) -> Facts:
     """Return what was evaluated, made and logged, ready for JSON.
 
     A recorder that counts is finished. Bytes of tables are added when files are written.
     """
     logged = {}
-    counting: Any = recorder
-    if hasattr(counting, "finish"):
+    if hasattr(recorder, "finish"):
         with ledger.stage(RECORDING):
-            counting.finish()
-        logged = {"recording": dict(counting.cost)}
+            recorder.finish()
+        logged = {"recording": recorder.cost}
     simulation = job.course.simulation
     per_input = {
         job.mechanism.pairs[item.plan.input].name: counts_of(item) for item in job.requests
     }
-    tables = stems(job.tables(standing.failures))
     return {
         "configurations": standing.configurations,
         "each_configuration": per_input,
@@ -480,7 +487,7 @@ def actual_cost(
                 "rows": standing.counts[ROWS, name, table.name],
                 "columns": len(table.columns),
             }
-            for stem, (name, table) in tables.items()
+            for stem, (name, table) in stems(job.tables(standing.failures)).items()
         },
         **logged,
         "seconds": ledger.closed(),
@@ -509,7 +516,7 @@ def told(verdict: Facts) -> list[str]:
         f"{verdict['largest_condition']:.1e}"
     ]
     variables = [item for item in verdict["columns"] if item["table"] == MOTION]
-    shown = sorted(variables, key=lambda item: float(item["deviation"]))[-1:]
+    shown = sorted(variables, key=lambda item: item["deviation"])[-1:]
     shown += [item for item in verdict["columns"] if item["table"] != MOTION]
     lines += [
         f"  {item['table']}.{item['column']}: off by {item['deviation']:.1e}"
@@ -526,17 +533,19 @@ def told(verdict: Facts) -> list[str]:
                 f"their error bound; nearest to it {judged['error']:.1e}, "
                 f"{judged['over_bound']:.2g} of the bound, at {_place(judged)}"
             )
-    without = verdict["without_reference"]
-    lines += [f"  no reference at {_place(row)}: {row['status']}" for row in without]
+    lines += [
+        f"  no reference at {_place(row)}: {row['status']}"
+        for row in verdict["without_reference"]
+    ]
     worst = verdict["worst"]
     lines.append(
         f"  worst row: {_place(worst)}: {worst['column']} = {worst['value']!r}, "
         f"in {verdict['digits']} digits {worst['reference']!r}"
     )
     if verdict["not_verified"]:
-        names = ", ".join(verdict["not_verified"])
         lines.append(
-            f"  not verified, as they failed or find configurations of their own: {names}"
+            "  not verified, as they failed or find configurations of their own: "
+            + ", ".join(verdict["not_verified"])
         )
     return lines
 
