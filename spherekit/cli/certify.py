@@ -251,9 +251,6 @@ def _over(written: Any, given: Lines | None, clear_of: str | None) -> Made:
     return lines, certificate, complete
 
 
-MOST_INPUTS = 2
-
-
 def _map(written: Any, options: Namespace) -> Made:
     """Return lines and certificate of boxes of two inputs, and draw them if asked."""
     from spherekit.errors import AnalysisError
@@ -262,7 +259,7 @@ def _map(written: Any, options: Namespace) -> Made:
 
     mechanism = written.mechanism
     names = mechanism.input_pairs
-    if len(names) > MOST_INPUTS or options.range:
+    if len(names) > 2 or options.range:
         raise AnalysisError(
             f"{mechanism.name} has {len(names)} inputs; ranges are proven of one input, or "
             "of two over those of the file: give values of all with --at"
@@ -287,17 +284,16 @@ def _draw(boxes: Any, names: Lines, path: str) -> None:
     import numpy as np
 
     from spherekit.figures import certified_map
-    from spherekit.proof.paving import CONTAINS, REGULAR, UNDECIDED
+    from spherekit.proof.paving import CONTAINS, UNDECIDED
 
-    counts, kind = sorted(boxes.counts), boxes.kind
-    of = {str(n): (kind == REGULAR) & (boxes.modes == n) for n in counts}
-    of[certified_map.CONTAINS] = kind == CONTAINS
-    of[certified_map.UNDECIDED] = kind == UNDECIDED
+    of = {counted(count, "mode"): boxes.modes == count for count in boxes.counts}
+    of[certified_map.CONTAINS] = boxes.kind == CONTAINS
+    of[certified_map.UNDECIDED] = boxes.kind == UNDECIDED
     areas = {
         word: (np.degrees(boxes.centres[here]), np.degrees(boxes.radii[here]))
         for word, here in of.items()
     }
-    certified_map.draw_certified_map(areas, counts, names).savefig(path)
+    certified_map.draw_certified_map(areas, names).savefig(path)
 
 
 def _degrees(q: float) -> str:

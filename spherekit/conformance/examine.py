@@ -374,7 +374,14 @@ def _same(
 
 
 CHECKS = (
-    *(_reads, _inputs, _tables, _findings, _blocks, _failed_rows, _rotation, _names),
+    _reads,
+    _inputs,
+    _tables,
+    _findings,
+    _blocks,
+    _failed_rows,
+    _rotation,
+    _names,
     _scene,
 )
 """What is asked of an analysis for every mechanism, in this order."""

@@ -10,39 +10,32 @@ from spherekit.figures.sdk import Figure, PolyCollection
 from spherekit.figures.sheet import Drawing
 
 CONTAINS, UNDECIDED = "type II in the cell", "undecided"
-CONTAINING, DOUBTFUL = "#B2182B", "#222222"
+COLOURS = {CONTAINS: "#B2182B", UNDECIDED: "#222222"}
 CORNERS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 SHADES = ("#f3f0e6", "#c6dbef", "#9ecae1", "#74a9cf", "#4d8ebf", "#3071a9", "#1b5a94")
 
 
 def draw_certified_map(
-    areas: Mapping[str, tuple[Floats, Floats]],
-    counts: Sequence[int],
-    names: Sequence[str],
+    areas: Mapping[str, tuple[Floats, Floats]], names: Sequence[str]
 ) -> Figure:
     """Return a figure of boxes of two inputs, in degrees.
 
     Parameters
     ----------
     areas
-        Centres and half widths (n, 2) of boxes: under each number of modes of `counts`,
-        under `CONTAINS` and under `UNDECIDED`.
-    counts
-        Numbers of modes, proven, of the regular boxes.
+        Centres and half widths (n, 2) of boxes: regular ones under how many modes are
+        proven, the others under `CONTAINS` and `UNDECIDED`.
     names
         Those of the inputs.
     """
     with style.look():
         figure = Drawing(figsize=(style.WIDTHS[1], style.WIDTHS[1]), layout="constrained")
         axes = figure.add_subplot()
-        colours = {str(count): SHADES[k % len(SHADES)] for k, count in enumerate(counts)}
-        colours |= {CONTAINS: CONTAINING, UNDECIDED: DOUBTFUL}
-        for kind, colour in colours.items():
-            centres, half = areas[kind]
+        for k, (kind, (centres, half)) in enumerate(areas.items()):
             if len(centres):
-                words = f"{kind} modes" if kind.isdigit() else kind
+                colour = COLOURS.get(kind, SHADES[k % len(SHADES)])
                 corners = centres[:, None] + half[:, None] * CORNERS
-                look: style.Look = {"color": colour, "linewidth": 0.1, "label": words}
+                look: style.Look = {"color": colour, "linewidth": 0.1, "label": kind}
                 axes.add_collection(PolyCollection(corners, **look))
         axes.autoscale_view()
         first, second = (f"input {name}, deg" for name in names)

@@ -39,7 +39,6 @@ DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)
 HEAT = "viridis"
 
 LOOK: Mapping[str, Any] = {
-    "font.family": "sans-serif",
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.labelsize": 8.0,
@@ -61,11 +60,9 @@ LOOK: Mapping[str, Any] = {
     "ytick.major.size": 2.5,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.grid": False,
     "axes.formatter.limits": (-3, 4),
     "axes.formatter.use_mathtext": True,
     "axes.formatter.useoffset": False,
-    "axes.unicode_minus": True,
     "lines.linewidth": 1.1,
     "savefig.dpi": DPI,
     "pdf.fonttype": 42,

@@ -228,8 +228,8 @@ class InputMap:
     @cached_property
     def counts(self) -> dict[int, float]:
         """The share of the whole area in which there are so many modes, proven."""
-        counts = np.unique(self.modes[self.kind == REGULAR]).tolist()
-        return {count: self._share(self.modes == count) for count in counts}
+        counts = np.unique(self.modes).tolist()
+        return {n: self._share(self.modes == n) for n in counts if n >= 0}
 
     def clearance(self, q: Floats) -> float:
         """Return how far (rad) every input may go from q before type II, at least.
