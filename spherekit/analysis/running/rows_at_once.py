@@ -182,11 +182,11 @@ class Rows:
             self.values[:, at] = evaluated.values.T
             self.status[at] = evaluated.status
             residual[of_mode] = evaluated.residual
-        known = late[np.isfinite(residual)]
+        judged = late[np.isfinite(residual)]
         judging = self.kernel.judging
-        columns = judging(self.values[:, known])
-        self.closure[:, known] = columns[judging.places["closure"]]
-        self.vouched[known] = np.all(columns[judging.places["doubts"]] <= 1.0, axis=0)
+        columns = judging(self.values[:, judged])
+        self.closure[:, judged] = columns[judging.places["closure"]]
+        self.vouched[judged] = np.all(columns[judging.places["doubts"]] <= 1.0, axis=0)
         self.closure[0, late] = residual
 
 
