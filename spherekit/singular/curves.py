@@ -101,11 +101,6 @@ class SingularCurve:
         lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chord.chords
         return np.append(0.0, np.cumsum(lengths))
 
-    def divided(self, parts: int) -> tuple[Indices, Floats]:
-        """Return chords (n,) and parts of them where each is divided into so many."""
-        number, part = np.divmod(np.arange(parts * (len(self.nodes) - 1)), parts)
-        return np.append(number, number[-1]), np.append(part / parts, 1.0)
-
     def on(self, which: Indices, parts: Floats) -> LocusPoints:
         """Return the points whose projections divide chords `which` (n,) at parts (n,)."""
         chord, nodes, ahead = self.chord, self.nodes, which + 1
@@ -363,7 +358,9 @@ class CurveSeen:
         """Return the curve, each way between two traced nodes divided into parts."""
         if self.curve is None or self.view is None:
             return self.points
-        return self.view.points(self.curve.on(*self.curve.divided(parts)))
+        which, part = np.divmod(np.arange(parts * (len(self.curve.nodes) - 1)), parts)
+        made = self.curve.on(np.append(which, which[-1]), np.append(part / parts, 1.0))
+        return self.view.points(made)
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_length import periods_of
 from spherekit.motion.turns import in_range, less_periods
 from spherekit.region.mesh import edges_of, labels
-from spherekit.singular.locus import (
-    LockedInputSection,
-    LocusPoints,
-)
+from spherekit.singular.locus import LockedInputSection, LocusPoints
 from spherekit.singular.several import LocusName, SingularityReport, SingularPoints
 from spherekit.singular.starts import StartPoints
 
@@ -49,8 +46,6 @@ class SingularSurface:
     irregular
         How many singular configurations met within the ranges lie where the locus is not a
         regular surface: it crosses itself there, or fills a part of the configurations.
-    full
-        Whether the mesh ended at the greatest number of vertices.
     everywhere
         Whether every configuration is of the type, so that there is no surface.
     """
@@ -61,7 +56,6 @@ class SingularSurface:
     side: float
     claim: Completeness
     irregular: int
-    full: bool
     everywhere: bool
 
     @property
@@ -106,9 +100,8 @@ class SingularSurface:
         borders = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
         made = self._found(*self._between(edges, 0.5), borders)
         every = np.ones(len(self.nodes), dtype=bool)
-        return replace(
-            self._divided(np.arange(len(edges)), made, every), side=0.5 * self.side
-        )
+        halved = self._divided(np.arange(len(edges)), made, every)
+        return replace(halved, side=0.5 * self.side)
 
     def reported(self) -> Self:
         """Return what is of the type, with inputs in their ranges, cut at their ends."""
@@ -277,7 +270,6 @@ def singular_surface(
         side,
         source.claim("surface"),
         irregular,
-        len(front.values) >= MOST_VERTICES,
         source.everywhere,
     )
     for _ in range(halved):
@@ -327,19 +319,23 @@ class _Front:
             irregular += int(np.sum(inside & (points.reciprocal_condition < FLAT)))
             for row in np.flatnonzero(inside):
                 self.source.met(self.grow(points.rows(slice(row, row + 1))))
+            if self.source.budget.note:
+                break
         return irregular
 
     def _goes_on(self) -> bool:
         """Return whether there is room and time for one vertex more."""
-        words = f"vertex {len(self.values)} of a mesh"
-        return len(self.values) < MOST_VERTICES and self.source.budget.goes_on(words)
+        budget, count = self.source.budget, len(self.values)
+        if count < MOST_VERTICES:
+            return budget.goes_on(f"vertex {count} of a mesh")
+        budget.note = f"stopped at {count} vertices"
+        return False
 
     def grow(self, seed: LocusPoints) -> bool:
         """Mesh the surface through a seed, unless a mesh covers it; return whether."""
         crossed = seed.reciprocal_condition[0] < FLAT
-        if crossed or len(self.near(seed.values[0], seed.motions[0], self.side)):
-            return False
-        if not self._goes_on():
+        covered = len(self.near(seed.values[0], seed.motions[0], self.side))
+        if crossed or covered or not self._goes_on():
             return False
         corners = [self._add(seed)]
         for way in (self.side, self.side * (0.5 + 1j * HEIGHT)):
@@ -443,9 +439,7 @@ class _Front:
         place |= {a: 0.0, b: self._flat(a, [b])[0], -1: ideal}
         walls = [wall for wall in self.open if wall[0] in place and wall[1] in place]
         edges = {vertex for wall in walls for vertex in wall} - {a, b}
-        ranked = sorted(
-            (abs(place[vertex] - ideal) / self.side, vertex) for vertex in edges
-        )
+        ranked = sorted((abs(place[k] - ideal) / self.side, k) for k in edges)
         near, far = (
             [k for away, k in ranked if away < room] for room in (MERGED, STRETCHED)
         )
