@@ -177,7 +177,7 @@ def test_margins_that_exclude_each_other_are_named():
     region = find_region(caps(centres, [0.3, 0.3, 0.7], [True] * 3))
     assert region.area == 0.0
     assert region.excluding == ((0, 1), (1, 2))
-    with pytest.raises(RegionError, match=r"margins \(0, 1\) exclude"):
+    with pytest.raises(RegionError, match=r"exclude each other: \(\(0, 1\), \(1, 2\)\)"):
         region.nearest([0, 0, 1])
     around = np.arange(3) * 2.0 * np.pi / 3
     centres = np.column_stack([np.cos(around), np.sin(around), np.full(3, 0.2)])

@@ -7,6 +7,7 @@ between both is the integral of sin h by the arc of the chord, exactly.
 
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -116,26 +117,22 @@ class BoundarySegments(ArrayRows):
             arc(*ends),
             margin,
             *place,
-            sought.copy(),
-            np.full(n, ORDERS[0], dtype=np.intp),
+            sought,
+            np.full(n, ORDERS[0]),
             np.zeros((n, ORDERS[-1] + 1)),
             *np.zeros((2, n)),
         )
-        which = np.flatnonzero(sought)
-        heights = nans((len(which), ORDERS[1] + 1))
-        heights[:, [0, -1]] = 0.0
-        pieces._measure(evaluate, which, ORDERS[1], heights)
+        pieces.raise_order(evaluate, np.flatnonzero(sought))
         return pieces
 
     def raise_order(self, evaluate: Evaluator, which: Indices) -> None:
-        """Double the order of some pieces, all of them below the highest."""
-        wanted = 2 * self.order[which]
-        for order in ORDERS[2:]:
-            some = which[wanted == order]
-            if len(some):
-                heights = nans((len(some), order + 1))
-                heights[:, ::2] = self.height[some, : order // 2 + 1]
-                self._measure(evaluate, some, order, heights)
+        """Bring some pieces to the next order, all of them below the highest."""
+        orders = self.order[which]
+        for before, order in pairwise(ORDERS):
+            some = which[orders == before]
+            heights = nans((len(some), order + 1))
+            heights[:, :: order // before] = self.height[some, : before + 1]
+            self._measure(evaluate, some, order, heights)
 
     def _measure(
         self, evaluate: Evaluator, which: Indices, order: int, height: Floats
@@ -145,14 +142,13 @@ class BoundarySegments(ArrayRows):
         long = length > SHORTEST
         height[~long] = 0.0
         row, node = np.nonzero(np.isnan(height))
-        heights, sound = self._heights(evaluate, which[row], nodes(order)[node])
-        height[row, node] = heights
+        at = which[row], nodes(order)[node]
+        height[row, node], sound = self._heights(evaluate, *at)
         halved, area = (
             -0.5 * length * (np.sin(height[:, :: order // steps]) @ weights(steps))
             for steps in (order // 2, order)
         )
-        self.error[which] = np.abs(area - halved) + EPS * length
-        self.error[which] += np.where(long, 0.0, length**2)
+        self.error[which] = np.abs(area - halved) + EPS * length + ~long * length**2
         self.area[which], self.order[which] = area, order
         self.height[which, : order + 1] = height
         self._straighten(which[np.unique(row[~sound])])
@@ -212,8 +208,8 @@ class BoundarySegments(ArrayRows):
         with np.errstate(all="ignore"):
             turn = -slope / bend
             lowest = np.where(np.abs(turn) < 1.0, b + 0.5 * slope * turn, b)
-            dips = np.any(np.minimum(lowest, b) < -evaluate.floor, axis=1)
-        self._straighten(which[np.any(dips, axis=1)])
+            dips = np.any(np.minimum(lowest, b) < -evaluate.floor, axis=(1, 2))
+        self._straighten(which[dips])
 
     def _at(self, which: Indices, u: Floats, height: Floats) -> Floats:
         return beside(self.frames[which], self.length[which], u, height)
@@ -221,20 +217,21 @@ class BoundarySegments(ArrayRows):
     @property
     def ends(self) -> Floats:
         """Both ends (n, 2, 3) of the chords."""
-        u, flat = np.array([-1.0, 1.0]), np.zeros((len(self.length), 2))
-        return beside(self.frames, self.length, u, flat)
+        flat = np.zeros((len(self.length), 2))
+        return beside(self.frames, self.length, np.array([-1.0, 1.0]), flat)
 
-    def points(self, which: Indices, order: int) -> Floats:
-        """Return the nodes (m, order + 1, 3) of some pieces, all of that order."""
-        return self._at(which, nodes(order), self.height[which, : order + 1])
+    def points(self, which: Indices) -> tuple[Floats, Indices]:
+        """Return the nodes (m, 3) of pieces (k,) in order, and each's place in these."""
+        step = ORDERS[-1] // self.order[which, None]
+        piece, place = np.nonzero(np.arange(ORDERS[-1] + 1) % step == 0)
+        chord = which[piece]
+        height = self.height[chord, place // step[piece, 0]]
+        return self._at(chord, nodes(ORDERS[-1])[place], height), piece
 
     def curve(self, chain: Indices) -> Floats:
         """Return the nodes (m, 3) of pieces that follow one another."""
-        step = ORDERS[-1] // self.order[chain, None]
-        place = np.arange(1, ORDERS[-1] + 1)
-        height = np.take_along_axis(self.height[chain], place // step, axis=1)
-        points = self._at(chain, nodes(ORDERS[-1])[1:], height)[place % step == 0]
-        return np.concatenate([self.frames[chain[:1], 0], points])
+        points, piece = self.points(chain)
+        return points[np.diff(piece, prepend=0) == 0]
 
 
 DIFFERENCE = 1e-6
@@ -277,7 +274,7 @@ def crossings(
 def corners(
     evaluate: Evaluator, start: Floats, end: Floats, pair: Indices
 ) -> tuple[Floats, Bools]:
-    """Return the points (n, 3) near chords where two margins are 0, and whether found.
+    """Return points (n, 3) near chords, and whether two margins are 0 at them.
 
     By least squares in the tangent plane, with slopes by differences: `start` and `end`
     (n, 3) are the ends of the chords, where the first and the second margin of each
@@ -295,17 +292,15 @@ def corners(
         beside = x[:, None] + DIFFERENCE * np.eye(3, 2, -1)
         rows = evaluate(places(beside, which).reshape(-1, 3))
         numbers = np.repeat(pair[which], 3, axis=0).T
-        value = np.stack([chosen(rows, number) for number in numbers], axis=1)
-        value = value.reshape(-1, 3, 2)
+        values = [chosen(rows, number) for number in numbers]
+        value = np.stack(values, axis=1).reshape(-1, 3, 2)
         slope = (value[:, 1:] - value[:, :1]) / DIFFERENCE
         return value[:, 0], np.swapaxes(slope, 1, 2)
 
     x, squares = descent(residuals, np.zeros((len(start), 2)), -FARTHEST, FARTHEST)
     sound = np.sqrt(squares) <= SLACK * np.max(evaluate.floor)
     sound &= max_abs(x, axis=1) < FARTHEST
-    return np.where(
-        sound[:, None], places(x[:, None], np.arange(len(x)))[:, 0], np.nan
-    ), sound
+    return places(x[:, None], np.arange(len(x)))[:, 0], sound
 
 
 SLACK = 1e4
@@ -325,7 +320,7 @@ def nearest_on(border: BoundarySegments, evaluate: Evaluator, place: Floats) -> 
         pieces.raise_order(evaluate, np.flatnonzero(rough))
     candidates = [pieces.ends.reshape(-1, 3)]
     for piece in np.flatnonzero(pieces.sound)[:, None]:
-        cosine = pieces.points(piece, ORDERS[-1])[0] @ place
+        cosine = np.vecdot(pieces.points(piece)[0], place)
         u = real_zeros(chebyshev.chebder(coefficients(ORDERS[-1]) @ cosine))
         height = pieces.height[piece] @ between(ORDERS[-1], u).T
         candidates.append(pieces._at(piece, u, height)[0])

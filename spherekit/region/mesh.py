@@ -20,7 +20,7 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.errors import RegionError
 from spherekit.sphere.rotation import arc, cross, max_abs, pointing, unit_rows
 
-EDGES = ((0, 1), (1, 2), (2, 0))
+EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 _TILT = np.array([[0.36, 0.48, -0.8], [-0.8, 0.60, 0.0], [0.48, 0.64, 0.6]])
 """A rotation that keeps the first vertices away from the axes of common regions."""
 
@@ -33,11 +33,10 @@ def icosahedron(spacing: float) -> tuple[Floats, Indices]:
     counter-clockwise seen from outside; their first edge is the one bisected first.
     """
     golden = 0.5 * (1.0 + np.sqrt(5.0))
-    signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]], dtype=float)
-    flat = np.column_stack([np.zeros(4), signs[:, 0], golden * signs[:, 1]])
+    flat = np.array([[0.0, y, golden * z] for y in (1, -1) for z in (1, -1)])
     points = unit_rows(np.concatenate([np.roll(flat, k, axis=1) for k in range(3)]))
     dots = points @ points.T
-    triples = (np.array(three) for three in combinations(range(12), 3))
+    triples = combinations(range(12), 3)
     faces = np.array([k for k in triples if np.min(dots[np.ix_(k, k)]) > 0.4])
     inward = np.linalg.det(points[faces]) < 0.0
     faces[inward] = faces[inward, ::-1]
@@ -50,9 +49,8 @@ def hemisphere(spacing: float) -> tuple[Floats, Indices]:
 
     They are quarters of the octahedron's upper half, so that edges lie along the equator.
     """
-    corners = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)]
-    points = np.array([*corners, (0.0, 0.0, 1.0)])
-    faces = np.array([(k, (k + 1) % 4, 4) for k in range(4)], dtype=np.intp)
+    points = np.concatenate([np.eye(3), -np.eye(2, 3)])
+    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2]])
     return refined(points, faces, spacing)
 
 
@@ -96,15 +94,14 @@ def refined(points: Floats, triangles: Indices, spacing: float) -> tuple[Floats,
 def edge_lengths(points: Floats, triangles: Indices) -> Floats:
     """Return the arcs (T, 3) in rad of the edges of triangles."""
     corners = points[triangles]
-    return np.stack([arc(corners[:, i], corners[:, j]) for i, j in EDGES], axis=1)
+    return arc(corners, np.roll(corners, -1, axis=1))
 
 
 def edges_of(triangles: Indices) -> tuple[Indices, Indices]:
     """Return the edges (E, 2), lower vertex first, and those of each triangle (T, 3)."""
-    both = np.sort(triangles[:, np.array(EDGES)].reshape(-1, 2), axis=1)
-    size = int(both.max(initial=0)) + 1
-    keys, place = np.unique(both[:, 0] * size + both[:, 1], return_inverse=True)
-    return np.stack([keys // size, keys % size], axis=1), place.reshape(-1, 3)
+    low, high = np.moveaxis(np.sort(triangles[:, EDGES], axis=2), 2, 0)
+    keys, place = np.unique(low << 32 | high, return_inverse=True)
+    return np.stack([keys >> 32, keys & (2**32 - 1)], axis=1), place.reshape(-1, 3)
 
 
 def triangle_areas(a: Floats, b: Floats, c: Floats) -> Floats:
@@ -113,7 +110,7 @@ def triangle_areas(a: Floats, b: Floats, c: Floats) -> Floats:
     tan(E/2) = a . (b x c) / (1 + a . b + b . c + c . a)  (A. van Oosterom and J. Strackee,
     1983), the product by differences, which keeps the digits of small triangles.
     """
-    volume = np.sum(a * cross(b - a, c - a), axis=-1)
+    volume = np.vecdot(a, cross(b - a, c - a))
     dots = np.vecdot(a, b) + np.vecdot(b, c) + np.vecdot(c, a)
     return 2.0 * np.arctan2(volume, 1.0 + dots)
 
@@ -136,21 +133,17 @@ def bisected(
     """
     edges, sides = edges_of(triangles)
     cut = np.zeros(len(edges), dtype=bool)
-    cut[sides[marked].ravel()] = True
-    while True:
-        closing = cut[sides].any(axis=1) & ~cut[sides[:, 0]]
-        if not closing.any():
-            break
+    cut[sides[marked]] = True
+    while np.any(closing := cut[sides].any(axis=1) & ~cut[sides[:, 0]]):
         cut[sides[closing, 0]] = True
-    middle = np.full(len(edges), -1, dtype=np.intp)
-    middle[cut] = len(points) + np.arange(np.count_nonzero(cut))
+    middle = len(points) - 1 + np.cumsum(cut)
     points = np.concatenate([points, unit_rows(points[edges[cut]].sum(axis=1))])
     n1, n2, n3 = triangles.T
     m1, m2, m3 = middle[sides].T
     first, second, third = cut[sides].T
 
     def child(where: Bools, *vertices: Indices) -> Indices:
-        return np.stack([vertex[where] for vertex in vertices], axis=1)
+        return np.stack(vertices, axis=1)[where]
 
     kept = np.flatnonzero(~first)
     parts = [
@@ -163,7 +156,7 @@ def bisected(
         child(second, n3, m1, m2),
     ]
     triangles = np.concatenate(parts)
-    origin = np.full(len(triangles), -1, dtype=np.intp)
+    origin = np.full(len(triangles), -1)
     origin[: len(kept)] = kept
     return points, triangles, origin
 
@@ -177,7 +170,7 @@ def labels(count: int, links: Indices) -> Indices:
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    joined = coo_matrix((np.ones(len(links)), (links[:, 0], links[:, 1])), (count, count))
+    joined = coo_matrix((np.ones(len(links)), (*links.T,)), (count, count))
     return np.asarray(connected_components(joined, directed=False)[1], dtype=np.intp)
 
 
@@ -196,7 +189,7 @@ def chains(count: int, links: Indices, directed: bool = False) -> list[Indices]:
     _, ends = np.unique(labels(count, links)[order], return_index=True)
     starts = order[np.sort(ends)].tolist()
     orders = (depth_first_order(joined, k, directed, False) for k in starts)
-    return [np.asarray(line, dtype=np.intp) for line in orders]
+    return [line.astype(np.intp) for line in orders]
 
 
 Margins = Callable[[Floats], ArrayLike]
@@ -271,8 +264,7 @@ def chosen(rows: Floats, number: Indices) -> Floats:
 
     `UNDEFINED` asks for the smallest margin.
     """
-    value = np.take_along_axis(rows, np.maximum(number, 0)[:, None], axis=1)[:, 0]
-    value = np.where(np.isnan(value), -1.0, value)
+    value = np.nan_to_num(rows[np.arange(len(rows)), number], nan=-1.0)
     return np.where(number == UNDEFINED, least(rows), value)
 
 
@@ -303,13 +295,11 @@ STEADY = 1.0
 """A margin undefined in part of a triangle keeps its sign where its smallest size is more
 than this times its spread."""
 
-QUARTERS = np.array(
-    [
-        [[0.75, 0.25, 0.0], [0.0, 0.75, 0.25], [0.25, 0.0, 0.75]],
-        [[0.25, 0.75, 0.0], [0.0, 0.25, 0.75], [0.75, 0.0, 0.25]],
-    ]
+CHECKED = np.array(
+    [[9, 3, 0], [0, 9, 3], [3, 0, 9], [3, 9, 0], [0, 3, 9], [9, 0, 3], [4, 4, 4]]
 )
-"""Barycentric coordinates of the samples on the edges 12, 23, 31 of a triangle."""
+"""Barycentric coordinates, in twelfths, of the samples on the edges 12, 23, 31 of a
+triangle, nearer to their first ends and to the others, and of its centroid."""
 
 
 class TriangleClass(IntEnum):
@@ -326,26 +316,18 @@ class TriangleClass(IntEnum):
     """A part of the region, or a hole, may hide within."""
 
 
-def flipped(triangles: Indices) -> Indices:
-    """Return 1 (n, 3) where an edge runs from its higher vertex to the lower, else 0."""
-    return (triangles > triangles[:, [1, 2, 0]]).astype(np.intp)
-
-
 def _matrices() -> tuple[Floats, Floats, Floats]:
     """Return what turns 6 values into Bernstein coefficients, slopes and checks.
 
     The slopes are those along the edges 12 and 13, at the vertices.
     """
-    bernstein = np.zeros((6, 6))
-    bernstein[:3, :3] = np.eye(3)
-    for row, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))):
-        bernstein[3 + row, [i, j]] = -0.5
-        bernstein[3 + row, 3 + row] = 2.0
+    bernstein = np.diag([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    bernstein[3:, :3] = -0.5 * np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]])
     b1, b2, b3, b12, b23, b13 = bernstein
     slopes = 2.0 * np.stack(
         [[b12 - b1, b13 - b1], [b2 - b12, b23 - b12], [b23 - b13, b3 - b13]]
     )
-    p, q, r = np.concatenate([*QUARTERS, np.full((1, 3), 1 / 3)]).T
+    p, q, r = CHECKED.T / 12.0
     terms = np.stack([p * p, q * q, r * r, 2 * p * q, 2 * q * r, 2 * p * r], axis=1)
     return bernstein, slopes, terms @ bernstein
 
@@ -370,11 +352,10 @@ def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bo
     missing = np.isnan(rows)
     filled = np.where(missing, 0.0, rows)
     low, high, error = _bounds(triangles, filled)
-    whole = np.asarray(~missing.any(axis=0))
-    if not whole.all():
-        _bound_in_part(rows, whole, low, high)
+    whole = np.all(~missing, axis=0)
+    _bound_in_part(rows, whole, low, high)
     negative, uncertain = high < 0.0, (low < 0.0) & (high >= 0.0)
-    verdict = np.full(len(triangles), int(TriangleClass.INSIDE), dtype=np.intp)
+    verdict = np.full(len(triangles), TriangleClass.INSIDE)
     verdict[uncertain.any(axis=1)] = TriangleClass.OPEN
     tried = np.flatnonzero(
         uncertain.any(axis=1) & ~negative.any(axis=1) & np.all(whole | ~uncertain, axis=1)
@@ -382,14 +363,11 @@ def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bo
     corners = points[triangles[tried]]
     simple = _within_cone(corners, filled[:6, tried], error[tried], uncertain[tried])
     verdict[tried[simple]] = TriangleClass.SIMPLE
-    if missing.any():
-        empty = missing.any(axis=2) & ~(np.fmin.reduce(rows, axis=2) < 0.0)
-        broken = empty.any(axis=0)
-        verdict[broken] = TriangleClass.OPEN
-        verdict[broken & np.all(missing | (rows >= 0.0), axis=(0, 2))] = (
-            TriangleClass.BROKEN
-        )
-        verdict[empty.all(axis=0)] = TriangleClass.OUTSIDE
+    empty = missing.any(axis=2) & ~(np.fmin.reduce(rows, axis=2) < 0.0)
+    broken = empty.any(axis=0)
+    verdict[broken] = TriangleClass.OPEN
+    verdict[broken & np.all(missing | (rows >= 0.0), axis=(0, 2))] = TriangleClass.BROKEN
+    verdict[empty.all(axis=0)] = TriangleClass.OUTSIDE
     verdict[negative.any(axis=1)] = TriangleClass.OUTSIDE
     return verdict, np.count_nonzero(uncertain, axis=1) > 1
 
@@ -398,11 +376,9 @@ def _bounds(triangles: Indices, rows: Floats) -> tuple[Floats, Floats, Floats]:
     """Return bounds of margins (n, k) in triangles, and the error of interpolation."""
     control = np.tensordot(_BERNSTEIN, rows[:6], axes=1)
     awaited = np.tensordot(_CHECKS, rows[:6], axes=1)
-    turned = flipped(triangles).T[..., None]
-    gaps = [
-        np.where(turned[k] == 1, awaited[3 + k], awaited[k]) - rows[6 + k] for k in range(3)
-    ]
-    error = max_abs([*gaps, awaited[6] - rows[9]], axis=0)
+    falls = triangles > np.roll(triangles, -1, axis=1)
+    awaited[:3] = np.where(falls.T[..., None], awaited[3:6], awaited[:3])
+    error = max_abs(awaited[[0, 1, 2, 6]] - rows[6:], axis=0)
     slack = VALUE_SLACK * error
     return control.min(axis=0) - slack, control.max(axis=0) + slack, error
 

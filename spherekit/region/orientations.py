@@ -7,6 +7,7 @@ all orientations have 8 pi^2 of it, as with Euler angles and sin(b) da db dc.
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -31,12 +32,13 @@ COST_OF_CUT = 120
 
 def _cube(axis: Array) -> Array:
     """Return the points (n**3, 3) of a cubic grid, the last coordinate fastest."""
-    return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.array([*product(axis, repeat=3)])
 
 
 _THREE, _TWO = _cube(np.arange(3)), _cube(np.arange(2))
 _CHECKS = np.array([[1, 1, 1], [1, 3, 3], [3, 1, 3], [3, 3, 1]])
 """Places of four checks in a cell, in quarters of it."""
+_SAMPLED = np.concatenate([2 * _THREE, _CHECKS])
 
 
 @dataclass(frozen=True)
@@ -114,90 +116,81 @@ def find_orientations(
     them every margin is a polynomial of degree 2 in each coordinate.
     """
     check_positive({"tolerance": tolerance, "most": most})
-    cells = _Cells(Evaluator(margins))
+    evaluate = Evaluator(margins)
+    cells = _Cells(evaluate)
     working = ProgressReporter("measuring a set of orientations")
     while True:
         volume, error = float(cells.volume.sum()), float(cells.error.sum())
-        told = (
-            f"volume {volume:.4g} +- {error:.2g}, to be known to {tolerance * volume:.2g}"
-        )
-        working.tell(told.__str__)
         goal = tolerance * volume
-        open_cells = np.flatnonzero(cells.error > 0.0)
-        if error <= goal or not len(open_cells):
+        told = f"volume {volume:.4g} +- {error:.2g}, to be known to {goal:.2g}"
+        working.tell(told.__str__)
+        if error <= goal:
             break
-        cut = open_cells[cells.error[open_cells] > (0.5 * goal / len(open_cells))]
-        cut = cut[cells.width[cut] > 4]
+        wide = cells.error > 0.5 * goal / np.count_nonzero(cells.error)
+        cut = np.flatnonzero(wide & (cells.cells[:, 4] > 4))
         cost = COST_OF_CUT * len(cut)
-        if not cost or cells.evaluate.evaluations + cost > most:
+        if not cost or evaluate.evaluations + cost > most:
             break
         cells.halve(cut)
-    evaluate = cells.evaluate
     return Orientations(
         volume, error, cells.place, cells.depth, evaluate.evaluations, evaluate.calls
     )
 
 
 class _Cells:
-    """Cells of the cubes, their volumes and how well these are known."""
+    """Cells of the cubes, their volumes and how well these are known.
+
+    A row of `cells` (n, 5) is the number of the cube, the lowest corner, and the width.
+    """
 
     def __init__(self, evaluate: Evaluator) -> None:
         self.evaluate = evaluate
         self.place, self.depth = np.array([0.0, 0.0, 0.0, 1.0]), -np.inf
-        width, cells = 2 ** (BITS - COARSEST), _cube(np.arange(2**COARSEST))
-        self.cube, self.low = (
-            np.repeat(np.arange(4), len(cells)),
-            np.tile(cells, (4, 1)) * width,
-        )
-        self.width = np.full(len(self.cube), width)
-        self.volume, certain = self._measure(self.cube, self.low, self.width)
-        self.error = np.where(certain, 0.0, _density(self.low, self.width).sum(axis=1))
+        corners, width = _cube(np.arange(2**COARSEST)), 2 ** (BITS - COARSEST)
+        number = np.arange(4 * len(corners))
+        low = np.tile(corners * width, (4, 1))
+        self.cells = np.column_stack([number // len(corners), low, width + 0 * number])
+        self.volume, certain = self._measure(self.cells)
+        self.error = np.where(certain, 0.0, _density(self.cells).sum(axis=1))
 
     def halve(self, cut: Indices) -> None:
         """Replace some cells by their eighths."""
-        width = np.repeat(self.width[cut] // 2, 8)
-        low = np.repeat(self.low[cut], 8, axis=0)
-        low += np.tile(_TWO, (len(cut), 1)) * width[:, None]
-        cube = np.repeat(self.cube[cut], 8)
-        volume, certain = self._measure(cube, low, width)
+        cells = np.repeat(self.cells[cut], 8, axis=0)
+        cells[:, 4] //= 2
+        cells[:, 1:4] += np.tile(_TWO, (len(cut), 1)) * cells[:, 4:]
+        volume, certain = self._measure(cells)
         change = np.abs(volume.reshape(-1, 8).sum(axis=1) - self.volume[cut])
         vague = ~certain.reshape(-1, 8)
         share = change / np.maximum(np.count_nonzero(vague, axis=1), 1)
         error = np.where(vague, share[:, None], 0.0).ravel()
-        made = {"cube": cube, "low": low, "width": width, "volume": volume, "error": error}
+        made = {"cells": cells, "volume": volume, "error": error}
         for name, eighths in made.items():
             kept = np.delete(getattr(self, name), cut, axis=0)
             setattr(self, name, np.concatenate([kept, eighths]))
 
-    def _measure(self, cube: Indices, low: Indices, width: Indices) -> tuple[Floats, Bools]:
+    def _measure(self, cells: Indices) -> tuple[Floats, Bools]:
         """Return the volumes (n,) of the region in cells, and whether they are certain."""
-        rows, checks = self._sample(cube, low, width)
-        n, k = rows.shape[1], rows.shape[2]
+        rows, checks = self._sample(cells)
+        k = rows.shape[2]
         error = max_abs(np.tensordot(_at(_CHECKS / 4.0), rows, axes=1) - checks, axis=0)
-        control = np.tensordot(_BOUNDS, rows, axes=1)
-        low_bound = control.min(axis=0) - VALUE_SLACK * error
-        out = (control.max(axis=0) + VALUE_SLACK * error < 0.0).any(axis=1)
-        full = (low_bound >= 0.0).all(axis=1)
-        volume = np.zeros(n)
-        whole = np.flatnonzero(~out)
-        share = _density(low[whole], width[whole])
-        some = np.flatnonzero(~full[whole])
+        control, slack = np.tensordot(_BOUNDS, rows, axes=1), VALUE_SLACK * error
+        out = (control.max(axis=0) + slack < 0.0).any(axis=1)
+        certain = out | (control.min(axis=0) >= slack).all(axis=1)
+        share = _density(cells) * ~out[:, None]
+        some = np.flatnonzero(~certain)
         for part in np.array_split(some, len(some) * k // 2**13 + 1):
-            model = rows[:, whole[part]].reshape(27, len(part) * k)
-            share[part] *= _filled(model).reshape(STEPS**3, len(part), k).min(axis=2).T
-        volume[whole] = share.sum(axis=1)
-        return volume, out | full
+            filled = _filled(rows[:, part].reshape(27, -1))
+            share[part] *= filled.reshape(STEPS**3, len(part), k).min(axis=2).T
+        return share.sum(axis=1), certain
 
-    def _sample(self, cube: Indices, low: Indices, width: Indices) -> tuple[Floats, Floats]:
+    def _sample(self, cells: Indices) -> tuple[Floats, Floats]:
         """Return margins at the 27 places (27, n, k) and the checks (4, n, k) of cells.
 
         A margin that is NaN is -1 where no other is negative, else the largest in the
         cell, as it bounds nothing there.
         """
-        places = low[None] + _THREE[:, None] * (width // 2)[:, None]
-        extra = low[None] + _CHECKS[:, None] * (width // 4)[:, None]
-        whole = np.concatenate([places, extra])
-        cubes = np.broadcast_to(cube, whole.shape[:2])
+        whole = cells[:, 1:4] + _SAMPLED[:, None] * (cells[:, 4:] // 4)
+        cubes = np.broadcast_to(cells[:, 0], whole.shape[:2])
         key = np.ravel_multi_index((cubes, *np.moveaxis(whole, 2, 0)), (4, *SIDES))
         _, first, back = np.unique(key, return_index=True, return_inverse=True)
         quaternions = _quaternions(cubes.ravel()[first], whole.reshape(-1, 3)[first])
@@ -208,10 +201,9 @@ class _Cells:
             self.place, self.depth = quaternions[best], float(smallest[best])
         rows = margins[back].reshape(*cubes.shape, -1)
         missing = np.isnan(rows)
-        if missing.any():
-            negative = np.any(rows < 0.0, axis=2, keepdims=True)
-            highest = np.nan_to_num(np.fmax.reduce(rows, axis=0), nan=1.0)
-            rows = np.where(missing, np.where(negative, highest, -1.0), rows)
+        negative = np.any(rows < 0.0, axis=2, keepdims=True)
+        highest = np.nan_to_num(np.fmax.reduce(rows, axis=0), nan=1.0)
+        rows = np.where(missing, np.where(negative, highest, -1.0), rows)
         return rows[:27], rows[27:]
 
 
@@ -228,26 +220,25 @@ def _filled(model: Floats) -> Floats:
         return np.where(square > 0.0, np.clip(0.5 + bent, 0.0, 1.0), value >= 0.0)
 
 
-def _quaternions(cube: Indices, units: Indices) -> Floats:
+def _quaternions(cube: Indices, units: Array) -> Floats:
     """Return the unit quaternions (n, 4) xyzw at places (n, 3) of cubes (n,)."""
-    x = units * 2.0 ** (1 - BITS) - 1.0
-    out = np.ones((len(x), 4))
-    place = np.arange(4) != cube[:, None]
-    out[place] = x.ravel()
+    out = np.ones((len(cube), 4))
+    out[np.arange(4) != cube[:, None]] = units.ravel() * 2.0 ** (1 - BITS) - 1.0
     return unit_rows(out)
 
 
-def _density(low: Indices, width: Indices) -> Floats:
+def _density(cells: Indices) -> Floats:
     """Return the volumes (n, STEPS**3) of the steps of cells' grids.
 
     They are those by their middles, scaled so that their sum is that by Gauss's rule.
     """
-    scale = 2.0 ** (1 - BITS)
+    scaled = cells[:, None] * 2.0 ** (1 - BITS)
+    width = scaled[..., 4:]
 
     def density(places: Floats) -> Floats:
-        x = (low[:, None] + places * width[:, None, None]) * scale - 1.0
+        x = scaled[..., 1:4] - 1.0 + places * width
         return 8.0 / (1.0 + np.vecdot(x, x)) ** 2
 
     by_middles = density(_CENTRES)
-    whole = density(_GAUSS_PLACES) @ _GAUSS_WEIGHTS * (width * scale) ** 3
+    whole = density(_GAUSS_PLACES) @ _GAUSS_WEIGHTS * width[:, 0, 0] ** 3
     return by_middles * (whole / by_middles.sum(axis=1))[:, None]

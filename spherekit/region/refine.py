@@ -48,17 +48,14 @@ class Refinement:
         self.points, self.triangles = icosahedron(spacing)
         self.values = evaluate(self.points)
         count = len(self.triangles)
-        self.verdict = np.full(count, -1, dtype=np.intp)
+        self.verdict = np.full(count, -1)
         self.size = np.zeros(count)
         self.contested = np.zeros(count, dtype=bool)
-        none, nothing, no = np.zeros((0, 3)), np.zeros(0, np.intp), self.contested[:0]
+        self.crossing_keys = self.crossing_margins = nothing = np.zeros(0, np.intp)
+        self.crossing_points = none = self.points[:0]
+        no = self.contested[:0]
         place = nothing, nothing, nothing, no
         self.pieces = BoundarySegments.over(evaluate, (none, none), nothing, place, no)
-        self.crossing_keys, self.crossing_points, self.crossing_margins = (
-            nothing,
-            none,
-            nothing,
-        )
 
     def run(self, tolerance: float, feature: float, most: int) -> None:
         """Refine until the error is at most `tolerance` (sr) or nothing more helps.
@@ -69,10 +66,10 @@ class Refinement:
         while True:
             self._judge()
             cut = (self.verdict == TriangleClass.BROKEN) & (self.size > BROKEN_SIZE)
-            cut |= (self.verdict == TriangleClass.OPEN) & (self.size > feature)
+            cut |= self.open & (self.size > feature)
             if not cut.any():
                 self._bound()
-                cut = (self.verdict == TriangleClass.OPEN) & (self.size > feature)
+                cut = self.open & (self.size > feature)
             if not cut.any():
                 cut = self._improve(tolerance)
             cost = COST_OF_CUT * np.count_nonzero(cut)
@@ -92,9 +89,10 @@ class Refinement:
         a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
         return triangle_areas(a, b, c)
 
-    def open_area(self) -> float:
-        """Return the area (sr) of the triangles of which too little is known."""
-        return float(np.sum(self.areas[self.verdict == TriangleClass.OPEN]))
+    @property
+    def open(self) -> Bools:
+        """Of which triangles (T,) too little is known."""
+        return self.verdict == TriangleClass.OPEN
 
     def _mixed(self) -> tuple[Integers, Indices, Indices, Bools]:
         """Return what triangles with a piece of the border are divided into.
@@ -118,64 +116,49 @@ class Refinement:
         apex, beside = self.points[top], self.points[third]
         start, end = np.moveaxis(self.pieces.ends, 1, 0)
         part = triangle_areas(apex, start, end) + self.pieces.area
-        part += np.where(more, triangle_areas(apex, beside, start), 0.0)
-        area = np.where(held == 3, self.areas, 0.0)
-        np.add.at(area, self.pieces.owner, part)
-        return area
+        part += more * triangle_areas(apex, beside, start)
+        return (held == 3) * self.areas + np.bincount(self.pieces.owner, part, len(held))
 
     def surface(self) -> tuple[Floats, Indices]:
         """Return points and triangles of the region alone, its border as it was found."""
         held, apex, third, more = self._mixed()
-        pieces = self.pieces
-        points, triangles = [self.points], [self.triangles[held == 3]]
-        count = len(self.points)
-        for order in ORDERS:
-            some = np.flatnonzero(pieces.order == order)
-            nodes = pieces.points(some, order)
-            number = count + np.arange(nodes.shape[0] * (order + 1)).reshape(-1, order + 1)
-            fan = (
-                np.repeat(apex[some], order),
-                number[:, :-1].ravel(),
-                number[:, 1:].ravel(),
-            )
-            first = np.stack([apex[some], third[some], number[:, 0]], axis=1)
-            triangles += [np.stack(fan, axis=1), first[more[some]]]
-            points.append(nodes.reshape(-1, 3))
-            count += number.size
-        return np.concatenate(points), np.concatenate(triangles)
+        nodes, piece = self.pieces.points(np.arange(len(apex)))
+        points = np.concatenate([self.points, nodes])
+        number = np.arange(len(self.points), len(points))
+        starts = np.diff(piece, prepend=-1) > 0
+        ahead = ~starts[1:]
+        fan = np.stack([apex[piece], number, number + 1], axis=1)[:-1][ahead]
+        first = np.stack([apex, third, number[starts]], axis=1)[more]
+        return points, np.concatenate([self.triangles[held == 3], fan, first])
 
     def loops(self) -> list[Indices]:
         """Return the pieces of every closed curve of the border, in order."""
-        pieces, nothing = self.pieces, np.full(len(self.crossing_keys), -1)
-        first, second = nothing, nothing.copy()
-        for of_corner, leads in ((first, pieces.leading), (second, ~pieces.leading)):
-            of_corner[pieces.start[leads]] = np.flatnonzero(leads)
+        pieces, number = self.pieces, np.arange(len(self.pieces.start))
+        second, first = of_start = np.full((2, len(self.crossing_keys)), -1)
+        of_start[pieces.leading.astype(int), pieces.start] = number
         corner = np.where(pieces.leading, second[pieces.start], -1)
         ahead = np.where(corner >= 0, corner, first[pieces.stop])
-        links = np.stack([np.arange(len(ahead)), ahead], axis=1)[ahead >= 0]
-        return chains(len(ahead), links, directed=True)
+        links = np.stack([number, ahead], axis=1)[ahead >= 0]
+        return chains(len(number), links, directed=True)
 
-    def _turned(self, which: Indices) -> tuple[Indices, Indices, Indices]:
-        """Return the vertices of mixed triangles, the one unlike the two others first."""
+    def _turned(self, which: Indices) -> Indices:
+        """Return the vertices (3, n) of mixed triangles, that unlike the others first."""
         vertices = self.triangles[which]
         held = self.inside[vertices]
         unlike = held == (held.sum(axis=1) == 1)[:, None]
         place = (np.argmax(unlike, axis=1)[:, None] + np.arange(3)) % 3
-        odd, second, third = np.take_along_axis(vertices, place, axis=1).T
-        return odd, second, third
+        return np.take_along_axis(vertices, place, axis=1).T
 
     def _judge(self) -> None:
         """Sample the triangles not yet judged."""
         fresh = np.flatnonzero(self.verdict < 0)
-        if not len(fresh):
-            return
         triangles = self.triangles[fresh]
         self.size[fresh] = edge_lengths(self.points, triangles).max(axis=1)
         edges, sides = edges_of(triangles)
         low, high = np.moveaxis(self.points[edges], 1, 0)
         centres = self.points[triangles].sum(axis=1)
-        places = unit_rows(np.concatenate([low + high, 3.0 * low + high, centres]))
-        margins = self.evaluate(places)
+        places = np.concatenate([low + high, 3.0 * low + high, centres])
+        margins = self.evaluate(unit_rows(places))
         middle, check, centre = np.split(margins, [len(edges), 2 * len(edges)])
         rows = [self.values[triangles.T], middle[sides.T], check[sides.T], centre[None]]
         self.verdict[fresh], self.contested[fresh] = judge(
@@ -185,38 +168,30 @@ class Refinement:
     def _bound(self) -> None:
         """Find the border in the mixed triangles where it is not known yet."""
         held = self.inside[self.triangles].sum(axis=1)
-        mixed = (held == 1) | (held == 2)
+        mixed = held % 3 != 0
         self.verdict[(self.verdict == TriangleClass.BROKEN) & ~mixed] = TriangleClass.OPEN
         mixed[self.pieces.owner] = False
+        self.verdict[mixed & (self.verdict < TriangleClass.SIMPLE)] = TriangleClass.OPEN
         fresh = np.flatnonzero(mixed)
-        if not len(fresh):
-            return
-        smooth = np.isin(self.verdict[fresh], (TriangleClass.SIMPLE, TriangleClass.BROKEN))
-        self.verdict[fresh[~smooth]] = TriangleClass.OPEN
         odd, second, third = self._turned(fresh)
         both = self._cross(odd, second), self._cross(odd, third)
-        start, stop = np.where(held[fresh] == 1, both, both[::-1])
-        first, last = self.crossing_margins[start], self.crossing_margins[stop]
-        a, b = self.crossing_points[start], self.crossing_points[stop]
-        turning = np.flatnonzero(first != last)
-        pair = np.stack([first[turning], last[turning]], axis=1)
+        ends = np.where(held[fresh] == 1, both, both[::-1])
+        margins, (a, b) = self.crossing_margins[ends], self.crossing_points[ends]
+        turning = np.flatnonzero(margins[0] != margins[1])
+        pair = margins[:, turning].T
         corner, sound = corners(self.evaluate, a[turning], b[turning], pair)
         self.verdict[fresh[turning[~sound]]] = TriangleClass.OPEN
-        more = turning[sound]
+        more, corner = turning[sound], corner[sound]
         middle = b.copy()
-        middle[more] = corner[sound]
-        owner, leading = np.append(fresh, fresh[more]), np.arange(len(fresh) + len(more))
+        middle[more] = corner
+        every = np.append(np.arange(len(fresh)), more)
+        owner = fresh[every]
         pieces = BoundarySegments.over(
             self.evaluate,
-            (np.concatenate([a, middle[more]]), np.concatenate([middle, b[more]])),
-            np.append(first, last[more]),
-            (
-                owner,
-                np.append(start, start[more]),
-                np.append(stop, stop[more]),
-                leading < len(fresh),
-            ),
-            self.verdict[owner] != TriangleClass.OPEN,
+            (np.concatenate([a, corner]), np.concatenate([middle, b[more]])),
+            np.append(margins[0], margins[1, more]),
+            (owner, *ends[:, every], np.arange(len(every)) < len(fresh)),
+            ~self.open[owner],
         )
         pieces.audit(self.evaluate, np.flatnonzero(self.contested[owner] & pieces.sound))
         self.verdict[owner[~pieces.sound]] = TriangleClass.OPEN
@@ -227,37 +202,35 @@ class Refinement:
         ends = np.where(self.inside[one], [one, other], [other, one])
         keys = ends[0] << 32 | ends[1]
         fresh = np.setdiff1d(keys, self.crossing_keys)
-        if len(fresh):
-            inside, outside = self.points[fresh >> 32], self.points[fresh & (2**32 - 1)]
-            points, margins = crossings(self.evaluate, inside, outside)
-            self.crossing_keys = np.concatenate([self.crossing_keys, fresh])
-            self.crossing_points = np.concatenate([self.crossing_points, points])
-            self.crossing_margins = np.concatenate([self.crossing_margins, margins])
+        points, margins = crossings(
+            self.evaluate, self.points[fresh >> 32], self.points[fresh & (2**32 - 1)]
+        )
+        self.crossing_keys = np.append(self.crossing_keys, fresh)
+        self.crossing_points = np.concatenate([self.crossing_points, points])
+        self.crossing_margins = np.append(self.crossing_margins, margins)
         order = np.argsort(self.crossing_keys)
         return order[np.searchsorted(self.crossing_keys, keys, sorter=order)]
 
     def _improve(self, tolerance: float) -> Bools:
         """Bring the error down without new triangles; return those to cut for more."""
         cut = np.zeros(len(self.triangles), dtype=bool)
-        share = 0.5 * tolerance
+        pieces, share = self.pieces, 0.5 * tolerance
         while True:
-            pieces = self.pieces
-            counted = pieces.sound & (self.verdict[pieces.owner] != TriangleClass.OPEN)
-            error = np.where(counted, pieces.error, 0.0)
-            error[error <= ROUNDED * EPS * pieces.length] = 0.0
+            counted = ~self.open[pieces.owner]
+            poor = counted & (pieces.error > ROUNDED * EPS * pieces.length)
+            error = np.where(poor, pieces.error, 0.0)
             if error.sum() <= share:
                 break
-            poor = error > 0.5 * share / max(1, int(np.count_nonzero(counted)))
+            poor = error > 0.5 * share / np.count_nonzero(counted)
             rough = poor & (pieces.order < ORDERS[-1])
             if not rough.any():
                 cut[pieces.owner[poor]] = True
                 break
             pieces.raise_order(self.evaluate, np.flatnonzero(rough))
             self.verdict[pieces.owner[~pieces.sound]] = TriangleClass.OPEN
-        vague = self.verdict == TriangleClass.OPEN
-        area = np.where(vague, self.areas, 0.0)
+        area = self.open * self.areas
         if area.sum() > share:
-            cut |= vague & (area > 0.1 * area.max())
+            cut |= area > 0.1 * area.max()
         return cut & (self.size > FINEST)
 
     def _cut(self, marked: Bools) -> None:
@@ -265,10 +238,9 @@ class Refinement:
         count = len(self.points)
         self.points, self.triangles, origin = bisected(self.points, self.triangles, marked)
         self.values = np.concatenate([self.values, self.evaluate(self.points[count:])])
-        kept = origin >= 0
-        place = np.full(len(marked), -1, dtype=np.intp)
-        place[origin[kept]] = np.flatnonzero(kept)
-        self.verdict = np.where(kept, self.verdict[origin], -1)
+        place = np.full(len(marked) + 1, -1)
+        place[origin] = np.arange(len(origin))
+        self.verdict = np.where(origin >= 0, self.verdict[origin], -1)
         self.size, self.contested = self.size[origin], self.contested[origin]
         self.pieces.owner[:] = place[self.pieces.owner]
         self.pieces = self.pieces.rows(self.pieces.owner >= 0)
@@ -307,7 +279,7 @@ class Boundary:
     @property
     def points(self) -> Floats:
         """The points (m, 3) of the whole curve, the first repeated at the end."""
-        parts = [arc.points[:-1] for arc in self.arcs]
+        parts = (arc.points[:-1] for arc in self.arcs)
         return np.concatenate([*parts, self.arcs[0].points[:1]])
 
     @property
@@ -410,11 +382,8 @@ class Region:
             return place
         if not len(self.border.margin):
             raise RegionError(
-                "the region is empty, so no point of it is nearest"
-                + (
-                    f"; margins {self.excluding[0]} exclude each other"
-                    * bool(self.excluding)
-                )
+                "the region is empty, so no point of it is nearest; sets of margins that "
+                f"exclude each other: {self.excluding}"
             )
         return nearest_on(self.border, evaluate, place)
 
@@ -452,18 +421,19 @@ def find_region(
     RegionError
         A size is not positive, or the margins do not return a row for each place.
     """
-    sizes = {"tolerance": tolerance, "spacing": spacing, "feature": feature, "most": most}
-    check_positive(sizes)
+    check_positive(
+        {"tolerance": tolerance, "spacing": spacing, "feature": feature, "most": most}
+    )
     evaluate = Evaluator(margins)
     search = Refinement(evaluate, spacing)
     search.run(tolerance, feature, most)
-    open_area, areas = search.open_area(), search.area_inside()
-    counted = search.verdict[search.pieces.owner] != TriangleClass.OPEN
+    areas, unresolved = search.area_inside(), float(np.sum(search.areas[search.open]))
+    counted = ~search.open[search.pieces.owner]
     components, gaps, boundaries = _parts(search, areas)
     return Region(
         float(np.sum(areas)),
-        float(np.sum(search.pieces.error[counted])) + open_area + ROUNDING,
-        open_area,
+        float(np.sum(search.pieces.error[counted])) + unresolved + ROUNDING,
+        unresolved,
         components,
         gaps,
         boundaries,
@@ -483,49 +453,41 @@ def _parts(
     search: Refinement, areas: Floats
 ) -> tuple[tuple[Part, ...], tuple[Part, ...], tuple[Boundary, ...]]:
     """Return the parts of the region and of the outside, and the curves between them."""
-    triangles, inside, value = search.triangles, search.inside, least(search.values)
+    triangles, value = search.triangles, least(search.values)
+    inside = value >= 0.0
     edges, _ = edges_of(triangles)
     alike = inside[edges[:, 0]] == inside[edges[:, 1]]
     label = labels(len(inside), edges[alike])
-    total = np.zeros(int(label.max()) + 1)
-    for state, sizes in ((True, areas), (False, search.areas - areas)):
-        which = np.argmax(inside[triangles] == state, axis=1)
-        owner = triangles[np.arange(len(triangles)), which]
-        total += np.bincount(label[owner], sizes, len(total))
-    is_region = np.zeros(len(total), dtype=bool)
-    is_region[label] = inside
+    held = inside[triangles]
+    which = np.stack([np.argmax(held, axis=1), np.argmin(held, axis=1)], axis=1)
+    beside = label[np.take_along_axis(triangles, which, axis=1)]
+    sizes = np.stack([areas, search.areas - areas], axis=1)
+    total = np.bincount(beside.ravel(), sizes.ravel(), label.max() + 1)
     order = np.argsort(-total, kind="stable")
-    kinds = [order[is_region[order] == state].tolist() for state in (True, False)]
+    kinds = [order[np.isin(order, label[some])].tolist() for some in (inside, ~inside)]
     numbers = {part: number for kind in kinds for number, part in enumerate(kind)}
-    boundaries = []
-    for loop in search.loops():
-        vertices = triangles[search.pieces.owner[loop[0]]]
-        beside = (vertices[np.argmax(inside[vertices] == state)] for state in (True, False))
-        component, gap = (numbers[int(label[vertex])] for vertex in beside)
-        boundaries.append(Boundary(_arcs(search.pieces, loop), component, gap))
+    loops = search.loops()
+    sides = [beside[search.pieces.owner[loop[0]]].tolist() for loop in loops]
 
-    def part_of(number: int, sides: list[int], sign: float) -> Part:
-        members = np.flatnonzero(label == number)
-        deepest = members[np.argmax(sign * value[members])]
-        around = (k for k, side in enumerate(sides) if side == numbers[number])
-        size, depth = float(total[number]), float(value[deepest])
-        return Part(size, tuple(around), search.points[deepest], depth)
+    def part_of(part: int) -> Part:
+        members = np.flatnonzero(label == part)
+        deepest = members[np.argmax(np.abs(value[members]))]
+        around = tuple(k for k, side in enumerate(sides) if part in side)
+        depth = float(value[deepest])
+        return Part(float(total[part]), around, search.points[deepest], depth)
 
-    components = [boundary.component for boundary in boundaries]
-    gaps = [boundary.gap for boundary in boundaries]
-    return (
-        tuple(part_of(number, components, 1.0) for number in kinds[0]),
-        tuple(part_of(number, gaps, -1.0) for number in kinds[1]),
-        tuple(boundaries),
+    boundaries = (
+        Boundary(_arcs(search.pieces, loop), numbers[component], numbers[gap])
+        for loop, (component, gap) in zip(loops, sides, strict=True)
     )
+    components, gaps = (tuple(map(part_of, kind)) for kind in kinds)
+    return components, gaps, tuple(boundaries)
 
 
 def _arcs(pieces: BoundarySegments, loop: Indices) -> tuple[BorderArc, ...]:
     """Return the smooth arcs of a closed chain of pieces."""
     margin = pieces.margin[loop]
-    turns = np.flatnonzero(margin != np.roll(margin, 1))
-    if len(turns):
-        loop = np.roll(loop, -turns[0])
+    loop = np.roll(loop, -np.argmax(margin != np.roll(margin, 1)))
     ends = np.flatnonzero(np.diff(pieces.margin[loop])) + 1
     return tuple(
         BorderArc(int(pieces.margin[chain[0]]), pieces.curve(chain))
@@ -537,18 +499,17 @@ def _excluding(
     evaluate: Evaluator, values: Floats, spacing: float, feature: float
 ) -> tuple[tuple[int, ...], ...]:
     """Return the smallest sets of margins that no direction satisfies together."""
-    count = values.shape[1]
+
+    def empty(some: tuple[int, ...]) -> bool:
+        if np.any(least(values[:, some]) >= 0.0):
+            return False
+        search = Refinement(Evaluator(lambda places: evaluate(places)[:, some]), spacing)
+        search.run(np.inf, feature, 100_000)
+        return not search.inside.any()
+
     sets: list[tuple[int, ...]] = []
-    for size in range(1, min(count, LARGEST_SET) + 1):
-        for chosen in combinations(range(count), size):
-            if any(set(smaller) <= set(chosen) for smaller in sets):
-                continue
-            columns = list(chosen)
-            if np.any(least(values[:, columns]) >= 0.0):
-                continue
-            some = Evaluator(lambda places, columns=columns: evaluate(places)[:, columns])  # type: ignore[misc]
-            search = Refinement(some, spacing)
-            search.run(np.inf, feature, 100_000)
-            if not np.any(search.inside):
-                sets.append(chosen)
+    for size in range(1, LARGEST_SET + 1):
+        for some in combinations(range(values.shape[1]), size):
+            if not any(set(smaller) <= set(some) for smaller in sets) and empty(some):
+                sets.append(some)
     return tuple(sets)
