@@ -174,12 +174,12 @@ class Statics(AbstractAnalysis):
         )
 
     def _outputs(self, batch: Batch) -> Mapping[str, Stiffness]:
-        solution, each = self._found(batch), self._each(batch.mechanism)
+        solution, drives = self._found(batch), self._each(batch.mechanism)
         return batch.once(
             "outputs",
             lambda: {
                 output.name: output_stiffness(
-                    solution, output.link, output.relative_to, each
+                    solution, output.link, output.relative_to, drives
                 )
                 for output in batch.mechanism.outputs
             },

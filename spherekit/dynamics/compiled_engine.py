@@ -106,14 +106,16 @@ def by_taylor_series(
     seconds = time.perf_counter() - started - compiling
     if run.end == "singularity":
         _need_crossing(problem, run)
-    steps = len(path.starts)
+    report = EngineReport(
+        "compiled", reason, compiling, seconds, len(path.starts), forecast
+    )
     return Simulation(
         problem.equation,
         problem.driven,
         path,
         _events(problem, path, runs),
         _end(problem, path, run),
-        EngineReport("compiled", reason, compiling, seconds, steps, forecast),
+        report,
         tolerance=tolerance,
     )
 
@@ -221,8 +223,8 @@ def _need_crossing(problem: Problem, run: Run) -> None:
     elsewhere they may depend on each other though the others hold the mechanism.
     """
     equation = problem.equation
-    values, freedoms = run.last[: equation.variables], equation.freedoms
-    if reciprocal_condition(equation.closure, values, freedoms) > NO_CROSSING:
+    values = run.last[: equation.variables]
+    if reciprocal_condition(equation.closure, values, equation.freedoms) > NO_CROSSING:
         raise EngineError(
             f"{equation.mechanism.name}: of its redundant equations those that were chosen "
             f"depend on each other at t = {run.time:.6g} s",
@@ -242,8 +244,6 @@ def _events(problem: Problem, path: StatePath, runs: Sequence[Run]) -> tuple[Eve
     ]
     passages += [(t, "switch", -1) for t in problem.switches if t < runs[-1].time]
     passages.sort(key=lambda passage: passage[0])
-    if not passages:
-        return ()
     inputs = path.at(np.array([t for t, *_ in passages])).values[:, problem.driven]
     return tuple(
         Event(kind, t, tuple(q.tolist()), pairs.get(place, ""))
@@ -262,9 +262,9 @@ def _end(problem: Problem, path: StatePath, run: Run) -> SimulationEnd:
         place = run.passages[-1][2]
         (name,) = (pair for pair, v in mechanism.angles.items() if v == place)
         return stop_end(run.time, name, float(traced.values[0, place]))
-    whole = TURN * traced.turns[0]
+    state, frame, turns = traced.states[0], traced.frames[0], traced.turns[0]
     if run.end == "not_finite" and _has_value(
-        problem, run.time, traced.states[0], traced.frames[0], whole
+        problem, run.time, state, frame, TURN * turns
     ):
         return SimulationEnd("too_fast", run.time, NO_SERIES)
     why = f"no step is short enough; {JUMPS}"

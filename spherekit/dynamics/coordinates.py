@@ -307,8 +307,8 @@ def _products(momentum: Floats, w: Floats) -> Floats:
 
 def need_inertia(mechanism: Mechanism) -> None:
     """Raise `ModelError` unless some moving link has inertia."""
-    moving = [m for m in mechanism.masses if m.link != mechanism.ground]
-    if not any(np.any(np.array(mass.tensor) != 0.0) for mass in moving):
+    moving = (mass for mass in mechanism.masses if mass.link != mechanism.ground)
+    if not any(np.any(mass.tensor) for mass in moving):
         raise ModelError(
             f"{mechanism.name}: mass: no moving link has inertia, so loads would "
             "accelerate it endlessly; give at least one [mass.LINK]"
@@ -318,7 +318,7 @@ def need_inertia(mechanism: Mechanism) -> None:
 def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     """Raise `SolveError` where links with mass stand still while others move."""
     inertias, ways = np.linalg.eigh(inertia_matrix(mechanism, motion)[0])
-    least = float(inertias[0])
+    least = inertias[0]
     if len(inertias) > 1 and least < ROUNDED * inertias[-1]:
         rates = np.abs(ways[:, 0] @ motion.rates[0])
         pairs = [name for name, v in mechanism.angles.items() if rates[v] > ROUGHLY]
@@ -327,10 +327,10 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
             "that no link with mass moves, so loads would accelerate them endlessly; give "
             "mass to links that move then, or lock a pair"
         )
-    moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
-    sizes = [np.linalg.norm(mass.tensor, 2) for mass in moving]
+    moving = (mass for mass in mechanism.masses if mass.link != mechanism.ground)
+    size = sum(np.linalg.norm(mass.tensor, 2) for mass in moving)
     fastest = np.max(np.sum(motion.w[0] ** 2, axis=-1))
-    if not (STILL**2 * float(np.sum(sizes)) * fastest < least):
+    if not STILL**2 * size * fastest < least:
         raise SolveError(
             f"{mechanism.name}: at the start no link with mass moves (less than {STILL:g} "
             "of the fastest), so loads would accelerate the others endlessly; give mass to "

@@ -194,17 +194,15 @@ def _checked(
         )
         forecast = simulation.engine.forecast
         report = replace(tight.engine, reason=why, forecast=forecast)
-        simulation = replace(tight, engine=report)
-        made_for = tighter
+        simulation, made_for = replace(tight, engine=report), tighter
 
 
 def _difference(one: Simulation, other: Simulation) -> float:
     """Return the largest difference (rad) of a variable, infinite if the ends differ."""
     if one.end.kind != other.end.kind:
         return np.inf
-    last = min(one.end.t, other.end.t)
-    path = one.path
-    t = np.concatenate([path.starts + k * path.lengths for k in (0, 0.4)])
+    last, path = min(one.end.t, other.end.t), one.path
+    t = np.append(path.starts, path.starts + 0.4 * path.lengths)
     t = np.append(t[t < last], last)
     return float(max_abs(one.at(t).values - other.at(t).values))
 
@@ -306,8 +304,8 @@ def until_lift_off(simulation: Simulation) -> Simulation:
     rows = np.flatnonzero(np.any(push < -PULLS * largest[:, None], axis=1))
     if not len(rows):
         return simulation
-    row = int(rows[0])
-    which = int(np.argmin(push[row]))
+    row = rows[0]
+    which = np.argmin(push[row])
     name = mechanism.pairs[pairs[which]].name
     if row == 0:
         raise SolveError(

@@ -186,12 +186,13 @@ class Collocation:
         for target in problem.targets:
             while t < target:
                 left = target - t
-                tried = left if left < 1.05 * length else min(length, left)
+                tried = left if left < 1.05 * length else length
                 step, error, iterations, last = self._attempt(t, tried, state, before)
                 rates = last.motion.rates
                 if error <= 1.0:
                     orientation = step.orientation(equation.closure, rates)
-                    error = error if self._keeps(step, orientation) else np.inf
+                    if not self._keeps(step, orientation):
+                        error = np.inf
                 if error > 1.0:
                     length = min(_factor(error, iterations), 0.5) * tried
                     if length < SHORTEST * problem.until:
@@ -228,10 +229,10 @@ class Collocation:
     def _first_length(self) -> float:
         until = self.problem.until
         dynamics = self._dynamics(np.zeros(1), self.start[None])
-        pace = float(np.linalg.norm(dynamics.speed[0])) / FIRST_ARC
-        push = float(np.linalg.norm(dynamics.roots.solved(dynamics.push)[0]))
-        pace = max(pace, np.sqrt(push / FIRST_ARC), 1e-300)
-        return float(max(min(until, 1.0 / pace, 1.0), SHORTEST * until))
+        speed = float(np.linalg.norm(dynamics.speed)) / FIRST_ARC
+        push = float(np.linalg.norm(dynamics.roots.solved(dynamics.push)))
+        pace = max(speed, (push / FIRST_ARC) ** 0.5, 1e-300)
+        return max(min(until, 1.0 / pace, 1.0), SHORTEST * until)
 
     def _dynamics(self, t: Floats, states: Floats) -> Dynamics:
         """Return what acts at states, in the frame of the last step's end.
@@ -272,7 +273,8 @@ class Collocation:
             rates = np.repeat(first, NODES, axis=0)
         else:
             rates = before.summed(before.series[:CONTINUED], t)
-        states = state + 0.5 * length * (INTEGRAL @ rates)
+        integral = 0.5 * length * INTEGRAL
+        states = state + integral @ rates
         tolerance = min(self.tolerance, FINEST) if self.fine else self.tolerance
         enough = max(0.05 * tolerance, 8 * EPS)
         change, error, settled = np.inf, np.inf, False
@@ -280,7 +282,7 @@ class Collocation:
             last = change
             dynamics = self._dynamics(t, states)
             rates = equation.rates(dynamics)
-            moved = state + 0.5 * length * (INTEGRAL @ rates)
+            moved = state + integral @ rates
             if stiff:
                 if count in RENEWED:
                     inverse = self._inverse(t, states, rates, length, scale)
@@ -311,7 +313,7 @@ class Collocation:
         shift = DIFFERENCE * scale[place]
         other[:, place] += shift
         slope = (self.equation.rates(self._dynamics(t, other)) - rates)[:, place] / shift
-        slope = np.where(np.isfinite(slope), slope, 0.0)
+        slope[~np.isfinite(slope)] = 0.0
         return np.asarray(np.linalg.inv(np.eye(NODES) - 0.5 * length * INTEGRAL * slope))
 
     def _looked(self, step: Step, scale: Floats, tolerance: float) -> bool:
@@ -366,8 +368,8 @@ class Collocation:
         if self.problem.passes:
             return False
         size, side = self._sense(orientation)
-        near = np.abs(orientation) < np.sqrt(self.tolerance) * size
-        before, self.fine = self.fine, bool(np.any(near | (orientation * side < 0.0)))
+        near = orientation * np.sign(side) < np.sqrt(self.tolerance) * size
+        before, self.fine = self.fine, bool(np.any(near))
         return self.fine and not before and self.tolerance > FINEST
 
     def _sense(self, orientation: Floats) -> tuple[float, float]:
@@ -401,8 +403,7 @@ class Collocation:
         self.orientation = float(np.copysign(size, side))
         crossing = step.crossing(orientation, self.orientation)
         if crossing is not None:
-            passes = self.problem.passes
-            yield crossing, "crossing" if passes else "singularity", ""
+            yield crossing, "crossing" if self.problem.passes else "singularity", ""
             self.orientation = float(np.copysign(size, orientation[-1]))
         # There the inputs do not say how all else moves; a single one turns back.
         alone = len(driven) == 1

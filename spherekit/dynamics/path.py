@@ -103,7 +103,7 @@ class Step:
         """Return the times after the start at which a series (k,) changes its sign."""
         crossed = zeros(self._function(series), self.times)
         later = crossed.places > self.start
-        return [float(t) for t in crossed.places[later & ~crossed.double]]
+        return crossed.places[later & ~crossed.double].tolist()
 
     def stopped(self, mechanism: Mechanism, whole: Floats) -> Iterator[tuple[float, str]]:
         """Yield times at which pairs are first beyond a joint limit, and their names.

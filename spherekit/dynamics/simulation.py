@@ -330,39 +330,37 @@ class Simulation:
         times = np.atleast_1d(np.asarray(t, dtype=float))
         _, dynamics = self._at(times, second=True)
         timing = Timing(times, dynamics.speed, dynamics.change)
-        none, carried = np.zeros((len(times), len(self.driven))), dynamics.carried
+        none = np.zeros_like(dynamics.speed)
         return transmitted(
-            DrivenState(self.mechanism, dynamics.motion, timing, none, carried)
+            DrivenState(self.mechanism, dynamics.motion, timing, none, dynamics.carried)
         )
 
     @cached_property
     def checks(self) -> Checks:
         """The balance of energy and power, closure, and the error if it was asked for."""
-        path = self.path
-        chosen = path.chosen
-        starts, lengths = path.starts[chosen], path.lengths[chosen]
+        path, equation = self.path, self.equation
+        starts, lengths = path.starts[path.chosen], path.lengths[path.chosen]
         # Not at the ends of steps, where loads may jump.
         t = np.concatenate([starts + x * lengths for x in (0.03, 0.35, 0.7)])
         t = np.append(np.minimum(t, self.end.t), self.end.t)
         traced, dynamics = self._at(t)
-        states, rates = traced.states, traced.rates
-        equation = self.equation
-        gap = equation.closure.at(states[:, : equation.variables]).residual
+        states = traced.states
+        closed = equation.closure.at(states[:, : equation.variables])
         momenta = states[:, equation.momenta]
         kinetic = 0.5 * np.sum(momenta**2, axis=1)
         work = np.sum(states[:, equation.works], axis=1)
-        missed = rates[:, equation.momenta] - dynamics.push
+        missed = traced.rates[:, equation.momenta] - dynamics.push
         missed[t >= self.end.t] = 0.0
-        root = float(np.nanmax(dynamics.roots.sizes))
-        size = max(float(np.max(np.linalg.norm(momenta, axis=1))), root)
+        sizes = np.append(np.linalg.norm(momenta, axis=1), dynamics.roots.sizes)
         push = np.linalg.norm(missed, axis=1)
         steps = np.append(np.tile(lengths, 3), 0.0)
+        balance = kinetic - work
         return Checks(
-            energy=float(max_abs(kinetic - work - (kinetic[0] - work[0]))),
+            energy=float(max_abs(balance - balance[0])),
             energy_scale=float(max(np.max(kinetic), max_abs(work))),
             power=float(max_abs(np.sum(momenta * missed, axis=1))),
-            momentum=float(np.max(push * steps)) / size,
-            closure=max(path.drift, float(np.max(np.abs(gap), initial=0.0))),
+            momentum=float(np.max(push * steps) / np.nanmax(sizes)),
+            closure=max(path.drift, float(np.max(closed.gap))),
             error=self.error,
         )
 
@@ -402,7 +400,7 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     while True:
         motion = by_variables(closure, values[None], [driven])
         masses = inertia(equation.mechanism, motion)
-        B, dB = float(masses.B[0]), float(masses.dB[0])
+        B, dB = masses.B.item(), masses.dB.item()
         seen = replace(motion, values=motion.values + problem.whole)
         number, speed = len(states), change / step
         t = number * step

@@ -124,7 +124,7 @@ def prepare(
     driven = tuple(variable_of(mechanism, pair) for pair in inputs)
     moved = [variable_of(mechanism, pair) for pair in pairs]
     mechanism = mechanism.with_loads(*drives(mechanism, torque))
-    times = sorted({float(t) for t in switches} | set(_knots(mechanism, until)))
+    times = sorted({*map(float, switches), *_knots(mechanism, until)})
     if not all(np.isfinite(times)):
         raise SolveError(f"{name}: switches has a time that is not finite")
     closure = Closure.of(mechanism, joints_of(mechanism))
@@ -180,15 +180,11 @@ def _speed(
     share = frame[:, list(moved)].T
     if np.linalg.svd(share, compute_uv=False)[-1] < STANDSTILL:
         names = [mechanism.pairs[mechanism.variable_owners[v]].name for v in moved]
-        given = listing(f"{rate:g}" for rate in rates)
+        what = "dead centre" if len(moved) == 1 else "singularity of type II"
         raise SolveError(
-            f"{mechanism.name}: pair {names[0]} is at a dead centre at the start and "
-            f"cannot move at {given} rad/s; start elsewhere, or give PoseStart with the "
-            "rate of another pair"
-            if len(moved) == 1
-            else f"{mechanism.name}: the pairs {listing(names)} do not move independently "
-            f"at the start, which is a singularity of type II, and cannot move at {given} "
-            "rad/s; start elsewhere, or give PoseStart with the rates of other pairs"
+            f"{mechanism.name}: at the start, a {what}, the rate of {listing(names)} "
+            f"cannot be {listing(f'{rate:g}' for rate in rates)} rad/s; start elsewhere, "
+            "or give PoseStart with rates of other pairs"
         )
     return np.asarray(np.linalg.solve(share, rates))
 
@@ -236,8 +232,7 @@ def _closed(
     closure: Closure, mechanism: Mechanism, values: Sequence[float]
 ) -> tuple[Floats, Floats]:
     """Return the closed configuration, and the whole turns that it is less (variables,)."""
-    name = mechanism.name
-    given = np.asarray(values, dtype=float)
+    name, given = mechanism.name, np.array(values, dtype=float)
     count = len(closure.tree.owners)
     if given.shape != (count,) or not all_finite(given):
         raise SolveError(
@@ -245,9 +240,8 @@ def _closed(
             "variable"
         )
     _need_digits(name, given)
-    angles = np.isin(np.arange(count), list(mechanism.angles.values()))
-    turns = np.where(angles, whole_turns(given), 0.0)
-    given = np.where(angles, reduced(given), given)
+    angles, turns = [*mechanism.angles.values()], np.zeros(count)
+    turns[angles], given[angles] = whole_turns(given[angles]), reduced(given[angles])
     solution = closure.solve(given[None])
     moved = float(max_abs(solution.values[0] - given))
     if not (solution.gap[0] < 1e-12 and moved < NEAR):
@@ -295,12 +289,9 @@ def at_inputs(
         assert isinstance(of, Mechanism)
         tracer = PositionAnalysis(of, None, assembly_mode, search, path=q)
         return tracer, tracer.motion()
-    first = (
-        PositionAnalysis(of, None, assembly_mode, search)
-        if isinstance(of, Mechanism)
-        else of
-    )
-    tracer = reaching(first, q[:, 0], assembly_mode, search)
+    if isinstance(of, Mechanism):
+        of = PositionAnalysis(of, None, assembly_mode, search)
+    tracer = reaching(of, q[:, 0], assembly_mode, search)
     motion = tracer.at(into_range(tracer, q))
     return tracer, replace(motion, inputs=np.tile(q, (len(tracer.assembly_modes), 1)))
 
@@ -325,11 +316,9 @@ def _configuration(
             f"{name}: no configuration of assembly mode {assembly_mode} at q = {where} rad "
             f"({status.name}): {STATUS_MEANING[status]}"
         )
-    values: Floats = motion.values[row].copy()
-    driven = list(tracer.solver.driven)
-    number, every = motion.assembly_modes[row].number, tracer.solver.angles
-    at = values[None], q[None], every
-    turns = tracer.solver.unwrapping.turns(number, *at)[0]
+    number, solver = motion.assembly_modes[row].number, tracer.solver
+    values, driven = motion.values[row].copy(), list(solver.driven)
+    turns = solver.unwrapping.turns(number, values[None], q[None], solver.angles)[0]
     values[driven], turns[driven] = reduced(q), whole_turns(q)
     return values, turns
 

@@ -33,6 +33,7 @@ that lock. Newton's step is taken where it leaves less than iteration does.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 
@@ -91,12 +92,13 @@ class IndeterminateForces:
         if self.centres:
             wanted.append(f"mass and centre of the links {listing(self.centres)}")
         if self.distances:
-            contacts = listing(self.distances)
-            wanted.append(f"the distance of the contacts {contacts} from the centre")
-        if self.floating:
-            pairs = listing(self.floating)
             wanted.append(
-                f"that the pairs {pairs}, or others in their loops, float (bearings, axial)"
+                f"the distance of the contacts {listing(self.distances)} from the centre"
+            )
+        if self.floating:
+            wanted.append(
+                f"that the pairs {listing(self.floating)}, or others in their loops, float "
+                "(bearings, axial)"
             )
         if not self.enough:
             wanted.append("constraints that do not repeat each other")
@@ -110,8 +112,11 @@ def lacking(mechanism: Mechanism, frames: Floats) -> IndeterminateForces:
     floats takes one direction from it, if the force along its axis takes part in what is
     left; the pair in which it does most is taken first.
     """
-    contacts = [pair.name for pair in mechanism.pairs if not pair.kind.has_axis]
-    distances = [name for name in contacts if mechanism.pair(name).distance is None]
+    distances = tuple(
+        pair.name
+        for pair in mechanism.pairs
+        if not pair.kind.has_axis and pair.distance is None
+    )
     told = replace(
         mechanism,
         masses=tuple(
@@ -124,23 +129,20 @@ def lacking(mechanism: Mechanism, frames: Floats) -> IndeterminateForces:
     )
     balance = NewtonEuler(told, frames[None], forces=True)
     _, sizes, back = np.linalg.svd(balance.matrix[0])
-    free = back[int(np.count_nonzero(sizes > DEPENDENT * sizes[0])) :].T
+    free = back[np.count_nonzero(sizes > DEPENDENT * sizes[0]) :].T
     along = [k for k, (_, component) in enumerate(balance.columns) if component == 5]
     floating = []
     while along:
         parts = np.linalg.norm(free[along], axis=1)
         if np.max(parts) < np.sqrt(DETERMINED):
             break
-        column = along[int(np.argmax(parts))]
+        column = along[np.argmax(parts)]
         floating.append(balance.columns[column][0])
-        _, _, turn = np.linalg.svd(free[[column]])
-        free = free @ turn[1:].T
+        free = free @ np.linalg.svd(free[[column]])[2][1:].T
     forces = [k for k, (_, component) in enumerate(balance.columns) if component > 2]
     names = tuple(mechanism.names_of(sorted(floating)))
     enough = not np.any(free[forces] ** 2 > DETERMINED)
-    return IndeterminateForces(
-        tuple(without_centre(mechanism)), tuple(distances), names, enough
-    )
+    return IndeterminateForces(tuple(without_centre(mechanism)), distances, names, enough)
 
 
 SETTLED = 1e-14
@@ -177,8 +179,9 @@ def rubbed(
     driven, locked = every.rows(good), np.zeros(len(good), dtype=bool)
     mechanism, motion = driven.mechanism, driven.motion
     velocities = np.swapaxes(loads.velocities(motion)[..., loads.rubbing], 1, 2)
-    free = inverse is not None
-    faster = velocities @ inverse[good] if inverse is not None else 0.0 * velocities
+    faster, driving = 0.0 * velocities, -velocities
+    if inverse is not None:
+        faster, driving = velocities @ inverse[good], 0.0 * velocities
     parts = [loads.components[k] for k in loads.rubbing]
     bearings = [x.rubs for x in parts if x.rubs is not None]
     balance = balanced(driven, any(one.asks_forces for one in bearings))
@@ -200,7 +203,7 @@ def rubbed(
     inputs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
     for k, pair in enumerate(pairs):
         about = np.zeros((len(still), len(mechanism.pairs)))
-        about[:, inputs] = 0.0 if free else -velocities[:, k]
+        about[:, inputs] = driving[:, k]
         about[:, pair] += 1.0
         needed = accelerating(mechanism, motion, faster[:, k])
         change[..., k] = on_bearings(balance.left_by(needed, about))
@@ -246,9 +249,8 @@ def _solved(still: Floats, change: Floats, factors: Floats) -> tuple[Floats, Boo
         return np.sum(np.linalg.norm(at(friction), axis=3), axis=2)
 
     friction, one = np.zeros_like(factors), np.eye(factors.shape[1])
-    carried, rounds = load(friction), 0
-    while rounds < MOST_ROUNDS:
-        rounds += 1
+    carried = load(friction)
+    for rounds in count(1):
         before, plain, forces = carried, factors * carried, at(friction)
         strengths = np.linalg.norm(forces, axis=3, keepdims=True)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -263,7 +265,7 @@ def _solved(still: Floats, change: Floats, factors: Floats) -> tuple[Floats, Boo
         friction, carried = (np.where(better, b, a) for a, b in zip(*tried, strict=True))
         gap = max_abs(carried - before, axis=1)
         moved = regular & ~(gap <= SETTLED * np.max(carried, axis=1))
-        if not np.any(moved):
+        if rounds == MOST_ROUNDS or not np.any(moved):
             break
     return carried, regular & ~moved, rounds
 
@@ -291,9 +293,7 @@ class Roots:
         """Return the roots of M (n, m, m)."""
         finite = all_finite(M, (1, 2))
         squares, vectors = np.linalg.eigh(np.where(finite[:, None, None], M, 0.0))
-        with np.errstate(invalid="ignore"):
-            sizes = np.sqrt(np.where(finite[:, None] & (squares > 0.0), squares, np.nan))
-        return cls(vectors, sizes)
+        return cls(vectors, np.sqrt(np.where(squares > 0.0, squares, np.nan)))
 
     @property
     def inverse(self) -> Floats:

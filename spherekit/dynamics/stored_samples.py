@@ -7,7 +7,7 @@ Configurations between are found by Newton's method from the nearest known one, 
 the second order.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -116,7 +116,7 @@ class Sampler:
             made.variable_names,
             tuple(made.angles),
             tuple(pole_name(made, pole) for pole in self.poles),
-            _stored_loads(self.loads),
+            _stored_loads(self.loads, self.velocities),
             self.tracer.inputs,
             self.by,
             low,
@@ -188,10 +188,9 @@ class AlongCurve(Sampler):
         self.driven = [driven]
         self.plan = plan(self.mechanism, list(poles), tracer.inputs[0], tracer.by_rank)
         along, turns = curve.nodes.tangents[:, driven], int(curve.winding[driven])
-        self.by_input = (
+        self.by_input = bool(
             curve.closed
-            and turns != 0
-            and bool(np.all(along * np.sign(turns) > FLAT))
+            and np.all(along * np.sign(turns) > FLAT)
             and not len(curve.dead_points(driven).places)
         )
         self.sense, self.lap = 1.0, curve.length
@@ -206,13 +205,11 @@ class AlongCurve(Sampler):
         self.high = np.array([self.laps * self.lap])
         self.rise = curve.rise * self.sense * self.laps
 
-    def columns(self, groups: Iterable[int], x: Floats) -> Floats:
+    def columns(self, groups: Sequence[int], x: Floats) -> Floats:
         """Return the functions (n, F) of some groups: that of the motion, or of poles."""
         motion, parts = self._motion(x), []
-        directions: Mapping[Pole, Floats] = {}
+        directions = self._directions(x, motion) if any(groups) else {}
         for number in groups:
-            if number and not directions:
-                directions = self._directions(x, motion)
             if number:
                 pole = self.poles[number - 1]
                 parts.append(_of_pole(motion, pole, directions[pole]))
@@ -235,11 +232,9 @@ class AlongCurve(Sampler):
     def _directions(self, x: Floats, motion: CoordinateMotion) -> dict[Pole, Floats]:
         """Return the unit vectors (n, 3) of the poles, in the sense that was noted."""
         units = self._lines(motion)
-        length = self.laps * self.lap
-        away = x % length if self.periodic else x
-        nearest = np.rint(away / length * self.mark_count).astype(int)
+        nearest = np.rint(x / self.lap * MARKS).astype(int)
         if self.periodic:
-            nearest %= self.mark_count
+            nearest %= MARKS * self.laps
         for pole, unit in units.items():
             if pole in self.marks:
                 side = np.sum(unit * self.marks[pole][nearest], axis=1)
@@ -280,7 +275,6 @@ class AlongCurve(Sampler):
         back reversed make the period two laps.
         """
         primary = {step.pole for step in self.plan.steps if isinstance(step, PrimaryPole)}
-        self.marks: Mapping[Pole, Floats] = {}
         motion = self._motion(self.lap * np.arange(MARKS + 1) / MARKS)
         home = np.sum(self._as_motion(motion).frames[0, :, :, 2], axis=0)
         senses = {p: u for p, u in self._lines(motion).items() if p not in primary}
@@ -299,7 +293,6 @@ class AlongCurve(Sampler):
                     p: np.concatenate([u[:-1], u * np.sign(back[p])])
                     for p, u in marks.items()
                 }
-        self.mark_count = MARKS * self.laps
         self.marks = marks
 
 
@@ -366,12 +359,11 @@ def _followed(tracer: PositionAnalysis) -> tuple[ArcCurve, Floats]:
     good = np.flatnonzero(usable)
     if not len(good):
         raise SolveError(
-            f"{mechanism.name}: the assembly mode has no configuration within the "
-            f"joint limits "
-            f"at any of {PROBED_INPUTS} inputs of its range; give another assembly mode or "
-            "range"
+            f"{mechanism.name}: the assembly mode has no configuration within the joint "
+            f"limits at any of {PROBED_INPUTS} inputs of its range; give another assembly "
+            "mode or range"
         )
-    values = motion.values[good[0]].copy()
+    values = motion.values[good[0]]
     return follow_arc(tracer.solver.closure, values, stops), values
 
 
@@ -390,18 +382,18 @@ def pole_name(mechanism: Mechanism, pole: Pole) -> str:
     return f"{mechanism.links[second]}/{mechanism.links[first]}"
 
 
-def _stored_loads(loads: Loads) -> tuple[StoredLoad, ...]:
+def _stored_loads(loads: Loads, velocities: Mapping[int, str]) -> tuple[StoredLoad, ...]:
     """Return what magnitudes of loads depend on besides the configuration."""
-    velocities, stored = own_velocities(loads), []
+    stored = []
     for number, load in enumerate(loads.mechanism.loads):
-        parts = [
-            (k, x) for k, x in enumerate(loads.components) if loads.owners[k] == number
-        ]
-        works_on = tuple(velocities.get(k, f"theta_{part.pair}") for k, part in parts)
-        laws = [part.magnitude for _, part in parts]
-        texts = tuple(law.text for law in laws if isinstance(law, Expression))
+        works_on, texts = [], []
+        for k, part in enumerate(loads.components):
+            if loads.owners[k] == number:
+                works_on.append(velocities.get(k, f"theta_{part.pair}"))
+                if isinstance(part.magnitude, Expression):
+                    texts.append(part.magnitude.text)
         table: tuple[Any, ...] = ()
         if isinstance(load, TorqueTable):
             table = load.times, load.torques, load.periodic
-        stored.append(StoredLoad(load.name, works_on, texts, *table))
+        stored.append(StoredLoad(load.name, tuple(works_on), tuple(texts), *table))
     return tuple(stored)

@@ -184,9 +184,10 @@ class StoredModel:
         `name` is LINK/RELATIVE_TO, as "3/1"; either order names the same axis. Of a curve.
         """
         stored = self.heading.pole(name)[0]
-        names = tuple(f"pole {stored} {axis}" for axis in "xyz")
-        one = self._is_one(x)
-        return np.array(self._single(*names)(x)) if one else self.functions(names, x)
+        names = [f"pole {stored} {axis}" for axis in "xyz"]
+        if self._is_one(x):
+            return np.array(self._single(*names)(x))
+        return self.functions(names, x)
 
     def rate(self, name: str, x: Place) -> Place:
         """Return the velocity coefficient of a pole of a curve.
@@ -210,7 +211,7 @@ class StoredModel:
         """
         name, sense = self.heading.pole(pole)
         by = [self.heading.by_coordinates(f"velocity {name} {axis}") for axis in "xyz"]
-        names = [x for axes in zip(*by, strict=True) for x in axes]
+        names = [*chain(*zip(*by, strict=True))]
         return sense * self.functions(names, q).reshape(*np.shape(q), 3)
 
     def places(self, variable: str, value: float) -> Floats:
@@ -294,10 +295,11 @@ class StoredModel:
         """
         heading = self.heading
         first = symbols([*heading.inertia, *heading.christoffel[0]])
-        used = [
-            x for x in in_order([*first, *heading.torques]) if x.operation == "variable"
+        stored = [
+            x
+            for x in in_order([*first, *heading.torques])
+            if x.operation == "variable" and x not in heading.motion
         ]
-        stored = [x for x in used if x not in heading.motion]
         single = self._single(*(x.arguments[0] for x in stored))
         return single, float_function(heading.torques, [*stored, *heading.motion])
 
@@ -381,10 +383,9 @@ class StoredModel:
         size = np.array([function.largest for function in heading.groups[group]])
         mixed = PiecewiseChebyshev(series.edges, series.coefficients @ factors)
         inside = local_polynomials(mixed, size @ np.abs(factors))
-        rise = np.zeros(len(factors))
-        if group == 0:
-            rise[: len(heading.rise)] = heading.rise
-        rises = [(k, x) for k, x in enumerate((rise @ factors).tolist()) if x]
+        rise = heading.rise if group == 0 else ()
+        growths = np.array(rise) @ factors[: len(rise)]
+        rises = [(k, x) for k, x in enumerate(growths.tolist()) if x]
         (low,), (high,), within = heading.low, heading.high, heading.within
 
         def at(x: float) -> list[float]:
@@ -412,14 +413,12 @@ class StoredModel:
             cell = series.cell(q)
             if cell >= 0:
                 return cell
-        ends = zip(heading.by, q, heading.low, heading.high, strict=True)
-        asked, spans = zip(
-            *(
-                (f"{pair} = {float(value):.9g}", f"{pair} {low:.6g} to {high:.6g}")
-                for pair, value, low, high in ends
-            ),
-            strict=True,
-        )
+        asked, spans = [], []
+        for pair, value, low, high in zip(
+            heading.by, q, heading.low, heading.high, strict=True
+        ):
+            asked.append(f"{pair} = {value:.9g}")
+            spans.append(f"{pair} {low:.6g} to {high:.6g}")
         raise SolveError(
             f"{heading.mechanism}: the model is asked for {listing(asked)} rad, which is "
             f"not in its domain: {heading.covered:.3g} of the box {listing(spans)} rad. "
@@ -491,4 +490,6 @@ def _series(
 
 def _names(heading: StoredHeading) -> tuple[str, ...]:
     """Return the names of a group's arrays, the coefficients last."""
-    return (*(("edges",) if heading.alone else ("splits", "bounds")), "coefficients")
+    if heading.alone:
+        return "edges", "coefficients"
+    return "splits", "bounds", "coefficients"
