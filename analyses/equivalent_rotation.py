@@ -47,12 +47,8 @@ from .rotation_scenes import FoundRotation, mid_planes
 
 MODE = Column("working_mode", "", "signs of the working mode's legs", "text")
 DIRECTION = tuple(
-    Column(name, "", meaning, turns="otherwise")
-    for name, meaning in (
-        ("x", "of the direction, or of the unit quaternion xyzw"),
-        ("y", "of the direction or quaternion"),
-        ("z", "of the direction or quaternion"),
-    )
+    Column(name, "", "of the direction, or of the unit quaternion xyzw", turns="otherwise")
+    for name in "xyz"
 )
 MIRROR = tuple(
     Column(name, "rad", f"{meaning}; empty without a mid-plane symmetric architecture")
@@ -65,6 +61,14 @@ PLACE = (
     *DIRECTION,
     Column("w", "", "of the quaternion; empty for directions", turns="otherwise"),
     *MIRROR,
+)
+TILTED = tuple(
+    Column(name, "rad", meaning, turns="otherwise")
+    for name, meaning in (
+        ("azimuth", "of the direction, or in which the link is tilted"),
+        ("tilt", "of the direction, or of the link's z axis"),
+        ("torsion", "turn of the link that is not a tilt; empty for directions"),
+    )
 )
 
 
@@ -126,14 +130,7 @@ class EquivalentRotation(AbstractAnalysis):
                 Column("sample", "", "number of the angle, from 0", "integer"),
                 Column("theta", "rad", "angle turned through about the axis"),
                 *MIRROR,
-                *(
-                    Column(name, "rad", meaning, turns="otherwise")
-                    for name, meaning in (
-                        ("azimuth", "direction in which the output link is tilted"),
-                        ("tilt", "tilt of its z axis"),
-                        ("torsion", "its turn that is not a tilt"),
-                    )
-                ),
+                *TILTED,
                 INPUTS,
                 Column("dq_dtheta", "", "derivative of q by theta", per_input=True),
                 Column("orientation_error", "rad", "angle from the pose turned exactly"),
@@ -186,14 +183,14 @@ class EquivalentRotation(AbstractAnalysis):
             raise AnalysisError(
                 f"{self.name}: samples: found {self.samples}, needs at least 2"
             )
-        if not all(np.isfinite(theta) and theta >= 0.0 for theta in self.theta):
+        if not all(0.0 <= theta < np.inf for theta in self.theta):
             raise AnalysisError(
                 f"{self.name}: theta: found {'+'.join(map(str, self.theta))}, needs angles "
                 "in degrees from 0 to that of the rotation"
             )
-        speed, acceleration = self.speed or None, self.acceleration or None
+        limits = self.speed or None, self.acceleration or None
         try:
-            schedule_limits(inputs, speed, acceleration, self.shape, self.cycle or None)
+            schedule_limits(inputs, *limits, self.shape, self.cycle or None)
         except SolveError as problem:
             raise AnalysisError(f"{self.name}: {problem}") from None
         return Needs(tracer=True)
@@ -219,9 +216,10 @@ class EquivalentRotation(AbstractAnalysis):
         if result.form is not None:
             mirrors = mirror_angles(mid_planes(result.form, at.orientation))
             first["phi"], first["gamma"], _ = mirrors
-        second = []
-        if rows is not None:
-            second.append(
+        second = (
+            []
+            if rows is None
+            else [
                 {
                     "t": rows.t,
                     "theta": rows.theta,
@@ -231,10 +229,12 @@ class EquivalentRotation(AbstractAnalysis):
                     "type_2": rows.type_2,
                     "status": rows.status,
                 }
-            )
+            ]
+        )
+        one, other = self.tables
         return {
-            table.name: table.stacked(mechanism, parts)
-            for table, parts in zip(self.tables, ([first], second), strict=True)
+            one.name: one.stacked(mechanism, [first]),
+            other.name: other.stacked(mechanism, second),
         }
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
@@ -266,10 +266,8 @@ class EquivalentRotation(AbstractAnalysis):
                 "mode": str(start.labels[result.number]),
                 "number": result.number,
                 "configurations": [
-                    {"mode": label, "inputs_rad": inputs.tolist()}
-                    for label, inputs in zip(
-                        start.labels.tolist(), start.inputs, strict=True
-                    )
+                    {"mode": start.labels[k], "inputs_rad": inputs.tolist()}
+                    for k, inputs in enumerate(start.inputs)
                 ],
             },
         }
@@ -333,14 +331,13 @@ class EquivalentRotation(AbstractAnalysis):
                 )
         schedule, unscheduled = None, ""
         speed, acceleration = (
-            np.radians(limit) if limit else None
-            for limit in (self.speed, self.acceleration)
+            np.radians(limit or np.inf) for limit in (self.speed, self.acceleration)
         )
-        if (speed is not None or acceleration is not None) and turn.end != Status.OK:
+        if (self.speed or self.acceleration) and turn.end != Status.OK:
             unscheduled = "the mechanism does not follow all the way"
-        elif speed is not None or acceleration is not None:
-            how = self.shape, self.cycle or None
+        elif self.speed or self.acceleration:
             try:
+                how = self.shape, self.cycle or None
                 schedule = time_optimal(turn, speed, acceleration, *how)
             except SolveError as problem:
                 unscheduled = str(problem)
@@ -372,13 +369,13 @@ def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]
             + ENDS[Status(turn.end)]
         )
     elif np.any(failed):
-        first = int(np.argmax(failed))
+        first = np.argmax(failed)
         yield (
-            f"{int(np.sum(failed))} of {len(failed)} rows failed, the first at theta = "
+            f"{np.sum(failed)} of {len(failed)} rows failed, the first at theta = "
             f"{np.degrees(at.theta[first]):.6g} deg: {Status(at.status[first]).name}"
         )
     if not orientation_error < FEASIBLE:
-        worst = int(np.nanargmax(at.orientation_error))
+        worst = np.nanargmax(at.orientation_error)
         yield (
             "the output link does not turn about a fixed axis: nearest to it, it "
             f"departs by up to {np.degrees(orientation_error):.4g} deg, at theta = "
@@ -386,13 +383,10 @@ def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]
             f"{np.degrees(_largest(at.drift)):.4g} deg"
         )
     for place in turn.crossings:
-        there = turn.at([place])
-        where, inputs = f"theta = {np.degrees(place):.4f} deg", there.inputs[0]
-        if np.all(np.isfinite(inputs)):
-            where += "".join(
-                f", {name} = {np.degrees(q) + 0.0:.4f}"
-                for name, q in zip(turn.inputs, inputs, strict=True)
-            )
+        where = f"theta = {np.degrees(place):.4f} deg"
+        for name, q in zip(turn.inputs, turn.at([place]).inputs[0], strict=True):
+            if np.isfinite(q):
+                where += f", {name} = {np.degrees(q) + 0.0:.4f}"
         yield (
             f"the rotation meets a type II singularity at {where}, where the "
             "inputs do not hold the mechanism"

@@ -56,6 +56,7 @@ from .pose_lists import (
     pose_columns,
     read_poses,
 )
+from .posed_workspace import nearest_at
 
 Row = dict[str, Any]
 
@@ -209,17 +210,17 @@ class ConfigurationsOfPoses:
         self.modes = asked.modes(solver)
         self.found = rows = solver.inverse(poses, self.modes, range(len(mechanism.pairs)))
         self.solutions = np.bincount(rows.pose[rows.solved], minlength=len(poses))
-        self.near, self.away = np.full((len(rows), 4), np.nan), np.full(len(rows), np.nan)
+        places = (poses if solver.points else quaternion(poses))[rows.pose]
+        self.near, self.away = np.full_like(places, np.nan), np.full(len(rows), np.nan)
         self.offered = 0
         if isinstance(solver, ClosedKinematics):
             wanted = np.flatnonzero(~rows.solved)[: asked.nearest]
             self.offered = len(wanted)
-            places = poses if solver.points else quaternion(poses)
             for signs, mode in zip(solver.modes, solver.labels, strict=True):
                 here = wanted[rows.mode[wanted] == mode]
                 if len(here):
-                    offers = nearest_poses(solver, places[rows.pose[here]], signs)
-                    self.near[here, : places.shape[1]], self.away[here] = offers
+                    offers = nearest_poses(solver, places[here], signs)
+                    self.near[here], self.away[here] = offers
 
     def rows(self) -> dict[str, list[Row]]:
         """Return the rows of tables: configurations, and variables of pairs."""
@@ -231,11 +232,10 @@ class ConfigurationsOfPoses:
         if solver.form is not None and directions is not None:
             turns = turns_of(rows.rates, directions)
             rates |= mirror_rates(mechanism, solver.form, directions, turns)
-        places = pose_columns(solver, self.poses)
         inverse: Row = {
             "pose": rows.pose,
             "working_mode": rows.mode,
-            **{name: column[rows.pose] for name, column in places.items()},
+            **pose_columns(solver, self.poses[rows.pose]),
             **input_columns(mechanism, rows.inputs),
             **rates,
             "margin": rows.margin,
@@ -245,7 +245,7 @@ class ConfigurationsOfPoses:
             "sense": sense_of(rows.rates, directions),
             "status": rows.status,
             "solved_by": solver.solved_by,
-            **{f"near_{axis}": self.near[:, k] for k, axis in enumerate("xyzw")},
+            **{f"near_{axis}": x for axis, x in zip("xyzw", self.near.T, strict=False)},
             "away": self.away,
         }
         names = np.array(mechanism.names_of(self.pairs), dtype=str)
@@ -276,9 +276,8 @@ class ConfigurationsOfPoses:
             },
             "largest_closure_residual_rad": float(np.max(gaps)) if len(gaps) else None,
         }
-        none, solved = (int(np.sum(which)) for which in (solutions == 0, rows.solved))
-        singular = int(np.sum(rows.status == Status.AT_SINGULARITY))
-        out = len(rows) - solved
+        none, out = np.sum(solutions == 0), np.sum(~rows.solved)
+        singular = np.sum(rows.status == Status.AT_SINGULARITY)
         warnings = []
         if none:
             warnings.append(
@@ -286,17 +285,15 @@ class ConfigurationsOfPoses:
                 + ("" if rows.limits else "; not every search proves that")
             )
         if singular:
-            verb = "is" if singular == 1 else "are"
-            warnings.append(f"{counted(singular, 'row')} {verb} at a singularity")
+            warnings.append(f"{counted(singular, 'row')} at a singularity")
         if self.offered < out and isinstance(self.solver, ClosedKinematics):
             warnings.append(
                 f"the nearest reachable pose is given for {self.offered} of "
-                f"{counted(out, 'row')} "
-                f"out of reach; ask for more with nearest={out}"
+                f"{counted(out, 'row')} out of reach; ask for more with nearest={out}"
             )
         remark = (
-            f"{counted(solved, 'configuration')} of {counted(count, 'pose')}, at most "
-            f"{int(np.max(solutions, initial=0))} of one{_rest(self.solver)}"
+            f"{counted(len(rows) - out, 'configuration')} of {counted(count, 'pose')}, at "
+            f"most {np.max(solutions, initial=0)} of one{_rest(self.solver)}"
         )
         return Findings(figures, tuple(warnings), (remark, *self._told()))
 
@@ -310,10 +307,7 @@ class ConfigurationsOfPoses:
             if rows.solved[k]:
                 told = self._inputs(k)
             elif np.isfinite(self.away[k]):
-                place = self.near[k][np.isfinite(self.near[k])]
-                near = ", ".join(f"{x:.6g}" for x in np.round(place, 6) + 0.0)
-                away = f"{np.degrees(self.away[k]):.4g} deg away"
-                told = f"out of reach; nearest is ({near}), {away}"
+                told = f"out of reach; {nearest_at(self.near[k], self.away[k])}"
             else:
                 continue
             lines.setdefault(f"pose {rows.pose[k]}: {told}", []).append(mode)
@@ -341,13 +335,12 @@ class ConfigurationsOfPoses:
         )
         legend = Text("legend", "Poses", words)
         solved = painted("solutions", self.solutions.astype(float), "")
-        order = np.lexsort((rows.mode, rows.pose))
-        shown = order[rows.solved[order]][:DRAWN]
+        shown = np.flatnonzero(rows.solved)[:DRAWN]
         if not len(shown):
             return (Scene("Inverse", (solved, legend)),)
         placed = solver_of(mechanism).closure.at(rows.values[shown]).placed
         base = placed[:, mechanism.link_number[solver.output.relative_to]]
-        at = np.einsum("nij,nj->ni", base, places[rows.pose[shown]])
+        at = np.matvec(base, places[rows.pose[shown]])
         listed = [
             f"- {sample}: pose {rows.pose[row]}, mode {rows.mode[row]}, {self._inputs(row)}"
             for sample, row in enumerate(shown[:LISTED])
@@ -358,10 +351,10 @@ class ConfigurationsOfPoses:
             Text("solutions", "Solutions", "\n".join(listed)),
         )
         over = Axis("solution", "", np.arange(float(len(shown))))
-        least = np.fmin(np.min(rows.type_1, axis=1, initial=1.0), rows.type_2)
+        least = np.fmin(np.min(rows.type_1, axis=1), rows.type_2)
         best = np.zeros(len(poses))
         np.maximum.at(best, rows.pose, np.nan_to_num(least))
-        angle = np.arcsin(np.clip(best, 0.0, 1.0))
+        angle = np.arcsin(np.minimum(best, 1.0))
         return (
             Scene("Inverse", (solved, *assembled, legend), (over,)),
             Scene("Measure", (painted("angle to a singularity", angle, "rad"), legend)),
@@ -386,14 +379,18 @@ class PosesAtInputs:
         table, count = self.found, len(self.inputs)
         solved = table["status"] != Status.OUT_OF_REACH
         number = np.bincount(table["pose"][solved], minlength=count)
-        numbers = {"inputs": count, "inputs_by_number_of_poses": _numbers_of(number)}
-        figures = _about(self.solver) | numbers
-        none = int(np.sum(number == 0))
-        warnings = [f"at {none} of {count} inputs no pose was found"] if none else []
-        sets = "the inputs given" if count == 1 else f"{count} sets of inputs"
-        remark = f"{counted(int(np.sum(solved)), 'configuration')} at {sets}"
-        told = _posed(self.mechanism, table, solved) if count <= MOST_TOLD else []
-        return Findings(figures, tuple(warnings), (remark + _rest(self.solver), *told))
+        figures = _about(self.solver) | {
+            "inputs": count,
+            "inputs_by_number_of_poses": _numbers_of(number),
+        }
+        none = np.sum(number == 0)
+        warnings = (f"at {none} of {count} inputs no pose was found",) if none else ()
+        remark = (
+            f"{counted(np.sum(solved), 'configuration')} at {counted(count, 'set')} of "
+            f"inputs{_rest(self.solver)}"
+        )
+        told = _posed(self.mechanism, table, solved) if count <= MOST_TOLD else ()
+        return Findings(figures, warnings, (remark, *told))
 
     def pages(self) -> tuple[Scene, ...]:
         """Return nothing: no pose was asked for."""
@@ -402,17 +399,17 @@ class PosesAtInputs:
 
 def _posed(mechanism: Mechanism, table: Row, solved: NDArray[np.bool_]) -> list[str]:
     """Return a line for each pose at inputs, with its configurations."""
-    pairs = mechanism.input_pairs
     lines: dict[tuple[str, str], list[str]] = {}
     for row in np.flatnonzero(solved):
         told = []
         for name in POSED:
             angle = table[name][row] if name in table else np.nan
             if np.isfinite(angle):
-                rates = [f"d{name}_dq_{pair}" for pair in pairs]
-                slopes = [f"{table[rate][row]:.6g}" for rate in rates if rate in table]
-                named = zip(pairs, slopes, strict=False)
-                by = ", ".join(f"d{name}/d{pair} {slope}" for pair, slope in named)
+                by = ", ".join(
+                    f"d{name}/d{pair} {table[f'd{name}_dq_{pair}'][row]:.6g}"
+                    for pair in mechanism.input_pairs
+                    if f"d{name}_dq_{pair}" in table
+                )
                 told.append(f"{name} = {_degrees(angle)} deg" + (f" ({by})" if by else ""))
         kind = "working mode" if table["working_mode"][row] else "assembly mode"
         mode = str(table[kind.replace(" ", "_")][row])

@@ -4,6 +4,7 @@ The tables of the analysis `inverse_kinematics`, and how they are filled.
 """
 
 from collections.abc import Sequence
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ from spherekit.plugin.workspace import (
     read_numbers,
 )
 
-from .equivalent_rotation import MODE, PLACE, place_columns
+from .equivalent_rotation import MODE, PLACE, TILTED, place_columns
 from .posed_workspace import (
     ANGLES,
     AZIMUTH_TILT,
@@ -84,9 +85,8 @@ def read_poses(
     sources = {called: poses, "file": file, "window": window}
     told = [name for name, source in sources.items() if source]
     if len(told) != 1:
-        kinds = _kinds(solver)
-        names = next((k for k in (AZIMUTH_TILT, TILT_TORSION) if k in kinds), kinds[-1])
-        example = "+".join(f"{name}={10 * k}" for k, name in enumerate(names, 1))
+        first = enumerate(_kinds(solver)[0], 1)
+        example = "+".join(f"{name}={10 * k}" for k, name in first)
         raise AnalysisError(
             f"{where}: found {' and '.join(told) or 'no poses'}; give one of "
             f"poses={example}, file=NAME.csv and window=NAME:FROM:TO:COUNT+.."
@@ -112,9 +112,10 @@ def read_poses(
             solver.inverse(np.zeros((0, 3, 3)), ())  # says why there is none
         raise
     driven = names == solver.mechanism.input_pairs
-    angles = [driven or name in ANGLES for name in names]
-    degrees = [(units.get(name) or unit) == "deg" for name in names]
-    rows = np.where(np.logical_and(angles, degrees), np.radians(rows), rows)
+    angular = [
+        (driven or name in ANGLES) and (units.get(name) or unit) == "deg" for name in names
+    ]
+    rows = np.where(angular, np.radians(rows), rows)
     if driven:
         return None, rows, shape
     places = places or [f"number {k + 1}" for k in range(len(rows))]
@@ -153,12 +154,11 @@ def _of_file(
         held = [kind for kind in kinds if set(kind) <= set(columns)]
         held = [k for k in held if not any(set(k) < set(other) for other in held)]
     if len(held) != 1:
-        which = "more than one of" if held else "none of"
         raise AnalysisError(
-            f"{where}: its columns {listing(header)} hold {which} "
-            f"{_ways(held or kinds)}" + ("; say columns=.." if held else "")
+            f"{where}: its columns {listing(header)} hold {len(held)} of "
+            f"{_ways(held or kinds)}; give one of them, as columns=.. if there are more"
         )
-    names = held[0]
+    (names,) = held
     numbers = read_numbers(path, [columns[name] for name in names])
     units = {name: numbers.units.get(columns[name], "") for name in names}
     return names, numbers.values, units, numbers.places
@@ -170,22 +170,23 @@ def _of_window(
     """Return names and rows of a grid, and its shape."""
     axes: dict[str, Floats] = {}
     for text in window:
-        name, *ends = text.split(":")
+        name, *numbers = text.split(":")
         try:
-            low, high, count = float(ends[0]), float(ends[1]), int(ends[2])
-            good = len(ends) == 3 and count > 0 and np.isfinite(low + high)
-        except (ValueError, IndexError):
+            low, high, count = map(float, numbers)
+            good = count.is_integer() and count > 0.0 and np.isfinite(low + high)
+        except ValueError:
             good = False
         if not good or name in axes:
             raise AnalysisError(
                 f'{where}: "{text}" is not NAME:FROM:TO:COUNT, each name once; '
                 "say for example azimuth:0:360:37"
             )
-        axes[name] = np.linspace(low, high, count)
+        axes[name] = np.linspace(low, high, int(count))
     names = _kind(_kinds(solver), tuple(axes), where)
-    shape = tuple(len(axes[name]) for name in names)
-    _check_size(float(np.prod(shape, dtype=float)), where)
-    mesh = np.meshgrid(*(axes[name] for name in names), indexing="ij")
+    sides = [axes[name] for name in names]
+    shape = tuple(map(len, sides))
+    _check_size(prod(shape), where)
+    mesh = np.meshgrid(*sides, indexing="ij")
     return names, np.stack([grid.ravel() for grid in mesh], axis=1), shape
 
 
@@ -197,44 +198,47 @@ def _posed(
     where: str,
 ) -> Floats:
     """Return the poses of rows (n, names), refusing those that are none."""
-    made = rows.reshape(-1, 3, 3) if names == MATRIX else POSED[names](rows)
-    if names == MIRROR:
-        assert solver.form is not None and solver.output.direction is not None
-        made = solver.form.orientations(made) @ np.array(solver.output.direction)
+    why = f"has {WANTING}"
     if names == MATRIX:
+        why, made = "is not a rotation matrix", rows.reshape(-1, 3, 3)
         gap = np.abs(made @ np.swapaxes(made, 1, 2) - np.eye(3)).max(axis=(1, 2))
         made[~((gap < NOT_ROTATION) & (np.linalg.det(made) > 0.0))] = np.nan
-    wrong = np.unique(np.argwhere(np.isnan(made))[:, 0])
+    else:
+        made = POSED[names](rows)
+    if names == MIRROR:
+        assert solver.form is not None and solver.output.direction is not None
+        why = "is not a mid-plane: phi and gamma are too large"
+        made = solver.form.orientations(made) @ np.array(solver.output.direction)
+    wrong = np.unique(np.nonzero(np.isnan(made))[0])
     if len(wrong):
-        shown = ", ".join(places[k] for k in wrong[:MOST_SHOWN])
-        more = f" and {len(wrong) - MOST_SHOWN} more" if len(wrong) > MOST_SHOWN else ""
-        why = {
-            MATRIX: "is not a rotation matrix",
-            MIRROR: "is not a mid-plane: phi and gamma are too large",
-        }
-        raise AnalysisError(f"{where}: {shown}{more} {why.get(names, f'has {WANTING}')}")
+        shown = listing((places[k] for k in wrong), MOST_SHOWN)
+        raise AnalysisError(f"{where}: {shown} {why}")
     return made
 
 
-def _check_size(count: float, where: str) -> None:
+def _check_size(count: int, where: str) -> None:
     if count > MOST_POSES:
         raise AnalysisError(
-            f"{where}: {count:.0f} poses are more than {MOST_POSES}; take them in parts"
+            f"{where}: {count} poses are more than {MOST_POSES}; take them in parts"
         )
 
 
 def _kinds(solver: OutputKinematics) -> list[Names]:
     """Return what columns make a pose of this output, and the inputs last."""
-    kinds: list[Names] = [TILT_TORSION, QUATERNION, VECTOR, MATRIX]
-    if solver.points:
-        kinds = [DIRECTION, AZIMUTH_TILT] + ([] if solver.form is None else [MIRROR])
-    return [*(kinds if solver.labels else ()), solver.mechanism.input_pairs]
+    kinds: list[Names] = []
+    if solver.labels and solver.points:
+        kinds = [AZIMUTH_TILT, DIRECTION]
+    elif solver.labels:
+        kinds = [TILT_TORSION, QUATERNION, VECTOR, MATRIX]
+    if solver.form is not None:
+        kinds.append(MIRROR)
+    return [*kinds, solver.mechanism.input_pairs]
 
 
 def _kind(kinds: Sequence[Names], names: Names, where: str) -> Names:
     """Return the kind with these names, whose order is then that of the kind."""
     for kind in kinds:
-        if set(kind) == set(names) and len(kind) == len(names):
+        if sorted(kind) == sorted(names):
             return kind
     raise AnalysisError(
         f"{where}: {listing(names)} is not a pose; say one of {_ways(kinds)}"
@@ -250,17 +254,7 @@ Row = dict[str, Any]
 SAME_VALUES = 1e-6
 """Configurations whose variables (rad) differ by less are one."""
 POSE = Column("pose", "", "number of the pose or of the inputs given, from 0", "integer")
-PLACES = (
-    *PLACE,
-    *(
-        Column(name, "rad", meaning, turns="otherwise")
-        for name, meaning in (
-            ("azimuth", "of the direction, or in which the link is tilted"),
-            ("tilt", "of the direction, or of the link's z axis"),
-            ("torsion", "of the orientation; empty for directions"),
-        )
-    ),
-)
+PLACES = *PLACE, *TILTED
 MIRROR_RATES = tuple(
     Column(f"d{name}_dq", "", f"derivative of {name} by q", per_input=True)
     for name in ("phi", "gamma")
@@ -372,9 +366,7 @@ def pose_columns(solver: OutputKinematics, poses: Floats) -> Row:
     if solver.points:
         angles, places = azimuth_tilt(poses), poses
     else:
-        angles, places = tilt_torsion(poses), np.full((len(poses), 4), np.nan)
-        finite = np.isfinite(poses[:, 0, 0])
-        places[finite] = quaternion(poses[finite])
+        angles, places = tilt_torsion(poses), quaternion(poses)
     return {
         **place_columns(places, solver.form),
         **dict(zip(("azimuth", "tilt", "torsion"), angles.T, strict=False)),
@@ -385,6 +377,8 @@ def mirror_rates(
     mechanism: Mechanism, form: MidPlaneArchitecture, directions: Floats, turns: Floats
 ) -> Row:
     """Return the columns of the derivatives of phi and gamma by the inputs."""
-    rates = form.angle_rates(directions, turns)
-    phi = input_columns(mechanism, rates[:, 0], "dphi_dq")
-    return phi | input_columns(mechanism, rates[:, 1], "dgamma_dq")
+    phi, gamma = np.swapaxes(form.angle_rates(directions, turns), 0, 1)
+    return {
+        **input_columns(mechanism, phi, "dphi_dq"),
+        **input_columns(mechanism, gamma, "dgamma_dq"),
+    }

@@ -69,7 +69,7 @@ def read_end(
     kinds = [inputs, *POSED][: None if turns else -1]
     kind = next((names for names in kinds if set(names) == set(given)), None)
     if kind is None:
-        ways = listing("+".join(f"{name}=.." for name in names) for names in kinds)
+        ways = listing("=..+".join(names) + "=.." for names in kinds)
         raise AnalysisError(f'{where}: "{text}" is not a pose; say one of {ways}')
     values = np.array([given[name] for name in kind])
     if kind == inputs:
@@ -99,8 +99,8 @@ def _unit(rows: Floats) -> Floats:
 def _turned(rows: Floats) -> Floats:
     """Return the rotations (n, 3, 3) with rotation vectors (n, 3)."""
     half = 0.5 * np.linalg.norm(rows, axis=1, keepdims=True)
-    vector = 0.5 * np.sinc(half / np.pi) * rows
-    return np.asarray(from_quaternion(np.concatenate([vector, np.cos(half)], axis=1)))
+    vectors = 0.5 * np.sinc(half / np.pi) * rows
+    return from_quaternion(np.hstack([vectors, np.cos(half)]))
 
 
 POSED: Mapping[tuple[str, ...], Callable[[Floats], Floats]] = {
@@ -108,12 +108,22 @@ POSED: Mapping[tuple[str, ...], Callable[[Floats], Floats]] = {
     AZIMUTH_TILT: pointing,
     MIRROR: lambda rows: normals_of(*rows.T),
     TILT_TORSION: from_tilt_torsion,
-    QUATERNION: lambda rows: np.asarray(from_quaternion(_unit(rows))),
+    QUATERNION: lambda rows: from_quaternion(_unit(rows)),
     VECTOR: _turned,
     TURN: lambda rows: _unit(rows[:, :3]),
 }
 """Directions (n, 3), mid-planes (n, 3), rotations (n, 3, 3) and axes of turns, by the terms
 that they are said in: rows of numbers, angles in rad. NaN where the numbers say none."""
+
+
+def shown(place: Floats) -> str:
+    """Return a direction or quaternion as text."""
+    return f"({', '.join(f'{x:.6g}' for x in np.round(place, 6) + 0.0)})"
+
+
+def nearest_at(place: Floats, away: float) -> str:
+    """Return words on the nearest pose that is reached, and how far (rad) it is."""
+    return f"nearest is {shown(place)}, {np.degrees(away):.4g} deg away"
 
 
 def numbers_of(
@@ -128,13 +138,13 @@ def numbers_of(
     """
     poses: list[dict[str, float]] = [{}]
     for part in parts:
-        name, equals, value = part.partition("=")
+        name, _, value = part.partition("=")
         try:
             number = float(value)
         except ValueError:
             number = np.nan
         again = name in poses[-1]
-        if not (name and equals and np.isfinite(number)) or (again and not several):
+        if not (name and np.isfinite(number)) or (again and not several):
             raise AnalysisError(
                 f'{where}: "{part}" of "{"+".join(parts)}" is not name=number'
                 f"{'' if several else ', each name once'}; say for example "
@@ -149,32 +159,29 @@ def numbers_of(
 def read_limit(text: str) -> JointRange:
     """Return the limits of a pair from ``PAIR:LOW:HIGH`` in degrees."""
     pair, *limits = text.split(":")
-    if len(limits) == 2:
-        low, high = (_degrees("limits", text, limit) for limit in limits)
-        return JointRange(pair, low, high)
-    raise AnalysisError(
-        f'workspace: limits: "{text}" is not PAIR:LOW:HIGH, with both in degrees'
-    )
+    try:
+        low, high = _radians(limits)
+    except ValueError:
+        raise AnalysisError(
+            f'workspace: limits: "{text}" is not PAIR:LOW:HIGH, with both in degrees'
+        ) from None
+    return JointRange(pair, low, high)
 
 
 def read_apart(text: str) -> InterferenceLimit:
     """Return limits from ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST``."""
     axes, *limits = text.split(":")
-    one, _, other = axes.partition("/")
-    if other and len(limits) in (1, 2):
-        return InterferenceLimit(
-            one, other, *(_degrees("apart", text, limit) for limit in limits)
-        )
-    raise AnalysisError(
-        f'workspace: apart: "{text}" is not PAIR/PAIR:LEAST or PAIR/PAIR:LEAST:GREATEST, '
-        "with angles in degrees"
-    )
-
-
-def _degrees(what: str, text: str, number: str) -> float:
     try:
-        return float(np.radians(float(number)))
+        one, other = axes.split("/")
+        low, high = _radians(limits if len(limits) == 2 else [*limits, "180"])
     except ValueError:
         raise AnalysisError(
-            f'workspace: {what}: "{number}" in "{text}" is not a number of degrees'
+            f'workspace: apart: "{text}" is not PAIR/PAIR:LEAST or '
+            "PAIR/PAIR:LEAST:GREATEST, with angles in degrees"
         ) from None
+    return InterferenceLimit(one, other, low, high)
+
+
+def _radians(numbers: Sequence[str]) -> Sequence[float]:
+    angles: list[float] = np.radians([float(number) for number in numbers]).tolist()
+    return angles

@@ -35,6 +35,7 @@ DRAWN = 181
 """Points with which the whole rotation is drawn."""
 PATH_TONE, LOST_TONE = 0, 2
 PLANE_TONES = {0: 1, -1: 4}
+ENDS = (0, "start"), (-1, "end")
 
 
 @dataclass(frozen=True)
@@ -64,13 +65,12 @@ class FoundRotation:
         """
         samples, rows = self.samples, self.rows
         lost = np.array(self.turn.crossings)[:, None]
-        marks = [InputMarks("marks/lost", "type II", lost, LOST_TONE)] if len(lost) else []
         errors = "error of orientation about the fixed axis"
         parts: list[Primitive] = [
             *self._stage(samples),
             *self._driving("q", "driving angles", samples.inputs, "rad"),
             *self._driving("dq_dtheta", "rates of driving angles by theta", samples.rates),
-            *marks,
+            InputMarks("marks/lost", "type II", lost, LOST_TONE),
             Series(
                 "plots/orientation_error",
                 "orientation_error",
@@ -82,22 +82,22 @@ class FoundRotation:
             Series("plots/type_2", "type_2", "transmission measure", samples.type_2),
             Text("words", "Rotation", words),
         ]
-        over = Axis("theta", "rad", samples.theta)
-        pages = [Scene("Equivalent rotation", tuple(parts), (over,))]
-        if rows is not None:
-            step = rows.t[-1] / (len(rows.t) - 1)
-            ddq = rows.accelerations
-            words += f"\n\nRow k of this page is at k x {step:.6g} s."
-            parts = [
-                *self._stage(self.turn.at(rows.theta)),
-                *self._driving("q", "driving angles in time", rows.inputs, "rad"),
-                *self._driving("dq", "driving speeds", rows.rates, "rad/s"),
-                *self._driving("ddq", "driving accelerations", ddq, "rad/s2"),
-                Text("words", "Rotation", words),
-            ]
-            over = Axis("time", "s", rows.t)
-            pages.append(Scene("Equivalent rotation in time", tuple(parts), (over,)))
-        return tuple(pages)
+        page = Scene(
+            "Equivalent rotation", tuple(parts), (Axis("theta", "rad", samples.theta),)
+        )
+        if rows is None:
+            return (page,)
+        step, ddq = rows.t[-1] / (len(rows.t) - 1), rows.accelerations
+        words += f"\n\nRow k of this page is at k x {step:.6g} s."
+        timed = (
+            *self._stage(self.turn.at(rows.theta)),
+            *self._driving("q", "driving angles in time", rows.inputs, "rad"),
+            *self._driving("dq", "driving speeds", rows.rates, "rad/s"),
+            *self._driving("ddq", "driving accelerations", ddq, "rad/s2"),
+            Text("words", "Rotation", words),
+        )
+        over = Axis("time", "s", rows.t)
+        return page, Scene("Equivalent rotation in time", timed, (over,))
 
     def _driving(
         self, kind: str, group: str, values: Floats, unit: str = ""
@@ -121,15 +121,12 @@ class FoundRotation:
         every = np.linspace(0.0, self.turn.angle, DRAWN)
         whole, lost = (
             self.place(self.turn.at(theta).values)[:, link] if len(theta) else np.zeros(0)
-            for theta in (every, np.array(self.turn.crossings))
+            for theta in (every, self.turn.crossings)
         )
         for name, direction in directions.items():
             path = _finite(whole @ direction)
             if len(path):
-                marks = [
-                    Mark(word, path[k], PATH_TONE)
-                    for k, word in ((0, "start"), (-1, "end"))
-                ]
+                marks = [Mark(word, path[k], PATH_TONE) for k, word in ENDS]
                 label = f"arc of {name}"
                 yield SphereCurves(f"arc/{name}", label, [path], PATH_TONE, marks)
         if len(lost):
@@ -138,9 +135,9 @@ class FoundRotation:
             yield SphereCurves("lost", name, [], LOST_TONE, marks)
         if self.form is not None:
             normals = mid_planes(self.form, samples.orientation)
-            moving = np.einsum("nij,nj->ni", base @ self.form.frame, normals)
+            moving = np.matvec(base @ self.form.frame, normals)
             finite = _finite(moving)
-            for k, name in ((0, "start"), (-1, "end")) if len(finite) else ():
+            for k, name in ENDS if len(finite) else ():
                 circle, label = [_circle(finite[k])], f"mid-plane, {name}"
                 yield SphereCurves(f"mid_plane/{name}", label, circle, PLANE_TONES[k])
             yield GreatCircle("mid_plane/now", "mid-plane", moving)

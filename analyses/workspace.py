@@ -62,7 +62,7 @@ from spherekit.plugin.workspace import (
 
 from .equivalent_rotation import DIRECTION, MIRROR, MODE, PLACE, place_columns
 from .pose_lists import read_poses
-from .posed_workspace import read_apart, read_limit
+from .posed_workspace import nearest_at, read_apart, read_limit, shown
 
 ROWS, COLUMNS, TORSIONS = 24, 48, 36
 """Tilts, azimuths and torsions at which orientations are drawn."""
@@ -86,8 +86,9 @@ class Reached:
     """
 
     def __init__(self, mechanism: Mechanism, asked: "WorkspaceAnalysis") -> None:
-        self.mechanism, self.tolerance = mechanism, asked.tolerance
+        self.mechanism = mechanism
         self.kinematics = closed_kinematics(mechanism, asked.output or None)
+        self.tolerance = asked.tolerance or (FINE if self.kinematics.points else COARSE)
         wanted = Constraints(
             tuple(map(read_limit, asked.limits)),
             tuple(map(read_apart, asked.apart)),
@@ -101,14 +102,10 @@ class Reached:
         self.poses = given_poses(asked.pose, self.kinematics)
 
     @cached_property
-    def workspaces(
-        self,
-    ) -> tuple[DirectionWorkspace, ...] | tuple[OrientationWorkspace, ...]:
+    def workspaces(self) -> Sequence[DirectionWorkspace | OrientationWorkspace]:
         """Those of all modes."""
-        given = self.kinematics, self.bounds, self.modes
-        if self.kinematics.points:
-            return direction_workspaces(*given, self.tolerance or FINE)
-        return orientation_workspaces(*given, self.tolerance or COARSE)
+        find = direction_workspaces if self.kinematics.points else orientation_workspaces
+        return find(self.kinematics, self.bounds, self.modes, self.tolerance)
 
     @cached_property
     def samples(self) -> dict[tuple[int, ...], tuple[Judged, Floats]]:
@@ -174,14 +171,14 @@ class Reached:
             for k, part in enumerate(region.components):
                 parts.append(("component", k, part.area, part.boundaries, part.place))
             for k, part in enumerate(region.gaps):
-                kind = "hole" if k else "outside"
-                parts.append((kind, k, part.area, part.boundaries, part.place))
+                parts.append(
+                    ("hole" if k else "outside", k, part.area, part.boundaries, part.place)
+                )
         else:
             whole = item.orientations
             error, parts = whole.error, [("whole", 0, whole.volume, (), whole.place)]
         kinds, numbers, sizes, curves, at = zip(*parts, strict=True)
         places = np.array(at)
-        margin = self.judge(item, places).margin
         return {
             "part": kinds,
             "number": numbers,
@@ -189,12 +186,10 @@ class Reached:
             "error": error,
             "curves": [" ".join(map(str, touching)) for touching in curves],
             **place_columns(places, self.kinematics.form),
-            "margin": np.where(np.isfinite(places[:, 0]), margin, np.nan),
+            "margin": self.judge(item, places).margin + 0.0 * places[:, 0],
         }
 
-    def told(
-        self, item: DirectionWorkspace | OrientationWorkspace
-    ) -> tuple[Row, Sequence[str]]:
+    def told(self, item: DirectionWorkspace | OrientationWorkspace) -> tuple[Row, str]:
         """Return the figures of a mode, and what is to be heeded."""
         if isinstance(item, DirectionWorkspace):
             figures, warning = self._of_region(item.region)
@@ -202,7 +197,7 @@ class Reached:
             figures, warning = self._of_orientations(item)
         if item.same_as is not None:
             figures["same_as"], warning = label_of(item.same_as), ""
-        return figures, [warning] if warning else []
+        return figures, warning
 
     def _of_region(self, region: Region) -> tuple[Row, str]:
         figures: Row = {
@@ -215,12 +210,12 @@ class Reached:
             "evaluations": region.evaluations,
         }
         if not region.components:
-            names = self.names
-            sets = [" with ".join(names[k] for k in subset) for subset in region.excluding]
-            figures["excluding"] = sets
+            figures["excluding"] = sets = [
+                " with ".join(self.names[k] for k in subset) for subset in region.excluding
+            ]
             keeps = f"; no direction keeps to {', nor to '.join(sets)}" if sets else ""
             return figures, f"the workspace is empty{keeps}"
-        if region.error > (self.tolerance or FINE) * region.area:
+        if region.error > self.tolerance * region.area:
             return figures, (
                 f"the area {region.area:.9g} sr is known to {region.error:.3g} sr only; "
                 "borders touch, or end at sharp corners"
@@ -242,7 +237,7 @@ class Reached:
                 "no orientation was found inside; the best one seen misses "
                 f"{figures['nearest_limit']} by {-np.degrees(here.margin[0]):.3g} deg"
             )
-        if size.error > (self.tolerance or COARSE) * size.volume:
+        if size.error > self.tolerance * size.volume:
             return (
                 figures,
                 f"the volume {size.volume:.6g} is known to {size.error:.3g} only",
@@ -255,8 +250,7 @@ class Reached:
         And what to warn of, and what to say.
         """
         figures: list[Row] = []
-        warnings: list[str] = []
-        said: list[str] = []
+        warnings, said = list[str](), list[str]()
         if not len(self.poses):
             warnings.append("pose: the mechanism does not close at these inputs")
         for place in self.poses:
@@ -277,21 +271,22 @@ class Reached:
                 text = f"{np.degrees(here.margin[0]):.4g} deg from {limit}"
                 if not is_inside:
                     text = f"by {limit}"
-                    given = self.kinematics, self.bounds, item, place
-                    if (nearest := nearest_reachable(*given)) is not None:
-                        there, row["away_rad"] = nearest
-                        inputs = self.judge(item, there[None]).inputs[0]
+                    nearest = nearest_reachable(self.kinematics, self.bounds, item, place)
+                    if nearest is not None:
+                        there, away = nearest
                         row |= {
+                            "away_rad": away,
                             "nearest": there.tolist(),
-                            "nearest_inputs": _numbers(inputs),
+                            "nearest_inputs": _numbers(
+                                self.judge(item, there[None]).inputs[0]
+                            ),
                         }
-                        away = f"{np.degrees(row['away_rad']):.4g} deg away"
-                        text += f"; nearest is ({_shown(there)}), {away}"
+                        text += f"; {nearest_at(there, away)}"
                 figures.append(row)
                 told.setdefault((is_inside, text), []).append(label)
             for (is_inside, text), labels in told.items():
                 state, modes = "inside" if is_inside else "outside", ", ".join(labels)
-                words = f"pose ({_shown(place)}) is {state} in mode {modes}, {text}"
+                words = f"pose {shown(place)} is {state} in mode {modes}, {text}"
                 (said if is_inside else warnings).append(words)
         return figures, warnings, said
 
@@ -309,33 +304,30 @@ class Reached:
 
     def _of_directions(self, item: DirectionWorkspace, mode: str) -> list[Scene]:
         """Return the page of the margin and that of the singularity measures."""
-        region = item.region
-        curves = self._curves(region)
-        words = self._words(item)
-        places, triangles = region.surface_points, region.surface_triangles
+        places, triangles = item.region.surface_points, item.region.surface_triangles
+        border = *self._curves(item.region), self._words(item)
         if not len(triangles):
-            return [Scene(f"Workspace{mode}", (*curves, words))]
+            return [Scene(f"Workspace{mode}", border)]
         at = self.judge(item, places)
         margin = np.maximum(np.nan_to_num(at.margin), 0.0)
         angle = np.arcsin(np.clip(np.nan_to_num(np.fmin(at.type_1, at.type_2)), 0.0, 1.0))
         judged, vertices = self.samples[item.signs]
-        best = int(np.nanargmax(judged.margin))
-        deepest = Mark(f"{np.degrees(judged.margin[best]):.3g} deg", vertices[best])
-        curves.append(
-            SphereCurves("workspace/deepest", "farthest inside", (), 0, [deepest])
-        )
+        best = np.nanargmax(judged.margin)
+        words = f"farthest inside, {np.degrees(judged.margin[best]):.3g} deg"
+        mark = Mark(words, vertices[best])
+        deepest = SphereCurves("workspace/deepest", "farthest inside", (), 0, [mark])
         return [
             Scene(
                 f"{title}{mode}",
                 (
                     SphereMap("workspace/map", name, places, triangles, values, "rad"),
-                    *shown,
-                    words,
+                    *border,
+                    deepest,
                 ),
             )
-            for title, name, values, shown in (
-                ("Workspace", "margin", margin, curves),
-                ("Singularity", "angle to a singularity", angle, curves[:-1]),
+            for title, name, values in (
+                ("Workspace", "margin", margin),
+                ("Singularity", "angle to a singularity", angle),
             )
         ]
 
@@ -374,10 +366,7 @@ class Reached:
         """Return the border by the limits that end it, each named on its longest arc."""
         curves: list[Primitive] = []
         for tone, (number, arcs) in enumerate(arcs_of(region).items(), 1):
-            longest = max(
-                arcs, key=lambda x: np.sum(np.linalg.norm(np.diff(x, axis=0), axis=1))
-            )
-            name = self.names[number]
+            name, longest = self.names[number], max(arcs, key=len)
             mark = Mark(name.partition(" (")[0], longest[len(longest) // 2], tone)
             path = f"workspace/border/{number + 1}"
             curves.append(SphereCurves(path, name, arcs, tone, [mark]))
@@ -385,11 +374,11 @@ class Reached:
 
     def _words(self, item: DirectionWorkspace | OrientationWorkspace) -> Text:
         """Return what is told of a workspace, as Markdown."""
-        figures, warnings = self.told(item)
+        figures, warning = self.told(item)
         lines = (
             f"# Workspace of {self.kinematics.output.name}",
             f"Mode {label_of(item.signs)}: {_in_words(figures)}.",
-            *warnings,
+            warning,
             f"Signs of a mode: {'; '.join(self.kinematics.legs)}.",
         )
         return Text("legend", "Areas", "\n\n".join(lines))
@@ -402,10 +391,6 @@ def arcs_of(region: Region) -> dict[int, list[Floats]]:
         for arc in boundary.arcs:
             arcs.setdefault(arc.margin, []).append(arc.points)
     return dict(sorted(arcs.items()))
-
-
-def _shown(place: Floats) -> str:
-    return ", ".join(f"{value:.6g}" for value in place)
 
 
 def _numbers(values: Floats) -> list[float | None]:
@@ -421,9 +406,8 @@ def sure_of(region: Region, parts: Sequence[Part]) -> list[Part]:
 def given_poses(text: str, kinematics: ClosedKinematics) -> Floats:
     """Return the poses (k, 3) or (k, 4) that a text says, none of an empty one."""
     if not text:
-        return np.zeros((0, 3 if kinematics.points else 4))
-    given = text.split("+")
-    poses, inputs, _ = read_poses(kinematics, "workspace", given, called="pose")
+        return np.empty((0, 3))
+    poses, inputs, _ = read_poses(kinematics, "workspace", text.split("+"), called="pose")
     if inputs is not None:
         solutions = kinematics.forward(inputs)
         poses = solutions.directions if kinematics.points else solutions.rotations
@@ -563,8 +547,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
         modes: dict[str, Any] = {}
         for item in reached.workspaces:
             label = label_of(item.signs)
-            modes[label], words = reached.told(item)
-            warnings += [f"mode {label}: {text}" for text in words]
+            modes[label], warning = reached.told(item)
+            if warning:
+                warnings.append(f"mode {label}: {warning}")
         figures: dict[str, Any] = {
             "output": reached.kinematics.output.name,
             "legs": list(reached.kinematics.legs),

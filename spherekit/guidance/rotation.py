@@ -7,6 +7,7 @@ from their largest values at T = 1, which are found to rounding.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from types import MappingProxyType
 from typing import Literal, Protocol
 
@@ -64,7 +65,7 @@ def dead_centre(rotation: FixedAxisRotation) -> str:
     There the output link asks it to turn by `DEAD` or more for each rad of its own.
     """
     rates = np.nan_to_num(np.abs(rotation.at([rotation.reached]).rates[0]), posinf=np.inf)
-    most = int(np.argmax(rates))
+    most = np.argmax(rates)
     return rotation.inputs[most] if rates[most] > DEAD else ""
 
 
@@ -142,9 +143,11 @@ class TimeScaling:
     @property
     def binding(self) -> Extreme:
         """The extreme that sets the duration, at its limit but for whole cycles."""
-        powers = {"speed": 1.0, "acceleration": 0.5}
         return max(
-            self.extremes, key=lambda x: (abs(x.value) / x.limit) ** powers[x.quantity]
+            self.extremes,
+            key=lambda x: (
+                (abs(x.value) / x.limit) ** (1.0 if x.quantity == "speed" else 0.5)
+            ),
         )
 
     def at(self, t: ArrayLike) -> Trajectory:
@@ -161,8 +164,9 @@ class TimeScaling:
             raise SolveError(
                 f"t has to be an array (n,) of times from 0 to {self.duration:.6g} s"
             )
-        part = np.clip(t / self.duration, 0.0, 1.0)
-        samples, motion = _moved(self.rotation, self.shape, part)
+        samples, motion = _moved(
+            self.rotation, self.shape, np.clip(t / self.duration, 0.0, 1.0)
+        )
         speeds, accelerations = np.split(motion, 2, axis=1)
         return Trajectory(
             self.rotation.inputs,
@@ -235,13 +239,12 @@ def time_optimal(
                 f"{MOST_ROWS} rows; give a longer cycle"
             )
         duration = cycle * max(1.0, np.ceil(duration / cycle * (1.0 - WHOLE)))
-    whats = "speed", "acceleration"
-    names = [(name, what) for what in whats for name in rotation.inputs]
+    names = product(("speed", "acceleration"), rotation.inputs)
     reached, theta = values / duration ** (1.0 / powers), rotation.angle * law.at(places)[0]
     rows = np.stack([reached, duration * places, theta, limits], axis=1).tolist()
     extremes = tuple(
-        Extreme(*name, *row)  # type: ignore[arg-type]
-        for name, row in zip(names, rows, strict=True)
+        Extreme(name, what, *row)  # type: ignore[arg-type]
+        for (what, name), row in zip(names, rows, strict=True)
     )
     return TimeScaling(rotation, law, duration, extremes, fitted.error, cycle)
 
@@ -280,13 +283,12 @@ def _shape(shape: str | Law) -> Law:
             )
         return SHAPES[shape]
     part, _, _ = shape.at(np.linspace(0.0, 1.0, 1001))
-    if not max_abs(part[[0, -1]] - [0.0, 1.0]) < 1e-12:
+    ends = np.append(part[[0, -1]] - [0.0, 1.0], part - np.clip(part, 0.0, 1.0))
+    if not max_abs(ends) < 1e-12:
         raise SolveError(
-            f"a law shape goes from 0 at t = 0 to 1 at t = 1, but this one goes from "
-            f"{part[0]:.6g} to {part[-1]:.6g}"
+            "a law shape goes from 0 at t = 0 to 1 at t = 1 and stays between these, but "
+            f"this one goes from {part[0]:.6g} to {part[-1]:.6g}, or leaves that"
         )
-    if max_abs(part - np.clip(part, 0.0, 1.0)) > 1e-12:
-        raise SolveError("a law shape stays between 0 and 1, but this one leaves that")
     return shape
 
 
@@ -313,7 +315,7 @@ def _moved(
     samples = rotation.at(whole * np.clip(s, 0.0, 1.0))
     lost = ~all_finite(samples.second_rates, 1)
     if np.any(lost):
-        first = int(np.argmin(np.where(lost, samples.theta, np.inf)))
+        first = np.argmin(np.where(lost, samples.theta, np.inf))
         dead = dead_centre(rotation)
         raise SolveError(
             f"the mechanism does not follow all the way: at theta = "
