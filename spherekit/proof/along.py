@@ -9,7 +9,7 @@ All others are cut in two.
 Configuration curves as chains of pieces, each with the centre of the next one in it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -53,14 +53,14 @@ class Chain:
     of a crossing, or `problem` says why the chain does not go on.
     """
 
-    pieces: tuple[CertifiedArc, ...]
+    pieces: Sequence[CertifiedArc]
     closed: bool
     problem: str = ""
 
     @property
     def links(self) -> list[tuple[CertifiedArc, CertifiedArc]]:
         """Every piece with the one whose centre is in it."""
-        return list(pairwise([*self.pieces, *self.pieces[: int(self.closed)]]))
+        return list(pairwise([*self.pieces, *self.pieces[: self.closed]]))
 
     def again(self) -> bool:
         """Return whether it may come through its start a second time."""
@@ -99,10 +99,8 @@ def _ahead(
     equations: Equations, piece: CertifiedArc, place: Floats, longest: float
 ) -> CertifiedArc | None:
     """Return a piece next to a place, the centre of which is ahead in another, or None."""
-    corrected_place = corrected(equations, place)
-    if corrected_place is None:
-        return None
-    made = piece_at(equations, corrected_place, piece.tangent, longest)
+    on = corrected(equations, place)
+    made = None if on is None else piece_at(equations, on, piece.tangent, longest)
     if made is None or not piece.coordinates(made.centre)[0] > 0.0:
         return None
     return made if piece.holds(made.centre, made.miss) else None
@@ -129,28 +127,27 @@ def _followed(
     """
 
     def outside(piece: CertifiedArc) -> Arm | int | None:
-        beyond = max(piece.tight, BEYOND)
-        return crossings.arm(piece) or side(float(piece.centre[-1]), beyond)
+        return crossings.arm(piece) or side(piece.centre[-1], max(piece.tight, BEYOND))
 
     pieces, gone, begun = [start], 0.0, outside(start)
     while len(pieces) < MOST_PIECES:
         last = pieces[-1]
         here = outside(last)
         if here and here != begun:
-            return Chain(tuple(pieces), False)
+            return Chain(pieces, False)
         begun = here and begun
         ahead = gone > 1.5 * start.half and last.coordinates(start.centre)[0] > 0
         same = last.tangent @ start.tangent > 0.5
         if ahead and same and last.holds(start.centre, start.miss):
-            return Chain(tuple(pieces), True)
+            return Chain(pieces, True)
         further = _next(equations, last)
         if further is None:
             if crossings.find(last.centre):
                 return _followed(equations, start, side, crossings)
-            return Chain(tuple(pieces), False, "a curve could not be followed to its end")
+            return Chain(pieces, False, "a curve could not be followed to its end")
         gone += float(np.linalg.norm(further.centre - last.centre))
         pieces.append(further)
-    return Chain(tuple(pieces), False, f"a curve has more than {MOST_PIECES} pieces")
+    return Chain(pieces, False, f"a curve has more than {MOST_PIECES} pieces")
 
 
 DEEPEST = 40
@@ -172,9 +169,8 @@ def rates(piece: CertifiedArc, half: float) -> Floats:
     Of each the lower ones come first.
     """
     test, t, normals = piece.test, piece.frame[:, 0], piece.frame[:, 1:]
-    length = np.array(half)
-    tight = np.array(piece.beside(half))
-    _, rows, across = test.arc(length, tight)
+    tight = piece.beside(half)
+    _, rows, across = test.arc(half, tight)
     spread = np.sum(np.abs(normals), axis=1) * across * UP
     # z'' = -N (F' N)^-1 F''(z', z'), and z' along the frame is 1 and at most `across`
     reach, size = np.append(half, 0.0 * t[1:] + tight), np.append(1.0, 0.0 * t[1:] + across)
@@ -187,12 +183,10 @@ def rates(piece: CertifiedArc, half: float) -> Floats:
     return np.array([[t - spread, t + spread], [middle - beside, middle + beside]])
 
 
-def signs(piece: CertifiedArc, half: float, variable: int) -> tuple[int, int]:
+def signs(piece: CertifiedArc, half: float, variable: int) -> Indices:
     """Return signs that a rate and its derivative have where |s| <= half, 0 if none."""
-    rate, bend = (
-        int(low > 0.0) - int(high < 0.0) for low, high in rates(piece, half)[:, :, variable]
-    )
-    return rate, bend
+    low, high = rates(piece, half)[:, :, variable].T
+    return (low > 0.0).astype(int) - (high < 0.0)
 
 
 @dataclass(frozen=True)
@@ -244,9 +238,8 @@ def stops(equations: Equations, chain: Chain, variable: int) -> Stops:
                 place = _place(equations, begun, goal, off, variable, end)
                 made[0].append(replace(place, after=number))
             elif part and not decided:
-                made[1].append(
-                    replace(_doubt(equations, piece, goal, off, variable), after=number)
-                )
+                place = _doubt(piece, goal, off, variable)
+                made[1].append(replace(place, after=number))
             sense = 0 if decided else bend
     return made
 
@@ -266,7 +259,7 @@ def _part(
     centre, of the derivative all along and of the rate at the goal; or it is seen in the
     two parts at the piece returned. Parts are `short` only if that is wanted, and helps.
     """
-    reach = float(piece.coordinates(goal)[0]) + off + 1e-13
+    reach = piece.coordinates(goal)[0] + off + 1e-13
     rate, bend = signs(piece, min(reach, piece.half), variable)
     if rate:
         return None
@@ -285,15 +278,13 @@ def _part(
     return before[0], bend, end
 
 
-def _doubt(
-    equations: Equations, piece: CertifiedArc, goal: Floats, off: float, variable: int
-) -> StationaryPlace:
+def _doubt(piece: CertifiedArc, goal: Floats, off: float, variable: int) -> StationaryPlace:
     """Return where a variable may stop from a piece's centre to a goal, off by `off`."""
-    reach = min(float(piece.coordinates(goal)[0]) + off + 1e-13, piece.half)
+    reach = min(piece.coordinates(goal)[0] + off + 1e-13, piece.half)
     fastest = np.max(np.abs(rates(piece, reach)[0, :, variable]))
     beside = [piece.beside(reach)] * (len(goal) - 1)
     spread = np.abs(piece.frame[variable]) @ [reach, *beside]
-    off = min(float(spread), 1.001 * float(fastest) * reach + piece.miss) + 1e-12
+    off = min(spread, 1.001 * fastest * reach + piece.miss) + 1e-12
     return StationaryPlace(piece.centre, off)
 
 
@@ -301,7 +292,7 @@ def _middle(
     equations: Equations, piece: CertifiedArc, goal: Floats, part: float
 ) -> CertifiedArc | None:
     """Return a piece between a piece's centre and a goal in it, about so far on the way."""
-    reach = float(piece.coordinates(goal)[0])
+    reach = piece.coordinates(goal)[0]
     place = piece.centre + part * wrap(goal - piece.centre)
     halfway = _ahead(equations, piece, place, max(2.0 * reach, SHORTEST_PART))
     if halfway is None or not piece.coordinates(halfway.centre)[0] < reach:
@@ -323,7 +314,7 @@ def _place(
     `beyond` is the sign of the rate at the goal, which is off by `off`.
     """
     way = wrap(goal - piece.centre)
-    length = float(np.max(np.abs(way)))
+    length = np.max(np.abs(way))
 
     def rate(parts: Floats, _: Indices) -> Floats:
         """Return the rate, negative at the centre, part of the way; nothing rests on it."""
@@ -332,8 +323,8 @@ def _place(
         made = frame_at(equations.real.derivatives(turns, 1)[1][0], piece.tangent)
         return beyond * (np.zeros(1) if made is None else made[0][variable, :1])
 
-    here, there, up = np.zeros(1), np.ones(1), np.ones(1)
-    (part,), _ = bracketed_zeros(rate, here, there, -up, up, ROUNDING)
+    one = np.ones(1)
+    (part,), _ = bracketed_zeros(rate, 0.0 * one, one, -one, one, ROUNDING)
     start, end, width = piece, goal, NEAREST
     while width < length and (start is piece or end is goal):
         for side in (1, -1):
@@ -345,8 +336,8 @@ def _place(
             elif made.holds(end, off):
                 start = made
         width *= WIDER
-    reach = float(start.coordinates(end)[0]) + off + 1e-13
+    reach = start.coordinates(end)[0] + off + 1e-13
     # the middle of start and end is about as far beside the axis as the zero
     beside = [2.0 * start.beside(reach) + off] * (len(goal) - 1)
     spread = np.max(np.abs(start.frame) @ [0.5 * (reach + off), *beside]) + 1e-12
-    return StationaryPlace(start.centre + 0.5 * wrap(end - start.centre), float(spread))
+    return StationaryPlace(start.centre + 0.5 * wrap(end - start.centre), spread)

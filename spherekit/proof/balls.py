@@ -80,7 +80,6 @@ class Digits:
 
 
 sine_cosine = np.frompyfunc(lambda ball: ball.sin_cos(), 1, 2)
-square_root = np.frompyfunc(lambda ball: ball.sqrt(), 1, 1)
 middles = np.frompyfunc(lambda ball: ball.mid(), 1, 1)
 
 
@@ -105,13 +104,12 @@ def series(*coefficients: Array) -> Array:
 
 def coefficient(of: Array, power: int) -> Array:
     """Return the coefficients (...) of a power in series; a ball is its own of power 0."""
-    flint = library()
-    zero = flint.arb(0)
+    kind = library().arb_series
 
     def taken(item: Any) -> Ball:
-        return (
-            item[power] if isinstance(item, flint.arb_series) else zero if power else item
-        )
+        if isinstance(item, kind):
+            return item[power]
+        return 0 * item if power else item
 
     return np.asarray(np.frompyfunc(taken, 1, 1)(of))
 
@@ -138,8 +136,7 @@ def solved(square: Array, right: Array) -> Array:
     flint = library()
     either = any(isinstance(entry, flint.acb) for entry in (*square.flat, *right.flat))
     matrix = flint.acb_mat if either else flint.arb_mat
-    left, sides = (matrix(given.tolist()) for given in (square, right))
-    return np.array(left.solve(sides).tolist())
+    return np.array(matrix(square.tolist()).solve(matrix(right.tolist())).tolist())
 
 
 def exact(number: float) -> Ball:
@@ -149,7 +146,7 @@ def exact(number: float) -> Ball:
 
 def wide(centre: Ball, radius: float) -> Ball:
     """Return the ball around all numbers at most a radius from those of a ball."""
-    return centre + library().arb(0.0, radius) if radius else centre
+    return centre + library().arb(0.0, radius)
 
 
 def pi() -> Ball:
@@ -190,7 +187,7 @@ def circle(angles: Any) -> Floats:
 
     Angles are float64 numbers, taken as they are, or balls far narrower than a rounding.
     """
-    sine, cosine = sine_cosine(np.frompyfunc(library().arb, 1, 1)(np.asarray(angles)))
+    sine, cosine = sine_cosine(np.frompyfunc(library().arb, 1, 1)(angles))
     return floats(np.stack([cosine, sine], axis=-1))
 
 
@@ -202,8 +199,7 @@ Frames = dict[str, tuple[Frame, Frame]]
 
 def unit(a: Vector) -> Vector:
     """Return a vector over its length."""
-    square: Ball = a @ a
-    return a / square.sqrt()
+    return a / np.sqrt(a @ a)
 
 
 def carried(vector: Vector, start: Frame, goal: Frame) -> Vector:
@@ -233,8 +229,7 @@ def revolute(first: Frame, second: Frame) -> Array:
 def axes_about(centre: Vector) -> Frame:
     """Return the axes from which azimuths about a unit vector are counted, and it."""
     helper = np.eye(3)[1 if abs(float(centre[0])) > 0.9 else 0]
-    first = unit(helper - (helper @ centre) * centre)
-    return np.stack([first, np.cross(centre, first), centre])
+    return _frame(centre, helper - (helper @ centre) * centre)
 
 
 def frames_of_sizes(
@@ -259,8 +254,7 @@ def frames_of_sizes(
             first, second = (
                 _reference_frame(axes[link], near[link], pair.name) for link in pair.links
             )
-            zero = zeros.get(pair.name)
-            made[pair.name] = first if zero is None else turned(first, zero), second
+            made[pair.name] = turned(first, zeros.get(pair.name, exact(0.0))), second
     return made
 
 
@@ -271,8 +265,7 @@ def frames_of_pose(
     made = {}
     for name, near in geometry.axes.items():
         first = _across(axes[name], np.array(near))
-        value = values.get(name)
-        made[name] = first, first if value is None else turned(first, value)
+        made[name] = first, turned(first, values.get(name, exact(0.0)))
     return made
 
 
@@ -283,14 +276,14 @@ def declared_frames(mechanism: Mechanism) -> Frames:
         axes = {name: unit(exactly(axis)) for name, axis in given.axes.items()}
         return frames_of_pose(given, axes, _exact(given.values))
     sizes = {
-        link: [list(exactly(numbers)) for numbers in (near.arcs, near.angles)]
+        link: [[*exactly(near.arcs)], [*exactly(near.angles)]]
         for link, near in given.links.items()
     }
     return frames_of_sizes(mechanism, given, sizes, _exact(given.zeros))
 
 
 def _exact(numbers: Mapping[str, float]) -> dict[str, Ball]:
-    return dict(zip(numbers, exactly(list(numbers.values())), strict=True))
+    return {name: exact(number) for name, number in numbers.items()}
 
 
 def _reference_frame(
@@ -299,14 +292,17 @@ def _reference_frame(
     """Return the frame of an axis; its x axis leads to the first other axis."""
     axis = axes[name]
     for other, direction in axes.items():
-        side = np.linalg.norm(np.cross(near[name], near[other]))
-        if other != name and side > COLLINEAR:
-            toward = unit(np.cross(np.cross(axis, direction), axis))
-            return np.stack([toward, np.cross(axis, toward), axis])
+        if np.linalg.norm(np.cross(near[name], near[other])) > COLLINEAR:
+            return _frame(axis, np.cross(np.cross(axis, direction), axis))
     return _across(axis, near[name])
 
 
 def _across(axis: Vector, near: Floats) -> Frame:
     """Return the frame of an axis that no other one gives a direction."""
-    across = unit(np.cross(axis, np.eye(3)[int(np.argmin(np.abs(near)))]))
-    return np.stack([across, np.cross(axis, across), axis])
+    return _frame(axis, np.cross(axis, np.eye(3)[np.argmin(np.abs(near))]))
+
+
+def _frame(axis: Vector, toward: Vector) -> Frame:
+    """Return the frame of an axis with its x axis along a vector across it."""
+    first = unit(toward)
+    return np.stack([first, np.cross(axis, first), axis])

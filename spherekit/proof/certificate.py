@@ -79,7 +79,7 @@ class CertifiedSingularities:
         places += [(place, 0.0) for place in curves.still_at]
         half = np.pi * curves.laps
         gaps = [
-            abs(float(np.remainder(place - q + half, 2.0 * half)) - half) - off
+            abs(np.remainder(place - q + half, 2.0 * half) - half) - off
             for place, off in places
         ]
         return max(min([*gaps, *ends, half]) - curves.laps * ROUNDING, 0.0)
@@ -87,12 +87,12 @@ class CertifiedSingularities:
 
 def output_pairs(written: Written) -> dict[str, int]:
     """Return the pairs that join outputs to what they are seen from, by output."""
-    mechanism, pairs = written.mechanism, {}
+    mechanism, pairs = written.mechanism, dict[str, int]()
     for output in mechanism.outputs:
         two = {mechanism.link(output.link), mechanism.link(output.relative_to)}
-        for number, ends in reversed(list(enumerate(written.structure.ends))):
+        for number, ends in enumerate(written.structure.ends):
             if set(ends) == two:
-                pairs[output.name] = number
+                pairs.setdefault(output.name, number)
     return pairs
 
 
@@ -117,8 +117,8 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
             ]
         else:
             skipped.append(output)
-        for curve, two in enumerate(zip(rests, curves.stopping, strict=True)):
-            (resting_at, _), (driven_at, _) = two
+        both = enumerate(zip(rests, curves.stopping, strict=True))
+        for curve, ((resting_at, _), (driven_at, _)) in both:
             for kind, one, others in (
                 ("I", resting_at, driven_at),
                 ("II", driven_at, resting_at),
@@ -141,10 +141,10 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
 
 def _meets(one: StationaryPlace, others: Sequence[StationaryPlace]) -> bool:
     """Return whether a stop may be at the same configuration as others."""
-    apart = (
-        (np.abs(wrap(one.place - other.place)), one.off + other.off) for other in others
+    return any(
+        np.all(np.abs(wrap(one.place - other.place)) <= one.off + other.off)
+        for other in others
     )
-    return any(bool(np.all(gap <= off)) for gap, off in apart)
 
 
 EnclosedPole = tuple[tuple[int, int, int], Array | None, Ball]
@@ -162,7 +162,7 @@ def enclosed_poles(equations: Equations, places: Sequence[Ball]) -> Iterator[Enc
         turning = _angular_velocities(equations, places, column)
         for second, first in combinations(range(len(turning)), 2):
             spin = turning[first] - turning[second]
-            size: Ball = (spin @ spin).sqrt()
+            size = np.sqrt(spin @ spin)
             yield (pair, first, second), spin / size if lower(size) > 0.0 else None, size
 
 
@@ -173,11 +173,10 @@ def _angular_velocities(equations: Equations, places: Sequence[Ball], driven: in
     """
     _, slopes = equations.arrays(places)
     made, structure = equations.construction, equations.written.structure
-    count = made.unknowns
-    moved = np.eye(made.inputs)[driven]
-    rates = [*exactly(moved), *(row[driven] for row in equations.written.ratios())]
+    count, moved = made.unknowns, exactly(np.eye(made.inputs)[driven])
+    rates = [*moved, *(row[driven] for row in equations.written.ratios())]
     if count:
-        right = -(slopes[:, count:] @ np.array(rates))
+        right = -(slopes[:, count:] @ rates)
         rates = [*solved(slopes[:, :count], right[:, None])[:, 0], *rates]
     placed = equations.orientations(places, 1)
     velocities = exactly(np.zeros((structure.bodies, 3)))
@@ -274,16 +273,16 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
     names = written.structure.pairs
     return {
         **heading("curves over a range", written),
-        "inputs": {names[made.pairs[curves.driven]]: list(curves.range_text)},
+        "inputs": {names[made.pairs[curves.driven]]: curves.range_text},
         "construction": construction_table(written, made),
         "input_turns_of_its_variable": made.laps,
         "wheels": _wheels(written, made),
         "complete": curves.claim.guarantee is Guarantee.CERTIFIED,
-        "undecided_rad": [list(part) for part in curves.undecided],
-        "problems": list(curves.problems),
+        "undecided_rad": curves.undecided,
+        "problems": curves.problems,
         "boxes": curves.boxes,
         "turning_points_rad": curves.turning_points,
-        "modes": [list(part) for part in curves.intervals],
+        "modes": curves.intervals,
         "curves_at_one_input_rad": curves.still_at,
         "crossings": [
             {
@@ -325,8 +324,7 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
 def _near(balls: Sequence[Ball]) -> tuple[list[float], list[float]]:
     """Return float64 numbers next to balls, and by how much each is off at most."""
     numbers = [middle(ball) for ball in balls]
-    pairs = zip(balls, numbers, strict=True)
-    return numbers, [upper(ball - exact(number)) for ball, number in pairs]
+    return numbers, [upper(x - number) for x, number in zip(balls, numbers, strict=True)]
 
 
 def _wheels(written: Written, made: Construction) -> list[dict[str, Any]]:
@@ -354,7 +352,7 @@ def map_certificate(boxes: InputMap) -> dict[str, Any]:
     kinds = {REGULAR: "regular", CONTAINS: "contains type II", UNDECIDED: "undecided"}
     return {
         **heading("modes over boxes", written),
-        "inputs": dict(zip(driven, map(list, boxes.range_texts), strict=True)),
+        "inputs": dict(zip(driven, boxes.range_texts, strict=True)),
         "construction": construction_table(written, made),
         "systems": _systems(written, made, boxes.systems),
         "shares": {words: boxes.share(kind) for kind, words in kinds.items()},
@@ -398,25 +396,23 @@ def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
     """
     structure, table = modes.written.structure, []
     with modes.sharp() as (equations, places):
-        poles = (
-            (k, p) for k, at in enumerate(places) for p in enclosed_poles(equations, at)
-        )
-        for mode, ((driven, first, second), direction, coefficient) in poles:
-            (*numbers, size), (*off, spare) = _near(
-                [*(() if direction is None else direction), coefficient]
-            )
-            table.append(
-                {
-                    "mode": mode,
-                    "moving": structure.pairs[driven],
-                    "link": structure.links[first],
-                    "relative_to": structure.links[second],
-                    "direction": numbers or None,
-                    "direction_off": max(off, default=None),
-                    "velocity_coefficient": size,
-                    "velocity_coefficient_off": spare,
-                }
-            )
+        for mode, place in enumerate(places):
+            for key, direction, coefficient in enclosed_poles(equations, place):
+                (*numbers, size), (*off, spare) = _near(
+                    [*(() if direction is None else direction), coefficient]
+                )
+                table.append(
+                    {
+                        "mode": mode,
+                        "moving": structure.pairs[key[0]],
+                        "link": structure.links[key[1]],
+                        "relative_to": structure.links[key[2]],
+                        "direction": numbers or None,
+                        "direction_off": max(off, default=None),
+                        "velocity_coefficient": size,
+                        "velocity_coefficient_off": spare,
+                    }
+                )
     return table
 
 
@@ -424,8 +420,8 @@ def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
     """Return the singularities of a range."""
     return {
         "undecided_parts": located.undecided,
-        "outputs_without_pair": list(located.skipped),
-        "at_rest_along_curves": [list(two) for two in located.resting],
+        "outputs_without_pair": located.skipped,
+        "at_rest_along_curves": located.resting,
         "found": [
             {
                 "output": output,
@@ -460,7 +456,7 @@ def _systems(
                     "solutions": [
                         {
                             "inverse": inverse.tolist(),
-                            "z": [[float(e.real), float(e.imag)] for e in z],
+                            "z": [[e.real, e.imag] for e in z],
                         }
                         for inverse, z in zip(roots.inverse, roots.z, strict=True)
                     ],

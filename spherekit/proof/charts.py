@@ -146,7 +146,7 @@ def applied(matrices: Array, vectors: Array) -> Array:
 def _rounding(made: Polynomials, rows: Indices) -> Floats:
     """Return by how much values (n, k) are off by coefficients and sums of them."""
     sizes = [np.abs(array).reshape(len(array), -1) for array in made.values]
-    count = np.array([array.shape[1] for array in sizes], dtype=float)
+    count = np.array([array.shape[1] for array in sizes])
     total = np.stack([np.sum(array, axis=1) for array in sizes], axis=1)
     return np.asarray(count * (made.error + 4 * ROUNDING * total)[rows])
 
@@ -161,7 +161,7 @@ def _changes(
     `steps`, and by what is given of `turned` (S. Bernstein).
     """
     count = roots.z.shape[1]
-    steps, turned = 2.0 * made.degrees[:, :count], made.degrees[:, count:].astype(float)
+    steps, turned = 2.0 * made.degrees[:, :count], made.degrees[:, count:]
     reach = np.maximum(np.abs(roots.z) + wide[:, None], 1.0)
     growth = np.exp(np.log(reach) @ steps.T) * UP
     most, blur = made.constant * growth, growth * _rounding(made, roots.row)
@@ -200,8 +200,8 @@ def tubes(
     moved = applied(np.abs(rates), half) * UP
     swing = (applied(np.abs(moving), half) + stray) * UP
     astray, missed = applied(np.abs(pull), stray), np.abs(applied(inverse, values))
-    given = swing @ made.degrees[:, count:].T
-    goes = moved + astray + applied(size, made.constant * given**2)
+    bent = made.constant * (swing @ made.degrees[:, count:].T) ** 2
+    goes = moved + astray + applied(size, bent)
     begins = missed + applied(size, _rounding(made, roots.row))
     wide = np.max(AROUND * goes + CLOSE * begins, axis=1) + 1e-12
     blur, more, drift = _changes(made, roots, wide, swing)

@@ -9,13 +9,6 @@ Where wheels turn p/q as fast as an input by ratios of teeth, all these angles a
 of one variable that goes round once while the input goes round q times. Then equations are
 sums of its cosines and sines, as of any other angle, and configurations a turn of the input
 apart are different unless everything is back.
-
-Wheels that turn with an input by ratios of teeth, over all turns until they are back.
-
-Where an input turns p/q as fast as others, all these angles are multiples of one variable
-that goes round once while the input goes round q times. Then equations are sums of its
-cosines and sines, as of any other angle, and configurations a turn of the input apart are
-different unless everything is back.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -97,17 +90,16 @@ class Construction:
         A link put on two axes is placed in the last link that both ways to its parents
         share.
         """
-        placed: dict[int, tuple[int | None, Indices]] = {}
-        placed[self.root] = None, np.zeros(len(self.pairs), dtype=np.intp)
+        every = np.arange(len(self.pairs))
+        placed: dict[int, tuple[int | None, Indices]] = {self.root: (None, 0 * every)}
         for step in self.steps:
             if step.is_dyad:
                 shared, *ways = _apart(placed, *step.parents)
-                both = [placed[link][1] for way in ways for link in way]
-                placed[step.link] = shared, np.sum([placed[self.root][1], *both], axis=0)
+                degrees = [placed[link][1] for way in ways for link in way]
+                placed[step.link] = shared, np.sum([0 * every, *degrees], axis=0)
             else:
-                degrees = np.zeros(len(self.pairs), dtype=np.intp)
-                degrees[step.variable] = abs(step.turns)
-                placed[step.link] = step.parents[0], degrees
+                turns = abs(step.turns) * (every == step.variable)
+                placed[step.link] = step.parents[0], turns
         return placed
 
     def apart(self, step: Step) -> tuple[int, list[int], list[int]]:
@@ -118,7 +110,7 @@ class Construction:
     def degrees(self) -> Indices:
         """(equations, variables): the degree of each equation in e^(i angle), halved."""
         rows = [self.placed[step.link][1] for step in self.equations]
-        return np.array(rows, dtype=np.intp).reshape(len(rows), len(self.pairs))
+        return np.array(rows, dtype=np.intp).reshape(-1, len(self.pairs))
 
     @cached_property
     def bound(self) -> int:
@@ -133,22 +125,18 @@ class Construction:
     def systems(self) -> list[tuple[list[int], list[int]]]:
         """Equations and unknowns of systems to be solved one after the other."""
         used = self.degrees[:, : self.unknowns] > 0
-        left, determined = set(range(len(used))), set[int]()
-        systems = []
+        left, systems = list(range(len(used))), []
         while left:
             parts = (
-                (list(rows), set(np.flatnonzero(np.any(used[list(rows)], axis=0)).tolist()))
+                ([*rows], np.flatnonzero(np.any(used[[*rows]], axis=0)).tolist())
                 for size in range(1, len(left) + 1)
-                for rows in combinations(sorted(left), size)
+                for rows in combinations(left, size)
             )
-            rows, unknowns = next(
-                (rows, unknowns - determined)
-                for rows, unknowns in parts
-                if len(unknowns - determined) == len(rows)
-            )
-            systems.append((rows, sorted(unknowns)))
-            left -= set(rows)
-            determined |= unknowns
+            rows, unknowns = next(part for part in parts if len(part[0]) == len(part[1]))
+            systems.append((rows, unknowns))
+            # these are known from here on
+            used[:, unknowns] = False
+            left = [row for row in left if row not in rows]
         return systems
 
 
@@ -170,8 +158,10 @@ def _apart(
 def permanent(matrix: Indices) -> int:
     """Return the sum over permutations of the products of a square matrix's entries."""
     rows = matrix.tolist()
-    orders = permutations(range(len(rows)))
-    return sum(prod(row[k] for row, k in zip(rows, o, strict=True)) for o in orders)
+    return sum(
+        prod(row[k] for row, k in zip(rows, order, strict=True))
+        for order in permutations(range(len(rows)))
+    )
 
 
 def construct(structure: Structure, wanted: Collection[int] = ()) -> Construction:
@@ -341,5 +331,6 @@ def turned_together(written: Written, construction: Construction) -> Constructio
         else step
         for step in construction.steps
     )
-    pairs = construction.pairs[: variable + 1]
-    return replace(construction, steps=steps, pairs=pairs, laps=laps)
+    return replace(
+        construction, steps=steps, pairs=construction.pairs[: variable + 1], laps=laps
+    )

@@ -75,11 +75,10 @@ class CertifiedCurves:
 
     def stops_of(self, variable: int) -> list[Stops]:
         """Return where a variable stops along each chain, and undecided parts."""
-        still = self.still_in(variable)
         with bits(PRECISION):
             return [
                 ([], []) if rests else stops(self.equations, chain, variable)
-                for chain, rests in zip(self.chains, still, strict=True)
+                for chain, rests in zip(self.chains, self.still_in(variable), strict=True)
             ]
 
     @cached_property
@@ -131,11 +130,11 @@ class CertifiedCurves:
         That is but at the crossing itself.
         """
         still = self.still_in(variable)
+        moving = [two for two, rests in zip(self.ends, still, strict=True) if not rests]
         offs = []
         for number, saddle in enumerate(self.saddles):
-            passed = saddle.level == 0 or (saddle.passes and saddle.passes[variable])
-            parts = [0.0 if passed else float(saddle.zone[variable])]
-            moving = (two for two, rests in zip(self.ends, still, strict=True) if not rests)
+            passed = saddle.level == 0 or saddle.passes[variable]
+            parts = [0.0 if passed else saddle.zone[variable]]
             parts += [
                 saddle.reach[arm[1]][variable]
                 for two in moving
@@ -205,7 +204,7 @@ class CertifiedCurves:
             places = []
             for number, (piece, _) in enumerate(chain.links):
                 inner = [place for after, place in marks if after == number]
-                inner.sort(key=lambda place: float(piece.coordinates(place)[0]))
+                inner.sort(key=lambda place: piece.coordinates(place)[0])
                 places += [piece.centre, *inner]
             first, last = (
                 [] if arm is None else [self.saddles[arm[0]].centre] for arm in arms
@@ -256,7 +255,7 @@ class CertifiedCurves:
             return Completeness(
                 Guarantee.TO_BOX,
                 f"{len(parts)} parts of the range are undecided; elsewhere {rests}",
-                max(widest, float(2.0 * np.max(self.left[1], initial=0.0))),
+                max(widest, 2.0 * np.max(self.left[1], initial=0.0)),
             )
         if self.problems:
             return Completeness(Guarantee.COMPONENT, f"{self.problems[0]}; {rests}")

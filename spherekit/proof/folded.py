@@ -23,6 +23,7 @@ from spherekit.proof.balls import (
     angle_of,
     exact,
     exactly,
+    floats,
     middle,
     pi,
     upper,
@@ -59,7 +60,7 @@ def completed(
     balls = exactly(place)
     for variable, value in given.items():
         turns = np.round((place[variable] - middle(value)) / (2.0 * np.pi))
-        balls[variable] = value + 2 * pi() * exact(float(turns))
+        balls[variable] = value + 2 * pi() * turns
         if abs(middle(balls[variable]) - place[variable]) > NEAR:
             return None
     free = [j for j in range(equations.variables) if j not in given]
@@ -77,8 +78,7 @@ def completed(
 def _folding(equations: Equations, number: int, step: Step) -> Folding | None:
     """Return the loop of an equation, None if it is none of four pairs in exact arcs."""
     shared, first, second = equations.construction.apart(step)
-    steps = {s.link: s for s in equations.construction.steps}
-    turned = [steps[link] for link in (*first, *second)]
+    turned = [s for s in equations.construction.steps if s.link in (*first, *second)]
     joints = [s for s in turned if not s.is_dyad]
     if not len(turned) == len(joints) == len({s.variable for s in joints}) == 2:
         return None
@@ -119,7 +119,7 @@ def _closes(
     for senses in product((1, -1), repeat=4):
         left = sum(sense * arc for sense, arc in zip(senses, arcs, strict=True))
         lie = [senses[k] == senses[(k + 1) % 4] for k in places]
-        if lie == [*map(bool, sides)] and (left % 360 if in_degrees else left) == 0:
+        if lie == [*sides] and (left % 360 if in_degrees else left) == 0:
             return True
     return False
 
@@ -133,8 +133,7 @@ def _arc(written: Written, link: int, one: int, other: int) -> Fraction | None:
     item = written.document.data["links"].get(structure.links[link])
     if not item or "axes" not in item:
         return None
-    names = list(item["axes"])
-    pairs = structure.pairs[one], structure.pairs[other]
+    names, pairs = item["axes"], (structure.pairs[one], structure.pairs[other])
     if names[0] not in pairs or not set(pairs) <= set(names) or one == other:
         return None
     number = max(names.index(pair) for pair in pairs) - 1
@@ -156,10 +155,9 @@ def _in_line(
     pair, count = hinges[joint], len(hinges)
     azimuths = {}
     for k, other in ((joint, joint - 1), (joint + 1, joint + 1)):
-        link, after = links[k % count], hinges[other % count]
-        x, y, _ = equations.frame(pair, link)
-        axis = equations.frame(after, link)[2]
-        azimuths[link] = angle_of(x @ axis, y @ axis)
+        link = links[k % count]
+        axis = equations.frame(hinges[other % count], link)[2]
+        azimuths[link] = angle_of(*(equations.frame(pair, link)[:2] @ axis))
     one, two = equations.written.structure.ends[pair]
     same = azimuths[one] - azimuths[two]
     return same, same + pi()
@@ -178,11 +176,10 @@ class Crossings:
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
         written, self.loops = equations.written, list[Folding]()
-        exact_sizes = isinstance(written.mechanism.geometry, SizeGeometry)
-        if exact_sizes and not written.tolerance:
-            steps = enumerate(equations.construction.equations)
-            made = (_folding(equations, number, step) for number, step in steps)
-            self.loops = [folding for folding in made if folding is not None]
+        if isinstance(written.mechanism.geometry, SizeGeometry) and not written.tolerance:
+            for number, step in enumerate(equations.construction.equations):
+                if folding := _folding(equations, number, step):
+                    self.loops.append(folding)
         self.saddles: list[Saddle] = []
 
     def find(self, place: Floats) -> bool:
@@ -234,15 +231,15 @@ class Crossings:
             side = variables.index(variable)
             other = variables[1 - side]
             for value in values[side][np.all(closes, axis=1 - side)]:
-                given = {variable: value, other: exact(float(piece.centre[other]))}
+                given = {variable: value, other: exact(piece.centre[other])}
                 balls = completed(self.equations, equation, given, piece.centre)
                 if balls is not None:
-                    return piece.holds(np.array([*map(middle, balls)]), 2.0 * BALL)
+                    return piece.holds(floats(balls), 2.0 * BALL)
         return False
 
     def _crosses(self, part: Zone) -> bool:
         """Return whether a loop is proven to close in line next to a saddle's centre."""
-        reach, centre = 1e-3 * float(np.min(part.limits)), exactly(part.centre)
+        reach, centre = 1e-3 * np.min(part.limits), exactly(part.centre)
         for equation, variables, values, closes in self.loops:
             for i, j in np.argwhere(closes):
                 given = dict(zip(variables, (values[0, i], values[1, j]), strict=True))

@@ -154,7 +154,7 @@ class Touching:
     the arc length runs about the second centre.
     """
 
-    axes: tuple[Frame, Frame]
+    axes: Sequence[Frame]
     radii: Sequence[Ball]
     sines: Sequence[Ball]
     sense: int
@@ -241,17 +241,15 @@ class Written:
         structure, rows = self.structure, self._relations()
         if isinstance(self.mechanism.geometry, PoseGeometry):
             # nothing has rolled in the reference pose
-            values, zero = self._angles("value"), exact(0.0)
-            constants = rows @ np.array([values.get(p, zero) for p in structure.pairs])
+            values = self._angles("value")
+            constants = rows @ [values.get(pair, exact(0.0)) for pair in structure.pairs]
         else:
             constants = self._rolled() @ exactly([1.0, -1.0])
         right = constants - rows[:, list(structure.inputs)] @ np.array(inputs)
-        return [*inputs, *(angle for (angle,) in self._followed(rows, right[:, None]))]
+        return [*inputs, *self._followed(rows, right[:, None])[:, 0]]
 
-    def ratios(self) -> list[list[Ball]]:
+    def ratios(self) -> Array:
         """Return the rates (followers, inputs) of the angles that wheels fix."""
-        if not self.meshes:
-            return []
         rows = self._relations()
         return self._followed(rows, -rows[:, list(self.structure.inputs)])
 
@@ -260,24 +258,25 @@ class Written:
 
         They are ratios of determinants of teeth, and balls of 80 bits have just one such.
         """
-        toothed = all(factor.is_exact() for factor in self._relations().flat)
-        balls = [ratio for (ratio,) in self.ratios()] if toothed else []
-        made = [Fraction(middle(b)).limit_denominator(MOST_TEETH) for b in balls]
-        pairs = zip(balls, made, strict=True)
-        sure = toothed and all((b * x.denominator).contains(x.numerator) for b, x in pairs)
-        return made if sure else None
+        if not all(factor.is_exact() for factor in self._relations().flat):
+            return None
+        made = []
+        for (ball,) in self.ratios():
+            ratio = Fraction(middle(ball)).limit_denominator(MOST_TEETH)
+            if not (ball * ratio.denominator).contains(ratio.numerator):
+                return None
+            made.append(ratio)
+        return made
 
-    def _followed(self, rows: Array, right: Array) -> list[list[Ball]]:
+    def _followed(self, rows: Array, right: Array) -> Array:
         """Return the angles that follow, or their rates, from the columns of `right`."""
-        square = rows[:, list(self.structure.followers)]
-        return list(map(list, solved(square, right)))
+        return solved(rows[:, list(self.structure.followers)], right)
 
     def _relations(self) -> Array:
         """Return the factors (meshes, pairs) of sums of angles that stay the same."""
         rows = exactly(np.zeros((len(self.meshes), len(self.structure.pairs))))
         for row, mesh in zip(rows, self.meshes, strict=True):
-            touch = self._touching(mesh.contact)
-            one, other = touch.sines
+            one, other = self._touching(mesh.contact).sines
             for pair, factor in mesh.relation((one, -other)).items():
                 row[self._number(pair)] = factor
         return rows
@@ -299,20 +298,18 @@ class Written:
 
         for mesh, near in zip(self.meshes, self.lengths, strict=True):
             touch = self._touching(mesh.contact)
-            sides = list(zip(touch.axes, mesh.ways, strict=True))
-            lines = [along(axes[2], way) for axes, way in sides]
-            ahead = [
-                axes @ along(direction, back(way))
-                for (axes, way), direction in zip(sides, touch.towards(*lines), strict=True)
+            sines, centres = np.array(touch.sines), [axes[2] for axes in touch.axes]
+            ahead = touch.towards(*map(along, centres, mesh.ways))
+            azimuths = [
+                angle_of(*(axes[:2] @ along(direction, back(way))))
+                for axes, way, direction in zip(touch.axes, mesh.ways, ahead, strict=True)
             ]
-            azimuths = np.array([angle_of(x, y) for x, y, _ in ahead])
-            sines = [radius.sin() for radius in touch.radii]
-            scales = np.array(touch.sines) / np.array(sines)
+            scales = sines / [radius.sin() for radius in touch.radii]
             starts = scales * self._starts(mesh.contact)
-            length = np.array(touch.sines) * azimuths * (1, touch.sense) - starts
-            lap = 2 * pi() * np.array(touch.sines)
-            away = (scales * exactly(near) - length) / lap
-            turns = exactly(np.round(floats(away)))
+            length = sines * azimuths * (1, touch.sense) - starts
+            lap = 2 * pi() * sines
+            away = (scales * near - length) / lap
+            turns = np.round(floats(away))
             for miss in away - turns:
                 if not (lower(miss) < SAME_TURN and upper(miss) < 0.25):
                     raise PlanError(
@@ -332,11 +329,10 @@ class Written:
             pair, touch = self.mechanism.pairs[contact], self._touching(contact)
             _, both = self.structure.coupler(number)
             names = pair.kind.variable_names(pair.name, pair.links)
-            sines = (middle(radius.sin()) for radius in touch.radii)
-            for k, name, sense, sine in zip(
-                both, names, (1, touch.sense), sines, strict=True
+            for k, name, sense, radius in zip(
+                both, names, (1, touch.sense), touch.radii, strict=True
             ):
-                columns[k] = name, sense / sine
+                columns[k] = name, sense / middle(radius.sin())
         return columns
 
     def item(self, pair: str) -> Mapping[str, Any]:
@@ -352,9 +348,8 @@ class Written:
         pair = self.mechanism.pairs[contact]
         item = self.item(pair.name)
         if "phase" in item:
-            return np.array([wide(exact(length), PHASE) for length in pair.start])
-        starts = item.get("start", (0.0, 0.0))
-        return np.array([self.angle(length, False) for length in starts])
+            return np.array([wide(length, PHASE) for length in pair.start])
+        return np.array([self.angle(s, False) for s in item.get("start", (0.0, 0.0))])
 
     def _in_mesh(self) -> "Written":
         """Return the same with its wheels in mesh, put together as the file means.
@@ -391,7 +386,7 @@ class Written:
                 )
                 made.ratios()
                 return made
-        where = ", ".join(structure.pairs[pair] for pair in followers)
+        where = listing(structure.pairs[pair] for pair in followers)
         raise PlanError(
             f"{structure.name}: its {len(meshes)} rolling contacts relate the angles "
             f"{where} to the inputs, and do not fix each of them, or in more ways than can "
@@ -415,8 +410,8 @@ class Written:
     def input_range(self, pair: str) -> tuple[str, str]:
         """Return the ends of an input's range as the file has them, the lower first."""
         item = self.document.data.get("inputs", {}).get(pair, {})
-        turn = "360" if self.document.data["angle_unit"] == "deg" else repr(2 * math.pi)
-        ends = text_of(item.get("from", 0)), text_of(item["to"]) if "to" in item else turn
+        turn = 360 if self.document.data["angle_unit"] == "deg" else 2 * math.pi
+        ends = text_of(item.get("from", 0)), text_of(item.get("to", turn))
         low, high = sorted(ends, key=float)
         return low, high
 
@@ -438,8 +433,11 @@ class Written:
 
     def _angles(self, key: str) -> dict[str, Ball]:
         """Return the angles (rad) that pairs of the file have under a key."""
-        pairs = self.document.data["pairs"].items()
-        return {name: self.angle(item[key]) for name, item in pairs if key in item}
+        return {
+            name: self.angle(item[key])
+            for name, item in self.document.data["pairs"].items()
+            if key in item
+        }
 
     def _axis(self, item: Mapping[str, Any]) -> Vector:
         (key,) = AXES & item.keys()
@@ -452,7 +450,7 @@ class Written:
         """Return a direction of the file, by coordinates or longitude and latitude."""
         if key.endswith("xyz"):
             along = unit(np.array([_number(number) for number in row]))
-            return np.array([wide(entry, self.tolerance) for entry in along])
+            return along + wide(0.0, self.tolerance)
         (s, c), (up, across) = (self.angle(number).sin_cos() for number in row)
         return np.array([c * across, s * across, up])
 
@@ -465,49 +463,43 @@ class Written:
             return frames[name][mechanism.pair(name).links.index(link)][2]
 
         if "axes" in item:
-            two = list(zip(item["axes"], pair.links, strict=True))
-            centres = [axis(name, link) for name, link in two]
+            centres = tuple(map(axis, item["axes"], pair.links))
             joined = {name: mechanism.pair(name).links for name in frames}
-            pairs = item["axes"][0], item["axes"][1]
             carrier, carried, _ = carrier_of(
-                joined, link_axes(mechanism), pair.links, pairs
+                joined, link_axes(mechanism), pair.links, item["axes"]
             )
             one, other = (way * axis(name, carrier) for name, way in carried)
-            radii, sines = self._cones(item, one, other, sense)
+            radii = self._cones(item, one, other, sense)
         else:
-            made = [self._circle(item, link, axis) for link in pair.links]
-            centres, radii = ([two[side] for two in made] for side in (0, 1))
-            sines = [radius.sin() for radius in radii]
-        first, second = map(axes_about, centres)
-        return Touching((first, second), radii, sines, sense)
+            circles = (self._circle(item, link, axis) for link in pair.links)
+            centres, radii = zip(*circles, strict=True)
+        sines = map(exact, item["teeth"]) if "teeth" in item else (r.sin() for r in radii)
+        return Touching([*map(axes_about, centres)], radii, [*sines], sense)
 
     def _cones(
         self, item: Mapping[str, Any], one: Vector, other: Vector, sense: int
-    ) -> tuple[list[Ball], list[Ball]]:
-        """Return half angles of cones that touch, and numbers in the ratio of sines."""
+    ) -> tuple[Ball, Ball]:
+        """Return half angles of cones that touch."""
         normal = np.cross(one, other)
         between = angle_of(one @ other, (normal @ normal).sqrt())
         if "teeth" in item:
-            teeth = [exact(float(count)) for count in item["teeth"]]
             s, c = between.sin_cos()
-            first = angle_of(teeth[1] / teeth[0] - sense * c, s)
+            first = angle_of(exact(item["teeth"][1]) / item["teeth"][0] - sense * c, s)
         else:
             first = self.angle(item["half_angles"][0])
-        second = between - first if sense < 0 else between + first
-        return [first, second], teeth if "teeth" in item else [first.sin(), second.sin()]
+        return first, between + sense * first
 
     def _circle(
         self, item: Mapping[str, Any], link: str, axis: Callable[[str, str], Vector]
     ) -> tuple[Vector, Ball]:
         """Return centre and radius of the circle of one link."""
-        follower = item.get("follower")
-        circle = (
-            follower if follower and follower["link"] == link else item["profiles"][link]
-        )
+        circle = item.get("follower", {})
+        if circle.get("link") != link:
+            circle = item["profiles"][link]
         if "axis" in circle:
             centre = axis(circle["axis"], link)
         else:
-            key = next(key for key in circle if key.split("_")[0] in ("centre", "pole"))
+            key = next(key for key in circle if key.startswith(("centre", "pole")))
             centre = self._direction(circle[key], key)
         number = circle.get("roller", circle.get("radius"))
         return centre, pi() / 2 if number is None else self.angle(number)

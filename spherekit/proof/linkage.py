@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise, zip_longest
+from math import factorial
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
@@ -31,6 +32,7 @@ from spherekit.proof.balls import (
     axes_about,
     coefficient,
     declared_frames,
+    exact,
     exactly,
     floats,
     library,
@@ -40,7 +42,6 @@ from spherekit.proof.balls import (
     revolute,
     series,
     sine_cosine,
-    square_root,
     terms,
     unit,
 )
@@ -67,8 +68,7 @@ def ball_curve(profile: Profile, backwards: bool = False) -> Curve:
     Backwards it runs from its end, or a closed one from its start.
     """
     frame, end = _curve(profile, precision())
-    back = np.array([-1.0, -1.0, 1.0])
-    return (lambda s: frame(end - s) * back) if backwards else frame
+    return (lambda s: frame(end - s) * [-1, -1, 1]) if backwards else frame
 
 
 @lru_cache(maxsize=32)
@@ -81,13 +81,12 @@ def _curve(profile: Profile, _: int) -> tuple[Curve, Ball]:
     if profile.kind not in ("circle", "great_circle"):
         wave = _wave(axes, exactly(profile.cosines), exactly(profile.sines))
         return _by_arc_length(wave, exactly([0.0, 2.0]) * pi(), True)
-    (sine, cosine), nothing = exactly([1.0, 0.0]), exactly(np.zeros(3))
+    sine, cosine = exactly([1.0, 0.0])
     if profile.kind == "circle":
-        sine, cosine = exactly([profile.radius or 0.0])[0].sin_cos()
-    still = [nothing, sine * z, cosine * z]
+        sine, cosine = exact(profile.radius or 0.0).sin_cos()
     even, odd = [y, -cosine * x, sine * x], [-x, -cosine * y, sine * y]
-    parts = np.array([still, even, odd]).swapaxes(1, 2)
-    return lambda s: harmonic(parts, s / sine), exactly(0.0)[()]
+    parts = np.array([[0 * z, sine * z, cosine * z], even, odd]).swapaxes(1, 2)
+    return lambda s: harmonic(parts, s / sine), exact(0.0)
 
 
 def _by_arc_length(path: Path, edges: Array, closed: bool) -> tuple[Curve, Ball]:
@@ -129,10 +128,9 @@ def _by_arc_length(path: Path, edges: Array, closed: bool) -> tuple[Curve, Ball]
     near = floats(begun)
 
     def frame(s: Array) -> Array:
-        if closed and len(s):
+        if closed:
             s = s - exactly(np.floor(floats(coefficient(s, 0)) / near[-1])) * length
-        panel = np.searchsorted(near, floats(coefficient(s, 0)), side="right") - 1
-        panel = np.clip(panel, 0, len(table) - 1)
+        panel = np.searchsorted(near[1:-1], floats(coefficient(s, 0)), side="right")
         point, rate = path(polyval(s - begun[panel], table[panel].T, tensor=False))
         tangent = rate / _length(rate)[:, None]
         return np.stack([tangent, np.cross(point, tangent), point], axis=-1)
@@ -143,10 +141,9 @@ def _by_arc_length(path: Path, edges: Array, closed: bool) -> tuple[Curve, Ball]
 def _reach(coefficients: list[Ball], digits: int) -> float:
     """Return how far from its centre a series has all digits, from its last terms."""
     count = len(coefficients)
-    sizes = np.abs(floats(np.array(coefficients[-4:])))
-    powers = np.arange(count - 4, count)
     with np.errstate(divide="ignore"):
-        logs = -(digits * np.log(2.0) + np.log(sizes)) / powers
+        logs = np.log(np.abs(floats(np.array(coefficients[-4:]))))
+    logs = -(digits * np.log(2.0) + logs) / np.arange(count - 4, count)
     return float(np.exp(np.min(logs)) * 0.9)
 
 
@@ -165,8 +162,8 @@ def _wave(axes: Array, even: Array, odd: Array) -> Path:
             for angle in (colatitude, u)
         )
         outward, along = c * x + s * y, c * y - s * x
-        away = cosine * outward - sine * z
-        return cosine * z + sine * outward, slope[:, None] * away + sine * along
+        rate = slope[:, None] * (cosine * outward - sine * z) + sine * along
+        return cosine * z + sine * outward, rate
 
     return at
 
@@ -175,19 +172,17 @@ def _spline(path: SplinePath) -> Path:
     """Return the radial projection of a quintic spline in space, by de Boor's algorithm."""
     degree, control = int(path.spline.k), exactly(path.spline.c)
     places: Floats = path.spline.t
-    knots = exactly(places)
 
     def at(u: Array) -> tuple[Array, Array]:
-        span = np.searchsorted(places, floats(coefficient(u, 0)), side="right") - 1
-        span = np.clip(span, degree, len(control) - 1)
-        points = [control[span - degree + r] for r in range(degree + 1)]
-        for level in range(1, degree + 1):
-            for r in reversed(range(level, degree + 1)):
-                i = span - degree + r
-                low, high = knots[i][:, None], knots[i + degree + 1 - level][:, None]
-                slope = (points[r] - points[r - 1]) / (high - low)
-                points[r] = points[r - 1] + (u[:, None] - low) * slope
-        x, rate = points[degree], degree * slope
+        inner = places[degree + 1 : len(control)]
+        first = np.searchsorted(inner, floats(coefficient(u, 0)), side="right")
+        points = control[first + np.arange(degree + 1)[:, None]]
+        knots = exactly(places[first + np.arange(1, 2 * degree + 1)[:, None], None])
+        for level in range(degree):
+            low, high = knots[level:degree], knots[degree : 2 * degree - level]
+            slope = np.diff(points, axis=0) / (high - low)
+            points = points[:-1] + (u[:, None] - low) * slope
+        (x,), (rate,) = points, degree * slope
         size = _length(x)[:, None]
         point = x / size
         return point, (rate - np.sum(point * rate, axis=1, keepdims=True) * point) / size
@@ -197,7 +192,7 @@ def _spline(path: SplinePath) -> Path:
 
 def _length(vectors: Array) -> Array:
     """Return lengths (n,) of vectors (n, 3)."""
-    return np.asarray(square_root(np.sum(vectors * vectors, axis=1)))
+    return np.asarray(np.sqrt(np.sum(vectors * vectors, axis=1)))
 
 
 TOUCHING_STEPS = 60
@@ -250,12 +245,12 @@ def _touching(curves: Sequence[Curve], s: Array) -> Array:
     turn, _ = _contact(curves, (0, 1), exactly(np.zeros(2)))
     last = np.inf
     for _ in range(TOUCHING_STEPS):
-        miss = skew_part(turn(s[None]))
-        inverse, _ = left_inverse(_vectors(turn, s[None]).swapaxes(1, 2))
-        step = (inverse @ miss[..., None])[0, :, 0]
+        (miss,) = skew_part(turn(s[None]))
+        (inverse,), _ = left_inverse(_vectors(turn, s[None]).swapaxes(1, 2))
+        step = inverse @ miss
         s = middles(s - step)
-        size = float(np.max(np.abs(floats(step))))
-        if size == 0.0 or not size < last / 2:
+        size = np.max(np.abs(floats(step)))
+        if not size < last / 2:
             break
         last = size
     return s
@@ -327,15 +322,13 @@ class Linkage:
             for pair, joint in enumerate(joints)
         ]
         self._way = spanning(ends)
-        used = {pair for pair, _, _ in self._way}
-        self._chords = [pair for pair in range(len(joints)) if pair not in used]
+        self._chords = sorted({*range(len(joints))} - {pair for pair, _, _ in self._way})
         ways = np.zeros((len(mechanism.links), len(joints)))
         for pair, parent, child in self._way:
             ways[child] = ways[parent]
             ways[child, pair] = 1.0 if ends[pair][0] == parent else -1.0
-        passes = np.array([ways[a] - ways[b] for a, b in (ends[p] for p in self._chords)])
-        passes = passes.reshape(len(self._chords), len(joints))
-        passes[range(len(self._chords)), self._chords] += 1.0
+        one, other = np.array(ends)[self._chords].T
+        passes = np.eye(len(joints))[self._chords] + ways[one] - ways[other]
         owners = list(mechanism.variable_owners)
         # the sense in which the way to a link, or a loop, passes the pair of a variable
         self._ways, self._passes = ways[:, owners], passes[:, owners]
@@ -361,11 +354,13 @@ class Linkage:
 
     def axes(self, values: Array, placed: Array) -> Array:
         """Return (n, pairs, 3): the axis of each R pair, the contact point of others."""
-        axes = [
-            (placed[:, link] @ axis(values[:, columns])[..., None])[..., 0]
-            for _, axis, columns, link in self._joints
-        ]
-        return np.stack(axes, axis=1)
+        return np.stack(
+            [
+                (placed[:, link] @ axis(values[:, columns])[..., None])[..., 0]
+                for _, axis, columns, link in self._joints
+            ],
+            axis=1,
+        )
 
     def vectors(self, values: Array, placed: Array) -> Array:
         """Return the variables' vectors (n, variables, 3) in ground axes, of balls.
@@ -436,8 +431,7 @@ class Linkage:
         moved one are free. The coefficient of each order solves linear equations with the
         same matrix.
         """
-        shape = at.values.shape
-        coefficients = [at.values, *(exactly(np.zeros(shape)) for _ in range(order))]
+        coefficients = [at.values, *exactly(np.zeros((order, *at.values.shape)))]
         coefficients[1][:, moved] = exactly(np.ones(len(at.values)))
         for power in range(1, order + 1):
             _, gaps = self.place(series(*coefficients[: power + 1]))
@@ -460,14 +454,14 @@ def turning_rates(placed: Array, order: int) -> list[Array]:
             (k + 1) * parts[k + 1] @ parts[power - k].swapaxes(-1, -2)
             for k in range(power + 1)
         )
-        rates.append((2 if power == 2 else 1) * skew_part(np.asarray(spin)))
+        rates.append(factorial(power) * skew_part(np.asarray(spin)))
     return rates
 
 
 def skew_part(a: Array) -> Array:
     """Return the vectors (..., 3) of the skew parts of matrices (..., 3, 3)."""
-    turns = ((2, 1), (0, 2), (1, 0))
-    return np.stack([(a[..., p, q] - a[..., q, p]) / 2 for p, q in turns], axis=-1)
+    twice = a - a.swapaxes(-1, -2)
+    return np.stack([twice[..., 2, 1], twice[..., 0, 2], twice[..., 1, 0]], axis=-1) / 2
 
 
 def left_inverse(matrices: Array) -> tuple[Array, Floats]:
@@ -489,8 +483,8 @@ def left_inverse(matrices: Array) -> tuple[Array, Floats]:
             except ZeroDivisionError:
                 continue
         made = np.array(inverse.entries(), dtype=object).reshape(k, m)
-        sizes = [np.linalg.norm(floats(matrix)) for matrix in (given, made)]
-        size = max(float(np.prod(sizes)), 1.0)
+        size = np.linalg.norm(floats(given)) * np.linalg.norm(floats(made))
+        size = np.maximum(size, 1.0)
         if size * 2.0**-bits < SINGULAR:
             inverses[row], condition[row] = made, size
     return inverses, condition

@@ -53,8 +53,8 @@ class CertifiedModes:
 
     written: Written
     construction: Construction
-    inputs: tuple[str, ...]
-    roots: tuple[Root, ...]
+    inputs: Sequence[str]
+    roots: Sequence[Root]
     precision: int
     systems: Sequence[System] = ()
     boxes: int = 0
@@ -71,9 +71,9 @@ class CertifiedModes:
         return self.construction.bound
 
     @property
-    def real(self) -> tuple[Root, ...]:
+    def real(self) -> list[Root]:
         """The assembly modes."""
-        return tuple(root for root in self.roots if root.real)
+        return [root for root in self.roots if root.real]
 
     @property
     def complete(self) -> bool:
@@ -92,32 +92,31 @@ class CertifiedModes:
     def claim(self) -> Completeness:
         """What is guaranteed, and what that rests on."""
         rests = f"ball arithmetic of {self.precision} bits"
-        if self.counted:
-            return Completeness(
-                Guarantee.CERTIFIED,
-                f"{len(self.real)} real of {self.bound} complex modes, as many as Bezout's "
-                f"bound, each alone in its ball; {rests}",
-            )
         statement = f"{len(self.real)} real modes, each alone in its ball"
-        if self.systems:
-            return Completeness(
-                Guarantee.CERTIFIED,
+        if self.counted:
+            words = (
+                f"{len(self.real)} real of {self.bound} complex modes, as many as Bezout's "
+                f"bound, each alone in its ball; {rests}"
+            )
+        elif self.systems:
+            words = (
                 f"{statement}; all solutions of each system of equations proven, "
-                f"with those at infinity of at most {self.bound}; {rests}",
+                f"with those at infinity of at most {self.bound}; {rests}"
             )
-        if self.complete:
-            return Completeness(
-                Guarantee.CERTIFIED,
+        elif self.complete:
+            words = (
                 f"{statement}, all others excluded in {self.boxes} boxes; {rests}; "
-                f"{len(self.roots)} of at most {self.bound} complex modes found",
+                f"{len(self.roots)} of at most {self.bound} complex modes found"
             )
-        widths = [float(2.0 * np.max(radius)) for _, radius in self.clusters]
-        return Completeness(
-            Guarantee.TO_BOX,
-            f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "
-            f"{rests}",
-            max(widths, default=TURN),
-        )
+        else:
+            widths = [2.0 * np.max(radius) for _, radius in self.clusters]
+            return Completeness(
+                Guarantee.TO_BOX,
+                f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "
+                f"{rests}",
+                max(widths, default=TURN),
+            )
+        return Completeness(Guarantee.CERTIFIED, words)
 
     def angles(self) -> list[list[Ball]]:
         """Return balls (rad) of all pairs' angles, in the order of pairs, of real modes."""
@@ -153,8 +152,8 @@ def certified_modes(written: Written, inputs: Sequence[str]) -> CertifiedModes:
     """
     made = construct(written.structure)
     if not made.unknowns:
-        only = (Root((), 0.0, 0.0, True),)
-        return CertifiedModes(written, made, tuple(inputs), only, PRECISIONS[0])
+        only = [Root((), 0.0, 0.0, True)]
+        return CertifiedModes(written, made, inputs, only, PRECISIONS[0])
     near: list[Sequence[complex]] = []
     systems: Sequence[System] = ()
     for precision in PRECISIONS:
@@ -171,10 +170,8 @@ def certified_modes(written: Written, inputs: Sequence[str]) -> CertifiedModes:
     assert len(search.roots) <= made.bound, "more roots were proven than there can be"
     with bits(precision):
         excluded = () if proven else search.excluded()
-    roots = tuple(sorted(search.roots, key=_place))
-    return CertifiedModes(
-        written, made, tuple(inputs), roots, precision, systems, *excluded
-    )
+    roots = sorted(search.roots, key=_place)
+    return CertifiedModes(written, made, inputs, roots, precision, systems, *excluded)
 
 
 def given_at(written: Written, inputs: Sequence[str]) -> list[Ball]:
@@ -252,9 +249,9 @@ class _Search:
 
     def excluded(self) -> tuple[int, Left]:
         """Return how many boxes of space were looked at, and those that may have roots."""
-        count, fixed = self.equations.unknowns, len(self.driven)
+        count, still = self.equations.unknowns, [exact(0.0)] * len(self.driven)
         low = [exact(FIRST)] * count + self.driven
-        ranges = Ranges(low, [2 * pi()] * count + [exact(0.0)] * fixed)
+        ranges = Ranges(low, [2 * pi()] * count + still)
         return paved(self.equations, ranges, self._covers, self._take_real, MOST_BOXES)
 
     def _covers(self, centres: Floats, radii: Floats) -> Bools:
@@ -274,15 +271,15 @@ class _Search:
         """Try a real configuration; return whether there is a new root."""
         before = len(self.real)
         if not self._covers(place[None], 0.0 * place[None])[0]:
-            self.take(place[: self.equations.unknowns].astype(complex).tolist())
+            self.take(place[: self.equations.unknowns].tolist())
         return len(self.real) > before
 
 
 def _place(root: Root) -> tuple[float, ...]:
     """Return where a root comes in the order: real ones first, by their angles."""
     middles = [complex(ball) for ball in root.centre]
-    wrapped = [float(np.round(np.remainder(m.real + np.pi, 2 * np.pi), 9)) for m in middles]
-    return (float(not root.real), *wrapped, *(m.imag for m in middles))
+    wrapped = [float(np.round(np.remainder(m.real + np.pi, TURN), 9)) for m in middles]
+    return (not root.real, *wrapped, *(m.imag for m in middles))
 
 
 def pair_angles(equations: Equations, places: Sequence[Ball]) -> list[Ball]:
@@ -298,6 +295,5 @@ def pair_angles(equations: Equations, places: Sequence[Ball]) -> list[Ball]:
             frame @ placed[link][()].T
             for link, frame in zip(ends, equations.frames[number], strict=True)
         )
-        cosine, sine, _ = first @ second[0]
-        angles.append(angle_of(cosine, sine))
+        angles.append(angle_of(*(first[:2] @ second[0])))
     return angles

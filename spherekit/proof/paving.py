@@ -100,8 +100,8 @@ class Ranges:
         Where a variable has only one angle they are of that.
         """
         centres = self.centres(boxes)
-        numbers, back = np.unique(centres.ravel(), return_inverse=True)
-        made = circle(numbers)[back].reshape(*centres.shape, 2)
+        numbers, back = np.unique(centres, return_inverse=True)
+        made = circle(numbers)[back]
         fixed = self.extent == 0.0
         made[:, fixed] = circle(self.low)[fixed]
         return made
@@ -124,15 +124,11 @@ def cut_up(
     """
     waiting, looked_at, working = [boxes], 0, ProgressReporter(doing)
     while waiting:
-        boxes = waiting.pop()
-        if boxes.shape[1] > most:
-            waiting.append(boxes[:, most:])
-            boxes = boxes[:, :most]
+        boxes, later = np.split(waiting.pop(), [most], axis=1)
         looked_at += boxes.shape[1]
         working.tell(lambda: f"{looked_at} boxes")  # noqa: B023
         left = judged(boxes, looked_at)
-        if left.shape[1]:
-            waiting.append(left)
+        waiting += [part for part in (later, left) if part.shape[1]]
     return looked_at
 
 
@@ -174,8 +170,8 @@ def paved(
         new = False
         for row in small[:: max(1, len(small) // TRIED)]:
             place = corrected(equations, centres[row], moved)
-            near = place is not None and np.abs(place - centres[row])
-            if place is not None and np.max(near) <= 4.0 * np.max(radii[row]):
+            near = 4.0 * np.max(radii[row])
+            if place is not None and np.max(np.abs(place - centres[row])) <= near:
                 new |= taken(place)
         if new:
             kept[kept] = ~covered(centres[kept], radii[kept])
@@ -210,7 +206,7 @@ class InputMap:
 
     written: Written
     construction: Construction
-    range_texts: tuple[tuple[str, str], ...]
+    range_texts: Sequence[tuple[str, str]]
     centres: Floats
     radii: Floats
     kind: Indices
@@ -239,9 +235,8 @@ class InputMap:
         away = np.abs(self.centres - q) - self.radii
         low = np.min(self.centres - self.radii, axis=0)
         high = np.max(self.centres + self.radii, axis=0)
-        gaps = np.max(away[self.kind != REGULAR], axis=1, initial=-np.inf)
-        nearest = float(np.min(gaps, initial=np.inf))
-        return max(min(nearest, float(min(np.min(q - low), np.min(high - q)))) - 1e-12, 0.0)
+        gaps = np.max(away[self.kind != REGULAR], axis=1)
+        return max(np.min([*gaps, *(q - low), *(high - q)]) - 1e-12, 0.0)
 
     @property
     def claim(self) -> Completeness:
@@ -295,8 +290,7 @@ def input_map(
         systems = systems_of(Equations(written, made))
         boxes, kinds, modes = _judged(systems, ranges, cell)
         centres, radii = ranges.centres(boxes), ranges.radii(boxes)
-    texts = tuple(range_texts)
-    return InputMap(written, made, texts, centres, radii, kinds, modes, systems)
+    return InputMap(written, made, range_texts, centres, radii, kinds, modes, systems)
 
 
 def _judged(
@@ -334,7 +328,7 @@ def _judged(
     for place, counts in fine.items():
         same = len(counts) == 1 and -1 not in counts
         kind = REGULAR if same else CONTAINS if len(counts - {-1}) > 1 else UNDECIDED
-        at = np.array([[cell], [place]], dtype=np.int64)
+        at = np.array([[cell], [place]])
         done.append((at, np.array([kind]), np.array([max(counts) if same else -1])))
     boxes, kinds, modes = zip(*done, strict=True)
     return np.concatenate(boxes, axis=1), np.concatenate(kinds), np.concatenate(modes)

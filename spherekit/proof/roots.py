@@ -56,8 +56,10 @@ class Root:
 
     def apart(self, other: "Root") -> bool:
         """Return whether two solutions are proven different, up to whole turns."""
-        pairs = zip(self.points(), other.points(), strict=True)
-        return any(not one.overlaps(two) for one, two in pairs)
+        return any(
+            not one.overlaps(two)
+            for one, two in zip(self.points(), other.points(), strict=True)
+        )
 
     def leads_to(self, near: Sequence[complex]) -> bool:
         """Return whether an approximation is in its ball, whole turns away or not."""

@@ -22,12 +22,12 @@ from spherekit.proof.balls import (
     FEWEST,
     Digits,
     Frames,
+    exact,
     exactly,
     floats,
     middles,
     pi,
     series,
-    square_root,
 )
 from spherekit.proof.linkage import ROUNDING, Closed, Linkage, largest, turning_rates
 from spherekit.rates.request import PoleField, Request
@@ -160,8 +160,8 @@ def exact_rows_by_input(
             axes = linkage.axes(solution.values, placed)
             values = solution.values, way[1], placed, axes, *w
             entries: list[Any] = [_where(status == Status.OK, balls) for balls in values]
-            entries += [None] * (3 - order)
-            entries += [solution.distance, solution.residual, solution.condition, status]
+            entries += [*[None] * (3 - order), solution.distance, solution.residual]
+            entries += [solution.condition, status]
             made.append(ExactRows(arithmetic, mechanism, pair, *entries))
     return tuple(made)
 
@@ -169,7 +169,7 @@ def exact_rows_by_input(
 def _where(good: Bools, balls: Array) -> Array:
     """Return balls (n, ...) with NaN in the rows that are not good."""
     kept = balls.copy()
-    kept[~good] = exactly(np.nan)[()]
+    kept[~good] = exact(np.nan)
     return kept
 
 
@@ -233,8 +233,8 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Array:
                 turns | (rests & leaves), np.where(turns[:, None], moving, change)
             )
         side = np.where(np.sum(floats(along) * toward, axis=1) < 0.0, -1.0, 1.0)
-        made = along * (side / _lengths(along))[:, None]
-        return _where(np.all(np.isfinite(toward), axis=1), made)
+        sure = np.all(np.isfinite(toward), axis=1)
+        return _where(sure, along * (side / _lengths(along))[:, None])
 
 
 def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleField:
@@ -260,8 +260,11 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
         raise ValueError("a field needs rows of order 2 or 3")
     made: dict[str, Any] = {"direction": {}, "direction_dq": {}}
     for name in (
-        *("angle", "planes", "error"),
-        *("velocity_coefficient_error", "acceleration_coefficient_error"),
+        "angle",
+        "planes",
+        "error",
+        "velocity_coefficient_error",
+        "acceleration_coefficient_error",
     ):
         given = getattr(field, name)
         made[name] = {pole: np.full_like(x, np.nan) for pole, x in given.items()}
@@ -312,4 +315,4 @@ def _relative(w: Array, pole: Pole) -> Array:
 
 def _lengths(vectors: Array) -> Array:
     """Return lengths (n,) of the centres of vectors (n, 3): a ball about 0 has no root."""
-    return np.asarray(square_root(np.sum(middles(vectors) ** 2, axis=1)))
+    return np.asarray(np.sqrt(np.sum(middles(vectors) ** 2, axis=1)))

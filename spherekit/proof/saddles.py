@@ -19,12 +19,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherekit.arrays import Array, Floats
+from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.proof.balls import (
     Ball,
     bits,
     circle,
-    exact,
     exactly,
     floats,
     lower,
@@ -60,7 +59,7 @@ def _slopes(bend: Array, slack: float) -> dict[int, tuple[float, float]]:
 
 def _along(
     ways: Array, bend: Array, slope: float, off: float
-) -> tuple[list[Ball], list[int]]:
+) -> tuple[list[Ball], Indices]:
     """Return slopes of g by u and v, and signs of the rates, in a direction (1, slope).
 
     With (u, v) the way from the saddle, g is its level and half the form of g'', and the
@@ -70,12 +69,13 @@ def _along(
     """
     most = off * max(1.0, abs(slope))
     by_u, by_v = by = [wide(entry, most) for entry in bend @ exactly([1.0, slope])]
-    return by, [int(r > 0) - int(r < 0) for r in ways @ np.array([-by_v, by_u])]
+    rates = ways @ [-by_v, by_u]
+    return by, (rates > 0).astype(int) - (rates < 0)
 
 
 def _outward(
     ways: Array, bend: Array, farthest: float, slack: float, off: float, spare: float
-) -> tuple[dict[Quadrant, tuple[int, ...]], dict[Quadrant, tuple[float, ...]]]:
+) -> tuple[dict[Quadrant, Indices], dict[Quadrant, Floats]]:
     """Return the signs of all rates outward on the arms, and how far variables go.
 
     The form of `bend` is at most `slack` times the square of the way there. The way is at
@@ -87,24 +87,23 @@ def _outward(
         proven = one[0] > 0 and other[0] > 0
         directions = [*ends, np.clip(k, min(ends), max(ends))]
         sides = [np.array([1.0, slope]) / max(1.0, abs(slope)) for slope in directions]
-        far = [max(map(upper, row)) for row in ways @ exactly(sides).T]
+        far = np.array([max(map(upper, row)) for row in ways @ exactly(sides).T])
         for v in (1, -1):
-            rates = (m if m == n else 0 for m, n in zip(first, last, strict=True))
-            signs[k * v, v] = tuple(v * proven * rate for rate in rates)
-            reach[k * v, v] = tuple(way * farthest + spare for way in far)
+            signs[k * v, v] = v * proven * np.where(first == last, first, 0)
+            reach[k * v, v] = far * farthest + spare
     return signs, reach
 
 
-def _passes(ways: Array, bend: Array, level: Ball, steep: float) -> tuple[bool, ...]:
+def _passes(ways: Array, bend: Array, level: Ball, steep: float) -> Bools:
     """Return which rates vanish nowhere on the two arcs of a level that is not 0."""
     # the way is at least what makes the form as large as the level is
-    least = float(np.sqrt(lower(level) / sum(map(upper, bend.flat))))
+    least = np.sqrt(lower(level) / sum(map(upper, bend.flat)))
     slopes, off = _slopes(bend, 4.004 * steep / least), 1.001 * steep / least
     # one arc and its mirror image: from quadrant to quadrant over v or over u
     turned, side, end = (-1, 1, 0) if level > 0 else (1, 0, 1)
     (one, first), (other, last) = (_along(ways, bend, slopes[k][end], off) for k in (1, -1))
     whole = turned * one[side] > 0 and other[side] > 0
-    return tuple(whole and k == turned * m != 0 for k, m in zip(first, last, strict=True))
+    return np.asarray(whole & (first == turned * last) & (first != 0))
 
 
 PRECISIONS = (80, 160, 320, 640)
@@ -143,14 +142,13 @@ class Saddle(Zone):
     level: int | None
     gap: float
     zone: Floats
-    rates: Mapping[Quadrant, tuple[int, ...]]
-    reach: Mapping[Quadrant, tuple[float, ...]]
-    passes: tuple[bool, ...] = ()
+    rates: Mapping[Quadrant, Indices]
+    reach: Mapping[Quadrant, Floats]
+    passes: Bools
 
     def on(self, quadrant: Quadrant) -> Floats:
         """Return a place (v,) near an arm, not far from where it leaves."""
-        u, v = 0.9 * FLATTER * self.limits[0], 0.9 * self.limits[1]
-        way = np.array([u * quadrant[0], v * quadrant[1]])
+        way = 0.9 * np.array([FLATTER, 1.0]) * self.limits[:2] * quadrant
         return self.centre + self.frame[:, :2] @ way
 
     def quadrant(self, place: Floats, off: float) -> Quadrant | None:
@@ -176,7 +174,7 @@ def saddle_near(
     with bits(PRECISIONS[0]), suppress(ZeroDivisionError):
         form = _form(equations, place)
         size = WIDEST
-        while form is not None and size > NARROWEST:
+        while size > NARROWEST:
             shown = form.shown(size, crosses)
             if shown is not None and fits(shown):
                 # of a smaller one more signs of rates may be known, or arms reach less
@@ -187,27 +185,21 @@ def saddle_near(
     return None
 
 
-def _form(equations: Equations, place: Floats) -> "_Form | None":
+def _form(equations: Equations, place: Floats) -> "_Form":
     """Return coordinates in which the curves at a saddle are diagonals of a rectangle.
 
     Raises
     ------
     ZeroDivisionError
-        If a centre next to the place has no such coordinates.
+        If no centre next to the place has such coordinates.
     """
-    form = _Form.about(equations, place)
-    critical = form.critical(exactly(place)) if form else None
-    if critical is None:
-        return None
-    centre = floats(critical)
+    centre = floats(_Form.about(equations, place).critical(exactly(place)))
     form = _Form.about(equations, centre)
-    if form is None or not np.max(np.abs(centre - place)) < FARTHEST:
-        return None
-    _, residual = form.open(exactly(centre))
-    _, second = form.solved(exactly(centre), residual)
+    _, second = form.solved(exactly(centre), form.open(exactly(centre))[1])
     (low, high), vectors = np.linalg.eigh(floats(second[-1, 1:, 1:]))
-    if not (low < 0.0 < high and min(-low, high) > 1e-6 * max(-low, high)):
-        return None
+    told = low < 0.0 < high and min(-low, high) > 1e-6 * max(-low, high)
+    if not (told and np.max(np.abs(centre - place)) < FARTHEST):
+        raise ZeroDivisionError
     frame, turned = form.frame.copy(), vectors[:, ::-1]
     frame[:, :2] = frame[:, :2] @ turned
     units = np.array([high, -low]) ** -0.5
@@ -233,20 +225,26 @@ class _Form:
     lifted: Floats
 
     @staticmethod
-    def about(equations: Equations, place: Floats) -> "_Form | None":
-        """Return one by the rank that F' is nearest to losing; None if it is more."""
+    def about(equations: Equations, place: Floats) -> "_Form":
+        """Return one by the rank that F' is nearest to losing.
+
+        Raises
+        ------
+        ZeroDivisionError
+            If it is more than one.
+        """
         _, slopes = equations.real.derivatives(circle(place[None]), 1)
         left, sizes, right = np.linalg.svd(slopes[0])
-        if len(sizes) > 1 and not sizes[-2] > 1e-6 * sizes[0]:
-            return None
-        frame = np.asarray(np.roll(right, 2, axis=0).T)
+        if not np.all(sizes[:-1] > 1e-6 * sizes[0]):
+            raise ZeroDivisionError
+        frame = np.roll(right, 2, axis=0).T
         return _Form(equations, place, frame, left[:, -1], np.ones(2), np.ones(0))
 
     def open(self, place: Array) -> tuple[Ball, Array]:
         """Return a number near g at a place, and by how much F differs from it (k,)."""
         (values,), missed = self.equations.arrays(place, 0), exactly(self.missed)
-        level: Ball = missed @ values
-        return level.mid(), values - level.mid() * missed
+        level = middles(missed @ values)
+        return level, values - level * missed
 
     def solved(self, places: Array, residual: Array, order: int = 2) -> list[Array]:
         """Return how (z, g) moves, (v + 1, 3): by a residual of F, and with u and v.
@@ -267,8 +265,14 @@ class _Form:
             made.append(solved(square, right).reshape(-1, 3, 3))
         return made
 
-    def critical(self, place: Array) -> Array | None:
-        """Return centres next to where the slopes of g are 0; nothing rests on them."""
+    def critical(self, place: Array) -> Array:
+        """Return centres next to where the slopes of g are 0; nothing rests on them.
+
+        Raises
+        ------
+        ZeroDivisionError
+            If there is none next to a place.
+        """
         for _ in range(NEWTON):
             first, second = self.solved(place, self.open(place)[1])
             slope = middles(first[-1, 1:] + second[-1, 0, 1:])
@@ -276,7 +280,7 @@ class _Form:
             change = middles(first[:-1, 0] + first[:-1, 1:] @ flat)
             far = np.max(np.abs(floats(change)))
             if not far < 0.5:
-                return None
+                raise ZeroDivisionError
             place = middles(place + change)
             if far < 2.0 ** (8 - precision()):
                 break
@@ -287,15 +291,15 @@ class _Form:
         flat, normals = np.array([1.0, FLATTER]) * size * self.units, self.frame[:, 2:].T
         centre = exactly(self.centre)
         level, residual = self.open(centre)
-        reach = 0.2 * size + float(np.max(flat @ self.lifted @ flat, initial=0.0))
+        reach = 0.2 * size + np.max(flat @ self.lifted @ flat, initial=0.0)
         limits = np.array([*flat, *[reach] * len(normals)])
         try:
             first, second = self.solved(self._over(limits), residual)
             ways, bend = first[:-1, 1:], second[-1, 1:, 1:]
             # on the way from the residual at the centre, and from there to u and v
             aside = normals @ first[:-1, 0] + (normals @ ways) @ _about(flat)
-            inside = all(upper(e) < reach for e in aside)
-            if not (inside and bend[0, 0] > 0 and bend[1, 1] < 0):
+            convex = bend[0, 0] > 0 and bend[1, 1] < 0
+            if not (convex and all(upper(way) < reach for way in aside)):
                 return None
             value, slope = self._there(centre, level, first[:, 0])
             if not _sides(limits, value, slope, bend):
@@ -304,14 +308,14 @@ class _Form:
             # in units, which are 1 at most
             units = exactly(self.units)
             arms = ways * units, bend * units * units[:, None], 1.001 * size
+            nowhere = np.zeros(limits.shape, dtype=bool)
             if crosses(Zone(*part)):
-                return Saddle(
-                    *part, 0, 0.0, 0.0 * limits, *_outward(*arms, 0.0, 0.0, 1e-12)
-                )
+                signs, far = _outward(*arms, 0.0, 0.0, 1e-12)
+                return Saddle(*part, 0, 0.0, 0.0 * limits, signs, far, nowhere)
             level, steep = self._level(limits)
             least = min(lower(bend[0, 0]), lower(bend[1, 1]))
             height, sign = upper(level), int(level > 0) - int(level < 0)
-            gap = float(2.0 * np.sqrt(2.0 * height / least))
+            gap = 2.0 * np.sqrt(2.0 * height / least)
             away = FAR * gap + 1e4 * steep / least + 1e-300
             slack, off = 2.001 * (height / away + 2.0 * steep) / away, 1.001 * steep / away
             return Saddle(
@@ -320,7 +324,7 @@ class _Form:
                 gap,
                 4.0 * away * np.array([sum(map(upper, row)) for row in ways]) + 1e-12,
                 *_outward(*arms, slack, off, 4.0 * away),
-                _passes(*arms[:2], level, steep) if sign else (),
+                _passes(*arms[:2], level, steep) if sign else nowhere,
             )
         except ZeroDivisionError:
             return None
@@ -346,15 +350,13 @@ class _Form:
         ZeroDivisionError
             If no place next to the centre is flat.
         """
-        written, made = self.equations.written, self.equations.construction
-        place, most = exactly(self.centre), 2.002 * float(np.max(limits[:2]))
+        place, most = exactly(self.centre), 2.002 * np.max(limits[:2])
         for digits in PRECISIONS:
             with bits(digits):
-                form = replace(self, equations=Equations(written, made))
-                critical = form.critical(place)
-                if critical is None:
-                    raise ZeroDivisionError
-                off, place = (floats(critical) - self.centre) @ self.frame, critical
+                made = Equations(self.equations.written, self.equations.construction)
+                form = replace(self, equations=made)
+                place = form.critical(place)
+                off = (floats(place) - self.centre) @ self.frame
                 if not np.all(np.abs(off) < 1e-3 * limits):
                     raise ZeroDivisionError
                 level, residual = form.open(place)
@@ -369,9 +371,9 @@ class _Form:
 
 def _sides(limits: Floats, value: Ball, slope: Array, bend: Array) -> bool:
     """Return whether g is positive on the sides of u and the arms are in quadrants."""
-    u, v = float(limits[0]), float(limits[1])
-    level, steep = upper(value), [upper(e) for e in slope]
-    least = [lower(bend[j, j]) for j in (0, 1)]
+    u, v, *_ = limits
+    level, steep = upper(value), [*map(upper, slope)]
+    least = [*map(lower, bend.diagonal())]
     side = least[0] * u * u - 2 * upper(bend[0, 1]) * u * v - upper(bend[1, 1]) * v * v
     out = 0.5 * side - steep[0] * u - steep[1] * v - level
     inner = INNER * v
@@ -381,4 +383,4 @@ def _sides(limits: Floats, value: Ball, slope: Array, bend: Array) -> bool:
 
 def _about(radii: Floats) -> Array:
     """Return balls about 0."""
-    return np.array([wide(exact(0.0), float(radius)) for radius in radii])
+    return np.array([wide(0.0, radius) for radius in radii])

@@ -68,7 +68,7 @@ class Search:
     def take(self, place: Floats) -> bool:
         """Follow the curve through a configuration; return whether anything is new."""
         before = len(self.chains), len(self.crossings.saddles)
-        if not self.side(float(place[-1]), OUTSIDE):
+        if not self.side(place[-1], OUTSIDE):
             self._follow(place)
         return (len(self.chains), len(self.crossings.saddles)) != before
 
@@ -78,13 +78,10 @@ class Search:
         Arms that end the range are kept too.
         """
         for _ in range(MOST_SADDLES):
-            count = len(self.crossings.saddles)
-            for row in range(0, len(centres), max(1, len(centres) // TRIED)):
-                if self.crossings.find(centres[row]):
-                    break
-            if len(self.crossings.saddles) == count:
+            some = centres[:: max(1, len(centres) // TRIED)]
+            if not any(map(self.crossings.find, some)):
                 break
-            self._cut(self.crossings.saddles[count:])
+            self._cut(self.crossings.saddles[-1:])
             open_ = ~self.crossings.covers(centres, radii)
             centres, radii = centres[open_], radii[open_]
         self._end_arms()
@@ -109,8 +106,8 @@ class Search:
                 if not any(piece.holds(start.centre, start.miss) for piece in closed)
             ]
             self._keep([*kept, chain])
-        if len(self.crossings.saddles) > count:
-            self._cut(self.crossings.saddles[count:])
+        if new := self.crossings.saddles[count:]:
+            self._cut(new)
 
     def _cut(self, saddles: Sequence[Saddle]) -> None:
         """Follow the chains again that go into saddles that were not known then."""
@@ -127,7 +124,7 @@ class Search:
 
     def _within(self, chain: Chain) -> list[CertifiedArc]:
         """Return the pieces of a chain whose centre is in the range."""
-        return [p for p in chain.pieces if not self.side(float(p.centre[-1]), 0.0)]
+        return [p for p in chain.pieces if not self.side(p.centre[-1], 0.0)]
 
     def _known(self, place: Floats, off: float) -> bool:
         """Return whether a place, off by at most `off`, may be in a piece or a saddle."""
@@ -148,8 +145,11 @@ class Search:
 
     def _arms(self) -> Iterator[tuple[Arm, int, int]]:
         """Yield all arms, how many chains end there, and the sense of the input on them."""
-        chains = self.chains
-        ends = Counter(e for c in chains for e in self.crossings.ends(c.pieces, c.closed))
+        ends = Counter(
+            arm
+            for chain in self.chains
+            for arm in self.crossings.ends(chain.pieces, chain.closed)
+        )
         for number, saddle in enumerate(self.crossings.saddles):
             for quadrant, rates in sorted(saddle.rates.items(), reverse=True):
                 arm = number, quadrant
@@ -163,22 +163,21 @@ class Search:
         if any(self._strays(chain) for chain in self.chains):
             return True
         for (number, _), count, rate in self._arms():
-            q = float(self.crossings.saddles[number].centre[-1])
-            away = rate * self.side(q, -OUTSIDE) > 0
-            if count > 1 or (count == 0 and not away):
+            q = self.crossings.saddles[number].centre[-1]
+            if count > 1 or (count == 0 and rate * self.side(q, -OUTSIDE) <= 0):
                 return True
         return False
 
     def _end_arms(self) -> None:
         """Add a chain of one piece for arms that leave the range before their saddle."""
-        for arm, count, rate in list(self._arms()):
+        for arm, count, rate in self._arms():
             if count:
                 continue
             place = corrected(self.equations, self.crossings.saddles[arm[0]].on(arm[1]))
             piece = place is not None and piece_at(self.equations, place, None, LONGEST)
             if not piece or self.crossings.arm(piece) != arm:
                 continue
-            if rate * self.side(float(piece.centre[-1]), 0.0) > 0:
+            if rate * self.side(piece.centre[-1], 0.0) > 0:
                 self._keep([*self.chains, Chain((piece,), False)])
 
     def _strays(self, chain: Chain) -> bool:
@@ -191,8 +190,10 @@ class Search:
 
         begin, end = self.crossings.ends(pieces, chain.closed)
         first, last = on(begin, arms), on(end, arms[::-1])
-        inner = pieces[first : len(pieces) - last]
-        return any(self.crossings.may_hold(p.centre, p.miss) for p in inner)
+        return any(
+            self.crossings.may_hold(piece.centre, piece.miss)
+            for piece in pieces[first : len(pieces) - last]
+        )
 
     def problems(self) -> list[str]:
         """Return why chains are not whole curves, or not known to be different."""

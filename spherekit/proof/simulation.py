@@ -41,7 +41,6 @@ from spherekit.proof.balls import (
     library,
     middles,
     series,
-    square_root,
 )
 from spherekit.proof.linkage import Closed, Linkage, left_inverse, turning_rates
 from spherekit.proof.rows import ExactRows
@@ -112,9 +111,9 @@ def knots(parts: Sequence[Component], until: float) -> list[Ball]:
             farthest = until + max(abs(table.times[0]), abs(table.times[-1]))
             turns = int(farthest / float(period)) + 1 if table.periodic else 0
             for turn in range(-turns, turns + 1):
-                every += [(t + turn * period).mid() for t in times]
+                every += [*middles(times + turn * period)]
     inside = {float(t): t for t in every if 0.0 < float(t) < until}
-    return [inside[t] for t in sorted(inside)]
+    return sorted(inside.values(), key=float)
 
 
 def _of_table(table: TorqueTable, t: Array, inside: float) -> Array:
@@ -123,8 +122,7 @@ def _of_table(table: TorqueTable, t: Array, inside: float) -> Array:
     period = times[-1] - times[0]
     passed = np.floor((inside - table.times[0]) / float(period))
     turn = int(passed) if table.periodic else 0
-    after = np.searchsorted(table.times, inside - turn * float(period))
-    k = int(np.clip(after, 1, len(times) - 1))
+    k = 1 + np.searchsorted(table.times[1:-1], inside - turn * float(period))
     slope = (torques[k] - torques[k - 1]) / (times[k] - times[k - 1])
     return torques[k - 1] + slope * (t - turn * period - times[k - 1])
 
@@ -250,13 +248,12 @@ class ExactSimulation:
                 part for load in mechanism.loads for part in load.components(mechanism)
             ]
             self._count = count = 10 + arithmetic.digits
-            arb = library().arb
-            rows = [arb.legendre_p_root(count, k, weight=True) for k in range(count)[::-1]]
+            root = library().arb.legendre_p_root
+            rows = [root(count, k, weight=True) for k in range(count)[::-1]]
             self._nodes, weights = middles(np.array(rows)).T
-            polynomials = legvander(self._nodes, count - 1)
+            polynomials = legvander(self._nodes, count - 1) * (np.arange(count) + 0.5)
             # coefficients from values at the nodes, and integrals from the start to these
-            odd = np.arange(count) + 0.5
-            self._series = middles((polynomials * weights[:, None] * odd).T)
+            self._series = middles((polynomials * weights[:, None]).T)
             self._integrals = middles(_value(_integral(self._series), self._nodes))
             self._grid = np.linspace(-1.0, 1.0, GRID * count + 1)
             self._run(driven, q, dq)
@@ -270,10 +267,10 @@ class ExactSimulation:
         t = np.asarray(t, dtype=float)
         with self.arithmetic.within():
             times = np.where(t >= float(self.end), self.end, exactly(t))
-            starts = [float(step.start) for step in self._steps]
-            owner = np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)
-            shape = 3, len(t), len(self.mechanism.variable_owners)
-            states: Array = np.empty(shape, dtype=object)
+            later = [float(step.start) for step in self._steps[1:]]
+            owner = np.searchsorted(later, t, side="right")
+            count = len(self.mechanism.variable_owners)
+            states: Array = np.empty((3, len(t), count), dtype=object)
             for number in np.unique(owner):
                 rows = owner == number
                 states[:, rows] = self._states(self._steps[number], times[rows])
@@ -288,7 +285,7 @@ class ExactSimulation:
         placed, _ = self._linkage.place(series(values, first, second))
         (w, dw), placed = turning_rates(placed, 2), coefficient(placed, 0)
         B, dB = inertia(self.mechanism, placed, w, dw)
-        speed = p / square_root(B)
+        speed = p / np.sqrt(B)
         moving = Moving(values, first, w, placed, speed, t)
         push, _ = self._force(moving, step.sides, float(step.start + step.length / 2))
         change = (push - dB * speed * speed / 2) / B
@@ -347,7 +344,8 @@ class ExactSimulation:
                 if moment.arm is not None:
                     w = np.cross(w, turn @ exactly(moment.arm))
                 direction = exactly(moment.direction)
-                direction = turn @ direction if moment.axes == "link" else direction
+                if moment.axes == "link":
+                    direction = turn @ direction
                 rates.append(np.sum(w * direction, axis=1))
             total = total + magnitude * sum(rates)
         return total, conditions
@@ -378,7 +376,7 @@ class ExactSimulation:
         miss[:, free] = -(inverse @ gaps[..., None])[..., 0]
         w = linkage.velocities(vectors, rates)
         B, _ = inertia(self.mechanism, placed, w, w)
-        return Moving(values, rates, w, placed, t, t), square_root(B), miss
+        return Moving(values, rates, w, placed, t, t), np.sqrt(B), miss
 
     def _run(self, driven: int, q: float, dq: float) -> None:
         start, along = exactly(np.zeros(1)), driven
@@ -396,7 +394,7 @@ class ExactSimulation:
             if abs(rates[best]) > PREFERRED:
                 along, p = best, p if rates[best] > 0.0 else -p
             left = (targets[0] - self.end).mid()
-            length = left if left < length else length
+            length = min(length, left)
             step: _Step | None = None
             while step is None or step.error > ACCEPTED:
                 if float(length) < min(SHORTEST * self.until, float(left)):
@@ -406,9 +404,10 @@ class ExactSimulation:
                     )
                 step = self._picard(values[0, along], p, along, length, sides)
                 length = (length / 2).mid()
-            roots = self._roots(step)
             x, switch, at_once = min(
-                roots, key=lambda r: float(r[0]), default=(exact(1.0), None, False)
+                self._roots(step),
+                key=lambda root: float(root[0]),
+                default=(exact(1.0), None, False),
             )
             if at_once and switch == flipped:
                 self.kind = "sticking"
@@ -439,8 +438,8 @@ class ExactSimulation:
         """Return a step of a length, None where the iteration does not end."""
         half = length / 2
         t, inside = self.end + half * (self._nodes + 1), float(self.end + half)
-        near, pace = self._guess(floats(t))
-        values, speed = exactly(near), exactly(pace[:, along])
+        values, rates = map(exactly, self._guess(floats(t)))
+        speed = rates[:, along]
         here = values[:, along] = middles(c + half * (self._integrals @ speed))
         push: Array | None = None
         last = np.inf

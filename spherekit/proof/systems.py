@@ -174,7 +174,7 @@ class System:
         made = [real.powers(row, self.unknowns, turns) for row in rows]
         largest = [max(np.max(np.abs(array), initial=0.0) for array in two) for two in made]
         error = real.error[rows] * np.max(self.degrees, axis=1, initial=1)
-        error += ROUNDING * (1.0 + np.array(largest))
+        error += ROUNDING * np.add(1.0, largest)
         values, slopes = zip(*made, strict=True)
         return Polynomials(values, slopes, error, self.equations.bound[rows], self.degrees)
 
@@ -187,21 +187,21 @@ class System:
         which roots are real. Then what `_angles` says of them. Boxes have their centres,
         turns and half widths.
         """
-        bound, earlier = self.bound, self.solved
-        eye = np.broadcast_to(np.eye(centres.shape[1]), (*centres.shape, centres.shape[1]))
+        bound, eye = self.bound, np.eye(centres.shape[1])
+        eye = np.broadcast_to(eye, (*centres.shape, len(eye)))
         inputs = centres, turns, eye, 0.0 * centres
         given, turns, moving, off = (
             np.concatenate([modes[name], values], axis=1)[:, self.given]
             for name, values in zip(("angle", "turn", "rates", "off"), inputs, strict=True)
         )
         made = self.at(turns)
-        one = len(self.unknowns) == 1
-        roots, ended = polished(made, roots_of_one(made) if one else self._near(given))
+        near = roots_of_one(made) if len(self.unknowns) == 1 else self._near(given)
+        roots, ended = polished(made, near)
         good, radius, unique, width, reach, rates = tubes(made, roots, half, moving, off)
         whole = are_apart(roots, radius, ended, bound)
-        parts = [slice(k * bound, (k + 1) * bound) for k in range(len(given))]
-        earlier += [(given[k], roots.take(parts[k])) for k in np.flatnonzero(whole)]
-        del earlier[:-MOST_KNOWN]
+        for k in np.flatnonzero(whole):
+            self.solved.append((given[k], roots.take(slice(k * bound, (k + 1) * bound))))
+        del self.solved[:-MOST_KNOWN]
         real, off_circle = are_real(roots, radius, unique)
         apart = are_apart(roots, radius, good & (real | off_circle), bound)
         angles = _angles(roots, half[roots.row], width, reach, rates)
@@ -285,12 +285,9 @@ def counted(
         good[modes["row"][~apart]] = False
         (kept,) = np.nonzero(real & good[modes["row"]][row])
         modes = modes[row[kept]]
-        angle, rates, off = (column[kept] for column in columns)
-        turned = circle(angle)
-        for name, column in zip(
-            ("angle", "turn", "rates", "off"), (angle, turned, rates, off), strict=True
-        ):
-            modes[name][:, system.unknowns] = column
+        for name, column in zip(("angle", "rates", "off"), columns, strict=True):
+            modes[name][:, system.unknowns] = column[kept]
+        modes["turn"][:, system.unknowns] = circle(columns[0][kept])
     return good, np.bincount(modes["row"], minlength=m)
 
 
@@ -307,6 +304,6 @@ def _angles(
     # log(1 + w) is off from w by at most this
     w = reach / size
     off = 0.5 * w**2 / (1.0 - w) + width[:, None] / size
-    lost = 1e-15 * applied(np.abs(rates), half)
-    off = np.where(w < 0.5, 1.05 * off + np.abs(size - 1.0) + lost + 1e-13, np.inf)
+    off = 1.05 * off + np.abs(size - 1.0) + 1e-15 * applied(np.abs(rates), half) + 1e-13
+    off = np.where(w < 0.5, off, np.inf)
     return np.asarray(sense * np.angle(roots.z)), rates.real, off

@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spherekit.arrays import Bools, Floats
 from spherekit.numeric.crossings import wrap
@@ -83,12 +84,12 @@ class CertifiedArc(Zone):
     @property
     def half(self) -> float:
         """The half length, h."""
-        return float(self.limits[0])
+        return self.limits[0]
 
     @property
     def radius(self) -> float:
         """The radius, r."""
-        return float(self.limits[1])
+        return self.limits[1]
 
     @property
     def tangent(self) -> Floats:
@@ -97,7 +98,7 @@ class CertifiedArc(Zone):
 
     def beside(self, half: float) -> float:
         """Return how far the arc is from the axis where |s| <= half, at most."""
-        tight, _, _ = self.test.arc(np.array(half), self.limits[1])
+        tight, _, _ = self.test.arc(half, self.radius)
         # it is in the piece, which says more where the bounds come to nothing
         return min(float(tight), self.radius)
 
@@ -129,7 +130,7 @@ def piece_at(
     test = Test(equations, derivatives, frame, inverse)
     count = 1 + max(0, math.floor(math.log(SHORTEST_PIECE / longest) / math.log(SHRINK)))
     halves: Floats = longest * SHRINK ** np.arange(float(count))[:, None]
-    radii: Floats = halves * np.array(WIDTHS)
+    radii: Floats = halves * WIDTHS
     tight, rows, _ = test.arc(halves, radii)
     proven = np.argwhere((tight * UP < radii) & (rows < 1.0))
     if not len(proven):
@@ -138,7 +139,7 @@ def piece_at(
     half, radius = float(halves[at[0], 0]), float(radii[at])
     # lengths, not components: other pieces see them from other sides
     scale = math.sqrt(len(inverse)) * UP
-    miss = float(test.arc(np.zeros(()), radii[at])[0])
+    miss = float(test.arc(0.0, radius)[0])
     limits = np.array([half, *[radius] * len(inverse)])
     return CertifiedArc(centre, frame, limits, tight[at] * scale, miss * scale, test)
 
@@ -176,13 +177,13 @@ class Test:
         bent = (reach[..., None, None, :] @ np.abs(self.bent))[..., 0, :]
         return (self._slopes + bent + self.size @ (beyond[..., None] * self.degrees)) * UP
 
-    def arc(self, half: Floats, radius: Floats) -> tuple[Floats, Floats, Floats]:
+    def arc(self, half: ArrayLike, radius: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Return how far off the axis F is 0 where |s| <= half, if |y| <= radius there.
 
         That is if the sums of the rows of 1 - Y F' N, which come next, are below 1. The
         last is a bound of y'.
         """
-        radius = np.broadcast_to(radius, np.broadcast_shapes(half.shape, radius.shape))
+        half, radius = np.broadcast_arrays(half, radius)
         reach = np.repeat(radius[..., None], self.degrees.shape[1], axis=-1)
         reach[..., 0] = half
         change = self.change(reach)
@@ -207,9 +208,9 @@ def corrected(
         (values,), (slopes,) = equations.real.derivatives(circle(place[None]), 1)
         change, *_ = np.linalg.lstsq(slopes[:, :moved], -values, rcond=1e-13)
         place[:moved] += change
-        size = float(np.max(np.abs(change)))
+        size = np.max(np.abs(change))
         if not size < 1.0:
             return None
         if size < 1e-14:
             break
-    return place if float(np.max(np.abs(values))) < 1e-10 else None
+    return place if np.max(np.abs(values)) < 1e-10 else None
