@@ -40,10 +40,7 @@ def vector(items: Sequence[Expr]) -> Exprs:
 
 def vector_sum(parts: Iterable[Exprs]) -> Exprs:
     """Return the sum of vectors (3,), added in their order."""
-    total = vector([0.0, 0.0, 0.0])
-    for part in parts:
-        total = total + part
-    return total
+    return sum(parts, vector([0.0, 0.0, 0.0]))
 
 
 def constants(matrix: Floats | Exprs) -> Exprs:
@@ -76,7 +73,7 @@ def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
             row = rows[len(rows) - len(columns)]
             total: Expr = 0.0
             for place, column in enumerate(columns):
-                if isinstance(row[column], float) and row[column] == 0.0:
+                if row[column] == 0.0:
                     continue
                 term = row[column] * minor(columns[:place] + columns[place + 1 :])
                 total = total + term if place % 2 == 0 else total - term
@@ -90,15 +87,11 @@ def cofactors(rows: Sequence[Sequence[Expr]]) -> list[list[Expr]]:
     """Return the cofactors of a square matrix: the signed minors without row and column."""
     places = range(len(rows))
 
-    def minor(i: int, j: int) -> Expr:
-        return determinant(
-            [[rows[a][b] for b in places if b != j] for a in places if a != i]
-        )
+    def cofactor(i: int, j: int) -> Expr:
+        rest = [[rows[a][b] for b in places if b != j] for a in places if a != i]
+        return (-1.0) ** (i + j) * determinant(rest)
 
-    return [
-        [minor(i, j) if (i + j) % 2 == 0 else -1.0 * minor(i, j) for j in places]
-        for i in places
-    ]
+    return [[cofactor(i, j) for j in places] for i in places]
 
 
 DesignGeometry = Mapping[tuple[str, Any], Expr]
@@ -177,8 +170,7 @@ def _in_link(
     sizes = geometry.links.get(link, LinkSizes(()))
     varied = (place[0] for kind, place in design if kind in ("arcs", "angles"))
     if link not in varied:
-        frame = reference_frame(axes_from_sizes(sizes), pair)
-        return np.array(frame.tolist(), dtype=object)
+        return reference_frame(axes_from_sizes(sizes), pair).astype(object)
     place = sizes.axes.index(pair)
     leading = place or 1
     if abs(np.sin(sizes.arcs[leading - 1])) < COLLINEAR:

@@ -151,7 +151,7 @@ class Integrator:
         events: Sequence[EventFunction],
     ) -> None:
         module = heyoka()
-        self.events = tuple(events)
+        self.events = events
         self.terminal: list[int] = []
         self.seen: list[tuple[int, float]] = []
         names = _plain([variable for variable, _ in equations])
@@ -167,8 +167,7 @@ class Integrator:
                 sense = {-1: "negative", 0: "any", 1: "positive"}[event.sense]
                 action = {"direction": getattr(module.event_direction, sense)}
             else:
-                note = self._note(which)
-                passing.append(module.nt_event(condition, note))
+                passing.append(module.nt_event(condition, self._note(which)))
                 continue
             ending.append(module.t_event(condition, **action))
             self.terminal.append(which)

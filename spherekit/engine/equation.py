@@ -270,8 +270,7 @@ def _sticking(
 
     def stuck(state: Floats, time: float, constants: Floats) -> bool:
         row = np.concatenate([state, [time], constants])[:, None]
-        values = np.asarray(conditions(row))[:, 0]
         sides = constants[layout.side :]
-        return bool(values[len(sides) + which] * sides[which] < 0.0)
+        return bool(conditions(row)[len(sides) + which, 0] * sides[which] < 0.0)
 
     return stuck

@@ -68,9 +68,9 @@ def _product(a: Expr, b: Expr) -> Expr:
         if one == 1.0:
             return other
         opposite = _negated(other)
-        if opposite is not None and isinstance(one, ExpressionNode):
-            return _product(-1.0, _product(one, opposite))
         if opposite is not None:
+            if isinstance(one, ExpressionNode):
+                return _product(-1.0, _product(one, opposite))
             return _product(-one, opposite)
     return _term("*", *_ordered(a, b))
 
@@ -244,8 +244,8 @@ def hoisted(
         if any(x in moves for x in term.arguments if isinstance(x, ExpressionNode)):
             moves.add(term)
     used = [item for term in order if term in moves for item in term.arguments]
-    still = [x for x in (*used, *items) if isinstance(x, ExpressionNode) and x not in moves]
-    fixed = list(dict.fromkeys(still))
+    still = (x for x in (*used, *items) if isinstance(x, ExpressionNode) and x not in moves)
+    fixed = dict.fromkeys(still)
     new = symbols(f"design_{k}" for k in range(len(fixed)))
     made = substituted(items, dict(zip(fixed, new, strict=True)))
     return made, dict(zip(new, fixed, strict=True))

@@ -229,9 +229,9 @@ class Integration:
         momenta: Floats,
         unit: float,
         close: Callable[[Floats], tuple[Floats, float]],
-        crossed: float = CROSSED,
-        before: Run | None = None,
-        gap: float = 0.0,
+        crossed: float,
+        before: Run | None,
+        gap: float,
     ) -> None:
         self.equation = equation
         self.close, self.crossed = close, crossed
@@ -261,37 +261,32 @@ class Integration:
 
         Runs of one equation in several threads wait for each other.
         """
-        with self.equation.lock:
-            return self._run(targets)
-
-    def _run(self, targets: Sequence[float]) -> Run:
-        integrator = self.equation.integrator
-        self._set_sides(targets[0])
-        integrator.start(self.first, self.time, self._parameters(targets[0]))
-        end: RunEnd = "time"
-        steps = 0
+        integrator, steps = self.equation.integrator, 0
         working = ProgressReporter("simulating")
-        for target in targets:
-            end = "too_many"
-            while steps < MOST_STEPS:
-                taken, outcome = self._stretch(integrator, target, SHORTEST * targets[-1])
-                steps += taken
-                working.tell(lambda: f"{self.time:.4g} of {targets[-1]:.6g} s")
-                if outcome is not None:
-                    end = outcome
+        with self.equation.lock:
+            self._set_sides(targets[0])
+            integrator.start(self.first, self.time, self._parameters(targets[0]))
+            for target in targets:
+                end: RunEnd | None = None
+                while end is None:
+                    taken, end = self._stretch(integrator, target, SHORTEST * targets[-1])
+                    steps += taken
+                    working.tell(lambda: f"{self.time:.4g} of {targets[-1]:.6g} s")
+                    if end is None and steps >= MOST_STEPS:
+                        end = "too_many"
+                if end != "time":
                     break
-            if end != "time":
-                break
-        passed = ((t, integrator.events[which]) for which, t in integrator.seen)
-        return Run(
-            self.equation,
-            tuple(self.stretches),
-            tuple((t, event.kind, event.variable) for t, event in passed),
-            end,
-            self.time,
-            self.drift,
-            self.largest,
-        )
+            assert end is not None
+            passed = ((t, integrator.events[which]) for which, t in integrator.seen)
+            return Run(
+                self.equation,
+                tuple(self.stretches),
+                tuple((t, event.kind, event.variable) for t, event in passed),
+                end,
+                self.time,
+                self.drift,
+                self.largest,
+            )
 
     @property
     def least(self) -> float:
@@ -420,13 +415,10 @@ class Integration:
 
     def _parameters(self, target: float) -> Floats:
         # Within the interval, for at its ends a periodic table may jump.
-        t = self.time
-        inside = np.array([0.75 * t + 0.25 * target, 0.25 * t + 0.75 * target])
-        lines = [t]
+        lines, span = [self.time], target - self.time
         for table in self.tables:
-            one, other = table.at(inside)
-            slope = (other - one) / (inside[1] - inside[0])
-            lines += [one - slope * (inside[0] - t), slope]
+            one, other = table.at(self.time + span * np.array([0.25, 0.75]))
+            lines += [1.5 * one - 0.5 * other, 2.0 * (other - one) / span]
         units = (self.unit, 1.0 / self.unit)
         return np.array([*self.turns, *units, self.least, *self.stops, *lines, *self.sides])
 
@@ -440,6 +432,5 @@ class Integration:
         count = len(self.sides)
         for k in range(count):
             given = np.concatenate([self.first, [self.time], self._parameters(target)])
-            values = np.asarray(self.equation.conditions(given[:, None]))[:, 0]
-            both = values.reshape(2, count)[:, k]
-            self.sides[k] = np.sign(both[0]) or np.sign(both[1]) or 1.0
+            values = np.sign(self.equation.conditions(given[:, None])[:, 0])
+            self.sides[k] = values[k] or values[count + k] or 1.0

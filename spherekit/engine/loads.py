@@ -7,6 +7,7 @@ factor +1 or -1 that the integration changes exactly where a condition passes th
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import add
 
 import numpy as np
 
@@ -77,33 +78,27 @@ def forces_of(parts: Sequence[Component], moving: LoadState) -> list[Expr]:
         )
         if part.pair:
             variable = moving.mechanism.angles[part.pair]
-            totals = [
-                total + magnitude * tau[variable]
-                for total, tau in zip(totals, moving.tau, strict=True)
-            ]
+            worked = (magnitude * tau[variable] for tau in moving.tau)
+            totals = [*map(add, totals, worked)]
         for moment in part.moments:
             key = moment.link, moment.axes, moment.arm
             along = vector([magnitude * component for component in moment.direction])
             on_links[key] = on_links[key] + along if key in on_links else along
     for (link, axes, arm), along in on_links.items():
         number = moving.mechanism.link_number[link]
-        if number and not (arm is not None and not any(arm)):
+        if number and (arm is None or any(arm)):
             turning = _moment(moving.placed[number], axes, arm, along)
-            totals = [
-                total + dot(w[number], turning)
-                for total, w in zip(totals, moving.w, strict=True)
-            ]
+            totals = [*map(add, totals, (dot(w[number], turning) for w in moving.w))]
     return totals
 
 
 def steep_arguments(load: Load, moving: LoadState) -> list[Expr]:
     """Return what the load's `Expression.steep_and_smooth` are; kinks have switches."""
-    laws = [part.magnitude for part in load.components(moving.mechanism)]
     return [
         expression_value(argument, moving)
-        for law in laws
-        if isinstance(law, Expression)
-        for argument in law.steep_and_smooth
+        for part in load.components(moving.mechanism)
+        if isinstance(part.magnitude, Expression)
+        for argument in part.magnitude.steep_and_smooth
     ]
 
 

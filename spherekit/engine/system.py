@@ -114,8 +114,7 @@ class ParameterLayout:
     def _table(self, name: str) -> Expr:
         """Return the torque of a table now."""
         place = self.table + 1 + 2 * self.tables.index(name)
-        since = MOMENT - constant(self.table)
-        return constant(place) + constant(place + 1) * since
+        return constant(place) + constant(place + 1) * (MOMENT - constant(self.table))
 
 
 @dataclass(frozen=True)
@@ -149,8 +148,7 @@ def stop_events(mechanism: Mechanism, state: ParameterLayout) -> Iterator[EventF
 def tensors(mechanism: Mechanism) -> dict[int, Floats]:
     """Return the tensors (3, 3) of links with mass about O, in link axes (kg m2)."""
     return {
-        mechanism.link_number[mass.link]: np.array(mass.tensor, dtype=float)
-        for mass in mechanism.masses
+        mechanism.link_number[mass.link]: np.array(mass.tensor) for mass in mechanism.masses
     }
 
 
@@ -158,18 +156,15 @@ def one_freedom(mechanism: Mechanism) -> System:
     """Return the equation of a mechanism whose first input is the input."""
     layout = ParameterLayout(mechanism)
     structure = Structure.of(mechanism, mechanism.inputs[0].pair)
-    (momentum,), flow = (
-        layout.momentum_terms,
-        CoordinateRates(structure, layout.variable_terms),
-    )
-    masses = InputMoments(flow, tensors(mechanism))
+    (momentum,) = layout.momentum_terms
+    flow = CoordinateRates(structure, layout.variable_terms)
+    masses, (tau,) = InputMoments(flow, tensors(mechanism)), flow.tau
     share = power(masses.unit * masses.matrix[0][0], -0.5)
     speed = constant(layout.unit) * momentum * share
-    rates = [rate * speed for rate in flow.tau[0]]
+    rates = [rate * speed for rate in tau]
     moving = layout.moving(flow, rates)
     push = constant(layout.unit + 1) * share
     forces = [generalised_forces(load, moving)[0] * push for load in mechanism.loads]
-    tau = flow.tau[0]
     square = dot(tau, tau)
     (driven,) = structure.inputs
     events = [
@@ -237,9 +232,10 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     forces = [generalised_forces(load, moving) for load in mechanism.loads]
     masses = InputMoments(flow, tensors(mechanism), size)
     pull = masses.pull(flow.bias(rates, w), slow)
-    total = [sum(of_loads, 0.0) * (1.0 / size) for of_loads in zip(*forces, strict=True)]
-    total = total or [0.0] * layout.freedoms
-    right = [a - b for a, b in zip(total, pull, strict=True)]
+    right = [
+        sum((force[k] for force in forces), 0.0) * (1.0 / size) - against
+        for k, against in enumerate(pull)
+    ]
     matrix = masses.matrix
     minors = cofactors(matrix)
     reciprocal = 1.0 / dot(matrix[0], minors[0])
@@ -248,14 +244,14 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     square = constant(layout.unit + 1) * constant(layout.unit + 1)
     powers = [dot(of_load, slow) * square for of_load in forces]
     gram = [[dot(a, b) for b in flow.tau] for a in flow.tau]
-    spread = sum((gram[k][k] for k in range(layout.freedoms)), 0.0) * share * share
+    spread = sum((dot(tau, tau) for tau in flow.tau), 0.0) * share * share
     measure = determinant(gram)
     for _ in range(2 * layout.freedoms - 2):
         measure = measure * share
     if varies(measure):
         # heyoka's tolerance is relative to the largest of the state and of all events.
         begun = array_function([measure], variables)(values[:, None])
-        measure = measure * (1.0 / float(begun[0, 0]))
+        measure = measure * (1.0 / begun.item())
     return System(
         layout,
         [*rates, *(change * back for change in changes), *powers],

@@ -186,8 +186,8 @@ class Document:
         """Return one error for several faults, one a line, in the order of the file."""
         unique = dict.fromkeys(sorted(faults, key=lambda item: self.line(item[0])))
         sentences = [self.sentence(path, message) for path, message in unique]
-        if len(sentences) > MOST_FAULTS:
-            rest = len(sentences) - MOST_FAULTS
+        rest = len(sentences) - MOST_FAULTS
+        if rest > 0:
             sentences[MOST_FAULTS:] = [f"{self.name}: and {rest} more faults"]
         return self._error("\n".join(sentences))
 
@@ -225,8 +225,7 @@ def piped(path: Path, most: int = -1) -> bytes | None:
     if not stat.S_ISFIFO(status.st_mode) or path.parts[1:2] not in (("dev",), ("proc",)):
         return None
     with path.open("rb") as stream:
-        data = stream.read(most)
-    return _PIPED.setdefault(status.st_ino, data)
+        return _PIPED.setdefault(status.st_ino, stream.read(most))
 
 
 def read_text(path: Path) -> str:
@@ -354,8 +353,8 @@ def _syntax_fault(text: str, name: str, message: str) -> str:
         path = tuple(re.findall(r"'([^']*)'", repeated[1]))
         first = locate("\n".join(lines[: line - 1])).get(path, 0)
         seen = f", first on line {first}" if first else ""
-        key = spelt(path)
-        return f"{name}:{line}: {key}: is given twice{seen}; names are unique ({what})"
+        twice = f"{spelt(path)}: is given twice{seen}"
+        return f"{name}:{line}: {twice}; names are unique ({what})"
     subject = re.sub(r"\"[^\"]*\"|'[^']*'|#.*", "", f"{what}\n{content}")
     hint = next((hint for pattern, hint in _HINTS if re.search(pattern, subject)), "")
     return f"{name}:{line}: {place}{what}{hint}"

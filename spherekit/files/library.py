@@ -37,9 +37,8 @@ class Pack(NamedTuple):
 
 def shipped() -> tuple[Pack, ...]:
     """Return all installed packs with their mechanisms, without importing them."""
-    points = sorted(entry_points(group=GROUP), key=lambda point: (point.name, point.value))
-    unique = {(point.name, point.value): point for point in points}
-    return tuple(_pack(point) for point in unique.values())
+    unique = {(point.name, point.value): point for point in entry_points(group=GROUP)}
+    return tuple(_pack(unique[key]) for key in sorted(unique))
 
 
 class Names(tuple[str, ...]):
@@ -90,8 +89,9 @@ def find(name_or_path: AnyPath) -> Path:
     if len(holders) == 1:
         return holders[0]
     if holders:
-        paths = listing(holders)
-        raise FileError(f'"{wanted}" is shipped by several packs; give a path: {paths}')
+        raise FileError(
+            f'"{wanted}" is shipped by several packs; give a path: {listing(holders)}'
+        )
     try:
         if path.exists():
             return path
@@ -145,7 +145,7 @@ def _pack(entry: EntryPoint) -> Pack:
 
 
 def _not_found(path: Path, packs: tuple[Pack, ...]) -> str:
-    names = [name for pack in packs for name in pack.files]
+    names = sorted(name for pack in packs for name in pack.files)
     studies = [name for pack in packs for name in pack.studies]
     folder = path.parent
     try:
@@ -157,7 +157,7 @@ def _not_found(path: Path, packs: tuple[Pack, ...]) -> str:
     if nearby:
         message += f" Files in {folder}: {listing(nearby)}."
     if names:
-        message += f" Shipped mechanisms: {listing(sorted(names))}."
+        message += f" Shipped mechanisms: {listing(names)}."
     if not nearby and not names:
         message += f" There are no {_SUFFIX} files in {folder}"
     faults = [f"{pack.name} ({pack.fault})" for pack in packs if pack.fault]

@@ -5,7 +5,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import Any, NoReturn, TypeVar
 
 import numpy as np
@@ -213,11 +213,7 @@ class _Reader:
     def acted_on(self, mechanism: Mechanism) -> Mechanism:
         """Return a mechanism with masses, loads and joint limits, tensors in link axes."""
         masses, loads, limits = (self.data.get(key, {}).items() for key in _ACTIONS)
-
-        @cache
-        def axes() -> LinkAxes:
-            return link_axes(mechanism)
-
+        axes = cache(partial(link_axes, mechanism))
         for link, _ in masses:
             if link not in mechanism.link_number:
                 self.fail(
@@ -266,10 +262,11 @@ class _Reader:
             if "frame" in item:
                 frame = framed("frame", axes_frame)
                 tensor = frame @ tensor @ frame.T
-                centre = None if centre is None else frame @ np.array(centre)
-        whole = None if centre is None else vector_of(centre)
+                centre = None if centre is None else frame @ centre
+        if centre is not None:
+            centre = vector_of(centre)
         # The rounding of mirrored entries is made equal.
-        return Mass(link, tensor_of((tensor + tensor.T) / 2), mass, whole)
+        return Mass(link, tensor_of((tensor + tensor.T) / 2), mass, centre)
 
     def in_phase(self, stated: Mechanism, pair: Pair) -> Pair:
         """Return a pair, where the file says its phase with the start that this means."""
@@ -289,11 +286,10 @@ class _Reader:
         pose = self.given("pairs", _POSE_OF_PAIR)
         if sizes and pose:
             first, second = sorted((sizes[0], pose[0]), key=self.document.line)
-            other = ".".join(map(str, first))
-            line = self.document.line(first)
             self.fail(
                 second,
-                f"two geometries: {other} (line {line}) belongs to the "
+                f"two geometries: {'.'.join(map(str, first))} (line "
+                f"{self.document.line(first)}) belongs to the "
                 f"{'sizes' if first in sizes else 'reference-pose'} form, this key to "
                 "the other; keep the sizes (axes, arcs, angles in links, zero in "
                 "pairs) or the reference pose (xyz or lonlat and value in pairs)",
@@ -302,24 +298,21 @@ class _Reader:
             posed = {name: self.axis(name, item) for name, item in pairs.items()}
             axes = {name: axis for name, axis in posed.items() if axis is not None}
             return PoseGeometry(axes, _numbers(pairs, "value"))
-        turning = self.joined
-        if turning and not sizes:
+        if self.joined and not sizes:
             self.fail(
-                ("pairs", next(iter(turning))),
+                ("pairs", next(iter(self.joined))),
                 "no geometry: give axes and arcs in every link, or xyz or lonlat in "
                 "every R pair",
             )
-        sized = {link for _, link, _ in self.given("links", _SIZES_OF_LINK)}
-        for link in links:
-            if link in sized and "axes" not in links[link]:
+        sized: dict[Any, LinkSizes] = {}
+        for _, link, _ in self.given("links", _SIZES_OF_LINK):
+            if "axes" not in links[link]:
                 self.fail(
                     ("links", link),
                     "the key axes is missing: the names of the R pairs on it",
                 )
-        return SizeGeometry(
-            {link: made(LinkSizes, item) for link, item in links.items() if link in sized},
-            _numbers(pairs, "zero"),
-        )
+            sized[link] = made(LinkSizes, links[link])
+        return SizeGeometry(sized, _numbers(pairs, "zero"))
 
     def given(self, table: str, keys: Sequence[str]) -> list[KeyPath]:
         """Return the paths of those of these keys that any entry of a table has."""
@@ -346,10 +339,10 @@ class _Reader:
     @cached_property
     def axes(self) -> LinkAxes:
         """Return the axes of pairs that have one, in their links."""
-        data, given = self.data, self.joined.items()
-        turning = tuple(Pair(name, "R", links) for name, links in given)
-        bare = (data["name"], data["ground"], tuple(data["links"]), turning, self.geometry)
-        return link_axes(Mechanism(*bare))
+        data = self.data
+        turning = tuple(Pair(name, "R", links) for name, links in self.joined.items())
+        names = data["name"], data["ground"], tuple(data["links"])
+        return link_axes(Mechanism(*names, turning, self.geometry))
 
     def output(self, name: str, item: Table) -> Output:
         """Return an output with its direction, in axes of its link."""
@@ -372,15 +365,12 @@ class _Reader:
         item, path = self.data["pairs"][name], ("pairs", name)
         if name in self.joined:
             return Pair(name, "R", self.joined[name])
-        if "teeth" in item or "half_angles" in item:
-            profiles = self.cones(path, item)
-        else:
-            profiles = self.profiles(path, item)
+        rolls = "teeth" in item or "half_angles" in item
+        profiles = (self.cones if rolls else self.profiles)(path, item)
         return made(Pair, item, {"name": name, "profiles": profiles})
 
-    def cones(self, path: KeyPath, item: Table) -> tuple[Profile, Profile]:
+    def cones(self, path: KeyPath, item: Table) -> tuple[Profile, ...]:
         """Return the circles in which two cones, or the pitch cones of gears, roll."""
-        contact = item.get("contact", "external")
         at = item["links"], item["axes"]
 
         def carried() -> tuple[list[Vector], float]:
@@ -391,14 +381,11 @@ class _Reader:
         key, radii_of = "half_angles", touching_angles
         if "teeth" in item:
             key, radii_of = "teeth", pitch_angles  # type: ignore[assignment]
+        contact = item.get("contact", "external")
         radii = self.at((*path, key), radii_of, item[key], shaft_angle, contact)
-        first, second = (
-            Profile("circle", centre, radius)
-            for centre, radius in zip(centres, radii, strict=True)
-        )
-        return first, second
+        return tuple(Profile("circle", *one) for one in zip(centres, radii, strict=True))
 
-    def profiles(self, path: KeyPath, item: Table) -> tuple[Profile, Profile]:
+    def profiles(self, path: KeyPath, item: Table) -> tuple[Profile, ...]:
         """Return the curves given under profiles and follower, in the order of links."""
         given = item["profiles"]
         tables: dict[str, KeyPath] = {link: (*path, "profiles", link) for link in given}

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from spherekit.conventions import MAX_NAME_LENGTH, choices, listing, nearest
+from spherekit.conventions import MAX_NAME_LENGTH, choices, counted, listing, nearest
 from spherekit.errors import FileError
 from spherekit.files.document import Document, KeyPath, Table, spelt, values_in
 
@@ -61,11 +61,10 @@ def check(document: Document, kind: Kind = "mechanism") -> None:
     """
     _check_format(document)
     faults = list(_not_numbers(document.data))
-    if faults:
-        raise document.faults(faults)
-    errors = validator(kind).iter_errors(document.data)
-    explained = (fault for error in errors for fault in _explain(error, kind))
-    faults = list(islice(explained, 100))
+    if not faults:
+        errors = validator(kind).iter_errors(document.data)
+        explained = (fault for error in errors for fault in _explain(error, kind))
+        faults = list(islice(explained, 100))
     if faults:
         raise document.faults(faults)
 
@@ -121,7 +120,7 @@ def validator(kind: Kind = "mechanism") -> Any:
         plain = isinstance(value, list) and limits.get("type") == "number"
         plain = plain and _PLAIN.issuperset(limits)
         # A table of numbers is long, and a validator's call for each is slow.
-        if not plain or not all(isinstance(x, float) and low <= x <= high for x in value):
+        if not (plain and all(isinstance(x, float) and low <= x <= high for x in value)):
             yield from general(validator, item, value, part)
 
     validator = extend(Draft202012Validator, {"items": items})  # type: ignore[no-untyped-call]
@@ -183,11 +182,11 @@ def _check_format(document: Document) -> None:
         )
     version = document.data["format"]
     if type(version) is not int or version != FORMAT:
-        words = f"found {shown(version)}, needs {FORMAT}"
-        if type(version) is int and version > FORMAT:
-            words = f"found {shown(version)}, this version of spherekit reads {FORMAT}; "
-            words += "the file needs a newer spherekit"
-        raise document.fault(("format",), words)
+        raise document.fault(
+            ("format",),
+            f"found {shown(version)}, needs {FORMAT}: this version of spherekit reads "
+            f"{FORMAT}; a greater one needs a newer spherekit",
+        )
 
 
 def _not_numbers(data: Table) -> Iterator[_Fault]:
@@ -198,11 +197,7 @@ def _not_numbers(data: Table) -> Iterator[_Fault]:
             yield path, f"found {shown(value)}, needs a number of ordinary size"
 
 
-_COUNTED = {
-    "Length": ("character", "characters"),
-    "Items": ("value", "values"),
-    "Properties": ("entry", "entries"),
-}
+_COUNTED = {"Length": "character", "Items": "value", "Properties": "name"}
 """What rules of the schema count."""
 
 
@@ -216,9 +211,10 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
     elif rule == "additionalProperties":
         where = f"in {spelt(path)}" if path else "at the top of the file"
         declared = error.schema["properties"]
-        for key in [key for key in value if key not in declared]:
-            said = choices(key, declared, f"allowed {where}", 20)
-            yield (*path, key), f"unknown key{said}"
+        for key in value:
+            if key not in declared:
+                said = choices(key, declared, f"allowed {where}", 20)
+                yield (*path, key), f"unknown key{said}"
     elif rule == "required":
         whole = schema(kind)
         for key in (key for key in limit if key not in value):
@@ -242,10 +238,9 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
     elif rule in ("pattern", "minLength", "maxLength") and "pattern" in error.schema:
         yield path, f"found {shown(value)}; {_NAME_RULE}"
     elif rule[3:] in _COUNTED:
-        one, more = _COUNTED[rule[3:]]
         least, most = (error.schema.get(f"{end}{rule[3:]}") for end in ("min", "max"))
         needs = f"{limit}" if least == most else f"{bound} {limit}"
-        has = f"{len(value)} {one if len(value) == 1 else more}"
+        has = counted(len(value), _COUNTED[rule[3:]])
         yield path, f"has {has}, needs {needs}{_in_words(error.schema)}"
     elif rule in ("minimum", "maximum"):
         yield path, f"found {shown(value)}, needs {bound} {limit:g}"

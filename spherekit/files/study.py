@@ -100,8 +100,10 @@ class _Reader:
         except FileError as error:
             raise self.document.fault(("mechanism",), str(error)) from None
         if is_study(path):
-            why = f'found "{self.data["mechanism"]}", a study; needs a mechanism file'
-            raise self.document.fault(("mechanism",), why)
+            raise self.document.fault(
+                ("mechanism",),
+                f'found "{self.data["mechanism"]}", a study; needs a mechanism file',
+            )
         return load(path)
 
     def locked(self, mechanism: Mechanism) -> Mechanism:
@@ -118,17 +120,19 @@ class _Reader:
         given = self.data.get("inputs", {})
         for pair in given:
             if pair not in mechanism.pair_number:
-                said = choices(pair, mechanism.pair_number, "Pairs")
                 raise self.document.fault(
-                    ("inputs", pair), f'{mechanism.name} has no pair "{pair}"{said}'
+                    ("inputs", pair),
+                    f'{mechanism.name} has no pair "{pair}"'
+                    f"{choices(pair, mechanism.pair_number, 'Pairs')}",
                 )
         if not set(mechanism.input_pairs).issuperset(given):
             mechanism = mechanism.with_inputs(*given)
         ranged = []
         for item in mechanism.inputs:
-            stated = given.get(item.pair, {})
-            ends = Input(
-                item.pair, stated.get("from", item.start), stated.get("to", item.stop)
+            ends = made(
+                Input,
+                {"from": item.start, "to": item.stop, **given.get(item.pair, {})},
+                {"pair": item.pair},
             )
             if item.pair in given and ends.start == ends.stop:
                 raise self.document.fault(
@@ -186,7 +190,7 @@ class _Reader:
             raise self.document.fault((*path, key), message) from None
         duration = self.data.get("duration")
         if isinstance(law, Tabulated) and duration is not None:
-            first, last = law.times[0], law.times[-1]
+            first, *_, last = law.times
             if first > 0 or last < duration:
                 raise self.document.fault(
                     (*path, "times"),

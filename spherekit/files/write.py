@@ -129,11 +129,11 @@ def _content(mechanism: Mechanism) -> dict[str, _Table]:
 def _pair(mechanism: Mechanism, pair: Pair) -> _Table:
     table: _Table = {"type": pair.type, "links": pair.links}
     geometry = mechanism.geometry
-    if isinstance(geometry, PoseGeometry):
-        where: Mapping[str, Table]
-        where = {"xyz": geometry.axes, "value": geometry.values}
-    else:
-        where = {"zero": geometry.zeros}
+    where: Mapping[str, Table] = (
+        {"xyz": geometry.axes, "value": geometry.values}
+        if isinstance(geometry, PoseGeometry)
+        else {"zero": geometry.zeros}
+    )
     table |= {key: given[pair.name] for key, given in where.items() if pair.name in given}
     table |= table_of(pair)
     for link, profile in zip(pair.links, pair.profiles or (), strict=False):
