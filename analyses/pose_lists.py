@@ -377,7 +377,7 @@ def mirror_rates(
     mechanism: Mechanism, form: MidPlaneArchitecture, directions: Floats, turns: Floats
 ) -> Row:
     """Return the columns of the derivatives of phi and gamma by the inputs."""
-    phi, gamma = np.swapaxes(form.angle_rates(directions, turns), 0, 1)
+    phi, gamma = np.moveaxis(form.angle_rates(directions, turns), -1, 0)
     return {
         **input_columns(mechanism, phi, "dphi_dq"),
         **input_columns(mechanism, gamma, "dgamma_dq"),

@@ -153,7 +153,7 @@ class FollowedRotation(Way):
 
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
-        theta = within(theta, self.angle)
+        theta = within(theta, self.angle, "theta", "rad")
         status = np.where(theta <= self.reached, Status.OK, self.end).astype(np.int8)
         predicted, size = self.nodes.between(np.minimum(theta, self.reached))
         near, _ = self.near(theta, predicted)
@@ -177,24 +177,23 @@ class FollowedRotation(Way):
         slopes, bends = self._rates(theta, near)
         with np.errstate(all="ignore"):
             w = unit_rows(np.matvec(near.turning, slopes))
-        lost = theta > self.reached
-        lost |= ~assembled(status)
+        lost = (theta > self.reached) | ~assembled(status)
 
         def kept(array: Floats) -> Floats:
             array[lost] = np.nan
             return array
 
         return RotationSamples(
-            theta=theta,
-            inputs=kept(near.values[:, self.driven]),
-            rates=kept(slopes[:, self.driven]),
-            second_rates=kept(bends[:, self.driven]),
-            values=kept(near.values),
-            orientation=kept(near.reached),
-            orientation_error=kept(angles_between(near.reached, self.wanted(theta))),
-            drift=kept(arc(w, self.axis)),
-            type_2=kept(held),
-            status=status,
+            theta,
+            kept(near.values[:, self.driven]),
+            kept(slopes[:, self.driven]),
+            kept(bends[:, self.driven]),
+            kept(near.values),
+            kept(near.reached),
+            kept(angles_between(near.reached, self.wanted(theta))),
+            kept(arc(w, self.axis)),
+            kept(held),
+            status,
         )
 
     def _rates(self, theta: Floats, near: Optimality) -> tuple[Floats, Floats]:
@@ -204,13 +203,10 @@ class FollowedRotation(Way):
         from the polynomial through the derivatives at Chebyshev points around it.
         """
         slopes, bends, _ = near.rates(self.axis)
-        ends = self.nodes.theta[[0, -1]]
+        ends, x = self.nodes.theta[[0, -1]], chebpts1(POINTS)
         for place in self.leaps:
             low, high = np.clip([place - AROUND, place + AROUND], *ends)
             rows = (theta > low) & (theta < high)
-            if not np.any(rows):
-                continue
-            x = chebpts1(POINTS)
             points = 0.5 * (low + high) + 0.5 * (high - low) * x
             around, _ = self.near(points, self.nodes.between(points)[0])
             part = (2.0 * theta[rows] - low - high) / (high - low)
@@ -250,29 +246,29 @@ def unit(axis: ArrayLike) -> Floats:
     """Return a direction (3,) with length 1; `SolveError` if it has none."""
     given = np.asarray(axis, dtype=float)
     length = float(np.linalg.norm(given))
-    if given.shape != (3,) or not np.isfinite(length) or length == 0.0:
+    if given.shape != (3,) or not 0.0 < length < np.inf:
         raise SolveError(
             f"direction: found {given.tolist()}, needs three finite numbers, not all zero"
         )
     return given / length
 
 
-def within(theta: ArrayLike, angle: float) -> Floats:
-    """Return angles (n,) as an array.
+def within(places: ArrayLike, whole: float, name: str, unit: str) -> Floats:
+    """Return angles or times (n,) of a rotation as an array.
 
     Raises
     ------
     SolveError
-        If one is not between 0 and the whole angle.
+        If one is not between 0 and the whole.
     """
-    theta = np.atleast_1d(np.asarray(theta, dtype=float))
-    slack = 1e-12 * max(1.0, angle)
-    if theta.ndim != 1 or not np.all((theta >= -slack) & (theta <= angle + slack)):
+    given = np.atleast_1d(np.asarray(places, dtype=float))
+    inside = np.clip(given, 0.0, whole)
+    if given.ndim != 1 or not np.all(np.abs(given - inside) <= 1e-12 * max(1.0, whole)):
         raise SolveError(
-            f"theta has to be an array (n,) of angles from 0 to {angle:.6g} rad, the "
-            "angle of the rotation"
+            f"{name} has to be an array (n,) of numbers from 0 to {whole:.6g} {unit}, "
+            "where the rotation ends"
         )
-    return np.clip(theta, 0.0, angle)
+    return inside
 
 
 @checked(SolveError)
@@ -313,14 +309,13 @@ def follow_rotation(
     mechanism = mechanism_of(mechanism)
     end = chosen_output(mechanism, output)
     about = unit(axis)
-    if not (np.isfinite(angle) and angle > 0.0):
+    if not 0.0 < angle < np.inf:
         raise SolveError(f"angle: found {angle:g} rad, needs a finite angle above 0")
     target = OutputTarget.of(mechanism, end)
     near = _started(target, _configuration(target, values, mechanism.name), mechanism.name)
     given = target, about, rotation(about, [lead])[0] @ near.reached[0]
     way = Way(*given, bool(near.rates(about)[2][0]))
     measure = Transmission.of(replace(mechanism, ground=end.relative_to), end)
-    first = way.nodes_of(np.array([0.0 - lead]), near)
     return FollowedRotation(
         *given,
         way.exact,
@@ -328,7 +323,7 @@ def follow_rotation(
         list(measure.driven),
         mechanism.input_pairs,
         float(angle),
-        *way.follow(first, float(angle)),
+        *way.follow(way.nodes_of(np.array([0.0 - lead]), near), angle),
     )
 
 
@@ -381,7 +376,7 @@ def _started(target: OutputTarget, values: Floats, name: str) -> Optimality:
             f"declare {freer} R pairs as inputs"
         )
     near = target.at(values[None], np.eye(3)[None])
-    gap = float(near.at.gap[0])
+    gap = near.at.gap[0]
     if not gap < CLOSED_START:
         raise SolveError(
             f"{name}: the configuration to start from does not close: its residual is "

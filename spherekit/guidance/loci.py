@@ -126,8 +126,11 @@ def _legs(
     """Return the legs of equal arcs from the base to the end effector, with both links."""
 
     def beside(link: int) -> list[tuple[int, int]]:
-        ends = enumerate(mechanism.ends)
-        return [(pair, sum(both) - link) for pair, both in ends if link in both]
+        return [
+            (pair, sum(ends) - link)
+            for pair, ends in enumerate(mechanism.ends)
+            if link in ends
+        ]
 
     legs = {
         (base, elbow, tip): (near, far)
@@ -206,7 +209,7 @@ def _assembled(
             f"the inputs are {listing(inputs)}, but two of the pairs at the base, "
             f"{listing(at_base)}, have to be driven",
         )
-    driven = at_base[inputs[0]], at_base[inputs[1]]
+    driven = [at_base[name] for name in inputs]
     axis = partial(axis_in, mechanism, joints)
     effector = mechanism.link_number[output.link]
     at_bases, at_elbows, at_tips = zip(*legs, strict=True)
@@ -214,7 +217,7 @@ def _assembled(
     bases = np.stack([axis(pair, 0) for pair in at_bases])
     tips = np.stack([axis(pair, effector) for pair in at_tips])
     elbows = np.stack([*map(axis, at_elbows, nears)])
-    first, second = bases[list(driven)]
+    first, second = bases[driven]
     across = cross(first, second)
     if np.linalg.norm(across) < SAME:
         raise _refusal(mechanism, "the axes of both driven pairs lie on one line")
@@ -228,7 +231,7 @@ def _assembled(
             "the axes on the end effector are not the mirror image of those on the base",
         )
     ahead = np.array([mechanism.ends[pair][0] == 0 for pair in at_bases])
-    every = [revolute(joints[pair]) for pair in at_bases]
+    every = (revolute(joints[pair]) for pair in at_bases)
     sides = np.array([(joint.first, joint.second) for joint in every])
     sides[~ahead] = sides[~ahead, ::-1]
     ours, its = np.swapaxes(sides, 0, 1)
@@ -304,10 +307,9 @@ class _Modes:
 
     def borders(self) -> Iterator[CurveSeen]:
         """Yield the circles on which a driven leg is at its limit, where others reach."""
-        count = len(self.form.legs)
         for leg in self.form.plane.driven:
-            why = f"leg of {self._name(leg)} at the limit of its reach"
-            for signs in product((1, -1), repeat=count - 1):
+            why = f"leg of {self.form.name_of(leg)} at the limit of its reach"
+            for signs in product((1, -1), repeat=len(self.form.legs) - 1):
                 modes = np.insert(np.array(signs), leg, 1)
                 margins, axis = partial(self._margins, leg), self.form.plane.axes[leg]
                 yield from self._zeros(margins, modes, why, (axis, -axis))
@@ -360,12 +362,9 @@ class _Modes:
 
     def _margins(self, leg: int, normals: Floats) -> Floats:
         """Return how far (n,) a leg is inside its reach, NaN where another one is not."""
-        _, left = self.form.plane.nearest_elbows(normals)
-        others = np.delete(left, leg, axis=1)
-        return np.where(np.all(others >= 0.0, axis=1), left[:, leg], np.nan)
-
-    def _name(self, leg: int) -> str:
-        return self.form.mechanism.pairs[self.form.legs[leg][0]].name
+        _, _, left = self.form.plane.nearest_elbows(normals)
+        reached = np.all(np.delete(left, leg, axis=1) >= 0.0, axis=1)
+        return np.where(reached, left[:, leg], np.nan)
 
     def _why(self, normals: Floats, modes: Integers) -> str:
         """Return why inputs at rest allow a motion at the mid-planes of one line."""
@@ -373,19 +372,15 @@ class _Modes:
         elbows, _ = self.form.plane.elbows(normals, modes)
         apart = np.linalg.norm(cross(elbows[:, first], elbows[:, second]), axis=1)
         if np.nanmedian(apart) < ALONG:
-            names = f"{self._name(first)} and {self._name(second)}"
+            names = " and ".join(self.form.inputs)
             return f"elbows of the legs of {names} along one line"
         return "the loops lose rank"
 
-    def _values(self, normals: Floats, modes: Integers) -> Floats:
-        values, _ = self.form.values(self.form.place(normals, modes))
-        return np.where(all_finite(values, 1)[:, None], values, np.nan)
-
     def _determinants(self, modes: Integers, normals: Floats) -> Floats:
         """Return (n,) the determinant of the locked mechanism, NaN out of reach."""
-        values = self._values(normals, modes)
+        values, _ = self.form.values(self.form.place(normals, modes))
         determinants = nans(len(normals))
-        rows = np.flatnonzero(np.isfinite(values[:, 0]))
+        rows = np.flatnonzero(all_finite(values, 1))
         jacobian = self.locus.closure.at(values[rows]).jacobian
         determinants[rows] = np.linalg.det(jacobian[:, :, self.passive])
         return determinants
@@ -396,17 +391,15 @@ class _Modes:
         The residual is the least singular value of the loops' velocity equations together
         with those of what stands still, or the gap of the loops.
         """
-        values = self._values(normals, modes)
+        values, _ = self.form.values(self.form.place(normals, modes))
         space = self.locus.space(values)
-        rows = self.locus.rest.equations(space.at)
-        stacked = np.nan_to_num(np.concatenate([space.at.jacobian, rows], axis=1))
-        _, sizes, right = np.linalg.svd(stacked)
+        stacked = np.hstack([space.at.jacobian, self.locus.rest.equations(space.at)])
+        _, sizes, right = np.linalg.svd(np.nan_to_num(stacked))
         residual = np.maximum(np.nan_to_num(space.at.gap, nan=np.inf), sizes[:, -1])
         points = self.view.seen(values, right[:, -1], residual)
-        of_type = self.view.is_own(points.type)
-        kept = np.flatnonzero((residual < CLOSURE_TOLERANCE) & of_type)
-        ways = arc(normals[1:], normals[:-1])
-        s = np.concatenate([[0.0], np.cumsum(ways)])
+        closes = residual < CLOSURE_TOLERANCE
+        kept = np.flatnonzero(closes & self.view.is_own(points.type))
+        s = np.append(0.0, np.cumsum(arc(normals[1:], normals[:-1])))
         whole = closed and len(kept) == len(normals)
         none, signs = points.rows(slice(0)), tuple(modes.tolist())
         return CurveSeen(points.rows(kept), none, s[kept], whole, why, signs)

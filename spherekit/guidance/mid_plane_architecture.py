@@ -39,6 +39,8 @@ from spherekit.sphere.rotation import (
 
 LEAD = 0.02
 """Angle (rad) before a singular start of a rotation from which it is followed."""
+INSIDE = np.radians(0.01)
+"""How far inside the legs' reach an offered pose is."""
 PROOF_POSES, SPREAD = 64, 2**16
 """Poses at which the closed form is proven, about, of so many mid-planes."""
 
@@ -85,8 +87,11 @@ class MidPlaneArchitecture:
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the driven pairs, first and second."""
-        pairs = self.mechanism.pairs
-        return tuple(pairs[self.legs[k][0]].name for k in self.plane.driven)
+        return tuple(map(self.name_of, self.plane.driven))
+
+    def name_of(self, leg: int) -> str:
+        """Return the name of the pair of a leg at the base."""
+        return self.mechanism.pairs[self.legs[leg][0]].name
 
     def orientations(self, normals: Floats) -> Floats:
         """Return orientations (n, 3, 3) of the end effector at mid-planes (n, 3)."""
@@ -112,7 +117,7 @@ class MidPlaneArchitecture:
         way = way - 0.5 * longer * directions
         distance = np.linalg.norm(way, axis=1)
         with np.errstate(all="ignore"):
-            return np.asarray(way / distance[:, None]), distance
+            return way / distance[:, None], distance
 
     def angles_to(self, directions: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the angles of the mid-planes in which the output points at directions.
@@ -122,22 +127,20 @@ class MidPlaneArchitecture:
         return mirror_angles(self.normals_to(directions @ self.frame)[0])
 
     def angle_rates(self, directions: Floats, turns: Floats) -> Floats:
-        """Return the derivatives (n, 2, k) of phi and gamma by k variables.
+        """Return the derivatives (n, k, 2) of phi and gamma by k variables.
 
         `turns` (n, 3, k) are the output's angular velocities per unit rate of each, where
         it points at directions (n, 3), both in the axes of the base.
         """
         normals, distance = self.normals_to(directions @ self.frame)
-        swept = np.swapaxes(cross(np.swapaxes(turns, 1, 2), directions[:, None]), 1, 2)
-        swept = self.frame.T @ swept
-        along = np.einsum("ni,nik->nk", normals, swept)
+        swept = cross(np.swapaxes(turns, 1, 2), directions[:, None]) @ self.frame
+        along = np.matvec(swept, normals)[..., None]
         x, y, z = normals.T
         with np.errstate(all="ignore"):
-            slopes = swept - normals[:, :, None] * along[:, None]
-            slopes /= distance[:, None, None]
+            slopes = (swept - along * normals[:, None]) / distance[:, None, None]
             scale = np.stack([-1.0 / np.hypot(y, z), 1.0 / np.hypot(x, z)], axis=1)
             scale *= 2.0 * np.where(z < 0.0, -1.0, 1.0)[:, None]
-            return scale[:, :, None] * slopes[:, :2]
+            return scale[:, None] * slopes[..., :2]
 
     def normals(self, orientations: Floats) -> tuple[Floats, Floats]:
         """Return the mid-planes (n, 3) nearest to orientations (n, 3, 3).
@@ -165,18 +168,14 @@ class MidPlaneArchitecture:
         placed = nans((len(normals), count, 3, 3))
         placed[:, 0] = np.eye(3)
         placed[:, self.effector] = self.orientations(normals)
-        for link in range(count) if links is None else links:
-            if link in (0, self.effector):
-                continue
-            ends = enumerate(self.mechanism.ends)
-            pairs = [pair for pair, both in ends if link in both]
+        for link in {*(range(count) if links is None else links)} - {0, self.effector}:
+            pairs = [pair for pair, ends in enumerate(self.mechanism.ends) if link in ends]
             pairs.sort(key=lambda pair: KINDS.index(self.along[pair][0]))
-            one, other = pairs[0], pairs[-1]
-            axes = (self.axis(pair, normals, elbows) for pair in (one, other))
+            outer = pairs[0], pairs[-1]
+            axes = (self.axis(pair, normals, elbows) for pair in outer)
             turned = self.frame @ frame_toward(*np.broadcast_arrays(*axes))
-            placed[:, link] = (
-                turned @ frame_toward(self._axis(one, link), self._axis(other, link)).T
-            )
+            fixed = (axis_in(self.mechanism, self.joints, pair, link) for pair in outer)
+            placed[:, link] = turned @ frame_toward(*fixed).T
         return placed
 
     def axis(self, pair: int, normals: Floats, elbows: Floats) -> Floats:
@@ -193,10 +192,9 @@ class MidPlaneArchitecture:
 
     def axes(self, normals: Floats, elbows: Floats) -> Floats:
         """Return the axes (n, pairs, 3) of all pairs, see `axis`."""
-        axes = np.empty((len(normals), len(self.mechanism.pairs), 3))
-        for pair in range(len(self.mechanism.pairs)):
-            axes[:, pair] = self.axis(pair, normals, elbows)
-        return axes
+        pairs = range(len(self.along))
+        axes = np.broadcast_arrays(*(self.axis(pair, normals, elbows) for pair in pairs))
+        return np.stack(axes, axis=1)
 
     @cached_property
     def _transmission(self) -> Transmission:
@@ -205,13 +203,9 @@ class MidPlaneArchitecture:
     def transmission(self, normals: Floats, elbows: Floats) -> Floats:
         """Return the measure (n,) of type II at mid-planes (n, 3) with elbows."""
         directions = None
-        if self._transmission.direction is not None:
-            at_home = self.image @ np.array(self._transmission.direction)
-            directions = reflections(normals) @ at_home
+        if self.output.direction is not None:
+            directions = reflections(normals) @ self.home
         return self._transmission.at(self.axes(normals, elbows), directions)
-
-    def _axis(self, pair: int, link: int) -> Floats:
-        return axis_in(self.mechanism, self.joints, pair, link)
 
     def values(self, placed: Floats) -> tuple[Floats, Floats]:
         """Return the variables (n, pairs) rad of placed links, and gaps (n, pairs) rad."""
@@ -231,12 +225,19 @@ class MidPlaneArchitecture:
         closure = Closure.of(self.mechanism, self.joints)
         return gap, int(np.min(rank_mobility(closure.tree, closure.at(values).vectors)))
 
-    def out_of_reach(self, normal: Floats) -> list[str]:
-        """Return the pairs at the base of the legs that do not reach a mid-plane (3,)."""
+    def check_reach(self, normal: Floats) -> None:
+        """Raise `SolveError` if a mid-plane (3,) is outside the reach of the legs.
+
+        With the nearest one that is inside.
+        """
         elbows, _ = self.plane.elbows(normal[None], np.ones(len(self.legs)))
-        pairs = self.mechanism.pairs
-        lost = np.flatnonzero(np.isnan(elbows[0, :, 0]))
-        return [pairs[self.legs[k][0]].name for k in lost]
+        lost = np.flatnonzero(np.isnan(elbows[0, :, 0])).tolist()
+        if lost:
+            raise SolveError(
+                f"{self.mechanism.name}: {named(normal)} is outside the workspace: the "
+                f"legs at {listing(map(self.name_of, lost))} do not reach its mid-plane; "
+                f"the nearest pose inside is {named(self.plane.nearest(normal, INSIDE))}"
+            )
 
     def rotation_between(
         self, start: Floats, stop: Floats, modes: ArrayLike
@@ -262,15 +263,8 @@ class MidPlaneArchitecture:
                 f"{len(self.legs)} legs"
             )
         start, stop = upward(unit(start)), upward(unit(stop))
-        for what, normal in (("start", start), ("end", stop)):
-            names = self.out_of_reach(normal)
-            if names:
-                raise SolveError(
-                    f"{self.mechanism.name}: the pose at the {what} is outside the reach "
-                    f"of the legs at {listing(names)}: its mid-plane is further from their "
-                    "axes at the base than their arcs are long; choose a pose nearer to "
-                    "the home"
-                )
+        self.check_reach(start)
+        self.check_reach(stop)
         first, second = self.orientations(np.stack([start, stop]))
         return self.rotation_about(start, *turn_to(first, second), signs)
 
@@ -285,8 +279,8 @@ class MidPlaneArchitecture:
         def followed(lead: float) -> FollowedRotation:
             normals = rotation(self.frame.T @ axis, [-0.5 * lead]) @ start
             (values,), _ = self.values(self.place(normals, modes))
-            given = values, axis, angle, self.output.name, lead
-            return follow_rotation(self.mechanism, *given)
+            name = self.output.name
+            return follow_rotation(self.mechanism, values, axis, angle, name, lead)
 
         try:
             return followed(0.0)
@@ -306,7 +300,12 @@ def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int)
 def _spread_normals(plane: MidPlane) -> Floats:
     """Return mid-planes (n, 3) spread evenly over the reach of all legs."""
     normals = spread(SPREAD, lowest=0.0)
-    height = np.arcsin(np.clip(np.abs(normals @ plane.axes.T), 0.0, 1.0))
-    limit = np.minimum(plane.arcs, np.pi - plane.arcs)
-    inside = normals[np.all(height < 0.95 * limit, axis=1)]
+    limits = np.sin(0.95 * plane.reach)
+    inside = normals[np.all(np.abs(normals @ plane.axes.T) < limits, axis=1)]
     return inside[:: max(1, len(inside) // PROOF_POSES)]
+
+
+def named(normal: Floats) -> str:
+    """Return words for a mid-plane (3,)."""
+    phi, gamma, _ = np.round(np.degrees(mirror_angles(normal)), 9) + 0.0
+    return f"phi = {phi:.6g}, gamma = {gamma:.6g} deg"

@@ -48,10 +48,15 @@ class MidPlane:
 
     axes: Floats
     arcs: Floats
-    driven: tuple[int, int]
+    driven: list[int]
     dials: Floats
     phases: Floats
     senses: Floats
+
+    @property
+    def reach(self) -> Floats:
+        """(legs,) rad, how far from a mid-plane the axis of a leg at the base may be."""
+        return np.minimum(self.arcs, np.pi - self.arcs)
 
     def elbows(self, normals: Floats, modes: ArrayLike) -> tuple[Floats, Floats]:
         """Return the elbows (n, legs, 3) and n . (base axis x elbow), (n, legs).
@@ -59,33 +64,31 @@ class MidPlane:
         NaN where a leg does not reach the mid-plane; the second is 0 at the limit of its
         reach.
         """
-        flat, square, left = self._flat(normals)
-        aside = cross(normals[:, None], flat)
+        middle, aside, left = self.nearest_elbows(normals)
         with np.errstate(all="ignore"):
-            root = np.sqrt(left) * np.asarray(modes, dtype=float)
-            elbows = np.cos(self.arcs)[:, None] * flat + root[..., None] * aside
-            return elbows / square[..., None], root
+            root = np.multiply(np.sqrt(left), modes)
+            return middle + root[..., None] * aside, root
 
-    def nearest_elbows(self, normals: Floats) -> tuple[Floats, Floats]:
+    def nearest_elbows(self, normals: Floats) -> tuple[Floats, Floats, Floats]:
         """Return points (n, legs, 3) that both elbows of a leg lie beside, and root^2.
 
-        The second (n, legs) is the square of n . (base axis x elbow), negative where the
-        leg does not reach the mid-plane.
+        With the ways (n, legs, 3) from there to elbows of root 1. The last (n, legs) is the
+        square of n . (base axis x elbow), negative where the leg does not reach the
+        mid-plane: sin(arc + h) sin(arc - h) with h the angle from the base axis to it.
         """
-        flat, square, left = self._flat(normals)
-        with np.errstate(all="ignore"):
-            return np.cos(self.arcs)[:, None] * flat / square[..., None], left
-
-    def _flat(self, normals: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the base axes in the mid-plane (n, legs, 3), their squares, root^2."""
         sine = normals @ self.axes.T
         flat = self.axes - sine[..., None] * normals[:, None]
         square = np.vecdot(flat, flat)
-        return flat, square, _left(self.arcs, sine, np.sqrt(square))
+        one, other = np.sin(self.arcs) * np.sqrt(square), np.cos(self.arcs) * sine
+        left = (one + other) * (one - other)
+        left[np.abs(left) <= REACH_SLACK] = 0.0
+        with np.errstate(all="ignore"):
+            flat /= square[..., None]
+            return np.cos(self.arcs)[:, None] * flat, cross(normals[:, None], flat), left
 
     def readings(self, elbows: Floats) -> Floats:
         """Return the variables (n, legs) rad of the pairs at the base."""
-        x, y = (np.einsum("nlk,lk->nl", elbows, self.dials[..., c]) for c in (0, 1))
+        x, y, _ = np.moveaxis(np.vecmat(elbows, self.dials), -1, 0)
         return self.senses * wrap(np.arctan2(y, x) - self.phases)
 
     def normals(self, inputs: Floats) -> Floats:
@@ -93,28 +96,23 @@ class MidPlane:
 
         NaN where both driven elbows lie on one line: they span no plane.
         """
-        first, second = (
-            self._elbow(leg, inputs[:, k]) for k, leg in enumerate(self.driven)
-        )
-        across = cross(first, second)
+        across = cross(*np.swapaxes(self._driven_elbows(inputs), 0, 1))
         length = np.linalg.norm(across, axis=1, keepdims=True)
         with np.errstate(all="ignore"):
             return upward(np.where(length > REACH_SLACK, across / length, np.nan))
 
-    def _elbow(self, leg: int, reading: Floats) -> Floats:
-        azimuth = self.senses[leg] * reading + self.phases[leg]
-        x, y, z = self.dials[leg].T
-        turned = np.cos(azimuth)[:, None] * x + np.sin(azimuth)[:, None] * y
-        return np.cos(self.arcs[leg]) * z + np.sin(self.arcs[leg]) * turned
+    def _driven_elbows(self, inputs: Floats) -> Floats:
+        """Return the elbows (n, 2, 3) of the driven legs at readings (n, 2) rad."""
+        azimuth = self.senses[self.driven] * inputs + self.phases[self.driven]
+        x, y, z = np.moveaxis(self.dials[self.driven], -1, 0)
+        turned = np.cos(azimuth)[..., None] * x + np.sin(azimuth)[..., None] * y
+        arcs = self.arcs[self.driven, None]
+        return np.cos(arcs) * z + np.sin(arcs) * turned
 
     def modes(self, inputs: Floats) -> Floats:
         """Return the modes (n, 2) of the driven legs at driven readings (n, 2) rad."""
-        normals = self.normals(inputs)
-        signs = []
-        for k, leg in enumerate(self.driven):
-            elbow = self._elbow(leg, inputs[:, k])
-            signs.append(np.sign(np.vecdot(normals, cross(self.axes[leg], elbow))))
-        return np.stack(signs, axis=1)
+        aside = cross(self.axes[self.driven], self._driven_elbows(inputs))
+        return np.sign(np.vecdot(self.normals(inputs)[:, None], aside))
 
     def solutions(self, normals: Floats) -> dict[tuple[int, int], Floats]:
         """Return the driven readings (n, 2) rad in each mode of the driven legs.
@@ -123,11 +121,10 @@ class MidPlane:
         link points away from the middle of the base in mode -1 of the first leg and 1 of
         the second, Fig. 5(a), and towards it in the other ones.
         """
-        driven, modes = list(self.driven), np.ones(len(self.arcs))
-        made = {}
+        made, modes = {}, np.ones(len(self.arcs))
         for signs in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
-            modes[driven] = signs
-            made[signs] = self.readings(self.elbows(normals, modes)[0])[:, driven]
+            modes[self.driven] = signs
+            made[signs] = self.readings(self.elbows(normals, modes)[0])[:, self.driven]
         return made
 
     def nearest(self, normal: Floats, margin: float = 0.0) -> Floats:
@@ -135,19 +132,8 @@ class MidPlane:
 
         `margin` (rad) is how far inside it is at least. NaN if there is none.
         """
-        limits = np.sin(np.minimum(self.arcs, np.pi - self.arcs) - margin)
+        limits = np.sin(self.reach - margin)
         reach = find_region(
             lambda normals: limits**2 - (normals @ self.axes.T) ** 2, COARSE
         )
         return upward(reach.nearest(normal)) if reach.components else nans(3)
-
-
-def _left(arcs: ArrayLike, sine: Floats, cosine: Floats) -> Floats:
-    """Return sin(arc + h) sin(arc - h), with sine and cosine of h: the square of the root.
-
-    0 where a leg just reaches the mid-plane, negative where it does not.
-    """
-    one, other = np.sin(arcs) * cosine, np.cos(arcs) * sine
-    left = np.asarray((one + other) * (one - other))
-    left[np.abs(left) <= REACH_SLACK] = 0.0
-    return left

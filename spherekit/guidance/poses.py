@@ -15,20 +15,18 @@ from spherekit.arrays import Bools, Floats
 from spherekit.conventions import listing
 from spherekit.errors import SolveError
 from spherekit.guidance.follow import FollowedRotation, follow_rotation, follow_to, unit
-from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture
+from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture, named
 from spherekit.guidance.rotation_path import UNFIXED, OutputTarget
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import Solver, label_of
 from spherekit.motion.elimination import assemblies
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.output.forward import pose_of
 from spherekit.output.inverse import InverseKinematics
 from spherekit.output.virtual_output import with_wrist
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
     angles_between,
-    mirror_angles,
     normal_at,
     upward,
 )
@@ -38,8 +36,6 @@ SAME_POSE = 1e-7
 well than to rounding."""
 IN_PLANE = 1e-9
 """How near (rad) an orientation is to a mirror image to be taken for one."""
-INSIDE = np.radians(0.01)
-"""How far inside the legs' reach an offered pose is."""
 
 
 @dataclass(frozen=True)
@@ -157,15 +153,13 @@ class PoseFinder:
                 raise SolveError(
                     f"{self.mechanism.name}: phi and gamma name a mid-plane, and the "
                     "mechanism has no mid-plane symmetric architecture; give inputs, a "
-                    "direction or an "
-                    "orientation"
+                    "direction or an orientation"
                 )
 
     def _assembled(self, inputs: Floats) -> PoseCandidates:
         here = assemblies(self.solver, inputs)
         if not here.signs:
-            names = self.mechanism.input_pairs
-            degrees = zip(names, np.degrees(inputs), strict=True)
+            degrees = zip(self.mechanism.input_pairs, np.degrees(inputs), strict=True)
             raise SolveError(
                 f"{self.mechanism.name} cannot be assembled at "
                 + ", ".join(f"{name} = {q:.6g} deg" for name, q in degrees)
@@ -174,16 +168,14 @@ class PoseFinder:
         return self._of_values(here.values, [*map(label_of, here.signs)])
 
     def _of_values(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
-        placed = self.solver.closure.at(values).placed
-        driven = list(self.solver.driven)
         near = OutputTarget.of(self.mechanism, self.output).at(values, np.eye(3)[None])
         free = np.minimum(near.output_singular_value, near.loop_conditioning) > UNFIXED
         transmission = Transmission.of(self.mechanism, self.output)
         free &= transmission.of_values(self.solver.closure, values) > SINGULAR
         candidates = PoseCandidates(
             values,
-            self.solver.reduced(values[:, driven]),
-            pose_of(self.mechanism, self.output, placed),
+            self.solver.reduced(values[:, self.solver.driven]),
+            near.reached,
             np.array(labels, dtype=str),
             ~free,
         )
@@ -228,7 +220,7 @@ class PoseFinder:
                     raise SolveError(
                         f"{form.mechanism.name}: the orientation is not a pose of its "
                         f"output link: it is {np.degrees(departure[0]):.3g} deg from "
-                        f"{_named(normals[0])}"
+                        f"{named(normals[0])}"
                     )
                 return normals, None
             case AtDirection(direction):
@@ -245,28 +237,14 @@ class PoseFinder:
 
     def _of_mirrors(self, form: MidPlaneArchitecture, pose: Pose) -> PoseCandidates:
         normals, signs = self._normals(form, pose)
-        self.check_reach(normals[0])
-        driven = list(form.plane.driven)
+        form.check_reach(normals[0])
         modes = [
-            mode for mode in _modes(form) if signs is None or np.all(mode[driven] == signs)
+            mode
+            for mode in _modes(form)
+            if signs is None or np.all(mode[form.plane.driven] == signs)
         ]
         values = [form.values(form.place(normals, mode))[0] for mode in modes]
         return self._of_values(np.concatenate(values), [label_of(mode) for mode in modes])
-
-    def check_reach(self, normal: Floats) -> None:
-        """Raise `SolveError` if a mid-plane (3,) of the form is outside the legs' reach.
-
-        With the nearest one that is inside.
-        """
-        form = self.form
-        assert form is not None
-        names = form.out_of_reach(normal)
-        if names:
-            raise SolveError(
-                f"{form.mechanism.name}: {_named(normal)} is outside the workspace: the "
-                f"legs at {listing(names)} do not reach its mid-plane; the nearest pose "
-                f"inside is {_named(form.plane.nearest(normal, INSIDE))}"
-            )
 
     def rotation(
         self, start: PoseCandidates, number: int, end: Pose | AtRotation, mode: str
@@ -310,7 +288,6 @@ class PoseFinder:
         if form is not None:
             normals, departure = form.normals(np.stack([first, wanted]))
             if departure[1] < SAME_POSE:
-                self.check_reach(normals[1])
                 return form.rotation_between(normals[0], normals[1], signs)
         return follow_to(self.mechanism, values, wanted, named)
 
@@ -320,8 +297,3 @@ def _modes(form: MidPlaneArchitecture) -> list[Floats]:
     first, second = form.plane.driven
     every = (np.array(signs) for signs in product((1.0, -1.0), repeat=len(form.legs)))
     return sorted(every, key=lambda mode: (mode[first], -mode[second]))
-
-
-def _named(normal: Floats) -> str:
-    phi, gamma, _ = np.degrees(mirror_angles(normal)) + 0.0
-    return f"phi = {phi:.6g}, gamma = {gamma:.6g} deg"

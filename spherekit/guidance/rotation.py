@@ -18,7 +18,7 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
 from spherekit.conventions import Status, listing, nearest
 from spherekit.errors import SolveError
-from spherekit.guidance.follow import RotationSamples
+from spherekit.guidance.follow import RotationSamples, within
 from spherekit.model.study import Cycloidal, Law, Polynomial
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.zeros import zeros
@@ -158,15 +158,8 @@ class TimeScaling:
         SolveError
             If a time is outside.
         """
-        t = np.atleast_1d(np.asarray(t, dtype=float))
-        slack = 1e-12 * self.duration
-        if t.ndim != 1 or not np.all((t >= -slack) & (t <= self.duration + slack)):
-            raise SolveError(
-                f"t has to be an array (n,) of times from 0 to {self.duration:.6g} s"
-            )
-        samples, motion = _moved(
-            self.rotation, self.shape, np.clip(t / self.duration, 0.0, 1.0)
-        )
+        t = within(t, self.duration, "t", "s")
+        samples, motion = _moved(self.rotation, self.shape, t / self.duration)
         speeds, accelerations = np.split(motion, 2, axis=1)
         return Trajectory(
             self.rotation.inputs,

@@ -58,8 +58,8 @@ class OutputTarget:
     def of(mechanism: Mechanism, output: Output) -> "OutputTarget":
         """Return the target of an output, body 0 the link that it is relative to."""
         made = replace(mechanism, ground=output.relative_to)
-        closure = Closure.of(made, joints_of(made))
-        return OutputTarget(closure, made.link_number[output.link], len(made.inputs))
+        link, freedoms = made.link_number[output.link], len(made.inputs)
+        return OutputTarget(Closure.of(made, joints_of(made)), link, freedoms)
 
     def at(self, values: Floats, wanted: Floats) -> "Optimality":
         """Return n configurations (n, variables) beside orientations (n, 3, 3)."""
@@ -150,8 +150,8 @@ class Optimality:
         tree = self.at.tree
         at_loops = -np.vecmat(slope, self._split[0])
         at_loops = at_loops.reshape(len(slope), len(tree.chords), 3)
-        reach = tree.paths[self.target.link][:, None]
-        return transpose(tree.signs) @ at_loops + reach * at_output[:, None]
+        at_link = tree.paths[self.target.link][:, None] * at_output[:, None]
+        return transpose(tree.signs) @ at_loops + at_link
 
     def _turned(self, rates: Floats) -> Floats:
         """Return how vectors change, (n, variables, 3), at rates (n, variables)."""
@@ -174,10 +174,8 @@ class Optimality:
     def _stiff(self, motion: Floats) -> Floats:
         """Return how the gradient of a^2 / 2 changes with motions (n, variables)."""
         back = log_rate(-self.left, np.matvec(self.turning, motion))
-        change = np.vecmat(back, self.turning)
-        if np.any(self._departed):
-            change -= np.vecdot(self._turned(motion), self._pulls)
-        return change
+        pulled = np.vecdot(self._turned(motion), self._pulls)
+        return np.vecmat(back, self.turning) - pulled
 
     @cached_property
     def stiffness(self) -> Floats:
@@ -245,12 +243,12 @@ class Optimality:
         bias = -np.concatenate(self._biases(first, self._turned(first)), axis=1)
         second = np.matvec(self.system_inverse, bias)
         further = np.matvec(self.system, second) - bias
-        size = 1.0 + max_abs(bias, axis=1)
-        misfit = np.maximum(max_abs(off, axis=1), max_abs(further, axis=1) / size)
+        further /= 1.0 + max_abs(bias, axis=1)[:, None]
+        misfit = max_abs(np.hstack([off, further]), axis=1)
         follows = ~self._departed & (misfit < DEPARTED)
         if not np.all(follows):
-            near, rows = self._nearest_rates(axis), follows[:, None]
-            first, second = np.where(rows, first, near[0]), np.where(rows, second, near[1])
+            near = self._nearest_rates(axis)
+            first, second = np.where(follows[:, None], (first, second), near)
         return first, second, follows
 
     def _biases(self, rates: Floats, turned: Floats) -> tuple[Floats, Floats]:
@@ -260,8 +258,7 @@ class Optimality:
 
     def _nearest_rates(self, axis: Floats) -> tuple[Floats, Floats]:
         """Return the rates of the nearest configurations, from the condition for those."""
-        left, about = self.left, np.broadcast_to(axis, self.left.shape)
-        log = log_rate(left, about)
+        left, log = self.left, log_rate(self.left, axis)
         ahead = np.vecmat(log, self.turning)
         first = self._balanced(ahead, np.zeros_like(self.at.residual), self.stiffness)
         turned = self._turned(first)
@@ -270,7 +267,7 @@ class Optimality:
         slope = np.vecdot(turned, self._pulls) + np.vecmat(left_rate, self.turning)
         pulls_rate = self._combined(left_rate, slope)
         loops, swung = self._biases(first, turned)
-        left_bias = log_rate_change(left, left_rate, about)
+        left_bias = log_rate_change(left, left_rate, axis)
         left_bias -= log_rate_change(-left, -left_rate, w)
         pull = np.vecdot(self._turned_twice(first, turned), self._pulls)
         pull += np.vecmat(left_bias - log_rate(-left, swung), self.turning)
@@ -383,8 +380,7 @@ class Way:
         wanted = self.wanted(theta)
 
         def change(some: Floats, rows: Indices) -> Floats:
-            near = self.target.at(some, wanted[rows])
-            return np.nan_to_num(near.step(self.exact))
+            return np.nan_to_num(self.target.at(some, wanted[rows]).step(self.exact))
 
         values, steps = newton(change, guess, CORRECTIONS, SETTLED, LARGEST_CHANGE)
         return self.target.at(values, wanted), steps
@@ -418,9 +414,9 @@ class Way:
             return None
         made, steps = self._nodes(np.append(at.theta + parts[:1], goal), guess)
         middle, node = made.rows(slice(0, 1)), made.rows(slice(1, 2))
-        moved = float(max_abs(node.values - at.values))
-        good = VERIFIED.corrected(steps, moved)
-        if not np.all(good & made.holds & (made.follows == at.follows)):
+        moved = max_abs(node.values - at.values)
+        good = VERIFIED.corrected(steps, moved) & made.holds
+        if not np.all(good & (made.follows == at.follows)):
             return None
         if at.follows[0]:
             change = np.linalg.pinv(at.system[0]) @ (made.system - at.system)
@@ -437,18 +433,18 @@ class Way:
 
         None if there is none near, or the way to the angle `end` does not go on smoothly.
         """
-        theta = float(at.theta[0])
         for way in LEAPS:
-            goal = theta + way
-            if end < goal and theta < end - LEAP_FROM:
+            goal = at.theta + way
+            if end < goal and at.theta < end - LEAP_FROM:
                 return None
-            node, steps = self._nodes(np.array([goal]), at.ahead(np.array([way])))
-            moved = float(max_abs(node.values - at.values))
+            node, steps = self._nodes(goal, at.ahead(np.array([way])))
+            moved = max_abs(node.values - at.values)
             if not node.holds[0] or steps[0, 0] > VERIFIED.correction * moved:
                 continue
             if not node.condition[0] > LEAP_FROM * way:
                 continue
-            both, places = Nodes.joined([at, node]), theta + way * np.arange(0.2, 0.9, 0.2)
+            places = at.theta + way * np.arange(0.2, 0.9, 0.2)
+            both = Nodes.joined([at, node])
             guess, _ = both.between(places)
             inner, _ = self._nodes(places, guess)
             off = max_abs(inner.values - guess, axis=1)[inner.condition > 100.0 * UNFIXED]
@@ -460,7 +456,7 @@ class Way:
                 system = self.target.at(both.between(theta)[0], np.eye(3)[None]).system
                 return np.asarray(np.linalg.svd(system, compute_uv=False)[:, -1])
 
-            place = least_within(hold, np.array([theta]), np.array([goal]))
+            place = least_within(hold, at.theta, goal)
             if hold(place)[0] < SINGULAR * np.min(hold(both.theta)):
                 return node, float(place[0])
         return None
@@ -498,7 +494,7 @@ def _longest(at: Nodes) -> float:
     """Return the step that the bend of the way allows."""
     bend = float(max_abs(np.nan_to_num(at.second))) + 1e-300
     nearer = NEARER * float(max_abs(at.first)) / bend
-    step = min(LARGEST_STEP, float(np.sqrt(2.0 * BEND / bend)))
+    step = min(LARGEST_STEP, (2.0 * BEND / bend) ** 0.5)
     return min(step, nearer) if nearer < SHORT else step
 
 

@@ -68,7 +68,7 @@ class MidPlaneKinematics(ClosedKinematics):
     def spans(self) -> tuple[Span, ...]:
         """What limits the reach: the axes of every leg at base and end effector."""
         plane = self.form.plane
-        most = (2.0 * np.minimum(plane.arcs, np.pi - plane.arcs)).tolist()
+        most = (2.0 * plane.reach).tolist()
         return tuple(
             (base, tip, 0.0, most[k], k in plane.driven)
             for k, (base, _, tip) in enumerate(self.form.legs)
@@ -87,7 +87,7 @@ class MidPlaneKinematics(ClosedKinematics):
         upward = plane.normals(inputs)
         away = -np.sign(upward @ form.home)[:, None]  # from the image of the output
         normals, driven_modes = away * upward, away * plane.modes(inputs)
-        wanted = np.array(self.modes)[:, list(plane.driven)]
+        wanted = np.array(self.modes)[:, plane.driven]
         row, mode = np.nonzero(np.all(driven_modes[:, None] == wanted, axis=2))
         values, _ = form.values(form.place(normals[row], np.array(self.modes)[mode]))
         closed = np.isfinite(values).all(axis=1)
@@ -107,7 +107,7 @@ class MidPlaneKinematics(ClosedKinematics):
 class _MidPlaneRows:
     def __init__(self, owner: MidPlaneKinematics, points: Floats, signs: Signs) -> None:
         self.form, self.signs, self.points = owner.form, signs, points
-        self.driven = list(owner.form.plane.driven)
+        self.driven = owner.form.plane.driven
         self.normals, self.distance = self.form.normals_to(points)
 
     def cosine(self, one: int, other: int) -> Floats:
@@ -142,7 +142,7 @@ class _MidPlaneRows:
     @property
     def type_1_square(self) -> Floats:
         square = self.type_1**2
-        flat, left = self.form.plane.nearest_elbows(self.normals)
+        flat, _, left = self.form.plane.nearest_elbows(self.normals)
         across = cross(self.points[:, None], flat[:, self.driven])
         beyond = left[:, self.driven] / np.vecdot(across, across)
         beyond = np.fmin(beyond * (self.distance**2)[:, None], 0.0)
