@@ -66,40 +66,37 @@ class TensorChebyshev:
         m, checks = len(low), _spread(CHECKS, len(low))
         splits: list[list[float]] = []
         kept: list[tuple[Floats, Floats]] = []
-        open_: list[tuple[Floats, tuple[int, int] | None]] = [(np.stack([low, high]), None)]
+        first = np.stack([low, high]), [0.0], 0
+        open_: list[tuple[Floats, list[float], int]] = [first]
         while open_:
-            bounds = np.array([cell for cell, _ in open_])
+            bounds = np.array([cell for cell, *_ in open_])
             series, gap, samples = sampled(function, bounds, degree, checks)
             with np.errstate(invalid="ignore"):
                 good = np.max(gap / size, axis=(1, 2)) <= tolerance
-            later: list[tuple[Floats, tuple[int, int] | None]] = []
+            later: list[tuple[Floats, list[float], int]] = []
             room = most - len(kept) - 2 * len(open_)
-            for number, (cell, parent) in enumerate(open_):
+            for number, (cell, parent, place) in enumerate(open_):
                 wide = (cell[1] - cell[0]) / (high - low)
                 axis = _worst(series[number] / size, wide)
                 if good[number]:
                     kept.append((cell, series[number]))
-                    to = -len(kept)
+                    parent[place] = -len(kept)
                 elif room > 0 and wide[axis] > 1.5 * NARROWEST and samples[number] >= 0.0:
-                    to = len(splits)
-                    splits.append([float(axis), float(np.mean(cell[:, axis])), 0.0, 0.0])
+                    parent[place] = len(splits)
+                    split = [axis, float(np.mean(cell[:, axis])), 0.0, 0.0]
+                    splits.append(split)
                     for side in (0, 1):
                         part = cell.copy()
-                        part[1 - side, axis] = splits[-1][1]
-                        later.append((part, (to, side)))
-                else:
-                    continue
-                if parent is not None:
-                    splits[parent[0]][2 + parent[1]] = float(to)
+                        part[1 - side, axis] = split[1]
+                        later.append((part, split, 2 + side))
             open_ = later
         cells, parts = ([item[k] for item in kept] for k in (0, 1))
-        shape = (-1, *[degree + 1] * m, len(size))
         return TensorChebyshev(
             low,
             high,
             np.array(splits).reshape(-1, 4),
             np.array(cells).reshape(-1, 2, m),
-            np.array(parts).reshape(shape),
+            np.array(parts).reshape(-1, *[degree + 1] * m, len(size)),
         )
 
     @property
@@ -116,10 +113,8 @@ class TensorChebyshev:
         while True:
             axis, middle, below, above = self._tree[node]
             node = above if x[axis] >= middle else below
-            if node < 0:
+            if node <= 0:
                 return -1 - node
-            if not node:
-                return -1
 
     def cells(self, x: Floats) -> Indices:
         """Return the cells (n,) of places (n, m), -1 outside the box or the domain."""
@@ -143,17 +138,14 @@ class TensorCells:
         coefficients = series.coefficients @ factors
         self._count = coefficients.shape[1]
         self._orders = np.arange(self._count, dtype=float)
-        self._flat = [cell.reshape(self._count, -1) for cell in coefficients]
+        self._coefficients = [*coefficients]
         middle = 0.5 * (series.bounds[:, 0] + series.bounds[:, 1])
         scale = 2.0 / (series.bounds[:, 1] - series.bounds[:, 0])
-        self._affine = [
-            list(zip(a, b, strict=True))
-            for a, b in zip(middle.tolist(), scale.tolist(), strict=True)
-        ]
+        self._affine = np.stack([middle, scale], axis=2).tolist()
 
     def at(self, number: int, x: Sequence[float]) -> Floats:
         """Return the sums (K,) at a place in the cell of this number."""
-        sums, orders, cos = self._flat[number], self._orders, np.cos
+        sums, orders, cos = self._coefficients[number], self._orders, np.cos
         for value, (middle, scale) in zip(x, self._affine[number], strict=True):
             place = (value - middle) * scale
             angle = acos(place if -1.0 <= place <= 1.0 else copysign(1.0, place))
@@ -176,7 +168,7 @@ def _worst(series: Floats, wide: Floats) -> int:
     if not np.all(np.isfinite(series)):
         return int(np.argmax(wide))
     tails = [
-        float(np.max(np.abs(np.take(series, [-1, -2], axis=axis))))
+        np.max(np.abs(np.take(series, [-1, -2], axis=axis)))
         for axis in range(series.ndim - 1)
     ]
     return int(np.argmax(tails))

@@ -69,17 +69,15 @@ class PiecewiseChebyshev:
                 size = np.full(gap.shape[2], np.max(largest_value) or 1.0)
             error = np.max(gap / size, axis=(1, 2))
             good = (error <= tolerance) | ((error < rounding) & (error > 0.5 * before))
-            if len(done) + 2 * len(bounds) > most:
-                good[:] = True
+            good |= len(done) + 2 * len(bounds) > most
             done.update(zip(bounds[good, 0].tolist(), series[good], strict=True))
             largest = float(np.max(error[good], initial=largest))
             bounds, before = bounds[~good], np.repeat(error[~good], 2)
             middle = np.mean(bounds, axis=1, keepdims=True)
             bounds = np.insert(bounds, [1, 1], middle, axis=1).reshape(-1, 2)
         starts = sorted(done)
-        edges = np.array([*starts, high])
         series = np.stack([done[start] for start in starts])
-        return PiecewiseChebyshev(edges, series, largest)
+        return PiecewiseChebyshev(np.array([*starts, high]), series, largest)
 
     def grid(self, parts: int) -> Floats:
         """Return so many places in each cell, spread evenly, and the last edge."""
@@ -122,10 +120,8 @@ def summed(x: Floats, owner: Indices, bounds: Floats, coefficients: Floats) -> F
 
     By `bounds` (cells, 2, m) of the cells, `coefficients` (cells, degree + 1, ..., F).
     """
-    order, values = (
-        np.argsort(owner, kind="stable"),
-        np.full((len(x), coefficients.shape[-1]), np.nan),
-    )
+    order = np.argsort(owner, kind="stable")
+    values = np.full((len(x), coefficients.shape[-1]), np.nan)
     owner = owner[order]
     low, high = bounds[owner].swapaxes(0, 1)
     places = (2.0 * x[order] - low - high) / (high - low)
@@ -143,8 +139,7 @@ def summed(x: Floats, owner: Indices, bounds: Floats, coefficients: Floats) -> F
 @cache
 def nodes(degree: int) -> Floats:
     """Return the zeros (degree + 1,) of the next Chebyshev polynomial, rising."""
-    count = degree + 1
-    return np.cos((np.arange(degree, -1, -1) + 0.5) * np.pi / count)
+    return np.cos((np.arange(degree, -1, -1) + 0.5) * np.pi / (degree + 1))
 
 
 def sampled(
@@ -157,13 +152,13 @@ def sampled(
     the function at the checks in size; the largest samples (cells,) come last, NaN where
     there is no finite one.
     """
-    m, count = bounds.shape[2], degree + 1
+    m = bounds.shape[2]
     grid = tensor([nodes(degree)] * m)
     places = np.concatenate([grid, checks])
     half = 0.5 * (bounds[:, 1] - bounds[:, 0])
     x = bounds[:, None, 0] + half[:, None] * (1.0 + places)
     samples = function(x.reshape(-1, m)).reshape(len(bounds), len(places), -1)
-    series = samples[:, : len(grid)].reshape(len(bounds), *[count] * m, -1)
+    series = samples[:, : len(grid)].reshape(len(bounds), *[degree + 1] * m, -1)
     for axis in range(1, m + 1):
         series = np.moveaxis(np.tensordot(series, fitting(degree), (axis, 1)), -1, axis)
     flat = series.reshape(len(bounds), len(grid), -1)
@@ -192,9 +187,7 @@ def products(polynomials: Floats) -> Floats:
 @cache
 def fitting(degree: int) -> Floats:
     """Return the matrix that makes series of values at the `nodes`."""
-    count = degree + 1
-    angles = (np.arange(degree, -1, -1) + 0.5) * np.pi / count
-    made = np.cos(np.outer(np.arange(count), angles)) * (2.0 / count)
+    made = polynomials_at(nodes(degree), degree).T * (2.0 / (degree + 1))
     made[0] *= 0.5
     return made
 
@@ -202,7 +195,7 @@ def fitting(degree: int) -> Floats:
 def trimmed(series: Floats, size: float) -> Floats:
     """Return a series without its last terms that are smaller than `size`."""
     (large,) = np.nonzero(np.abs(series) > size)
-    return series[: max(2, large[-1] + 1 if len(large) else 0)]
+    return series[: np.max(large + 1, initial=2)]
 
 
 def real_zeros(series: Floats, most: float = 1.0) -> Floats:

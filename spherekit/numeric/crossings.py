@@ -57,28 +57,25 @@ def bracketed_zeros(
     Inverse quadratic interpolation where it is safe, else halving (T. R. Chandrupatla,
     Advances in Engineering Software 28, 1997, 145-149).
     """
-    b, fb, a, fa = low.copy(), at_low.copy(), high.copy(), at_high.copy()
-    c, fc = b.copy(), fb.copy()
-    room = np.broadcast_to(np.asarray(tolerance, dtype=float), low.shape)
-    going, share = np.flatnonzero((fa != 0.0) & (fb != 0.0)), np.array(0.5)
+    a, b, c = points = np.array([[high, at_high], [low, at_low], [low, at_low]])
+    room = np.broadcast_to(tolerance, low.shape)
+    going, share = np.flatnonzero((at_high != 0.0) & (at_low != 0.0)), np.array(0.5)
     for _ in range(MOST_STEPS):
         if not len(going):
             break
-        ga, gb = a[going], b[going]
-        x = ga + share * (gb - ga)
+        one, other = a[:, going], b[:, going]
+        x = one[0] + share * (other[0] - one[0])
         value = function(x, going)
-        same = (value >= 0.0) == (fa[going] >= 0.0)
-        c[going] = np.where(same, ga, gb)
-        fc[going] = np.where(same, fa[going], fb[going])
-        b[going] = np.where(same, gb, ga)
-        fb[going] = np.where(same, fb[going], fa[going])
-        a[going], fa[going] = x, value
-        best = np.where(np.abs(value) < np.abs(fb[going]), x, b[going])
+        same = (value >= 0.0) == (one[1] >= 0.0)
+        across = np.where(same, other, one)
+        c[:, going] = np.where(same, one, other)
+        a[:, going], b[:, going] = (x, value), across
+        best = np.where(np.abs(value) < np.abs(across[1]), x, across[0])
         least = 2.0 * EPS * np.abs(best) + 0.5 * room[going] + TINY
-        gap = np.abs(b[going] - x)
-        settled = (value == 0.0) | (gap <= 2.0 * least)
-        going, gap, least = going[~settled], gap[~settled], least[~settled]
-        x, y, z, fx, fy, fz = (part[going] for part in (a, b, c, fa, fb, fc))
+        gap = np.abs(across[0] - x)
+        left = (value != 0.0) & ~(gap <= 2.0 * least)
+        going, gap, least = going[left], gap[left], least[left]
+        (x, fx), (y, fy), (z, fz) = points[..., going]
         with np.errstate(all="ignore"):
             place, level = (x - y) / (z - y), (fx - fy) / (fz - fy)
             safe = (level**2 < place) & ((1.0 - level) ** 2 < 1.0 - place)
@@ -86,7 +83,8 @@ def bracketed_zeros(
             share += (z - x) / (y - x) * (fx / (fz - fx)) * (fy / (fz - fy))
             room_left = np.minimum(least / gap, 0.5)
             share = np.clip(np.where(safe, share, 0.5), room_left, 1.0 - room_left)
-    return np.where(np.abs(fa) < np.abs(fb), a, b), np.where(fa < 0.0, a, b)
+    nearer = np.where(np.abs(a[1]) < np.abs(b[1]), a, b)
+    return nearer[0], np.where(a[1] < 0.0, a, b)[0]
 
 
 DEGREE = 32
@@ -136,7 +134,7 @@ def crossings(
     cells = np.stack([edges[:-1], edges[1:]], axis=1)
     roots: list[list[Floats]] = []
     doubtful: list[Floats] = []
-    looked, barren = 0, np.zeros(len(cells), dtype=np.int64)
+    looked, barren = 0, np.zeros(len(cells), dtype=int)
     for depth in range(DEEPEST + 1):
         looked += len(cells)
         middle, half = cells.mean(axis=1), 0.5 * (cells[:, 1] - cells[:, 0])
@@ -153,10 +151,9 @@ def crossings(
             break
         if depth:  # cells are halves, two and two of one
             both = np.repeat(again.reshape(-1, 2).all(axis=1), 2) & (2.0 * half <= smooth)
-            barren = np.where(both, barren + 1, 0)
-        barren, inner = np.repeat(barren[again], 2), middle[again]
-        ends = cells[again].T
-        cells = np.stack([ends[0], inner, inner, ends[1]], axis=1).reshape(-1, 2)
+            barren = (barren + 1) * both
+        barren, inner = np.repeat(barren[again], 2), middle[again, None]
+        cells = np.insert(cells[again], [1, 1], inner, axis=1).reshape(-1, 2)
     places, slopes = np.concatenate(roots, axis=1)
     for _ in range(POLISHING_STEPS if len(places) else 0):
         with np.errstate(all="ignore"):
@@ -173,21 +170,19 @@ def _in_cell(series: Floats, gap: Floats, largest: float) -> tuple[Floats, Float
     the largest value. All of it is doubtful where the series is not the function.
     """
     series = series[:, 0]
-    error = float(max(np.max(gap), np.max(np.abs(series[-TAIL:]))))
+    error = max(np.max(gap), np.max(np.abs(series[-TAIL:])))
     if not error <= FITTED * largest or not largest:
         return np.zeros((2, 0)), np.array([[-1.0, 1.0]])
     series = trimmed(series, 1e-3 * error)
     if abs(series[0]) > np.sum(np.abs(series[1:])) + CERTAIN * error:
         return np.zeros((2, 0)), np.zeros((0, 2))
-    slope: Floats = np.asarray(chebyshev.chebder(series), dtype=float)
+    slope = np.asarray(chebyshev.chebder(series), dtype=float)
     extrema = real_zeros(slope, 1.0 + BEYOND)
     heights = np.abs(chebyshev.chebval(extrema, series))
-    touches = []
-    for place in extrema[heights <= CERTAIN * error]:
-        bend = abs(float(chebyshev.chebval(place, chebyshev.chebder(slope))))
-        reach = min(2.0, float(np.sqrt(4.0 * CERTAIN * error / (bend or error))))
-        touches.append((float(place) - reach, float(place) + reach))
-    cuts = np.unique(np.concatenate([[-1.0], np.clip(extrema, -1.0, 1.0), [1.0]]))
+    touching = extrema[heights <= CERTAIN * error]
+    bend = np.abs(chebyshev.chebval(touching, chebyshev.chebder(slope)))
+    reach = np.minimum(2.0, np.sqrt(4.0 * CERTAIN * error / np.maximum(bend, error)))
+    cuts = np.unique([-1.0, *np.clip(extrema, -1.0, 1.0), 1.0])
     values = chebyshev.chebval(cuts, series)
     (part,) = np.nonzero((values[:-1] >= 0.0) != (values[1:] >= 0.0))
     places, _ = bracketed_zeros(
@@ -198,7 +193,8 @@ def _in_cell(series: Floats, gap: Floats, largest: float) -> tuple[Floats, Float
         values[part + 1],
     )
     rates = np.asarray(chebyshev.chebval(places, slope), dtype=float)
-    return np.stack([places, rates]), np.array(touches).reshape(-1, 2)
+    parts = np.stack([touching - reach, touching + reach], axis=1)
+    return np.stack([places, rates]), parts
 
 
 def _merged(parts: Floats) -> Floats:

@@ -53,9 +53,8 @@ def descent(
         normal = across @ slope
         stopped = (here <= low) & (right[..., 0] < 0.0)
         stopped |= (here >= high) & (right[..., 0] > 0.0)
-        normal[stopped] = 0.0
-        right[stopped] = 0.0
-        normal[:, np.arange(count), np.arange(count)] += damping[active, None]
+        normal[stopped] = right[stopped] = 0.0
+        normal += damping[active, None, None] * np.eye(count)
         change = np.linalg.solve(normal, right)[..., 0]
         size = np.max(np.abs(change), axis=1, initial=0.0)
         change *= np.minimum(1.0, longest / np.maximum(size, STILL))[:, None]

@@ -34,9 +34,9 @@ def minima(
     inside = grid[:-1] + np.diff(grid) * PARTS[:-1]
     x = np.append(inside.T.ravel(), grid[-1])
     y = function(x)
-    deep = (y[1:-1] < y[:-2]) & (y[1:-1] <= y[2:]) & (y[1:-1] <= limit)
-    deep &= np.minimum(y[:-2], y[2:]) - y[1:-1] > FLAT * y[1:-1]
-    (at,) = np.nonzero(deep)
+    before, here, after = y[:-2], y[1:-1], y[2:]
+    deep = (here < before) & (here <= after) & (here <= limit)
+    (at,) = np.nonzero(deep & (np.minimum(before, after) - here > FLAT * here))
     places = least_within(function, x[at], x[at + 2], KNOWN * (grid[-1] - grid[0]))
     return places, function(places)
 

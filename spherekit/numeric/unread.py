@@ -126,7 +126,7 @@ def _places(count: int, spans: Sequence[Span], rows: slice) -> list[tuple[slice,
         start = wanted.start // count
         low, high = max(rows.start, start), min(rows.stop, wanted.stop // count)
         if low < high:
-            at, end = first + (low - start) * count, first + (high - start) * count
+            at, end = (first + (row - start) * count for row in (low, high))
             here = slice(low - rows.start, high - rows.start)
             made.append((slice(at, end, count), here))
     return made

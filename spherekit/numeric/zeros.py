@@ -82,15 +82,13 @@ def zeros(function: Function, grid: Floats) -> Zeros:
             break
     turning = _changes(*cells[4:])
     parts.append(cells[:4, ~turning])
-    tops = np.zeros(0)
-    if np.any(turning):
-        a, b, fa, fb, falls, rises = cells[:, turning]
-        tops, _ = bracketed_zeros(lambda x, _: function(x)[1], a, b, falls, rises)
-        top_value, _ = function(tops)
-        apart = np.abs(top_value) > floor
-        sides = (a, tops, fa, top_value), (tops, b, top_value, fb)
-        parts += [np.stack(side)[:, apart] for side in sides]
-        tops = tops[~apart]
+    a, b, fa, fb, falls, rises = cells[:, turning]
+    tops, _ = bracketed_zeros(lambda x, _: function(x)[1], a, b, falls, rises)
+    top_value, _ = function(tops)
+    apart = np.abs(top_value) > floor
+    sides = (a, tops, fa, top_value), (tops, b, top_value, fb)
+    parts += [np.stack(side)[:, apart] for side in sides]
+    tops = tops[~apart]
     a, b, fa, fb = np.concatenate(parts, axis=1)
 
     def near(x: Floats, _: Indices) -> Floats:

@@ -7,11 +7,11 @@ all orientations have 8 pi^2 of it, as with Euler angles and sin(b) da db dc.
 """
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
+from spherekit.numeric.chebyshev import tensor
 from spherekit.progress import ProgressReporter
 from spherekit.region.mesh import VALUE_SLACK, Evaluator, Margins, check_positive, least
 from spherekit.sphere.rotation import max_abs, unit_rows
@@ -32,7 +32,7 @@ COST_OF_CUT = 120
 
 def _cube(axis: Array) -> Array:
     """Return the points (n**3, 3) of a cubic grid, the last coordinate fastest."""
-    return np.array([*product(axis, repeat=3)])
+    return tensor(3 * [axis])
 
 
 _THREE, _TWO = _cube(np.arange(3)), _cube(np.arange(2))
