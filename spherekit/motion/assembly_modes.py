@@ -57,11 +57,9 @@ SAME = 0.3
 """Angles (rad) of a followed mode that are farther from a row's are another's."""
 BEYOND = 1e-4
 """An input beyond the end of a mode by less (rad) is at its end, a dead centre."""
-FEW = 8
-"""Whole periods of inputs that are followed; of more, one is."""
-HALF = np.pi + 1e-6
-"""An angle (rad) of half a turn is positive, whatever rounding makes of it, and a dead
-centre of rounding."""
+HALF = np.pi + 1e-3
+"""An angle (rad) of half a turn is positive, whatever rounding makes of it, and a singular
+anchor of rounding."""
 
 
 def first_turns(angles: Floats) -> Floats:
@@ -393,8 +391,8 @@ class Unwrapping:
         """Return turns (n, angles) of rows that follow each other, several inputs.
 
         Where no straight way within the mode leads there from the row before, one from the
-        anchor, but for many whole periods of inputs: in each angles grow as in one lap.
-        Where none leads there, angles are in (-pi, pi].
+        anchor, but for whole periods of inputs, with which angles grow as they do from the
+        anchor: not, where it is singular. Where none leads there, angles are in (-pi, pi].
         """
         angles, given = self._angles, at if last is None else np.concatenate([[last], at])
         steps, follows = self._grown(given[1:], given[:-1])
@@ -402,16 +400,17 @@ class Unwrapping:
         first, periods = given[anew], self.solver.periods
         q = first[:, self._driven]
         far, goal = whole_laps(q - self.anchor, periods), np.full_like(q, self.anchor)
-        far *= np.abs(far) > FEW * periods
         near = self.solver.moved(first, q - far)
         there = follow_inputs(self._closure, self._driven, near, goal)[0].values
         led = max_abs(there[:, self._driven] - goal, axis=1) < BEYOND
         turns = np.zeros((len(given), len(angles)))
         turns[anew] = -first_turns(np.where(led[:, None], there, near)[:, angles])
-        rows, which = np.nonzero(far)
-        near, period = near[rows], periods[which, None]
-        on = near[:, self._driven] + np.eye(len(periods))[which] * period
-        grown, whole = self._grown(near, self.solver.moved(near, on))
+        jacobian = np.delete(self._closure.at(there).jacobian, self._driven, axis=2)
+        led &= flatness(jacobian) >= FLAT_GROUP
+        rows, which = np.nonzero(far * led[:, None])
+        there, period = there[rows], periods[which, None]
+        on = goal[rows] + np.eye(len(periods))[which] * period
+        grown, whole = self._grown(there, self.solver.moved(there, on))
         laps = far[rows[whole], which[whole], None] / period[whole]
         np.add.at(turns, np.flatnonzero(anew)[rows[whole]], grown[whole] * laps)
         for row in np.flatnonzero(~anew[1:]):
