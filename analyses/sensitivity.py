@@ -204,8 +204,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             values, gradients = sensitivity.at(samples, configurations)
             failed = batch.status != Status.OK
             values[:, failed] = np.nan
-            gradients[:, :, failed] = np.nan
-            gradients[~np.isfinite(gradients)] = np.nan
+            gradients[~np.isfinite(gradients) | failed] = np.nan
             squares = (gradients * deviations.spread[:, None, None]) ** 2
             variance = np.sum(squares, axis=0)
             shares = np.where(np.sqrt(variance) > self._least, squares / variance, np.nan)
@@ -228,13 +227,15 @@ class SensitivityAnalysis(AbstractAnalysis):
         """Return the largest spread of each quantity, and what makes most of it."""
         made = self._found(batch)
         sensitivity, off, figures = made.sensitivity, made.tolerances, {}
-        for k, name in enumerate(sensitivity.quantities):
-            if np.any(np.isfinite(off["spread"][k])):
-                row = int(np.nanargmax(off["spread"][k]))
+        for k, (name, spread) in enumerate(
+            zip(sensitivity.quantities, off["spread"], strict=True)
+        ):
+            if np.any(np.isfinite(spread)):
+                row = np.nanargmax(spread)
                 figures[name] = {
-                    "spread": float(off["spread"][k, row]),
+                    "spread": float(spread[row]),
                     "q": batch.inputs[row].tolist(),
-                    "size": sensitivity.keys[int(np.argmax(made.shares[:, k, row]))],
+                    "size": sensitivity.keys[np.argmax(made.shares[:, k, row])],
                 }
                 if self.draws:
                     figures[name]["drawn"] = float(off["drawn_spread"][k, row])
@@ -254,7 +255,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         return replace(self._said(largest, now.remarks[-1]), warnings=now.warnings)
 
     def _varied(self, keys: Sequence[str]) -> str:
-        singly = [f"{part.replace(':', ' by ')}" for part in _split(self.deviations)]
+        singly = [part.replace(":", " by ") for part in _split(self.deviations)]
         but = f", but {listing(singly)}" if singly else ""
         return (
             f"every size off by {self.deviation:g} deg{but} ({self.distribution}): "
@@ -343,8 +344,8 @@ def _moments(off: Floats) -> Floats:
     count = np.sum(closed, axis=-1)
     with np.errstate(all="ignore"):
         mean = np.nansum(off, axis=-1) / count
-        square = np.nansum(off * off, axis=-1) / count
-        spread = np.sqrt(np.maximum(square - mean * mean, 0.0))
+        variance = np.nansum(off * off, axis=-1) / count - mean * mean
+        spread = np.sqrt(np.maximum(variance, 0.0))
         worst = np.max(np.where(closed, np.abs(off), 0.0), axis=-1)
     return np.stack([spread, worst, 1.0 - count / off.shape[-1]])
 

@@ -26,7 +26,6 @@ from spherekit.engine.expression_graph import (
     expression_terms,
     symbols,
 )
-from spherekit.engine.row_quantities import row_quantities
 from spherekit.errors import SpherekitError
 from spherekit.sphere.rotation import all_finite, max_abs, nans
 
@@ -114,7 +113,7 @@ def held_modes(
     by_design = [
         {mode.label: mode for mode in modes} for modes in every_mode(evaluator, unique)
     ]
-    return [by_design[k].get(x) for k, x in zip(np.ravel(number), labels, strict=True)]
+    return [by_design[k].get(x) for k, x in zip(number, labels, strict=True)]
 
 
 def every_mode(evaluator: Evaluator, designs: Floats) -> list[list[HeldMode]]:
@@ -133,9 +132,9 @@ def every_mode(evaluator: Evaluator, designs: Floats) -> list[list[HeldMode]]:
     elif possible:
         sizes = np.stack([design.sizes for _, design in possible], axis=1)
         numbers, values, labels, _ = evaluator.configurations(sizes)
-        for row, number in enumerate(numbers.tolist()):
+        for row, number in enumerate(numbers):
             k, design = possible[number]
-            followed = evaluator.newton, design, values[:, :, row].copy()
+            followed = evaluator.newton, design, values[:, :, row]
             made[k].append(HeldMode(labels[row], followed))
     return made
 
@@ -164,16 +163,15 @@ def least_greatest(
         return x, np.inf
     now = float(np.max(begun[0]))
     allowed = np.maximum(begun[2], 0.0)
-    places, made, radius = [x], [begun], FIRST
+    looked, radius = [(x, begun)], FIRST
     for _ in range(MOST_STEPS):
-        step, promised = _step(places, made, x, now, allowed, radius)
+        step, promised = _step(looked, x, now, allowed, radius)
         if promised < enough and radius <= FIRST * 1e-2:
             break
         tried = np.clip(x + step, 0.0, 1.0)
         there = parts(tried) if promised > 0.0 else None
         if there is not None:
-            places.append(tried)
-            made.append(there)
+            looked.append((tried, there))
             value = float(np.max(there[0]))
             if now - value >= SERIOUS * promised and np.all(there[2] <= allowed):
                 x, now, radius = tried, value, min(2.0 * radius, LONGEST)
@@ -181,16 +179,12 @@ def least_greatest(
         radius *= 0.5
         if radius < SHORTEST:
             break
-        near = [k for k, place in enumerate(places) if max_abs(place - x) <= NEAR * radius][
-            -KEPT:
-        ]
-        places, made = [places[k] for k in near], [made[k] for k in near]
+        looked = [item for item in looked if max_abs(item[0] - x) <= NEAR * radius][-KEPT:]
     return x, now
 
 
 def _step(
-    places: list[Floats],
-    made: list[Parts],
+    looked: Sequence[tuple[Floats, Parts]],
     x: Floats,
     now: float,
     allowed: Floats,
@@ -199,29 +193,25 @@ def _step(
     """Return the step (n,) that planes promise most of, and how much."""
     from scipy.optimize import linprog
 
-    n = len(x)
     planes, right = [], []
-    for place, (values, gradients, limits, slopes) in zip(places, made, strict=True):
-        away = x - place
-        at_x = np.minimum(values + gradients @ away, now)
-        planes.append(np.column_stack([gradients, -np.ones(len(values))]))
-        right.append(now - at_x)
+    for place, (values, gradients, limits, by_limits) in looked:
         # A limit that bends is met with room, as much as the step promises.
-        at_x = np.minimum(limits + slopes @ away, allowed)
-        planes.append(np.column_stack([slopes, -np.full(len(limits), ROOM)]))
-        right.append(allowed - at_x)
+        for at, slopes, most, room in (
+            (values, gradients, now, 1.0),
+            (limits, by_limits, allowed, ROOM),
+        ):
+            planes.append(np.column_stack([slopes, np.full(len(at), -room)]))
+            right.append(most - np.minimum(at + slopes @ (x - place), most))
     low, high = np.maximum(-radius, -x), np.minimum(radius, 1.0 - x)
-    bounds = [*zip(low, high, strict=True), (None, 0.0)]
     result = linprog(
-        np.append(np.zeros(n), 1.0),
+        np.append(np.zeros_like(x), 1.0),
         A_ub=np.vstack(planes),
         b_ub=np.concatenate(right),
-        bounds=bounds,
-        method="highs",
+        bounds=[*zip(low, high, strict=True), (None, 0.0)],
     )
     if result.x is None:
-        return np.zeros(n), 0.0
-    return result.x[:n], float(-result.x[n])
+        return np.zeros_like(x), 0.0
+    return result.x[:-1], -result.x[-1]
 
 
 STEPS = 50
@@ -238,8 +228,9 @@ class FigureGradients:
 
     def __init__(self, evaluator: Evaluator) -> None:
         self.evaluator, figures = evaluator, evaluator.figures
-        terms = evaluator.varied.terms()
-        self._kernel = DesignKernel(terms, figures.columns, gradients=True)
+        self._kernel = DesignKernel(
+            evaluator.varied.terms(), figures.columns, gradients=True
+        )
         rows = symbols([*figures.sample, *figures.columns])
         named = {x.arguments[0]: (x, x) for x in rows}
         items = [expression_terms(item, named) for item in figures.expressions]
@@ -257,8 +248,7 @@ class FigureGradients:
         design = self.evaluator.varied.design_at(values)
         if design is None:
             return figures, gradients, 0.0
-        samples, first = of.rows.T, len(of.sample)
-        places = mode.places(design, len(of.rows))
+        samples, places = of.rows.T, mode.places(design, len(of.rows))
         turns = self._turns(design, places)
         closed, made, changes = design.at(self._kernel, samples, places, places.T, turns)
         closed &= all_finite(places, 0)
@@ -272,7 +262,8 @@ class FigureGradients:
             share = self._share(merit.reduction, value, figures[k])
             some = np.flatnonzero(share)
             if not merit.reduction.startswith("arg") and len(some):
-                partial, rows = every[1 + first :, k, rows[some]], rows[some]
+                rows = rows[some]
+                partial = every[1 + len(of.sample) :, k, rows]
                 gradients[k] = np.einsum(
                     "cn,vcn,n->v", partial, changes[:, :, rows], share[some]
                 )
@@ -348,37 +339,31 @@ class Descent:
         sweep = self.sweep = synthesis.sweep
         assert isinstance(sweep.evaluator, Evaluator)
         self.figures = FigureGradients(sweep.evaluator)
-        ends = [(variation.low, variation.high) for variation in sweep.space.variations]
-        self.low, high = np.array(ends).T
+        self.low, high = np.array([(x.low, x.high) for x in sweep.space.variations]).T
         self.width = high - self.low
-        varied = [rows[variable.name] for variable in sweep.variables]
-        self.places = (np.stack(varied, axis=1) - self.low) / self.width
+        varied = np.transpose([rows[variable.name] for variable in sweep.variables])
+        self.places = (varied - self.low) / self.width
         self.modes, self.begun = rows["mode"], wanted
         widths = np.ptp(wanted, axis=0)
         several = (widths > 0.0) & (wanted.shape[1] > 1)
         least = np.min(np.abs(wanted), axis=0)
         self.size = np.where(several, widths, np.where(least > 0.0, least, 1.0))
-        terms = symbols(variable.name for variable in sweep.variables)
-        terms += symbols(merit.name for merit in sweep.merits)
+        terms = symbols(sweep.names)
         named = {x.arguments[0]: (x, x) for x in terms}
         if synthesis.matched:
             missed = [named[name][0] for name in synthesis.matched]
             size = np.sqrt(sum(x * x for x in missed) / len(missed))
             named[MATCH] = (size, size)
         items = [expression_terms(item, named) for item in synthesis.objectives]
-        for item in sweep.conditions:
-            if "closes" not in item.names:
-                items.append(
-                    expression_terms(item.less, named) - expression_terms(item.more, named)
-                )
-        self._wanted, self._function = (
-            len(synthesis.objectives),
-            with_derivatives(items, terms),
-        )
-        radians = DEG if sweep.angle == "deg" else 1.0
-        quantities = row_quantities(sweep.mechanism)
-        units = [merit.unit(quantities) == "rad" for merit in sweep.merits]
-        self.figure_unit = np.where(units, radians, 1.0)
+        self._wanted = len(items)
+        items += [
+            expression_terms(item.less, named) - expression_terms(item.more, named)
+            for item in sweep.conditions
+            if "closes" not in item.names
+        ]
+        self._function = with_derivatives(items, terms)
+        units = [sweep.units()[merit.name] for merit in sweep.merits]
+        self.figure_unit = np.array([DEG if unit == "deg" else 1.0 for unit in units])
         self._last: dict[tuple[bytes, HeldMode], tuple[Parts, float, Floats]] = {}
 
     @property
@@ -430,7 +415,7 @@ class Descent:
             wanted, gradients, *_ = self.at(y, mode)[0]
             if not np.isfinite(wanted[0]):
                 return 1e6, np.zeros_like(y)
-            return float(wanted[0]), gradients[0]
+            return wanted[0], gradients[0]
 
         def slack(y: Floats) -> Floats:
             (wanted, _, limits, _), closed, _ = self.at(y, mode)
@@ -452,7 +437,7 @@ class Descent:
         )
         ends: Floats = np.clip(result.x, 0.0, 1.0)
         better = objective(ends)[0] <= objective(x)[0]
-        holds = bool(np.all(slack(ends) >= -SLACK * (1.0 + np.abs(slack(x)))))
+        holds = np.all(slack(ends) >= -SLACK * (1.0 + np.abs(slack(x))))
         return ends if better and holds else x
 
     def towards(self, x: Floats, mode: HeldMode, aim: Floats) -> tuple[Floats, float]:
@@ -466,11 +451,15 @@ class Descent:
         least = self.at(x, mode)[1]
 
         def parts(y: Floats) -> Parts | None:
-            (wanted, gradients, limits, by_limits), closes, _ = self.at(y, mode)
+            (wanted, gradients, limits, slopes), closes, _ = self.at(y, mode)
             if closes < least:
                 return None
-            off, slopes = (wanted - aim) / self.size, gradients / self.size[:, None]
-            made = off, slopes, limits, by_limits
+            made = (
+                (wanted - aim) / self.size,
+                gradients / self.size[:, None],
+                limits,
+                slopes,
+            )
             return made if all(map(all_finite, made)) else None
 
         return least_greatest(parts, x, ENOUGH)
@@ -508,8 +497,8 @@ class Descent:
         """Yield places apart from an end, those that come nearest to beating it first."""
         rows = self.modes == end.mode.label
         others = [other for other in ends if other.mode.goes_on_in(end.mode)]
-        places = np.concatenate([self.places[rows], *([other.x] for other in others)])
-        wanted = np.concatenate([self.begun[rows], *([other.wanted] for other in others)])
+        places = np.vstack([self.places[rows], *(other.x for other in others)])
+        wanted = np.vstack([self.begun[rows], *(other.wanted for other in others)])
         missed = np.max((wanted - end.wanted) / self.size, axis=1)
         taken = [end.x]
         for k in np.argsort(missed, kind="stable"):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.contract import FigureOfMerit
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import TURN, Facts, Names
+from spherekit.conventions import TURN, Facts, Names, listing
 from spherekit.design.figures import (
     BLOCK,
     IMPOSSIBLE,
@@ -100,16 +100,11 @@ def _grown(
     far = np.flatnonzero(max_abs(step, axis=0) > SWING)
     step[:, far] = np.nan
     if len(far) and halvings:
-        low, high = inputs[0][far], inputs[1][far]
+        low, high = (q[far] for q in inputs)
+        first, last = (end[:, far] for end in ends)
         between = 0.5 * (low + high)
         here = angles(who[far], between)
-        parts = (
-            ((low, between), (ends[0][:, far], here)),
-            (
-                (between, high),
-                (here, ends[1][:, far]),
-            ),
-        )
+        parts = ((low, between), (first, here)), ((between, high), (here, last))
         step[:, far] = sum(_grown(angles, who[far], *x, halvings - 1) for x in parts)
     return step
 
@@ -125,8 +120,7 @@ def turns_along_one(
     laps = np.floor((q - anchor) / TURN) * returns
     place = q - laps * TURN
     ends = [anchor, *place, *[anchor + TURN] * returns]
-    low, high = min(ends), max(ends)
-    fill = np.linspace(low, high, 2 + int((high - low) / STRIDE))
+    fill = np.linspace(min(ends), max(ends), 2 + int(np.ptp(ends) / STRIDE))
     stations = np.unique([*ends, *fill])
     there, steps = _along(angles, n, stations[:, None])
     start = int(np.searchsorted(stations, anchor))
@@ -142,8 +136,8 @@ def turns_along_one(
         # A mode that ends goes on to either side of the anchor.
         last = np.isfinite(np.cumsum(steps[0, ::-1], axis=0))[::-1]
         whole[:, :-1] -= np.where(last & ~last[0], grown[:, None], 0.0)
-        whole[:, -1] = whole[:, 0] + np.where(last[0], grown, 0.0)
         grown = np.where(last[0], grown, 0.0)
+        whole[:, -1] = whole[:, 0] + grown
     at = np.searchsorted(stations, place)
     return np.nan_to_num(whole[:, at] + laps[:, None] * grown[:, None] - there[:, at])
 
@@ -155,16 +149,15 @@ def _followed(angles: Angles, stations: Floats, there: Floats, steps: Floats) ->
         onward = whole[:, k - 1] + steps[:, k - 1]
         who = np.flatnonzero(np.isnan(onward[0]) & np.isfinite(there[0, k]))
         if len(who):
-            ends = stations[k - 1], stations[k]
-            onward[:, who] = _begun(angles, who, ends, there[:, k, who])
+            onward[:, who] = _begun(angles, who, stations[k - 1 : k + 1], there[:, k, who])
         whole[:, k] = onward
     return whole
 
 
-def _begun(angles: Angles, who: Indices, ends: tuple[float, float], last: Floats) -> Floats:
+def _begun(angles: Angles, who: Indices, ends: Floats, last: Floats) -> Floats:
     """Return angles (pairs, m) that begin in (-pi, pi] where a mode does.
 
-    It has the `last` at the second of two inputs, and is not at the first.
+    It has the `last` at the second of two inputs (2,), and is not at the first.
     """
     open_, closed = (np.full((len(who), 1), end) for end in ends)
     at, first = closed, last
@@ -197,8 +190,7 @@ def turns_along_several(
         made = np.full_like(home, np.nan)
         before = (every[origin], turns[:, origin]) if k else (anchor, home)
         for begin, turned in (before, (anchor, home)):
-            count = 2 + int(max_abs(there - begin) / STRIDE)
-            way = begin + np.linspace(0.0, 1.0, count)[:, None] * (there - begin)
+            way = np.linspace(begin, there, 2 + int(max_abs(there - begin) / STRIDE))
             at, steps = _along(angles, n, way)
             turned = turned + np.sum(steps, axis=1) - (at[:, -1] - at[:, 0])
             made = np.where(np.isnan(made), turned, made)
@@ -249,7 +241,7 @@ class Evaluator:
         self.figures = KernelFigures(mechanism, merits, samples)
         if any(name.startswith("torque") for name in self.figures.columns):
             need_tabulated(mechanism, samples.rows[:, -1])
-        contacts = hinged(mechanism, self.inputs) if mechanism.has_contacts else None
+        contacts = hinged(mechanism, self.inputs)
         self.varied = VariedMechanism(
             document, mechanism, self.variables, self.inputs, contacts, self._masses_follow
         )
@@ -284,9 +276,9 @@ class Evaluator:
     def _masses_follow(self) -> bool:
         """Whether figures read masses, which the file states by sizes of links."""
         masses: Mapping[str, Facts] = self.document.data.get("mass", {})
-        follow = any("tensor" not in mass for mass in masses.values())
-        read = any(x.split("_by_")[0].startswith(INERTIAL) for x in self.figures.columns)
-        return read and follow
+        return any("tensor" not in mass for mass in masses.values()) and any(
+            name.startswith(INERTIAL) for name in self.figures.columns
+        )
 
     def classes(self, values: Floats) -> NDArray[np.str_] | None:
         """Return the Grashof class of four-bars (variables, n), None for others."""
@@ -307,8 +299,8 @@ class Evaluator:
         parts = []
         for start in range(0, values.shape[1], together):
             some = values[:, start : start + together]
-            block = self._together(some) if self.kernel else self._one_by_one(some)
-            parts.append(replace(block, design=block.design + start))
+            made = self._together(self.kernel, some) if self.kernel else self._singly(some)
+            parts.append(replace(made, design=made.design + start))
         return Evaluated.in_order(parts, self.figures.names)
 
     def part(self, count: int) -> int:
@@ -343,59 +335,52 @@ class Evaluator:
 
     # All designs in one kernel.
 
-    def _together(self, values: Floats) -> Evaluated:
-        assert self.kernel is not None
-        kernel, names = self.kernel, self.figures.names
-        sizes, why = self.varied.sizes(values)
-        reason = self._impossible(values)
-        reason = np.where(reason == OK, why, reason)
-        unlike, possible = np.flatnonzero(reason == UNLIKE), np.flatnonzero(reason == OK)
+    def _together(self, kernel: DesignKernel, values: Floats) -> Evaluated:
+        names = self.figures.names
+        sizes, reason = self.varied.sizes(values)
+        self._judge_arcs(values, reason)
+        singly, possible = np.flatnonzero(reason == UNLIKE), np.flatnonzero(reason == OK)
         lacking = np.flatnonzero((reason != OK) & (reason != UNLIKE))
-        parts = [
-            Evaluated.of(lacking, names, status=IMPOSSIBLE, reason=reason[lacking]),
-            _numbered(self._one_by_one(values[:, unlike]), unlike),
-        ]
-        if len(possible) and self._paths is None:
-            parts.append(_numbered(self._modes(kernel, sizes[:, possible]), possible))
-        elif len(possible):
-            made, lost = self._followed(kernel, sizes[:, possible], values[:, possible])
-            lost = possible[lost]
+        parts = [Evaluated.of(lacking, names, status=IMPOSSIBLE, reason=reason[lacking])]
+        if len(possible):
+            if self._paths is None:
+                made = self._modes(kernel, sizes[:, possible])
+            else:
+                made, lost = self._followed(kernel, sizes[:, possible], values[:, possible])
+                singly = np.append(singly, possible[lost])
             parts.append(_numbered(made, possible))
-            parts.append(_numbered(self._one_by_one(values[:, lost]), lost))
+        parts.append(_numbered(self._singly(values[:, singly]), singly))
         return Evaluated.in_order(parts, names)
 
-    def _impossible(self, values: Floats) -> NDArray[np.object_]:
-        """Return why designs (n,) are impossible, OK where they are not."""
-        reason = np.full(values.shape[1], OK, dtype=object)
-        geometry = self.mechanism.geometry
-        scaled = values * self.varied.scale[:, None]
-        for variable, given, row in zip(self.variables, values, scaled, strict=True):
-            kind, (link, *_) = variable.slot or ("", ("",))
-            if kind != "arcs" or not isinstance(geometry, SizeGeometry):
-                continue
-            outside = ~((row > 0.0) & (row < np.pi)) & (reason == OK)
-            for k in np.flatnonzero(outside & (not geometry.links[link].signed)):
-                reason[k] = f"{variable.key} = {given[k]:g}: not between 0 and 180 deg"
-        return reason
+    def _judge_arcs(self, values: Floats, reason: NDArray[np.object_]) -> None:
+        """Say of designs (variables, n) which arcs are impossible."""
+        geometry, scales = self.mechanism.geometry, self.varied.scale
+        for variable, given, scale in zip(self.variables, values, scales, strict=True):
+            match variable.slot:
+                case ("arcs", (link, _)) if isinstance(geometry, SizeGeometry):
+                    outside = ~((given > 0.0) & (given * scale < np.pi))
+                    for k in np.flatnonzero(outside & (not geometry.links[link].signed)):
+                        reason[k] = (
+                            f"{variable.key} = {given[k]:g}: not between 0 and 180 deg"
+                        )
 
     def _with_others(self, parts: list[Evaluated], n: int, claim: str) -> Evaluated:
         """Return parts with a row for each of n designs that is in none of them."""
         names = self.figures.names
-        there = [number for made in parts for number in made.design]
-        others = np.setdiff1d(np.arange(n), there)
+        others = np.setdiff1d(np.arange(n), np.concatenate([x.design for x in parts]))
         none = Evaluated.of(others, names, status=NEVER_CLOSES, reason=NEVER, claim=claim)
         return Evaluated.in_order([*parts, none], names)
 
     def _modes(self, kernel: DesignKernel, sizes: Floats) -> Evaluated:
         """Return designs (variables, n) of a kernel in all their modes."""
-        n, parts = sizes.shape[1], []
-        prepared = kernel.prepare(sizes)
+        parts, prepared = [], kernel.prepare(sizes)
+        shape = len(kernel.places), len(self.figures.rows), sizes.shape[1]
         for signs in product((1.0, -1.0), repeat=len(kernel.places)):
             label = "".join("+" if sign > 0 else "-" for sign in signs)
-            turns, shape = self.turns(kernel, prepared, signs), (len(self.figures.rows), n)
-            places = np.broadcast_to(np.reshape(signs, (-1, 1, 1)), (len(signs), *shape))
+            turns = self.turns(kernel, prepared, signs)
+            places = np.broadcast_to(np.reshape(signs, (-1, 1, 1)), shape)
             parts.append(self.figures.of(kernel, prepared, places, turns, label, COMPLETE))
-        return self._with_others(parts, n, COMPLETE)
+        return self._with_others(parts, sizes.shape[1], COMPLETE)
 
     def _followed(
         self, kernel: DesignKernel, sizes: Floats, of_file: Floats
@@ -414,8 +399,7 @@ class Evaluator:
             mechanism = self.kernel_mechanism(of_file[:, design])
             turns[:, :, here] = self.turns_at(kernel, mechanism, values[:, :, here])
         made = self.figures.of(kernel, prepared, values, turns, labels, claim)
-        made = _numbered(made, number)
-        every = self._with_others([made], sizes.shape[1], claim)
+        every = self._with_others([_numbered(made, number)], sizes.shape[1], claim)
         return every.rows(~np.isin(every.design, lost)), lost
 
     def configurations(self, sizes: Floats) -> tuple[Indices, Floats, Names, Indices]:
@@ -444,8 +428,7 @@ class Evaluator:
         elif len(points):
             _, place = self._followed_inputs
             motions.append(tracer.samples(place[len(self.samples.rows) :]))
-        modes, width = len(tracer.assembly_modes), motions[0].values.shape[1]
-        parts = [item.values.reshape(modes, item.samples, width) for item in motions]
+        parts = [x.values.reshape(-1, x.samples, x.values.shape[1]) for x in motions]
         return tracer, motions[0], np.transpose(np.concatenate(parts, axis=1), (2, 1, 0))
 
     @cached_property
@@ -484,14 +467,13 @@ class Evaluator:
         returns = contacts is None or contacts.train is None
         with np.errstate(all="ignore"):
             if count == 1:
-                anchor = float(self._anchor[0])
-                return turns_along_one(angles, n, anchor, q[:, 0], returns)
+                return turns_along_one(angles, n, self._anchor[0], q[:, 0], returns)
             parts = np.split(q, [len(self.samples.rows)])
             return turns_along_several(angles, n, self._anchor, *parts)
 
     def kernel_mechanism(self, design: Floats) -> Mechanism:
         """Return the mechanism of a design (variables,) as the kernel has it."""
-        mechanism = designed(self.document, self.variables, design.tolist())
+        mechanism = designed(self.document, self.variables, design)
         if self.varied.contacts is None:
             return mechanism
         contacts = hinged(mechanism, self.inputs)
@@ -526,26 +508,23 @@ class Evaluator:
         One input is followed as it grows; several from sample to neighbouring sample, so
         that points are samples.
         """
-        lattice, k, points = self.samples.lattice, len(self.inputs), self.figures.points
+        lattice, k = self.samples.lattice, len(self.inputs)
         if k == 1:
-            every = np.concatenate([lattice.q[:, 0], points[:, 0]])
-            q, place = np.unique(every, return_inverse=True)
+            q, place = np.unique(self.figures.rows[:, 0], return_inverse=True)
             return InputGrid(q[:, None], (len(q),)), place
-        rows = list(range(len(lattice)))
-        for point in points[:, :k]:
-            away = max_abs(lattice.q - point, axis=1)
-            rows.append(int(np.argmin(away)))
-            if np.min(away) > SAME_INPUT:
-                inputs = ", ".join(f"{angle:.6g}" for angle in point)
-                raise DesignError(
-                    f"{self.mechanism.name}: at inputs {inputs} rad: with several inputs "
-                    "and groups beyond dyads figures are those at samples; choose one"
-                )
-        return lattice, np.array(rows)
+        points = self.figures.points[:, :k]
+        away = max_abs(points - lattice.q[:, None], axis=2)
+        for point in points[np.min(away, axis=0) > SAME_INPUT]:
+            inputs = listing(f"{angle:.6g}" for angle in point)
+            raise DesignError(
+                f"{self.mechanism.name}: at inputs {inputs} rad: with several inputs "
+                "and groups beyond dyads figures are those at samples; choose one"
+            )
+        return lattice, np.append(np.arange(len(lattice)), np.argmin(away, axis=0))
 
     # One design after the other.
 
-    def _one_by_one(self, values: Floats) -> Evaluated:
+    def _singly(self, values: Floats) -> Evaluated:
         parts = []
         for k, design in enumerate(values.T):
             try:

@@ -90,8 +90,7 @@ class DesignSamples:
             rows = np.concatenate([q, timing.dq, timing.ddq, t[:, None]], axis=1)
             return DesignSamples(names, rows, (len(t),))
         lattice = sampled(mechanism, study.samples, study.grid, study.path)
-        start = np.array([driven.start for driven in mechanism.inputs])
-        sense = np.array([driven.sense for driven in mechanism.inputs])
+        start, sense = np.array([(x.start, x.sense) for x in mechanism.inputs]).T
         if study.path is not None:
             start = np.min(lattice.q, axis=0) if len(names) == 1 else lattice.q[0]
             sense = np.ones(len(names))
@@ -99,7 +98,7 @@ class DesignSamples:
 
     @staticmethod
     def at(
-        inputs: Sequence[str],
+        inputs: Names,
         q: Floats,
         start: Floats,
         sense: Floats,
@@ -109,11 +108,10 @@ class DesignSamples:
 
         `sense` (inputs,) is 1 of those that rise and -1 of those that fall.
         """
-        n = len(q)
         rates = np.broadcast_to(UNIT_SPEED * sense, q.shape)
         time = (q[:, :1] - start[0]) * sense[0] / UNIT_SPEED
         rows = np.concatenate([q, rates, np.zeros_like(q), time], axis=1)
-        return DesignSamples(tuple(inputs), rows, shape or (n,))
+        return DesignSamples(inputs, rows, shape or (len(q),))
 
     @property
     def returns(self) -> bool:
@@ -206,13 +204,13 @@ class KernelFigures:
         names = row_quantities(mechanism.with_inputs(*self.inputs))
         self._check(mechanism)
         self.expressions = [merit.parsed(names) for merit in merits]
-        used = sorted(set().union(*(item.names for item in self.expressions)))
+        used = set[str]().union(*(item.names for item in self.expressions))
         self.sample = sample_names(self.inputs)
-        self.columns = [name for name in used if name not in self.sample]
+        self.columns = sorted(used.difference(self.sample))
         count = len(self.inputs)
         points = sorted({merit.point for merit in merits if merit.point})
         start, sense = np.split(samples.rows[0, : 2 * count], 2)
-        q = np.array(points).reshape(-1, count)
+        q = np.reshape(points, (-1, count))
         self.points = DesignSamples.at(self.inputs, q, start, np.sign(sense)).rows
         self.rows = np.concatenate([samples.rows, self.points])
 
@@ -226,12 +224,11 @@ class KernelFigures:
                     f"at needs {counted(count, 'input')} ({listing(self.inputs)}), not "
                     f"{len(merit.point)}"
                 )
-            elif merit.reduction.startswith("arg") and count > 1:
-                if merit.place not in self.inputs:
-                    said = (
-                        f"there are {counted(count, 'input')}: say whose value is wanted, "
-                        f"{merit.reduction}({merit.expression}, {self.inputs[0]})"
-                    )
+            elif merit.reduction.startswith("arg") and count > 1 and not merit.place:
+                said = (
+                    f"there are {counted(count, 'input')}: say whose value is wanted, "
+                    f"{merit.reduction}({merit.expression}, {self.inputs[0]})"
+                )
             elif merit.place not in ("", *self.inputs):
                 said = f"{merit.place} is not driven; driven are {listing(self.inputs)}"
             if merit.reduction == "swing" and len(self.samples.shape) > 1:
@@ -297,22 +294,21 @@ class KernelFigures:
                 fixed = np.broadcast_to(prepared[:, None], (len(prepared), *shape))
                 rows = np.concatenate([*parts, turns[:, some], fixed])
                 outputs = kernel.evaluate(rows.reshape(len(rows), -1)).reshape(-1, *shape)
-                closed[some] = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
-                closed[some] &= all_finite(placed[:1], 0)
+                closed[some] = all_finite(placed[:1], 0) & np.all(
+                    outputs[: kernel.reaches] >= 0.0, axis=0
+                )
                 quantities = dict(zip(self.sample, sample, strict=True))
                 quantities |= zip(self.columns, outputs[kernel.reaches :], strict=True)
                 for made, expression in zip(values, self.expressions, strict=True):
-                    given = {name: quantities[name] for name in expression.names}
-                    made[some] = expression.evaluate(given)
+                    made[some] = expression.evaluate(quantities)
             values[:, ~closed] = np.nan
-            figures = [
-                self.reduced(merit, of_merit[self.rows_of(merit)])
+            closes = np.mean(closed[: len(self.samples.rows)], axis=0)
+            chosen = np.flatnonzero(closes)
+            by_name = {
+                merit.name: self.reduced(merit, of_merit[self.rows_of(merit)])[chosen]
                 for merit, of_merit in zip(self.merits, values, strict=True)
-            ]
-        closes = np.mean(closed[: len(self.samples.rows)], axis=0)
-        chosen = np.flatnonzero(closes)
+            }
         labels = np.broadcast_to(np.asarray(modes, dtype=object), n)[chosen]
-        by_name = dict(zip(self.names, (x[chosen] for x in figures), strict=True))
         return Evaluated.of(chosen, by_name, labels, closes[chosen], claim=claim)
 
 
@@ -360,8 +356,9 @@ def widest_swings(angles: Floats, returns: bool) -> tuple[Floats, Indices, Indic
     swings, columns = sides[1] - sides[0], starts // len(every)
     order = np.lexsort((-swings, columns))
     widest = order[np.searchsorted(columns, np.arange(angles.shape[1]))]
-    rows = [np.flatnonzero(reached == side[piece]) for side in sides]
-    low, high = (x[np.searchsorted(x, starts[widest])] for x in rows)
-    there, count = np.any(np.isfinite(angles), axis=0), len(every)
-    swing = np.where(there, swings[widest], np.nan)
-    return swing, low % count % len(angles), high % count % len(angles)
+    ends = [np.flatnonzero(reached == side[piece]) for side in sides]
+    low, high = (
+        x[np.searchsorted(x, starts[widest])] % len(every) % len(angles) for x in ends
+    )
+    there = np.any(np.isfinite(angles), axis=0)
+    return np.where(there, swings[widest], np.nan), low, high

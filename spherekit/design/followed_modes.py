@@ -51,7 +51,7 @@ def followed_modes(
     values = nans((kernel.variables, len(q), width))
     number = np.full((len(q), width), -1)  # of the mode that a row is on at a sample
     for k in range(len(q)):
-        before = sorted((int(row) for row in previous[:, k] if row >= 0), reverse=True)
+        before = sorted(previous[previous[:, k] >= 0, k], reverse=True)
         begun, begin = np.tile(start.values, (1, sizes.shape[1])), start.q[:, None]
         given = np.broadcast_to(start.sizes[:, None], following.sizes.shape)
         if before:
@@ -65,9 +65,12 @@ def followed_modes(
             if other == before[0]:
                 number[k, links[rows]] = number[other, rows]
                 continue
-            for row in rows.tolist():
-                ends, first = (number[other, row], number[k, links[row]]), row // m * m
-                _join(number[:, first : first + m], min(ends), max(ends))
+            for row in rows:
+                one, two = sorted((number[other, row], number[k, links[row]]))
+                here = number[:, row // m * m :][:, :m]
+                # Two modes are one, unless both have a configuration somewhere.
+                if not np.any(np.any(here == one, axis=1) & np.any(here == two, axis=1)):
+                    here[here == two] = one
         kept.pop(k - len(q) // lattice.shape[0], None)
         values[:, k, real] = at[:, real].real
     number[:, np.repeat(following.lost, m)] = -1
@@ -79,21 +82,14 @@ def is_real(values: Array) -> Bools:
     return np.all(values.imag == 0.0, axis=0)
 
 
-def _join(here: Integers, one: int, other: int) -> None:
-    """Make two modes one where both are, unless both have a configuration somewhere."""
-    if not np.any(np.any(here == one, axis=1) & np.any(here == other, axis=1)):
-        here[here == other] = one
-
-
 def _gathered(
     kernel: PathKernel, sizes: Floats, solutions: Floats, number: Integers, lost: Bools
 ) -> tuple[Indices, Floats, Names, Indices]:
     """Return modes by design, then by the first sample at which they close, and how."""
     k, row = np.nonzero(number >= 0)
-    numbers, mode = np.unique(number[k, row], return_inverse=True)
-    design = np.zeros(len(numbers), dtype=np.intp)
-    design[mode] = row // (number.shape[1] // len(lost))
-    values = nans((*solutions.shape[:2], len(numbers)))
+    _, begun, mode = np.unique(number[k, row], return_index=True, return_inverse=True)
+    design = row[begun] // (number.shape[1] // len(lost))
+    values = nans((*solutions.shape[:2], len(begun)))
     values[:, k, mode] = solutions[:, k, row]
     free = np.delete(np.arange(len(values)), kernel.driven)
     values[free] = wrap(values[free])
@@ -103,8 +99,7 @@ def _gathered(
     design, values, there = design[order], values[:, :, order], there[:, order]
     counts = np.arange(len(design)) - np.searchsorted(design, design)
     texts = zip(counts, kernel.labels(there, sizes[:, design]), strict=True)
-    labels = tuple(f"{k} {text}" for k, text in texts)
-    return design, values, labels, np.flatnonzero(lost)
+    return design, values, tuple(f"{k} {text}" for k, text in texts), np.flatnonzero(lost)
 
 
 class _Following:

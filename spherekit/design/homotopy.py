@@ -126,16 +126,17 @@ def tracked(
             every = np.arange(len(rows))
             made = guess + equations(guess, every).step
             after = equations(made, every)
-            first, second = _length(made - guess), _length(after.step)
+            first, second = max_abs(made - guess, 0), max_abs(after.step, 0)
             good = (first < NEAR) & (second <= np.maximum(contracts * first, STILL))
             if real:
-                foreseen = _length(guess - now[:, rows])
+                foreseen = max_abs(guess - now[:, rows], 0)
                 good &= first <= np.maximum(contracts * foreseen, NEARLY)
                 good &= np.sign(after.determinant) == side[rows]
             onward, ahead = rows[good], (made + after.step)[:, good]
             slopes[0][:, onward] = slopes[1][:, onward]
-            gone = there[good] - places[2, onward]
-            slopes[1][:, onward] = (ahead - now[:, onward]) / gone
+            slopes[1][:, onward] = (ahead - now[:, onward]) / (
+                there[good] - places[2, onward]
+            )
             now[:, onward] = ahead
             places[:, onward] = *places[1:, onward], there[good]
             step[rows[good & (second < EAGER * contracts * first)]] *= 2.0
@@ -167,18 +168,14 @@ def settled(equations: Equations, values: Array) -> tuple[Array, Bools]:
             at = equations(made[:, left], left)
             made[:, left] += at.step
             # Sines of complex angles grow, and with them the rounding of what they give.
-            far = _length(made[:, left].imag)
+            far = max_abs(made[:, left].imag, 0)
             reach = np.exp(2.0 * far)
-            done = (_length(at.step) < CONVERGED * reach) & (far < FARTHEST)
+            done = (max_abs(at.step, 0) < CONVERGED * reach) & (far < FARTHEST)
             closed[left] = done & (np.abs(at.open) < (CLOSED * reach) ** 2)
-            left = left[~closed[left]]
+            left = np.flatnonzero(~closed)
             if not len(left):
                 break
     return made, closed
-
-
-def _length(step: Array) -> Floats:
-    return max_abs(step, axis=0)
 
 
 def apart(one: Array, other: Array) -> Floats:
@@ -229,24 +226,22 @@ def start_set(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
         return None
     moving = mechanism.with_inputs(*mechanism.names_of(structure.assembly.inputs))
     solver = Solver(moving, structure.assembly)
-    names = mechanism.names_of(structure.input_pairs)
-    inputs = mechanism.with_inputs(*names).inputs
+    inputs = mechanism.with_inputs(*mechanism.names_of(structure.input_pairs)).inputs
     ends = np.array([(item.start, item.stop) for item in inputs])
     there = np.mean(ends, axis=1)[:, None] + 0.7j
     here = np.random.default_rng(20).uniform(*np.sort(ends, axis=1).T)[:, None]
     # Newton's first step takes pairs that follow the inputs to their places.
-    start = np.zeros((kernel.variables, 1))
+    start, column = np.zeros((kernel.variables, 1)), sizes[:, None]
     start[kernel.driven] = here
     with np.errstate(all="ignore"):
-        step = kernel.at(start, kernel.prepare(sizes[:, None])).step
+        step = kernel.at(start, kernel.prepare(column)).step
     following = [v for v in solver.driven if v not in kernel.driven]
     start[following] += step[following]
     driven = start[list(solver.driven)]
     values = ModeCoalescence(solver).configurations(driven[:, 0]).T
     values = values[:, all_finite(values, 0)]
     values[list(solver.driven)] = driven
-    at_rest = sizes[:, None], sizes[:, None]
-    values, arrived = tracked(kernel, values, at_rest, (here, there))
+    values, arrived = tracked(kernel, values, (column, column), (here, there))
     values = values[:, arrived]
     count = values.shape[1]
     if not count or not distinct(values[:, None])[0]:

@@ -61,7 +61,7 @@ class ProfileNumbers:
             If there is no such mechanism.
         """
         self.document, self.variables, self.values = document, tuple(variables), values
-        self.mechanism = mechanism or designed(document, variables, values.tolist())
+        self.mechanism = mechanism or designed(document, variables, values)
         self.tracks = tracks_of(self.mechanism)
 
     def columns(self, values: Floats) -> Floats:
@@ -93,7 +93,7 @@ class ProfileNumbers:
     def _tracks(self, values: Floats) -> list[Track] | None:
         """Return the profiles of a design (variables,), None if there is no such design."""
         try:
-            return tracks_of(designed(self.document, self.variables, list(values)), APART)
+            return tracks_of(designed(self.document, self.variables, values), APART)
         except SpherekitError:
             return None
 
@@ -107,38 +107,32 @@ class ProfileNumbers:
         DesignError
             If the mechanism does not allow other values of a variable.
         """
-        made = np.zeros((len(self.variables), 8 * len(self.tracks), len(values)))
+        made = np.zeros((len(self.variables), len(self.tracks), 8, len(values)))
         along = _along(self.columns(values))
         for k, curves in enumerate(self._varied):
             for place, curve in curves.items():
                 track = self.tracks[place]
-                arcs = values[:, track.variable] + track.start
-                made[k, 8 * place : 8 * place + 8] = curve(arcs)
+                made[k, place] = curve(values[:, track.variable] + track.start)
             for place, moved in self._starts(curves).items():
-                rows = slice(8 * place, 8 * place + 8)
-                made[k, rows] += moved * along[place]
-        return made
+                made[k, place] += moved * along[place]
+        return np.concatenate(np.moveaxis(made, 1, 0), axis=1)
 
     def _starts(self, curves: Mapping[int, Varied]) -> dict[int, float]:
         """Return how the starts of profiles move that roll from a reference pose."""
         made: dict[int, float] = {}
         for first, second in pairwise(range(len(self.tracks))):
             both = self.tracks[first], self.tracks[second]
-            rolling = both[0].variable == both[1].variable
-            changed = first in curves or second in curves
-            if self._posed and rolling and changed:
-                moved = _nearest(both, (curves.get(first), curves.get(second)))
-                made |= dict(zip((first, second), moved, strict=True))
+            changed = curves.get(first), curves.get(second)
+            rolling = both[0].variable == both[1].variable and any(changed)
+            if rolling and isinstance(self.mechanism.geometry, PoseGeometry):
+                made |= zip((first, second), _nearest(both, changed), strict=True)
         return made
-
-    @property
-    def _posed(self) -> bool:
-        return isinstance(self.mechanism.geometry, PoseGeometry)
 
     @cached_property
     def _varied(self) -> list[dict[int, Varied]]:
         """Return for each variable the profiles that change with it, by their numbers."""
         profiles = profiles_of(self.mechanism)
+        ends = np.cumsum([len(numbers_of(profile)) for profile, _ in profiles])
         made: list[dict[int, Varied]] = []
         for k, variable in enumerate(self.variables):
             made.append({})
@@ -150,18 +144,14 @@ class ProfileNumbers:
                     f"{self.document.name}: the file allows no other {variable.key}; vary "
                     "a number that may change on its own"
                 )
-            at = 0
-            for place, (profile, backwards) in enumerate(profiles):
-                size = len(numbers_of(profile))
-                change = changes[at : at + size]
-                at += size
+            for place, change in enumerate(np.split(changes, ends[:-1])):
                 if np.any(change):
-                    made[-1][place] = varied(profile, change, backwards)
+                    made[-1][place] = varied(*profiles[place], change)
         return made
 
     def _numbers(self, values: Floats) -> Floats:
         """Return the numbers of all profiles of a design; raise if there is none."""
-        made = designed(self.document, self.variables, list(values))
+        made = designed(self.document, self.variables, values)
         return np.concatenate([numbers_of(profile) for profile, _ in profiles_of(made)])
 
 
@@ -189,36 +179,35 @@ def numbers_of(profile: Profile) -> Floats:
     )
 
 
-def varied(profile: Profile, change: Floats, backwards: bool) -> Varied:
+def varied(profile: Profile, backwards: bool, change: Floats) -> Varied:
     """Return a profile with its derivatives, `change` being that of its numbers."""
     if profile.points:
         moved = change.reshape(-1, 3)
         return varied_through(profile.points, moved, profile.closed, backwards)
     centre = np.array(profile.centre), change[:3]
     if profile.round_axis is not None:
-        radius = 0.5 * np.pi if profile.radius is None else profile.radius
-        longer = 0.0 if profile.radius is None else change[3]
+        radius, longer = 0.5 * np.pi, 0.0
+        if profile.radius is not None:
+            radius, longer = profile.radius, change[3]
         return varied_round(centre, ([radius], [longer]), backwards=backwards)
-    even = len(profile.cosines)
-    cosines = profile.cosines, change[3 : 3 + even]
-    sines = profile.sines, change[3 + even :]
-    return varied_round(centre, cosines, sines, backwards)
+    cosines, sines = np.split(change[3:], [len(profile.cosines)])
+    return varied_round(
+        centre, (profile.cosines, cosines), (profile.sines, sines), backwards
+    )
 
 
 def _along(columns: Floats) -> Floats:
     """Return how columns change along profiles, (profiles, 8, n), from columns of these."""
-    made = []
-    for column in columns.reshape(-1, 9, columns.shape[1]):
-        tangent, point, curvature = column[:3], column[3:6], column[6]
-        normal = np.cross(point, tangent, axis=0)
-        made.append(np.concatenate([curvature * normal - point, tangent, column[7:]]))
-    return np.stack(made)
+    columns = columns.reshape(-1, 9, columns.shape[1])
+    tangent, point, curvature, rates = np.split(columns, [3, 6, 7], axis=1)
+    normal = np.cross(point, tangent, axis=1)
+    return np.concatenate([curvature * normal - point, tangent, rates], axis=1)
 
 
 def _nearest(
     tracks: tuple[Track, Track], curves: tuple[Varied | None, Varied | None]
-) -> tuple[float, float]:
-    """Return how the places move where two profiles are nearest, as these change.
+) -> Floats:
+    """Return how the places (2,) move where two profiles are nearest, as these change.
 
     By least squares, from how far their frames turn from each other.
     """
@@ -233,8 +222,7 @@ def _nearest(
             leaning, running = -change[3:6] @ normal, change[3:6] @ tangent
             swinging = change[:3] @ normal
             turned += sign * (leaning * tangent + running * normal + swinging * point)
-    moved, *_ = np.linalg.lstsq(np.stack(columns, axis=1), -turned, rcond=None)
-    return float(moved[0]), float(moved[1])
+    return np.linalg.lstsq(np.stack(columns, axis=1), -turned, rcond=None)[0]
 
 
 def columns_of(tracks: Sequence[Track], values: Floats, last: bool = True) -> Floats:
@@ -262,7 +250,7 @@ def _between(one: Floats, other: Floats, part: Floats) -> Floats:
     made = one + part * (other - one)
     for k in range(0, len(made), 9):
         tangent, point = made[k : k + 3], made[k + 3 : k + 6]
-        point /= np.sqrt(np.sum(point * point, axis=0))
+        point /= np.linalg.norm(point, axis=0)
         tangent -= np.sum(tangent * point, axis=0) * point
-        tangent /= np.sqrt(np.sum(tangent * tangent, axis=0))
+        tangent /= np.linalg.norm(tangent, axis=0)
     return made

@@ -54,8 +54,7 @@ class Specification:
     @cached_property
     def objectives(self) -> tuple[Expression, ...]:
         """The parsed objectives."""
-        names = [variable.name for variable in self.sweep.variables]
-        names += [merit.name for merit in self.sweep.merits] + [MATCH] * bool(self.matched)
+        names = self.sweep.names + [MATCH] * bool(self.matched)
         try:
             return tuple(parse(text, names) for text in self.minimise)
         except ModelError as problem:
@@ -66,8 +65,7 @@ class Specification:
         rows = self.with_match(columns)
         objectives = self._worth(rows)
         good = (rows["status"] == "OK") & all_finite(objectives, 1)
-        kept = {name: np.asarray(values)[good] for name, values in rows.items()}
-        return kept, objectives[good]
+        return {name: values[good] for name, values in rows.items()}, objectives[good]
 
     def with_match(self, columns: Columns) -> Columns:
         """Return columns with the figure of the precision points, if there are some."""
@@ -85,8 +83,9 @@ class Specification:
             Array (m,) of designs, their objectives (m, k), and (m,) by how much the
             conditions are missed in all, 0 where they hold.
         """
-        every = self.sweep.rows(designs, np.arange(designs.shape[1]))
-        rows, objectives = self.rows_of(every)
+        rows, objectives = self.rows_of(
+            self.sweep.rows(designs, np.arange(designs.shape[1]))
+        )
         here, missed = rows["mode"] == mode, np.zeros(len(objectives))
         for condition in self.sweep.conditions:
             less, more = condition.sides(rows)
@@ -97,17 +96,16 @@ class Specification:
         """Return what keeps designs from being good, in words, by some of the first."""
         designs = self.sweep.space.designs(0, LOOKED_AT)
         rows = self.with_match(self.sweep.rows(designs, np.arange(designs.shape[1])))
-        status, reasons, n = rows["status"], rows["reason"], designs.shape[1]
-        words, there = [], status == OK
-        if never := int(np.sum(status == NEVER_CLOSES)):
+        status, words, n = rows["status"], [], designs.shape[1]
+        if never := np.sum(status == NEVER_CLOSES):
             words.append(f"{never} of {n} close at no sample")
-        if others := reasons[(status != OK) & (status != NEVER_CLOSES)].tolist():
+        others = rows["reason"][(status != OK) & (status != NEVER_CLOSES)]
+        if len(others):
             words.append(f"{len(others)} of {n} cannot be ({others[0]})")
-        kept = {name: np.asarray(values)[there] for name, values in rows.items()}
-        count = int(np.sum(there))
-        if count:
+        kept = {name: values[status == OK] for name, values in rows.items()}
+        if count := len(kept["status"]):
             words += [
-                f"{condition.text} holds in {int(np.sum(condition.holds(kept)))} of "
+                f"{condition.text} holds in {np.sum(condition.holds(kept))} of "
                 f"{counted(count, 'row')}"
                 for condition in self.sweep.conditions
             ]
@@ -133,18 +131,14 @@ MISSED = 1e6
 
 def nondominated(wanted: Floats, modes: Array) -> Indices:
     """Return the rows (m,) that no row of their mode beats in all objectives (n, k)."""
-    kept = np.ones(len(wanted), dtype=bool)
+    best: list[int] = []
     for mode in np.unique(modes):
         rows = np.flatnonzero(modes == mode)
         rows = rows[np.lexsort(wanted[rows].T[::-1])]
-        best: list[int] = []
         while len(rows):
-            first = rows[0]
-            best.append(first)
-            rows = rows[np.any(wanted[rows] < wanted[first], axis=1)]
-        kept[modes == mode] = False
-        kept[best] = True
-    return np.flatnonzero(kept)
+            best.append(rows[0])
+            rows = rows[np.any(wanted[rows] < wanted[best[-1]], axis=1)]
+    return np.array(sorted(best), dtype=np.intp)
 
 
 def front_of(
@@ -193,16 +187,15 @@ def front_of(
             working.tell(f"front of mode {mode}".__str__)
 
     problem = Requirements(n_var=len(low), n_obj=count, n_ieq_constr=1, xl=0.0, xu=1.0)
+    limit = "n_gen", max(sweep.space.count // POPULATION, 1)
+    best = nondominated(wanted, modes)
     for mode in np.unique(modes):
-        rows = np.flatnonzero(modes == mode)
-        rows = rows[nondominated(wanted[rows], modes[rows])]
-        begin = _spread(places[rows], wanted[rows], POPULATION)
-        first = np.random.default_rng(seed).uniform(size=(POPULATION, len(low)))
-        sampling = np.concatenate([begin, first])[:POPULATION]
-        algorithm = NSGA2(pop_size=POPULATION, sampling=sampling)
-        limit = "n_gen", max(sweep.space.count // POPULATION, 1)
-        result = minimize(problem, algorithm, limit, seed=seed, verbose=False)
+        rows = best[modes[best] == mode]
         ends, worth = places[rows], wanted[rows]
+        first = np.random.default_rng(seed).uniform(size=(POPULATION, len(low)))
+        begin = np.concatenate([_spread(ends, worth, POPULATION), first])[:POPULATION]
+        algorithm = NSGA2(pop_size=POPULATION, sampling=begin)
+        result = minimize(problem, algorithm, limit, seed=seed, verbose=False)
         if result.X is not None:
             ends, worth = np.atleast_2d(result.X), np.atleast_2d(result.F)
         made += [(str(mode), end) for end in _spread(ends, worth, most)]
@@ -246,9 +239,11 @@ def on_cluster(
         raise DesignError(f"{address}: no scheduler answers ({problem})") from None
     with client:
         (shared,) = client.scatter([sweep], broadcast=True)
-        count, code = len(numbers), code_identity()
-        given = [shared] * count, [folder] * count, numbers, [code] * count
-        for future in as_completed(client.map(_write, *given, pure=False)):
+        code = code_identity()
+        written = [
+            client.submit(_write, shared, folder, k, code, pure=False) for k in numbers
+        ]
+        for future in as_completed(written):
             yield future.result()
 
 

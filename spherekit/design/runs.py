@@ -73,8 +73,7 @@ class DesignRuns:
         kernel_figures: Evaluator | None,
     ) -> None:
         self.document, self.study = document, study
-        self.variables = tuple(variables)
-        self.merits, self.analyses = tuple(merits), tuple(analyses)
+        self.variables, self.merits, self.analyses = variables, merits, analyses
         self.tables, self.kernel_figures = tables, kernel_figures
         self.units = {m.name: _units(m, analyses, study) for m in merits}
         for merit in merits:
@@ -128,7 +127,7 @@ class DesignRuns:
         SpherekitError
             If there is no such design, or an analysis of it fails.
         """
-        mechanism = designed(self.document, self.variables, list(values))
+        mechanism = designed(self.document, self.variables, values)
         mechanism = mechanism.with_inputs(*self.study.mechanism.input_pairs)
         run = executed(replace(self.study, mechanism=mechanism), self.analyses, Execution())
         if run.failures:
@@ -193,13 +192,12 @@ class DesignRuns:
         column, number = mode
         if made is None or made.is_followed or column != ASSEMBLY:
             return None
-        if made.kernel is not None and made.varied.contacts is not None:
+        if made.kernel and made.varied.contacts:
             return None
         label = str(assembled[number]["mode"])
-        places = np.flatnonzero(
-            np.isin(rows.mode.astype(str), [label, f"{number} {label}"])
-        )
-        return int(places[0]) if len(places) == 1 else None
+        named = np.isin(rows.mode.astype(str), [label, f"{number} {label}"])
+        places = np.flatnonzero(named)
+        return places[0] if len(places) == 1 else None
 
     def _by_mode(self, run: RunResult, merit: FigureOfMerit) -> dict[Mode, float]:
         """Return a figure for each mode of its table; of `WHOLE` where it has no modes."""
@@ -235,13 +233,13 @@ class DesignRuns:
                 f"{merit.name}: at needs {counted(q.shape[1], 'input')}, not "
                 f"{len(merit.point)}"
             )
-        chosen = present.index(f"q_{merit.place}") if f"q_{merit.place}" in present else 0
+        place = f"q_{merit.place}"
+        chosen = present.index(place) if place in present else 0
         returns = bool(present) and len(q) > 0 and return_by_turns(q[0], q[-1])
         here = np.flatnonzero(
             max_abs(q - merit.point, axis=1) < 1e-9 if merit.point else np.ones(len(q))
         )
-        figure = reduced(merit.reduction, q[here, chosen], values[here, None], returns)
-        return float(figure[0])
+        return reduced(merit.reduction, q[here, chosen], values[here, None], returns).item()
 
 
 def _tables(run: RunResult) -> tuple[RunTable, ...]:
@@ -263,8 +261,10 @@ def _units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Units:
     (chosen,) = (candidate for candidate in analyses if candidate.name == analysis)
     tables = {made.name: made.of(study.mechanism) for made in chosen.tables}
     if table not in tables:
-        said = choices(table, tables, "it has")
-        raise DesignError(f'{merit.name}: {analysis} has no table "{table}"{said}')
+        raise DesignError(
+            f'{merit.name}: {analysis} has no table "{table}"'
+            f"{choices(table, tables, 'it has')}"
+        )
     columns = tables[table].columns
     names = [column.name for column in columns]
     for column, _ in merit.only:

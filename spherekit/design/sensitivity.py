@@ -9,6 +9,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import Names, choices, listing, nearest
+from spherekit.design.figures import INERTIAL
 from spherekit.design.homotopy import SHORT, Profiles, tracked
 from spherekit.design.profile_numbers import APART, has_other_profiles
 from spherekit.design.variables import (
@@ -67,9 +68,8 @@ class Sensitivity:
     def __init__(
         self, mechanism: Mechanism, keys: Sequence[str] = (), quantities: Sequence[str] = ()
     ) -> None:
-        mechanism = driven_at(mechanism)
+        mechanism = self.mechanism = driven_at(mechanism)
         self.inputs = mechanism.input_pairs
-        self.mechanism = mechanism
         self.document = document_of(mechanism, "rad")
         self._in_pose = link_sizes(mechanism)
         self.keys = (
@@ -83,10 +83,9 @@ class Sensitivity:
                 f"{mechanism.name}: no link of it has sizes, for none has two axes; name "
                 "numbers of the file"
             )
-        every = tuple(self._variable(key) for key in self.keys)
+        self.variables = every = tuple(self._variable(key) for key in self.keys)
         self._named = [variable.path for variable in every] if keys else []
         check_variables(self.document, every)
-        self.variables = every
         self._acting = np.array([variable.path[0] in ACTIONS for variable in every])
         self.quantities = tuple(quantities) or quantities_of(mechanism)
         try:
@@ -124,7 +123,7 @@ class Sensitivity:
         geometry = self.mechanism.geometry
         if not isinstance(geometry, SizeGeometry):
             return ()
-        named = [path[1] for key in self.keys if (path := key.split("."))[0] == "links"]
+        named = [key.split(".")[1] for key in self.keys if key.startswith("links.")]
         return tuple(x for x in coaxial_links(geometry) if x not in named)
 
     def _variable(self, key: str) -> DesignVariable:
@@ -229,7 +228,7 @@ class Sensitivity:
         acting = False
         for quantity in self.quantities:
             wanted |= set(made.get(quantity.split("_by_")[0], ()))
-            acting |= quantity.split("_")[0] in ("torque", "B", "dB")
+            acting |= quantity.startswith(INERTIAL)
         for path in self._named:
             acting |= path[0] in ACTIONS
             on = [pair.links for pair in pairs if path[1] in (pair.name, *pair.links)]
@@ -240,14 +239,13 @@ class Sensitivity:
     @property
     def wound(self) -> Names:
         """The pairs whose turns count: loads that matter depend on their variables."""
-        if not any(name.split("_by_")[0] == "torque" for name in self.quantities):
+        if not any(name.startswith("torque") for name in self.quantities):
             return ()
         return wound_pairs(self.mechanism)
 
     def at_rest(self, inputs: Floats) -> Floats:
         """Return samples (n, 3 inputs + 1) at inputs (n, inputs) rad that rest."""
-        rest = np.zeros((len(inputs), 2 * len(self.inputs) + 1))
-        return np.concatenate([inputs, rest], axis=1)
+        return np.pad(inputs, ((0, 0), (0, 2 * len(self.inputs) + 1)))
 
     @cached_property
     def _gradient(self) -> DesignKernel:
@@ -326,11 +324,11 @@ class Sensitivity:
         away[:count] = wrap(away[:count])  # angles of wheels are of any turn
         ends = sizes - away, sizes
         now, closed = tracked(self._newton, start, ends, profiles=profiles, contracts=SHORT)
-        there = np.repeat(samples.T, draws, axis=1)
         with np.errstate(all="ignore"):
             columns = None
             if profiles is not None:
                 columns = profiles(now, np.arange(n * draws), np.ones(n * draws))
+            there = np.repeat(samples.T, draws, axis=1)
             result = self._plain.at(there, now, sizes, columns)
         return np.where(closed, result, np.nan).reshape(-1, n, draws)
 
@@ -382,7 +380,7 @@ class SizeDeviations:
         from scipy.special import ndtri
         from scipy.stats import qmc
 
-        power = int(np.ceil(np.log2(max(self.count, 1))))
+        power = (self.count - 1).bit_length()
         unit = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
         size = np.reshape(self.size, (-1, 1))
         if self.distribution == "uniform":

@@ -85,7 +85,7 @@ def variation(key: str, given: str | Sequence[float]) -> Variation:
 
 def between(key: str, low: float, high: float) -> Variation:
     """Return a variation over a range."""
-    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+    if not -math.inf < low < high < math.inf:
         raise DesignError(
             f"{key}: {low:g} to {high:g} is no range; give the lower end first"
         )
@@ -119,8 +119,9 @@ class DesignSpace:
             raise DesignError("nothing is varied: give --vary KEY=LOW:HIGH:COUNT")
         chosen = scheme or ("grid" if designs is None else "sobol")
         if chosen not in SCHEMES:
-            said = choices(chosen, SCHEMES, "allowed")
-            raise DesignError(f'scheme "{chosen}" is not known{said}')
+            raise DesignError(
+                f'scheme "{chosen}" is not known{choices(chosen, SCHEMES, "allowed")}'
+            )
         if chosen == "grid":
             if designs is not None:
                 raise DesignError(
@@ -167,12 +168,13 @@ class DesignSpace:
             with warnings.catch_warnings():
                 # A number that is no power of 2 costs balance only, which parts have not.
                 warnings.simplefilter("ignore", UserWarning)
-                return np.asarray(sobol.random(stop - start).T)
-        if self.scheme == "latin":
-            whole = qmc.LatinHypercube(size, rng=self.seed).random(self.count)
-            return np.asarray(whole[start:stop].T)
-        generator = np.random.Generator(np.random.PCG64(self.seed).advance(start * size))
-        return np.asarray(generator.random((stop - start, size)).T)
+                made = sobol.random(stop - start)
+        elif self.scheme == "latin":
+            made = qmc.LatinHypercube(size, rng=self.seed).random(self.count)[start:stop]
+        else:
+            bits = np.random.PCG64(self.seed).advance(start * size)
+            made = np.random.Generator(bits).random((stop - start, size))
+        return np.transpose(made)
 
 
 Columns = dict[str, Any]
@@ -295,8 +297,7 @@ class Sweep:
                 f"{listing(row_quantities(self.mechanism), 40)}"
             )
         check_variables(self.document, self.variables)
-        names = [*OWN, *(variable.name for variable in self.variables)]
-        names += [merit.name for merit in self.merits]
+        names = [*OWN, *self.names]
         double = [name for k, name in enumerate(names) if name in names[:k]]
         if double:
             raise DesignError(
@@ -315,11 +316,15 @@ class Sweep:
         """What is varied."""
         return tuple(design_variable(self.document, v.key) for v in self.space.variations)
 
+    @property
+    def names(self) -> list[str]:
+        """What is varied and the figures of merit, as tables and expressions call them."""
+        return [x.name for x in self.variables] + [merit.name for merit in self.merits]
+
     @cached_property
     def conditions(self) -> tuple[Condition, ...]:
         """What designs have to meet."""
-        names = [variable.name for variable in self.variables]
-        names += ["closes", *(merit.name for merit in self.merits)]
+        names = ["closes", *self.names]
         return tuple(condition(text, names) for text in self.where)
 
     @cached_property
@@ -347,8 +352,7 @@ class Sweep:
     @property
     def angle(self) -> str:
         """The file's unit of angles, in which all angles of the table are."""
-        unit: str = self.document.data["angle_unit"]
-        return unit
+        return str(self.document.data["angle_unit"])
 
     @cached_property
     def part_size(self) -> int:
@@ -390,11 +394,10 @@ class Sweep:
     @property
     def _sampled(self) -> bytes:
         sampled = b"" if self.samples is None else self.samples.rows.tobytes()
-        if self.study is None:
-            return sampled
         study = self.study
-        through = [study.mechanism.inputs]
-        through += [getattr(study, name) for name in GONE_THROUGH]
+        if study is None:
+            return sampled
+        through = [study.mechanism.inputs, *(getattr(study, name) for name in GONE_THROUGH)]
         with np.printoptions(threshold=2**62, floatmode="unique"):
             return sampled + repr(through).encode()
 
@@ -455,7 +458,7 @@ class Sweep:
         """Return the rows of designs with their numbers and classes, in the file's unit."""
         design = evaluated.design
         classes = self.evaluator.classes(designs[:, design])
-        made: Columns = {"design": numbers[design], **self._numbers(designs[:, design])}
+        made = {"design": numbers[design], **self._numbers(designs[:, design])}
         made["mode"] = evaluated.mode
         if self.tables:
             made[ASSEMBLY] = evaluated.merits[ASSEMBLY]
@@ -467,9 +470,7 @@ class Sweep:
         if classes is not None:
             there = np.isin(evaluated.status, [OK, NEVER_CLOSES])
             made["grashof"] = np.where(there, classes, "").astype(object)
-        made |= self._in_file_units(evaluated)
-        made["reason"] = evaluated.reason
-        return made
+        return made | self._in_file_units(evaluated) | {"reason": evaluated.reason}
 
     def _in_file_units(self, evaluated: Evaluated) -> Columns:
         """Return the figures that there are, single angles in the file's unit."""
@@ -517,8 +518,7 @@ class Sweep:
         rows, place = Counter[str](), Path(folder) / TABLES
         with part_tables(place, path.name, self.degrees, rows) as take:
             columns = self.part(number, take)
-        notes = {"units": self.units(), TABLES: dict(rows)}
-        write_columns(path, columns, notes)
+        write_columns(path, columns, {"units": self.units(), TABLES: rows})
         return number
 
     def settle(self, made: str, folder: Path, number: int) -> int:

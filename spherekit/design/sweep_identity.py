@@ -48,9 +48,8 @@ def working_folder(place: Path, definition: Facts) -> Iterator[str]:
     stored = _stored(path) if path.exists() else {}
     if stored != definition:
         if any(part for pattern in PARTS for part in place.glob(pattern)):
-            other = f"{DEFINITION} does not say of what"
-            if stored:
-                other = differences(stored, definition)
+            unsaid = f"{DEFINITION} does not say of what"
+            other = differences(stored, definition) if stored else unsaid
             raise OutputError(
                 f"{place}: holds parts of another sweep, or made by other code ({other}), "
                 "and a data set is of one; go on with that, choose another folder, or "

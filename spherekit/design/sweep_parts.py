@@ -219,15 +219,13 @@ def run_sweep(
     OutputError
         If the folder holds another sweep, is in use, or cannot be written.
     """
-    if folder is not None:
-        place = make_folder(folder)
-        made = _computed(sweep, place, workers, elsewhere)
-        return SweepResult(sweep, place, made, place)
-    place = Path(mkdtemp(prefix="spherekit-sweep-"))
+    kept = None if folder is None else make_folder(folder)
+    place = kept or Path(mkdtemp(prefix="spherekit-sweep-"))
     with ExitStack() as failed:
-        failed.callback(shutil.rmtree, place, ignore_errors=True)
+        if kept is None:
+            failed.callback(shutil.rmtree, place, ignore_errors=True)
         made = _computed(sweep, place, workers, elsewhere)
-        result = SweepResult(sweep, None, made, place)
+        result = SweepResult(sweep, kept, made, place)
         finalize(result, failed.pop_all().close)
     return result
 

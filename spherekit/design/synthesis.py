@@ -154,8 +154,8 @@ def size(synthesis: Specification, starts: int = 12) -> Synthesis:
     kept = _apart(ends, descent)
     if several:
         kept = unbeaten(kept, descent.tolerance)
-    figures = np.array([end.figures for end in kept])
-    columns = dict(zip([merit.name for merit in sweep.merits], figures.T, strict=True))
+    figures = np.transpose([end.figures for end in kept])
+    columns = dict(zip([merit.name for merit in sweep.merits], figures, strict=True))
     return Synthesis(
         synthesis,
         np.array([descent.values(end.x) for end in kept]),
@@ -171,8 +171,7 @@ def size(synthesis: Specification, starts: int = 12) -> Synthesis:
 
 def _evaluator(synthesis: Specification) -> Evaluator:
     """Return what has the gradients; `DesignError` where there is no kernel."""
-    sweep = synthesis.sweep
-    made = sweep.evaluator
+    sweep, made = synthesis.sweep, synthesis.sweep.evaluator
     if not isinstance(made, Evaluator) or not made.has_gradients:
         raise DesignError(
             f"{sweep.mechanism.name}: synthesis follows gradients by numbers that kernels "
@@ -288,7 +287,7 @@ def _alike(one: LocalOptimum, other: LocalOptimum, descent: Descent) -> bool:
     ):
         return False
     first, second = (
-        designed(sweep.document, sweep.variables, descent.values(end.x).tolist())
+        designed(sweep.document, sweep.variables, descent.values(end.x))
         for end in (one, other)
     )
     return one_linkage(first, second)
@@ -306,8 +305,9 @@ def one_linkage(one: Mechanism, other: Mechanism) -> bool:
     signs = 1.0 - 2.0 * (np.arange(2**count)[:, None] >> np.arange(count) & 1)
     frames = [pair_frames(mechanism) for mechanism in (one, other)]
     for link in one.links:
-        numbered = enumerate(one.pairs)
-        places = [(k, p.links.index(link)) for k, p in numbered if link in p.links]
+        places = [
+            (k, p.links.index(link)) for k, p in enumerate(one.pairs) if link in p.links
+        ]
         axes, wanted = (
             np.array([of_side[side][one.pairs[k].name][:, 2] for k, side in places])
             for of_side in frames

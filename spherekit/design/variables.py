@@ -1,7 +1,7 @@
 """What is varied: numbers of a mechanism file, and where kernels take them."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -99,7 +99,7 @@ def is_angle_of_load(document: Document, key: str) -> bool:
 
 
 def designed(
-    document: Document, variables: Sequence[DesignVariable], values: Sequence[float]
+    document: Document, variables: Sequence[DesignVariable], values: Iterable[float]
 ) -> Mechanism:
     """Return the mechanism of a design, with values in the file's units.
 
@@ -142,9 +142,8 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
         for kind, pair, value, _ in sizes:
             alone = sum(other == kind for other, *_ in sizes) == 1
             key = f"links.{link}.{kind[:-1] if alone else f'{kind}.{pair}'}"
-            slot = kind, (link, pair)
             path = ("links", link, kind, pair)
-            made[key] = DesignVariable(key, path, value, True, slot)
+            made[key] = DesignVariable(key, path, value, True, (kind, (link, pair)))
     return made
 
 
@@ -184,17 +183,16 @@ def quantities_of(mechanism: Mechanism) -> Names:
 
     Without any, how outputs turn while the inputs move.
     """
-    driven = set(mechanism.input_pairs)
+    driven = mechanism.input_pairs
     ends = {frozenset((output.link, output.relative_to)) for output in mechanism.outputs}
     passive = [p for p in mechanism.pairs if p.kind.has_axis and p.name not in driven]
     chosen = [p for p in passive if frozenset(p.links) in ends] or passive
     if chosen:
         return tuple(f"theta_{pair.name}" for pair in chosen)
-    possible = row_quantities(mechanism)
     speeds = [f"velocity_coefficient_{o.link}_{o.relative_to}" for o in mechanism.outputs]
     return tuple(
         name
-        for name in possible
+        for name in row_quantities(mechanism)
         if any(name == speed or name.startswith(f"{speed}_by_") for speed in speeds)
     )
 

@@ -5,7 +5,7 @@ Numbers of a kernel that are read from the file of each design, with its checks.
 
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +79,7 @@ class DesignAt:
         gradients of its columns, and `samples` (k, n), `places` and `turns` are as in it;
         `values` (n, w) are the configurations at which profiles touch, NaN where none is.
         """
-        profiles, count = self.profiles, len(self.sizes)
+        profiles = self.profiles
         columns = None if profiles is None else profiles.columns(values)
         outputs = kernel.at(samples, places, self.sizes[:, None], columns, turns)
         closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
@@ -90,11 +90,10 @@ class DesignAt:
             changes[variable] = np.tensordot(slopes[some], made[1 + some], 1)
         if profiles is not None:
             whole = all_finite(values, 1)
-            by_profiles, by_columns = (
-                profiles.slopes(values[whole]),
-                made[1 + count :, :, whole],
+            by_columns = made[1 + len(self.sizes) :, :, whole]
+            changes[:, :, whole] += np.einsum(
+                "kpn,pcn->kcn", profiles.slopes(values[whole]), by_columns
             )
-            changes[:, :, whole] += np.einsum("kpn,pcn->kcn", by_profiles, by_columns)
         return closed, made[0], changes
 
 
@@ -146,7 +145,7 @@ class VariedMechanism:
     def terms(self, closed_form: bool | None = None) -> VariedTerms:
         """Return what kernels of all designs are written in."""
         contacts, first = self.contacts, self._contacts
-        acting = [int(k) - first for k in self.differing if k >= first]
+        acting = [k - first for k in self.differing if k >= first]
         if contacts is not None:
             names = {k: f"turned_{k}" for k in self.of_contacts}
             return VariedTerms(
@@ -157,8 +156,7 @@ class VariedMechanism:
                 closed_form,
                 acting,
             )
-        sized = [self.variables[k] for k in self.sized]
-        slots = {v.name: v.slot for v in sized if v.slot is not None}
+        slots = {v.name: v.slot for v in self.variables if v.slot is not None}
         profiled, mechanism = self.is_profiled, self.mechanism
         return VariedTerms(
             mechanism,
@@ -258,13 +256,13 @@ class VariedMechanism:
     @property
     def of_contacts(self) -> list[int]:
         """Those of the contacts that differ."""
-        return [int(k) for k in self.differing if k < self._contacts]
+        return [k for k in self.differing if k < self._contacts]
 
     def _read(self, values: Floats) -> Floats:
         """Return all numbers of a design (variables,); raise where there are none."""
-        numbers, contacts = list(values), []
+        contacts: list[float] = []
         if self._whole:
-            made = designed(self.document, self.variables, numbers)
+            made = designed(self.document, self.variables, values)
         else:
             both = zip(self.variables, map(float, values), strict=True)
             acting = {v.path: number for v, number in both if v.path[0] in ACTIONS}
@@ -275,8 +273,11 @@ class VariedMechanism:
             if with_contacts is None or with_contacts.form != self.contacts.form:
                 raise DesignError(UNLIKE)
             contacts = with_contacts.numbers
-        form = partial(with_other_numbers, change=lambda number: 0.0)
-        if form(actions) != form(actions_of(self.mechanism)):
+        form, other = (
+            with_other_numbers(x, lambda number: 0.0)
+            for x in (actions, actions_of(self.mechanism))
+        )
+        if form != other:
             raise DesignError(UNLIKE)
         return np.array([*contacts, *numbers_of(actions)])
 
