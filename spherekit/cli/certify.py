@@ -6,6 +6,7 @@ import sys
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -74,10 +75,8 @@ def execute(options: Namespace) -> int:
     path = find(options.file)
     document, tolerance = parse(read_text(path), str(path)), options.tolerance
     if options.lock:
-        unit = angle_unit_of(path)
-        document = parse(
-            dumps(with_locks(read(document), options.lock, options.file), unit), str(path)
-        )
+        locked = with_locks(read(document), options.lock, options.file)
+        document = parse(dumps(locked, angle_unit_of(path)), str(path))
         tolerance = max(tolerance, LOCKED)
     mechanism = driven_at(read(document), options.input)
     written = Written.of(mechanism, document, tolerance)
@@ -95,9 +94,8 @@ def execute(options: Namespace) -> int:
             "--cell and --figure are for ranges of several inputs; "
             f"{mechanism.name} has {len(mechanism.inputs)}, or --at is given"
         )
-    for target in (options.out, options.figure):
-        if target is not None:
-            check_file(target)
+    for target in filter(None, (options.out, options.figure)):
+        check_file(target)
     if wheels:
         made = _wheels(written)
     elif several:
@@ -107,7 +105,7 @@ def execute(options: Namespace) -> int:
     else:
         made = _over(written, options.range, options.clear_of)
     lines, certificate, complete = made
-    if options.out is not None:
+    if options.out:
         write_text(Path(options.out), json.dumps(certificate, indent=1) + "\n")
         print(f"spherekit: wrote {options.out}", file=sys.stderr)
     print("\n".join(lines))
@@ -157,17 +155,14 @@ def _decimal(option: str, text: str) -> str:
 
     from spherekit.errors import AnalysisError
 
-    try:
+    with suppress(InvalidOperation):  # of what is no number too
         number = Decimal(text.strip())
-    except InvalidOperation:
-        number = Decimal("nan")
-    if not number.is_finite():
-        raise AnalysisError(f"{option}: {text!r} is not a decimal number; write 40 or 12.5")
-    if abs(number) > LARGEST:
-        raise AnalysisError(
-            f"{option}: {text} is no angle of use; give one from -{LARGEST} to {LARGEST}"
-        )
-    return f"{number:f}"
+        if abs(number) <= LARGEST:
+            return f"{number:f}"
+    raise AnalysisError(
+        f"{option}: {text!r} is not a decimal number from -{LARGEST} to {LARGEST}; write "
+        "40 or 12.5"
+    )
 
 
 def _mode_lines(modes: Any) -> Lines:
@@ -178,10 +173,12 @@ def _mode_lines(modes: Any) -> Lines:
 
     lines = []
     for number, angles in enumerate(modes.angles()):
-        degrees = np.degrees([middle(angle) for angle in angles])
+        degrees = np.degrees([*map(middle, angles)])
         wrapped = 180.0 - np.remainder(180.0 - degrees, 360.0)
-        named = zip(modes.written.structure.pairs, wrapped, strict=True)
-        shown = ", ".join(f"{name} {angle:.9f}" for name, angle in named)
+        shown = ", ".join(
+            f"{name} {angle:.9f}"
+            for name, angle in zip(modes.written.structure.pairs, wrapped, strict=True)
+        )
         off = max(np.degrees(upper(angle - angle.mid())) for angle in angles)
         lines.append(f"  mode {number}, deg: {shown}; each to {off:.0e}")
     for centre, half in modes.clusters:
@@ -231,20 +228,21 @@ def _over(written: Any, given: Lines | None, clear_of: str | None) -> Made:
     from spherekit.proof.curves import certified_curves
 
     mechanism = written.mechanism
-    ends = [_decimal("--range", end) for end in given] if given else None
-    ends = ends or list(written.input_range(mechanism.inputs[0].pair))
-    if not float(ends[0]) < float(ends[1]):
-        raise AnalysisError(f"the range {ends[0]} to {ends[1]} is empty; give FROM < TO")
+    low, high = written.input_range(mechanism.inputs[0].pair)
+    if given:
+        low, high = (_decimal("--range", end) for end in given)
+    if not float(low) < float(high):
+        raise AnalysisError(f"the range {low} to {high} is empty; give FROM < TO")
     made = construct(written.structure, output_pairs(written).values())
-    curves = certified_curves(written, (ends[0], ends[1]), made)
+    curves = certified_curves(written, (low, high), made)
     located = singularities(curves)
     lines = [f"{mechanism.name}: {curves.claim}", *_curve_lines(curves, located)]
     if clear_of is not None:
         with bits(80):
             q = middle(written.input_angle(_decimal("--clear-of", clear_of)))
-        free = f"{np.degrees(located.clearance(q)):.9f}"
         lines.append(
-            f"  within {free} deg of {clear_of} there is no singularity, in any mode"
+            f"  within {np.degrees(located.clearance(q)):.9f} deg of {clear_of} there is "
+            "no singularity, in any mode"
         )
     certificate = {**curves_certificate(curves), "singularities": singular_table(located)}
     complete = curves.claim.guarantee is Guarantee.CERTIFIED and not located.undecided
@@ -267,14 +265,13 @@ def _map(written: Any, options: Namespace) -> Made:
     cell = CELL if options.cell is None else options.cell
     if not 1e-4 <= cell <= 1.0:
         raise AnalysisError(f"--cell {cell} rad is no use; give one from 0.0001 to 1")
-    ends = [written.input_range(name) for name in names]
-    boxes = input_map(written, ends, cell)
+    boxes = input_map(written, [*map(written.input_range, names)], cell)
     lines = [f"{mechanism.name}: {boxes.claim}"]
     lines += [
         f"  {counted(count, 'mode')} in {100 * share:.3f} % of the area"
         for count, share in boxes.counts.items()
     ]
-    if options.figure is not None:
+    if options.figure:
         _draw(boxes, names, options.figure)
         lines.append(f"  drawn in {options.figure}")
     return lines, map_certificate(boxes), not boxes.share(2)

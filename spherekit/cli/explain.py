@@ -1,5 +1,6 @@
 """`spherekit explain`: what will be planned, evaluated and logged."""
 
+import math
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
@@ -51,11 +52,10 @@ def execute(options: Namespace) -> int:
         from spherekit.view.rerun_view import RerunRecorder
 
         with TemporaryDirectory() as folder:
-            place = Path(folder)
             facts["predicted"]["recording"] = extrapolated_recording(
                 study,
                 analyses,
-                lambda number: RerunRecorder(study.name, path=place / f"{number}.rrd"),
+                lambda n: RerunRecorder(study.name, path=Path(folder, f"{n}.rrd")),
             )
     if options.json:
         print_json(facts)
@@ -136,7 +136,7 @@ def _tell(facts: Facts, links: int) -> None:
     if not asked:
         print("asked of the samples: no poles")
         return
-    every = counted(links * (links - 1) // 2, "pole")
+    every = counted(math.comb(links, 2), "pole")
     print(f"asked: {len(asked)} of {every}: {', '.join(asked)}")
     for entry in facts["plans"]:
         if entry["locked"]:

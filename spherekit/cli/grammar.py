@@ -85,13 +85,12 @@ def sample_counts(text: str) -> int | tuple[int, ...]:
 
 def numbers(text: str) -> tuple[float, ...]:
     """Return the numbers of a list with commas."""
-    values = []
-    for part in text.split(","):
-        try:
-            values.append(float(part))
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{part!r} is not a number") from None
-    return tuple(values)
+    try:
+        return tuple(map(float, text.split(",")))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a number, or several with commas between them"
+        ) from None
 
 
 def row_count(text: str) -> int:
@@ -144,9 +143,10 @@ class Parser(argparse.ArgumentParser):
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
         """Refuse an empty word, which as a path would mean the current folder."""
         if not arg_string and action.nargs != argparse.PARSER:
-            where = action.metavar or action.dest.upper()
             raise argparse.ArgumentError(
-                action, f"found an empty text for {where} (an unset variable of the shell?)"
+                action,
+                f"found an empty text for {action.metavar or action.dest.upper()} (an "
+                "unset variable of the shell?)",
             )
         return super()._get_value(action, arg_string)
 
@@ -161,8 +161,10 @@ class Parser(argparse.ArgumentParser):
             ),
         ):
             message = re.sub(wrong, right, message)
-        hint = self._meant(message) or "."
-        print(f"{self.prog}: {message}{hint} See: {self.prog} --help", file=sys.stderr)
+        print(
+            f"{self.prog}: {message}{self._meant(message) or '.'} See: {self.prog} --help",
+            file=sys.stderr,
+        )
         sys.exit(USAGE)
 
     def _meant(self, message: str) -> str:
@@ -177,9 +179,8 @@ class Parser(argparse.ArgumentParser):
         flag, word = wrong.groups()
         if flag:
             return nearest(flag.partition("=")[0], self._option_string_actions)
-        choices = (action.choices or () for action in self._actions)
-        hint = nearest(word, (str(choice) for offered in choices for choice in offered))
-        return hint or _as_file(word)
+        choices = (str(x) for action in self._actions for x in action.choices or ())
+        return nearest(word, choices) or _as_file(word)
 
 
 def _as_file(word: str) -> str:
@@ -230,7 +231,7 @@ def _declare(place: Any, entry: Sequence[str]) -> None:
         first, form["const"], several = absent.groups()
         form["nargs"] = "*" if several else "?"
     elif others:
-        form["nargs"] = "+" if others[-1] == "...]" else len(word.split(" "))
+        form["nargs"] = "+" if others[-1] == "...]" else 1 + len(others)
     if others and form.get("nargs") == 2:
         form["metavar"] = (first, *others)
     elif first.startswith("{"):

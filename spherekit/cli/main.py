@@ -101,10 +101,9 @@ def _reason(problem: Exception) -> str:
     """Return why a command ended by the system's fault, empty if it is another one."""
     for cause in _causes(problem):
         if isinstance(cause, MemoryError) or any(x in str(cause) for x in NO_MEMORY):
-            said = str(cause) or "no more is given"
             return (
-                f"there is not enough memory ({said}); allow more (ulimit -v), or ask for "
-                "fewer samples"
+                f"there is not enough memory ({str(cause) or 'no more is given'}); allow "
+                "more (ulimit -v), or ask for fewer samples"
             )
     if isinstance(problem, OSError) and problem.errno in FULL and not problem.filename:
         _drop_output()

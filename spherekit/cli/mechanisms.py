@@ -39,10 +39,10 @@ def execute(options: Namespace) -> int:
         keys = ("name", "links", "pairs", "source")
         print_json([dict(zip(keys, row, strict=True)) for row in rows])
         return 0
-    studies = [(name, "study") for pack in shipped() for name in sorted(pack.studies)]
     width = max((len(row[0]) for row in rows), default=0)
     for name, links, pairs, source in rows:
         print(f"{name:{width}}  {links:3d} links {pairs:3d} pairs  {source}")
-    for name, kind in studies:
-        print(f"{name:{width}}  {kind}")
+    for pack in shipped():
+        for name in sorted(pack.studies):
+            print(f"{name:{width}}  study")
     return 0

@@ -80,10 +80,7 @@ def _check_name(what: str, name: str) -> None:
         takes = f"up to {MAX_NAME_LENGTH} lower-case letters, digits and underscores, a "
         takes += f"letter first, such as {better[:MAX_NAME_LENGTH] or 'torque_ratio'}"
     if not re.fullmatch(pattern, name) or len(name) > MAX_NAME_LENGTH:
-        article = "an" if what == "analysis" else "a"
-        raise OutputError(
-            f'"{name}" cannot be the name of {article} {what}: it takes {takes}'
-        )
+        raise OutputError(f'"{name}" cannot be the name of a new {what}: it takes {takes}')
     if what == "analysis" and name in names():
         raise OutputError(f"an analysis {name} is installed already; choose another name")
 

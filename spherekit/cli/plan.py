@@ -53,7 +53,7 @@ def execute(options: Namespace) -> int:
             raise
         planned = [plan(mechanism, poles, name, by_rank=True) for name in moved]
     if options.json:
-        facts = [as_dict(made) for made in planned]
+        facts = [*map(as_dict, planned)]
         print_json(facts[0] if len(facts) == 1 else facts)
         return 0
     for number, input_plan in enumerate(planned):

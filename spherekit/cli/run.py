@@ -108,25 +108,25 @@ def execute(options: Namespace) -> int:
 
         names = [analysis.name for analysis in analyses]
         check_provable(study.mechanism, names, not options.only_needed)
-    made = False
-    if study.folder is not None:
+    made = None
+    if study.folder:
         check_folder(study.folder)
-        made = not study.folder.exists()
+        made = None if study.folder.exists() else study.folder
         make_folder(study.folder)
     try:
         result, exceeded = _executed(study, analyses, options)
     except (SpherekitError, KeyboardInterrupt) as stop:
-        if made and study.folder is not None:
+        if made:
             with suppress(OSError):  # there is something in it
-                study.folder.rmdir()
+                made.rmdir()
         _add_hint(stop, study, options)
         raise
-    if study.recording is not None:
+    if study.recording:
         note(options, f"recording in {study.recording}")
-    if options.view and study.recording is not None:
-        from spherekit.view.viewer import open_viewer
+        if options.view:
+            from spherekit.view.viewer import open_viewer
 
-        note(options, open_viewer(study.recording))
+            note(options, open_viewer(study.recording))
     return _exit_status(result, exceeded, options.strict)
 
 
@@ -138,7 +138,7 @@ def _executed(
     from spherekit.figures.collector import Collector
 
     with _recorder(options, study) as recorder:
-        collector = None if options.figures is None else Collector(recorder)
+        collector = Collector(recorder) if options.figures else None
         chosen, engine = _accuracy(study, analyses, options), options.engine
         if chosen and chosen["setting"].tolerance is not None:  # of a simulation
             study = replace(study, tolerance=chosen["setting"].tolerance)
@@ -156,18 +156,19 @@ def _executed(
             engine=engine,
             only_needed=options.only_needed,
             tables=options.prove,
-            recorder=recorder if collector is None else collector,
+            recorder=collector or recorder,
             log_every=options.log_every,
             progress=progress(),
             **chosen,
         )
-        if collector is not None and study.folder is not None:
+        if collector and study.folder:
             from spherekit.figures.contents import figures_of
             from spherekit.figures.write import write_figures
 
             figures = figures_of(collector.scenes(), collector.titles)
-            paths = write_figures(figures, study.folder / "figures", options.figures)
-            note(options, f"{counted(len(paths), 'figure')} in {study.folder / 'figures'}")
+            folder = study.folder / "figures"
+            paths = write_figures(figures, folder, options.figures)
+            note(options, f"{counted(len(paths), 'figure')} in {folder}")
         _tell(options, study, result)
         exceeded = _prove(options, study, result) if options.prove else 0
         if options.serve is not None:
@@ -184,11 +185,11 @@ def _exit_status(result: "RunResult", exceeded: int, strict: bool) -> int:
     summary = result.summary
     simulation = summary.get("simulation")
     lost = simulation and (simulation["missed"] or simulation["end"]["kind"] == "too_fast")
-    failed = bool(
+    failed = (
         {*summary["status"], *summary["pole_status"]} - {"OK"}
         or any(item["failed_rows"] for item in summary["analyses"])
         or exceeded
-        or summary.get("verified", {}).get("beyond", ())
+        or summary.get("verified", {}).get("beyond")
         or not summary.get("accuracy", {"met": True})["met"]
         or lost
     )
@@ -202,7 +203,7 @@ def _prove(options: Namespace, study: "Study", result: "RunResult") -> int:
     motion, poles = (result.results[name].data[name] for name in ("motion", "poles"))
     proven = prove_poles(study.mechanism, motion, poles)
     print(proven, file=sys.stderr if options.json else sys.stdout)
-    if study.folder is not None:
+    if study.folder:
         formats, hash_ = FORMATS.get(options.format), result.summary["mechanism_hash"]
         names = proven.write(study.folder, study.degrees, formats, hash_)
         print(f"proven poles in {', '.join(names)}", file=sys.stderr)
@@ -215,12 +216,12 @@ def _tell(options: Namespace, study: "Study", result: "RunResult") -> None:
     from spherekit.analysis.tables import COLUMNS
 
     summary = result.summary
-    if study.folder is not None:
-        angles = "deg" if study.degrees else "rad"
+    if study.folder:
         note(
             options,
             f"{counted(len(result.files), 'file')} in {study.folder}, angles in "
-            f"{angles}; the unit of every column is in {COLUMNS}",
+            f"{'deg' if study.degrees else 'rad'}; the unit of every column is in "
+            f"{COLUMNS}",
         )
     if options.json:
         print_json(summary)
@@ -281,11 +282,10 @@ def _add_hint(error: BaseException, study: "Study", options: Namespace) -> None:
     """Add the command by which a stopped run goes on, if there is one."""
     from spherekit.analysis.folder import has_unfinished
 
-    kept = study.folder is not None and has_unfinished(study.folder)
-    if not kept or not getattr(error, "__notes__", ()):
-        return
-    words = [word for word in options.words if word not in ("--resume", "--restart")]
-    error.add_note(f"go on with: {shlex.join(['spherekit', *words, '--resume'])}")
+    noted = getattr(error, "__notes__", ())
+    if noted and study.folder and has_unfinished(study.folder):
+        words = [word for word in options.words if word not in ("--resume", "--restart")]
+        error.add_note(f"go on with: {shlex.join(['spherekit', *words, '--resume'])}")
 
 
 def _accuracy(
@@ -320,7 +320,7 @@ def _wanted(options: Namespace) -> "Study":
         "degrees": options.deg or None,
     }
     study = study_from(options, more)
-    if options.view and study.recording is None:
+    if options.view and not study.recording:
         folder = study.folder or Path(tempfile.mkdtemp(prefix="spherekit-"))
         study = replace(study, recording=folder / f"{study.mechanism.name}.rrd")
     return study

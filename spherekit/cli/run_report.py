@@ -12,8 +12,10 @@ def report(summary: Any) -> str:
     """Return the summary in a few lines for people."""
     from spherekit.analysis.faults import failed_rows
 
-    groups = ", ".join(summary["groups"]) or "none"
-    lines = [f"{summary['mechanism']}: {_asked(summary)}; groups: {groups}"]
+    lines = [
+        f"{summary['mechanism']}: {_asked(summary)}; groups: "
+        f"{', '.join(summary['groups']) or 'none'}"
+    ]
     lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
     repeated = summary["redundant_constraints"]
@@ -30,8 +32,11 @@ def report(summary: Any) -> str:
     if lacking:
         lines.append(f"  of {sum(poles.values())} pole axes: {', '.join(lacking)}")
     lines += [f"  {sentence}" for sentence in failed_rows(summary)]
-    meanings = summary["status_meaning"].items()
-    lines += [f"  {name}: {meaning}" for name, meaning in meanings if name != "OK"]
+    lines += [
+        f"  {name}: {meaning}"
+        for name, meaning in summary["status_meaning"].items()
+        if name != "OK"
+    ]
     if "simulation" in summary:
         lines.append(_simulated(summary["simulation"], summary["cost"]["simulate"]))
     lines += _errors(summary["errors_reached"])
@@ -111,8 +116,7 @@ def by_equal_counts(assembly_modes: Sequence[Any]) -> Lines:
         title = ", ".join(filter(None, (mode["mode"], mode.get("name"))))
         alike.setdefault(counts, []).append(f"{mode['number']} ({title})")
     return [
-        f"  assembly mode{'s' * (len(modes) > 1)} {', '.join(modes)}: "
-        f"{'each ' * (len(modes) > 1)}{counts}"
+        f"  {numbered('assembly mode', modes)}: {'each ' * (len(modes) > 1)}{counts}"
         for counts, modes in alike.items()
     ]
 
@@ -135,14 +139,14 @@ def spent(cost: Any) -> Lines:
     )
     lines = [f"cost: {evaluated}{'; ' * bool(evaluated)}{duration(whole)} s ({stages})"]
     tables = cost["tables"].values()
-    rows = sum(table["rows"] for table in tables)
-    line = f"  {counted(rows, 'row')} in {counted(len(tables), 'table')}"
+    rows = counted(sum(table["rows"] for table in tables), "row")
+    line = f"  {rows} in {counted(len(tables), 'table')}"
     for kind, name in (("csv_bytes", "CSV"), ("parquet_bytes", "Parquet")):
         if all(kind in table for table in tables):
             line += f", {size_text(sum(table[kind] for table in tables))} {name}"
     if recording := cost.get("recording"):
-        size = size_text(recording["bytes"])
-        line += f"; recording: {recording['entities']} entities, {size}"
+        line += f"; recording: {recording['entities']} entities, "
+        line += size_text(recording["bytes"])
     return [*lines, line]
 
 

@@ -121,15 +121,13 @@ def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     from spherekit.model.study import KINDS
     from spherekit.planning.inputs import driven_pairs
 
-    mechanism = study.mechanism
-    inputs = mechanism.names_of(driven_pairs(mechanism))
+    inputs = study.mechanism.names_of(driven_pairs(study.mechanism))
     laws: dict[str, Law] = {}
     for text in texts:
         head, _, keys = text.partition(":")
         pair, _, kind = head.rpartition("=")
         if kind not in KINDS:
-            said = choices(kind, KINDS, "Laws")
-            raise AnalysisError(f'--law: no law is "{kind}"{said}')
+            raise AnalysisError(f'--law: no law is "{kind}"{choices(kind, KINDS, "Laws")}')
         words = {field: key for key, field in KEYS[KINDS[kind]].items()}
         fields = given_in(keys, KINDS[kind], f"--law {kind}", words)
         try:
@@ -146,6 +144,7 @@ def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
 
 def torque_of(texts: Sequence[str], study: "Study") -> "str | dict[str, str]":
     """Return the driving torque that ``[PAIR=]EXPR`` gives, or that of each input."""
+    from spherekit.conventions import listing
     from spherekit.errors import AnalysisError
 
     if len(texts) == 1 and "=" not in texts[0]:
@@ -154,10 +153,9 @@ def torque_of(texts: Sequence[str], study: "Study") -> "str | dict[str, str]":
     for text in texts:
         pair, equals, torque = text.partition("=")
         if not equals or pair in torques:
-            inputs = study.mechanism.input_pairs
             raise AnalysisError(
                 f'--torque: "{text}" does not say at which input it acts, or repeats it; '
-                f"write PAIR=EXPR once for each ({', '.join(inputs)})"
+                f"write PAIR=EXPR once for each ({listing(study.mechanism.input_pairs)})"
             )
         torques[pair] = torque
     return torques

@@ -72,7 +72,7 @@ def execute(options: Namespace) -> int:
     from spherekit.errors import DesignError
     from spherekit.front.designs import perform, sweep_of
 
-    if options.tables and options.output is None:
+    if options.tables and not options.output:
         raise DesignError("--tables: give the folder to which they go, -o DIR")
     variations = []
     for text in options.vary:
@@ -98,14 +98,13 @@ def execute(options: Namespace) -> int:
     if not (options.json or options.quiet):
         _tell(result)
     sys.stdout.flush()
-    if options.output is None and not options.json:
+    if not (options.output or options.json):
         note(options, "nothing was written: use -o DIR for all rows")
     return 0
 
 
 def _tell(result: "SweepResult") -> None:
     frame: Any = result.frame()
-    units = frame.attrs["units"]
     failed = frame["status"] != "OK"
     words = f"{counted(result.sweep.space.count, 'design')}, "
     words += f"{counted(len(frame), 'row')}, one for each assembly mode"
@@ -116,13 +115,13 @@ def _tell(result: "SweepResult") -> None:
         print(f"none meets {' and '.join(result.sweep.where)}")
     else:
         table = frame.drop(columns="reason").head(SHOWN)
-        table.columns = with_units(table.columns, units)
+        table.columns = with_units(table.columns, frame.attrs["units"])
         print(table.to_string(index=False, na_rep="", float_format="%.6g"))
     if len(frame) > SHOWN:
         print(f"... {counted(len(frame) - SHOWN, 'more row')}")
     for line in _reasons(frame[failed]):
         print(line)
-    if result.folder is not None:
+    if result.folder:
         print(
             f"{counted(result.sweep.parts, 'part')} in {result.folder}, "
             f"{result.computed} computed now; read with pandas.read_parquet",
@@ -138,14 +137,13 @@ def _reasons(failed: Any) -> Lines:
         failed["status"].astype(str),
         failed["reason"].astype(str).map(without_numbers),
     ]
-    ranked = [rows for _, rows in failed.groupby(alike, sort=False)]
-    ranked.sort(key=lambda rows: -len(rows))
+    groups = (rows for _, rows in failed.groupby(alike, sort=False))
+    ranked = sorted(groups, key=len, reverse=True)
     lines = []
     for rows in ranked[:REASONS]:
-        status, reason, designs = rows["status"].iloc[0], rows["reason"], [*rows["design"]]
-        of_first = f"of {designs[0]} " if reason.nunique() > 1 else ""
-        named = numbered("design", designs)
-        lines.append(f"  {status}, {named}: {of_first}{reason.iloc[0]}")
+        first, designs = rows.iloc[0], numbered("design", rows["design"])
+        of_first = f"of {first['design']} " if rows["reason"].nunique() > 1 else ""
+        lines.append(f"  {first['status']}, {designs}: {of_first}{first['reason']}")
     if len(ranked) > REASONS:
         left = counted(len(ranked) - REASONS, "more reason")
         lines.append(f"  ... {left}, in the column reason")

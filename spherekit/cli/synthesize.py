@@ -43,11 +43,10 @@ def execute(options: Namespace) -> int:
     sized = synthesize(
         options.synthesis, designs=options.designs, starts=options.starts, seed=options.seed
     )
-    if options.output is not None:
+    if options.output:
         dump(sized.mechanism(), options.output)
     if not options.quiet:
         frame = sized.frame()
-        units = frame.attrs["units"]
         print(
             f"{sized.synthesis.sweep.mechanism.name}: {counted(sized.explored, 'design')} "
             f"looked at, conditions held in {counted(sized.feasible, 'row')}"
@@ -63,22 +62,21 @@ def execute(options: Namespace) -> int:
                 f"{name}: {text}, the least there {before:.6g}, after descents {after:.6g}"
             )
         if len(sized.headings) > 1:
-            count = counted(len(sized.objectives), "design")
             least = " and ".join(f"{value:.2g}" for value in sized.tolerance)
             print(
-                f"{count} that none met beats, of their mode, in all objectives by more "
-                f"than {least}:"
+                f"{counted(len(sized.objectives), 'design')} that none met beats, of their "
+                f"mode, in all objectives by more than {least}:"
             )
         hidden = [name for name in frame.columns if name in sized.synthesis.matched]
         few = np.unique(np.linspace(0, len(frame) - 1, SHOWN).astype(int))
         rows = slice(SHOWN) if len(sized.headings) == 1 else few
         shown = frame.drop(columns=hidden).iloc[rows]
-        shown.columns = with_units(shown.columns, units)
+        shown.columns = with_units(shown.columns, frame.attrs["units"])
         print(shown.to_string(index=False, float_format="%.8g"))
         if len(frame) > SHOWN:
             print(f"... {counted(len(frame) - SHOWN, 'more design')}")
     sys.stdout.flush()
-    if options.output is not None:
+    if options.output:
         note(options, f"the best in {options.output}")
     else:
         note(options, "nothing was written: use -o FILE for the best mechanism")

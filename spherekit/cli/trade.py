@@ -47,17 +47,17 @@ def execute(options: Namespace) -> int:
         check_tolerance(study.mechanism.name, options.tol)
     if options.rounds < 1:
         raise AnalysisError(f"--rounds {options.rounds}: give a whole number of at least 1")
-    given = [create(options.analysis)] if options.analysis is not None else None
-    analysis, *others = given or analyses_of(study)
+    given = [create(options.analysis)] if options.analysis else analyses_of(study)
+    analysis, *others = given
     if others:
         raise AnalysisError(
             f"{options.file}: names several analyses; say which with -a NAME"
         )
     _check_places(options)
     result = trade(study, analysis, rounds=options.rounds)
-    if options.output is not None:
+    if options.output:
         _write(result, options)
-    if options.save is not None:
+    if options.save:
         _record(result, options)
     if options.json:
         print_json(result.as_dict(options.tol))
@@ -68,19 +68,16 @@ def execute(options: Namespace) -> int:
 
 def _check_places(options: Namespace) -> None:
     """Refuse what cannot be written before minutes are spent on measuring it."""
-    from pathlib import Path
-
     from spherekit.files.atomic import MARK, check_folder, check_own
     from spherekit.view.outputs import check_place
 
-    if options.save is not None:
-        check_place(Path(options.save))
-    if options.output is not None:
+    if options.save:
+        check_place(options.save)
+    if options.output:
         check_folder(options.output)
-        place = Path(options.output)
-        check_own(place / "trade.json", b"worst_column")
-        check_own(place / "trade.csv", b"worst_column")
-        check_own(place / "trade.png", MARK.encode())
+        check_own(options.output / "trade.json", b"worst_column")
+        check_own(options.output / "trade.csv", b"worst_column")
+        check_own(options.output / "trade.png", MARK.encode())
 
 
 def _write(result: Any, options: Namespace) -> None:
@@ -101,15 +98,13 @@ def _write(result: Any, options: Namespace) -> None:
 
 
 def _record(result: Any, options: Namespace) -> None:
-    from pathlib import Path
-
     import numpy as np
 
     from spherekit.analysis.scene import RecordingHead
     from spherekit.tradeoff.record import scene
     from spherekit.view.rerun_view import RerunRecorder
 
-    with RerunRecorder(result.mechanism, path=Path(options.save)) as recorder:
+    with RerunRecorder(result.mechanism, path=options.save) as recorder:
         recorder.start(RecordingHead())
         recorder.log(scene(result, options.tol), np.arange(1))
     note(options, f"recording in {options.save}")

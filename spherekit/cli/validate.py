@@ -78,14 +78,15 @@ def check(name: str, locks: Sequence[str] | None = None) -> Facts:
     tracer = PositionAnalysis(mechanism, samples=COARSE)
     if tracer.unnamed:
         raise SolveError(f"{mechanism.name}: {'; '.join(tracer.unnamed)}")
-    planned = plans(mechanism, tracer.by_rank)
-    facts["irreducible_parts"] = sum(len(plan.blocks) for plan in planned)
-    facts["inputs"] = list(tracer.inputs)
+    facts["irreducible_parts"] = sum(
+        len(plan.blocks) for plan in plans(mechanism, tracer.by_rank)
+    )
+    facts["inputs"] = tracer.inputs
     coarse = tracer.sparse(9)
     held = coarse.rows(~coarse.failed)
     if len(held):
-        tree = tracer.solver.closure.tree
-        facts["rank_mobility"] = int(np.min(rank_mobility(tree, held.vectors)))
+        ranks = rank_mobility(tracer.solver.closure.tree, held.vectors)
+        facts["rank_mobility"] = int(np.min(ranks))
     facts["groups"] = [group.kind for group in tracer.assembly.groups]
     facts["assembly_modes"] = len(tracer.assembly_modes)
     facts["modes"] = {m.name: m.number for m in tracer.assembly_modes if m.name}

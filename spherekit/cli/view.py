@@ -46,9 +46,9 @@ def execute(options: Namespace) -> int:
             f"{options.file}: a study asks for a run: `spherekit run {options.file} "
             "--view`; its mechanism alone is shown by `spherekit view MECHANISM.toml`"
         )
-    if options.web and options.png is not None:
+    if options.web and options.png:
         raise OutputError("--web and --png: say one of them")
-    if options.png is not None:
+    if options.png:
         from spherekit.view.pictures import check_picture
 
         check_picture(Path(options.png), _size(options.size))
@@ -73,7 +73,7 @@ def _of_mechanism(options: Namespace) -> int:
     from spherekit.view.viewer import has_display, preview
 
     mechanism = load(options.file)
-    if options.png is None and not has_display():
+    if not (options.png or has_display()):
         note(
             options,
             f"no display here: make a picture with `spherekit view {options.file} "
@@ -87,7 +87,7 @@ def _of_mechanism(options: Namespace) -> int:
         note(options, f"{mechanism.name}: {left_out}" if left_out else "")
         return _of_recording(path, options)
     finally:
-        if options.png is not None or not path.exists():  # a viewer still reads it
+        if options.png or not path.exists():  # else a viewer still reads it
             shutil.rmtree(folder)
 
 
@@ -97,7 +97,7 @@ def _of_recording(path: Path, options: Namespace) -> int:
 
         serve_web(path, lambda url: print(f"{url}  (Ctrl-C ends it)", file=sys.stderr))
         return 0
-    if options.png is None:
+    if not options.png:
         from spherekit.view.viewer import open_viewer
 
         note(options, open_viewer(path))
@@ -117,7 +117,7 @@ def _of_recording(path: Path, options: Namespace) -> int:
 
 def _size(text: str) -> tuple[int, int]:
     try:
-        width, height = (int(part) for part in text.lower().split("x"))
+        width, height = map(int, text.lower().split("x"))
     except ValueError:
         raise OutputError(f"--size {text!r}: write WIDTHxHEIGHT, as 1600x1000") from None
     return width, height
