@@ -83,7 +83,7 @@ def test_the_same_rows_whatever_the_blocks():
 
     class Spy(Verifier):
         def verdict(self, failed=()):
-            seen.append(self._kept)
+            seen.extend(self._kept)
             return super().verdict(failed)
 
     with pytest.MonkeyPatch.context() as patch:

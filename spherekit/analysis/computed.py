@@ -10,7 +10,7 @@ from spherekit.analysis.batch import Batch
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.scene import Scene
-from spherekit.analysis.tables import TYPES, Column, Table, TableData
+from spherekit.analysis.tables import TYPES, Column, Table, TableData, row_count
 from spherekit.arrays import Array
 from spherekit.conventions import listing
 from spherekit.errors import PluginError
@@ -49,7 +49,7 @@ def computed(
     for table in tables:
         where = f"{analysis.name}: table {table.name}"
         data[table.name] = columns = _columns(where, table, given[table.name])
-        rows = len(next(iter(columns.values())))
+        rows = row_count(columns)
         if analysis.rowwise and table.in_assembly_modes and rows % max(len(batch), 1):
             raise PluginError(
                 f"{where} has {rows} rows for the {len(batch)} of the batch; give each "

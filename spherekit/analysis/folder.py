@@ -107,9 +107,8 @@ class RunFolder:
                 with suppress(OSError):  # Windows removes no open file
                     (folder.work / LOCK).unlink(missing_ok=True)
             lock.release()
-            if not kept:
-                with suppress(OSError):
-                    folder.work.rmdir()
+            with suppress(OSError):  # what is kept is in it
+                folder.work.rmdir()
 
     @property
     def unfinished(self) -> bool:
@@ -159,7 +158,8 @@ class RunFolder:
         """Raise `OutputError` if results of these names would replace what no run made."""
         record = self.path / SUMMARY
         owned = {*self._made(record), *self._made(self.work / MADE / SUMMARY)}
-        owned |= {SUMMARY} if _content(record) else set()
+        if _content(record):
+            owned.add(SUMMARY)
         others = [x for x in names if x not in owned and os.path.lexists(self.path / x)]
         if others:
             raise OutputError(
@@ -187,14 +187,13 @@ class RunFolder:
         OutputError
             If a file cannot be moved, or would replace what no run has made.
         """
-        made, older = self.work / MADE, self.path / SUMMARY
+        made = self.work / MADE
         listed = _content(made / SUMMARY)[BYTES]
         names = [*(name for name in listed if Path(name).name == name), SUMMARY]
         self.claim(names)
         try:
-            if older.exists():
-                for name in [*self._made(older), SUMMARY]:
-                    (self.path / name).unlink(missing_ok=True)
+            for name in [*self._made(self.path / SUMMARY), SUMMARY]:
+                (self.path / name).unlink(missing_ok=True)
             for name in names:
                 if (made / name).exists():
                     (made / name).replace(self.path / name)
@@ -226,8 +225,9 @@ def code_identity() -> dict[str, str]:
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """Return in what two runs differ, in words; empty if in nothing."""
     changes = []
-    for key in dict.fromkeys([*before, *now]):
-        old, new = before.get(key), now.get(key)
+    for key in {**before, **now}:
+        old = before.get(key)
+        new = now.get(key)
         if json.dumps(old) != json.dumps(new):
             words = key.replace("_", " ")
             changes.append(f"{words}: {_short(old)} there, {_short(new)} now")
@@ -273,7 +273,8 @@ def foreign(place: Path, files: re.Pattern[str], folders: re.Pattern[str]) -> li
         return [f"link or file {place.name}"]
     others = []
     for path in place.rglob("*"):
-        name, is_folder = path.relative_to(place).as_posix(), path.is_dir()
+        name = path.relative_to(place).as_posix()
+        is_folder = path.is_dir()
         called = (folders if is_folder else files).fullmatch(name)
         if path.is_symlink() or not called or not (is_folder or _size(path) >= 0):
             others.append(name)
@@ -291,7 +292,8 @@ class StoredParts:
     def __init__(
         self, folder: Path, more: bool, state: Iterable[tuple[str, str, int]]
     ) -> None:
-        self.folder, self._more = folder, more
+        self.folder = folder
+        self._more = more
         self._parts = Counter({(name, table): parts for name, table, parts in state})
 
     def state(self) -> list[Any]:
@@ -308,18 +310,21 @@ class StoredParts:
         """
         from spherekit.analysis.frames import write_columns
 
-        columns: TableData = typed(table, arrays(data))
-        runs = [(0, slice(0, len(next(iter(columns.values())))))]
-        if self._more and table.in_assembly_modes:
-            columns, runs = in_modes(columns)
+        several = self._more and table.in_assembly_modes
+        columns, runs = in_modes(typed(table, arrays(data)), several)
         groups = [
             (mode, slice(start, min(start + CHUNK, rows.stop)))
             for mode, rows in runs
             for start in range(rows.start, rows.stop, CHUNK)
         ]
-        notes, spans = {MODES: [mode for mode, _ in groups]}, [rows for _, rows in groups]
         key = analysis, table.name
-        write_columns(self._path(key, self._parts[key]), columns, notes, spans, "none")
+        write_columns(
+            self._path(key, self._parts[key]),
+            columns,
+            {MODES: [mode for mode, _ in groups]},
+            [rows for _, rows in groups],
+            "none",
+        )
         self._parts[key] += 1
 
     def pieces(self, analysis: str, table: Table) -> Iterator[Mapping[str, Any]]:
@@ -362,7 +367,8 @@ def memory_at_once(mechanism: Mechanism, rows: int) -> int:
 
 def need_memory(mechanism: Mechanism, rows: int, whole: Sequence[str]) -> None:
     """Raise `AnalysisError` if rows that analyses want at once need too much memory."""
-    wanted, there = memory_at_once(mechanism, rows), usable_memory()
+    wanted = memory_at_once(mechanism, rows)
+    there = usable_memory()
     if there is not None and wanted > there:
         raise AnalysisError(
             f"{listing(whole)} looks at all samples at once: that takes about "
@@ -389,11 +395,12 @@ def need_disk_for_run(
 
     Judged by the size of the store when `done` of `total` samples are done.
     """
-    held, whole = store.size, store.size * total / done
+    held = store.size
+    whole = held * total / done
     formats = formats_of(formats, FILE_SIZE["csv"] * whole)
     wanted = whole * (1.0 + sum(FILE_SIZE[kind] for kind in formats))
     less = size_text(whole * (1.0 + FILE_SIZE["parquet"]))
     hint = f"; Parquet alone (--format parquet) takes {less}" if "csv" in formats else ""
     advice = f"choose another folder or fewer samples{hint}"
-    what = "the run, work and files together,"
-    need_disk(store.folder.parent, held, wanted, what, advice)
+    place = store.folder.parent
+    need_disk(place, held, wanted, "the run, work and files together,", advice)

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -55,12 +55,11 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
     """
     import pandas as pd
 
-    columns: dict[str, Any] = {}
-    for column, values in zip(table.columns, typed(table, data).values(), strict=True):
-        columns[column.name] = values
+    columns: dict[str, Any] = typed(table, data)
+    for column in table.columns:
+        values = columns[column.name]
         if column.kind == "status":
-            names = pd.Index(STATUSES)
-            columns[column.name] = pd.Categorical.from_codes(values, categories=names)
+            columns[column.name] = pd.Categorical.from_codes(values, pd.Index(STATUSES))
         elif column.unit_in(degrees) != column.unit:
             columns[column.name] = np.degrees(values)
     units = {column.name: column.stated_unit(degrees) for column in table.columns}
@@ -90,14 +89,12 @@ def _arrow(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
         values = data[column.name]
         if column.kind == "status":
             codes = pa.array(values, pa.int8())
-            made = pa.DictionaryArray.from_arrays(codes, pa.array(STATUSES))
+            values = pa.DictionaryArray.from_arrays(codes, pa.array(STATUSES))
         elif column.kind == "number":
-            turned = column.unit_in(degrees) != column.unit
-            made = np.degrees(values) if turned else values
-            made = pa.array(made + 0.0, from_pandas=True)  # -0 is 0
-        else:
-            made = values
-        columns[column.header(degrees)] = made
+            if column.unit_in(degrees) != column.unit:
+                values = np.degrees(values)
+            values = pa.array(values + 0.0, from_pandas=True)  # -0 is 0
+        columns[column.header(degrees)] = values
     return pa.table(columns)
 
 
@@ -129,11 +126,7 @@ def write_table(
     }
     rest = (_arrow(table, piece, degrees) for piece in pieces)
     first = next(rest, None) or _arrow(table, none, degrees)
-    paths = {
-        kind: stem.with_name(f"{stem.name}.{kind}")
-        for kind in FILE_SIZE
-        if kind in (formats or FILE_SIZE)
-    }
+    paths = {kind: stem.with_name(f"{stem.name}.{kind}") for kind in formats or FILE_SIZE}
     with ExitStack() as stack:
         if "parquet" in paths:
             schema = _noted(first.schema, {"units": table.units(degrees), **notes})
@@ -147,9 +140,10 @@ def write_table(
             if "csv" in paths:
                 texts = [x.unique() for x in piece.columns if pa.types.is_string(x.type)]
                 words = "".join(word for x in texts for word in x.to_pylist())
-                style: Literal["none", "needed"]
-                style = "none" if SPECIAL.isdisjoint(words) else "needed"
-                options = pc.WriteOptions(include_header=False, quoting_style=style)
+                options = pc.WriteOptions(
+                    include_header=False,
+                    quoting_style="none" if SPECIAL.isdisjoint(words) else "needed",
+                )
                 pc.write_csv(_with_words(piece), text, options)
     return [path.name for path in paths.values()]
 
@@ -245,8 +239,10 @@ def _opened(path: Path) -> Iterator[Any]:
                     raise pa.ArrowInvalid("its headings have changed")
             yield file
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-        said = " ".join(str(error).split())
-        why = f"is not a Parquet file, or is damaged: {said}; remove it and make it again"
+        why = (
+            f"is not a Parquet file, or is damaged: {' '.join(str(error).split())}; "
+            "remove it and make it again"
+        )
         if isinstance(error, OSError) and error.strerror:
             why = f"cannot be read: {error.strerror}; give the path of a Parquet file"
         raise FileError(f"{path}: {why}") from None
@@ -286,11 +282,12 @@ def write_columns(
     """
     import pyarrow as pa
 
-    arrays = {
-        name: pa.array(values, pa.string() if values.dtype.kind in "OU" else None)
-        for name, values in columns.items()
-    }
-    table = pa.table(arrays)
+    table = pa.table(
+        {
+            name: pa.array(values, pa.string() if values.dtype.kind in "OU" else None)
+            for name, values in columns.items()
+        }
+    )
     with _parquet(path, _noted(table.schema, notes), compression) as file:
         for rows in groups:
             file.write_table(table[rows].cast(file.schema))
@@ -406,7 +403,8 @@ class ParquetColumns(Mapping[str, Array]):
     """
 
     def __init__(self, path: Path, table: Table, degrees: bool) -> None:
-        self._path, self._degrees = path, degrees
+        self._path = path
+        self._degrees = degrees
         self._columns = {column.name: column for column in table.columns}
 
     def __len__(self) -> int:

@@ -285,7 +285,7 @@ class RunResult:
 
 def _first_rows(analysis: str, table: Table, data: TableArrays) -> str:
     """Return the first rows of a table as HTML, with the units of its columns."""
-    columns = [np.asarray(data[column.name]) for column in table.columns]
+    columns = [data[column.name] for column in table.columns]
     units = {column.name: column.unit for column in table.columns}
     rows = zip(*(values[:FIRST_ROWS].tolist() for values in columns), strict=True)
     name = analysis if table.name == analysis else f"{analysis}/{table.name}"
@@ -330,8 +330,8 @@ def result_of(
         from spherekit.analysis.frames import ParquetColumns
 
         rows = {stem: store.pieces(*key) for stem, key in by_stem.items()}
-        written = write_results(place, declared, rows, summary, degrees, formats)
-        files, summary = written
+        how = degrees, formats
+        files, summary = write_results(place, declared, rows, summary, *how)
         for stem, (name, table) in by_stem.items():
             path = place.path / f"{stem}.parquet"
             if path in files:
@@ -366,37 +366,38 @@ def write_results(
     from spherekit.analysis.frames import csv_text, write_table
 
     started = time.perf_counter()
-    by_stem, cost = stems(declared), summary["cost"]["tables"]
+    by_stem = stems(declared)
+    cost = summary["cost"]["tables"]
     in_memory = sum(  # texts as numbers of words
         np.dtype(TYPES.get(column.kind, np.int32)).itemsize * cost[stem]["rows"]
         for stem, (_, table) in by_stem.items()
         for column in table.columns
     )
     csv = FILE_SIZE["csv"] * in_memory
-    asked, formats = formats, formats_of(formats, csv)
-    if asked is None and "csv" not in formats:
-        left_out = f"no CSV, which would take about {size_text(csv)}: ask for it with "
-        left_out += '--format both (formats=["csv", "parquet"])'
+    kinds = formats_of(formats, csv)
+    if formats is None and "csv" not in kinds:
+        left_out = (
+            f"no CSV, which would take about {size_text(csv)}: ask for it with "
+            '--format both (formats=["csv", "parquet"])'
+        )
         summary = {**summary, "remarks": [*summary.get("remarks", ()), left_out]}
     made = make_folder(folder.work / MADE)
-    names: list[str] = []
+    sizes: dict[str, int] = {}
     for stem, (analysis, table) in by_stem.items():
         notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
-        for name in write_table(made / stem, table, rows[stem], notes, degrees, formats):
-            key = f"{name.rpartition('.')[2]}_bytes"
-            cost[stem][key] = (made / name).stat().st_size
-            names.append(name)
+        for name in write_table(made / stem, table, rows[stem], notes, degrees, kinds):
+            sizes[name] = (made / name).stat().st_size
+            cost[stem][f"{name.rpartition('.')[2]}_bytes"] = sizes[name]
     columns = [
         (stem, column.header(degrees), column.stated_unit(degrees), column.meaning)
         for stem, (_, table) in by_stem.items()
         for column in table.columns
     ]
-    headed = [("table", "column", "unit", "meaning"), *columns]
-    write_bytes(made / COLUMNS, csv_text(headed))
-    names.append(COLUMNS)
+    headed = csv_text([("table", "column", "unit", "meaning"), *columns])
+    write_bytes(made / COLUMNS, headed)
+    sizes[COLUMNS] = len(headed)
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - started
-    sizes = {name: (made / name).stat().st_size for name in names}
-    rest = {"units": _units(declared, degrees), "files": names, BYTES: sizes}
+    rest = {"units": _units(declared, degrees), "files": list(sizes), BYTES: sizes}
     written = signed({**summary, **rest})
     text = json.dumps(written, indent=2, ensure_ascii=False)
     write_bytes(made / SUMMARY, (text + "\n").encode())

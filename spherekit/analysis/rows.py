@@ -16,6 +16,7 @@ from spherekit.analysis.tables import (
     TableArrays,
     TableData,
     arrays,
+    row_count,
 )
 from spherekit.arrays import Array
 from spherekit.numeric.unread import Span, once, put
@@ -58,10 +59,9 @@ class JoinedBlocks(Mapping[str, Array]):
         if not self._spans:  # where rows belong; samples of a block follow the others'
             parts = []
             for number, block in enumerate(self._blocks):
-                runs = [(0, slice(0, len(next(iter(block.values())))))]
-                if len(self._blocks) > 1 and self._table.in_assembly_modes:
-                    ordered, runs = in_modes(block)
-                    self._blocks[number] = dict(ordered)
+                several = len(self._blocks) > 1 and self._table.in_assembly_modes
+                ordered, runs = in_modes(block, several)
+                self._blocks[number] = dict(ordered)
                 parts += [(mode, number, rows) for mode, rows in runs]
             self._spans = [[] for _ in self._blocks]
             first = 0
@@ -95,12 +95,16 @@ class JoinedBlocks(Mapping[str, Array]):
         return dict, (self._made,)
 
 
-def in_modes(block: TableData) -> tuple[TableData, list[tuple[int, slice]]]:
+def in_modes(
+    block: TableData, several: bool = True
+) -> tuple[TableData, list[tuple[int, slice]]]:
     """Return the rows of a block by assembly mode, then sample, and where each mode is.
 
     They are as they were unless a mode is there twice, or its samples do not rise; rows of
-    one sample keep their order.
+    one sample keep their order. Without `several` blocks of modes all are one.
     """
+    if not several:
+        return block, [(0, slice(0, row_count(block)))]
     modes, repeats = once(block[ASSEMBLY_MODE.name])
     samples, alike = once(block[SAMPLE.name])
     if alike == repeats:
@@ -129,5 +133,5 @@ def typed(table: Table, data: TableArrays) -> dict[str, Array]:
 def pieces_of(table: Table, data: TableArrays) -> Iterator[TableArrays]:
     """Yield the rows of a table in pieces as they are written."""
     columns = typed(table, data)
-    for start in range(0, len(next(iter(columns.values()))), CHUNK):
+    for start in range(0, row_count(columns), CHUNK):
         yield {name: x[start : start + CHUNK] for name, x in columns.items()}

@@ -120,7 +120,8 @@ def executed(
             raise AnalysisError(
                 f"run: {name} does nothing without a simulation: give start"
             )
-    ledger, whole = Timer(), study.mechanism
+    ledger = Timer()
+    whole = study.mechanism
     solving = SEARCH if study.start is None else SIMULATION
     if execution.only_needed:
         study = replace(study, mechanism=needed_part(study, analyses))
@@ -129,7 +130,8 @@ def executed(
     with nullcontext() if folder is None else RunFolder.opened(folder) as place:
         asked = needs_of_each(analyses, study.mechanism)
         began = began_with(place, execution.unfinished)
-        engine, setting = execution.engine, execution.setting
+        engine = execution.engine
+        setting = execution.setting
         if engine == "auto" and began.get("engine") in ENGINES:
             engine = began["engine"]
         if execution.accuracy is not None and "setting" in began:
@@ -175,7 +177,8 @@ def executed(
                     verifier.see(motion, fields, angles)
                 standing.seconds = ledger.closed()
                 after_block()
-                done, total = standing.done, len(course)
+                done = standing.done
+                total = len(course)
                 if isinstance(store, StoredParts) and before < job.block <= done < total:
                     need_disk_for_run(store, done, total, execution.formats)
                 if execution.progress is not None:
@@ -192,10 +195,9 @@ def executed(
                 summary["verified"] = verifier.verdict(standing.failures)
                 summary["warnings"] += faults(summary["verified"])
             if execution.accuracy is not None:
-                reached = {"setting": str(job.setting)}
-                summary["accuracy"] = {**execution.accuracy, **reached}
-            how = study.degrees, execution.formats
+                summary["accuracy"] = {**execution.accuracy, "setting": str(job.setting)}
             declared = job.tables(standing.failures)
+            how = study.degrees, execution.formats
             result = result_of(declared, store, place, summary, *how)
             return replace(result, failures=standing.failures)
 
@@ -245,8 +247,9 @@ def evaluate_block(
                 findings = findings_of(analysis, batch, before)
             if stage is not None:
                 with ledger.stage(RECORDING):
-                    scenes = scenes_of(analysis, batch)
-                    scenes = scenes or table_scenes(declared, tables, batch)
+                    scenes = scenes_of(analysis, batch) or table_scenes(
+                        declared, tables, batch
+                    )
                     with faults_of(analysis.name, "showing its scene"):
                         stage.scenes(scenes, motion, analysis.name)
         except OutputError:
@@ -256,11 +259,9 @@ def evaluate_block(
             continue
         standing.findings[analysis.name] = findings
         for table in declared:
-            rows = tables[table.name]
-            job.hand_over(analysis.name, table, rows, standing, store, batch)
+            job.hand_over(analysis.name, table, tables[table.name], standing, store, batch)
     for table in job.motion_tables[:1]:
-        rows = motion_rows(course, motion, fields)
-        job.hand_over(MOTION, table, rows, standing, store)
+        job.hand_over(MOTION, table, motion_rows(course, motion, fields), standing, store)
     standing.add(course.tracer, motion, fields)
     standing.done += motion.samples
     return fields, angles
@@ -333,8 +334,13 @@ def kept(
     def after_block() -> None:
         nonlocal done
         if place is not None and isinstance(store, StoredParts):
-            parts = {"standing": standing.state(), "store": store.state()}
-            place.write({"identity": job.identity, **parts})
+            place.write(
+                {
+                    "identity": job.identity,
+                    "standing": standing.state(),
+                    "store": store.state(),
+                }
+            )
             done = standing.done
 
     try:

@@ -13,6 +13,7 @@ The units that columns may have: SI without prefixes, products and powers, as pr
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from spherekit.argument_validation import checked_class
 from spherekit.arrays import Bools, Floats, Integers
 from spherekit.conventions import Facts, Names
 from spherekit.errors import OutputError
-from spherekit.sphere.rotation import from_quaternion
+from spherekit.sphere.rotation import all_finite, from_quaternion
 
 SYMBOLS = frozenset(
     ("1", "rad", "sr", "s", "m", "kg", "N", "J", "W", "Hz", "Pa", "K", "A", "V", "C")
@@ -72,7 +73,7 @@ class Axis:
         if self.span is not None:
             return self.span
         finite = self.values[np.isfinite(self.values)]
-        return (float(np.min(finite)), float(np.max(finite))) if len(finite) else (0.0, 1.0)
+        return (np.min(finite), np.max(finite)) if len(finite) else (0.0, 1.0)
 
     @property
     def words(self) -> str:
@@ -135,8 +136,8 @@ class Trace:
         """The path in ground axes, where the link is at the first row that is known."""
         if self.quaternions is None:
             return self.directions
-        finite = np.isfinite(self.quaternions).all(axis=1)
-        return self.directions @ from_quaternion(self.quaternions[int(np.argmax(finite))]).T
+        first = np.argmax(all_finite(self.quaternions, 1))
+        return self.directions @ from_quaternion(self.quaternions[first]).T
 
 
 @dataclass(frozen=True)
@@ -411,13 +412,12 @@ class Scene:
         """Return the scene at some of its samples (n,), or itself if its rows are none."""
         if self.over:
             return self
-        (kept,) = np.nonzero(chosen)
         parts = []
         for part in self.primitives:
             rows: Facts = {
-                name: values[kept]
+                name: values[chosen]
                 if isinstance(values, np.ndarray)
-                else [values[k] for k in kept[kept < len(values)]]
+                else list(compress(values, chosen))
                 for name, values in rows_of(part).items()
             }
             parts.append(replace(part, **rows))
@@ -453,10 +453,8 @@ def _in_degrees(shown: Any, along: Floats) -> Any:
         factors.append(factor)
         for name in names:
             values = getattr(shown, name)
-            if isinstance(values, tuple):
-                changes[name] = tuple(factor * value for value in values)
-            elif values is not None:
-                changes[name] = factor * values
+            if values is not None:
+                changes[name] = factor * np.asarray(values)
     if isinstance(shown, Portrait):
         both = np.array(factors)
         changes["curves"] = [replace(e, points=both * e.points) for e in shown.curves]

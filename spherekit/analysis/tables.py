@@ -200,6 +200,11 @@ Units = Mapping[str, str]
 """Units by the names of columns or quantities."""
 
 
+def row_count(data: TableData) -> int:
+    """Return how many rows a table has."""
+    return len(next(iter(data.values())))
+
+
 def arrays(data: TableData) -> dict[str, Array]:
     """Return all columns as arrays."""
     return dict(zip(data, read(data.values()), strict=True))

@@ -6,7 +6,6 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -74,22 +73,20 @@ class ConformanceSuite:
     def report(self) -> Report:
         """Return a line for each check, named as it is: what is seen, or what is wrong."""
         lines: list[Line] = []
-        looks: list[tuple[Any, Callable[[], str]]] = [
-            (look, look)
-            for look in (self._installed, self._metadata, self._needs, self._runs)
-        ]
-        looks += [(check, partial(self._on_all, check)) for check in CHECKS]
-        for check, look in looks:
+        before: list[Any] = [self._installed, self._metadata, self._needs, self._runs]
+        for check in before + CHECKS:
             verdict: Verdict = "holds"
             unmet = [x.name for x in lines if x.verdict == "FAILS" and x.name in FIRST]
             try:
                 if unmet:
                     raise NotAppliesError(f"after {unmet[0]}")
-                note = look()
+                note = check() if check in before else self._on_all(check)
             except NotAppliesError as why:
-                verdict, note = "not checked", str(why)
+                verdict = "not checked"
+                note = str(why)
             except SpherekitError as fault:
-                verdict, note = "FAILS", str(fault)
+                verdict = "FAILS"
+                note = str(fault)
             lines.append(Line(check.__name__[1:].replace("_", " "), verdict, note))
         named = self._subject if isinstance(self._subject, str) else self._class.__name__
         return Report(named, tuple(lines))
@@ -100,9 +97,8 @@ class ConformanceSuite:
 
     def _installed(self) -> str:
         if isinstance(self._subject, str):
-            self._analysis = create(self._subject)
-            self._subject = self._analysis
-            return f"from {origin_of(self._analysis.name)}"
+            self._subject = create(self._subject)
+            return f"from {origin_of(self._subject.name)}"
         name = getattr(self._class, "name", "")
         where = origin_of(name) if isinstance(name, str) else ""
         if not where:
@@ -160,7 +156,8 @@ class ConformanceSuite:
 
     def _runs(self) -> str:
         """Compute for every mechanism; keep those that it does not refuse."""
-        trials, self._trials = self._trials, []
+        trials = self._trials
+        self._trials = []
         for trial in trials:
             fault = trial.faults.get("compute")
             if isinstance(fault, PluginError) and READ_ONLY not in str(fault):
@@ -180,7 +177,8 @@ class ConformanceSuite:
 
     def _on_all(self, check: Callable[[ConformanceCase], str]) -> str:
         """Ask a question of every mechanism; what applies to none is not checked."""
-        notes, without = [], []
+        notes = []
+        without = []
         for trial in self._trials:
             try:
                 notes.append(check(trial))
@@ -229,7 +227,7 @@ def _tables(trial: ConformanceCase) -> str:
             continue
         data = arrays(given[table.name])
         counts = Counter(zip(data[SAMPLE.name], data[ASSEMBLY_MODE.name], strict=True))
-        wanted = set(zip(batch.sample.tolist(), batch.assembly_mode.tolist(), strict=True))
+        wanted = set(zip(batch.sample, batch.assembly_mode, strict=True))
         if counts and (set(counts) != wanted or len(set(counts.values())) > 1):
             raise PluginError(
                 f"table {table.name} has not the same number of rows for every sample of "
@@ -270,8 +268,7 @@ def _plain(findings: Findings) -> Any:
     def rounded(number: str) -> float:
         return float(f"{round(float(number), 9):.8g}")
 
-    text = json.dumps(asdict(findings))
-    return json.loads(text, parse_float=rounded, parse_constant=str)
+    return json.loads(json.dumps(asdict(findings)), parse_float=rounded, parse_constant=str)
 
 
 def _failed_rows(trial: ConformanceCase) -> str:
@@ -279,18 +276,20 @@ def _failed_rows(trial: ConformanceCase) -> str:
     if not trial.analysis.reads_samples:
         raise NotAppliesError("it reads no samples")
     count = len(trial.course)
-    expected, (tables, _) = trial.whole[0], trial.given(count, failed_at(count // 2))
+    row = count // 2
+    tables, _ = trial.given(count, failed_at(row))
     (batch,) = trial.batches(count)
-    places = [(SAMPLE.name, batch.sample), (ASSEMBLY_MODE.name, batch.assembly_mode)]
     sampled = [x for x in trial.job.tables_of(trial.analysis) if x.in_assembly_modes]
     for table in sampled:
-        data, given = arrays(expected[table.name]), arrays(tables[table.name])
-        at = [data[name] == values[count // 2] for name, values in places]
-        if len(at[0]) == len(given[SAMPLE.name]):
+        data = dict(trial.whole[0][table.name])
+        given = tables[table.name]
+        at = data[SAMPLE.name] == batch.sample[row]
+        at &= data[ASSEMBLY_MODE.name] == batch.assembly_mode[row]
+        if len(at) == len(given[SAMPLE.name]):
             for column in table.columns:
                 now = given[column.name]
                 free = np.isnan(now) if column.kind == "number" else True
-                data[column.name] = np.where(at[0] & at[1] & free, now, data[column.name])
+                data[column.name] = np.where(at & free, now, data[column.name])
         if fault := difference(table, data, given):
             raise PluginError(
                 f"where a configuration is missing, {fault}; NaN stands there, and other "
@@ -313,8 +312,9 @@ def _names(trial: ConformanceCase) -> str:
     mechanism = trial.mechanism
     for order in (mechanism.links[1:], mechanism.links[:0:-1]):
         names = {link: f"body_{k}" for k, link in enumerate((mechanism.ground, *order))}
-        analysis = with_names(trial.analysis, names)
-        other = ConformanceCase(analysis, renamed(mechanism, names), trial.samples)
+        other = ConformanceCase(
+            with_names(trial.analysis, names), renamed(mechanism, names), trial.samples
+        )
         back = {new: old for old, new in names.items()}
         for table in trial.job.tables_of(trial.analysis):
             restored = in_words(other.whole[0][table.name], back)
@@ -348,13 +348,14 @@ def _scene(trial: ConformanceCase) -> str:
     study = Study(mechanism.name, mechanism, samples=trial.samples)
     (batch,) = trial.batches(len(trial.course))
     count = len(scenes_of(trial.analysis, batch))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "scene.rrd"
-        with RerunRecorder(mechanism.name, path=path) as recorder:
-            result = executed(study, [trial.analysis], Execution(recorder=recorder))
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        RerunRecorder(mechanism.name, path=Path(folder) / "scene.rrd") as recorder,
+    ):
+        result = executed(study, [trial.analysis], Execution(recorder=recorder))
     for fault in result.failures.values():
         raise PluginError(fault)
-    return counted(count, "page") if count else "nothing is shown"
+    return counted(count, "page")
 
 
 def _same(
@@ -373,7 +374,7 @@ def _same(
             raise PluginError(f"{where}, {fault}")
 
 
-CHECKS = (
+CHECKS = [
     _reads,
     _inputs,
     _tables,
@@ -383,5 +384,5 @@ CHECKS = (
     _rotation,
     _names,
     _scene,
-)
+]
 """What is asked of an analysis for every mechanism, in this order."""

@@ -140,7 +140,8 @@ class ConformanceCase:
         SpherekitError
             See `spherekit.analysis.computed`.
         """
-        findings, batches = None, self.batches(size, change, shown)
+        findings = None
+        batches = self.batches(size, change, shown)
         tables = self.job.collected(self.analysis, batches)
         for batch in batches:
             findings = findings_of(self.analysis, batch, findings)
@@ -152,7 +153,8 @@ class ConformanceCase:
 
         For orientations of links, and variables of pairs.
         """
-        needs, mechanism = self.job.needs[0], motion.mechanism
+        needs = self.job.needs[0]
+        mechanism = motion.mechanism
         links = [mechanism.link_number[name] for name in needs.rotations]
         pairs = [mechanism.pair_number[name] for name in needs.pair_values]
         kept = [v for pair in pairs for v in mechanism.variables_of(pair)]
@@ -173,8 +175,10 @@ def failed_at(row: int) -> Change:
     """Return what makes a row of a motion one without a configuration."""
 
     def change(motion: Motion) -> Motion:
-        values, placed = motion.values.copy(), motion.rotations.copy()
-        residual, status = motion.residual.copy(), motion.status.copy()
+        values = motion.values.copy()
+        placed = motion.rotations.copy()
+        residual = motion.residual.copy()
+        status = motion.status.copy()
         for numbers in (values, placed, residual):
             numbers[row] = np.nan
         status[row] = Status.OUT_OF_REACH

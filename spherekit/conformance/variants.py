@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherekit.analysis.tables import Column, Table, TableArrays
+from spherekit.analysis.tables import Column, Table, TableArrays, row_count
 from spherekit.arrays import Array, Floats
 from spherekit.conventions import Names
 from spherekit.model.gears import pair_frames
@@ -18,6 +18,7 @@ from spherekit.model.locking import turned as turned_profile
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair, PoseGeometry, Profile, SizeGeometry
 from spherekit.numeric.crossings import wrap
+from spherekit.sphere.rotation import max_abs
 
 
 class NotAppliesError(Exception):
@@ -109,7 +110,7 @@ def difference(
     unnamed = not table.in_assembly_modes or "text" in others
     if rotation is not None and others and unnamed:
         return ""
-    rows = [len(next(iter(data.values()))) for data in (one, other)]
+    rows = [row_count(one), row_count(other)]
     if rows[0] != rows[1]:
         return f"table {table.name} has {rows[1]} rows instead of {rows[0]}"
     for column, first, second in _pairs(table, one, other, rotation):
@@ -146,7 +147,7 @@ def _off(column: Column, one: Array, other: Array, within: float) -> int | None:
     """Return the first row in which columns differ, if there is one."""
     wrong = one != other
     if column.kind == "number":
-        scale = max(1.0, float(np.max(np.abs(one[np.isfinite(one)]), initial=0.0)))
+        scale = max(1.0, max_abs(one[np.isfinite(one)]))
         if column.unit == "rad":
             with np.errstate(invalid="ignore"):
                 away = wrap(other - one)
@@ -186,8 +187,7 @@ def matched(
         }
         for x in (one, other)
     )
-    lengths = [len(next(iter(data.values()))) for data in (one, other)]
-    if [len(first), len(second)] != lengths:
+    if (len(first), len(second)) != (row_count(one), row_count(other)):
         return one, other
     shared = [key for key in first if key in second]
     for key in first:

@@ -7,8 +7,6 @@ The work-precision chart: error against time, both logarithmic.
 A trade as text and as a table of values.
 """
 
-import csv
-import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
@@ -18,6 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.frames import csv_text
 from spherekit.analysis.result import Columns
 from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.running.run_state import digest, identities_of
@@ -175,7 +174,6 @@ class Trade:
     def as_dict(self, tolerance: float | None = None) -> Facts:
         """Return everything ready for JSON."""
         chosen = None if tolerance is None else self.cheapest(tolerance)
-        names = {measured.name for measured in self.pareto}
         return {key: getattr(self, name) for key, name in STORED.items()} | {
             "margin": MARGIN,
             "columns": [dict(zip(COLUMN, row, strict=True)) for row in self.columns],
@@ -187,7 +185,7 @@ class Trade:
                     "microseconds_per_sample": finite(
                         1e6 * (measured.seconds - measured.first_seconds) / self.samples
                     ),
-                    "pareto": measured.name in names,
+                    "pareto": measured in self.pareto,
                 }
                 for measured in self.settings
             ],
@@ -225,7 +223,8 @@ FILE = "trade.json"
 
 def run_of(study: Study, analysis: AbstractAnalysis) -> Facts:
     """Return what a trade for a study's run depends on, ready for JSON."""
-    mechanism, path = driven_at(study.mechanism), study.path
+    mechanism = driven_at(study.mechanism)
+    path = study.path
     ((_, version, given),) = identities_of([analysis])
     return {
         "spherekit": __version__,
@@ -263,7 +262,7 @@ def read_trade(path: AnyPath) -> Trade:
             file = file / FILE
         if file.exists() and not file.is_file():
             raise ValueError("a folder or a device, not a regular file")
-        return _trade(json.loads(file.read_text(encoding="utf-8")))
+        return _trade(json.loads(file.read_bytes()))
     except FileNotFoundError:
         raise AnalysisError(f"{file}: there is no trade; {again}") from None
     except (OSError, KeyError, TypeError, ValueError) as problem:
@@ -273,16 +272,17 @@ def read_trade(path: AnyPath) -> Trade:
 
 
 def _trade(data: Facts) -> Trade:
-    columns = (tuple(column[key] for key in COLUMN) for column in data["columns"])
-    settings = map(_measured, data["settings"])
-    stored = {name: data[key] for key, name in STORED.items()}
-    return Trade(columns=tuple(columns), settings=tuple(settings), **stored)
+    return Trade(
+        columns=tuple(tuple(column[key] for key in COLUMN) for column in data["columns"]),
+        settings=tuple(map(_measured, data["settings"])),
+        **{name: data[key] for key, name in STORED.items()},
+    )
 
 
 def _measured(row: Facts) -> Measured:
-    given: Facts = {x.name: row[x.name] for x in fields(Measured)}
-    for name, value in given.items():
-        given[name] = np.nan if value is None else value
+    given: Facts = {
+        x.name: np.nan if row[x.name] is None else row[x.name] for x in fields(Measured)
+    }
     given["setting"] = None if row["setting"] is None else Setting(**row["setting"])
     return Measured(**given)
 
@@ -294,9 +294,8 @@ SIDES = "<<<<>>>"
 
 def as_text(trade: Trade, tolerance: float | None = None) -> str:
     """Return the table for people, the columns' scales, and the recommendation."""
-    front = {measured.name for measured in trade.pareto}
-    rows: list[Names] = [HEADINGS]
-    rows += [_cells(x, x.name in front) for x in trade.settings if not x.reason]
+    settings = (_cells(x, x in trade.pareto) for x in trade.settings if not x.reason)
+    rows = [HEADINGS, *settings]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [_heading(trade)]
     for row in rows:
@@ -304,9 +303,8 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
         made = (f"{cell:{side}{width}}" for cell, side, width in cells)
         lines.append("  ".join(made).rstrip())
     lines.append(
-        "*: no other is quicker and as accurate. Times are processor times of a run"
-        + _scaled(trade)
-        + ", the best of the rounds and their median; compiling comes once."
+        "*: no other is quicker and as accurate. Times are processor times of the whole "
+        "run, the best of the rounds and their median; compiling comes once."
     )
     lines += [
         f"  {measured.name}: the analysis's own estimate of its error "
@@ -320,20 +318,14 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
     return "\n".join(lines)
 
 
-def _scaled(trade: Trade) -> str:
-    if trade.derivatives is None or trade.samples == trade.checked:
-        return ""
-    return f" with {trade.samples} samples, scaled from {trade.checked}"
-
-
 def _heading(trade: Trade) -> str:
     what = f"{trade.mechanism}, {trade.analysis}"
     if trade.derivatives is None:
         return f"{what}: parameters of its own, against {trade.reference}"
     orders = "rates and derivatives" if trade.derivatives else "rates, no derivatives"
     return (
-        f"{what}: {trade.samples} samples, {orders}; errors at {trade.rows} rows against "
-        f"{trade.reference}"
+        f"{what}: {trade.samples} samples, {orders}; times scaled from {trade.checked}, "
+        f"errors at {trade.rows} rows against {trade.reference}"
     )
 
 
@@ -358,12 +350,8 @@ def advice(trade: Trade, tolerance: float) -> str:
 def as_csv(trade: Trade) -> str:
     """Return all settings, a row each, with a heading."""
     rows = trade.as_dict()["settings"]
-    stream = io.StringIO()
     columns = [name for name in rows[0] if name != "setting"]
-    writer = csv.DictWriter(stream, columns, extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return stream.getvalue()
+    return csv_text([columns, *([row[name] for name in columns] for row in rows)]).decode()
 
 
 def _cells(measured: Measured, front: bool) -> Names:
@@ -423,9 +411,11 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     Settings are numbered; a tolerance is a line, and its choice a mark.
     """
     counting = [candidate for candidate in trade.settings if candidate.counts]
-    points, front = _points(counting), _points(trade.pareto)
+    points = _points(counting)
+    front = _points(trade.pareto)
     (left, bottom), (right, top) = _frame(points)
-    curves, marks = [PlaneCurve(front, FRONT, "no other is quicker and as accurate")], []
+    curves = [PlaneCurve(front, FRONT, "no other is quicker and as accurate")]
+    marks = []
     for numbered, (measured, place) in enumerate(zip(counting, points, strict=True), 1):
         tone = FRONT if measured in trade.pareto else EVALUATED
         marks.append(Mark(str(numbered), place, tone))
@@ -445,8 +435,8 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
         y=points[:1, 1],
         x_label="processor time with compiling",
         y_label="largest error of a column",
-        x_range=(float(left), float(right)),
-        y_range=(float(bottom), float(top)),
+        x_range=(left, right),
+        y_range=(bottom, top),
         x_unit="s",
         curves=curves,
         marks=marks,
@@ -471,6 +461,6 @@ def _frame(points: Floats) -> tuple[Floats, Floats]:
     """Return the round times and the powers of ten that hold all points with some room."""
     if not len(points):
         return np.array([0.1, 0.1]), np.array([1.0, 1.0])
-    low, high = np.log10(points.min(axis=0)), np.log10(points.max(axis=0))
+    low, high = np.log10([points.min(axis=0), points.max(axis=0)])
     room = np.maximum(0.06 * (high - low), 0.1)
     return 10.0 ** (low - room), 10.0 ** (high + room)

@@ -4,7 +4,7 @@ The samples of a course at which errors are measured.
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,7 +19,7 @@ from spherekit.analysis.running.evaluation import ENGINES, ORDINARY, Setting
 from spherekit.analysis.running.sampling import Sampling, course_of
 from spherekit.analysis.running.summary import RunPlan
 from spherekit.analysis.study import Subject, study_of, takes
-from spherekit.analysis.tables import TableData, Tables, arrays
+from spherekit.analysis.tables import TableArrays, Tables, arrays
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import EPS, TURN, Facts, Names
@@ -57,9 +57,9 @@ def places(course: Sampling, most: int, wanted: Request) -> Indices:
     samples beside each peak of the error bounds the middle ones are added, until
     neighbours are reached.
     """
-    total, q = len(course), course.inputs[:, 0]
-    ends = [0, total - 1, int(np.argmin(q)), int(np.argmax(q))]
-    rows = np.unique([*np.linspace(0, total - 1, most).astype(np.intp), *ends])
+    q = course.inputs[:, 0]
+    spread = np.linspace(0, len(q) - 1, most).astype(np.intp)
+    rows = np.unique([*spread, np.argmin(q), np.argmax(q)])
     if course.inputs.shape[1] > 1 or not wanted.poles:
         return rows
     more = rows
@@ -81,7 +81,8 @@ def at_places(course: Sampling, rows: Indices, search: bool) -> Sampling:
     """Return the course that runs through some samples of another only."""
     tracer = course.tracer
     only = tracer.assembly_modes[0].number if len(tracer.assembly_modes) == 1 else None
-    q, timing = course.inputs[rows], course.timing
+    q = course.inputs[rows]
+    timing = course.timing
     return replace(
         course,
         tracer=PositionAnalysis(tracer.mechanism, None, only, search, path=q),
@@ -156,13 +157,15 @@ def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
     where it gives those of the run that is wanted. Errors are measured at fewer.
     """
     (analysis,), whole = plan.analyses, plan.course
-    total, modes = len(whole), len(whole.tracer.assembly_modes)
+    total = len(whole)
+    modes = len(whole.tracer.assembly_modes)
     most = min(CHECKED, effort.checked or max(FEWEST, CHECKED_ROWS // modes))
     long = None
     if whole.shape == (total,) and total * modes >= rows_at_once.FEWEST:
         samples = min(total, 4 * rows_at_once.FEWEST // modes)
         long = at_places(whole, np.arange(samples), study.search)
-    course, axes = whole, len(whole.shape)
+    course = whole
+    axes = len(whole.shape)
     if total > most and axes > 1:
         side = max(2, int(most ** (1.0 / axes)))
         fewer = tuple(min(count, side) for count in whole.shape)
@@ -173,8 +176,10 @@ def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
     motion = course.motion_at(np.arange(len(course)))
     right, poles, without = reference_at(plan, motion)
     words = f"the closure equations in {DIGITS} digits{without}"
-    engines = [Setting(engine=engine) for engine in ENGINES if engine != "numpy"]
-    every = effort.settings or [*(Setting(route=route) for route in ROUTES), *engines]
+    every = effort.settings or [
+        *(Setting(route=route) for route in ROUTES),
+        *(Setting(engine=engine) for engine in ENGINES if engine != "numpy"),
+    ]
 
     def way(setting: Setting, judged: bool) -> Timed:
         if judged or long is None or setting != ORDINARY:
@@ -235,7 +240,6 @@ def _of_parameters(
         (same,) = judge(reference)
         words = "absolute rad" if sweep.places else "over the largest"
         columns.setdefault(same.column, (words, same.scale))
-    errors = [result.error for result in every if np.isfinite(result.error)]
     return Trade(
         study.mechanism.name,
         analysis.name,
@@ -243,7 +247,7 @@ def _of_parameters(
         1,
         1,
         f"the tightest: {', '.join(tightest)}",
-        min(errors, default=EPS),
+        min((x.error for x in every if np.isfinite(x.error)), default=EPS),
         None,
         tuple((name, *how) for name, how in columns.items()),
         tuple(every),
@@ -256,12 +260,13 @@ def _swept(
 ) -> Timed:
     """Run an analysis with one value of a parameter."""
     started = time.process_time()
-    few = replace(study, samples=min(study.count, FEWEST))
+    samples = min(study.count, FEWEST)
     changed = dict(sweep.beside)
     if sweep.parameter == "samples":
-        few = replace(study, samples=value)
+        samples = value
     else:
         changed[sweep.parameter] = value
+    few = replace(study, samples=samples)
     result = run(few, replace(analysis, **changed))  # type: ignore[type-var]
     if result.failures:
         raise AnalysisError(result.failures[analysis.name])
@@ -278,37 +283,37 @@ def _compared(sweep: Sweep, reference: Tables, given: Tables) -> list[Deviation]
     """
     from scipy.spatial import cKDTree
 
-    right, ours = (_by_key(sweep, tables[sweep.table]) for tables in (reference, given))
+    right, ours = (_by_key(sweep, arrays(x[sweep.table])) for x in (reference, given))
     scale, estimate, off = 1.0, np.nan, [EPS]
     if not sweep.places:
         scale = max((max_abs(x) for x in right.values()), default=0.0) or 1.0
-    every = right.keys() | ours.keys() if sweep.places else right.keys()
+    every = ours | right if sweep.places else right
     shared = right.keys() & ours.keys()
+    around: Facts = {"boxsize": TURN} if sweep.places else {}
     for key in shared:
-        both, around = [right[key], ours[key]], Facts()
+        both = [right[key], ours[key]]
         if sweep.places:
-            around["boxsize"] = TURN
             both = [x % TURN % TURN for x in both]  # what is next below none is a turn
         for one, other in (both, both[::-1]):
-            nearest = cKDTree(one, **around).query(other)[0]
+            nearest, _ = cKDTree(one, **around).query(other)
             off += np.divide(nearest, scale).tolist()
-    missing = sum(len(right.get(key, ours.get(key, ()))) for key in every - shared)
+    missing = sum(len(numbers) for key, numbers in every.items() if key not in shared)
     if sweep.error:
         numbers, errors = (given[sweep.table][x] for x in (sweep.column, sweep.error))
         largest = np.nanmax(np.abs(numbers), initial=0.0) or 1.0
-        estimate = float(np.nanmax(errors, initial=0.0) / largest)
-    name, count = f"{sweep.table}.{sweep.column}", len(off) - 1 + missing
-    return [Deviation(name, max(off), float(scale), count, missing, estimate)]
+        estimate = np.nanmax(errors, initial=0.0) / largest
+    name = f"{sweep.table}.{sweep.column}"
+    return [Deviation(name, max(off), scale, len(off) - 1 + missing, missing, estimate)]
 
 
-def _by_key(sweep: Sweep, data: TableData) -> Mapping[Names, Floats]:
+def _by_key(sweep: Sweep, data: TableArrays) -> dict[Names, Floats]:
     """Return the numbers (n, columns) of a sweep's column by the texts that match.
 
     That of each input where it is one of inputs.
     """
     names = [x for x in data if x == sweep.column or x.startswith(f"{sweep.column}_")]
-    numbers = np.stack([np.asarray(data[name], dtype=float) for name in names], axis=1)
-    texts = [np.asarray(data[name]).astype(str) for name in sweep.match]
+    numbers = np.stack([data[name] for name in names], axis=1)
+    texts = [data[name].astype(str) for name in sweep.match]
     made: dict[Names, list[Floats]] = {}
     for number, *key in zip(numbers, *texts, strict=True):
         if all_finite(number):

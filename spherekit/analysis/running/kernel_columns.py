@@ -53,14 +53,15 @@ class ComputedColumns:
         self.kernel, self.doubtful, self.requests = kernel, doubtful, requests
         self.careful: list[PoleField] = []
         self.was_read = False
-        self._values, self._failed = motion.values.T, motion.failed
+        self._values = motion.values.T
+        self._failed = motion.failed
         self._odd = motion.failed.copy()
         self._odd[doubtful] = True
         self._parts = slices_of(len(motion.assembly_modes), motion.samples, SLICE)
         self._turned: Sequence[Turning] = ()
-        rows = motion.rows(doubtful) if len(doubtful) else None
-        for wanted, at in zip(requests, kernel.moving, strict=False):
-            if rows is not None:
+        if len(doubtful):
+            rows = motion.rows(doubtful)
+            for wanted, at in zip(requests, kernel.moving, strict=True):
                 late = found(rows, replace(wanted, planes=frozenset()))
                 for pole in at.signed:
                     turned = np.where(late.velocity_coefficient[pole] < 0.0, -1.0, 1.0)
@@ -72,11 +73,13 @@ class ComputedColumns:
 
         With relative angular velocities and their derivatives, each (3, poles, k).
         """
-        columns = self.kernel.whole(self._values[:, rows])
-        parts = self.kernel.moving[number].with_sign(columns)
-        unit, turn, rate, change = parts[:3], parts[3:6], parts[6], parts[7]
+        parts = self.kernel.moving[number].with_sign(
+            self.kernel.whole(self._values[:, rows])
+        )
+        unit, turn, (rate, change) = np.split(parts, [3, 6])
         with np.errstate(invalid="ignore", over="ignore"):  # of rows found with care
-            v, dv = rate * unit, change * unit + rate * turn
+            v = rate * unit
+            dv = change * unit + rate * turn
         here = np.flatnonzero(np.isin(rows, self.doubtful))
         at = np.searchsorted(self.doubtful, rows[here])
         for k, (i, j) in enumerate(self.kernel.moving[number].signed if len(here) else ()):
@@ -88,7 +91,8 @@ class ComputedColumns:
 
     def turn(self, turned: Sequence[Turning], samples: int) -> None:
         """Turn directions round, of modes with so many samples each."""
-        self._turned, rows = turned, self.doubtful
+        self._turned = turned
+        rows = self.doubtful
         for number, field in enumerate(self.careful):
             poles = self.kernel.moving[number].signed
             unit = np.array([field.direction[pole].T for pole in poles])
@@ -114,8 +118,10 @@ class ComputedColumns:
                     signed[:, k] *= signs[k]
             made = [whole[place] for place in places]
             if np.any(self._odd[rows]):
-                some = zip(keys, made, strict=True)
-                made = [self._mended(key, column, rows) for key, column in some]
+                made = [
+                    self._mended(key, column, rows)
+                    for key, column in zip(keys, made, strict=True)
+                ]
             reader(rows, made)
 
         each_at_once(fill, self._parts, self.kernel.in_threads)
@@ -124,11 +130,10 @@ class ComputedColumns:
         """Return what the kernel gives of some rows, with those it does not know."""
         number, name, of, k = key
         made = np.where(self._failed[rows], np.nan, column)
-        low, high = np.searchsorted(self.doubtful, [rows.start, rows.stop]).tolist()
+        low, high = np.searchsorted(self.doubtful, [rows.start, rows.stop])
         if low < high:
-            late = getattr(self.careful[number], name)[of]
-            at = self.doubtful[low:high] - rows.start
-            made[at] = late.reshape(len(late), -1)[low:high, k]
+            late = getattr(self.careful[number], name)[of].reshape(len(self.doubtful), -1)
+            made[self.doubtful[low:high] - rows.start] = late[low:high, k]
         return made
 
 
@@ -155,16 +160,15 @@ class LazyField:
         self._is_made = False
         wanted, rows, n = source.requests[number], source.doubtful, len(motion)
         self.largest = dict(zip(ERRORS, errors, strict=True))
-        status, by_equations = motion.status, np.zeros(n, dtype=bool)
+        status = motion.status
+        by_equations = np.zeros(n, dtype=bool)
         loss = np.where(motion.failed, np.nan, 0.0)
         pole_status = dict.fromkeys(self._places["direction"], status)
         for late in source.careful[number : number + 1]:
             status = _with(status, rows, late.status)
             loss[rows], by_equations[rows] = late.loss, late.by_equations
             for pole in pole_status:
-                codes = late.pole_status[pole]
-                alike = np.array_equal(codes, late.status)
-                pole_status[pole] = status if alike else _with(status, rows, codes)
+                pole_status[pole] = _with(status, rows, late.pole_status[pole])
             for name, error in largest_errors(late).items():
                 self.largest[name] = np.fmax(self.largest[name], error)
         self._field = PoleField(
@@ -185,14 +189,15 @@ class LazyField:
     def made(self) -> PoleField:
         """All of it, as arrays."""
         if not self._is_made:
-            self._is_made, n = True, len(self._field.status)
+            self._is_made = True
+            n = len(self._field.status)
             columns: list[tuple[LazyColumn, Floats]] = []
             for name, places in self._places.items():
                 for of, place in places.items():
                     made = np.empty((len(place), n))
                     for k, out in enumerate(made):
-                        key = self._number, name, of, k
-                        columns.append((LazyColumn(self._source, key, n), out))
+                        column = LazyColumn(self._source, (self._number, name, of, k), n)
+                        columns.append((column, out))
                     getattr(self._field, name)[of] = made.T if len(made) > 1 else made[0]
             put(columns, [(slice(0, n), 0)])
             wanted = self._source.requests[self._number]
@@ -215,7 +220,7 @@ def largest_errors(field: PoleField) -> dict[str, float]:
     return {
         name: max(
             (
-                float(np.max(bound, initial=-np.inf, where=well & np.isfinite(bound)))
+                np.max(bound, initial=-np.inf, where=well & np.isfinite(bound))
                 for bound in getattr(field, name).values()
             ),
             default=-np.inf,

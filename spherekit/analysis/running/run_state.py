@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter, defaultdict
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
@@ -11,7 +11,7 @@ import numpy as np
 from spherekit.analysis.batch import Batch, Fields, run_status
 from spherekit.analysis.contract import Analyses, Findings
 from spherekit.analysis.running.kernel_columns import LazyField, largest_errors
-from spherekit.analysis.tables import Table, TableData
+from spherekit.analysis.tables import Table, TableData, row_count
 from spherekit.arrays import Array, Floats, SmallIntegers
 from spherekit.conventions import STATUS_MEANING, Facts, Names, Status
 from spherekit.files.plain import as_json
@@ -63,7 +63,6 @@ class RunState:
         """Return it ready for JSON."""
         return vars(self) | {
             "signs": [memory.state() for memory in self.signs],
-            "failures": dict(self.failures),
             "findings": {name: asdict(item) for name, item in self.findings.items()},
             "counts": [[*key, number] for key, number in self.counts.items()],
         }
@@ -71,18 +70,17 @@ class RunState:
     @classmethod
     def restored(cls, state: Facts) -> Self:
         """Return the standing that `state` gave."""
-        findings = {
-            name: Findings(item["figures"], tuple(item["warnings"]), tuple(item["remarks"]))
-            for name, item in state["findings"].items()
+        changed = {
+            "signs": [SignContinuation.restored(memory) for memory in state["signs"]],
+            "findings": {
+                name: Findings(
+                    item["figures"], tuple(item["warnings"]), tuple(item["remarks"])
+                )
+                for name, item in state["findings"].items()
+            },
+            "counts": Counter({tuple(key): n for *key, n in state["counts"]}),
         }
-        return cls(
-            **{
-                **state,
-                "signs": [SignContinuation.restored(memory) for memory in state["signs"]],
-                "findings": findings,
-                "counts": Counter({tuple(key): n for *key, n in state["counts"]}),
-            }
-        )
+        return cls(**state | changed)
 
     def add(
         self,
@@ -91,13 +89,14 @@ class RunState:
         fields: Fields,
     ) -> None:
         """Count a block."""
-        shape = len(motion.assembly_modes), motion.samples
-        status = run_status(motion, fields).reshape(shape)
-        for mode, of_mode in zip(motion.assembly_modes, status, strict=True):
+        status = run_status(motion, fields)
+        for mode in motion.assembly_modes:
+            of_mode = status[motion.assembly_mode == mode.number]
             self._count((MODE, str(mode.number)), of_mode)
         self._note(RESIDUAL, motion.residual)
-        good = motion.status == Status.OK
-        self._note(OFF, motion.configuration_error[good])
+        closed = motion.status == Status.OK
+        self._note(OFF, motion.configuration_error[closed])
+        good = closed
         for poles in fields:
             if poles.status is not motion.status:
                 good = poles.status == Status.OK
@@ -112,30 +111,30 @@ class RunState:
             for name, largest in BOUNDS.items():
                 self._note(largest, np.array([errors[name]]))
             self.counts[JUDGED,] += len(poles.by_equations)
-            self.counts[BY_EQUATIONS,] += int(np.count_nonzero(poles.by_equations))
-            self.counts[BY_KERNEL,] += int(np.count_nonzero(poles.by_kernel))
-        if self.rank is None and np.any(motion.status == Status.OK):
-            row = int(np.argmax(motion.status == Status.OK))
+            self.counts[BY_EQUATIONS,] += int(np.sum(poles.by_equations))
+            self.counts[BY_KERNEL,] += int(np.sum(poles.by_kernel))
+        if self.rank is None and np.any(closed):
             closure = tracer.solver.closure
-            tree, (vectors,) = closure.tree, closure.at(motion.values[[row]]).vectors
-            self.rank = int(rank_mobility(tree, vectors[None])[0])
-            count, pairs = redundancy(tree, vectors)
+            vectors = closure.at(motion.values[[np.argmax(closed)]]).vectors
+            self.rank = int(rank_mobility(closure.tree, vectors)[0])
+            count, pairs = redundancy(closure.tree, vectors[0])
             self.redundant = {"count": count, "pairs": motion.mechanism.names_of(pairs)}
 
     def _count(
-        self, key: Names, status: SmallIntegers, often: int = 1, but: Names = ()
+        self,
+        key: Names,
+        status: SmallIntegers,
+        often: int = 1,
+        but: Collection[Status] = (),
     ) -> None:
         """Count how often each code is there, but for some."""
-        for code in range(int(np.max(status, initial=-1)) + 1):
-            n = int(np.count_nonzero(status == code))
-            if n and (name := Status(code).name) not in but:
-                self.counts[*key, name] += often * n
+        for code, n in enumerate(np.bincount(status).tolist()):
+            if n and code not in but:
+                self.counts[*key, Status(code).name] += often * n
 
     def _note(self, name: str, values: Floats) -> None:
         """Keep the largest finite number; what is infinite counts as none."""
-        largest = float(np.max(values, initial=-np.inf))
-        if not np.isfinite(largest):
-            largest = float(np.max(values[np.isfinite(values)], initial=-np.inf))
+        largest = float(np.max(values, initial=-np.inf, where=np.isfinite(values)))
         if np.isfinite(largest):
             self.largest[name] = max(self.largest.get(name, largest), largest)
 
@@ -147,12 +146,13 @@ class RunState:
         Of a `batch` also those that failed where the configuration did not. What fails of
         pole axes is counted with these.
         """
-        self.counts[ROWS, name, table.name] += len(next(iter(data.values())))
+        self.counts[ROWS, name, table.name] += row_count(data)
         if batch is None:
             return
-        needs, passed_over = batch.needs, [Status.OK.name]
+        needs = batch.needs
+        passed_over = [Status.OK]
         if needs.directions | needs.rates | needs.planes:
-            passed_over += [Status.NO_POLE.name, Status.ILL_CONDITIONED.name]
+            passed_over += [Status.NO_POLE, Status.ILL_CONDITIONED]
         for column in (c.name for c in table.columns if c.kind == "status"):
             given = data[column]
             parts = given.parts if isinstance(given, Interleaved) else (given,)
@@ -160,7 +160,7 @@ class RunState:
                 if table.in_assembly_modes and len(codes) % max(len(batch), 1) == 0:
                     of_rows = codes.reshape(len(batch), -1)
                     codes = of_rows[of_rows != batch.status[:, None]]
-                self._count((FAILED, name, table.name), codes, often, tuple(passed_over))
+                self._count((FAILED, name, table.name), codes, often, passed_over)
 
     @property
     def configurations(self) -> int:
@@ -226,5 +226,5 @@ def digest(values: Floats) -> str:
     """Return the SHA-256 of an array's bits, piece by piece."""
     digest = hashlib.sha256()
     for start in range(0, len(values), 1 << 16):
-        digest.update(np.ascontiguousarray(values[start : start + (1 << 16)]).tobytes())
+        digest.update(values[start : start + (1 << 16)].tobytes())
     return digest.hexdigest()

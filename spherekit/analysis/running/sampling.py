@@ -29,6 +29,7 @@ from spherekit.motion.motion import (
 )
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import driven_at
+from spherekit.sphere.rotation import nans
 
 UNIT_SPEED = 1.0
 """An input without a law turns at this speed (rad/s), as in the source's example."""
@@ -92,15 +93,18 @@ class Sampling:
     def motion_at(self, sample: Indices) -> Motion:
         """Return the motion at some samples (n,), by their numbers in rising order."""
         if self.simulation is None:
-            motion, timing = self.tracer.samples(sample), self.timing
+            motion = self.tracer.samples(sample)
+            timing = self.timing
             if timing is not None:
                 timing = timing.rows(sample).repeated(len(motion.assembly_modes))
             return replace(motion, timing=timing)
         assert self.timing is not None
-        tracer, simulation = self.tracer, self.simulation
+        tracer = self.tracer
+        simulation = self.simulation
         t = np.minimum(self.timing.t[sample], simulation.end.t)
-        states, solver = simulation.at(t), tracer.solver
-        values = states.values.copy()
+        states = simulation.at(t)
+        solver = tracer.solver
+        values = states.values
         values[:, solver.angles] = wrap(values[:, solver.angles])
         values[:, list(simulation.driven)] = states.inputs
         turns = [
@@ -157,7 +161,7 @@ class Sampling:
         first_mode = ~coarse.failed & (coarse.assembly_mode == coarse.assembly_mode[0])
         mean = np.sum(coarse.frames[first_mode, :, :, 2], axis=(0, 1))
         size = np.linalg.norm(mean)
-        return None if size < 1e-9 else np.asarray(mean / size)
+        return None if size < 1e-9 else mean / size
 
     def events(self) -> TableArrays:
         """Return the table of the simulation's events."""
@@ -167,7 +171,7 @@ class Sampling:
             mechanism,
             (
                 {"t": event.t, "kind": event.kind, "pair": event.pair}
-                | input_columns(mechanism, np.array([event.inputs], dtype=float))
+                | input_columns(mechanism, np.array([event.inputs]))
                 for event in self.simulation.events
             ),
         )
@@ -221,14 +225,24 @@ def course_of(
         See `PositionAnalysis` and `simulate`.
     """
     check_time(study)
-    mechanism, assembly_mode = driven_at(study.mechanism), study.assembly_mode
-    samples, inputs = study.samples, mechanism.input_pairs
+    mechanism = driven_at(study.mechanism)
+    assembly_mode = study.assembly_mode
+    samples = study.samples
+    inputs = mechanism.input_pairs
     if study.duration is None:
-        how = study.search, samples, study.grid, study.path, follow
-        tracer = PositionAnalysis(mechanism, None, assembly_mode, *how)
+        tracer = PositionAnalysis(
+            mechanism,
+            None,
+            assembly_mode,
+            study.search,
+            samples,
+            study.grid,
+            study.path,
+            follow,
+        )
         input_grid = tracer.input_grid
         straight = study.path is None and input_grid.is_path
-        moves = straight or len(tracer.inputs) == 1
+        moves = straight or len(inputs) == 1
         timing = _at_unit_speed(input_grid.q, straight) if moves else None
         return Sampling(tracer, input_grid.q, input_grid.shape, timing, False, {})
     assert isinstance(samples, int)
@@ -239,7 +253,7 @@ def course_of(
         tracer = PositionAnalysis(
             mechanism, None, assembly_mode or 0, samples=2, path=several
         )
-        unknown = np.full((samples, 1), np.nan)
+        unknown = nans((samples, 1))
         rows = tracer, unknown, (samples,), Timing(t, unknown, unknown), True
         simulation = simulate(
             tracer.mechanism,
@@ -305,15 +319,6 @@ def _time_faults(
             yield ("start",), str(problem).removeprefix("start: ")
     elif torque is not None:
         yield ("start",), "a driving torque needs a start"
-    if duration is not None and not (np.isfinite(duration) and duration > 0.0):
-        yield ("duration",), f"found {duration:g} s, needs a finite time above 0"
-    lacking = [name for name in inputs if name not in study.laws]
-    if duration is not None and start is None and lacking and len(inputs) > 1:
-        yield (
-            ("inputs",),
-            f"input {lacking[0]} has no law; give one for every input, such as "
-            f"--law {lacking[0]}=constant_speed:speed=1",
-        )
     if torque is not None:
         given = (
             study.torque.values() if isinstance(study.torque, Mapping) else [study.torque]
@@ -325,12 +330,23 @@ def _time_faults(
             mechanism.with_loads(*drives(mechanism, torque))
         except (ModelError, SolveError) as problem:
             yield ("start", "torque"), str(problem)
-    if duration is not None and study.path is not None:
+    if duration is None:
+        return
+    if not 0.0 < duration < np.inf:
+        yield ("duration",), f"found {duration:g} s, needs a finite time above 0"
+    lacking = [name for name in inputs if name not in study.laws]
+    if start is None and lacking and len(inputs) > 1:
+        yield (
+            ("inputs",),
+            f"input {lacking[0]} has no law; give one for every input, such as "
+            f"--law {lacking[0]}=constant_speed:speed=1",
+        )
+    if study.path is not None:
         yield (
             ("inputs", inputs[0], "values"),
             "excluded by the duration: over time the samples are times",
         )
-    if duration is not None and (study.grid or not isinstance(study.samples, int)):
+    if study.grid or not isinstance(study.samples, int):
         yield (
             ("samples",),
             "over time the samples are times; give a single number of them",
@@ -344,16 +360,15 @@ def simulated_course(
 
     Where it ended before the last of them, its end is the last row.
     """
-    duration, last = float(t[-1]), simulation.end.t
+    duration = float(t[-1])
+    last = simulation.end.t
     if last < duration:
         t = np.append(t[t < last], last)
-    parts: list[tuple[Floats, Floats, Floats]] = []
-    for start in range(0, len(t), BLOCK):
-        states = simulation.at(t[start : start + BLOCK])
-        parts.append((states.inputs, states.input_rates, states.input_accelerations))
+    states = (simulation.at(t[k : k + BLOCK]) for k in range(0, len(t), BLOCK))
+    parts = ((x.inputs, x.input_rates, x.input_accelerations) for x in states)
     q, dq, ddq = map(np.concatenate, zip(*parts, strict=True))
-    whole = tracer, q, (len(q),), Timing(t, dq, ddq), True
-    return Sampling(*whole, {}, duration, simulation, tolerance)
+    timing = Timing(t, dq, ddq)
+    return Sampling(tracer, q, (len(q),), timing, True, {}, duration, simulation, tolerance)
 
 
 def _at_unit_speed(q: Floats, straight: bool) -> Timing:
@@ -363,9 +378,8 @@ def _at_unit_speed(q: Floats, straight: bool) -> Timing:
     """
     ends = q[[0, -1]] if straight else extents(q)[0]
     way = ends[1] - ends[0]
-    fastest = int(np.argmax(np.abs(way)))
-    t = np.abs(q[:, fastest] - ends[0, fastest])
-    t /= UNIT_SPEED
+    fastest = np.argmax(np.abs(way))
+    t = np.abs(q[:, fastest] - ends[0, fastest]) / UNIT_SPEED
     share = way / np.abs(way[fastest]) if way[fastest] else np.ones_like(way)
     return Timing(
         t, np.broadcast_to(UNIT_SPEED * share, q.shape), np.broadcast_to(0.0, q.shape)

@@ -9,13 +9,13 @@ rows replaced.
 """
 
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.batch import Angles, Fields, Needs
+from spherekit.analysis.batch import Angles, Fields, Needs, run_status
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.running.run_state import BOUNDS
@@ -70,15 +70,16 @@ class _Read(ArrayRows):
 
         The worst have the largest residual, bound of a direction, and condition.
         """
-        motion, bound = self.motion, nans(len(self.motion))
+        motion = self.motion
+        bound = nans(len(motion))
         for field in self.fields:
             for errors in field.error.values():
                 bound = np.fmax(bound, errors)
         scores = motion.residual, bound, motion.conditioning
-        worst = [int(np.argmax(np.nan_to_num(score, nan=-1.0))) for score in scores]
+        worst = [np.argmax(np.nan_to_num(score, nan=-1.0)) for score in scores]
         number = motion.assembly_mode * samples + motion.sample
         spread = np.argsort((number + 1) * GOLDEN % 1.0)
-        wanted = list(dict.fromkeys([*worst, *spread.tolist()]))[:count]
+        wanted = list(dict.fromkeys([*worst, *spread]))[:count]
         return self.rows(np.array(wanted)[np.argsort(number[wanted])])
 
 
@@ -113,11 +114,12 @@ class Verifier:
     """
 
     def __init__(self, job: RunPlan, count: int) -> None:
-        self._job, self._course = job, job.course
+        self._job = job
+        self._course = job.course
         self._wanted = [item for item in job.requests if item.poles]
         self._analyses = list(zip(job.analyses, job.needs, strict=True))
         self._count = count
-        self._kept: _Read | None = None
+        self._kept: list[_Read] = []
         self._whole: _Read | None = None
 
     def see(
@@ -131,16 +133,13 @@ class Verifier:
         The whole motion is kept where an analysis had it, as a single block.
         """
         read = _Read(motion, tuple(field.made for field in poles), angles)
-        if any(analysis.at_once for analysis, _ in self._analyses):
+        if self._job.at_once:
             self._whole = read
-        good = motion.status == Status.OK
-        for field in read.fields:
-            good &= field.status == Status.OK
+        good = run_status(motion, read.fields) == Status.OK
         if np.any(good):
             count = self._count, len(self._course)
             new = read.rows(good).chosen(*count)
-            both = [new] if self._kept is None else [self._kept, new]
-            self._kept = _Read.joined(both).chosen(*count)
+            self._kept = [_Read.joined([*self._kept, new]).chosen(*count)]
 
     def verdict(self, failed: Collection[str] = ()) -> Facts:
         """Return what is to be said of the rows, ready for JSON.
@@ -155,23 +154,24 @@ class Verifier:
         """
         started = time.perf_counter()
         verdict: Facts = {"digits": DIGITS, "rows": 0, "not_verified": []}
-        if self._kept is None:
+        if not self._kept:
             return verdict
-        motion, fields = self._kept.motion, self._kept.fields
+        (kept,) = self._kept
+        motion = kept.motion
         try:
             exact, better, nearest = in_many_digits(
-                motion, self._wanted, fields, Digits(DIGITS)
+                motion, self._wanted, kept.fields, Digits(DIGITS)
             )
         except SpherekitError as problem:
             return verdict | {"problem": str(problem)}
         status = np.max([reference.status for reference in exact], axis=0)
-        compared = list(zip(exact, self._wanted, fields, strict=False))
-        self._motion, self._condition = motion, exact[0].condition
+        compared = zip(exact, self._wanted, kept.fields, nearest, strict=False)
+        self._motion = motion
+        self._condition = exact[0].condition
         self._has_reference = status == Status.OK
-        alone = self._kept, _Read(better, nearest, _as_far(better, self._kept.angles))
+        alone = kept, _Read(better, nearest, _as_far(better, kept.angles))
         motions = [motion_rows(self._course, read.motion, read.fields) for read in alone]
-        pairs: list[_Pair]
-        pairs = [(MOTION, motion_table(self._course), motions[0], motions[1])]
+        pairs: list[_Pair] = [(MOTION, motion_table(self._course), motions[0], motions[1])]
         for analysis, needs in self._analyses:
             try:
                 rowless = needs.tracer or needs == Needs(time=needs.time)
@@ -187,7 +187,7 @@ class Verifier:
                 {
                     "sample": int(motion.sample[row]),
                     "assembly_mode": int(motion.assembly_mode[row]),
-                    "status": Status(int(status[row])).name,
+                    "status": Status(status[row]).name,
                     "distance_rad": finite(exact[0].distance[row]),
                 }
                 for row in np.flatnonzero(~self._has_reference)
@@ -195,7 +195,7 @@ class Verifier:
             "largest_condition": _largest(exact[0].condition),
             "largest_distance_rad": _largest(exact[0].distance),
             **_of_columns(columns),
-            **self._within_bounds(compared, nearest),
+            **self._within_bounds(compared),
             "seconds": time.perf_counter() - started,
         }
 
@@ -218,8 +218,7 @@ class Verifier:
     def _rows_of(self, data: Mapping[str, Any]) -> Indices:
         """Return the row that each row of a table belongs to, -1 if none."""
         places, wanted = (
-            np.asarray(x[ASSEMBLY_MODE.name]) + 1j * np.asarray(x[SAMPLE.name])
-            for x in (vars(self._motion), data)
+            x[ASSEMBLY_MODE.name] + 1j * x[SAMPLE.name] for x in (vars(self._motion), data)
         )
         row = np.minimum(np.searchsorted(places, wanted), len(places) - 1)
         return np.where(places[row] == wanted, row, -1)
@@ -227,7 +226,8 @@ class Verifier:
     def _replaced(self, whole: _Read, better: _Read) -> _Read:
         """Return what is read of a whole motion, with rows that have a reference put in."""
         motion = replace(whole.motion, placed=whole.motion.rotations)
-        row, order = self._rows_of(vars(motion)), np.arange(len(motion))
+        row = self._rows_of(vars(motion))
+        order = np.arange(len(motion))
         at = np.flatnonzero((row >= 0) & self._has_reference[row])
         order[at] = len(motion) + row[at]
         made = _Read.joined([replace(whole, motion=motion), better]).rows(order)
@@ -239,7 +239,7 @@ class Verifier:
         """Yield for each column of numbers the place where it deviates most."""
         if not table.in_assembly_modes:
             return
-        row = self._rows_of(given)
+        row = self._rows_of(arrays(given))
         if not np.any(row >= 0):
             return
         first, second = (
@@ -249,8 +249,9 @@ class Verifier:
         row = row[row >= 0]
         # Rows of a simulation close no better than its tolerance; those are no faults.
         residual = self._motion.residual
-        simulated = residual > CLOSURE_TOLERANCE
-        allowed = BEYOND + np.where(simulated, OPEN * residual / EPS, 0.0)
+        allowed = BEYOND + np.where(
+            residual > CLOSURE_TOLERANCE, OPEN * residual / EPS, 0.0
+        )
         subjects = [c.name for c in table.columns if c.kind == "text"]
         for column in table.columns:
             if column.kind != "number" or column == RESIDUAL:
@@ -271,7 +272,7 @@ class Verifier:
                     "value": finite(one[at]),
                     "reference": finite(other[at]),
                 }
-                for at in (int(np.nanargmax(x)) if compared else 0 for x in (off, share))
+                for at in (np.nanargmax(x) if compared else 0 for x in (off, share))
             )
             yield {
                 "analysis": analysis,
@@ -288,19 +289,16 @@ class Verifier:
             }
 
     def _within_bounds(
-        self,
-        compared: Sequence[tuple[ExactRows, Request, PoleField]],
-        references: Sequence[PoleField],
+        self, compared: Iterable[tuple[ExactRows, Request, PoleField, PoleField]]
     ) -> dict[str, Facts]:
         """Return how many directions, rates and derivatives lie within their bounds.
 
         With the worst of each.
         """
-        told: dict[str, Facts] = {
-            name: {"count": 0, "within_bound": 0, "over_bound": 0.0} for name in BOUNDED
-        }
-        motion, links = self._motion, self._motion.mechanism.links
-        for (exact, wanted, field), nearest in zip(compared, references, strict=True):
+        told: dict[str, Facts] = {name: {"count": 0, "within_bound": 0} for name in BOUNDED}
+        motion = self._motion
+        links = motion.mechanism.links
+        for exact, wanted, field, nearest in compared:
             moving = motion.mechanism.pairs[exact.driven].name
             for pole in wanted.poles:
                 low, high = (links[k] for k in pole)
@@ -318,10 +316,8 @@ class Verifier:
                     over = np.where(judged, error / np.maximum(bound, EPS**2), -1.0)
                     facts["count"] += int(np.sum(judged))
                     facts["within_bound"] += int(np.sum(judged & (over <= 1.0)))
-                    row = int(np.argmax(over))
-                    if over[row] > facts["over_bound"] or (
-                        judged[row] and "bound" not in facts
-                    ):
+                    row = np.argmax(over)
+                    if over[row] > facts.get("over_bound", -1.0):
                         facts |= {
                             "over_bound": float(over[row]),
                             "error": float(error[row]),
@@ -350,7 +346,7 @@ def _as_far(better: Motion, angles: Angles) -> Angles:
 def _of_columns(columns: Sequence[Facts]) -> Facts:
     """Return what is to be said of columns that were compared, and of the others."""
     told = [item for item in columns if item["compared"]]
-    worst = max(told, key=lambda item: float(item["in_roundings"]))
+    worst = max(told, key=lambda item: item["in_roundings"])
 
     def name(item: Facts) -> str:
         return f"{item['table']}.{item['column']}"
