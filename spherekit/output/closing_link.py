@@ -71,10 +71,10 @@ class DyadsWithClosingLink:
 
     def turn_of(self, directions: Floats, rotations: Floats) -> Floats:
         """Return the turns (n,) nearest to orientations (n, 3, 3) of the output link."""
-        first, second = np.swapaxes(rotations @ self.across.T, 0, 1).transpose(2, 0, 1)
+        first, second = (rotations @ self.across.T).T
         one, other = _around(directions)
-        x = dot(one, first) + dot(other, second)
-        return np.arctan2(dot(other, first) - dot(one, second), x)
+        sine = dot(other, first) - dot(one, second)
+        return np.arctan2(sine, dot(one, first) + dot(other, second))
 
     def links_of(self, placed: PosedMode, count: int) -> Floats:
         """Return the orientations (n, count, 3, 3) of all links but the virtual ones."""
@@ -200,8 +200,8 @@ def turned(wrist: VirtualOutputChain, solver: Solver) -> DyadsWithClosingLink | 
         if Dyads.fit(assembly, wrist.base):
             dyads = Dyads(made, joints, assembly, wrist.base, wrist.link)
             links = tuple(sum(made.ends[pair]) - bar for pair in pairs)
-            one, other = (dyads.axis_in(pair, bar) for pair in pairs)
-            ends = bar, pairs, links, float(one @ other)
+            cosine = float(np.dot(*(dyads.axis_in(pair, bar) for pair in pairs)))
+            ends = bar, pairs, links, cosine
             candidates.append(
                 DyadsWithClosingLink(dyads, assembly, *ends, across, direction)
             )

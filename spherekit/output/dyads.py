@@ -163,11 +163,10 @@ class Dyads:
 
         The weights (3,) of p, q and p x q.
         """
-        middle = self.stands[self.placed_by[link]].middle
-        p, q = (self.axis_in(pair, link) for pair in (self.stands_by(link)[0], middle))
+        pairs = self.stands_by(link)[0], self.stands[self.placed_by[link]].middle
+        p, q = (self.axis_in(pair, link) for pair in pairs)
         frame = np.stack([p, q, np.cross(p, q)], axis=1)
-        weights = np.linalg.lstsq(frame, vector, rcond=None)[0]  # no error for a point
-        return np.asarray(weights, dtype=float)
+        return np.linalg.lstsq(frame, np.array(vector))[0]  # no error for a point
 
     def is_coaxial(self, one: int, other: int, link: int) -> bool:
         """Return whether two pairs of a link have their axes on one line."""

@@ -76,7 +76,7 @@ def as_assembled(held: Solver, released: Solver, values: Floats) -> Floats | Non
     for whole in closed.values[closed.gap < CLOSURE_TOLERANCE]:
         q = _turned(meshes, wrap(whole[driven]), whole[rolled])
         if q is not None and np.sum(np.abs(q)) < least - SAME_LENGTH:
-            best, least = whole.copy(), float(np.sum(np.abs(q)))
+            best, least = whole.copy(), np.sum(np.abs(q))
             best[driven] = q
     return best
 
@@ -148,7 +148,6 @@ def solved(
     wheels count their turns.
     """
     told = solver if released is None else released
-    driven, count = list(told.driven), len(told.mechanism.variable_owners)
     row, values, signs = [], [], []
     complete = np.ones(len(inputs), dtype=bool)
     for number, q in enumerate(inputs):
@@ -169,8 +168,8 @@ def solved(
     turned = pose_of(solver.mechanism, output, solver.closure.at(every).placed)
     return PoseSolutions(
         np.array(row, dtype=np.intp),
-        told.reduced(every[:, driven]),
-        every[:, :count],
+        told.reduced(every[:, told.driven]),
+        every[:, : len(told.mechanism.variable_owners)],
         turned,
         pointed(output, turned),
         tuple(signs),
@@ -240,8 +239,10 @@ class ForwardKinematics:
     def _evaluated(self, q: Floats, modes: Sequence[tuple[int, ...]]) -> list[Any]:
         """Return variables, rotations of links and status (m, n, ...) at inputs."""
         made = [self.solver.evaluate(AssemblyMode(0, signs), q) for signs in modes]
-        parts = "values", "rotations", "status"
-        return [np.stack([getattr(mode, part) for mode in made]) for part in parts]
+        return [
+            np.stack([getattr(mode, part) for mode in made])
+            for part in ("values", "rotations", "status")
+        ]
 
     @checked(SolveError)
     def solutions(self, inputs: ArrayLike) -> PoseSolutions:
@@ -261,7 +262,7 @@ class ForwardKinematics:
         turned = pose_of(self.mechanism, self.output, rotations[mode, row])
         return PoseSolutions(
             row,
-            wrap(values[mode, row][:, list(self.solver.driven)]),
+            wrap(values[mode, row][:, self.solver.driven]),
             values[mode, row],
             turned,
             pointed(self.output, turned),
@@ -291,5 +292,5 @@ def output_rates(motion: Motion, output: Output) -> Floats:
         speeds[:, moved] = 1.0
         speeds[:, free] = -(part.closure_inverse @ at.jacobian[:, :, moved, None])[..., 0]
         w = at.body_rates(speeds)
-        rates[good, :, column] = np.einsum("nij,nj->ni", inverse, w[:, link] - w[:, base])
+        rates[good, :, column] = np.matvec(inverse, w[:, link] - w[:, base])
     return rates

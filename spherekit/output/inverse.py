@@ -169,12 +169,10 @@ class InverseKinematics:
         self._turned: DyadsWithClosingLink | None = None
         self._assembly = self.solver.assembly
         joints = revolutes(self.solver.joints)
-        every = len(joints) == len(self.solver.joints)
-        if every and Dyads.fit(self._assembly, self.wrist.base):
+        base = self.wrist.base
+        if len(joints) == len(self.solver.joints) and Dyads.fit(self._assembly, base):
             given = self.wrist.carrier if self.wrist.points else self.wrist.link
-            self.dyads = Dyads(
-                self.mechanism, joints, self._assembly, self.wrist.base, given
-            )
+            self.dyads = Dyads(self.mechanism, joints, self._assembly, base, given)
         else:
             self._turned = turned(self.wrist, self.solver)
             if self._turned is not None:
@@ -194,9 +192,9 @@ class InverseKinematics:
         parts = [(group.kind, group.pairs) for group in self._assembly.groups]
         if self._turned is not None:
             parts.append(("bar", self._turned.pairs))
-        names = [pair.name for pair in self.mechanism.pairs]
         return tuple(
-            f"{kind} of {', '.join(names[pair] for pair in pairs)}" for kind, pairs in parts
+            f"{kind} of {', '.join(self.mechanism.names_of(pairs))}"
+            for kind, pairs in parts
         )
 
     @property
@@ -252,11 +250,13 @@ class InverseKinematics:
             margin, limiting, _ = view.reach
             by_input = [view.input, view.speed, *([view.normal] if normals else ())]
             inputs, type_1, *more = (np.stack([*map(of, view.driven)]) for of in by_input)
-            arrays: list[Array] = [inputs, type_1, view.status, margin, limiting, *more]
-            return [*arrays, view.slope] if bar else arrays
+            if bar:
+                more.append(view.slope)
+            return [inputs, type_1, view.status, margin, limiting, *more]
 
-        parts = self._asked(given, starts, chosen, told)
-        inputs, type_1, status, margin, limiting, *more = parts
+        inputs, type_1, status, margin, limiting, *more = self._asked(
+            given, starts, chosen, told
+        )
         return Inverse(
             chosen,
             np.swapaxes(inputs, 1, 2),
@@ -290,21 +290,23 @@ class InverseKinematics:
     ) -> Iterator[PosedMode]:
         """Yield each mode at poses; what modes share is computed once."""
         block = np.ascontiguousarray(given.T)
-        directions, count = given if self.wrist.points else None, len(self.own.pairs)
+        directions = given if self.wrist.points else None
+        axes, columns = {}, None
+        if self.wrist.points:
+            axes[self.wrist.pairs[2]] = block
+        else:
+            columns = block
 
         def measure(view: PosedMode) -> Floats:
-            return self._transmission.at(view.axes(count), directions)
+            return self._transmission.at(view.axes(len(self.own.pairs)), directions)
 
         shared: dict[Hashable, Any] = {}
         for signs in modes:
             if self.dyads is None:
                 assert self._turned is not None
                 view = _closed(self._turned, block, starts, signs)
-            elif self.wrist.points:
-                axes = {self.wrist.pairs[2]: block}
-                view = PosedMode(self.dyads, signs, axes, None, shared=shared)
             else:
-                view = PosedMode(self.dyads, signs, {}, block, shared=shared)
+                view = PosedMode(self.dyads, signs, axes, columns, shared=shared)
             yield replace(view, driven=self.wrist.driven, measure=measure)
 
     def no_closed_form(self, advice: str) -> SolveError:
@@ -409,7 +411,7 @@ class InverseKinematics:
         shape = (3,) if points else (3, 3)
         if given.shape == shape:
             given = given[None]
-        if given.shape[1:] != shape or given.ndim != len(shape) + 1:
+        if given.shape[1:] != shape:
             what = "directions (n, 3)" if points else "rotations (n, 3, 3)"
             raise self._refusal(f"poses are {what}, not {given.shape}")
         columns = given[..., None] if points else given
@@ -421,13 +423,13 @@ class InverseKinematics:
         wrong = np.any(np.abs(sizes - 1.0) > NOT_UNIT, axis=1)
         if np.any(wrong):
             what = "unit vector" if points else "rotation matrix"
-            raise self._refusal(f"row {int(np.argmax(wrong))} is not a {what}")
+            raise self._refusal(f"row {np.argmax(wrong)} is not a {what}")
         return given
 
     def _chosen(self, modes: Sequence[Signs] | None) -> tuple[Signs, ...]:
         if modes is None:
             return self.modes
-        chosen = tuple(tuple(int(sign) for sign in signs) for signs in modes)
+        chosen = tuple(tuple(map(int, signs)) for signs in modes)
         for signs in chosen:
             if signs not in self.modes:
                 raise SolveError(
@@ -444,8 +446,8 @@ def _closed(
     mode, wanted = signs[:-1], signs[-1]
     turn = turned.close(directions, turned.turn_of(directions, near), mode)
     placed = turned.place(directions, turn, mode)
-    slope, status = turned.slope(placed, directions), placed.status.copy()
-    gap = np.abs(turned.gap(placed))
+    slope, gap = turned.slope(placed, directions), np.abs(turned.gap(placed))
+    status = placed.status.copy()
     within = status != Status.OUT_OF_REACH
     status[within & (np.abs(slope) < FLAT_DYAD)] = Status.AT_SINGULARITY
     status[within & (slope * wanted <= 0.0)] = Status.MODE_LOST

@@ -137,15 +137,10 @@ class PosedMode:
             root, (u, v) = self._halves(number)[2:]
             half = np.arcsin(np.minimum(0.5 * np.sqrt(np.minimum(u, v)), 1.0))
             base = np.where(u < v, np.pi - 2.0 * half, 2.0 * half)
-            shortest, longest = stand.shortest, stand.longest
-            away = np.abs(base - 0.5 * (longest + shortest))
-            margins.append(0.5 * (longest - shortest) - away)
-            flat = np.prod(np.sin(stand.arcs))
-            sound.append(root >= FLAT_DYAD * flat)
-        margin, limiting = margins[0], np.zeros(len(margins[0]), dtype=np.int8)
-        for number, another in enumerate(margins):
-            limiting[another < margin] = number
-            margin = np.fmin(margin, another)
+            margins.append(np.minimum(base - stand.shortest, stand.longest - base))
+            sound.append(root >= FLAT_DYAD * np.prod(np.sin(stand.arcs)))
+        margin = np.fmin.reduce(margins)
+        limiting = np.argmax(margins == margin, axis=0).astype(np.int8)
         status = np.where(np.all(sound, axis=0), Status.OK, Status.AT_SINGULARITY)
         status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
         return margin, limiting, status.astype(np.int8)
@@ -205,9 +200,7 @@ class PosedMode:
         total, rest = a + c, a - c
         squares = dot(total, total), dot(rest, rest)
         square = triple_square(*stand.halves, *squares)
-        grazes = np.abs(square) < REACH_SLACK
-        if np.any(grazes):
-            square[grazes] = np.maximum(square[grazes], 0.0)
+        square[(square < 0.0) & (square > -REACH_SLACK)] = 0.0
         root = np.sqrt(square)
         along, beside, height = middle_axis(*stand.halves, *squares, root)
         level = total * along
@@ -261,17 +254,15 @@ class PosedMode:
         group = self.dyads.group_of[pair]
         stand = self.dyads.stands[group]
         (a, c), (b, triple) = self._outer(group), self.middle(group)
-        near: int | None = stand.near
-        far: int | None = stand.far
         if pair == stand.near:
-            across, body, near = cross(b, c), stand.first, None
+            across, body = cross(b, c), stand.first
         elif pair == stand.middle:
             across, body = cross(c, a), stand.second
         else:
-            across, body, far = cross(b, a), stand.second, None
-        moved = self.along(across, stand.hold, far)
-        rate = moved - self.along(across, stand.foot, near)
-        ahead = self.dyads.ends[pair][1] == body
+            across, body = cross(b, a), stand.second
+        moved = self.along(across, stand.hold, None if pair == stand.far else stand.far)
+        stays = self.along(across, stand.foot, None if pair == stand.near else stand.near)
+        rate, ahead = moved - stays, self.dyads.ends[pair][1] == body
         return Fraction(rate.top, rate.bottom * (-triple if ahead else triple))
 
     def along(self, vector: Floats, link: int, across: int | None) -> Fraction:
@@ -318,12 +309,11 @@ class PosedMode:
 
         Smoothly, where the dyad of the pair stands on the base and the output alone.
         """
-        group = self.dyads.group_of[pair]
-        stand, square = self.dyads.stands[group], self.speed(pair) ** 2
+        group, square = self.dyads.group_of[pair], self.speed(pair) ** 2
+        stand = self.dyads.stands[group]
         other = stand.arcs[1 if pair == stand.near else 0]
         triple = triple_square(*stand.halves, *self._halves(group)[3])
-        beyond = np.fmin(triple / np.sin(other) ** 2, 0.0)
-        return np.where(np.isnan(square), beyond, square)
+        return np.where(np.isnan(square), np.fmin(triple / np.sin(other) ** 2, 0.0), square)
 
     def axes(self, count: int) -> Floats:
         """Return the axes (n, count, 3) of the first pairs, NaN where the mode has none."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherekit.conventions import counted
 from spherekit.errors import PlanError
 from spherekit.model.gears import pair_frames
 from spherekit.model.locking import sizes_by_frames
@@ -82,8 +83,8 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
     if len(driven) not in COORDINATES:
         raise PlanError(
             f"{where}: an output has two coordinates (pointing) or three (orientation), "
-            f"but the mechanism has {len(driven)} input{'s' * (len(driven) > 1)}; trace "
-            f"its motion instead{_other_way(mechanism, output, len(driven))}"
+            f"but the mechanism has {counted(len(driven), 'input')}; trace its motion "
+            f"instead{_other_way(mechanism, output, len(driven))}"
         )
     if output.link == output.relative_to:
         raise PlanError(
@@ -144,8 +145,7 @@ def _unused(
 
 def _posed(geometry: PoseGeometry, names: list[str], direction: Vector) -> PoseGeometry:
     """Add the wrist to a reference pose, in which the output link is not turned."""
-    x, y, z = direction
-    azimuth, tilt = float(np.arctan2(y, x)), float(np.arctan2(np.hypot(x, y), z))
+    azimuth, tilt = azimuth_tilt(np.array([direction]))[0].tolist()
     across = (-float(np.sin(azimuth)), float(np.cos(azimuth)), 0.0)
     axes = dict(zip(names, (Z, across, direction), strict=True))
     values = dict(zip(names, (azimuth, tilt, 0.0), strict=True))
@@ -162,11 +162,13 @@ def _sized(
     first, second = pair_frames(mechanism)
     tilted = np.eye(3)[:, [2, 0, 1]]
     pointed = np.append(azimuth_tilt(np.array([direction])), [[0.0]], axis=1)
-    ends = from_euler_zyz(pointed)[0]
-    for pair, frames in zip(
-        wrist, ((np.eye(3), np.eye(3)), (tilted, tilted), (np.eye(3), ends)), strict=True
-    ):
-        first[pair.name], second[pair.name] = frames
+    starts, ends = (
+        (np.eye(3), tilted, np.eye(3)),
+        (np.eye(3), tilted, from_euler_zyz(pointed)[0]),
+    )
+    names = [pair.name for pair in wrist]
+    first |= zip(names, starts, strict=True)
+    second |= zip(names, ends, strict=True)
     changed = {link for pair in wrist for link in pair.links}
     kept = {link: sizes for link, sizes in geometry.links.items() if link not in changed}
     return sizes_by_frames((*mechanism.pairs, *wrist), (first, second), kept)

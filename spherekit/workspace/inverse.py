@@ -7,7 +7,7 @@ Closed forms of outputs that fall into dyads when held, driven directly or by wh
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 
 import numpy as np
@@ -31,7 +31,7 @@ from spherekit.output.virtual_output import COORDINATES
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.part import of_pairs
 from spherekit.planning.wheels import GearTrain, wheel_train
-from spherekit.sphere.rotation import cross, nans
+from spherekit.sphere.rotation import arc, cross, nans
 from spherekit.workspace.rows import (
     ClosedKinematics,
     InverseRows,
@@ -87,9 +87,10 @@ class MidPlaneKinematics(ClosedKinematics):
         upward = plane.normals(inputs)
         away = -np.sign(upward @ form.home)[:, None]  # from the image of the output
         normals, driven_modes = away * upward, away * plane.modes(inputs)
-        wanted = np.array(self.modes)[:, plane.driven]
-        row, mode = np.nonzero(np.all(driven_modes[:, None] == wanted, axis=2))
-        values, _ = form.values(form.place(normals[row], np.array(self.modes)[mode]))
+        every = np.array(self.modes)
+        same = driven_modes[:, None] == every[:, plane.driven]
+        row, mode = np.nonzero(np.all(same, axis=2))
+        values, _ = form.values(form.place(normals[row], every[mode]))
         closed = np.isfinite(values).all(axis=1)
         row, mode, values = row[closed], mode[closed], values[closed]
         turned = form.orientations(normals[row])
@@ -111,8 +112,8 @@ class _MidPlaneRows:
         self.normals, self.distance = self.form.normals_to(points)
 
     def cosine(self, one: int, other: int) -> Floats:
-        ends = [self._axis(pair) for pair in (one, other)]
-        return np.broadcast_to(np.vecdot(*ends), len(self.points))
+        cosine = np.vecdot(self._axis(one), self._axis(other))
+        return np.broadcast_to(cosine, len(self.points))
 
     def angle(self, pair: int) -> Floats:
         ends, joint = self.form.mechanism.ends[pair], revolute(self.form.joints[pair])
@@ -184,15 +185,12 @@ class DyadKinematics(ClosedKinematics):
 
     def _same_axis(self, made: int) -> int:
         """Return the mechanism's own pair with the axis of one made for the output."""
-        mechanism, joints = self.kinematics.mechanism, self.kinematics.solver.joints
-        link = self.kinematics.wrist.link
+        mechanism, link = self.kinematics.mechanism, self.kinematics.wrist.link
+        axis = partial(axis_in, mechanism, self.kinematics.solver.joints, link=link)
         if link in mechanism.ends[made]:
-            axis = axis_in(mechanism, joints, made, link)
             for pair, ends in enumerate(self.mechanism.ends):
-                if link in ends:
-                    gap = axis_in(mechanism, joints, pair, link) - axis
-                    if np.linalg.norm(gap) < COLLINEAR:
-                        return pair
+                if link in ends and arc(axis(pair), axis(made)) < COLLINEAR:
+                    return pair
         return made
 
     @property
@@ -231,8 +229,10 @@ class GearedKinematics(ClosedKinematics):
         ratios, offsets = zip(*carriers.values(), strict=True)
         self.offsets, self.rates = np.array(offsets), np.linalg.inv(np.array(ratios))
         self.modes, self.legs = carried.modes, carried.legs
-        pairs = enumerate(carried.mechanism.pairs)
-        self.number = {mechanism.pair_number[pair.name]: k for k, pair in pairs}
+        self.number = {
+            mechanism.pair_number[pair.name]: k
+            for k, pair in enumerate(carried.mechanism.pairs)
+        }
 
     @property
     def carrying(self) -> Mechanism:
@@ -292,10 +292,10 @@ class _GearedRows:
 
     @property
     def type_1_square(self) -> Floats:
-        square = self.type_1**2
-        weights = self.owner.rates[None] ** 2
-        beyond = np.min(self.rows.type_1_square[:, None] / weights, axis=2)
-        return np.where(np.isnan(square), np.fmin(beyond, 0.0), square)
+        square, weights = self.type_1**2, self.owner.rates**2
+        beyond = self.rows.type_1_square[:, None] / weights
+        beyond = np.min(beyond, axis=2, where=weights > 0.0, initial=0.0)
+        return np.where(np.isnan(square), beyond, square)
 
     @property
     def type_2(self) -> Floats:
@@ -446,7 +446,7 @@ class GraphKinematics(OutputKinematics):
         if self.points and solutions.directions is not None:
             directions = filled(solutions.directions)
         rates, type_1 = rates_of_turns(turns, directions)
-        owner = list(self.mechanism.variable_owners)
+        owners = self.mechanism.variable_owners
         rows = InverseRows(
             np.append(solutions.row[kept], none),
             labels[at],
@@ -457,7 +457,7 @@ class GraphKinematics(OutputKinematics):
             type_1,
             self.type_2(values),
             rates,
-            values[:, [owner.index(pair) for pair in pairs]],
+            values[:, [*map(owners.index, pairs)]],
             (),
         )
         return InverseRows.joined([rows.judged()])

@@ -177,7 +177,7 @@ def sense_of(rates: Floats, directions: Floats | None) -> Integers:
     are an aspect. With two inputs the determinant is seen along the directions (k, 3).
     """
     _, volume = reciprocal(rates, directions)
-    return np.asarray(np.sign(np.nan_to_num(volume)), dtype=np.int64)
+    return np.sign(np.nan_to_num(volume)).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -379,7 +379,7 @@ class ClosedKinematics(OutputKinematics, ABC):
         for mode in modes:
             with np.errstate(all="ignore"):
                 rows = self.at(poses, signs[mode])
-                values = [rows.angle(pair) for pair in pairs]
+                values = [np.empty((count, 0)), *map(rows.angle, pairs)]
                 part = InverseRows(
                     np.arange(count),
                     np.full(count, mode),
@@ -389,7 +389,7 @@ class ClosedKinematics(OutputKinematics, ABC):
                     rows.type_1,
                     rows.type_2,
                     rows.rates,
-                    np.stack(values, axis=1) if values else np.empty((count, 0)),
+                    np.column_stack(values),
                     limits,
                 )
             parts.append(part.judged())
@@ -419,13 +419,11 @@ def left_of(bounds: Sequence[AngleLimit], rows: Rows) -> tuple[Floats, Indices]:
     """
     left = np.stack([bound.left(rows) for bound in bounds], axis=1)
     columns = np.stack([bound.column(rows) for bound in bounds], axis=1)
-    missing = np.isnan(left)
-    filled = np.where(missing, np.inf, left)
-    limiting = np.argmin(filled, axis=1)
-    margin = np.min(filled, axis=1)
-    exact = np.min(np.where(np.isnan(columns), np.inf, columns), axis=1)
-    margin = np.where((margin < 0.0) & (exact >= 0.0), 0.0, margin)
-    unknown = missing.any(axis=1) & (margin >= 0.0)
+    margin = np.fmin.reduce(left, axis=1)
+    limiting = np.argmax(left == margin[:, None], axis=1)
+    exact = np.fmin.reduce(columns, axis=1)
+    margin[(margin < 0.0) & (exact >= 0.0)] = 0.0
+    unknown = np.isnan(left).any(axis=1) & ~(margin < 0.0)
     return np.where(unknown, np.nan, margin), np.where(unknown, -1, limiting)
 
 
@@ -451,7 +449,7 @@ def _between_axes(
 
     for one, other, shortest, longest, folds in kinematics.spans:
         ask(one, other, shortest, longest, "the arcs of the leg")
-        if closest > 0.0 and folds:
+        if folds:
             ask(one, other, closest, np.pi, "the width of the links")
     for item in wanted.apart:
         one, other = (_pair(kinematics, "apart", name) for name in (item.one, item.other))
@@ -462,17 +460,12 @@ def _between_axes(
         name = "/".join(kinematics.name_of(pair) for pair in axes)
         low, _, low_from = max(held, key=lambda asked: asked[0])
         _, high, high_from = min(held, key=lambda asked: asked[1])
-        if low > high:
-            raise _refusal(
-                mechanism,
-                f"the axes {name} cannot be at least {_deg(low)} apart ({low_from}) and "
-                f"at most {_deg(high)} ({high_from}); these limits contradict each other",
-            )
         if high - low < COLLINEAR:
             raise _refusal(
                 mechanism,
-                f"the axes {name} are always {_deg(low)} apart ({low_from}, {high_from}); "
-                "the workspace is no more than a curve and has no area",
+                f"the axes {name} cannot be at least {_deg(low)} apart ({low_from}) and "
+                f"at most {_deg(high)} ({high_from}) on any area: these limits contradict "
+                "each other, or leave no more than a curve",
             )
 
         def cosine(rows: Rows, axes: tuple[int, int] = axes) -> Floats:
@@ -499,7 +492,8 @@ def _holds_always(
             "the least angle between the axes, 0 to 180 deg, and a greatest not below",
         )
     joints = joints_of(mechanism)
-    for link in set(mechanism.ends[one]) & set(mechanism.ends[other]):
+    shared = set(mechanism.ends[one]) & set(mechanism.ends[other])
+    for link in shared:
         fixed = arc(*(axis_in(mechanism, joints, pair, link) for pair in (one, other)))
         if not item.low - COLLINEAR <= fixed <= item.high + COLLINEAR:
             raise _refusal(
@@ -507,8 +501,7 @@ def _holds_always(
                 f"apart: {where}: both axes are on one link, always {_deg(float(fixed))} "
                 f"apart, not {_deg(item.low)} to {_deg(item.high)}",
             )
-        return True
-    return False
+    return bool(shared)
 
 
 def _closest(mechanism: Mechanism, wanted: Constraints) -> float:
@@ -535,7 +528,7 @@ def _of_pairs(
         _pair(kinematics, "limits", item.pair)
         number = mechanism.pair_number[item.pair]
         span = f"{_deg(item.low)} to {_deg(item.high)}"
-        if not np.isfinite(item.low + item.high) or item.low > item.high:
+        if not -np.inf < item.low <= item.high < np.inf:
             why = f"limits: {item.pair}: {span} is not a range; give the lower limit first"
             raise _refusal(mechanism, why)
         middle, half = 0.5 * (item.low + item.high), 0.5 * (item.high - item.low)

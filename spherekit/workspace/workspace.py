@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import starmap
 from typing import TypeVar
 
 import numpy as np
@@ -95,8 +96,8 @@ def judge(
         rows = kinematics.at(_poses(kinematics, places), signs)
         inputs = rows.inputs
         gone = np.where(np.isnan(inputs).any(axis=1), np.nan, 0.0)
-        type_1 = np.min(rows.type_1, axis=1)
-        return Judged(*left_of(bounds, rows), inputs, type_1 + gone, rows.type_2 + gone)
+        type_1, type_2 = np.min(rows.type_1, axis=1) + gone, rows.type_2 + gone
+        return Judged(*left_of(bounds, rows), inputs, type_1, type_2)
 
 
 def _poses(kinematics: ClosedKinematics, places: Floats) -> Floats:
@@ -130,8 +131,8 @@ def direction_workspaces(
             region = find_region(margins, goal)
         return region.points, region.values, region
 
-    shared = _found_once(kinematics, bounds, modes, find)
-    return tuple(DirectionWorkspace(*item) for item in shared)
+    every = _found_once(kinematics, bounds, modes, find)
+    return tuple(starmap(DirectionWorkspace, every))
 
 
 Found = TypeVar("Found")
@@ -174,8 +175,8 @@ def orientation_workspaces(
     def find(margins: Margins) -> tuple[Floats, Floats, Orientations]:
         return samples, margins(samples), find_orientations(margins, tolerance)
 
-    shared = _found_once(kinematics, bounds, modes, find)
-    return tuple(OrientationWorkspace(*item) for item in shared)
+    every = _found_once(kinematics, bounds, modes, find)
+    return tuple(starmap(OrientationWorkspace, every))
 
 
 def orientation_samples(count: int = SAMPLES) -> Floats:
@@ -284,16 +285,14 @@ def nearest_poses(
 
 def _between(one: Floats, other: Floats) -> float:
     """Return the angle (rad) between unit vectors of any dimension."""
-    ends = np.linalg.norm(one - other), np.linalg.norm(one + other)
-    return float(2.0 * np.arctan2(*ends))
+    apart, together = np.linalg.norm(one - other), np.linalg.norm(one + other)
+    return float(2.0 * np.arctan2(apart, together))
 
 
 def _beyond(start: Floats, aim: Floats, step: float) -> Floats:
     """Return the direction (3,) a step (rad) from `start` towards another place."""
     way = aim - (aim @ start) * start
-    size = float(np.linalg.norm(way))
-    turned = start + (step / size) * way if size > 0.0 else start
-    return unit_rows(turned)
+    return unit_rows(start + way * (step / max(float(np.linalg.norm(way)), 1e-300)))
 
 
 def _on_way(outside: Floats, held: Floats, inside: Callable[[Floats], Bools]) -> Floats:
