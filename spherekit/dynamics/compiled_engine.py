@@ -136,8 +136,10 @@ def _run(
     gap, most, compiling = 0.0, COARSEST, 0.0
     while True:
         pairs = coordinates_at(problem, values)
-        started, of = time.perf_counter(), (pairs, values if pairs else None)
-        made, reused = compiled_equation(mechanism, min(tolerance, most), compact, *of)
+        started = time.perf_counter()
+        made, reused = compiled_equation(
+            mechanism, min(tolerance, most), compact, pairs, values if pairs else None
+        )
         compiling += 0.0 if reused else time.perf_counter() - started
         places = [mechanism.angles[pair] for pair in pairs]
         fine, frame = made.tolerance <= LOOSEST, np.eye(equation.variables)[places]
@@ -188,7 +190,7 @@ def coordinates_at(problem: Problem, values: Floats) -> tuple[str, ...]:
     EngineError
         If none do.
     """
-    equation, driven = problem.equation, problem.driven
+    equation = problem.equation
     if equation.freedoms == 1:
         return ()
     pairs = {v: pair for pair, v in equation.mechanism.angles.items()}
@@ -200,7 +202,7 @@ def coordinates_at(problem: Problem, values: Floats) -> tuple[str, ...]:
         return float(np.sum(1.0 / np.maximum(sizes, 1e-150) ** 2))
 
     best = min(combinations(sorted(pairs), equation.freedoms), key=spread)
-    for places in (driven, best):
+    for places in (problem.driven, best):
         if spread(places) < ENOUGH * STEEPEST:
             return tuple(pairs[v] for v in places)
     raise EngineError(f"{equation.mechanism.name}: {NO_COORDINATES}", BY_NUMPY)
@@ -257,14 +259,13 @@ def _end(problem: Problem, path: StatePath, run: Run) -> SimulationEnd:
     if run.end in SAID:
         kind, words = SAID[run.end]
         return SimulationEnd(kind, run.time, words)
-    traced, mechanism = path.at(np.array([run.time])), problem.equation.mechanism
+    traced = path.at(np.array([run.time]))
     if run.end == "joint_limit":
-        place = run.passages[-1][2]
-        (name,) = (pair for pair, v in mechanism.angles.items() if v == place)
+        place, mechanism = run.passages[-1][2], problem.equation.mechanism
+        name = mechanism.pairs[mechanism.variable_owners[place]].name
         return stop_end(run.time, name, float(traced.values[0, place]))
-    state, frame, turns = traced.states[0], traced.frames[0], traced.turns[0]
     if run.end == "not_finite" and _has_value(
-        problem, run.time, state, frame, TURN * turns
+        problem, run.time, traced.states[0], traced.frames[0], TURN * traced.turns[0]
     ):
         return SimulationEnd("too_fast", run.time, NO_SERIES)
     why = f"no step is short enough; {JUMPS}"

@@ -26,7 +26,7 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.loops import Linearisation, left_inverse, penetrates
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.rates.sequence import null_motion
-from spherekit.sphere.rotation import all_finite, cross, nans
+from spherekit.sphere.rotation import all_finite, cross, nans, transpose
 
 Order = Literal[1, 2]
 
@@ -102,11 +102,11 @@ def by_combinations(
     rows = np.broadcast_to(frame, (len(values), *frame.shape[-2:]))
     bordered = np.concatenate([at.jacobian, rows], axis=1)
     inverse = left_inverse(bordered)
-    sides = np.eye(bordered.shape[1])[:, -count:]
     solved = inverse[:, :, -count:]
     # The product with an inverse loses digits; a step of refinement brings them back.
-    solved = solved + inverse @ (sides - bordered @ solved)
-    rates = np.ascontiguousarray(np.swapaxes(solved, 1, 2))
+    left = np.eye(bordered.shape[1])[:, -count:] - bordered @ solved
+    solved = solved + inverse @ left
+    rates = np.ascontiguousarray(transpose(solved))
     return _derived(at, rates, inverse[:, :, :-count], order)
 
 
@@ -139,8 +139,8 @@ def _derived(
     dw = nans((n, m, m, tree.count, 3))
     for k in range(m if order == 2 else 0):
         turned = at.turned(w[:, k])
-        bias = rates @ np.swapaxes(tree.jacobian(turned), 1, 2)
-        second[:, :, k] = -bias @ np.swapaxes(inverse, 1, 2)
+        bias = rates @ transpose(tree.jacobian(turned))
+        second[:, :, k] = -bias @ transpose(inverse)
         dw[:, :, k] = tree.body_rates(at.vectors[:, None], second[:, :, k])
         dw[:, :, k] += tree.body_rates(turned[:, None], rates)
     return CoordinateMotion(at.values, rates, second, at.placed, w, dw, status, at.frames)
@@ -179,8 +179,8 @@ def continued(tangents: Floats, along: Floats) -> Floats:
     each further one to the side of the one before.
     """
     before = np.concatenate([along[None], tangents[:-1]])
-    flips = np.where(np.sum(before * tangents, axis=1) < 0.0, -1.0, 1.0)
-    return np.asarray(np.cumprod(flips))
+    sides = np.sum(before * tangents, axis=1)
+    return np.asarray(np.cumprod(np.where(sides < 0.0, -1.0, 1.0)))
 
 
 def single(columns: Floats) -> Floats:
@@ -293,8 +293,9 @@ def _in_links(
     """Return the tensors (masses, 3, 3), and vectors (n, ..., masses, 3) in link axes."""
     links = [mechanism.link_number[mass.link] for mass in mechanism.masses]
     tensors = np.array([mass.tensor for mass in mechanism.masses]).reshape(-1, 3, 3)
-    turns = motion.rotations[:, links]
-    return tensors, np.einsum("nkji,n...kj->n...ki", turns, vectors[..., links, :])
+    return tensors, np.einsum(
+        "nkji,n...kj->n...ki", motion.rotations[:, links], vectors[..., links, :]
+    )
 
 
 def _momentum(tensors: Floats, w: Floats) -> Floats:

@@ -50,11 +50,12 @@ class Loads:
         self.components = tuple(part for parts in by_load for part in parts)
         self.owners = [k for k, parts in enumerate(by_load) for _ in parts]
         self.steep = steep(mechanism)
-        functions = (isinstance(part.magnitude, Called) for part in self.components)
         rubs = {k: part.rubs for k, part in enumerate(self.components) if part.rubs}
         self.rubbing = [k for k, one in rubs.items() if one.grip > 0.0]
         self.grips = np.array([rubs[k].grip for k in self.rubbing])
-        self.watched = bool(self.steep) or any(functions)
+        self.watched = bool(self.steep) or any(
+            isinstance(part.magnitude, Called) for part in self.components
+        )
         self._first = np.unique(self.owners, return_index=True)[1]
 
     def velocities(self, motion: CoordinateMotion) -> Floats:
@@ -156,8 +157,8 @@ class Loads:
         """
         rates = rates_by_time(motion, speed)
         magnitudes = self.magnitudes(motion.values, rates, t, carried)
-        by_component = magnitudes[:, None] * self.velocities(motion)
-        return np.add.reduceat(by_component, self._first, axis=2)
+        powers = magnitudes[:, None] * self.velocities(motion)
+        return np.add.reduceat(powers, self._first, axis=2)
 
 
 def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:
@@ -292,8 +293,8 @@ class NewtonEuler:
             left = transpose(left)
             kept = sizes > DEPENDENT * sizes[:, :1]
             sizes[~kept] = np.inf
-            inverse = transpose(back) @ (left / sizes[..., None])
-            self._inverse[np.ix_(np.arange(n), columns, equations)] = inverse
+            places = np.ix_(np.arange(n), columns, equations)
+            self._inverse[places] = transpose(back) @ (left / sizes[..., None])
             self.is_open[:, columns] = _leave(kept, back)
             unheld[:, equations] = _leave(kept, left)
         by_link = np.zeros((n, len(self.mechanism.links), 6), dtype=bool)
@@ -327,8 +328,8 @@ class NewtonEuler:
         `needed` (n, links, 6) moves the links, `about` N m are torques about axes, and of
         contacts what acts along their tangents.
         """
-        acting = about[..., None] * _turned(self.frames, self.working)
-        return needed - self._on_links.T @ acting
+        working = _turned(self.frames, self.working)
+        return needed - self._on_links.T @ (about[..., None] * working)
 
     def held(self, left: Floats) -> tuple[Floats, Floats]:
         """Return the reactions (n, columns) and what misses the equations (n,), N m."""
@@ -336,8 +337,7 @@ class NewtonEuler:
         reactions = self._inverse @ right
         # A step of refinement brings back the digits that the inverse loses.
         reactions = reactions + self._inverse @ (right - self.matrix @ reactions)
-        worst = max_abs((right - self.matrix @ reactions)[..., 0], axis=1)
-        return reactions[..., 0], worst
+        return reactions[..., 0], max_abs(right - self.matrix @ reactions, axis=(1, 2))
 
     def solve(self, needed: Floats, about: Floats) -> None:
         """Solve for `left_by` of the same: `left`, `about`, `reactions` and `missed`."""
@@ -385,8 +385,8 @@ def _force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     rubs = {load.pair for load in loads if isinstance(load, ContactFriction)}
     for number, pair in enumerate(mechanism.pairs):
         if pair.kind.has_axis:
-            axes = range(3, 5 if pair.name in floating else 6)
-            columns += [(number, axis) for axis in axes]
+            most = 5 if pair.name in floating else 6
+            columns += [(number, axis) for axis in range(3, most)]
         elif pair.distance is None:
             # Against the moment about x the force is along y, as that about y along x.
             held = 2 if pair.name in rubs else pair.constraints
@@ -459,11 +459,9 @@ def gyroscopic(mechanism: Mechanism, motion: CoordinateMotion, speed: Floats) ->
     """Return those (n, links, 6) that rates (n, m) need while these stay as they are."""
     w = np.einsum("ni,nila->nla", speed, motion.w)
     bend = np.einsum("ni,nk,nikla->nla", speed, speed, motion.dw)
-    wrenches = _of_inertia(mechanism, motion, bend)
-    momenta = _of_inertia(mechanism, motion, w)
-    for half in (slice(0, 3), slice(3, 6)):
-        wrenches[..., half] += cross(w, momenta[..., half])
-    return wrenches
+    momenta = _of_inertia(mechanism, motion, w).reshape(*w.shape[:2], 2, 3)
+    turning = cross(w[:, :, None], momenta).reshape(*w.shape[:2], 6)
+    return _of_inertia(mechanism, motion, bend) + turning
 
 
 def _of_inertia(mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats) -> Floats:

@@ -192,8 +192,7 @@ def _checked(
             f"{simulation.engine.reason}; off by {error:.1e} rad with steps for "
             f"{made_for:g} rad, so in shorter ones"
         )
-        forecast = simulation.engine.forecast
-        report = replace(tight.engine, reason=why, forecast=forecast)
+        report = replace(tight.engine, reason=why, forecast=simulation.engine.forecast)
         simulation, made_for = replace(tight, engine=report), tighter
 
 
@@ -234,8 +233,8 @@ def _cheaper(
             raise EngineError(ASKED)
         if problem.passes:
             raise EngineError("only NumPy's engine passes crossings")
-        first = coordinates_at(problem, problem.values)
-        compiling = compiling_time(mechanism, tolerance, compact, first)
+        pairs = coordinates_at(problem, problem.values)
+        compiling = compiling_time(mechanism, tolerance, compact, pairs)
         why = "it was compiled before" if compiling == 0.0 else ""
         if tolerance < LEAST["numpy"]:
             why = "NumPy does not reach the tolerance"
@@ -289,8 +288,7 @@ def until_lift_off(simulation: Simulation) -> Simulation:
     if not pairs:
         return simulation
     path = simulation.path
-    parts = np.arange(PLACES) / PLACES
-    t = (path.starts[:, None] + parts * path.lengths[:, None]).ravel()
+    t = (path.starts[:, None] + np.arange(PLACES) / PLACES * path.lengths[:, None]).ravel()
     t = np.append(t[t < simulation.end.t], simulation.end.t)
 
     def pushes(t: Floats) -> tuple[Floats, Floats]:
@@ -326,7 +324,6 @@ def until_lift_off(simulation: Simulation) -> Simulation:
         "press it with a spring, or move more slowly",
     )
     inputs = tuple(simulation.at([when]).inputs[0].tolist())
-    before = (event for event in simulation.events if event.t <= when)
-    return replace(
-        simulation, events=(*before, Event("lift_off", when, inputs, name)), end=end
-    )
+    events = [event for event in simulation.events if event.t <= when]
+    events.append(Event("lift_off", when, inputs, name))
+    return replace(simulation, events=tuple(events), end=end)

@@ -72,8 +72,8 @@ def judged(
     rated, status = status == Status.OK, status.copy()
     status[rated & locked] = Status.NOT_CONVERGED
     with np.errstate(over="ignore", invalid="ignore"):
-        finite = np.isfinite(np.einsum("ni,nil->nl", rates, forces))
-    finite &= all_finite(forces, 1)
+        powers = np.einsum("ni,nil->nl", rates, forces)
+    finite = np.isfinite(powers) & all_finite(forces, 1)
     lost = ~(all_finite(torques, 1) & np.all(finite, axis=1))
     status[(status == Status.OK) & lost] = Status.OVERFLOW
     for parts in (masses.M_parts, masses.dM_parts):
@@ -286,8 +286,8 @@ def _scheduled(mechanism: Mechanism, schedule: TimeScaling, t: Floats) -> Motion
     """Return the motion of a rotation in time, its angles going on."""
     rows = schedule.at(t)
     tracer = PositionAnalysis(mechanism.with_inputs(*rows.names), follow=False)
-    samples = schedule.rotation.at(rows.theta)
-    motion = replace(tracer.given(samples.values), inputs=rows.inputs, status=rows.status)
+    motion = tracer.given(schedule.rotation.at(rows.theta).values)
+    motion = replace(motion, inputs=rows.inputs, status=rows.status)
     timing = Timing(t, rows.rates, rows.accelerations)
     return replace(going_on(motion, tracer.solver), timing=timing)
 
@@ -308,8 +308,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
     held = ~motion.failed
     # Where assembly modes nearly cross, rounding of the configuration decides the
     # derivatives.
-    for pair in motion.assembly.inputs:
-        name = mechanism.pairs[pair].name
+    for name in mechanism.names_of(motion.assembly.inputs):
         field = found(motion.rows(held), request(mechanism, name, (), by_rank=True))
         flat[held] |= field.status != Status.OK
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY

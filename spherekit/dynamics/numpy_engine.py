@@ -206,8 +206,8 @@ class Collocation:
                 if tried == length or tried < left:
                     # A shorter step has as much noise.
                     length = _factor(EPS if noisy else error, iterations) * tried
-                short = noisy and tried < CREPT * problem.until
-                self.creeping = self.creeping + 1 if short else 0
+                creeps = noisy and tried < CREPT * problem.until
+                self.creeping = self.creeping + 1 if creeps else 0
                 if self.creeping == CREEPING:
                     return SimulationEnd("too_fast", t, NOISE)
                 stopped = self._accept(step, rates, orientation)
@@ -269,8 +269,8 @@ class Collocation:
         # Newton's method is of one momentum.
         stiff = equation.freedoms == 1 and equation.loads.watched
         if before is None:
-            first = equation.rates(self._dynamics(np.array([start]), state[None]))
-            rates = np.repeat(first, NODES, axis=0)
+            first = self._dynamics(np.array([start]), state[None])
+            rates = np.repeat(equation.rates(first), NODES, axis=0)
         else:
             rates = before.summed(before.series[:CONTINUED], t)
         integral = 0.5 * length * INTEGRAL
@@ -359,9 +359,9 @@ class Collocation:
             return False
         values = step.at(np.array([t]))[0, : equation.variables]
         # Between sets that do not cross, a way from one to the other is not closed.
-        gap = float(max_abs(equation.closure.at(values[None]).residual))
+        (gap,) = equation.closure.at(values[None]).gap
         sure = reciprocal_condition(equation.closure, values, equation.freedoms)
-        return gap < FINEST and sure < CROSSED
+        return bool(gap < FINEST and sure < CROSSED)
 
     def _refined(self, orientation: Floats) -> bool:
         """Return whether a step has to be taken again, to tell whether curves cross."""
@@ -382,14 +382,14 @@ class Collocation:
     ) -> SimulationEnd | None:
         """Keep a step and note its events; return the end if there is one within it."""
         self.path.append(step)
-        mechanism = self.equation.mechanism
         happened = self._happened(step, rates, orientation)
         for t, kind, pair in sorted(happened, key=lambda item: item[0]):
             if kind == "singularity":
                 return SimulationEnd(kind, t, CROSSING)
             values = self._note(kind, t, step, pair)
             if kind == "joint_limit":
-                return stop_end(t, pair, float(values[variable_of(mechanism, pair)]))
+                number = variable_of(self.equation.mechanism, pair)
+                return stop_end(t, pair, float(values[number]))
         return None
 
     def _happened(
@@ -443,4 +443,4 @@ def _factor(error: float, iterations: int) -> float:
         return SHRINKAGE
     factor = SAFETY * max(error, EPS) ** (-1.0 / NODES)
     most = SAFETY if iterations > MANY_ITERATIONS else GROWTH
-    return float(np.clip(factor, SHRINKAGE, most))
+    return min(max(factor, SHRINKAGE), most)

@@ -151,8 +151,8 @@ def reactions(motion: Motion) -> Reactions:
     missing = IndeterminateForces()
     count = np.count_nonzero(carried.opened, axis=(1, 2))
     if np.any(count) and not np.any(carried.slides):
-        row = np.flatnonzero(good)[int(np.argmin(count))]
-        missing = lacking(mechanism, torques.motion.frames[row])
+        frames = torques.motion.frames[good]
+        missing = lacking(mechanism, frames[np.argmin(count)])
 
     def spread(made: Any, none: float | bool) -> Any:
         every = np.full((len(motion), *made.shape[1:]), none)
@@ -169,7 +169,5 @@ def reactions(motion: Motion) -> Reactions:
         np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1),
     )
     size = max_abs(np.nan_to_num(result.moments), axis=(1, 2))
-    with np.errstate(invalid="ignore"):
-        pulls = result.push < -ROUNDING * size[:, None]
-    result.status[good[:, None] & pulls] = Status.LIFT_OFF
+    result.status[result.push < -ROUNDING * size[:, None]] = Status.LIFT_OFF
     return result

@@ -152,8 +152,9 @@ def given_up(
 
 def cannot_leave(problem: Problem, why: str) -> SolveError:
     """Return the error of a motion that has not even a first step."""
-    name = problem.equation.mechanism.name
-    return SolveError(f"{name}: the motion cannot leave its start: {why}")
+    return SolveError(
+        f"{problem.equation.mechanism.name}: the motion cannot leave its start: {why}"
+    )
 
 
 Forecast = Mapping[str, float]

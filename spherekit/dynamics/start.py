@@ -179,7 +179,7 @@ def _speed(
         return np.zeros(len(rates))
     share = frame[:, list(moved)].T
     if np.linalg.svd(share, compute_uv=False)[-1] < STANDSTILL:
-        names = [mechanism.pairs[mechanism.variable_owners[v]].name for v in moved]
+        names = mechanism.names_of(mechanism.variable_owners[v] for v in moved)
         what = "dead centre" if len(moved) == 1 else "singularity of type II"
         raise SolveError(
             f"{mechanism.name}: at the start, a {what}, the rate of {listing(names)} "
@@ -358,11 +358,10 @@ def reaching(
 
     It is the one given where no contact rolls, or whole turns lead into its range.
     """
-    low, high = tracer.range
-    moved = into_range(tracer, q)
-    if tracer.solver.meshes is None or np.all((moved >= low) & (moved <= high)):
+    places = np.append(into_range(tracer, q), tracer.range)
+    path = np.array([np.min(places), np.max(places)])
+    if tracer.solver.meshes is None or np.array_equal(path, tracer.range):
         return tracer
-    path = np.array([min(low, np.min(moved)), max(high, np.max(moved))])
     return PositionAnalysis(tracer.mechanism, None, assembly_mode, search, path=path)
 
 

@@ -140,9 +140,12 @@ def lacking(mechanism: Mechanism, frames: Floats) -> IndeterminateForces:
         floating.append(balance.columns[column][0])
         free = free @ np.linalg.svd(free[[column]])[2][1:].T
     forces = [k for k, (_, component) in enumerate(balance.columns) if component > 2]
-    names = tuple(mechanism.names_of(sorted(floating)))
-    enough = not np.any(free[forces] ** 2 > DETERMINED)
-    return IndeterminateForces(tuple(without_centre(mechanism)), distances, names, enough)
+    return IndeterminateForces(
+        tuple(without_centre(mechanism)),
+        distances,
+        tuple(mechanism.names_of(sorted(floating))),
+        not np.any(free[forces] ** 2 > DETERMINED),
+    )
 
 
 SETTLED = 1e-14
@@ -349,7 +352,7 @@ class Dynamics:
     def change(self) -> Floats:
         """(n, m) accelerations u'; those that masses say, which have to be known."""
         drive = np.sum(self.forces, axis=2) - self.pull
-        return (self.roots.inverse @ drive[..., None])[..., 0]
+        return self.roots.solved(self.roots.solved(drive))
 
     @property
     def push(self) -> Floats:

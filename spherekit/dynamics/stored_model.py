@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -118,7 +119,7 @@ class StoredHeading:
     @property
     def functions(self) -> tuple[StoredFunction, ...]:
         """All stored functions."""
-        return tuple(function for group in self.groups for function in group)
+        return tuple(chain(*self.groups))
 
     @property
     def _lower(self) -> list[tuple[str, str]]:
@@ -178,9 +179,8 @@ class StoredHeading:
         Rates and accelerations of the coordinates, the time, and the torques of `tables`
         then.
         """
-        m = range(len(self.by))
-        states = (f"{rate}{k}" for rate in ("rate ", "acceleration ") for k in m)
-        return symbols([*states, "t", *(f"table {table.name}" for table in self.tables)])
+        of_each = [f"{what} {k}" for what in ("rate", "acceleration") for k in self.by]
+        return symbols([*of_each, "t", *(f"table {table.name}" for table in self.tables)])
 
     @cached_property
     def forces(self) -> list[list[Expr]]:

@@ -256,11 +256,10 @@ class AlongCurve(Sampler):
                 better = (error > SURE_AXES) & (8.0 * EPS * size / length < error)
                 unit[better] = apart[better] / length[better, None]
             if not all_finite(unit):
-                name = pole_name(self.mechanism, pole)
                 raise SolveError(
-                    f"{self.mechanism.name}: pole {name} has no direction at places of "
-                    "the curve: the two links do not move relative to each other there; "
-                    "leave it out"
+                    f"{self.mechanism.name}: pole {pole_name(self.mechanism, pole)} has no "
+                    "direction at places of the curve: the two links do not move relative "
+                    "to each other there; leave it out"
                 )
             units[pole] = unit
         return units
@@ -328,9 +327,9 @@ class OverBox(Sampler):
             good &= max_abs(led - values, axis=1) < APART
             good &= (determined(moving.rates) >= SURE) & (moving.status == Status.OK)
         functions = nans((len(q), count))
-        if np.any(good):
-            motion = by_variables(self.closure, values[good], self.driven)
-            functions[good] = self.columns(motion)
+        functions[good] = self.columns(
+            by_variables(self.closure, values[good], self.driven)
+        )
         return functions
 
     def columns(self, motion: CoordinateMotion) -> Floats:
@@ -372,8 +371,7 @@ def _of_pole(motion: CoordinateMotion, pole: Pole, unit: Floats) -> Floats:
     first, second = pole
     w = motion.w[:, 0, second] - motion.w[:, 0, first]
     dw = motion.dw[:, 0, 0, second] - motion.dw[:, 0, 0, first]
-    rate, change = np.sum(w * unit, axis=1), np.sum(dw * unit, axis=1)
-    return np.column_stack([unit, rate, change])
+    return np.column_stack([unit, np.sum(w * unit, axis=1), np.sum(dw * unit, axis=1)])
 
 
 def pole_name(mechanism: Mechanism, pole: Pole) -> str:

@@ -90,10 +90,9 @@ def reduced_model(
     """
     mechanism = _storable(mechanism, tolerance, 1e-15)
     tracer = PositionAnalysis(mechanism, input_pair, assembly_mode)
-    made = tracer.mechanism
-    wanted = all_poles(len(made.links))
+    wanted = all_poles(len(mechanism.links))
     if poles is not None:
-        wanted = tuple(dict.fromkeys(parse_pole(made, text) for text in poles))
+        wanted = tuple(dict.fromkeys(parse_pole(mechanism, text) for text in poles))
     sampler = AlongCurve(tracer, wanted)
     heading = sampler.heading(assembly_mode)
     every = [sampler.names(heading)]
@@ -101,9 +100,8 @@ def reduced_model(
         units = dict.fromkeys([f"pole {pole} {axis}" for axis in "xyz"], "")
         rate = f"rate {pole}"
         every.append(units | {rate: "", heading.derivative(rate): "1/rad"})
-    names = [name for group in every for name in group]
     x = np.linspace(0.0, heading.high[0], SIZED, endpoint=not sampler.periodic)
-    size = _sizes(names, sampler.columns(range(len(every)), x))
+    size = _sizes([*chain(*every)], sampler.columns(range(len(every)), x))
     fitted, groups, at = [], [], 0
     working = ProgressReporter("fitting functions")
     for k, units in enumerate(every):
@@ -125,9 +123,8 @@ def _fitted(
         function, 0.0, high, tolerance, sizes, FIRST_CELLS, rounding=ROUNDING
     )
     # Cells are parted unevenly, at other places than those sampled or checked.
-    part = 0.5 * (np.sqrt(5.0) - 1.0)
-    steps = [times * part % 1.0 * np.diff(series.edges) for times in (1, 2, 3)]
-    x = np.sort(np.concatenate([series.edges[:-1] + step for step in steps]))
+    parts = np.arange(1, 4)[:, None] * (0.5 * (np.sqrt(5.0) - 1.0)) % 1.0
+    x = np.sort((series.edges[:-1] + parts * np.diff(series.edges)).ravel())
     return series, max_abs(series.at(x) - function(x), axis=0)
 
 
@@ -209,8 +206,8 @@ def _storable(mechanism: AnyMechanism, tolerance: float, least: float) -> Mechan
 def _stored(
     names: Mapping[str, str], sizes: Floats, error: Floats
 ) -> tuple[StoredFunction, ...]:
-    parts = zip(names.items(), sizes.tolist(), (error / sizes).tolist(), strict=True)
-    return tuple(StoredFunction(name, unit, most, off) for (name, unit), most, off in parts)
+    columns = names, names.values(), sizes.tolist(), (error / sizes).tolist()
+    return tuple(StoredFunction(*parts) for parts in zip(*columns, strict=True))
 
 
 def _sizes(names: list[str], values: Floats) -> Floats:
@@ -231,8 +228,7 @@ def _sizes(names: list[str], values: Floats) -> Floats:
     kinds = [name.split()[0].partition("_")[0] for name in names]
     size = largest(vectors, max_abs(values, axis=0))
     most, named = largest(kinds, size), np.array(kinds)
-    masses = np.max(size[named == "M"], initial=0.0)
-    most = np.where(named == "c", np.maximum(most, masses), most)
+    most[named == "c"] = np.max(size[(named == "M") | (named == "c")], initial=0.0)
     size = np.maximum(size, LEAST * most)
     for k, name in enumerate(names):
         if name.startswith("d("):

@@ -154,10 +154,9 @@ class StoredModel:
         """Return the inertia matrix (..., m, m) kg m2, along a curve the number B."""
         if self.heading.alone:
             return self.value("B", x)
-        lower = self.functions(self.heading.inertia, x)
         i, k = np.tril_indices(len(self.heading.by))
         M = np.empty((*np.shape(x), len(self.heading.by)))
-        M[..., i, k] = M[..., k, i] = lower
+        M[..., i, k] = M[..., k, i] = self.functions(self.heading.inertia, x)
         return M
 
     def inertia_rate(self, x: Place) -> Place:
@@ -336,14 +335,14 @@ class StoredModel:
         self, *given: ArrayLike, t: ArrayLike = 0.0
     ) -> tuple[list[Floats], Floats, tuple[int, ...]]:
         """Return places and rates (n, m), times (n,), and the shape (..., m) of these."""
-        m, inputs = len(self.heading.by), self.heading.inputs
+        m = len(self.heading.by)
         arrays = [np.asarray(x, dtype=float) for x in given]
         if self.heading.alone:
             arrays = [x[..., None] for x in arrays]
         elif arrays[0].ndim not in (1, 2) or arrays[0].shape[-1] != m:
             raise SolveError(
                 f"{self.heading.mechanism}: places are arrays (n, {m}) of the "
-                f"inputs {listing(inputs)}, not {arrays[0].shape}"
+                f"inputs {listing(self.heading.inputs)}, not {arrays[0].shape}"
             )
         elif arrays[0].ndim == 1:
             self._cell(arrays[0].tolist())
@@ -456,8 +455,8 @@ def _model(
         raise FileError(
             f"{where}: the heading has numbers that are not finite; make it anew"
         )
-    groups = range(len(heading.groups))
-    return StoredModel(heading, tuple(_series(where, heading, k, arrays) for k in groups))
+    groups = (_series(where, heading, k, arrays) for k in range(len(heading.groups)))
+    return StoredModel(heading, tuple(groups))
 
 
 def _series(

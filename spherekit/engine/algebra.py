@@ -199,8 +199,7 @@ def _in_link(
 def about_z(angle: Expr) -> Exprs:
     """Return the rotation (3, 3) about z by a number or a term."""
     c, s = cosine(angle), sine(angle)
-    rows = [[c, -1.0 * s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
-    return np.array(rows, dtype=object)
+    return np.array([[c, -1.0 * s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], dtype=object)
 
 
 def _about(axis: Floats, angle: Expr) -> Exprs:

@@ -201,8 +201,8 @@ class Integrator:
             self.seen.append((which, now))
             if sense:
                 running.pars[event.switch] = sense
-            state, constants = running.state.copy(), running.pars.copy()
-            stuck = event.sticks and event.sticks(state, now, constants)
+            now_at = running.state.copy(), now, running.pars.copy()
+            stuck = event.sticks and event.sticks(*now_at)
             return not stuck and len(self.seen) < MOST_SWITCHES
 
         return turn

@@ -7,6 +7,7 @@ same.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from threading import Lock
 
 import numpy as np
@@ -75,13 +76,11 @@ class CompiledEquation:
     def rates(self, values: Floats) -> Floats:
         """Return the homogeneous rates (n, m, variables) at variables (n, variables)."""
         columns: Floats = self.tau(values.T)
-        shape = len(values), self.layout.freedoms, self.layout.variables
-        return columns[:-1].T.reshape(shape)
+        return columns[:-1].T.reshape(-1, self.layout.freedoms, self.layout.variables)
 
     def measure(self, values: Floats) -> Floats:
         """Return (n,) what vanishes where sets of configurations cross."""
-        columns: Floats = self.tau(values.T)
-        return columns[-1]
+        return self.tau(values.T)[-1]
 
 
 def compiled_equation(
@@ -185,8 +184,7 @@ def _request(
     """Return what `_common` does, the tolerance of a step, and what is asked for."""
     held = [mechanism.angles[pair] for pair in mechanism.input_pairs]
     step = min(tolerance, COARSEST if coordinates else LOOSEST)
-    asked = repr(("motion", step, compact, held))
-    return _common(mechanism, coordinates), step, asked
+    return _common(mechanism, coordinates), step, repr(("motion", step, compact, held))
 
 
 def _common(mechanism: Mechanism, coordinates: Sequence[str]) -> Mechanism:
@@ -218,7 +216,6 @@ def _compile(
 ) -> CompiledEquation:
     layout = system.layout
     equations = [*zip(layout.state, system.changes, strict=True)]
-    state = [*layout.state, MOMENT]
     arguments = dict.fromkeys(
         argument
         for load in mechanism.loads
@@ -232,7 +229,7 @@ def _compile(
     ]
     count = len(layout.conditions)
     parameters = [constant(k) for k in range(layout.side + count)]
-    given = [*state, *parameters]
+    given = [*layout.state, MOMENT, *parameters]
     conditions = None
     if count:
         rates = derivatives(layout.conditions, dict(equations) | {MOMENT: 1.0})
@@ -248,15 +245,13 @@ def _compile(
         ]
     steep = None
     if arguments:
-        push = system.changes[layout.momenta]
-        steep = compile_function([*push, *arguments], given, compact=True)
-    homogeneous = [rate for tau in system.tau for rate in tau]
+        looked_at = [*system.changes[layout.momenta], *arguments]
+        steep = compile_function(looked_at, given, compact=True)
+    homogeneous = [*chain(*system.tau), system.measure]
     return CompiledEquation(
         layout,
         Integrator(equations, MOMENT, parameters, tolerance, compact, events),
-        compile_function(
-            [*homogeneous, system.measure], layout.variable_terms, compact=True
-        ),
+        compile_function(homogeneous, layout.variable_terms, compact=True),
         conditions,
         steep,
         tolerance,

@@ -419,8 +419,8 @@ class Integration:
         for table in self.tables:
             one, other = table.at(self.time + span * np.array([0.25, 0.75]))
             lines += [1.5 * one - 0.5 * other, 2.0 * (other - one) / span]
-        units = (self.unit, 1.0 / self.unit)
-        return np.array([*self.turns, *units, self.least, *self.stops, *lines, *self.sides])
+        scales = self.unit, 1.0 / self.unit, self.least
+        return np.array([*self.turns, *scales, *self.stops, *lines, *self.sides])
 
     def _set_sides(self, target: float) -> None:
         """Find the signs of the loads' conditions at the start.

@@ -92,8 +92,7 @@ class ParameterLayout:
         self.work_terms = symbols(f"work_{k}" for k in range(len(mechanism.loads)))
         self.state = [*self.variable_terms, *self.momentum_terms, *self.work_terms]
         self.momenta, self.works = slice(v, v + m), slice(v + m, None)
-        tables = (load for load in mechanism.loads if isinstance(load, TorqueTable))
-        self.tables = [load.name for load in tables]
+        self.tables = [x.name for x in mechanism.loads if isinstance(x, TorqueTable)]
         self.unit, self.least, self.stop = v, v + 2, v + 3
         self.table = self.stop + 2 * len(mechanism.joint_limits)
         self.side = self.table + 1 + 2 * len(self.tables)
@@ -101,9 +100,18 @@ class ParameterLayout:
 
     def moving(self, flow: CoordinateRates, rates: Sequence[Expr]) -> LoadState:
         """Return what loads see of a motion by the coordinates; see `LoadState`."""
-        turns = [constant(k) for k in range(self.variables)]
-        given = self.variable_terms, turns, rates, MOMENT, self._switch, self._table
-        return LoadState(flow.mechanism, flow.placed, flow.tau, flow.w, *given)
+        return LoadState(
+            flow.mechanism,
+            flow.placed,
+            flow.tau,
+            flow.w,
+            self.variable_terms,
+            [constant(k) for k in range(self.variables)],
+            rates,
+            MOMENT,
+            self._switch,
+            self._table,
+        )
 
     def _switch(self, condition: Expr) -> Expr:
         """Return the factor of a condition."""
@@ -167,17 +175,16 @@ def one_freedom(mechanism: Mechanism) -> System:
     forces = [generalised_forces(load, moving)[0] * push for load in mechanism.loads]
     square = dot(tau, tau)
     (driven,) = structure.inputs
-    events = [
-        EventFunction(momentum, "rest"),
-        EventFunction(tau[driven], "dead_centre", driven),
-        EventFunction(square - constant(layout.least), "singularity", sense=-1),
-    ]
     return System(
         layout,
         [*rates, sum(forces, 0.0), *(force * momentum for force in forces)],
         flow.tau,
         square,
-        events,
+        [
+            EventFunction(momentum, "rest"),
+            EventFunction(tau[driven], "dead_centre", driven),
+            EventFunction(square - constant(layout.least), "singularity", sense=-1),
+        ],
         moving,
     )
 
@@ -240,12 +247,11 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     minors = cofactors(matrix)
     reciprocal = 1.0 / dot(matrix[0], minors[0])
     changes = [dot(row, right) * reciprocal for row in minors]
-    back = constant(layout.unit + 1) * root * flow.scale
-    square = constant(layout.unit + 1) * constant(layout.unit + 1)
+    per_unit = constant(layout.unit + 1)
+    back, square = per_unit * root * flow.scale, per_unit * per_unit
     powers = [dot(of_load, slow) * square for of_load in forces]
-    gram = [[dot(a, b) for b in flow.tau] for a in flow.tau]
     spread = sum((dot(tau, tau) for tau in flow.tau), 0.0) * share * share
-    measure = determinant(gram)
+    measure = determinant([[dot(a, b) for b in flow.tau] for a in flow.tau])
     for _ in range(2 * layout.freedoms - 2):
         measure = measure * share
     if varies(measure):
@@ -269,10 +275,9 @@ def _events(
     spread: Expr,
     held: Sequence[int],
 ) -> list[EventFunction]:
-    room = 1.0 - spread * (1.0 / STEEPEST)
     events = [
         EventFunction(measure - constant(layout.least), "singularity", sense=-1),
-        EventFunction(room, "coordinates", sense=-1),
+        EventFunction(1.0 - spread * (1.0 / STEEPEST), "coordinates", sense=-1),
     ]
     if set(flow.structure.inputs) != set(held):
         part = determinant([[tau[v] for v in held] for tau in flow.tau])

@@ -135,9 +135,7 @@ def build(
 
 def _pair(item: Any) -> Any:
     """Return the table of a pair; one of no type, or its two links alone, is R."""
-    if isinstance(item, Mapping):
-        return {"type": "R", **item}
-    return {"type": "R", "links": item}
+    return {"type": "R", **(item if isinstance(item, Mapping) else {"links": item})}
 
 
 def _inputs(name: str, given: Named | str) -> Tables:

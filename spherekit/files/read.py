@@ -333,8 +333,11 @@ class _Reader:
     @cached_property
     def joined(self) -> dict[str, Links]:
         """Return the two links of every pair with an axis: R, and P about its pole."""
-        given = self.data["pairs"].items()
-        return {name: item["links"] for name, item in given if item["type"] in _TURNING}
+        return {
+            name: item["links"]
+            for name, item in self.data["pairs"].items()
+            if item["type"] in _TURNING
+        }
 
     @cached_property
     def axes(self) -> LinkAxes:
@@ -394,30 +397,30 @@ class _Reader:
         if follower is not None:
             link, place = follower["link"], (*path, "follower", "link")
             if link in tables:
-                line = self.document.line(tables[link])
                 self.fail(
                     place,
-                    f'the profile of "{link}" is given already (line {line}); profiles '
-                    "holds the curve of the other link only",
+                    f'the profile of "{link}" is given already (line '
+                    f"{self.document.line(tables[link])}); profiles holds the curve of "
+                    "the other link only",
                 )
             tables[link] = place
             curves[link] = self.follower((*path, "follower"), follower)
-        first, second = item["links"]
+        links = item["links"]
         for link, place in tables.items():
-            if link not in (first, second):
+            if link not in links:
                 self.fail(
                     place,
-                    f'the pair joins "{first}" and "{second}", not "{link}"'
-                    f"{nearest(link, (first, second))}",
+                    f'the pair joins "{links[0]}" and "{links[1]}", not "{link}"'
+                    f"{nearest(link, links)}",
                 )
-        for link in (first, second):
+        for link in links:
             if link not in curves:
                 self.fail(
                     (*path, "profiles"),
                     f'the curve of link "{link}" is missing; give its profile, or the '
                     "key follower for a roller or a flat face",
                 )
-        return curves[first], curves[second]
+        return tuple(curves[link] for link in links)
 
     def follower(self, path: KeyPath, item: Table) -> Profile:
         """Return the circle of a roller or the great circle of a flat face."""

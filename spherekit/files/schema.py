@@ -205,6 +205,7 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
     """Turn one error of jsonschema into a path and a message of ours."""
     path: KeyPath = tuple(error.absolute_path)
     rule, limit, value = error.validator, error.validator_value, error.instance
+    limits = limit if isinstance(limit, list) else [limit]
     bound = "at least" if rule.startswith("min") else "at most"
     if "propertyNames" in error.relative_schema_path:
         yield (*path, value), f"the name {shown(value)} is not allowed; {_NAME_RULE}"
@@ -217,21 +218,17 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
                 yield (*path, key), f"unknown key{said}"
     elif rule == "required":
         whole = schema(kind)
-        for key in (key for key in limit if key not in value):
+        for key in (key for key in limits if key not in value):
             parts = (error.schema, *whole["$defs"].values(), whole)
             declared = (part.get("properties", {}).get(key) for part in parts)
             described = _in_words(next(filter(None, declared), {}))
             yield path, f"the key {key} is missing{described}"
     elif rule == "type":
-        wanted = limit if isinstance(limit, list) else [limit]
-        types = " or ".join(_TYPES[name] for name in wanted)
+        types = " or ".join(_TYPES[name] for name in limits)
         yield path, mismatch(value, types) + _in_words(error.schema)
     elif rule in ("enum", "const"):
-        allowed = limit if rule == "enum" else [limit]
-        hint = nearest(value, allowed) if isinstance(value, str) else ""
-        words = [
-            shown(choice) if isinstance(choice, bool) else choice for choice in allowed
-        ]
+        hint = nearest(value, limits) if isinstance(value, str) else ""
+        words = [shown(choice) if isinstance(choice, bool) else choice for choice in limits]
         yield path, f"found {shown(value)}, allowed: {listing(words)}{hint}"
     elif rule in ("not", "anyOf"):
         yield path, str(error.schema["description"])

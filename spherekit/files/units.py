@@ -197,23 +197,20 @@ def converted(document: Document, data: Table, kind: Kind = "mechanism") -> Any:
             )
         return to_radians(number, unit)
 
-    def vector(read: Callable[[Any], Any]) -> Callable[[KeyPath, Any], Any]:
-        def judged(path: KeyPath, row: Any) -> Any:
-            try:
-                return read(row)
-            except ValueError as error:
-                raise document.fault(path, str(error)) from None
+    def vector(path: KeyPath, read: Callable[..., Vector], *given: Any) -> Vector:
+        try:
+            return read(*given)
+        except ValueError as error:
+            raise document.fault(path, str(error)) from None
 
-        return judged
-
-    def lonlat(path: KeyPath, row: Any) -> Any:
-        pair = [angle((*path, k), number) for k, number in enumerate(row)]
-        return vector(lambda angles: direction(*angles))(path, pair)
+    def lonlat(path: KeyPath, row: Any) -> Vector:
+        angles = (angle((*path, k), number) for k, number in enumerate(row))
+        return vector(path, direction, *angles)
 
     leaves: Leaves = {
         "angle": angle,
         **dict.fromkeys(("travel", "rate"), lambda _, number: to_radians(number, unit)),
-        "xyz": vector(lambda row: unit_vector(vector_of(row))),
+        "xyz": lambda path, row: vector(path, unit_vector, vector_of(row)),
         "lonlat": lonlat,
         "series": lambda _, numbers: tuple(map(float, numbers)),
     }

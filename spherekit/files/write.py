@@ -72,8 +72,8 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
         raise OutputError(
             f"{mechanism.name}: the file would not be readable: {error}"
         ) from None
-    lines = text.split("\n"), canonical_text(again, angle_unit).split("\n")
-    for line, other in zip_longest(*lines):
+    texts = text, canonical_text(again, angle_unit)
+    for line, other in zip_longest(*(one.split("\n") for one in texts)):
         if line != other:
             raise OutputError(
                 f"{mechanism.name}: {line or other} would not read back the same; the "
@@ -213,19 +213,21 @@ def number_path(document: Document, key: str) -> KeyPath:
     if key in named:
         return named[key]
     path: KeyPath = ()
-    place: Any = document.data
+    place = document.data
     wrong = f'"{key}" is not a number;'
     for part in key.split("."):
-        if not isinstance(place, Mapping) or part not in place:
+        if part not in place:
             where = f"{spelt(path)}: " if path else ""
-            hint = nearest(part, place if isinstance(place, Mapping) else ()) or ";"
-            wrong = f'{where}there is no "{part}"{hint}'
+            wrong = f'{where}there is no "{part}"{nearest(part, place) or ";"}'
             break
         path, place = (*path, part), place[part]
+        if not isinstance(place, Mapping):
+            place = {}
     within = ".".join(map(str, path))
     there = [number for number in reversed(named) if number.startswith(within)]
-    held = there or (list(place) if isinstance(place, Mapping) else [])
-    raise FileError(f"{document.name}: {wrong} there are {listing(held) or 'none'}")
+    raise FileError(
+        f"{document.name}: {wrong} there are {listing(there or [*place]) or 'none'}"
+    )
 
 
 def _named_numbers(document: Document, table: str, name: str) -> dict[str, KeyPath]:
