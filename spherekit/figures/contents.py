@@ -93,8 +93,7 @@ def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figur
             for k, name in enumerate(item.names):
                 path = item.places[:, k]
                 far = np.abs(np.diff(path, axis=0)) > FAR * np.ptp(ranges, axis=1)
-                path = parted(path, np.any(far, axis=1))
-                panel.plot(*path.T, label=name, **_look(item, k))
+                panel.plot(*parted(path, np.any(far, 1)).T, label=name, **_look(item, k))
         label_outside(panels, items[0][1].x_label, items[0][1].y_label)
         figure.draw_without_rendering()
         for panel, (_, item) in zip(panels, items, strict=True):
@@ -106,21 +105,21 @@ def _look(item: Diagram, number: int) -> Look:
     """Return how a path is drawn: of a tone in ink, or one of its own."""
     if item.tones[number] == 0:
         return {"color": style.INK}
-    return style.series_look(int(np.count_nonzero(item.tones[:number])))
+    return style.series_look(number - item.tones[:number].count(0))
 
 
 def _label(panel: Axes, item: Diagram) -> None:
     """Name each point where its path is in the frame first, with a dot there."""
     low, high = np.transpose([item.x_range, item.y_range])
     seen = np.all((item.places >= low) & (item.places <= high), axis=2)
-    shown = np.flatnonzero(seen.any(axis=0))
-    if not len(shown):
+    shown = np.flatnonzero(seen.any(axis=0)).tolist()
+    if not shown:
         return
     starts = item.places[np.argmax(seen, axis=0)[shown], shown]
-    tints = [_look(item, k)["color"] for k in shown.tolist()]
+    tints = [_look(item, k)["color"] for k in shown]
     for start, tint in zip(starts, tints, strict=True):
         panel.plot(*start, "o", color=tint, markersize=2.5)
-    name_points(panel, [item.names[k] for k in shown.tolist()], starts, tints)
+    name_points(panel, [item.names[k] for k in shown], starts, tints)
 
 
 SIGNED = "RdBu_r"
@@ -159,7 +158,7 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
     grid = ticks(over)
     assert grid is not None
     ends = (np.linspace(0, len(x) - 1, min(MOST_SLICES, len(x))) for x in grid[2:])
-    slices = [*product(*(np.unique(np.round(end).astype(int)).tolist() for end in ends))]
+    slices = [*product(*(np.round(end).astype(int) for end in ends))]
     values = np.concatenate([item.values for _, item in maps])
     scale = scale_of(values, first.unit)
     low, high = plotted_range(values, scale, first.resolution, "colours")
@@ -183,10 +182,8 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
             panel.set(facecolor="#eeeeee", box_aspect=1.0)
             ticks_of(panel, over[0].unit, over[1].unit)
         label_outside(panels, over[0].words, over[1].words)
-        words = [first.heading]
-        if first.label != first.group:
-            words.insert(0, f"{first.label}:")
-        colour_bar(figure, panels, values, tint, colours, fill(" ".join(words), 42))
+        label = "" if first.label == first.group else f"{first.label}: "
+        colour_bar(figure, panels, values, tint, colours, fill(label + first.heading, 42))
     return figure
 
 
@@ -197,8 +194,7 @@ def _zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> Non
         beyond: Look = {end: np.nan}
         steps = np.diff(table, axis=axis, **beyond)
         still[np.abs(steps) > TURNED * span] = np.nan
-    finite = still[np.isfinite(still)]
-    if len(finite) and np.min(finite) < 0.0 < np.max(finite):
+    if np.any(still < 0.0) and np.any(still > 0.0):
         panel.contour(x, y, still.T, levels=[0.0], colors=style.INK, linewidths=0.8)
 
 
@@ -347,13 +343,13 @@ def _planes(of_source: Scenes, sheet: Sheet) -> Drawn:
 
 
 def _spheres(of_source: Scenes, sheet: Sheet) -> Drawn:
-    pages: dict[str, dict[str, Any]] = {}
+    pages: dict[str, list[Any]] = {}
     groups = _grouped(of_source, (SphereCurves, SphereMap), "path")
-    for (page, path), items in groups.items():
-        pages.setdefault(page, {})[path] = items[0][1]
+    for (page, _), items in groups.items():
+        pages.setdefault(page, []).append(items[0][1])
     for page, shown in pages.items():
-        maps = [item for item in shown.values() if isinstance(item, SphereMap)]
-        curves = [item for item in shown.values() if isinstance(item, SphereCurves)]
+        maps = [item for item in shown if isinstance(item, SphereMap)]
+        curves = [item for item in shown if isinstance(item, SphereCurves)]
         if len(focus_of(maps, curves)):
             title = f"{page[:1].lower()}{page[1:]} on the sphere".strip()
             yield title, partial(draw_sphere, maps, curves, sheet)
@@ -394,8 +390,10 @@ def _axodes(of_source: Scenes, sheet: Sheet) -> Drawn:
             for tone, trace in enumerate(traces, start=1)
         ]
         if curves and isinstance(scene.page, int):
-            title = f"axodes, {sheet.title(scene.page)}"
-            yield title, partial(draw_sphere, [], curves, sheet)
+            yield (
+                f"axodes, {sheet.title(scene.page)}",
+                partial(draw_sphere, [], curves, sheet),
+            )
 
 
 def _diagrams(of_source: Scenes, sheet: Sheet) -> Drawn:

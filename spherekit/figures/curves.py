@@ -121,7 +121,7 @@ def _panel(
         lone = points[shown & ~(np.convolve(shown, [True, False, True])[1:-1] > 0)]
         panel.plot(*lone.T, ".", color=look["color"], markersize=3.0)
     finite = every[np.isfinite(every)]
-    spread = float(np.ptp(finite)) if len(finite) else 0.0
+    spread = np.ptp(finite) if len(finite) else 0.0
     if 0.0 < spread <= resolution * scale:
         within = f"{spread:.0e} {in_signs(unit)}".strip()
         corner: Look = {"xycoords": "axes fraction", "ha": "right", "va": "top"}
@@ -139,18 +139,18 @@ def _mark(panel: Axes, curve: Curve, marks: InputMarks) -> None:
     """Mark places on a curve; where it has none in the frame, on the whole height."""
     (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
     scene, item = curve
-    order = np.argsort(scene.over[0].values)
-    x, y = scene.over[0].values[order], item.values[order]
+    x = scene.over[0].values
+    order = np.argsort(x)
     for position in marks.inputs[:, 0].tolist():
         if not left <= position <= right:
             continue
-        value = float(np.interp(position, x, y))
+        value = float(np.interp(position, x[order], item.values[order]))
         if low <= value <= high:
-            look = spot_look(marks.tone) | {"zorder": 4.0, "label": marks.label}
-            panel.plot([position], [value], **look)
+            look = spot_look(marks.tone)
+            panel.plot([position], [value], zorder=4.0, label=marks.label, **look)
         else:
-            look = style.tone_look(marks.tone) | RULE | {"label": marks.label}
-            panel.axvline(position, **look)
+            look = style.tone_look(marks.tone) | RULE
+            panel.axvline(position, label=marks.label, **look)
 
 
 def _alike(every: Sequence[Floats], span: float) -> list[tuple[int, int]]:
@@ -190,7 +190,7 @@ def centre_of(directions: Floats) -> Floats:
     That is the axis of the ground nearest to it.
     """
     mean = np.nanmean(directions, axis=0) if len(directions) else np.array([0.0, 0.0, 1.0])
-    out = int(np.argmax(np.abs(mean)))
+    out = np.argmax(np.abs(mean))
     frame = np.roll(np.eye(3), 2 - out, axis=0)
     return frame if mean[out] >= 0.0 else opposite(frame)
 
@@ -223,13 +223,13 @@ def focus_of(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]) -> Float
     """
     every = [np.zeros((0, 3))]
     for item in maps:
-        meshed = len(item.triangles) > 0
-        every.append(item.vertices[np.unique(item.triangles) if meshed else slice(None)])
+        meshed = len(item.triangles)
+        every.append(item.vertices[np.unique(item.triangles)] if meshed else item.vertices)
     every += [mark.place[None] for item in curves for mark in item.marks]
     if len(every) == 1:
         every += [np.asarray(curve) for item in curves for curve in item.curves]
     directions = np.concatenate(every)
-    return directions[np.isfinite(directions).all(axis=1)]
+    return directions[all_finite(directions, 1)]
 
 
 @dataclass(frozen=True)
@@ -279,7 +279,7 @@ def draw_sphere(
     """Return a figure of a page in equal areas and stereographic, side by side."""
     focus = focus_of(maps, curves)
     frame = centre_of(focus)
-    farthest = float(np.max(View(frame).angles(focus), initial=0.0))
+    farthest = np.max(View(frame).angles(focus), initial=0.0)
     rim = max(RING if maps else HALF, STEP * np.ceil(farthest / STEP + 1e-9))
     frames, rim = ([frame], rim) if rim <= WIDEST else ([frame, opposite(frame)], HALF)
     views = [View(x, p, rim) for x in frames for p in (EQUAL_AREA, STEREOGRAPHIC)]
@@ -302,7 +302,7 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
     labels = list(dict.fromkeys(arrow.label for _, arrow in arrows))
     several = len({scene.page for scene, _ in arrows}) > 1
     directions = np.concatenate([arrow.directions for _, arrow in arrows])
-    out = int(np.argmax(np.nansum(directions**2, axis=0)))
+    out = np.argmax(np.nansum(directions**2, axis=0))
     view = View(centre_of(np.eye(3)[[out]]))
     with style.look():
         figure, panels = sheet.panels(len(labels), 1.05, subplot=POLAR)
@@ -325,14 +325,13 @@ def _graticule(panel: Any, view: View, title: str) -> None:
     """Draw circles about the centre, named by their angles, and axes of the ground."""
     step = RING if view.rim > np.radians(45.0) else STEP
     angles = np.append(np.arange(step, view.rim - 1e-9, step), view.rim)
-    outline = withStroke(linewidth=1.5, foreground="white", alpha=0.7)
     panel.set_rgrids(
         view.radius(angles),
         [f"{angle:.0f}°" for angle in np.degrees(angles)],
         angle=-75.0,
         fontsize=6.0,
         color="#555555",
-        path_effects=[outline],
+        path_effects=[withStroke(linewidth=1.5, foreground="white", alpha=0.7)],
     )
     right, up, _ = view.sides
     panel.set_thetagrids(np.arange(0.0, 360.0, 30.0), [right, "", "", up, *[""] * 8])
@@ -389,10 +388,10 @@ def _curves(panel: Axes, view: View, item: SphereCurves) -> None:
     for curve in item.curves:
         panel.plot(*view.placed(np.asarray(curve)).T, **look)
     for mark in item.marks:
-        alike, has_curves = mark.label == item.label, len(item.curves) > 0
+        alike, look = mark.label == item.label, spot_look(mark.tone)
         if view.angles(mark.place[None])[0] <= view.rim + 1e-9 and not (
-            alike and has_curves
+            alike and item.curves
         ):
-            name = mark.label if alike or has_curves else f"{item.label}: {mark.label}"
-            look = spot_look(mark.tone) | {"zorder": 4.0, "clip_on": False}
-            panel.plot(*view.placed(mark.place[None])[0], label=name, **look)
+            name = mark.label if alike or item.curves else f"{item.label}: {mark.label}"
+            place = view.placed(mark.place[None])[0]
+            panel.plot(*place, label=name, zorder=4.0, clip_on=False, **look)

@@ -14,6 +14,7 @@ from spherekit.figures.sheet import (
     spot_look,
     ticks_of,
 )
+from spherekit.sphere.rotation import all_finite
 
 RATIO = 0.72
 AROUND = 0.03
@@ -70,7 +71,7 @@ def _trace(panel: Axes, scene: Scene, portrait: Portrait, name: str) -> None:
     line = parted(line, np.any(np.abs(np.diff(line, axis=0)) >= np.multiply(0.5, turns), 1))
     look = style.page_look(scene.page)
     panel.plot(*line.T, linewidth=1.4, zorder=2.5, label=name, **look)
-    finite = line[np.isfinite(line).all(axis=1)]
+    finite = line[all_finite(line, 1)]
     if len(finite) and not portrait.curves:
         panel.plot(*finite[0], "o", color=look["color"], markersize=4.0, zorder=3.0)
 
@@ -86,7 +87,10 @@ def _frame(panel: Axes, portrait: Portrait) -> None:
             for low, high in (x, y)
             for around in [AROUND * (high - low) or 0.05 * max(abs(low), 1.0)]
         )
-    panel.set_xlabel(titled(portrait.x_label, portrait.x_unit))
-    panel.set_ylabel(titled(portrait.y_label, portrait.y_unit))
-    panel.set(xlim=x, ylim=y)
+    panel.set(
+        xlim=x,
+        ylim=y,
+        xlabel=titled(portrait.x_label, portrait.x_unit),
+        ylabel=titled(portrait.y_label, portrait.y_unit),
+    )
     ticks_of(panel, portrait.x_unit, portrait.y_unit)

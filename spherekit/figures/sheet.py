@@ -90,11 +90,11 @@ class Sheet:
             named = dict(zip(labels, handles, strict=True)) | named
         if named:
             columns = max(1, int(self.width / (0.062 * max(map(len, named)) + 0.5)))
-            more = LEGEND_ROW * -(-len(named) // columns)
-            figure.set_figheight(figure.get_figheight() + more)
+            rows = -(-len(named) // columns)
+            figure.set_figheight(figure.get_figheight() + LEGEND_ROW * rows)
             figure.legend(
                 named.values(),
-                named.keys(),
+                named,
                 loc="outside lower center",
                 ncols=min(len(named), columns),
                 handlelength=2.2,
@@ -178,16 +178,15 @@ def colour_bar(
     """Add the scale of the colours of values, with ends where some are beyond it."""
     parts = np.ma.compressed(tint(values[np.isfinite(values)]))
     beyond = np.any((parts < 0.0) | (parts > 1.0))
-    bar = figure.colorbar(
+    return figure.colorbar(
         ScalarMappable(tint, colours),
         ax=panels,
         shrink=0.75,
         pad=pad,
         aspect=28,
         extend="both" if beyond else "neither",
+        label=words,
     )
-    bar.set_label(words)
-    return bar
 
 
 def ticks_of(panel: Axes, *units: str) -> None:

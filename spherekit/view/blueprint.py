@@ -13,6 +13,7 @@ import numpy as np
 from spherekit.analysis.result import MOTION
 from spherekit.analysis.scene import Page, Primitive, Scene
 from spherekit.arrays import Floats, Integers
+from spherekit.sphere.rotation import max_abs
 from spherekit.view import charts, colours, entities
 from spherekit.view.names import Sight
 from spherekit.view.sdk import rr, rrb
@@ -31,14 +32,10 @@ def input_timeline(inputs: Floats) -> tuple[str, int, bool]:
     That is its name, such as ``input_deg`` or ``input_deg_x10``, its units to a degree, and
     whether these are exact: even thousandths of a degree may round some of the samples.
     """
-    fits = [scale for scale in SCALES if _off(np.degrees(inputs) * scale) <= 1e-6]
-    scale = fits[0] if fits else SCALES[-1]
-    return INPUT if scale == 1 else f"{INPUT}_x{scale}", scale, bool(fits)
-
-
-def _off(ticks: Floats) -> float:
-    """Return by how much numbers are not whole."""
-    return float(np.max(np.abs(ticks - np.rint(ticks))))
+    ticks = np.multiply.outer(SCALES, np.degrees(inputs))
+    fits = max_abs(ticks - np.rint(ticks), axis=1) <= 1e-6
+    scale = SCALES[np.argmax(fits)] if np.any(fits) else SCALES[-1]
+    return INPUT if scale == 1 else f"{INPUT}_x{scale}", scale, bool(np.any(fits))
 
 
 def input_ticks(inputs: Floats, scale: int) -> Integers:
@@ -246,12 +243,12 @@ def plane(path: str, name: str, seen: Bounds, more: Sequence[str] = ()) -> rrb.V
     )
 
 
-def graph(path: str, name: str) -> rrb.View:
-    """Return the view of a graph."""
+def graph(path: str) -> rrb.View:
+    """Return the view of the graph of links and pairs."""
     wide, high = entities.GRAPH_SIZE
     return rrb.GraphView(
         origin=path,
-        name=name,
+        name="Links and pairs",
         background=rrb.archetypes.GraphBackground(color=colours.BACKGROUND),
         visual_bounds=rrb.VisualBounds2D(
             x_range=(-70.0, wide + 70.0), y_range=(-40.0, high + 40.0)

@@ -18,7 +18,7 @@ from spherekit.analysis.plotted import (
     plotted_range,
     scale_of,
 )
-from spherekit.analysis.scene import Axis, InputMarks, Portrait, Series, titled
+from spherekit.analysis.scene import Axis, InputMarks, Portrait, Primitive, Series, titled
 from spherekit.arrays import Floats, Integers
 from spherekit.conventions import listing
 from spherekit.sphere.rotation import nans
@@ -45,6 +45,8 @@ MOST_LABELS = 24
 BAR = (24.0, 20.0)
 """Between a map and its scale of colours, and the width of that."""
 TICKS = 5
+ROWS = int(FRAME_HEIGHT / LINE)
+"""Most lines of a column of the legend."""
 MOST_COLUMNS = 2
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 ANGLE_STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 360.0)
@@ -85,10 +87,9 @@ class Chart:
     def width(self) -> float:
         """The width of the frame, beside which the legend has its place."""
         if self.is_map:
-            return WIDTH - LEFT - LEGEND
+            return PORTRAIT_WIDTH
         if not self.columns:
-            most = int(FRAME_HEIGHT / LINE)
-            self.columns = min(-(-len(self.curves) // most), MOST_COLUMNS)
+            self.columns = min(-(-len(self.curves) // ROWS), MOST_COLUMNS)
         return WIDTH - LEFT - self.columns * LEGEND
 
     def add(self, path: str, series: Series, over: tuple[Axis, ...]) -> None:
@@ -115,17 +116,16 @@ class Chart:
         if self.is_map:
             y = FRAME_HEIGHT * (1.0 - _part(rows[1], *self.over[1].extent))
             return rr.Points2D.columns(positions=np.stack([x, y], axis=1))
-        return rr.LineStrips2D.columns(strips=list(_upright(x)))
+        return rr.LineStrips2D.columns(strips=[*_upright(x)])
 
     def legend(self, paths: Sequence[str]) -> tuple[Floats, list[colours.Colour]]:
         """Return where the names (k, 2) of some curves are, and their colours."""
         tints = [self.tints[path] for path in self.curves if path in paths]
         if self.is_map:
             return np.array([[self.width + 0.5 * LEGEND, -TOP]]), tints
-        most = int(FRAME_HEIGHT / LINE)
         numbers = [number for number, path in enumerate(self.curves) if path in paths]
-        column, row = np.divmod(np.array(numbers, dtype=int), most)
-        rows = _line(min(len(self.curves), most)) * (row + 0.5) - LABEL
+        column, row = np.divmod(numbers, ROWS)
+        rows = _line(min(len(self.curves), ROWS)) * (row + 0.5) - LABEL
         return np.stack([self.width + (column + 0.5) * LEGEND, rows], axis=1), tints
 
     def drawn(self, marks: Sequence[InputMarks] = ()) -> Stills:
@@ -157,9 +157,8 @@ class Chart:
             x = self.across(mark.inputs[:, 0])
             x = x[(x >= 0.0) & (x <= self.width)]
             tint = colours.tone(mark.tone)
-            yield f"marks/{number}", strips(list(_upright(x)), tint, 0.9)
-            y = LINE * (number % 2) - 0.4 * LINE
-            names = [(at, y, mark.label) for at in x]
+            yield f"marks/{number}", strips([*_upright(x)], tint, 0.9)
+            names = [(at, LINE * (number % 2 - 0.4), mark.label) for at in x]
             yield f"marks/{number}/words", _words(names, tint, len(x) <= MOST_LABELS)
 
     def _map(self) -> Stills:
@@ -175,21 +174,18 @@ class Chart:
         down = _nearest(y, second.extent, round(FRAME_HEIGHT))[::-1]
         shown = cells[np.ix_(across, down)].T
         size = len(down), len(across) + round(sum(BAR)), 3
-        picture = np.full(size, colours.BACKGROUND, dtype=np.uint8)
-        body = colours.heat_of(shown.ravel(), low, high).reshape(*shown.shape, 3)
+        picture = np.full(size, colours.BACKGROUND, np.uint8)
+        body = colours.heat_of(shown, low, high)
         body[~np.isfinite(shown)] = colours.BACKGROUND
         picture[:, : len(across)] = body
         scale = colours.heat(np.linspace(1.0, 0.0, len(down)))
         picture[:, -round(BAR[1]) :] = scale[:, None]
         yield "map", rr.Image(picture)
-        edge = self.width + sum(BAR) + 40.0
-        marked = side("", (low, high), False)[1]
-        yield (
-            "scale",
-            _words(
-                [(edge, FRAME_HEIGHT * (1.0 - at) - LABEL, text) for at, text in marked]
-            ),
-        )
+        words = [
+            (self.width + sum(BAR) + 40.0, FRAME_HEIGHT * (1.0 - at) - LABEL, text)
+            for at, text in side("", (low, high))[1]
+        ]
+        yield "scale", _words(words)
 
 
 def compared(modes: Sequence[Chart]) -> Chart:
@@ -205,10 +201,15 @@ def compared(modes: Sequence[Chart]) -> Chart:
 def cursor_style(chart: Chart) -> rr.AsComponents:
     """Return how the cursor of a chart looks."""
     if chart.is_map:
-        return rr.Points2D.from_fields(colors=colours.GOLD, radii=rr.Radius.ui_points(5.0))
+        return dot()
     return rr.LineStrips2D.from_fields(
         colors=colours.SILVER, radii=rr.Radius.ui_points(0.6)
     )
+
+
+def dot() -> rr.Points2D:
+    """Return how the dot looks that moves on a map or a curve."""
+    return rr.Points2D.from_fields(colors=colours.GOLD, radii=rr.Radius.ui_points(5.0))
 
 
 def listed(width: float, count: int) -> Floats:
@@ -221,13 +222,8 @@ def legend_style(
     places: Floats, tints: Sequence[colours.Colour], names: Sequence[str] | None = None
 ) -> rr.AsComponents:
     """Return where the names of curves stand; the names too if they do not change."""
-    count = len(places)
     return rr.Points2D.from_fields(
-        positions=places,
-        colors=tints,
-        radii=[0.0] * count,
-        show_labels=True,
-        labels=None if names is None else list(names)[:count],
+        positions=places, colors=tints, radii=0.0, show_labels=True, labels=names
     )
 
 
@@ -236,7 +232,10 @@ Side = tuple[str, Sequence[tuple[float, str]]]
 
 
 def side(
-    words: str, span: tuple[float, float], degrees: bool, logarithmic: bool = False
+    words: str,
+    span: tuple[float, float],
+    degrees: bool = False,
+    logarithmic: bool = False,
 ) -> Side:
     """Return an axis with a span, perhaps of degrees."""
     if logarithmic:
@@ -247,7 +246,7 @@ def side(
     else:
         step, values = ticks(*span, degrees)
         texts, parts = [written(value, step) for value in values], _part(values, *span)
-    return words, [*zip(parts.tolist(), texts, strict=True)]
+    return words, [*zip(parts, texts, strict=True)]
 
 
 def side_of(axis: Axis) -> Side:
@@ -271,9 +270,9 @@ def frame(width: float, x: Side, y: Side, lined: bool = True) -> Stills:
     yield "words", _words(words)
 
 
-def roomy(item: Portrait) -> Portrait:
-    """Return a portrait whose curves do not touch its frame."""
-    if item.logarithmic:
+def roomy(item: Primitive) -> Primitive:
+    """Return what is shown; curves of a portrait do not touch its frame."""
+    if not isinstance(item, Portrait) or item.logarithmic:
         return item
     low, high = item.y_range
     around = MARGIN * (high - low)
@@ -301,14 +300,16 @@ def portrait(item: Portrait) -> Stills:
         yield "legend", legend_style(places, [*map(colours.tone, named.values())], [*named])
     if item.marks:
         places = in_frame(item.framed(np.array([mark.place for mark in item.marks])))
-        marks = rr.Points2D(
-            places,
-            labels=[mark.label for mark in item.marks],
-            colors=[colours.tone(mark.tone) for mark in item.marks],
-            radii=rr.Radius.ui_points(4.0),
-            show_labels=len(kinds) > MOST_KINDS and len(places) <= MOST_LABELS,
+        yield (
+            "marks",
+            rr.Points2D(
+                places,
+                labels=[mark.label for mark in item.marks],
+                colors=[colours.tone(mark.tone) for mark in item.marks],
+                radii=rr.Radius.ui_points(4.0),
+                show_labels=len(kinds) > MOST_KINDS and len(places) <= MOST_LABELS,
+            ),
         )
-        yield "marks", marks
 
 
 def portrait_line(placed: Floats, colour: colours.Colour) -> rr.LineStrips2D:
@@ -338,10 +339,9 @@ def _upright(x: Floats) -> Floats:
 
 def horizontal_scale(low: float, high: float, label: str) -> Stills:
     """Yield a scale of colours from left to right, `WIDTH` long, with its words."""
-    picture = np.empty((24, round(WIDTH), 3), dtype=np.uint8)
-    picture[:] = colours.heat(np.linspace(0.0, 1.0, round(WIDTH)))
-    yield "bar", rr.Image(picture)
-    words = [(WIDTH * part, 26.0, text) for part, text in side("", (low, high), False)[1]]
+    scale = colours.heat(np.linspace(0.0, 1.0, round(WIDTH)))
+    yield "bar", rr.Image(np.tile(scale, (24, 1, 1)))
+    words = [(WIDTH * part, 26.0, text) for part, text in side("", (low, high))[1]]
     yield "words", _words([*words, (0.5 * WIDTH, -44.0, label)])
 
 
@@ -364,7 +364,7 @@ def gridded(rows: Sequence[Floats], values: Floats) -> tuple[Floats, Floats, Flo
 def ticks(low: float, high: float, degrees: bool) -> tuple[float, Floats]:
     """Return a round step, and its multiples between two values, about `TICKS` of them."""
     wanted = (high - low) / TICKS
-    if not (np.isfinite(wanted) and wanted > 0.0):
+    if not 0.0 < wanted < np.inf:
         return 1.0, np.array([low])
     power = 10.0 ** np.floor(np.log10(wanted))
     steps = [power * factor for factor in STEPS]
@@ -372,12 +372,12 @@ def ticks(low: float, high: float, degrees: bool) -> tuple[float, Floats]:
         steps = [*ANGLE_STEPS, *(360.0 * power * factor for factor in STEPS)]
     step = min(steps, key=lambda candidate: abs(np.log(candidate / wanted)))
     first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
-    return float(step), np.arange(first, last + 1.0) * step
+    return step, np.arange(first, last + 1.0) * step
 
 
 def written(value: float, step: float) -> str:
     """Return a tick's number with the digits that its step has."""
-    if value == 0.0 or abs(value) < 1e-9 * step:
+    if abs(value) < 1e-9 * step:
         return "0"
     if not 1e-4 <= step < 1e6:
         return f"{value:.4g}"
@@ -393,8 +393,8 @@ def legend_words(latest: Sequence[Series]) -> list[str]:
     for series in latest:
         label = series.label
         short = label if len(label) <= LONGEST else f"{label[: LONGEST - 1]}…"
-        values = series.values.tolist()
-        columns.append([f"{short}  {_number(x, series.resolution)}" for x in values])
+        numbers = (_number(x, series.resolution) for x in series.values.tolist())
+        columns.append([f"{short}  {number}" for number in numbers])
     return [words for row in zip(*columns, strict=True) for words in row]
 
 

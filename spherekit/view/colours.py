@@ -49,14 +49,14 @@ HEAT: tuple[Colour, ...] = (
 
 
 def heat(parts: Floats) -> NDArray[np.uint8]:
-    """Return the colours (n, 3) of values (n,) between 0 and 1."""
+    """Return the colours (..., 3) of values (...) between 0 and 1."""
     places = np.linspace(0.0, 1.0, len(HEAT))
-    columns = [np.interp(parts, places, channel) for channel in np.array(HEAT, float).T]
-    return np.round(np.stack(columns, axis=1)).astype(np.uint8)
+    columns = [np.interp(parts, places, channel) for channel in np.transpose(HEAT)]
+    return np.round(np.stack(columns, axis=-1)).astype(np.uint8)
 
 
 def heat_of(values: Floats, low: float, high: float) -> NDArray[np.uint8]:
-    """Return the colours (n, 3) of values (n,) on a scale from low to high."""
+    """Return the colours (..., 3) of values (...) on a scale from low to high."""
     parts = (np.nan_to_num(values) - low) / (high - low if high > low else 1.0)
     return heat(np.clip(parts, 0.0, 1.0))
 
@@ -81,6 +81,5 @@ def of_series(link: int | None, used: Sequence[Colour]) -> Colour:
 
 def shaded(colour: Colour, step: int) -> Colour:
     """Return `colour` mixed with white, more so for a larger `step`; 0 leaves it."""
-    part = 1.0 - 0.55**step
-    red, green, blue = (round(c + (255 - c) * part) for c in colour)
+    red, green, blue = (round(c + (255 - c) * (1.0 - 0.55**step)) for c in colour)
     return red, green, blue

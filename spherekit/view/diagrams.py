@@ -7,6 +7,7 @@ import numpy as np
 from spherekit.analysis.plotted import placed_labels
 from spherekit.analysis.scene import Diagram
 from spherekit.arrays import Floats
+from spherekit.sphere.rotation import all_finite
 from spherekit.view import charts, colours
 from spherekit.view.outputs import Columns, Stills
 from spherekit.view.sdk import rr
@@ -22,16 +23,18 @@ Moving = tuple[str, Columns]
 def still(item: Diagram) -> Stills:
     """Yield the frame with its ticks, and the looks of points and lines."""
     width = _width(item)
-    x = charts.side(item.x_label, item.x_range, False)
-    yield from charts.frame(width, x, charts.side(item.y_label, item.y_range, False))
+    x, y = charts.side(item.x_label, item.x_range), charts.side(item.y_label, item.y_range)
+    yield from charts.frame(width, x, y)
     yield "points", rr.Points2D.from_fields(radii=rr.Radius.ui_points(4.0))
     yield "names", rr.Points2D.from_fields(radii=0.0, show_labels=True)
     for name, colour, size in (
         ("leaders", colours.GRATICULE, 0.7),
         ("lines", colours.VIOLET, 1.0),
     ):
-        look = rr.LineStrips2D.from_fields(colors=colour, radii=rr.Radius.ui_points(size))
-        yield name, look
+        yield (
+            name,
+            rr.LineStrips2D.from_fields(colors=colour, radii=rr.Radius.ui_points(size)),
+        )
     if item.readings is not None:
         tints = [colours.tone(tone) for tone in item.tones[:MOST_LISTED]]
         yield "legend", charts.legend_style(charts.listed(width, len(tints)), tints)
@@ -46,7 +49,7 @@ def moving(item: Diagram) -> Iterator[Moving]:
     count = seen.sum(axis=1)
     tints = np.array([colours.tone(tone) for tone in item.tones], dtype=np.uint8)
     places = _placed(item, item.places)
-    names = np.broadcast_to(np.array(item.names, dtype=object), (n, k))
+    names = np.tile(item.names, (n, 1))
     shades = np.broadcast_to(tints, (n, k, 3))[seen]
     middles = placed_labels(item.names, np.where(seen[..., None], places, np.nan), LETTER)
     points = rr.Points2D.columns(positions=places[seen], colors=shades)
@@ -60,8 +63,8 @@ def moving(item: Diagram) -> Iterator[Moving]:
     leaders = np.stack([places[seen], middles[seen]], axis=1)
     yield "leaders", rr.LineStrips2D.columns(strips=list(leaders)).partition(count)
     ends, visible = clipped(item)
-    strips = _placed(item, ends)[visible]
-    yield "lines", rr.LineStrips2D.columns(strips=strips).partition(visible.sum(axis=1))
+    lines = rr.LineStrips2D.columns(strips=_placed(item, ends)[visible])
+    yield "lines", lines.partition(visible.sum(axis=1))
     if item.readings is not None:
         yield "legend", _read(item, np.degrees(item.readings[:, :MOST_LISTED]))
     if item.words:
@@ -94,7 +97,7 @@ def clipped(item: Diagram) -> tuple[Floats, np.ndarray]:
         t = np.sort((frame - foot[..., None]) / along[..., None], axis=-1)
         first, last = np.max(t[..., 0], axis=-1), np.min(t[..., 1], axis=-1)
         ends = np.stack([foot + t[..., None] * along for t in (first, last)], axis=-2)
-    return ends, (first < last) & np.isfinite(ends).all(axis=(-1, -2))
+    return ends, (first < last) & all_finite(ends, (-1, -2))
 
 
 def bounds(item: Diagram) -> tuple[tuple[float, float], tuple[float, float]]:

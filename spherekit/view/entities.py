@@ -30,9 +30,9 @@ from spherekit.analysis.scene import (
     rows_of,
     titled,
 )
-from spherekit.arrays import Bools, Floats, Integers
+from spherekit.arrays import Bools, Floats
 from spherekit.region.mesh import sphere_mesh
-from spherekit.sphere.rotation import frame_from, perpendicular, quaternion
+from spherekit.sphere.rotation import all_finite, frame_from, perpendicular, quaternion
 from spherekit.view import charts, colours, diagrams, shapes
 from spherekit.view.names import Name
 from spherekit.view.outputs import Columns, Stills
@@ -69,8 +69,8 @@ def world() -> Stills:
             albedo_factor=colours.SPHERE,
         ),
     )
-    lines = _curves(shapes.graticule(), GRATICULE_LIFT, colours.GRATICULE, 0.6)
-    yield "sphere/graticule", lines
+    lines = shapes.graticule()
+    yield "sphere/graticule", _curves(lines, GRATICULE_LIFT, colours.GRATICULE, 0.6)
 
 
 def still(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
@@ -79,10 +79,11 @@ def still(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
         case Body():
             yield from _still_body(primitive, names)
         case Arrow():
-            colour = colours.SILVER if primitive.primary else colours.GOLD
-            radius = 0.006 if primitive.primary else 0.014
-            yield "", rr.Arrows3D.from_fields(colors=colour, radii=radius)
-            if not primitive.primary:
+            if primitive.primary:
+                yield "", rr.Arrows3D.from_fields(colors=colours.SILVER, radii=0.006)
+            else:
+                colour = colours.GOLD
+                yield "", rr.Arrows3D.from_fields(colors=colour, radii=0.014)
                 yield (
                     "label",
                     rr.Points3D.from_fields(show_labels=True, colors=colour, radii=POINT),
@@ -107,8 +108,7 @@ def still(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
             return
         case Portrait():
             yield from charts.portrait(primitive)
-            dot = rr.Radius.ui_points(5.0)
-            yield "mark", rr.Points2D.from_fields(colors=colours.GOLD, radii=dot)
+            yield "mark", charts.dot()
         case Diagram():
             yield from diagrams.still(primitive)
         case SphereCurves():
@@ -134,36 +134,33 @@ def moving(
     """
     match primitive:
         case Trace(quaternions=quaternions) if quaternions is not None:
-            yield "", _turned(quaternions, present(quaternions))
+            yield "", _turned(quaternions, all_finite(quaternions, 1))
         case Diagram():
             yield from diagrams.moving(primitive)
         case Body(quaternions=quaternions) if quaternions is not None:
-            good = present(quaternions)
+            good = all_finite(quaternions, 1)
             yield "", _turned(quaternions, good)
             yield "labels", rr.Points3D.columns(show_labels=good.tolist())
         case Arrow(directions=directions, primary=primary, path_shown=path_shown):
-            trail = primitive.shown and path_shown
-            good = present(directions)
-            arrows, count = directions[good], good.astype(np.int64)
-            length = 1.12 if primary else 1.25
-            yield "", rr.Arrows3D.columns(vectors=length * arrows).partition(count)
+            good = all_finite(directions, 1)
+            arrows, length = directions[good], 1.12 if primary else 1.25
+            yield "", rr.Arrows3D.columns(vectors=length * arrows).partition(good)
             if not primary:
                 if labels is None:
                     labels = np.full(len(good), primitive.label, dtype=object)
                 named = good & (labels != "")
                 places, words = 1.3 * directions[named], labels[named].tolist()
                 columns = rr.Points3D.columns(positions=places, labels=words)
-                yield "label", columns.partition(named.astype(np.int64))
-                if trail:
-                    yield "trail", _points(1.004 * arrows, count)
+                yield "label", columns.partition(named)
+                if primitive.shown and path_shown:
+                    yield "trail", _points(1.004 * arrows, good)
         case GreatCircle(normals=normals):
-            good = present(normals)
-            yield "", _turned(quaternion(frame_from(normals, perpendicular(normals))), good)
+            frames = frame_from(normals, perpendicular(normals))
+            yield "", _turned(quaternion(frames), all_finite(normals, 1))
         case Portrait():
             points = charts.in_frame(primitive.placed())
-            good = present(points)
-            columns = rr.Points2D.columns(positions=points[good])
-            yield "mark", columns.partition(good.astype(np.int64))
+            good = all_finite(points, 1)
+            yield "mark", rr.Points2D.columns(positions=points[good]).partition(good)
         case Series(values=values):
             yield "", rr.Scalars.columns(scalars=values)
         case _:  # what does not move
@@ -177,11 +174,6 @@ def check_rows(primitive: Primitive, count: int) -> None:
             raise ValueError(
                 f"{primitive.path} has {len(rows)} rows, the block has {count}"
             )
-
-
-def present(rows: Floats) -> Bools:
-    """Return which rows (n, k) hold numbers throughout."""
-    return np.asarray(np.isfinite(rows).all(axis=1))
 
 
 def drawn_whole(primitive: Primitive) -> Floats | None:
@@ -238,26 +230,26 @@ def failure_label() -> rr.Points3D:
 
 def failure_columns(failed: Bools) -> Columns:
     """Return the columns that show the failure label at the failed samples only."""
-    return _points(np.zeros((int(failed.sum()), 3)), failed.astype(np.int64))
+    return _points(np.zeros((failed.sum(), 3)), failed)
 
 
-def _points(positions: Floats, count: Integers) -> Columns:
-    return rr.Points3D.columns(positions=positions).partition(count)
+def _points(positions: Floats, there: Bools) -> Columns:
+    return rr.Points3D.columns(positions=positions).partition(there)
 
 
 def _turned(quaternions: Floats, good: Bools) -> Columns:
-    scale = np.where(good, 1.0, HIDDEN)[:, None] * np.ones(3)
-    turn = np.where(good[:, None], quaternions, np.array([0.0, 0.0, 0.0, 1.0]))
+    scale = np.where(good[:, None], np.ones(3), HIDDEN)
+    turn = np.where(good[:, None], quaternions, [0.0, 0.0, 0.0, 1.0])
     return rr.Transform3D.columns(quaternion=turn, scale=scale)
 
 
 def _still_body(body: Body, names: Sequence[Name]) -> Stills:
     colour = colours.link_colour(body.number)
     lift = 1.0 + LIFT * (1 + body.number % LEVELS)
-    if len(body.curves) > 0:
+    if len(body.curves):
         curves = [lift * np.asarray(curve) for curve in body.curves]
         yield "", rr.LineStrips3D(curves, colors=colour, radii=LINK_RADIUS)
-    if len(body.joints) > 0:
+    if len(body.joints):
         yield (
             "joints",
             rr.Points3D(lift * body.joints, colors=colours.PALE, radii=JOINT_RADIUS),

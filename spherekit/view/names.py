@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spherekit.analysis.scene import Arrow, Body, Primitive
 from spherekit.arrays import Floats
 from spherekit.conventions import listing
-from spherekit.sphere.rotation import from_quaternion
+from spherekit.sphere.rotation import all_finite, from_quaternion, unit_rows
 
 DISTANCE = 3.0
 LOOKS_ASIDE = 0.3
@@ -66,13 +66,11 @@ Sight = tuple[Floats, Floats, Floats]
 
 def facing(focus: Floats | None) -> Sight:
     """Return what faces the mechanism a little from the side, with z up where possible."""
-    focus = np.array(DEFAULT_FOCUS if focus is None else focus)
-    focus = focus / np.linalg.norm(focus)
+    focus = unit_rows(np.array(DEFAULT_FOCUS if focus is None else focus))
     up = np.array([0.0, 0.0, 1.0] if abs(focus[2]) < STEEP else [-1.0, 0.0, 0.0])
-    right = np.cross(focus, up)
-    right /= np.linalg.norm(right)
+    right = unit_rows(np.cross(focus, up))
     eye = focus + LOOKS_ASIDE * (0.8 * right + 0.6 * np.cross(right, focus))
-    return DISTANCE * eye / np.linalg.norm(eye), 0.1 * focus, up
+    return DISTANCE * unit_rows(eye), 0.1 * focus, up
 
 
 def seen(sight: Sight, points: Floats) -> Floats:
@@ -81,8 +79,7 @@ def seen(sight: Sight, points: Floats) -> Floats:
     way = target - eye
     distance = np.linalg.norm(way)
     forward = way / distance
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
+    right = unit_rows(np.cross(forward, up))
     across = np.stack([right, np.cross(right, forward)], axis=-1)
     from_eye = points - eye
     return distance * (from_eye @ across) / (from_eye @ forward)[..., None]
@@ -124,7 +121,7 @@ class Names:
                 covers = np.all(near, axis=-1)
                 part = FIRST * covers[0] + (1.0 - FIRST) * np.mean(covers, axis=0)
                 cost += weight * part
-            k = int(np.argmin(cost))
+            k = np.argmin(cost)
             self._taken.append((1.0, middles[:, k], _half(words)))
             names[path].append((words, places[k], of_pair))
         return names
@@ -165,8 +162,8 @@ def _rotations(bodies: Sequence[Body]) -> list[Floats]:
     """Return the rotations (n, 3, 3) of links in the same few pictures; one if at rest."""
     moving = [body.quaternions for body in bodies if body.quaternions is not None]
     still = np.eye(3)[None]
-    good = np.flatnonzero(np.all([np.isfinite(q).all(axis=1) for q in moving], axis=0))
-    if not moving or not len(good):
+    good = np.flatnonzero(all_finite(moving, (0, 2))) if moving else moving
+    if not len(good):
         return [still] * len(bodies)
     few = good[np.linspace(0, len(good) - 1, MOST_PICTURES).astype(int)]
     return [
@@ -179,11 +176,10 @@ def _around(axis: Floats, joints: Floats) -> Floats:
     """Return places (k, 3) beside an axis of a link, those away from its others first."""
     away = -np.sum(joints, axis=0)
     away = away - (away @ axis) * axis
-    size = float(np.linalg.norm(away))
-    if size < ASIDE[0]:
-        away = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-        size = float(np.linalg.norm(away))
-    across = np.array([away / size, np.cross(axis, away / size)])
+    if np.linalg.norm(away) < ASIDE[0]:
+        away = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    away = unit_rows(away)
+    across = np.array([away, np.cross(axis, away)])
     ways = np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1) @ across
     far = ASIDE[:, None, None]
     return np.reshape(np.cos(far) * axis + np.sin(far) * ways, (-1, 3))
@@ -217,7 +213,7 @@ def labels_of_arrows(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.ob
     same |= np.eye(len(arrows), dtype=bool)
     patterns, which = np.unique(np.argmax(same, axis=2), axis=0, return_inverse=True)
     words = np.empty(patterns.shape, dtype=object)
-    for row, firsts in enumerate(patterns.tolist()):
+    for row, firsts in enumerate(patterns):
         words[row] = [
             listing(
                 [x.label for x, first in zip(arrows, firsts, strict=True) if first == k],
@@ -225,5 +221,4 @@ def labels_of_arrows(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.ob
             )
             for k in range(len(arrows))
         ]
-    labels = words[which.reshape(-1)]
-    return {arrow.path: labels[:, k] for k, arrow in enumerate(arrows)}
+    return {arrow.path: words[which, k] for k, arrow in enumerate(arrows)}

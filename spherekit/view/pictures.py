@@ -94,8 +94,8 @@ def screenshot(
             client.set_time(timeline, duration=when, play_state="paused")
         else:
             client.set_time(timeline, sequence=tick, play_state="paused")
-        state = client.get_state()
-        troubles = [report.summary for panel in state.views for report in panel.reports]
+        views = client.get_state().views
+        troubles = [report.summary for panel in views for report in panel.reports]
         if troubles:
             raise OutputError(f"the viewer cannot show {recording}: {troubles[0]}")
         data = _settled(client, shown)
@@ -233,8 +233,7 @@ def _cursor(
     recording: Path,
 ) -> tuple[str, int]:
     """Return the timeline and the time on it that were asked for, in ns on `TIME`."""
-    scales = {name: input_scale(name) for name in timelines}
-    inputs = [(name, scale) for name, scale in scales.items() if scale is not None]
+    inputs = [(name, scale) for name in timelines if (scale := input_scale(name))]
     if sample is None and input_deg is not None:
         if not inputs:
             raise OutputError(f"{recording} has no input timeline; name a sample")
@@ -306,8 +305,7 @@ def _viewer(size: Size) -> Iterator[ViewerClient]:
     words.append(f"--window-size={size[0]}x{size[1]}")
     with tempfile.TemporaryFile() as messages, program(*words, messages=messages) as viewer:
         if not listens(viewer, port):
-            ended = viewer.poll() is not None
-            reason = "it ended at once" if ended else "it did not start"
+            reason = "it did not start" if viewer.poll() is None else "it ended at once"
             raise OutputError(_complaint(viewer, messages, reason))
         try:
             yield ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")

@@ -42,6 +42,7 @@ from spherekit.analysis.scene import (
 from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats, Integers
 from spherekit.errors import OutputError
+from spherekit.sphere.rotation import all_finite
 from spherekit.view import charts, diagrams, entities
 from spherekit.view.blueprint import (
     HIDDEN,
@@ -269,11 +270,11 @@ class RerunRecorder:
         """Begin the recording with all that does not move."""
         times, inputs, sight = head.times, head.inputs, facing(head.focus)
         line, step, span, words = SAMPLE, 1.0, None, ""
-        if times is not None and len(times) > 0:
+        if times is not None and len(times):
             self._span = span = float(times[0]), float(times[-1])
             line, words = TIME, f"`{TIME}` is the time."
             step = (span[1] - span[0]) / max(len(times) - 1, 1)
-        elif inputs is not None and len(inputs) > 0:
+        elif inputs is not None and len(inputs):
             line, scale, exact = input_timeline(inputs)
             self._span = float(np.degrees(inputs.min())), float(np.degrees(inputs.max()))
             self._scale, ticks = scale, input_ticks(inputs, scale)
@@ -282,13 +283,12 @@ class RerunRecorder:
             unit = "degrees" if scale == 1 else f"1/{scale} degrees"
             words = f"`{line}` is the input in {unit}{'' if exact else ', rounded'}."
         layout = Layout(self.root, line, step, span, sight)
+        layout.pages.update(head.assembly_modes.items())
         if "logged" in head.properties:
             words += f" This recording has {head.properties['logged']}."
         self._charts = Charts(layout, self._outputs)
         self._row = head.row
         self._names[None] = Names(sight)
-        for number, title in head.assembly_modes.items():
-            layout.pages[number] = title
         self._outputs.name(self.name, head.properties)
         upright = "", rr.ViewCoordinates.RIGHT_HAND_Z_UP
         self._outputs.still(self.root, [upright, *entities.world()])
@@ -325,9 +325,7 @@ class RerunRecorder:
         """
         plotted, layout = self._started, self._started.layout
         scene = in_degrees(scene)
-        given = scene.primitives
-        roomy = (charts.roomy(x) if isinstance(x, Portrait) else x for x in given)
-        scene = replace(scene, primitives=tuple(roomy))
+        scene = replace(scene, primitives=tuple(map(charts.roomy, scene.primitives)))
         answers = asked_for(scene)
         lines = self._time(samples, inputs, times)
         for primitive in scene.primitives:
@@ -357,7 +355,7 @@ class RerunRecorder:
             if rows is not None:
                 self._whole.setdefault(path, (primitive, []))[1].append(np.array(rows))
             if isinstance(primitive, Body) and primitive.quaternions is not None:
-                failed |= ~entities.present(primitive.quaternions)
+                failed |= ~all_finite(primitive.quaternions, 1)
         if any(isinstance(item, Body) for item in scene.primitives):
             status = f"{layout.base(scene.page)}/status"
             if self._outputs.first(status, [("", entities.failure_label())]):
@@ -386,8 +384,7 @@ class RerunRecorder:
         if self._scale is not None:
             if inputs is None or len(inputs) != len(samples):
                 raise ValueError("each sample needs its input value")
-            ticks = input_ticks(inputs, self._scale)
-            lines.append(rr.TimeColumn(line, sequence=ticks))
+            lines.append(rr.TimeColumn(line, sequence=input_ticks(inputs, self._scale)))
         return lines
 
     def _axis(
@@ -400,8 +397,7 @@ class RerunRecorder:
         elif span is not None and inputs is not None:
             name, unit, values = "input", "deg", np.degrees(inputs)
         else:
-            ends = np.min(values, initial=np.inf), np.max(values, initial=-np.inf)
-            span = float(ends[0]), float(ends[1])
+            span = np.min(values, initial=np.inf), np.max(values, initial=-np.inf)
         return (Axis(name, unit, values, span),)
 
     def finish(self) -> None:
@@ -410,8 +406,7 @@ class RerunRecorder:
             return
         if self._charts is not None:
             self._charts.draw(self._outputs.places)
-            size = len(self._outputs.seen)
-            if self._charts.layout.compared or self._laid_out != size:
+            if self._charts.layout.compared or self._laid_out != len(self._outputs.seen):
                 self._lay_out(final=True)
         self._finished = True
         for path, (primitive, blocks) in self._whole.items():
@@ -461,10 +456,13 @@ class RerunRecorder:
             layout.solids.append((page, path))
         match primitive:
             case SphereMap(label=label, unit=unit):
-                span, scale = map_range(primitive.shown_values, unit), layout.base(page)
+                span, scale = (
+                    map_range(primitive.shown_values, unit),
+                    f"{layout.base(page)}/scale",
+                )
                 drawn = charts.horizontal_scale(*span, titled(label, unit))
-                if self._outputs.first(f"{scale}/scale", drawn):  # once for a page
-                    layout.scales.append((page, f"{scale}/scale"))
+                if self._outputs.first(scale, drawn):  # once for a page
+                    layout.scales.append((page, scale))
             case Arrow(primary=primary, shown=shown, path_shown=path_shown):
                 if not shown:
                     layout.overrides.append((page, path, HIDDEN))
@@ -480,7 +478,7 @@ class RerunRecorder:
             case InputMarks():
                 self._started.marks.setdefault(layout.base(page), []).append(primitive)
             case Graph():
-                layout.panels.append((page, partial(graph, path, "Links and pairs")))
+                layout.panels.append((page, partial(graph, path)))
             case Text(label=label):
                 view = partial(rrb.TextDocumentView, origin=path, name=label)
                 layout.panels.append((page, view))

@@ -43,8 +43,8 @@ def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
         against = np.sum(summed[corner] * flat, axis=1) < 0.0
         np.add.at(summed, corner, np.where(against[:, None], -flat, flat))
     length = np.linalg.norm(summed, axis=1, keepdims=True)
-    upright = np.array([0.0, 0.0, 1.0])
-    return np.where(length > 0.0, summed / np.where(length > 0.0, length, 1.0), upright)
+    unit = summed / np.where(length > 0.0, length, 1.0)
+    return np.where(length > 0.0, unit, [0.0, 0.0, 1.0])
 
 
 def graticule() -> list[Floats]:
@@ -52,8 +52,7 @@ def graticule() -> list[Floats]:
     circle, up = unit_circle(), np.array([0.0, 0.0, 1.0])
     lines = []
     for east in np.radians(np.arange(0, 180, 30)):
-        side = np.array([np.cos(east), np.sin(east), 0.0])
-        lines.append(circle[:, :2] @ np.array([side, up]))
+        lines.append(circle[:, :2] @ np.array([[np.cos(east), np.sin(east), 0.0], up]))
     for north in np.radians(np.arange(-60, 90, 30)):
         lines.append(circle * np.cos(north) + np.sin(north) * up)
     return lines

@@ -15,6 +15,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -154,14 +155,14 @@ def _zeros(motion: Motion, row: int) -> list[Primitive]:
     parts: list[Primitive] = []
     for name, variable in mechanism.angles.items():
         x, y, axis = motion.frames[row, mechanism.pair_number[name]].T
-        value = float(motion.values[row, variable])
+        value = motion.values[row, variable]
         turn = np.linspace(-value, 0.0, max(2, int(abs(value) / 0.05) + 2))[:, None]
         around = np.cos(turn) * x + np.sin(turn) * y
         fan = np.cos(ZERO_ARC) * axis + np.sin(ZERO_ARC) * around
         marks = []
         if name in mechanism.input_pairs:
-            words = f"{np.degrees(value):.4g}\u00b0"
-            marks = [Mark(words, fan[len(fan) // 2], ZERO_TONE)]
+            middle = fan[len(fan) // 2]
+            marks = [Mark(f"{np.degrees(value):.4g}\u00b0", middle, ZERO_TONE)]
         lines = [np.stack([axis, fan[0]]), fan]
         parts.append(SphereCurves(f"zero/{name}", name, lines, ZERO_TONE, marks))
     return parts
@@ -174,7 +175,7 @@ def _sizes(motion: Motion, row: int, note: str) -> Text:
     lines += ["| link | arcs between its axes, deg |", "|---|---|"]
     for link, places in link_axes(mechanism).items():
         sizes = [
-            f"{a}\u2013{b} {_degrees(float(arc(places[a], places[b])))}"
+            f"{a}\u2013{b} {_degrees(arc(places[a], places[b]))}"
             for a, b in pairwise(places)
         ]
         lines.append(f"| {link} | {', '.join(sizes or places)} |")
@@ -195,9 +196,9 @@ def _sizes(motion: Motion, row: int, note: str) -> Text:
     return Text("sizes", "Sizes", "\n".join(lines))
 
 
-def _degrees(angle: float) -> str:
+def _degrees(angle: Any) -> str:
     """Return an angle (rad) in degrees, zero but for rounding as 0."""
-    return f"{round(float(np.degrees(angle)), 9) + 0.0:.5g}"
+    return f"{np.round(np.degrees(angle), 9) + 0.0:.5g}"
 
 
 def serve_web(recording: Path | str, say: Callable[[str], None]) -> None:
