@@ -144,10 +144,10 @@ class OneInput:
                 f"ends of curves {_joined(numbers, ', ')}",
             ]
         notes = [*words, point.note] if crossed else [point.note, *words]
-        turns = {
-            "input": point.input_turns and point.type is not Type.I,
-            "output": point.output_turns and point.type is not Type.II,
-        }
+        turns = (
+            "input" * (point.input_turns and point.type is not Type.I),
+            "output" * (point.output_turns and point.type is not Type.II),
+        )
         whole = {
             **configuration_columns(
                 self.batch, point.values[None], point.output, part=part
@@ -155,7 +155,7 @@ class OneInput:
             "kind": str(point.type),
             "certain": "yes" if point.certain else "no",
             "error": point.error,
-            "reversal": " and ".join(name for name, turned in turns.items() if turned),
+            "reversal": " and ".join(filter(None, turns)),
             "double": "yes" if point.double else "no",
             "condition": " ".join(
                 dict.fromkeys(h.label + ("" if h.certain else "?") for h in held)
@@ -185,7 +185,8 @@ class OneInput:
         rows: list[Row] = []
         for (output, form), columns in sampled.measures().items():
             rates = columns["output_rate"], columns["input_rate"]
-            finite, rest = np.isfinite(rates[1]), [np.abs(rate) < RESTS for rate in rates]
+            finite = np.isfinite(rates[1])
+            rest = [np.abs(rate) < RESTS for rate in rates]
             kinds = np.select(
                 [sampled.crossed, ~finite, rest[0] & rest[1], *rest],
                 ["III", "", SELF_MOTION, "I", "II"],
@@ -219,9 +220,13 @@ class OneInput:
 
     def findings(self) -> Findings:
         """Return how many singularities there are, and where a mode comes near one."""
-        sampled, points, names = self.sampled, self.points, self.names
-        report, configurations = sampled.report, sampled.configurations
-        inside, count = points["inside"] == "yes", len(sampled.curves)
+        sampled = self.sampled
+        points = self.points
+        names = self.names
+        report = sampled.report
+        configurations = sampled.configurations
+        inside = points["inside"] == "yes"
+        count = len(sampled.curves)
         here, beyond = (
             dict(sorted(Counter(points["kind"][some].tolist()).items()))
             for some in (inside, ~inside)
@@ -251,7 +256,8 @@ class OneInput:
             )
         pair = self.batch.moving_inputs[0]
         warnings += coming_near(misses, points, names, self.near, pair)
-        counts, elsewhere = _in_words(here) or "no singularities", _in_words(beyond)
+        counts = _in_words(here) or "no singularities"
+        elsewhere = _in_words(beyond)
         if sampled.is_simulation:
             counts += " passed" + f", {elsewhere} elsewhere" * bool(beyond)
         elif beyond:
@@ -287,7 +293,8 @@ class OneInput:
         """Return the inputs at which singularities of an assembly mode are."""
         if self.batch.timed:
             return []
-        points, mode = self.points, str(int(self.batch.assembly_mode[rows.start]))
+        points = self.points
+        mode = str(int(self.batch.assembly_mode[rows.start]))
         here = np.array([mode in m.split("+") for m in points["assembly_mode"]], bool)
         parts: list[Primitive] = []
         for kind in dict.fromkeys(points["kind"][here].tolist()):
@@ -321,7 +328,9 @@ class OneInput:
 
         Singularities are marked.
         """
-        batch, sampled, name = self.batch, self.sampled, self.names[output]
+        batch = self.batch
+        sampled = self.sampled
+        name = self.names[output]
         numbers = range(len(sampled.curves))
         at = np.stack([batch.q, np.full(len(batch), np.nan)], axis=1)
         for number in numbers:
@@ -368,11 +377,10 @@ class OneInput:
                 words = name.rstrip("_")
                 parts.append(Arrow(f"pole/{name}", words, axes, False, path_shown=False))
         for k, which in enumerate(("one triplet", "the other")):
-            normals = [
-                poles.plane(two[k])[0] for poles, two in zip(six, coincide, strict=True)
-            ]
-            circles = np.concatenate(normals)
-            parts.append(GreatCircle(f"plane/{k}", f"plane of {which}", circles))
+            normals = np.concatenate(
+                [poles.plane(two[k])[0] for poles, two in zip(six, coincide, strict=True)]
+            )
+            parts.append(GreatCircle(f"plane/{k}", f"plane of {which}", normals))
         told = ("kind", "condition", "assembly_mode", "q", "output")
         shown = {**points, "q": [f"{q:.4f}" for q in np.degrees(points["q"])]}
         rows = zip(*(shown[name] for name in told), strict=True)

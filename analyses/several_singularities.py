@@ -135,7 +135,7 @@ class SeveralInputs:
         0 for no mesh.
         """
         widths = [abs(item.stop - item.start) for item in self.batch.mechanism.inputs]
-        longest = float(min(LONGEST_SIDE, min(widths) / SIDES))
+        longest = min(LONGEST_SIDE, min(widths) / SIDES)
         if self.mesh is None:
             return longest, HALVED
         if not self.mesh:
@@ -178,9 +178,11 @@ class SeveralInputs:
 
     def _rows(self, points: SingularPoints, output: Output, claim: Completeness) -> Row:
         batch, mechanism = self.batch, self.batch.mechanism
-        number, rest = mechanism.link_number, output_of(mechanism, output.name)
+        number = mechanism.link_number
+        rest = output_of(mechanism, output.name)
         links = number[output.link], number[output.relative_to]
-        motion, by_rank = batch.tracer.given(points.values), batch.tracer.by_rank
+        motion = batch.tracer.given(points.values)
+        by_rank = batch.tracer.by_rank
         return {
             "kind": [RowType(code).label for code in points.type],
             "condition": what_vanishes(motion, rest, points.pointing, by_rank),
@@ -210,7 +212,7 @@ class SeveralInputs:
                 "sigma": rows.hold,
                 "reciprocal_condition": rows.reciprocal_condition,
                 "status": batch.status,
-                "type": np.array([RowType(code).label for code in rows.type], dtype=str),
+                "type": [RowType(code).label for code in rows.type],
                 "group": rows.group,
             }
             by_input = {
@@ -249,7 +251,8 @@ class SeveralInputs:
         remarks: list[str] = []
         everywhere: set[str] = set()
         for output in batch.mechanism.outputs:
-            name, loci = named(batch.mechanism, output), self.loci[output.name]
+            name = named(batch.mechanism, output)
+            loci = self.loci[output.name]
             always = [str(locus.kind) for locus in loci if locus.everywhere]
             told = [f"{of_type(kind)} in every configuration" for kind in always]
             figures[name] = {"everywhere": sorted(always)}
@@ -288,11 +291,10 @@ class SeveralInputs:
             figures["aspects_guarantee"] = parts.guarantee
             figures["singular_on_lattice"] = parts.singular
             if parts.note or not (len(parts.sizes) or everywhere):
-                words = counted(len(parts.sizes), "aspect")
-                if parts.singular:
-                    words += (
-                        f"; {counted(parts.singular, 'configuration')} met are singular"
-                    )
+                words = (
+                    f"{counted(len(parts.sizes), 'aspect')}; "
+                    f"{counted(parts.singular, 'configuration')} met are singular"
+                )
                 remarks.append("; ".join(filter(None, [words, parts.note])))
         return Findings(figures, tuple(warnings), tuple(remarks))
 
@@ -308,7 +310,8 @@ class SeveralInputs:
         Each takes an even part of the time that is left. What every pair moves has its
         self-motions on the locus of type II.
         """
-        mechanism, budget = self.batch.mechanism, TimeLimit(self.seconds)
+        mechanism = self.batch.mechanism
+        budget = TimeLimit(self.seconds)
         names = [output.name for output in mechanism.outputs]
         input_grid = self.input_grid
         if input_grid is None:
@@ -326,8 +329,7 @@ class SeveralInputs:
         loci: dict[str, list[Locus]] = {name: [] for name in names}
         for number, (kind, name) in enumerate(sought):
             left = len(sought) - number + (input_grid > 0)
-            what = f"{'surfaces' if surfaces else 'curves'} {of_type(kind)}"
-            share = budget.part(1.0 / left, what)
+            share = budget.part(1.0 / left, f"singularities {of_type(kind)}")
             loci[name].append(self._searched(kind, name, made, share))
         if not input_grid:
             return loci, None
@@ -463,7 +465,9 @@ def _claimed(claim: Completeness) -> Row:
 def _in_words(locus: Locus) -> tuple[dict[str, Any], str]:
     """Return what is found of a type, as figures and in words."""
     if isinstance(locus, SingularSurface):
-        what, count, irregular = "surface", len(locus.points.values), locus.irregular
+        what = "surface"
+        count = len(locus.points.values)
+        irregular = locus.irregular
         figures = {"vertices": count, "irregular": irregular, "claim": locus.guarantee}
         words = f"{count} vertices of surfaces {of_type(locus.kind)}"
     else:

@@ -110,7 +110,7 @@ ASPECTS = Table(
 
 def of_type(kind: str) -> str:
     """Return the words for a kind: of type II, of self-motion."""
-    return f"of {kind}" if kind == SELF_MOTION else f"of type {kind}"
+    return f"of {words_of(kind)}"
 
 
 def angle_of(sizes: Floats) -> Floats:
@@ -134,11 +134,10 @@ def configuration_columns(
     tracer = part or batch.tracer
     mechanism, solver = tracer.mechanism, tracer.solver
     angles = set(mechanism.angles.values())
-    driven = solver.driven
     columns: dict[str, Any] = {
         name: wrap(values[:, v]) if v in angles else values[:, v]
         for v, name in enumerate(mechanism.variable_names)
-        if v not in driven
+        if v not in solver.driven
     }
     placed = tracer.given(values).rotations
     turned = np.swapaxes(placed[:, links[1]], 1, 2) @ placed[:, links[0]]
@@ -195,8 +194,8 @@ def plane(
     """
     every = [*(curve.points for curve in curves), *spanned] or [np.zeros((1, 2))]
     points = np.concatenate(every)
-    (left, low), (right, high) = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
-    x, y = (float(left), float(right)), (float(low), float(high))
+    ends = np.transpose([np.nanmin(points, axis=0), np.nanmax(points, axis=0)]).tolist()
+    x, y = map(tuple, ends)
     return Portrait(
         path, label, rows[:, 0], rows[:, 1], *axes, x, y, "rad", "rad", curves, marks
     )
@@ -211,10 +210,12 @@ def relation_plots(relation: Row, count: int, rows: slice) -> list[Primitive]:
         at = slice(start + rows.start, start + rows.stop)
         for name, (words, group, unit) in _PLOTTED.items():
             by = f" by {moving}" * (several and not unit)
-            end, values = (name + by).replace(" ", "_"), relation[name][at]
+            end = (name + by).replace(" ", "_")
+            values = relation[name][at]
             path = f"plots/{form}/{output.replace('/', '_')}/{end}"
             if np.any(np.isfinite(values)):
-                label, group = f"{words}{by}, output {output}", f"{group}, form {form}"
+                label = f"{words}{by}, output {output}"
+                group = f"{group}, form {form}"
                 parts[path] = Series(path, label, group, values, unit)
     return [*parts.values()]
 

@@ -13,7 +13,7 @@ from spherekit.plugin.singularities import (
     least_transmission,
 )
 
-from .singular_tables import SELF_MOTION
+from .singular_tables import SELF_MOTION, words_of
 
 Row = Mapping[str, Any]
 
@@ -39,8 +39,7 @@ def places(points: Row, output: str, input_pair: str) -> list[str]:
         here = shown & (points["kind"] == kind)
         if not np.any(here):
             continue
-        what = f"{kind} for" if kind == SELF_MOTION else f"type {kind} of"
-        what = f"{what} {output}"
+        what = f"{words_of(kind)} of {output}"
         at = np.degrees(points["q"][here])
         if not np.all(np.isfinite(at)):
             lines.append(f"{what}, {meaning}: everywhere on a curve")
@@ -101,7 +100,8 @@ def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
 
     It swings where it turns back, or where the curve ends before it has turned fully.
     """
-    curve, links = sampled.curves[number], sampled.report.outputs[output]
+    curve = sampled.curves[number]
+    links = sampled.report.outputs[output]
     variable = sampled.tracer.mechanism.angle_between(*links)
     points = [
         point
@@ -163,7 +163,8 @@ def coming_near(
     """
     lines = []
     for kind, output in dict.fromkeys((miss.type, miss.output) for miss in misses):
-        name, met = names[output], _met(points, kind, names[output])
+        name = names[output]
+        met = _met(points, kind, names[output])
         beside = [
             (miss, modes)
             for miss in misses

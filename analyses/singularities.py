@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -30,9 +31,8 @@ def _found_with(
     parameter: str, values: tuple[float, ...], inputs: Literal["one", "several"]
 ) -> Sweep:
     """Return the places of singularities by values of a parameter."""
-    kinds = "kind", "output"
     beside = () if parameter in ("samples", "seconds") else (("seconds", 100.0),)
-    where = "singularities", "q", kinds
+    where = "singularities", "q", ("kind", "output")
     return Sweep(parameter, values, *where, places=True, beside=beside, inputs=inputs)
 
 
@@ -110,16 +110,11 @@ class SingularityAnalysis(AbstractAnalysis):
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the tracer, whose configuration curves are asked for more points."""
-        if not self.near >= 0.0:
-            raise AnalysisError(
-                f"singularities: near: {self.near:g} is not an angle in degrees; 0 or "
-                f"more is"
-            )
-        for name in ("slices", "mesh", "input_grid", "seconds"):
+        for name in ("near", "slices", "mesh", "input_grid", "seconds"):
             value = getattr(self, name)
             if value is not None and not value >= 0:
                 raise AnalysisError(
-                    f"singularities: {name}: {value:g} is negative; 0 leaves it out"
+                    f"singularities: {name}: {value:g} is not 0 or more; 0 leaves it out"
                 )
         if len(mechanism.inputs) > 1:
             if self.output:
@@ -133,15 +128,15 @@ class SingularityAnalysis(AbstractAnalysis):
                     f"singularities: input_grid: {no_aspects(mechanism)}; leave it out, or "
                     "give 0"
                 )
-        links = frozenset(link for output in self.outputs(mechanism) for link in output)
-        return Needs(tracer=True, links=links)
+        return Needs(tracer=True, links=frozenset(chain(*self.outputs(mechanism))))
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of singularities, the relation along the motion, aspects."""
         half = self._half(batch)
-        rows = half.points, half.relation, half.aspects
         return {
-            table.name: columns for table, columns in zip(self.tables, rows, strict=True)
+            "singularities": half.points,
+            "relation": half.relation,
+            "aspects": half.aspects,
         }
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:

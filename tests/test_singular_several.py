@@ -244,7 +244,7 @@ def test_five_bar_type_one_curves_are_the_borders_of_the_annuli():
         assert sum(on) == 1
         assert np.max(each.points.output_rate) < 1e-12 < np.min(each.points.input_rate)
         if not each.closed:
-            assert each.curve.ends == (Status.AT_SINGULARITY, Status.AT_SINGULARITY)
+            assert each.traced[1].ends == (Status.AT_SINGULARITY, Status.AT_SINGULARITY)
             assert np.max(np.abs(np.sin(values[[0, -1]][:, [1, 3]]))) < 1e-4
 
 

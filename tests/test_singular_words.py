@@ -47,7 +47,7 @@ def test_a_dyad_at_its_limit_is_no_crossing_for_an_output_before_it():
     """Where the tie and the vane are in line crank and wing rest, and no curves cross."""
     said = said_of(flapper())
     line = "it rests with the input while other links move: at motor = 4.31768, 108.184 deg"
-    assert f"self-motion for wing/body, {line}" in said
+    assert f"self-motion of wing/body, {line}" in said
     assert "curves of configurations cross" not in said
     assert "least transmission angle of vane/body: 0 deg" in said
 

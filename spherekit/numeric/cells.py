@@ -145,7 +145,9 @@ class TensorCells:
 
     def at(self, number: int, x: Sequence[float]) -> Floats:
         """Return the sums (K,) at a place in the cell of this number."""
-        sums, orders, cos = self._coefficients[number], self._orders, np.cos
+        sums = self._coefficients[number]
+        orders = self._orders
+        cos = np.cos
         for value, (middle, scale) in zip(x, self._affine[number], strict=True):
             place = (value - middle) * scale
             angle = acos(place if -1.0 <= place <= 1.0 else copysign(1.0, place))
@@ -192,13 +194,15 @@ def local_polynomials(
     fine = PiecewiseChebyshev.fit(
         series.at, *ends, TOLERANCE, size, FIRST_CELLS, DEGREE, rounding=ROUNDING
     )
-    half, orders = 0.5 * np.diff(fine.edges), np.arange(DEGREE + 1)
+    half = 0.5 * np.diff(fine.edges)
+    orders = np.arange(DEGREE + 1)
     powers = np.zeros((DEGREE + 1, DEGREE + 1))
     for order in orders:
         powers[order, : order + 1] = chebyshev.cheb2poly(np.eye(DEGREE + 1)[order])
     monomials = np.einsum("ckm,kj->cmj", fine.coefficients, powers)
     monomials /= half[:, None, None] ** orders
-    inner, centres = fine.edges[1:-1].tolist(), (fine.edges[:-1] + half).tolist()
+    inner = fine.edges[1:-1].tolist()
+    centres = (fine.edges[:-1] + half).tolist()
     rows = [[(*coefficients,) for coefficients in cell] for cell in monomials.tolist()]
 
     def at(x: float) -> list[float]:

@@ -88,7 +88,8 @@ class PiecewiseChebyshev:
 
     def at(self, x: ArrayLike) -> Floats:
         """Return the functions (n, m) at x (n,) between the first and the last edge."""
-        x, bounds = np.asarray(x, dtype=float), sliding_window_view(self.edges, 2)
+        x = np.asarray(x, dtype=float)
+        bounds = sliding_window_view(self.edges, 2)
         return summed(x[:, None], self._cells(x), bounds[..., None], self.coefficients)
 
     def scattered(self, x: Floats) -> Floats:

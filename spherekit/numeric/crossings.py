@@ -59,7 +59,8 @@ def bracketed_zeros(
     """
     a, b, c = points = np.array([[high, at_high], [low, at_low], [low, at_low]])
     room = np.broadcast_to(tolerance, low.shape)
-    going, share = np.flatnonzero((at_high != 0.0) & (at_low != 0.0)), np.array(0.5)
+    going = np.flatnonzero((at_high != 0.0) & (at_low != 0.0))
+    share = np.array(0.5)
     for _ in range(MOST_STEPS):
         if not len(going):
             break
@@ -137,7 +138,8 @@ def crossings(
     looked, barren = 0, np.zeros(len(cells), dtype=int)
     for depth in range(DEEPEST + 1):
         looked += len(cells)
-        middle, half = cells.mean(axis=1), 0.5 * (cells[:, 1] - cells[:, 0])
+        middle = cells.mean(axis=1)
+        half = 0.5 * (cells[:, 1] - cells[:, 0])
         bounds = cells[..., None]
         of_cells = sampled(lambda x: function(x[:, 0]), bounds, DEGREE, _CHECKED)
         contents = [*map(_in_cell, *of_cells)]
@@ -152,7 +154,8 @@ def crossings(
         if depth:  # cells are halves, two and two of one
             both = np.repeat(again.reshape(-1, 2).all(axis=1), 2) & (2.0 * half <= smooth)
             barren = (barren + 1) * both
-        barren, inner = np.repeat(barren[again], 2), middle[again, None]
+        barren = np.repeat(barren[again], 2)
+        inner = middle[again, None]
         cells = np.insert(cells[again], [1, 1], inner, axis=1).reshape(-1, 2)
     places, slopes = np.concatenate(roots, axis=1)
     for _ in range(POLISHING_STEPS if len(places) else 0):
@@ -200,7 +203,8 @@ def _in_cell(series: Floats, gap: Floats, largest: float) -> tuple[Floats, Float
 def _merged(parts: Floats) -> Floats:
     """Return parts (d, 2) of a line in order, those that touch as one."""
     start, stop = parts[np.argsort(parts[:, 0])].T
-    reach, new = np.maximum.accumulate(stop), np.ones(len(parts), dtype=bool)
+    reach = np.maximum.accumulate(stop)
+    new = np.ones(len(parts), dtype=bool)
     new[1:] = start[1:] > reach[:-1] + TOGETHER * np.abs(stop - start)[1:]
     return np.stack([start[new], reach[np.roll(new, -1)]], axis=1)
 

@@ -44,7 +44,9 @@ def descent(
         (n, variables), and the sums (n,) of squared residuals there.
     """
     n, count = start.shape
-    values, active, damping = start.copy(), np.arange(n), np.full(n, FIRST_DAMPING)
+    values = start.copy()
+    active = np.arange(n)
+    damping = np.full(n, FIRST_DAMPING)
     gap, slope = residuals(values, active)
     squares = np.sum(gap**2, axis=1)
     for _ in range(STEPS):
@@ -68,7 +70,9 @@ def descent(
         damping[active] = np.maximum(changed, LEAST_DAMPING)
         going = (squares[active] >= close**2) & (damping[active] < MOST_DAMPING)
         going &= size > STILL
-        active, gap, slope = active[going], gap[going], slope[going]
+        active = active[going]
+        gap = gap[going]
+        slope = slope[going]
         if not len(active):
             break
     return values, squares

@@ -124,7 +124,8 @@ def _places(count: int, spans: Sequence[Span], rows: slice) -> list[tuple[slice,
     made = []
     for wanted, first in spans:
         start = wanted.start // count
-        low, high = max(rows.start, start), min(rows.stop, wanted.stop // count)
+        low = max(rows.start, start)
+        high = min(rows.stop, wanted.stop // count)
         if low < high:
             at, end = (first + (row - start) * count for row in (low, high))
             here = slice(low - rows.start, high - rows.start)

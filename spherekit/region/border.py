@@ -166,7 +166,8 @@ class BoundarySegments(ArrayRows):
         They are sought within a parabola over the chord; the margin has to rise to the
         left, and no other may be negative there.
         """
-        number, widest = self.margin[chord], HIGHEST * self.length[chord] * (1.0 - u * u)
+        number = self.margin[chord]
+        widest = HIGHEST * self.length[chord] * (1.0 - u * u)
 
         def rows(part: Floats, which: Indices) -> Floats:
             return evaluate(self._at(chord[which], u[which], part * widest[which]))

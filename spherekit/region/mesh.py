@@ -354,7 +354,8 @@ def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bo
     low, high, error = _bounds(triangles, filled)
     whole = np.all(~missing, axis=0)
     _bound_in_part(rows, whole, low, high)
-    negative, uncertain = high < 0.0, (low < 0.0) & (high >= 0.0)
+    negative = high < 0.0
+    uncertain = (low < 0.0) & (high >= 0.0)
     verdict = np.full(len(triangles), TriangleClass.INSIDE)
     verdict[uncertain.any(axis=1)] = TriangleClass.OPEN
     tried = np.flatnonzero(
@@ -388,9 +389,11 @@ def _bound_in_part(rows: Floats, whole: Bools, low: Floats, high: Floats) -> Non
 
     A margin that is NaN at all samples bounds nothing.
     """
-    smallest, largest = np.fmin.reduce(rows, axis=0), np.fmax.reduce(rows, axis=0)
+    smallest = np.fmin.reduce(rows, axis=0)
+    largest = np.fmax.reduce(rows, axis=0)
     spread = STEADY * (largest - smallest)
-    positive, negative = ~(smallest <= spread), -largest > spread
+    positive = ~(smallest <= spread)
+    negative = -largest > spread
     low[~whole] = np.where(positive, 1.0, -1.0)[~whole]
     high[~whole] = np.where(negative & ~positive, -1.0, 1.0)[~whole]
 
@@ -402,7 +405,8 @@ def _within_cone(corners: Floats, values: Floats, error: Floats, uncertain: Bool
     and at mid-edge, `error` (n, k) how far the margins are off.
     """
     slopes = np.tensordot(_SLOPES, values, axes=1)
-    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    one = corners[:, 1] - corners[:, 0]
+    other = corners[:, 2] - corners[:, 0]
     base = np.linalg.norm(one, axis=1)[:, None]
     shift = np.vecdot(one, other)[:, None] / base
     height = np.linalg.norm(cross(one, other), axis=1)[:, None] / base

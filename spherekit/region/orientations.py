@@ -120,7 +120,8 @@ def find_orientations(
     cells = _Cells(evaluate)
     working = ProgressReporter("measuring a set of orientations")
     while True:
-        volume, error = float(cells.volume.sum()), float(cells.error.sum())
+        volume = float(cells.volume.sum())
+        error = float(cells.error.sum())
         goal = tolerance * volume
         told = f"volume {volume:.4g} +- {error:.2g}, to be known to {goal:.2g}"
         working.tell(told.__str__)
@@ -145,8 +146,10 @@ class _Cells:
 
     def __init__(self, evaluate: Evaluator) -> None:
         self.evaluate = evaluate
-        self.place, self.depth = np.array([0.0, 0.0, 0.0, 1.0]), -np.inf
-        corners, width = _cube(np.arange(2**COARSEST)), 2 ** (BITS - COARSEST)
+        self.place = np.array([0.0, 0.0, 0.0, 1.0])
+        self.depth = -np.inf
+        corners = _cube(np.arange(2**COARSEST))
+        width = 2 ** (BITS - COARSEST)
         number = np.arange(4 * len(corners))
         low = np.tile(corners * width, (4, 1))
         self.cells = np.column_stack([number // len(corners), low, width + 0 * number])
@@ -173,7 +176,8 @@ class _Cells:
         rows, checks = self._sample(cells)
         k = rows.shape[2]
         error = max_abs(np.tensordot(_at(_CHECKS / 4.0), rows, axes=1) - checks, axis=0)
-        control, slack = np.tensordot(_BOUNDS, rows, axes=1), VALUE_SLACK * error
+        control = np.tensordot(_BOUNDS, rows, axes=1)
+        slack = VALUE_SLACK * error
         out = (control.max(axis=0) + slack < 0.0).any(axis=1)
         certain = out | (control.min(axis=0) >= slack).all(axis=1)
         share = _density(cells) * ~out[:, None]
@@ -198,7 +202,8 @@ class _Cells:
         smallest = least(margins)
         best = int(np.argmax(smallest))
         if smallest[best] > self.depth:
-            self.place, self.depth = quaternions[best], float(smallest[best])
+            self.place = quaternions[best]
+            self.depth = float(smallest[best])
         rows = margins[back].reshape(*cubes.shape, -1)
         missing = np.isnan(rows)
         negative = np.any(rows < 0.0, axis=2, keepdims=True)
@@ -213,8 +218,10 @@ def _filled(model: Floats) -> Floats:
     Across the border this rises evenly over the width of the step, which is exact for
     planes on the average; what bending does to that average is taken away.
     """
-    value, changes = _at(_CENTRES) @ model, np.abs(_CHANGES @ model)
-    reach, square = changes.sum(axis=0), np.sum(changes**2, axis=0)
+    value = _at(_CENTRES) @ model
+    changes = np.abs(_CHANGES @ model)
+    reach = changes.sum(axis=0)
+    square = np.sum(changes**2, axis=0)
     with np.errstate(all="ignore"):
         bent = value / reach + (_MEANS @ model - value) * reach / square
         return np.where(square > 0.0, np.clip(0.5 + bent, 0.0, 1.0), value >= 0.0)

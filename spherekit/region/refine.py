@@ -133,7 +133,8 @@ class Refinement:
 
     def loops(self) -> list[Indices]:
         """Return the pieces of every closed curve of the border, in order."""
-        pieces, number = self.pieces, np.arange(len(self.pieces.start))
+        pieces = self.pieces
+        number = np.arange(len(self.pieces.start))
         second, first = of_start = np.full((2, len(self.crossing_keys)), -1)
         of_start[pieces.leading.astype(int), pieces.start] = number
         corner = np.where(pieces.leading, second[pieces.start], -1)
@@ -176,7 +177,8 @@ class Refinement:
         odd, second, third = self._turned(fresh)
         both = self._cross(odd, second), self._cross(odd, third)
         ends = np.where(held[fresh] == 1, both, both[::-1])
-        margins, (a, b) = self.crossing_margins[ends], self.crossing_points[ends]
+        margins = self.crossing_margins[ends]
+        (a, b) = self.crossing_points[ends]
         turning = np.flatnonzero(margins[0] != margins[1])
         pair = margins[:, turning].T
         corner, sound = corners(self.evaluate, a[turning], b[turning], pair)
@@ -241,7 +243,8 @@ class Refinement:
         place = np.full(len(marked) + 1, -1)
         place[origin] = np.arange(len(origin))
         self.verdict = np.where(origin >= 0, self.verdict[origin], -1)
-        self.size, self.contested = self.size[origin], self.contested[origin]
+        self.size = self.size[origin]
+        self.contested = self.contested[origin]
         self.pieces.owner[:] = place[self.pieces.owner]
         self.pieces = self.pieces.rows(self.pieces.owner >= 0)
 
@@ -427,7 +430,8 @@ def find_region(
     evaluate = Evaluator(margins)
     search = Refinement(evaluate, spacing)
     search.run(tolerance, feature, most)
-    areas, unresolved = search.area_inside(), float(np.sum(search.areas[search.open]))
+    areas = search.area_inside()
+    unresolved = float(np.sum(search.areas[search.open]))
     counted = ~search.open[search.pieces.owner]
     components, gaps, boundaries = _parts(search, areas)
     return Region(

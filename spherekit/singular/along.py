@@ -58,9 +58,11 @@ class LinkMotion:
     def __init__(
         self, tracer: PositionAnalysis, values: Floats, tangents: Floats, bends: Floats
     ) -> None:
-        self.values, self.motion = values, motion_of(tracer.solver, values)
+        self.values = values
+        self.motion = motion_of(tracer.solver, values)
         at = self.motion.linearisation
-        self.w, self.dw = at.body_rates(tangents), at.body_rates(bends)
+        self.w = at.body_rates(tangents)
+        self.dw = at.body_rates(bends)
         self.dw += at.tree.body_rates(at.turned(self.w), tangents)
         equations = bordered(at.jacobian, tangents)
         flat = np.maximum(bordered_condition(equations, left_inverse(equations)), EPS)
@@ -88,14 +90,14 @@ class LinkMotion:
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             sequence = None if planned is None else PlannedPoles(planned, self.motion)
             for pole in poles:
-                (w, dw), (length, growth) = self.relative(*pole), self.speeds(pole)
+                (w, dw) = self.relative(*pole)
+                (length, growth) = self.speeds(pole)
                 unit, error = w / length[:, None], self.rounding / length
                 rate = (dw - unit * np.vecdot(unit, dw)[:, None]) / length[:, None]
                 swing = np.linalg.norm(rate, axis=1)
                 swing = np.minimum(swing, 1.0 / np.clip(error, EPS, 1.0))
-                away = self.rounding / growth + length / growth * (
-                    1.0 + np.nan_to_num(swing)
-                )
+                turned = length * (1.0 + np.nan_to_num(swing))
+                away = (self.rounding + turned) / growth
                 ways = [(unit, error), (dw / growth[:, None], away)]
                 if sequence is not None:
                     ways.insert(0, (sequence.unit[pole].T, sequence.error[pole]))
@@ -125,7 +127,9 @@ class AlongCurve:
         curve: ArcCurve,
         plan_of: Callable[[tuple[Pole, ...]], Plan | None],
     ) -> None:
-        self.tracer, self.curve, self.plan_of = tracer, curve, plan_of
+        self.tracer = tracer
+        self.curve = curve
+        self.plan_of = plan_of
         self._at = lru_cache(KEPT)(self._links)
         self.zeros = cache(self._zeros)
 
@@ -159,7 +163,8 @@ class AlongCurve:
 
         Its sign is such that it is smooth through zero, and not negative at the start.
         """
-        (w, dw), unit = self.at(s).relative(*pole), self._heading(s, pole)
+        (w, dw) = self.at(s).relative(*pole)
+        unit = self._heading(s, pole)
         return np.vecdot(w, unit), np.vecdot(dw, unit)
 
     def _heading(self, s: Floats, pole: Pole) -> Floats:
@@ -171,7 +176,8 @@ class AlongCurve:
         there, roots = self.at(s), self.zeros(pole)
         if roots is None:
             return np.zeros((len(s), 3))
-        (w, dw), (length, growth) = there.relative(*pole), there.speeds(pole)
+        (w, dw) = there.relative(*pole)
+        (length, growth) = there.speeds(pole)
         resting = length <= NEAR_REST * growth
         reversals = roots[0][~roots[1]]
         again = np.append(reversals, reversals + self.curve.length)  # a lap later
@@ -199,8 +205,6 @@ class AlongCurve:
         if curve.closed:
             rests = rests.once(curve.length)
         s, double = rests.places, rests.double
-        if not len(s):
-            return s, double, s
         for _ in range(SETTLING):
             w, dw = self.at(s).relative(*pole)
             step = np.vecdot(w, dw) / np.maximum(np.vecdot(dw, dw), EPS**2)
@@ -209,11 +213,10 @@ class AlongCurve:
         there = self.at(s)
         speed, slope = there.speeds(pole)
         error = there.rounding / np.maximum(slope, EPS) + 16.0 * EPS * curve.length
-        if np.any(double):
-            step = 1e-3 * curve.length
-            aside = np.where(s[double] > 0.5 * curve.length, -step, step)
-            bend = np.maximum(self.at(s[double] + aside).speeds(pole)[1] / step, EPS)
-            error[double] = np.sqrt(2.0 * there.rounding[double] / bend)
+        step = 1e-3 * curve.length
+        aside = np.where(s[double] > 0.5 * curve.length, -step, step)
+        bend = np.maximum(self.at(s[double] + aside).speeds(pole)[1] / step, EPS)
+        error[double] = np.sqrt(2.0 * there.rounding[double] / bend)
         error = np.minimum(error, curve.length)
         rest = speed <= AT_REST * there.rounding
         for why, way in zip(curve.ends, (s, curve.length - s), strict=True):

@@ -134,7 +134,8 @@ def aspects(
             "always move while it rests: no aspect is free of type I; leave that out"
         )
     counts = list(samples) if isinstance(samples, Sequence) else [samples] * count
-    input_grid, budget = grids.grid(mechanism.inputs, counts), budget or TimeLimit()
+    input_grid = grids.grid(mechanism.inputs, counts)
+    budget = budget or TimeLimit()
     spread = _Spread(solver, input_grid, rest, "I" in free_of, budget)
     if budget.goes_on("modes at samples of the input grid"):
         spread.add(*_starts(solver, input_grid))
@@ -197,7 +198,9 @@ class _Spread:
         self.beside = beside = input_grid.neighbours()
         self.driven = list(solver.driven)
         self.periods = periods_of(solver.closure)
-        self.output, self.divides, self.signed = output, divides, False
+        self.output = output
+        self.divides = divides
+        self.signed = False
         none = np.zeros((0, len(self.periods)))
         self.nodes = self._judged(none, np.zeros(0, dtype=np.intp))
         self.at = np.full((len(input_grid), 1), -1)
@@ -211,7 +214,8 @@ class _Spread:
         two = locus.measure(space)
         least = np.minimum(space.reciprocal_condition, two.smallest)
         signs = two.value if two.signed else np.zeros(len(values))
-        one, slope = np.zeros(len(values)), np.zeros((len(values), count))
+        one = np.zeros(len(values))
+        slope = np.zeros((len(values), count))
         if self.output is not None:
             measure = SingularityLocus(closure, count, self.output).measure(space)
             self.signed = measure.signed

@@ -94,9 +94,11 @@ class SingularCurve:
     def s(self) -> Floats:
         """Arc lengths (n,) of the nodes (rad), of the Hermite polynomials through them."""
         tangents = self.nodes.tangents[:, None, :, 0]
-        start, chord = tangents[:-1], self.chord.directions[:, None]
+        start = tangents[:-1]
+        chord = self.chord.directions[:, None]
         places, weights = GAUSS
-        x, bent = 0.5 * (places[:, None] + 1.0), start + tangents[1:] - 2.0 * chord
+        x = 0.5 * (places[:, None] + 1.0)
+        bent = start + tangents[1:] - 2.0 * chord
         speed = start + x * (2.0 * (chord - start - bent) + 3.0 * x * bent)
         lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chord.chords
         return np.append(0.0, np.cumsum(lengths))
@@ -104,7 +106,8 @@ class SingularCurve:
     def on(self, which: Indices, parts: Floats) -> LocusPoints:
         """Return the points whose projections divide chords `which` (n,) at parts (n,)."""
         chord, nodes, ahead = self.chord, self.nodes, which + 1
-        direction, length = chord.directions[which], chord.chords[which]
+        direction = chord.directions[which]
+        length = chord.chords[which]
         turning = nodes.motions[ahead] - nodes.motions[which]
         motions = nodes.motions[which] + parts[:, None] * turning
         targets = np.vecdot(direction, nodes.values[which]) + parts * length
@@ -312,7 +315,8 @@ class _LocusCurves(Curves[_Nodes]):
         """Return the curve that was followed in both senses; None where no step holds."""
         for row in (ahead, behind):
             if self.closed[row]:
-                points, ends = self.nodes_of(row).point, (Status.OK, Status.OK)
+                points = self.nodes_of(row).point
+                ends = (Status.OK, Status.OK)
                 return SingularCurve(self.locus, points, self.periods, True, ends)
         back = self.nodes_of(behind).point.rows(slice(None, 0, -1))
         there = self.nodes_of(ahead).point
@@ -334,8 +338,8 @@ class CurveSeen:
     `s` (n,) is the place of the points on it (rad), `both` where it is singular of the
     other type too; the last point of one that is `closed` is its first. `why` says what is
     singular, where that is known of the curve, `modes` in which mode of a mid-plane
-    architecture. Of a traced `curve` it is what lies between two changes of
-    type, in a `view`.
+    architecture. `traced` is the curve between two changes of type, and what
+    it is reported in.
     """
 
     points: SingularPoints
@@ -344,23 +348,24 @@ class CurveSeen:
     closed: bool
     why: str = ""
     modes: tuple[int, ...] = ()
-    curve: SingularCurve | None = None
-    view: SingularityReport | None = None
+    traced: tuple[SingularityReport, SingularCurve] | None = None
 
     @cached_property
     def cusps(self) -> SingularPoints:
         """Where it turns back in the plane of the inputs (type II) or at the output (I)."""
-        if self.curve is None or self.view is None:
+        if self.traced is None:
             return self.points.rows(slice(0))
-        return self.view.points(self.curve.cusps())
+        view, curve = self.traced
+        return view.points(curve.cusps())
 
     def dense(self, parts: int) -> SingularPoints:
         """Return the curve, each way between two traced nodes divided into parts."""
-        if self.curve is None or self.view is None:
+        if self.traced is None:
             return self.points
-        which, part = np.divmod(np.arange(parts * (len(self.curve.nodes) - 1)), parts)
-        made = self.curve.on(np.append(which, which[-1]), np.append(part / parts, 1.0))
-        return self.view.points(made)
+        view, curve = self.traced
+        which, part = np.divmod(np.arange(parts * (len(curve.nodes) - 1)), parts)
+        made = curve.on(np.append(which, which[-1]), np.append(part / parts, 1.0))
+        return view.points(made)
 
 
 @dataclass(frozen=True)
@@ -381,7 +386,8 @@ class SingularCurves:
 
 def moved_by_all(mechanism: Mechanism, output: str | None = None) -> bool:
     """Return whether all pairs move an output: type II of it has all self-motions then."""
-    solver, rest = solver_of(mechanism), output_of(mechanism, output)
+    solver = solver_of(mechanism)
+    rest = output_of(mechanism, output)
     return SingularityReport.of(solver, rest, "II").part is None
 
 
@@ -443,7 +449,9 @@ def _followed(
     left, stray = np.ones(len(points), dtype=bool), []
     for curve in traced:
         left[left] &= ~curve.find(points.values[left], points.motions[left])
-    locus, budget, kind = source.view.locus, source.budget, source.view.kind
+    locus = source.view.locus
+    budget = source.budget
+    kind = source.view.kind
     while np.any(left) and budget.goes_on(f"curve {len(traced) + 1} of type {kind}"):
         (rows,) = np.nonzero(left)
         rows = rows[:: -(-len(rows) // TOGETHER)]
@@ -455,7 +463,7 @@ def _followed(
             if new_curve is None:
                 stray.append(points.values[row : row + 1])
                 continue
-            source.met(True)
+            source.met()
             traced.append(new_curve)
             left[left] &= ~new_curve.find(points.values[left], points.motions[left])
     return stray
@@ -471,10 +479,10 @@ def _parts(curve: SingularCurve, view: SingularityReport) -> Iterator[CurveSeen]
     starts = np.flatnonzero(np.diff(of_type, prepend=False) & of_type)
     stops = np.flatnonzero(np.diff(of_type, append=False) & of_type) + 1
     for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-        part = curve
-        if stop - start < len(of_type):
-            nodes = curve.nodes.rows(slice(start, stop))
-            part = replace(curve, nodes=nodes, closed=False)
         if stop - start > 1:
-            points, both = view.points(part.nodes), view.points(part.zeros(measured))
-            yield CurveSeen(points, both, part.s, part.closed, curve=part, view=view)
+            nodes = curve.nodes.rows(slice(start, stop))
+            closed = curve.closed and len(nodes) == len(of_type)
+            part = replace(curve, nodes=nodes, closed=closed)
+            points = view.points(nodes)
+            both = view.points(part.zeros(measured))
+            yield CurveSeen(points, both, part.s, closed, traced=(view, part))

@@ -231,7 +231,8 @@ def local_least(
     places, squares = minima(square, grid, limit**2)
     if curve.closed:
         lap = (places >= grid[1]) & (places < grid[1] + curve.length)
-        places, squares = np.mod(places[lap], curve.length), squares[lap]
+        places = np.mod(places[lap], curve.length)
+        squares = squares[lap]
     ends, inward = _ends(sampled, number)
     there = square(ends)
     least = (there <= square(inward)) & (there <= limit**2)
@@ -241,11 +242,12 @@ def local_least(
 
 def _ends(sampled: SampledSingularities, number: int) -> tuple[Floats, Floats]:
     """Return where the range or a curve ends, and places a little inward (k,)."""
-    curve, pieces = sampled.curves[number], sampled.configurations.curves[number].pieces
+    curve = sampled.curves[number]
+    pieces = sampled.configurations.curves[number].pieces
     ends = np.array([(piece.start, piece.stop) for piece in pieces]).reshape(-1, 2)
-    shifts = np.array([piece.shift for piece in pieces])
+    shifts = np.reshape([piece.shift for piece in pieces], (-1, 1))
     turned = curve.at(ends.ravel()).values[:, sampled.tracer.solver.single]
-    q = turned.reshape(ends.shape) + shifts[:, None]
+    q = turned.reshape(ends.shape) + shifts
     taken = np.zeros(ends.shape, dtype=bool)
     if not sampled.whole_range(number):
         taken |= np.min(np.abs(q[..., None] - sampled.range), axis=2) < AT_END

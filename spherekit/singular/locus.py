@@ -274,7 +274,8 @@ class SingularityLocus:
         space = self.space(values, like)
         moving = self.moving(space, like)
         inside = unit_rows(np.einsum("nvg,nv->ng", moving.basis, motions))
-        unit, rows = moving.along(inside), self.rest.equations(space.at)
+        unit = moving.along(inside)
+        rows = self.rest.equations(space.at)
         swing = np.einsum("ngvw,nw->nvg", moving.bends, unit)
         slopes = np.einsum("ngmv,nv->nmg", self.rest.changes(space), unit) + rows @ swing
         g, n = self.freedoms, len(values)
@@ -336,8 +337,8 @@ def configurations(solver: Solver, q: Floats) -> tuple[Floats, Indices]:
 
     With them the row (n,) of q that each belongs to.
     """
-    variables = len(solver.mechanism.variable_owners)
-    parts, rows = [np.zeros((0, variables))], [np.zeros(0, dtype=np.intp)]
+    parts = [np.zeros((0, len(solver.mechanism.variable_owners)))]
+    rows = [np.zeros(0, dtype=np.intp)]
     if solver.assembly.has_closed_form:
         for signs in product((1, -1), repeat=len(solver.assembly.groups)):
             here = solver.evaluate(AssemblyMode(0, signs), q)
@@ -414,7 +415,7 @@ def cut(
     notes = []
     for free in range(len(ranges)):
         grid = [*product(*spread[:free], [0.0], *spread[free + 1 :])]
-        digits = f"0{max(1, (len(grid) - 1).bit_length())}b"
+        digits = f"0{(len(grid) - 1).bit_length()}b"
         order = sorted(range(len(grid)), key=lambda k: format(k, digits)[::-1])
         held = np.array(grid)[order]
         share = budget.part(1.0 / (len(ranges) - free))

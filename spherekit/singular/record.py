@@ -98,7 +98,8 @@ def _sine(said: str, relation: Relation) -> Floats:
     poles = relation.poles
     if "=" in said:
         one, other = (side.split() for side in said.split("="))
-        (first, sure), (second, also) = poles.plane(one), poles.plane(other)
+        (first, sure) = poles.plane(one)
+        (second, also) = poles.plane(other)
         sine = np.linalg.norm(cross(first, second), axis=-1)
         both = _out_of_plane(poles.stacked([*one, *other]))
         return np.where(np.minimum(sure, also) < TOLERANCE, both, sine)
@@ -155,7 +156,8 @@ def conditions(
         residual = np.max([_sine(part, relation) for part in parts], axis=0)
         words = " and ".join(_words(part, links, names) for part in parts)
         for row in np.flatnonzero(residual <= UNDECIDED * allowed):
-            size, certain = float(residual[row]), bool(residual[row] <= allowed[row])
+            size = float(residual[row])
+            certain = bool(residual[row] <= allowed[row])
             rows[row].append(Holding(label, words, size, certain))
     return [tuple(sorted(row, key=lambda holding: not holding.certain)) for row in rows]
 

@@ -18,7 +18,7 @@ from spherekit.sphere.paths import dot
 from spherekit.sphere.rotation import all_finite, cross
 
 AXES = ("os", "ir", "io", "or_", "is_", "rs")
-"""The axes of `SixPoles` by their links: the output's and the input's first."""
+"""The axes of `SixPoles` in order, by their links: the output's and the input's first."""
 ONE_LINE = 1e-12
 """Axes whose sines are all smaller lie on one line and span no plane."""
 
@@ -88,13 +88,8 @@ class SixPoles:
     def of(links: FourLinks, direction: Callable[[Pole], Floats]) -> "SixPoles":
         """Return the six vectors from a function of poles, (n, 3)."""
         none = np.full_like(direction(pole_of(links.i, links.r)), np.nan)
-        ends = {axis: links.ends(axis) for axis in AXES}
-        return SixPoles(
-            **{
-                axis: none if a == b else direction(pole_of(a, b))
-                for axis, (a, b) in ends.items()
-            }
-        )
+        ends = map(links.ends, AXES)
+        return SixPoles(*(none if a == b else direction(pole_of(a, b)) for a, b in ends))
 
     def stacked(self, axes: Sequence[str]) -> Floats:
         """Return some of the vectors, (n, k, 3)."""
@@ -182,7 +177,8 @@ def relation_of(
     else:
         third, sign, _ = third_axis(form, links)
         normal = _across(poles, out, third)
-    c, d = dot(getattr(poles, out), normal), sign * dot(poles.ir, normal)
+    c = dot(getattr(poles, out), normal)
+    d = sign * dot(poles.ir, normal)
     return Relation(form, links, poles, (o, reference), c, d)
 
 

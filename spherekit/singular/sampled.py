@@ -10,7 +10,7 @@ about unless it stops the input. A group that is left out has no dead centre any
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 
@@ -47,8 +47,8 @@ def traced_part(
     made = whole if tracer.by_rank else part_for(whole, links)
     if made is not whole and tracer.solver.meshes is None:
         part = PositionAnalysis(made, path=np.linspace(*tracer.range, COMPARED)[:, None])
-        pairs = [whole.pair_number[pair.name] for pair in made.pairs]
-        variables = [v for pair in pairs for v in whole.variables_of(pair)]
+        pairs = (whole.pair_number[pair.name] for pair in made.pairs)
+        variables = [*chain(*map(whole.variables_of, pairs))]
         modes = _modes(tracer, part, variables)
         if modes is not None:
             dead, inner = (  # what is left out may meet none at any input of a turn
@@ -58,8 +58,8 @@ def traced_part(
             alike = not len(dead.doubtful) and len(dead.places) == len(inner.places)
             if alike and np.all(np.abs(dead.places - inner.places) < SAME_INPUT):
                 return part, variables, modes
-    every = list(range(len(whole.variable_owners)))
-    return tracer, every, {mode.number: (mode.number,) for mode in tracer.assembly_modes}
+    modes = {mode.number: (mode.number,) for mode in tracer.assembly_modes}
+    return tracer, [*range(len(whole.variable_owners))], modes
 
 
 def _modes(
@@ -73,10 +73,11 @@ def _modes(
         for mode in part.assembly_modes
     }
     modes: dict[int, tuple[int, ...]] = dict.fromkeys(there, ())
-    for place, mode in enumerate(tracer.assembly_modes):
-        rows = slice(place * k, (place + 1) * k)
-        good = motion.status[rows] == Status.OK
-        values = motion.values[rows][good][:, variables]
+    every = motion.values[:, variables].reshape(-1, k, len(variables))
+    statuses = motion.status.reshape(-1, k)
+    for mode, here, status in zip(tracer.assembly_modes, every, statuses, strict=True):
+        good = status == Status.OK
+        values = here[good]
         alike = (
             number
             for number, of_part in there.items()
@@ -139,13 +140,11 @@ class SampledSingularities:
     ) -> None:
         links = tracer.mechanism.links
         self.whole, self._values = tracer, values
-        wanted = [link for output in outputs for link in output]
-        self.tracer, variables, self._modes = traced_part(tracer, wanted)
+        self.tracer, variables, self._modes = traced_part(tracer, [*chain(*outputs)])
         self._driven = self.tracer.solver.single
-        number = self.tracer.mechanism.link_number
         self.configurations: Configurations = self.tracer.configurations
         self.curves = [item.curve for item in self.configurations.curves]
-        named = [(number[links[o]], number[links[s]]) for o, s in outputs]
+        named = [(links[o], links[s]) for o, s in outputs]
         self.report = SingleFreedom(self.tracer, self.curves, named)
         self._place(values[:, variables], assembly_mode)
         self.range: tuple[float, float] = tracer.range
@@ -172,7 +171,10 @@ class SampledSingularities:
             away = np.where(curve < 0, max_abs(wrapped, axis=1), np.inf)
             status[away < NEAR_CROSSING] = Status.AT_SINGULARITY
             crossed |= (away < AT_CROSSING) & (crossing.crossing is not None)
-        self.curve, self.s, self.status, self.crossed = curve, s, status, crossed
+        self.curve = curve
+        self.s = s
+        self.status = status
+        self.crossed = crossed
 
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
         """Return the numbers of all assembly modes on pieces of curves."""
@@ -203,7 +205,8 @@ class SampledSingularities:
 
     def _touched(self, curve: int, s: float, q: float) -> Iterator[Piece]:
         """Yield the pieces of a curve that hold or touch a place s at input q."""
-        pieces, arc = self.configurations.curves[curve].pieces, self.curves[curve]
+        pieces = self.configurations.curves[curve].pieces
+        arc = self.curves[curve]
         around = 1 if self.is_simulation else self.whole_range(curve) or np.inf
         away = float(arc.at(s).values[0, self._driven]) - q
         for lap, piece in product((0, 1, -1) if arc.closed else (0,), pieces):
@@ -218,7 +221,8 @@ class SampledSingularities:
         number, s = place
         if self._ways is None or number not in self._ways:
             return self._ways is None
-        (low, high), curve = self._ways[number], self.curves[number]
+        (low, high) = self._ways[number]
+        curve = self.curves[number]
         lap = curve.length if curve.closed else np.inf
         return bool((s - low + TOUCHES) % lap <= high - low + 2.0 * TOUCHES)
 
@@ -265,7 +269,8 @@ class SampledSingularities:
         type II that whose sine is the transmission. They vanish there and nowhere else; the
         first is NaN where both rates vanish.
         """
-        along, links = self.report.along[curve], self.report.outputs[output]
+        along = self.report.along[curve]
+        links = self.report.outputs[output]
         if kind is Type.I:
             of, to = (along.at(s).speeds(pole)[0] for pole in (links, self.report.input))
             return np.where(np.hypot(of, to) > STILL, np.arctan2(of, to), np.nan)
@@ -364,15 +369,15 @@ class SampledSingularities:
 
     def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
         """Return by how much (n,) the input changes from s to the nearest of a type."""
-        curve, links = self.curves[number], self.report.outputs[output]
+        curve = self.curves[number]
+        links = self.report.outputs[output]
         met = [
             (point.s, point.values)
             for point in self.report.points
             if (point.curve, point.output, point.type) == (number, links, kind)
         ]
         met += self.crossing_ends(number)
-        every = [(place, values[self._driven]) for place, values in met]
-        places = np.array(every).reshape(-1, 2)
+        places = np.reshape([(s, values[self._driven]) for s, values in met], (-1, 2))
         if curve.closed:
             lap = np.array([curve.length, curve.rise[self._driven]])
             places = np.concatenate([places - lap, places, places + lap])

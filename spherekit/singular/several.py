@@ -156,10 +156,10 @@ def coefficients(
     tolerance
         Singular values below this count as zero.
     """
-    links, held = (output.link, output.relative_to), _held(motion)
+    links = (output.link, output.relative_to)
+    held = _held(motion)
     space = tangent_space(motion.linearisation, len(held))
     alone = space.basis @ adjugate(space.basis[:, held])
-    w: list[Floats] = []
     related: list[tuple[Floats, ...]] = []
     with np.errstate(invalid="ignore", divide="ignore"):
         alone /= np.linalg.norm(alone, axis=1, keepdims=True)
@@ -178,18 +178,18 @@ def coefficients(
             named = {body[link]: link for link in (*links[::-1], r, i)}
             four = FourLinks(*(named[body[link]] for link in (i, r, *links)))
             field = evaluate(motion, wanted)
-            w.append(field.w[output.link] - field.w[output.relative_to])
+            w = field.w[output.link] - field.w[output.relative_to]
             direction = partial(
                 _direction,
                 planned=field.direction,
                 driven=(pole_of(four.i, four.r), space.at.vectors[:, held[k]]),
                 rates=space.at.body_rates(alone[:, :, k]),
             )
-            related.append(_relation(four, direction))
-        c, d, u = (np.stack(parts, axis=1) for parts in zip(*related, strict=True))
+            related.append((w, *_relation(four, direction)))
+        w, c, d, u = (np.stack(parts, axis=1) for parts in zip(*related, strict=True))
         c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
         measured = by_motions(motion, space, output, tolerance)
-    return OutputCoefficients(np.stack(w, axis=1), u, c, d, **measured)
+    return OutputCoefficients(w, u, c, d, **measured)
 
 
 def _relation(four: FourLinks, direction: Callable[[Pole], Floats]) -> tuple[Floats, ...]:
@@ -233,7 +233,8 @@ def by_motions(
 ) -> dict[str, Any]:
     """Return those of `OutputCoefficients` that the motions that close the loops say."""
     held, tree = _held(motion), space.tree
-    inputs, moving = space.basis[:, held], output.equations(space.at) @ space.basis
+    inputs = space.basis[:, held]
+    moving = output.equations(space.at) @ space.basis
     seen = output.link, output.relative_to, output.pointing
     transmission = Transmission(tree, tuple(held), *seen)
     vectors = space.at.vectors
@@ -251,7 +252,9 @@ def by_motions(
     rates = determinant[:, None] / size, np.linalg.norm(moving @ alone, axis=1) / size
     one, beside = _type_one(inputs, moving, tolerance)
     condition = np.where(motion.failed, np.nan, space.reciprocal_condition)
-    first, second, crossed = one < tolerance, two < tolerance, condition < tolerance
+    first = one < tolerance
+    second = two < tolerance
+    crossed = condition < tolerance
     kind = ((first & ~crossed) + 2 * second).astype(np.int8)
     kind[(kind == RowType.REGULAR) & (crossed | beside)] = RowType.SELF_MOTION
     kind[~np.isfinite(two)] = RowType.UNKNOWN
@@ -460,15 +463,15 @@ class SingularityReport:
         return np.isin(types, OWN[self.kind])
 
     @cached_property
-    def ranges(self) -> tuple[Floats, Floats]:
-        """The lowest and the highest declared values (g,) of the inputs (rad)."""
-        low, high = np.transpose([item.range for item in self.solver.mechanism.inputs])
-        return low, high
+    def ranges(self) -> Floats:
+        """(2, g) the lowest and the highest declared values of the inputs (rad)."""
+        return np.transpose([item.range for item in self.solver.mechanism.inputs])
 
     def inputs_of(self, values: Floats) -> Floats:
         """Return the inputs (n, g) of configurations (n, V), as in `SingularPoints`."""
-        driven = list(self.solver.driven)
-        return into_range(values[:, driven], *self.ranges, self.solver.periods)
+        q = values[:, list(self.solver.driven)]
+        (low, high) = self.ranges
+        return into_range(q, low, high, self.solver.periods)
 
     def points(self, nodes: LocusPoints) -> SingularPoints:
         """Return what points of the locus look like."""
@@ -477,8 +480,6 @@ class SingularityReport:
     def seen(self, values: Floats, motions: Floats, residual: Floats) -> SingularPoints:
         """Return what configurations and singular motions (n, V) look like."""
         at = self.solver.closure.at(values)
-        driven = list(self.solver.driven)
-        low, high = self.ranges
         inputs = self.inputs_of(values)
         orientation = self.output.orientation(at)
         pointing = None
@@ -491,10 +492,10 @@ class SingularityReport:
             values,
             motions,
             inputs,
-            np.all(in_range(inputs, low, high), axis=1),
+            np.all(in_range(inputs, *self.ranges), axis=1),
             orientation,
             pointing,
-            np.linalg.norm(motions[:, driven], axis=1),
+            np.linalg.norm(motions[:, list(self.solver.driven)], axis=1),
             np.linalg.norm(moving, axis=1),
             residual,
         )

@@ -142,7 +142,8 @@ class SingleFreedom:
         Rates are by arc length; the relations are form i, and form ii where there is one.
         c and d are NaN where an axis is not known.
         """
-        along, ends = self.along[curve], (self.input, self.outputs[output])
+        along = self.along[curve]
+        ends = (self.input, self.outputs[output])
         axes = along.oriented(s, self.poles(output))
         q, y = (_rate(along.at(s), axes, links) for links in ends)
         return q, y, self._made(output, axes)
@@ -184,7 +185,8 @@ class SingleFreedom:
 
     def _on_curve(self, number: int, output: int) -> list[SingularPoint]:
         """Return the singular points of an output on one curve, or that all of it is."""
-        along, ends = self.along[number], (self.input, self.outputs[output])
+        along = self.along[number]
+        ends = (self.input, self.outputs[output])
         zeros = [along.zeros(pole_of(*pair)) for pair in ends]
         resting = zeros[0] is None, zeros[1] is None
         if any(resting):
@@ -215,7 +217,8 @@ class SingleFreedom:
     ) -> list[tuple[RelationAt, ...]]:
         """Return an output's relations at n configurations, compared with the rates."""
         forms = []
-        names, poles = self.tracer.mechanism.links, tuple(self.poles(output))
+        names = self.tracer.mechanism.links
+        poles = tuple(self.poles(output))
         units, bounds = there.axes(poles, self.along[0].plan_of(poles))
         still = {pole: there.speeds(pole)[0] <= AT_REST * there.rounding for pole in poles}
         for relation in self._made(output, units):
@@ -240,12 +243,11 @@ class SingleFreedom:
                 size = np.nan_to_num(np.hypot(relation.c, relation.d))
                 if np.median(size) < ALWAYS:
                     links = relation.links.different
-                    of = f"axes of the links {', '.join(names[k] for k in links)}"
-                    why = f"{of} are one line everywhere, so form {relation.form}"
-                    if len(links) == 4:
-                        why = f"six {of} lie in one plane everywhere, so c = d = 0"
+                    are = "lie in one plane" if len(links) == 4 else "are one line"
                     notes.append(
-                        f"curve {number}: the {why} says nothing: the rates tell the types"
+                        f"curve {number}: the axes of the links "
+                        f"{', '.join(names[k] for k in links)} {are} everywhere, so form "
+                        f"{relation.form} says nothing: the rates tell the types"
                     )
         return notes
 
@@ -288,17 +290,16 @@ class SingleFreedom:
         self, crossing: Crossing | None, output: int
     ) -> tuple[RelationAt, ...]:
         """Return the relations on each curve through a crossing, by its own motion."""
-        count = 0 if crossing is None else len(crossing.tangents)
-        if crossing is None or not count:
+        if crossing is None:
             return ()
         tangents = crossing.tangents
-        values = np.tile(crossing.values, (count, 1))
+        values = np.tile(crossing.values, (len(tangents), 1))
         there = LinkMotion(self.tracer, values, tangents, np.full_like(tangents, np.nan))
         return tuple(
             replace(at, note=ONE_CURVE)
             if at.type is None and {*self.outputs[output]} != {*self.input}
             else at
-            for rows in self._judged(output, there, [Type.III] * count)
+            for rows in self._judged(output, there, [Type.III] * len(tangents))
             for at in rows
         )
 
@@ -312,7 +313,8 @@ class SingleFreedom:
         """
         if self.along:
             return None
-        solver, motion = self.tracer.solver, self.tracer.sparse(SAMPLED)
+        solver = self.tracer.solver
+        motion = self.tracer.sparse(SAMPLED)
         reference = np.zeros((1, motion.values.shape[1]))
         closed = motion.values[~motion.failed]
         if solver.closure.at(reference).gap[0] < CLOSURE_TOLERANCE:
@@ -356,7 +358,9 @@ def common_zeros(along: AlongCurve, poles: Sequence[Pole]) -> Floats:
     met = gap <= one[2][:, None] + two[2]
     met[:-1, -1], met[-1, :-1] = ~met[:-1].any(axis=1), ~met[:, :-1].any(axis=0)
     rows, columns = np.nonzero(met)
-    one, two, spread = one[:, rows], two[:, columns], np.nan_to_num(gap[met])
+    one = one[:, rows]
+    two = two[:, columns]
+    spread = np.nan_to_num(gap[met])
     s, _, error = np.where(one[2] <= two[2], one, two)
     places = np.stack([s, np.maximum(error, spread), spread, one[1], two[1]])
     return places[:, np.argsort(s, kind="stable")]

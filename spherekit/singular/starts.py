@@ -43,7 +43,7 @@ FOR_SLICES = 0.6
 class StartPoints:
     """Batches of points of a locus, from slices if there are any, else from random starts.
 
-    Whoever reads them tells by `met` whether a batch had news: random starts end after
+    Whoever reads them tells by `met` that a batch had news: random starts end after
     some rounds without.
 
     Parameters
@@ -84,7 +84,8 @@ class StartPoints:
         slices_of_each: int,
         budget: TimeLimit | None,
     ) -> None:
-        rest, solver = output_of(mechanism, output, pointing), solver_of(mechanism)
+        rest = output_of(mechanism, output, pointing)
+        solver = solver_of(mechanism)
         if len(solver.driven) != inputs:
             raise AnalysisError(
                 f"{mechanism.name} has {len(solver.driven)} inputs; curves of singular "
@@ -122,7 +123,8 @@ class StartPoints:
             yield LocusPoints.joined([seeds(one, self.view.locus) for one in some])
 
     def _of_random_starts(self) -> Iterator[LocusPoints]:
-        random, solver = np.random.default_rng(SEED), self.view.solver
+        random = np.random.default_rng(SEED)
+        solver = self.view.solver
         for number in range(MOST_ROUNDS):
             words = f"round {number + 1} of random starts"
             if self._dry >= DRY or not self.budget.goes_on(words):
@@ -132,10 +134,9 @@ class StartPoints:
             self._dry += 1
             yield points_from(self.view.locus, values, solver.driven)
 
-    def met(self, news: bool) -> None:
-        """Say whether the last batch, or a part of it, had news."""
-        if news:
-            self._dry = 0
+    def met(self) -> None:
+        """Say that the last batch had news."""
+        self._dry = 0
 
     def claim(self, what: str) -> Completeness:
         """Return what is known of curves or surfaces (`what`) that were not found."""

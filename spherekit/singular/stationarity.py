@@ -26,6 +26,7 @@ from spherekit.model.mechanism import Mechanism, chosen_output
 from spherekit.motion.loops import REDUNDANT, Linearisation, LoopTree
 from spherekit.planning.inputs import Assembly
 from spherekit.planning.part import moving_pairs
+from spherekit.planning.poles import Pole, pole_of
 from spherekit.sphere.rotation import all_finite, cross, perpendicular
 
 TINY = float(np.finfo(float).tiny)
@@ -216,9 +217,8 @@ class InputsLocked:
 
     def equations(self, at: Linearisation) -> Floats:
         """Return E (n, m, V)."""
-        chosen = np.zeros((len(at), self.count, at.values.shape[1]))
-        chosen[:, range(self.count), list(self.variables)] = 1.0
-        return chosen
+        chosen = np.eye(at.values.shape[1])[list(self.variables)]
+        return np.tile(chosen, (len(at), 1, 1))
 
     def changes(self, space: TangentSpace) -> Floats:
         """Return the derivatives (n, g + 1, m, V) of E along the directions."""
@@ -242,10 +242,9 @@ class OutputStationary:
     way: tuple[float, ...] | None = None
 
     @property
-    def pole(self) -> tuple[int, int]:
+    def pole(self) -> Pole:
         """The two links, smaller number first."""
-        a, b = sorted((self.link, self.relative_to))
-        return a, b
+        return pole_of(self.link, self.relative_to)
 
     @property
     def count(self) -> int:
@@ -355,5 +354,5 @@ def _direction(
                 f"all zero, in the axes of link {link}; {pointing!r} is none"
             )
         vector = vector / size
-    x, y, z = vector
-    return float(x), float(y), float(z)
+    x, y, z = vector.tolist()
+    return x, y, z

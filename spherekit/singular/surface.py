@@ -106,7 +106,7 @@ class SingularSurface:
     def reported(self) -> Self:
         """Return what is of the type, with inputs in their ranges, cut at their ends."""
         mesh, none = self, np.zeros(0, dtype=np.intp)
-        for number, (low, high) in enumerate(np.transpose(self.view.ranges)):
+        for number, (low, high) in enumerate(self.view.ranges.T):
             for end, way in ((low, 1.0), (high, -1.0)):
                 q = mesh.view.inputs_of(mesh.nodes.values)[:, number]
                 mesh = mesh._cut(number, way * (q - end), end)
@@ -116,12 +116,14 @@ class SingularSurface:
     def _cut(self, number: int, beyond: Floats, end: float) -> Self:
         """Return the part where an input is `beyond` (n,) an end of its range."""
         edges, _ = edges_of(self.triangles)
-        inside, driven = np.asarray(in_range(beyond, 0.0, np.inf)), self.view.solver.driven
+        inside = np.asarray(in_range(beyond, 0.0, np.inf))
+        driven = self.view.solver.driven
         (which,) = np.nonzero(inside[edges[:, 0]] != inside[edges[:, 1]])
         crossing, column = edges[which], driven[number]
         one, other = np.abs(beyond[crossing]).T
         guess, motions, away = self._between(crossing, (one / (one + other))[:, None])
-        every, tangents = np.eye(guess.shape[1]), self.nodes.tangents[crossing[:, 0]]
+        every = np.eye(guess.shape[1])
+        tangents = self.nodes.tangents[crossing[:, 0]]
         beside = np.vecmat(
             tangents[:, column, ::-1] * [-1.0, 1.0], np.swapaxes(tangents, 1, 2)
         )
@@ -141,7 +143,9 @@ class SingularSurface:
         self, edges: Indices, part: Floats | float
     ) -> tuple[Floats, Floats, Floats]:
         """Return values and motions (k, V) at a part (k, 1) along edges, and the ways."""
-        values, motions, (one, other) = self.nodes.values, self.nodes.motions, edges.T
+        values = self.nodes.values
+        motions = self.nodes.motions
+        (one, other) = edges.T
         away = less_periods(values[other] - values[one], self.periods)
         sense = np.sign(np.vecdot(motions[one], motions[other]))[:, None]
         turned = sense * motions[other] - motions[one]
@@ -289,7 +293,9 @@ class _Front:
     """
 
     def __init__(self, source: StartPoints, side: float) -> None:
-        self.source, self.view, self.side = source, source.view, side
+        self.source = source
+        self.view = source.view
+        self.side = side
         self.periods = periods_of(self.view.locus.closure)
         self.parts: list[LocusPoints] = []
         self.values = np.zeros((0, len(self.periods)))
@@ -318,7 +324,8 @@ class _Front:
             inside = self.view.points(points).inside
             irregular += int(np.sum(inside & (points.reciprocal_condition < FLAT)))
             for row in np.flatnonzero(inside):
-                self.source.met(self.grow(points.rows(slice(row, row + 1))))
+                if self.grow(points.rows(slice(row, row + 1))):
+                    self.source.met()
             if self.source.budget.note:
                 break
         return irregular
