@@ -59,11 +59,11 @@ class FourierPath:
         angles = np.multiply.outer(np.arange(len(self.cosines)), a)
         c, s = np.cos(angles), np.sin(angles)
         shape = (-1, *[1] * np.ndim(a))
-        out = []
-        for even, odd in self.series[: derivatives + 1]:
-            terms = even.reshape(shape) * c + odd.reshape(shape) * s
-            out.append(np.add.accumulate(terms, axis=0)[-1])  # one place as many
-        return out
+        terms = (
+            even.reshape(shape) * c + odd.reshape(shape) * s
+            for even, odd in self.series[: derivatives + 1]
+        )
+        return [np.add.accumulate(x, axis=0)[-1] for x in terms]  # one place as many
 
     @cached_property
     def series(self) -> list[tuple[Floats, Floats]]:
@@ -148,8 +148,8 @@ class SplinePath:
 
     def place(self, u: float) -> str:
         """Return words for where u is."""
-        count = len(self.knots) - int(self.closed)
-        return f"point {1 + int(np.argmin(np.abs(self.knots - u))) % count}"
+        count = len(self.knots) - self.closed
+        return f"point {1 + np.argmin(np.abs(self.knots - u)) % count}"
 
 
 Path = CirclePath | FourierPath | SplinePath
@@ -246,7 +246,7 @@ def checked_points(points: ArrayLike, closed: bool) -> Floats:
             )
         given = np.concatenate([given, given[:1]])
     steps = arc(given[:-1], given[1:])
-    count = len(given) - int(closed)
+    count = len(given) - closed
     for k, step in enumerate(steps):
         names = f"points {k + 1} and {(k + 1) % count + 1}"
         if step < 1e-9:
@@ -275,19 +275,17 @@ def check_simple(path: SplinePath) -> None:
     b = np.roll(a, -1, axis=0)
     middle, length, total = 0.5 * (a + b), np.sqrt(dot(b - a, b - a)), len(a)
     near = cKDTree(middle).query_ball_point(middle, length * (1.0 + 1e-9))
-    i = np.repeat(np.arange(total), [len(row) for row in near])
-    j = np.concatenate([np.asarray(row, dtype=int) for row in near])
+    i, j = np.repeat(np.arange(total), [*map(len, near)]), np.concatenate([*near])
     apart = np.minimum((i - j) % total, (j - i) % total) > 1
     i, j = i[apart], j[apart]
     met = _straddle(a[i], b[i], a[j], b[j]) & _straddle(a[j], b[j], a[i], b[i])
     if np.any(met):
-        at = int(np.argmax(met))
-        first, second = sorted((int(i[at]) // parts, int(j[at]) // parts))
-        raise ValueError(
-            f"the closed curve meets itself: between points {first + 1} and "
-            f"{(first + 1) % count + 1} and between points {second + 1} and "
-            f"{(second + 1) % count + 1}"
+        at = np.argmax(met)
+        places = " and ".join(
+            f"between points {k + 1} and {(k + 1) % count + 1}"
+            for k in sorted((i[at] // parts, j[at] // parts))
         )
+        raise ValueError(f"the closed curve meets itself: {places}")
 
 
 def _straddle(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
@@ -356,9 +354,10 @@ class ArcLength:
             half = 0.5 * np.diff(self.edges)[panel]
             return (self.edges[panel] + half * (1.0 + x) - s * self._pace)[:, None]
 
-        size = np.array([self.edges[-1]])
-        ends, cells = (0.0, self.length), self.starts
-        return PiecewiseChebyshev.fit(more, *ends, _EXACT, size, cells, rounding=_ROUNDING)
+        size, cells = self.edges[-1:], self.starts
+        return PiecewiseChebyshev.fit(
+            more, 0.0, self.length, _EXACT, size, cells, rounding=_ROUNDING
+        )
 
     def at(self, u: Floats) -> Floats:
         """Return the arc lengths (n,) of parameters u (n,)."""
@@ -388,7 +387,7 @@ def measure(path: FourierPath | SplinePath, edges: Floats) -> ArcLength:
     slow = path.speed(u) < SLOWEST * table.length / (edges[-1] - edges[0])
     if np.any(slow):
         raise ValueError(
-            f"the curve has a cusp near {path.place(float(u[np.argmax(slow)]))}: its speed "
+            f"the curve has a cusp near {path.place(u[np.argmax(slow)])}: its speed "
             "vanishes there; a profile has to be smooth"
         )
     return table
@@ -404,7 +403,7 @@ def integrated(
     resolve that.
     """
     low, high = edges[:-1], edges[1:]
-    ready: list[tuple[Floats, Floats, Floats]] = []
+    ready: list[tuple[Floats, Floats]] = []
     total = 0.0
     noise = np.zeros(len(low)) if rounding is None else rounding
     nodes, weights = leggauss(_ORDER)
@@ -419,7 +418,7 @@ def integrated(
         tail = max_abs(series[:, -2:], axis=1) / _ORDER
         smooth = (tail <= _TAIL * total) | (tail <= noise * largest)
         smooth |= depth == _DEEPEST
-        ready.append((low[smooth], high[smooth], series[smooth]))
+        ready.append((low[smooth], series[smooth]))
         rest = ~smooth
         middle = low[rest] + 0.5 * (high[rest] - low[rest])
         low = np.concatenate([low[rest], middle])
@@ -427,11 +426,8 @@ def integrated(
         noise = np.tile(noise[rest], 2)
         if not len(low):
             break
-    starts = np.concatenate([part[0] for part in ready])
+    starts, speeds = map(np.concatenate, zip(*ready, strict=True))
     order = np.argsort(starts)
-    speeds = np.concatenate([part[2] for part in ready])[order]
-    return ArcLength(
-        edges=np.append(starts[order], edges[-1]),
-        starts=np.concatenate([[0.0], np.cumsum(2.0 * speeds[:, 0])]),
-        speeds=np.ascontiguousarray(speeds.T),
-    )
+    speeds = np.ascontiguousarray(speeds[order].T)
+    arcs = np.append(0.0, np.cumsum(2.0 * speeds[0]))
+    return ArcLength(np.append(starts[order], edges[-1]), arcs, speeds)

@@ -197,7 +197,7 @@ def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, A
     given = checked_points(points, closed)
     steps = arc(given[:-1], given[1:])
     for _ in range(1 + _REFITS):
-        knots = np.concatenate([[0.0], np.cumsum(steps)])
+        knots = np.append(0.0, np.cumsum(steps))
         path = SplinePath(quintic(knots, given, closed), knots, closed)
         table = measure(path, knots)
         yield path, table

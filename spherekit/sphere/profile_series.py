@@ -33,8 +33,8 @@ class ProfileSeries:
     @staticmethod
     def of(curve: Curve) -> "ProfileSeries":
         """Return the series of a curve, as good as its own numbers but for rounding."""
-        places = np.linspace(0.0, curve.length, 257)
-        size = np.maximum(1.0, max_abs(_columns(curve, places), axis=0))
+        there = _columns(curve, np.linspace(0.0, curve.length, 257))
+        size = np.maximum(1.0, max_abs(there, axis=0))
         fitted = PiecewiseChebyshev.fit(
             lambda s: _columns(curve, s),
             0.0,

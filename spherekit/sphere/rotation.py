@@ -74,8 +74,7 @@ def frame_toward(axis: Floats, other: Floats) -> Floats:
 
     `axis` and `other` are unit vectors (..., 3); NaN where they lie on one line.
     """
-    side = unit_rows(cross(axis, other))
-    return frame_from(axis, cross(side, axis))
+    return frame_from(axis, cross(unit_rows(cross(axis, other)), axis))
 
 
 def perpendicular(axis: Floats) -> Floats:
@@ -120,8 +119,7 @@ def quaternion(matrix: Floats) -> Floats:
     back, ahead = [2, 0, 1], [1, 2, 0]
     rows[:, 3, :3] = rows[:, :3, 3] = r[:, back, ahead] - r[:, ahead, back]
     rows[:, 3, 3:] = 1.0 + trace
-    four = np.diagonal(rows, axis1=1, axis2=2)
-    best = np.argmax(np.where(np.isnan(four), -1.0, four), axis=1)
+    best = np.argmax(np.diagonal(rows, axis1=1, axis2=2), axis=1)
     return unit_rows(rows[np.arange(len(r)), best])
 
 
@@ -131,7 +129,7 @@ def from_quaternion(quaternions: Array) -> Array:
     Complex ones are taken as they are: the squares of their parts must have the sum 1.
     """
     vector, scalar = quaternions[..., :3], quaternions[..., 3, None, None]
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    x, y, z = np.moveaxis(vector, -1, 0)
     out = 2 * vector[..., :, None] * vector[..., None, :]
     out += (2 * scalar * scalar - 1) * np.eye(3)
     zero = np.zeros_like(x)
@@ -187,8 +185,8 @@ def _frame_toward(outer: Floats, middle: Floats) -> Floats:
     """Return frames with z along an axis and the other, if it lies aside, at positive x."""
     with np.errstate(invalid="ignore"):
         frames = frame_toward(outer, middle)
-    alone = outer[np.isnan(frames[:, 0, 0])]
-    frames[np.isnan(frames[:, 0, 0])] = frame_from(alone, perpendicular(alone))
+    lost = np.isnan(frames[:, 0, 0])
+    frames[lost] = frame_from(outer[lost], perpendicular(outer[lost]))
     return frames
 
 
@@ -296,31 +294,31 @@ def _square(vector: Floats) -> Floats:
     return np.sum(vector * vector, axis=1, keepdims=True)
 
 
-def _terms(count: int) -> list[float]:
+def _terms() -> list[float]:
     """Return the first terms of c by the square of the angle, |B_2k| / (2k)!.
 
     By Euler's rule for sums of even powers, from the convolution of those before.
     """
     terms = [1.0 / 12.0]
-    while len(terms) < count:
-        terms.append(float(np.dot(terms, terms[::-1])) / (2 * len(terms) + 3))
+    while len(terms) < 32:
+        terms.append(np.dot(terms, terms[::-1]) / (2 * len(terms) + 3))
     return terms
 
 
-_C = np.polynomial.Polynomial(_terms(32))
+_C = np.polynomial.Polynomial(_terms())
 """The factor c of `log_rate`, exact to rounding for angles up to pi."""
 _C_RATE = _C.deriv()
 
 
 def azimuth_tilt(directions: Floats) -> Floats:
     """Return azimuth (-pi, pi] and tilt [0, pi] (n, 2) rad of unit vectors (n, 3)."""
-    x, y, z = directions[:, 0], directions[:, 1], directions[:, 2]
+    x, y, z = directions.T
     return np.stack([np.arctan2(y, x), np.arctan2(np.hypot(x, y), z)], axis=1)
 
 
 def pointing(angles: Floats) -> Floats:
     """Return the unit vectors (n, 3) of azimuth and tilt (n, 2) rad."""
-    azimuth, tilt = angles[:, 0], angles[:, 1]
+    azimuth, tilt = angles.T
     across = np.sin(tilt)
     return np.stack(
         [across * np.cos(azimuth), across * np.sin(azimuth), np.cos(tilt)], axis=1
@@ -336,11 +334,8 @@ def euler_zyz(rotations: Floats) -> Floats:
     r = rotations
     first = azimuth_tilt(r[:, :, 2])
     c, s = np.cos(first[:, 0]), np.sin(first[:, 0])
-    last = np.arctan2(
-        c * r[:, 1, 0] - s * r[:, 0, 0],
-        c * r[:, 1, 1] - s * r[:, 0, 1],
-    )
-    return np.concatenate([first, last[:, None]], axis=1)
+    sine, cosine = c * r[:, 1, :2].T - s * r[:, 0, :2].T
+    return np.column_stack([first, np.arctan2(sine, cosine)])
 
 
 def from_euler_zyz(angles: Floats) -> Floats:
@@ -400,8 +395,7 @@ def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
     square = np.cos(half + other) * np.cos(half - other)
     with np.errstate(invalid="ignore"):
         z = np.sqrt(square)
-    normals = np.stack([x, y, z], axis=-1)
-    return np.where(np.isnan(z)[..., None], np.nan, normals)
+    return np.stack([x, y, z], axis=-1) + 0.0 * z[..., None]
 
 
 def normal_at(phi: float, gamma: float) -> Floats:

@@ -52,28 +52,27 @@ def _starts(curves: tuple[Curve, Curve]) -> Floats:
 
     At least the one where frames are nearest, if they touch nowhere.
     """
-    (one, turn), (other, second_turn) = (_samples(curve) for curve in curves)
-    frames = [
+    (one, turn), (other, second_turn) = map(_samples, curves)
+    first, second = (
         curve.at(s).frame.reshape(-1, 9)
         for curve, s in zip(curves, (one, other), strict=True)
-    ]
-    cosine = 0.5 * (frames[0] @ frames[1].T - 1.0)
+    )
+    cosine = 0.5 * (first @ second.T - 1.0)
     along = np.pad(cosine, ((0, 0), (1, 1)), "wrap")
     if not curves[1].closed:
         along[:, [0, -1]] = -1.0
     top = (cosine >= along[:, :-2]) & (cosine >= along[:, 2:])
     maxima = top & (cosine > np.cos(turn + second_turn))
     maxima.flat[np.argmax(cosine)] = True
-    first, second = np.nonzero(maxima)
-    return np.stack([one[first], other[second]], axis=1)
+    at_one, at_other = np.nonzero(maxima)
+    return np.stack([one[at_one], other[at_other]], axis=1)
 
 
 def _samples(curve: Curve) -> tuple[Floats, float]:
     """Return arc lengths (n,) along a curve, and how far its frame turns in between."""
     rough = np.linspace(0.0, curve.length, ROUGH)
     speed = np.hypot(1.0, curve.at(rough).curvature)
-    turned = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))])
-    turned *= rough[1]
+    turned = rough[1] * np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1])))
     even = np.linspace(0.0, turned[-1], int(min(np.ceil(turned[-1] / TURN), MOST)) + 1)
     s = np.interp(even, turned, rough)
     return (s[:-1] if curve.closed else s), float(even[1])

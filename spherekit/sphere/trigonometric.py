@@ -116,7 +116,7 @@ def common_angles(equations: Numbers, involves: Bools) -> tuple[Complexes, str]:
             _, _, quadratics, _ = _forms(equations[None], -1j * np.log(roots[None]))
             size = np.linalg.norm(quadratics[0], axis=1) / np.linalg.norm(equations[0])
             lost |= size < UNDETERMINED
-        unmatched = int(np.sum(lost & (away < NEAR_CIRCLE)))
+        unmatched = np.sum(lost & (away < NEAR_CIRCLE))
     if not excess < EXCESS:
         degree = eliminated_degree(involves)
         problem = f"the eliminant has coefficients {excess:.1g} beyond degree {degree}"
@@ -338,9 +338,9 @@ def _jets(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
     jets = np.einsum("nkx...,nmax->nmk...a", equations, both[:, :, 0])
     for angle in range(1, angles.shape[2]):
         jets = np.einsum("nmkx...,nmax->nmk...a", jets, both[:, :, angle])
-    turned = np.eye(angles.shape[2], dtype=int)
-    columns = [jets[..., *column] for column in turned]
-    return jets[..., *np.zeros_like(turned[0])], np.stack(columns, axis=3)
+    t = angles.shape[2]
+    columns = [jets[..., *turned] for turned in np.eye(t, dtype=int)]
+    return jets[..., *[0] * t], np.stack(columns, axis=3)
 
 
 def taking(

@@ -45,7 +45,7 @@ def quintic_panels(
 
     h, panels = np.diff(knots), len(knots) - 1
     per_panel = h[:, None] ** np.arange(6.0)
-    scale = (float(np.real(np.mean(h))) ** np.arange(6.0) / per_panel)[..., None]
+    scale = (np.real(np.mean(h)) ** np.arange(6.0) / per_panel)[..., None]
     starts, stops = scale * np.diag(np.diag(_DERIVATIVES)), scale * _DERIVATIVES
     ahead, behind = (block_diag([*x[:, 1:]], format="csr") for x in (starts, stops))
     smooth = behind - ahead[np.roll(np.arange(5 * panels), -5)]
@@ -89,7 +89,7 @@ def varied_spline(
     steps = _chords(moved)
     fits = list(spline_fits(points, closed))
     for path, _ in fits:
-        knots = stepped(path.knots, np.concatenate([[0.0], np.cumsum(steps)]))
+        knots = stepped(path.knots, np.append(0.0, np.cumsum(steps)))
         varied = SplinePath(quintic_panels(knots, moved, closed), path.knots, closed)
         stretch = integrated(lambda u: slope_of(varied.speed(stepped(u, 0.0))), path.knots)  # noqa: B023
         steps = np.diff(
