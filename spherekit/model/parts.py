@@ -188,7 +188,7 @@ def resized(
     ModelError
         If none leads to a pair that is named; `where` says which are meant.
     """
-    made: dict[str, Any]
+    values: Iterable[float]
     if isinstance(given, Mapping):
         pairs = link.axes[1 if kind == "arcs" else 2 :]
         for name in given.keys() - set(pairs):
@@ -196,11 +196,11 @@ def resized(
             raise ModelError(f'{where}: none leads to "{name}"{said}')
         sizes = dict(zip(pairs, getattr(link, kind), strict=True))
         sizes |= {name: in_radians(size, unit) for name, size in given.items()}
-        made = {kind: tuple(sizes.values())}
+        values = sizes.values()
     else:
-        every = np.ravel(np.asarray(given)).tolist()
-        made = {kind: tuple(in_radians(size, unit) for size in every)}
-    return replace(link, **made)
+        values = (in_radians(size, unit) for size in np.ravel(given).tolist())
+    changed: dict[str, Any] = {kind: tuple(values)}
+    return replace(link, **changed)
 
 
 @dataclass(frozen=True)

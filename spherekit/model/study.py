@@ -222,9 +222,9 @@ class Start:
             If there is not one number for each.
         """
         state = []
-        for key, given in (("q", self.q), ("dq", self.dq)):
-            resting = key == "dq" and given == 0.0
-            numbers = np.zeros(len(inputs)) if resting else np.array(given, float, ndmin=1)
+        rates = np.zeros(len(inputs)) if self.dq == 0.0 else self.dq
+        for key, given in (("q", self.q), ("dq", rates)):
+            numbers = np.array(given, float, ndmin=1)
             if len(numbers) != len(inputs):
                 raise ModelError(
                     f"start: {key} has {counted(len(numbers), 'number')}, needs "

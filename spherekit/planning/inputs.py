@@ -118,13 +118,12 @@ class Pebbles:
 
     def reach(self, bodies: Iterable[int]) -> set[int]:
         """Return the bodies that constraints lead to from these, themselves included."""
-        seen = set(bodies)
-        stack = list(seen)
+        seen, stack = set[int](), list(bodies)
         while stack:
-            for neighbour in self.out[stack.pop()]:
-                if neighbour not in seen:
-                    seen.add(neighbour)
-                    stack.append(neighbour)
+            body = stack.pop()
+            if body not in seen:
+                seen.add(body)
+                stack += self.out[body]
         return seen
 
     def rigid_part(self, a: int, b: int) -> set[int] | None:
@@ -137,13 +136,12 @@ class Pebbles:
     def merge(self, part: set[int], into: int) -> None:
         """Make one body of a rigid part, its free pebbles gathered on `into`."""
         self.gather(into, FREEDOMS)
-        for body in part:
-            self.out[body] = []
-            self.free[body] = 0
-        self.free[into] = FREEDOMS
         for body, targets in enumerate(self.out):
-            if body not in part:
+            if body in part:
+                self.out[body], self.free[body] = [], 0
+            else:
                 self.out[body] = [into if t in part else t for t in targets]
+        self.free[into] = FREEDOMS
 
 
 def graph_mobility(mechanism: Mechanism) -> int:
@@ -341,8 +339,8 @@ class Group(NamedTuple):
         A dyad's sign, that of u_1 . (u_2 x u_3) of its axes in the order of `pairs`, is
         this times that of the axes in the order named.
         """
-        near, middle, far = self.dyad_places
-        return 1 if (middle, near, far) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1
+        near, middle, _ = self.dyad_places
+        return 1 if (near - middle) % 3 == 1 else -1
 
     @property
     def middle(self) -> int:
@@ -493,8 +491,8 @@ def _smallest_part(
 ) -> set[int]:
     """Return the smallest rigid part with both bodies of a pair, the first of them."""
     parts = []
-    couples = (sorted((body_of[a], body_of[b])) for a, b in open_pairs.values())
-    for a, b in sorted({(low, high) for low, high in couples}):
+    couples = (sorted(body_of[k] for k in ends) for ends in open_pairs.values())
+    for a, b in sorted(couples):
         game.gather(a, FREEDOMS)
         parts.append(game.reach([a, b]))
         if len(parts[-1]) == SMALLEST:

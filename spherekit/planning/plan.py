@@ -160,11 +160,9 @@ def _smallest_block(
     return BlockPoles(
         links=tuple(sorted(inside)),
         pairs=tuple(
-            n
-            for n, (a, b) in enumerate(chain.ends)
-            if a != b and a in inside and b in inside
+            n for n, (a, b) in enumerate(chain.ends) if a != b and {a, b} <= inside
         ),
-        poles=tuple(p for p in unknown if p[0] in inside and p[1] in inside),
+        poles=tuple(pole for pole in unknown if {*pole} <= inside),
         round=round_number,
     )
 

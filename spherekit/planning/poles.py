@@ -263,10 +263,9 @@ def all_poles(count: int) -> tuple[Pole, ...]:
 def parse_pole(mechanism: Mechanism, text: str) -> Pole:
     """Return the pole that ``3/1``, ``coupler/ground`` or, where clear, ``31`` names."""
     number = mechanism.link_number
-    if "/" in text:
-        names = text.split("/")
-        splits = [(names[0], names[-1])] if len(names) == 2 else []
-    else:
+    low, slash, high = text.partition("/")
+    splits = [(low, high)]
+    if not slash:
         splits = [(text[:cut], text[cut:]) for cut in range(1, len(text))]
     poles = {
         pole_of(number[a], number[b])

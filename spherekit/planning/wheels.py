@@ -42,8 +42,6 @@ MOST_ASSEMBLIES = 400_000
 
 Way = tuple[tuple[int, int], ...]
 """Pairs, each with the side of the link that is nearer to the start of the way."""
-Axes = Mapping[int, tuple[Floats, Floats]]
-"""Axes (3,) of R pairs in their first and second link, by number."""
 
 
 class GearMesh(NamedTuple):
@@ -78,44 +76,6 @@ class GearMesh(NamedTuple):
 def back(way: Way) -> Way:
     """Return a way from its end to its start."""
     return tuple((pair, 1 - side) for pair, side in reversed(way))
-
-
-def mesh_of(
-    ends: Sequence[tuple[int, int]],
-    axes: Axes,
-    contact: tuple[int, tuple[int, int]],
-    centres: tuple[Floats, Floats],
-    cosine: float | None = None,
-    apart: float = ONE_LINE,
-) -> GearMesh | None:
-    """Return how the nearest carrier holds the wheels of a contact, None if none does.
-
-    Parameters
-    ----------
-    ends, axes
-        The links of pairs, and the axes of those R pairs that a way may take.
-    contact
-        Its number, and the links that are its wheels.
-    centres
-        (3,) of the circles, each in its link.
-    cosine, apart
-        That of the arc between centres of circles that touch, and by how much the arc on a
-        carrier may miss it; by default anything.
-    """
-    number, wheels = contact
-    tables = [
-        seen_from_links(dict(enumerate(ends)), axes, wheel, centre)
-        for wheel, centre in zip(wheels, centres, strict=True)
-    ]
-    best = None
-    for link in sorted(set(tables[0]) & set(tables[1])):
-        one, other = tables[0][link], tables[1][link]
-        touch = cosine is None or abs(float(one.line @ other.line) - cosine) <= apart
-        if touch and not one_line(one.line, other.line):
-            made = GearMesh(number, (one.turned, other.turned), (one.way, other.way))
-            if best is None or len(made.pairs) < len(best.pairs):
-                best = made
-    return best
 
 
 def least_rolled(
@@ -190,7 +150,7 @@ class GearTrain(NamedTuple):
     def numbers(self) -> list[float]:
         """The ratios and the offset of each follower."""
         both = np.column_stack([self.ratios, self.offsets])
-        return [float(number) for number in both.ravel()]
+        return list(both.ravel().tolist())
 
 
 RollingOnCarrier = tuple[GearMesh, Wheel, Wheel]
@@ -240,25 +200,32 @@ def on_carrier(
 ) -> RollingOnCarrier | None:
     """Return a rolling contact on its carrier; None unless a link carries two circles.
 
-    Wheels may miss each other by less than `apart` (rad). Only R pairs among `pairs`, where
-    these are given, lead to the carrier.
+    It is the nearest one. On it the cosine of the arc between centres may miss that of
+    circles that touch by `apart`. Only R pairs among `pairs`, where these are given, lead
+    to the carrier.
     """
     profiles = mechanism.pairs[number].profiles or ()
     if any(profile.round_axis is None for profile in profiles) or not joints[number].rolled:
         return None
-    one, other = (Wheel.of(track.curve, track.start) for track in joints[number].tracks)
+    wheels = [Wheel.of(track.curve, track.start) for track in joints[number].tracks]
+    one, other = wheels
     numbers = range(len(joints)) if pairs is None else pairs
     hinges = {n: revolute(joints[n]) for n in numbers if joints[n].has_axis}
     axes = {n: (hinge.first[:, 2], hinge.second[:, 2]) for n, hinge in hinges.items()}
-    made = mesh_of(
-        mechanism.ends,
-        axes,
-        (number, mechanism.ends[number]),
-        (one.centre, other.centre),
-        float(np.cos(one.radius - other.radius)),
-        apart,
-    )
-    return None if made is None else (made, one, other)
+    ends, cosine = mechanism.ends, np.cos(one.radius - other.radius)
+    tables = [
+        seen_from_links(dict(enumerate(ends)), axes, link, wheel.centre)
+        for link, wheel in zip(ends[number], wheels, strict=True)
+    ]
+    meshes = []
+    for link in sorted(tables[0].keys() & tables[1].keys()):
+        seen = [table[link] for table in tables]
+        lines, turned, ways = zip(*((x.line, x.turned, x.way) for x in seen), strict=True)
+        if abs(np.vecdot(*lines) - cosine) <= apart and not one_line(*lines):
+            meshes.append(GearMesh(number, turned, ways))
+    if not meshes:
+        return None
+    return min(meshes, key=lambda mesh: len(mesh.pairs)), one, other
 
 
 def wheel_train(
