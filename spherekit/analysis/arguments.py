@@ -59,8 +59,9 @@ def given(
     words
         What fields are called in items, where that is not their name.
     """
-    field = {(words or {}).get(key, key): key for key in parameters(cls)}
-    declared, hints = parameters(cls), get_type_hints(cls)
+    declared = parameters(cls)
+    hints = get_type_hints(cls)
+    field = {(words or {}).get(key, key): key for key in declared}
     made: Facts = {}
     for key, value in items.items():
         if key not in field:
@@ -96,9 +97,9 @@ def given_in(
         try:
             return read_as(hint, value, _one, lambda several: several.split("+"))
         except ValueError:
-            shown = in_words(hint, _TEXT)
             raise fault(
-                (), f'parameter {key}: "{value}" does not read as {shown}'
+                (),
+                f'parameter {key}: "{value}" does not read as {in_words(hint, _TEXT)}',
             ) from None
 
     items: dict[str, str] = {}

@@ -487,7 +487,7 @@ MOST_SUBJECTS = 60
 """A table with more rows at a sample is not drawn."""
 
 
-def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> tuple[Scene, ...]:
+def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Scene]:
     """Return the numbers of tables with rows at the samples, over these, by mode.
 
     Rows that belong to one sample are told apart by what their columns of text say.
@@ -502,7 +502,7 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> tuple[S
         )
         if parts:
             scenes.append(Scene(mode, parts))
-    return tuple(scenes)
+    return scenes
 
 
 def _parts(
@@ -519,9 +519,13 @@ def _parts(
         if not np.array_equal(data[SAMPLE.name][chosen], samples):
             continue
         for column in filter(_shown, table.columns):
-            path = f"tables/{table.name}/{column.name}/{subject}"
-            values = data[column.name][chosen]
-            yield Series(path, subject or column.name, column.meaning, values, column.unit)
+            yield Series(
+                f"tables/{table.name}/{column.name}/{subject}",
+                subject or column.name,
+                column.meaning,
+                data[column.name][chosen],
+                column.unit,
+            )
 
 
 def _shown(column: Column) -> bool:

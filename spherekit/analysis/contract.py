@@ -80,8 +80,10 @@ class FigureOfMerit:
 
     def __post_init__(self) -> None:
         if self.reduction not in REDUCTIONS:
-            said = choices(self.reduction, REDUCTIONS, "it is")
-            raise AnalysisError(f'{self.name}: "{self.reduction}" is no reduction{said}')
+            raise AnalysisError(
+                f'{self.name}: "{self.reduction}" is no reduction'
+                f"{choices(self.reduction, REDUCTIONS, 'it is')}"
+            )
         if not re.fullmatch(r"[A-Za-z_]\w*", self.name):
             raise AnalysisError(
                 f'"{self.name}" cannot name a figure of merit: letters, digits and _ can'
@@ -162,8 +164,7 @@ def parse_merit(text: str, radians: float) -> FigureOfMerit:
         texts = [place]
     expression = expression.strip()
     if name is None:
-        words = "_".join([reduction, expression, *texts])
-        name = re.sub(r"\W+", "_", words).strip("_")
+        name = re.sub(r"\W+", "_", "_".join([reduction, expression, *texts])).strip("_")
     only_of = tuple(re.findall(r"(\w+)\s*=\s*(\w+)", only))
     return FigureOfMerit(name, reduction, expression, point, table, "", only_of, place)
 

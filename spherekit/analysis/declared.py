@@ -46,7 +46,8 @@ def _fault(needs: Any, mechanism: Mechanism) -> str:
     """Return what is wrong with a pole, pair or link that is declared, or nothing."""
     if not isinstance(needs, Needs):
         return f"needs returns a {type(needs).__name__}, it has to return Needs(...)"
-    count, name = len(mechanism.links), mechanism.name
+    count = len(mechanism.links)
+    name = mechanism.name
     for what, held in vars(needs).items():
         for item in held if isinstance(held, frozenset) else ():
             fault = ""
@@ -61,8 +62,10 @@ def _fault(needs: Any, mechanism: Mechanism) -> str:
                 kind = "link" if is_link else "pair"
                 names = mechanism.link_number if is_link else mechanism.pair_number
                 if item not in names:
-                    said = choices(item, names, f"{kind}s")
-                    fault = f", but {name} has no {kind} of that name{said}"
+                    fault = (
+                        f", but {name} has no {kind} of that name"
+                        f"{choices(item, names, f'{kind}s')}"
+                    )
                 elif what in _PAIRS and mechanism.pair(item).kind.freedoms > 1:
                     fault = ", a pair with two variables, which has no single one"
             if fault:

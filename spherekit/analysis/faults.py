@@ -59,9 +59,11 @@ def failed(analysis: str, why: str) -> str:
 
 def described(problem: BaseException) -> str:
     """Return an exception with the last line of a plugin's own that led to it."""
-    words, where = str(problem).strip().partition("\n")[0], ""
+    words = str(problem).strip().partition("\n")[0]
+    where = ""
     for frame in traceback.extract_tb(problem.__traceback__):
-        path, ours = frame.filename, frame.filename.startswith((*NOT_TO_BLAME, "<"))
+        path = frame.filename
+        ours = path.startswith((*NOT_TO_BLAME, "<"))
         if not ours and (path.startswith(INSTALLED) or not path.startswith(STANDARD)):
             where = f" ({Path(path).name}, line {frame.lineno})"
     return f"{type(problem).__name__}{': ' if words else ''}{words}{where}"

@@ -401,6 +401,10 @@ def need_disk_for_run(
     wanted = whole * (1.0 + sum(FILE_SIZE[kind] for kind in formats))
     less = size_text(whole * (1.0 + FILE_SIZE["parquet"]))
     hint = f"; Parquet alone (--format parquet) takes {less}" if "csv" in formats else ""
-    advice = f"choose another folder or fewer samples{hint}"
-    place = store.folder.parent
-    need_disk(place, held, wanted, "the run, work and files together,", advice)
+    need_disk(
+        store.folder.parent,
+        held,
+        wanted,
+        "the run, work and files together,",
+        f"choose another folder or fewer samples{hint}",
+    )

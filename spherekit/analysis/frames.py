@@ -62,8 +62,10 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
             columns[column.name] = pd.Categorical.from_codes(values, pd.Index(STATUSES))
         elif column.unit_in(degrees) != column.unit:
             columns[column.name] = np.degrees(values)
-    units = {column.name: column.stated_unit(degrees) for column in table.columns}
-    return frame_of(columns, {"units": units})
+    return frame_of(
+        columns,
+        {"units": {column.name: column.stated_unit(degrees) for column in table.columns}},
+    )
 
 
 def frame_of(columns: Mapping[str, Any], notes: Mapping[str, Any]) -> "pd.DataFrame":
@@ -319,8 +321,9 @@ def part_tables(
     def write(stem: str) -> None:
         whole = pa.concat_tables(waiting.pop(stem))
         if stem not in writers:
-            opened = _parquet(make_folder(folder / stem) / name, whole.schema)
-            writers[stem] = files.enter_context(opened)
+            writers[stem] = files.enter_context(
+                _parquet(make_folder(folder / stem) / name, whole.schema)
+            )
         writers[stem].write_table(whole)
 
     def take(design: int, stem: str, table: Table, data: TableArrays) -> None:

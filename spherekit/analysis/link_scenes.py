@@ -27,8 +27,7 @@ def link_shapes(mechanism: Mechanism) -> list[Body]:
     for number, (link, axes) in enumerate(link_axes(mechanism).items()):
         joints = np.array(list(axes.values())).reshape(-1, 3)
         curves = [*link_curves(joints), *profile_curves(mechanism, link, joints)]
-        path = f"link/{link}"
-        shapes.append(Body(path, link, curves, joints, list(axes), number, None))
+        shapes.append(Body(f"link/{link}", link, curves, joints, list(axes), number, None))
     return shapes
 
 
@@ -37,8 +36,9 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     mechanism = plans[0].mechanism
     lines = [f"# Plan of {mechanism.name}"]
     for plan in plans:
-        driven, locked = mechanism.pairs[plan.input], mechanism.names_of(plan.locked)
-        link, base = driven.links[1], driven.links[0]
+        driven = mechanism.pairs[plan.input]
+        locked = mechanism.names_of(plan.locked)
+        base, link = driven.links
         lines.append(
             f"Input: pair {driven.name}, link {link} relative to {base}"
             f"{f'; locked: {listing(locked)}' if locked else ''}."
@@ -71,13 +71,10 @@ def graph_scene(mechanism: Mechanism) -> Scene:
         for pair in mechanism.pairs
         for link in pair.links
     ]
-    places = [(x, y) for x, y in layout(mechanism).tolist()]
-    return Scene(None, (Graph("graph", nodes, edges, places),))
+    return Scene(None, (Graph("graph", nodes, edges, layout(mechanism).tolist()),))
 
 
-def motion_scenes(
-    motion: Motion, shapes: list[Body], timed: bool = False
-) -> tuple[Scene, ...]:
+def motion_scenes(motion: Motion, shapes: list[Body], timed: bool = False) -> list[Scene]:
     """Return the turning links of every assembly mode of a block.
 
     With plots of the pairs' variables over time if the samples are times.
@@ -95,10 +92,11 @@ def motion_scenes(
         for name, values in named if timed else ():
             # With a gap where an angle passes a whole turn.
             jumps = np.abs(np.diff(values, prepend=values[:1])) > np.pi
-            shown, path = np.where(jumps, np.nan, values), f"plots/variable/{name}"
+            shown = np.where(jumps, np.nan, values)
+            path = f"plots/variable/{name}"
             plots.append(Series(path, name, "pair variables", shown, "rad"))
         scenes.append(Scene(assembly_mode.number, (*bodies, *plots)))
-    return tuple(scenes)
+    return scenes
 
 
 def link_bodies(mechanism: Mechanism, rotations: Floats) -> list[Body]:
@@ -125,7 +123,7 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
         curves.append(points)
         if len(joints):
             profile = pair.profiles[which]
-            foot = points[int(np.argmax(points @ joints[0]))]
+            foot = points[np.argmax(points @ joints[0])]
             if profile.centre is not None and profile.kind != "great_circle":
                 foot = np.array(profile.centre)
             if arc(joints[0], foot) > SAME_PLACE:
@@ -147,7 +145,7 @@ def link_curves(joints: Floats) -> list[Floats]:
     middle = joints.sum(axis=0)
     length = np.linalg.norm(middle)
     pole = middle / length if length > 1e-6 else joints[0]
-    farthest = joints[int(np.argmin(np.abs(joints @ pole)))]
+    farthest = joints[np.argmin(np.abs(joints @ pole))]
     x, y, _ = (joints @ frame_toward(pole, farthest)).T
     order = np.argsort(np.arctan2(y, x), kind="stable")
     return [
@@ -160,6 +158,6 @@ def great_arc(a: Floats, b: Floats) -> Floats:
     """Return points (k, 3) along the shorter great-circle arc between unit vectors."""
     if np.linalg.norm(np.cross(a, b)) < 1e-12:
         return np.array([a, b])
-    angle = float(arc(a, b))
+    angle = arc(a, b)
     t = np.linspace(0.0, angle, max(2, int(np.ceil(angle / CURVE_STEP)) + 1))[:, None]
     return np.cos(t) * a + np.sin(t) * frame_toward(a, b)[:, 0]

@@ -57,9 +57,10 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
         If it cannot be read, or a cell is not a finite number, with line or row.
     """
     cells, word, first = _frame(path)[list(names)], "line", 2
-    units = dict(cells.attrs.get("units", {}))
+    units = cells.attrs.get("units", {})
     if path.suffix == PARQUET:
-        word, first = "row", 1
+        word = "row"
+        first = 1
     else:
         with suppress(FileError, KeyError):  # what the folder of a run states
             stated = _frame(path.with_name(COLUMNS)).set_index("table").loc[[path.stem]]
@@ -76,8 +77,11 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
         raise FileError(
             f"{path}: {'; '.join(bad[:MOST_SHOWN])}{more}; every cell has to be a number"
         )
-    said = {name: match[1] for name in names if (match := _NAMED.search(name))}
-    return Numbers(values, places, units | said)
+    return Numbers(
+        values,
+        places,
+        units | {name: match[1] for name in names if (match := _NAMED.search(name))},
+    )
 
 
 def _number(cell: Any) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 from spherekit.analysis.scene import Range
 from spherekit.arrays import Bools, Floats
-from spherekit.sphere.rotation import nans
+from spherekit.sphere.rotation import max_abs, nans
 
 LONELY = {"curves": 16.0, "colours": 5.0}
 """Values so many times farther apart than the `INNER` ones leave the range: a curve that
@@ -33,7 +33,7 @@ def scale_of(values: Floats, unit: str) -> float:
 
     Their size says whether they are noise, that of a torque or an inertia does not.
     """
-    largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+    largest = float(max_abs(values[np.isfinite(values)]))
     return largest if any(part in unit for part in DIMENSIONAL) else max(largest, 1.0)
 
 
@@ -51,15 +51,17 @@ def plotted_range(
     finite = values[np.isfinite(values)]
     if not len(finite):
         return 0.0, 1.0
-    low, high = float(np.min(finite)), float(np.max(finite))
+    low = np.min(finite)
+    high = np.max(finite)
     if high - low <= resolution * scale:
         middle = 0.5 * (low + high)
         half = AROUND * max(abs(middle), scale) or 1.0
         return middle - half, middle + half
-    inner, outer = np.quantile(finite, INNER).tolist()
+    inner, outer = np.quantile(finite, INNER)
     if outer > inner and high - low > LONELY[shown_by] * (outer - inner):
         reach = BEYOND * (outer - inner)
-        low, high = max(low, inner - reach), min(high, outer + reach)
+        low = max(low, inner - reach)
+        high = min(high, outer + reach)
     margin = MARGIN * (high - low) if shown_by == "curves" else 0.0
     return low - margin, high + margin
 
@@ -70,8 +72,8 @@ def map_range(values: Floats, unit: str) -> Range:
     Whole numbers are counts: their colours begin at zero.
     """
     finite = values[np.isfinite(values)]
-    if len(finite) and np.all(finite == np.round(finite)):
-        return min(float(np.min(finite)), 0.0), max(float(np.max(finite)), 1.0)
+    if np.all(finite == np.round(finite)):
+        return np.min(finite, initial=0.0), np.max(finite, initial=1.0)
     return plotted_range(finite, scale_of(finite, unit), MAP_RESOLUTION, "colours")
 
 
@@ -87,7 +89,8 @@ def broken(line: Floats, frame: Range, turn: float | None) -> Floats:
     jump by half a `turn` or more.
     """
     y = line[:, 1]
-    before, after = y[:-1], y[1:]
+    before = y[:-1]
+    after = y[1:]
     low, high = frame
     gap = ((before < low) & (after > high)) | ((before > high) & (after < low))
     if turn is not None:
@@ -99,7 +102,7 @@ def cut(line: Floats, frame: Range) -> Floats:
     """Return points (n, 2) that end where the curve leaves the frame, NaN beyond it."""
     for level in frame:
         above = line[:, 1] - level
-        (places,) = np.nonzero(above[:-1] * above[1:] < 0.0)
+        places = np.flatnonzero(above[:-1] * above[1:] < 0.0)
         part = above[places] / (above[places] - above[places + 1])
         x = line[places, 0] + part * (line[places + 1, 0] - line[places, 0])
         line = np.insert(line, places + 1, np.stack([x, np.full_like(x, level)], 1), axis=0)
@@ -136,6 +139,6 @@ def placed_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats
         for place, other in taken:
             covers |= np.all(np.abs(around - place[:, None]) < half + other, axis=2)
         best = np.argmin(covers, axis=1)
-        middles[:, k] = np.take_along_axis(around, best[:, None, None], axis=1)[:, 0]
+        middles[:, k] = around[np.arange(len(best)), best]
         taken.append((middles[:, k], half))
     return middles

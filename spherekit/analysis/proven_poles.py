@@ -103,11 +103,11 @@ class ProvenPoles:
             f"{what}: {', '.join(f'{n} {word}' for word, n in sorted(counts.items()))}"
             for what, counts in self.counts.items()
         ]
-        proven, rows = (
-            max(c.total() for c in self.counts.values()),
-            len(self.data["status"]),
+        proven = max(counts.total() for counts in self.counts.values())
+        return (
+            f"proven: {proven} of {len(self.data['status'])} rows of poles; "
+            f"{'; '.join(parts)}"
         )
-        return f"proven: {proven} of {rows} rows of poles; {'; '.join(parts)}"
 
     def write(
         self,
@@ -122,8 +122,9 @@ class ProvenPoles:
         for kind in FILE_SIZE:
             check_own(folder / f"{PROVEN.name}.{kind}", b"proven_u")
         notes = {"analysis": "poles", "mechanism_hash": mechanism_hash}
-        rows = pieces_of(PROVEN, self.data)
-        return write_table(folder / PROVEN.name, PROVEN, rows, notes, degrees, formats)
+        stem = folder / PROVEN.name
+        pieces = pieces_of(PROVEN, self.data)
+        return write_table(stem, PROVEN, pieces, notes, degrees, formats)
 
 
 def prove_poles(
@@ -143,12 +144,11 @@ def prove_poles(
     PlanError
         If the mechanism is none that proofs are for.
     """
-    motion, poles = (
-        {name: np.asarray(table[name]) for name in table} for table in (motion, poles)
-    )
+    motion = dict(motion)
+    poles = dict(poles)
     written = Written.of(mechanism)
     made = construct(written.structure)
-    names, links = written.structure.pairs, mechanism.links
+    links = mechanism.links
     columns = [written.motion_columns()[pair] for pair in made.pairs]
     working = ProgressReporter("proving poles")
     proven: dict[tuple[int, int, str, frozenset[str]], tuple[Array, Ball]] = {}
@@ -158,9 +158,10 @@ def prove_poles(
         values = np.stack([factor * motion[name] for name, factor in columns], 1)
         for done, row in enumerate(good):
             working.tell(lambda: f"{done} of {len(good)} configurations")  # noqa: B023
-            near, count = values[row], made.unknowns + made.inputs
-            inputs = [exact(float(angle)) for angle in near[made.unknowns : count]]
-            places, unknown = written.given(inputs), near[: made.unknowns]
+            near = values[row]
+            count = made.unknowns + made.inputs
+            unknown = near[: made.unknowns]
+            places = written.given([exact(float(x)) for x in near[made.unknowns : count]])
             if len(unknown):
                 root = root_near(equations, places, [*map(complex, unknown)])
                 places = [*root.balls(), *places] if root and root.real else []
@@ -168,23 +169,26 @@ def prove_poles(
             gap[count:] = wrap(gap[count:])
             if not places or max_abs(gap) > NEAR:
                 continue
-            sample, mode = (int(motion[c][row]) for c in ("sample", "assembly_mode"))
+            place = motion["sample"][row], motion["assembly_mode"][row]
             for (moved, *two), direction, coefficient in enclosed_poles(equations, places):
                 if direction is not None:
-                    key = sample, mode, names[moved], frozenset(links[k] for k in two)
-                    proven[key] = direction, coefficient
+                    moving = written.structure.pairs[moved]
+                    ends = frozenset(links[k] for k in two)
+                    proven[*place, moving, ends] = direction, coefficient
         parts = list[Facts]()
         for number in range(len(poles["sample"])):
             given = {name: column[number] for name, column in poles.items()}
             parts.append({name: given[name] for name in GIVEN})
-            ends = frozenset((str(given["link"]), str(given["relative_to"])))
-            place = int(given["sample"]), int(given["assembly_mode"])
-            enclosed = proven.get((*place, str(given["moving"]), ends))
+            ends = frozenset((given["link"], given["relative_to"]))
+            place = given["sample"], given["assembly_mode"]
+            enclosed = proven.get((*place, given["moving"], ends))
             if given["status"] == Status.OK and enclosed:
                 parts[-1] |= _proven(given, *enclosed)
-    counts = (Counter(x[name] for x in parts if name in x) for name in FINDINGS.values())
-    of = dict(zip(FINDINGS, counts, strict=True))
-    return ProvenPoles(PROVEN.stacked(mechanism, parts), of)
+    counts = {
+        what: Counter(x[name] for x in parts if name in x)
+        for what, name in FINDINGS.items()
+    }
+    return ProvenPoles(PROVEN.stacked(mechanism, parts), counts)
 
 
 def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool) -> None:
@@ -220,16 +224,17 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
 
 def _proven(given: Facts, direction: Array, coefficient: Ball) -> Facts:
     """Return what is proven of a row of poles."""
-    u = np.array([float(given[f"u{axis}"]) for axis in "xyz"])
+    u = np.array([given[f"u{axis}"] for axis in "xyz"])
     axis = np.array([middle(ball) for ball in direction])
-    pairs = zip(direction, axis, strict=True)
-    off = max(upper(ball - exact(float(near))) for ball, near in pairs)
+    off = max(
+        upper(ball - exact(float(near))) for ball, near in zip(direction, axis, strict=True)
+    )
     axis = axis if axis @ u > 0 else -axis
-    apart = float(np.linalg.norm(u - axis))
+    apart = np.linalg.norm(u - axis)
     around = np.sqrt(3.0) * off + 4.0 * 2.0**-53 * (apart + 1e-3)
     size = middle(coefficient)
     spare = upper(coefficient - exact(size))
-    gap = abs(abs(float(given["velocity_coefficient"])) - size)
+    gap = abs(abs(given["velocity_coefficient"]) - size)
     slack = 2.0**-52 * size
     made: Facts = {f"proven_u{k}": x for k, x in zip("xyz", axis, strict=True)} | {
         "proven_u_off": off,
@@ -242,7 +247,7 @@ def _proven(given: Facts, direction: Array, coefficient: Ball) -> Facts:
         ("error_bound", apart - around, apart + around),
         ("velocity_coefficient_error_bound", gap - spare - slack, gap + spare + slack),
     ):
-        bound = made[name] = float(given[name])
+        bound = made[name] = given[name]
         word = HOLDS if high <= bound else EXCEEDED if low > bound else OPEN
         made[f"{name}_is"] = word
         if word == EXCEEDED:

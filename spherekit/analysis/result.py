@@ -95,7 +95,7 @@ class RunResult:
                     parts.append(_first_rows(name, table, result.data[table.name]))
         claims = [self.summary["search"]] if self.summary.get("assembly_modes") else []
         said = [*claims, *self.summary.get("remarks", ())]
-        parts.append(html_list("Found", [str(remark) for remark in said]))
+        parts.append(html_list("Found", list(map(str, said))))
         parts.append(html_list("Warnings", self.summary.get("warnings", ())))
         why = [failed(name, reason) for name, reason in self.failures.items()]
         parts.append(html_list("Failed", why + failed_rows(self.summary)))
@@ -289,8 +289,9 @@ def _first_rows(analysis: str, table: Table, data: TableArrays) -> str:
     units = {column.name: column.unit for column in table.columns}
     rows = zip(*(values[:FIRST_ROWS].tolist() for values in columns), strict=True)
     name = analysis if table.name == analysis else f"{analysis}/{table.name}"
-    caption = f"{name}: {counted(len(columns[0]), 'row')}"
-    return html_table(with_units(units, units), rows, caption)
+    return html_table(
+        with_units(units, units), rows, f"{name}: {counted(len(columns[0]), 'row')}"
+    )
 
 
 def stems(declared: Declared) -> dict[str, tuple[str, Table]]:
@@ -330,8 +331,7 @@ def result_of(
         from spherekit.analysis.frames import ParquetColumns
 
         rows = {stem: store.pieces(*key) for stem, key in by_stem.items()}
-        how = degrees, formats
-        files, summary = write_results(place, declared, rows, summary, *how)
+        files, summary = write_results(place, declared, rows, summary, degrees, formats)
         for stem, (name, table) in by_stem.items():
             path = place.path / f"{stem}.parquet"
             if path in files:
@@ -397,8 +397,9 @@ def write_results(
     write_bytes(made / COLUMNS, headed)
     sizes[COLUMNS] = len(headed)
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - started
-    rest = {"units": _units(declared, degrees), "files": list(sizes), BYTES: sizes}
-    written = signed({**summary, **rest})
-    text = json.dumps(written, indent=2, ensure_ascii=False)
-    write_bytes(made / SUMMARY, (text + "\n").encode())
+    units = _units(declared, degrees)
+    written = signed({**summary, "units": units, "files": list(sizes), BYTES: sizes})
+    write_bytes(
+        made / SUMMARY, (json.dumps(written, indent=2, ensure_ascii=False) + "\n").encode()
+    )
     return folder.publish(), written

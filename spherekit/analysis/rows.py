@@ -72,8 +72,10 @@ class JoinedBlocks(Mapping[str, Array]):
         for name in names:
             if name not in self._made:
                 columns = [block[name] for block in self._blocks]
-                kind = self._types[name] or np.result_type(*(x.dtype for x in columns))
-                made[name] = np.empty(sum(map(len, columns)), dtype=kind)
+                made[name] = np.empty(
+                    sum(map(len, columns)),
+                    dtype=self._types[name] or np.result_type(*(x.dtype for x in columns)),
+                )
         for block, spans in zip(self._blocks, self._spans, strict=True):
             put([(block.pop(name), out) for name, out in made.items()], spans)
         self._made |= made

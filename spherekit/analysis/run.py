@@ -154,8 +154,11 @@ def executed(
         shown = recorder is not None or study.verify is not None
         job = job_of(course, analyses, asked, execution.block, setting, shown)
         if place is not None:
-            kinds = execution.formats or FILE_SIZE
-            files = [f"{stem}.{kind}" for stem in stems(job.tables()) for kind in kinds]
+            files = [
+                f"{stem}.{kind}"
+                for stem in stems(job.tables())
+                for kind in execution.formats or FILE_SIZE
+            ]
             place.claim([*files, COLUMNS])
         standing, store = taken_up(job, place, execution.unfinished, execution.tables)
         ledger.before = standing.seconds
@@ -197,8 +200,9 @@ def executed(
             if execution.accuracy is not None:
                 summary["accuracy"] = {**execution.accuracy, "setting": str(job.setting)}
             declared = job.tables(standing.failures)
-            how = study.degrees, execution.formats
-            result = result_of(declared, store, place, summary, *how)
+            result = result_of(
+                declared, store, place, summary, study.degrees, execution.formats
+            )
             return replace(result, failures=standing.failures)
 
 
@@ -347,8 +351,9 @@ def kept(
         yield after_block
     except BaseException as error:
         if place is not None and done:
-            total = len(job.course)
-            error.add_note(f"{done} of {total} samples are done and kept in {place.path}")
+            error.add_note(
+                f"{done} of {len(job.course)} samples are done and kept in {place.path}"
+            )
         elif place is not None:
             why = f", since {listing(job.at_once)} looks at all samples at once"
             error.add_note(f"nothing was kept{why if job.at_once else ''}")

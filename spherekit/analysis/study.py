@@ -56,8 +56,10 @@ def analyses_of(study: Study) -> list[AbstractAnalysis]:
     PluginError
         If an analysis that is asked for cannot be used.
     """
-    named = study.analyses or {DEFAULT_ANALYSIS: {}}
-    return [_named(study, name, values) for name, values in named.items()]
+    return [
+        _named(study, name, values)
+        for name, values in (study.analyses or {DEFAULT_ANALYSIS: {}}).items()
+    ]
 
 
 def chosen(
@@ -201,9 +203,10 @@ def _options_of(second: type) -> dict[str, inspect.Parameter]:
         factory = item.default_factory
         default = item.default if factory is MISSING else factory()
         named[item.name] = default, item.type
-    kind = inspect.Parameter.KEYWORD_ONLY
     return {
-        name: inspect.Parameter(name, kind, default=default, annotation=hint)
+        name: inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hint
+        )
         for name, (default, hint) in named.items()
     }
 

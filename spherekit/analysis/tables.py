@@ -106,8 +106,7 @@ class Table:
     def of(self, mechanism: Mechanism) -> "Table":
         """Return the table with a column for each input or variable where it says so."""
         columns: list[Column] = []
-        several = len(mechanism.inputs) > 1
-        driven = set(mechanism.input_pairs)
+        driven = mechanism.input_pairs
         owners = mechanism.names_of(mechanism.variable_owners)
         for column in self.columns:
             named = [(column.name, column.meaning)]
@@ -117,10 +116,9 @@ class Table:
                     for name, pair in zip(mechanism.variable_names, owners, strict=True)
                     if pair not in driven
                 ]
-            elif column.per_input and several:
+            elif column.per_input and len(driven) > 1:
                 named = [
-                    (f"{column.name}_{item.pair}", f"{column.meaning} {item.pair}")
-                    for item in mechanism.inputs
+                    (f"{column.name}_{pair}", f"{column.meaning} {pair}") for pair in driven
                 ]
             columns += [
                 replace(column, name=n, meaning=m, per_input=False, per_passive=False)
@@ -151,8 +149,7 @@ class Table:
             c.name: [np.zeros(0, TYPES.get(c.kind, str))] for c in columns
         }
         for part in parts:
-            undeclared = part.keys() - made.keys()
-            if undeclared:
+            if undeclared := part.keys() - made.keys():
                 raise AnalysisError(f"table {self.name} has no {listing(undeclared)}")
             count = next((len(values) for values in part.values() if np.ndim(values)), 1)
             row = {**blank, **part}
@@ -166,8 +163,9 @@ class Table:
         if not mechanism.modes or ASSEMBLY_MODE not in self.columns:
             return self
         place = self.columns.index(ASSEMBLY_MODE) + 1
-        columns = (*self.columns[:place], MODE_NAME, *self.columns[place:])
-        return replace(self, columns=columns)
+        return replace(
+            self, columns=(*self.columns[:place], MODE_NAME, *self.columns[place:])
+        )
 
     def named(self, data: "TableData", names: Mapping[int, str]) -> "TableData":
         """Return rows with the names of their assembly modes, where the table has these."""

@@ -123,10 +123,9 @@ class ConformanceCase:
         analysis then sees of it.
         """
         job = self.job
-        read = job.read(map(change, job.source.blocks(size)))
         made = [
             job.batch(self.analysis, shown(motion), fields, angles)
-            for motion, fields, angles in read
+            for motion, fields, angles in job.read(map(change, job.source.blocks(size)))
         ]
         return made if self.analysis.reads_samples else made[:1]
 

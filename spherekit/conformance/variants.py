@@ -54,9 +54,16 @@ def turned(mechanism: Mechanism, rotation: Floats) -> Mechanism:
         )
         others = {k: x for k, x in given.links.items() if k != mechanism.ground}
         geometry = sizes_by_frames(mechanism.pairs, (first, second), others)
-    turns = dict.fromkeys(links, rotation)
-    parts = restated(mechanism, turns=turns, ground=rotation, turned_profile=_profile)
-    return replace(mechanism, geometry=geometry, **parts)
+    return replace(
+        mechanism,
+        geometry=geometry,
+        **restated(
+            mechanism,
+            turns=dict.fromkeys(links, rotation),
+            ground=rotation,
+            turned_profile=_profile,
+        ),
+    )
 
 
 def _profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
@@ -137,8 +144,8 @@ def _pairs(
         if column.turns == "vector":
             vector.append(column)
         if len(vector) == 3:
-            components = np.stack([one[axis.name] for axis in vector])
-            for component, turned in zip(vector, rotation @ components, strict=True):
+            components = rotation @ np.stack([one[axis.name] for axis in vector])
+            for component, turned in zip(vector, components, strict=True):
                 yield component, turned, other[component.name]
             vector = []
 

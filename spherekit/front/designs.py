@@ -149,7 +149,7 @@ def sweep_of(
     if samples is not None:
         study = replace(study, samples=samples, path=None)
     document = _document(study.mechanism, subject if source is None else source)
-    radians = np.pi / 180.0 if document.data["angle_unit"] == "deg" else 1.0
+    radians = DEG if document.data["angle_unit"] == "deg" else 1.0
     merits: dict[str, FigureOfMerit] = {}
     for analysis in analyses:
         offered = analysis.merits(study.mechanism)
@@ -165,8 +165,8 @@ def sweep_of(
             f"{study.mechanism.name}: tables are those of analyses: say of which"
         )
     chosen = tuple(merits.values())
-    of_kernel = [merit for merit in chosen if not merit.table]
-    through = DesignSamples.of(study) if of_kernel or not (chosen or tables) else None
+    without = (chosen or tables) and all(merit.table for merit in chosen)
+    through = None if without else DesignSamples.of(study)
     given = {analysis.name: analysis for analysis in analyses}
     wanted = dict.fromkeys(given if tables else ())
     wanted |= dict.fromkeys(merit.of_table[0] for merit in chosen if merit.table)
@@ -214,7 +214,8 @@ def _document(mechanism: Mechanism, subject: Subject) -> Document:
     return document_of(mechanism)
 
 
-SAMPLES, DESIGNS = 181, 16384
+SAMPLES = 181
+DESIGNS = 16384
 
 
 @checked(DesignError)
@@ -289,7 +290,8 @@ def _missed(document: Document, match: Facts | None, degrees: bool) -> dict[str,
     """Return the figures that say by how much each precision point is missed."""
     if match is None:
         return {}
-    inputs, values = match["at"], match["values"]
+    inputs = match["at"]
+    values = match["values"]
     if len(inputs) != len(values):
         raise document.fault(
             ("match", "values"),
@@ -305,6 +307,6 @@ def _missed(document: Document, match: Facts | None, degrees: bool) -> dict[str,
             miss = f"{1.0 / unit!r}*atan2(sin({off}), cos({off}))"
         else:
             miss = f"{quantity} - ({value!r})"
-        points = place if isinstance(place, list) else [place]
-        made[name] = f"{name}=at({miss}, {', '.join(repr(float(x)) for x in points)})"
+        points = ", ".join(repr(float(x)) for x in np.atleast_1d(place))
+        made[name] = f"{name}=at({miss}, {points})"
     return made

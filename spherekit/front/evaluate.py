@@ -91,11 +91,10 @@ class Kinematics:
         return len(self._batch)
 
     def __repr__(self) -> str:
-        modes = len(set(self.assembly_mode.tolist()))
-        failed = int(np.sum(self._motion.failed))
+        modes = len(set(self.assembly_mode))
         return (
             f"<Kinematics of {self.mechanism.name}: {counted(len(self), 'row')} in "
-            f"{counted(modes, 'assembly mode')}, {failed} failed; "
+            f"{counted(modes, 'assembly mode')}, {np.sum(self._motion.failed)} failed; "
             f"{counted(len(self.poles), 'pole')} while "
             f"{' or '.join(self.input_pairs)} moves>"
         )
@@ -201,7 +200,8 @@ class Kinematics:
 
         With `degrees` inputs are in degrees; coefficients stay as they are.
         """
-        batch, inputs = self._batch, input_columns(self.mechanism, self.inputs)
+        batch = self._batch
+        inputs = input_columns(self.mechanism, self.inputs)
         poles = [self._pole(pole) for pole in self.poles]
         wanted = [(*pole, k) for k in range(len(self.input_pairs)) for pole in poles]
         data: Facts = batch.pole_columns(wanted)
@@ -346,9 +346,14 @@ def _ready(
             number = tracer.assembly_modes[tracer.place_of(assembly_mode)].number
             motion = motion.rows(motion.assembly_mode == number)
         requests = requests_for(tracer.mechanism, needs, tracer.by_rank)
-        fields = tuple(evaluate_poles(motion, request) for request in requests)
-        plans = tuple(request.plan for request in requests)
-        batch = partial(Batch, mechanism, plans, needs, motion, fields)
+        batch = partial(
+            Batch,
+            mechanism,
+            tuple(request.plan for request in requests),
+            needs,
+            motion,
+            tuple(evaluate_poles(motion, request) for request in requests),
+        )
         return Kinematics(mechanism, names, batch)
 
     return at
@@ -362,7 +367,8 @@ def _one_row(
     It reads the batch later. Contacts are left to the motion.
     """
     (wanted,) = requests_for(tracer.mechanism, needs, tracer.by_rank)
-    motion, mode = tracer.sparse(REFERENCES), tracer.assembly_modes[place]
+    motion = tracer.sparse(REFERENCES)
+    mode = tracer.assembly_modes[place]
     kernel = row_kernel(motion, [wanted], "numpy")
     if kernel is None or not kernel.vouches or mechanism.has_contacts:
         return None
@@ -376,16 +382,24 @@ def _one_row(
     )
 
     def batch(q: float, values: Sequence[float], numbers: Sequence[float]) -> Batch:
-        (residual, *side), columns = numbers[:4], np.array(numbers[4:])[:, None]
-        every, free = np.array([values]), list(kernel.free)
+        residual, *side = numbers[:4]
+        columns = np.array(numbers[4:])[:, None]
+        every = np.array([values])
+        free = list(kernel.free)
         every[:, free] = wrap(every[:, free])
-        inputs, gap = np.array([[q]]), np.array([residual])
-        row = replace(there, inputs=inputs, values=every, residual=gap)
+        row = replace(
+            there, inputs=np.array([[q]]), values=every, residual=np.array([residual])
+        )
         (moving,) = kernel.moving
         signed = moving.with_sign(columns)
         signed *= to_sides(np.array([side]))(signed[:3], 0, 0)
-        poles = vouched_field(moving, columns, row, wanted)
-        return Batch(mechanism, (wanted.plan,), needs, row, (poles,))
+        return Batch(
+            mechanism,
+            (wanted.plan,),
+            needs,
+            row,
+            (vouched_field(moving, columns, row, wanted),),
+        )
 
     def at(q: float) -> Callable[[], Batch] | None:
         if not low <= q <= high and isfinite(q):
@@ -394,7 +408,7 @@ def _one_row(
         if not kernel.has_closed_form:
             assert mode.guide is not None
             predicted, _, why = mode.guide.at(np.array([[q]]), None)
-            if why[0] != Status.OK:
+            if why != Status.OK:
                 return None
             given = predicted[0].tolist()
         row = kernel.row(given)

@@ -4,6 +4,7 @@ The plan of a mechanism, given as such or named.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -120,14 +121,16 @@ def export(
     }
     for name, value in given.items():
         if value is not None and kind not in OWN[name]:
-            of = " or ".join(OWN[name])
-            raise OutputError(f"export: {name} does nothing but for {of}; this is {kind}")
+            raise OutputError(
+                f"export: {name} does nothing but for {' or '.join(OWN[name])}; this is "
+                f"{kind}"
+            )
     made = driven_at(mechanism_of(mechanism), input_pair)
     if isinstance(assembly_mode, str):
         assembly_mode = (
             PositionAnalysis(made, assembly_mode=assembly_mode).assembly_modes[0].number
         )
-    mode = 0 if assembly_mode is None else assembly_mode
+    mode = assembly_mode or 0
     if kind == "model":
         return _functions(made, target, mode, poles, tolerance)
     if kind == "mjcf":
@@ -153,8 +156,7 @@ def _kind(target: Path, to: Kind | None) -> Kind:
     for kind, suffixes in SUFFIXES.items():
         if target.suffix in suffixes and to in (None, kind):
             return kind
-    every = dict.fromkeys(suffix for suffixes in SUFFIXES.values() for suffix in suffixes)
-    allowed = every if to is None else SUFFIXES[to]
+    allowed = dict.fromkeys(chain(*SUFFIXES.values())) if to is None else SUFFIXES[to]
     raise OutputError(
         f"{target}: {to or 'exported'} files are named *{', *'.join(allowed)}; give it one "
         "of these endings"
@@ -168,16 +170,16 @@ def _coupling(table: CouplingTable, target: Path) -> Exported:
         write_csv(table, target)
     else:
         write_text(target, header(table))
-    sure, reached = np.sum(table.sure), np.sum(np.isfinite(table.error))
+    sure = np.sum(table.sure)
+    reached = np.sum(np.isfinite(table.error))
     doubtful = (
         f"{reached - sure} of {reached} cells with a mode in all corners are not sure to "
         f"{table.tolerance:g} rad and are not read; more samples make more sure"
     )
-    nodes = "x".join(map(str, table.count))
     held = (
-        f"a coupling table of {counted(len(table.variables), 'variable')} on {nodes} nodes "
-        f"in assembly modes {listing(table.modes)}; "
-        f"errors measured: {table.angle_error:.2g} rad of angles, "
+        f"a coupling table of {counted(len(table.variables), 'variable')} on "
+        f"{'x'.join(map(str, table.count))} nodes in assembly modes "
+        f"{listing(table.modes)}; errors measured: {table.angle_error:.2g} rad of angles, "
         f"{table.coefficient_error:.2g} of coefficients"
     )
     return Exported(target, held, (doubtful,) if sure < reached else ())
@@ -192,8 +194,7 @@ def _functions(
 ) -> Exported:
     notes = []
     if mechanism.outputs:
-        names = listing(output.name for output in mechanism.outputs)
-        notes.append(f"outputs left out: {names}")
+        notes.append(f"outputs left out: {listing(x.name for x in mechanism.outputs)}")
     if not mechanism.masses:
         notes.append("no inertia: the mechanism has no masses")
     several = len(mechanism.inputs) > 1
@@ -210,10 +211,9 @@ def _functions(
             "elsewhere the assembly mode does not exist or is near a singularity"
         )
     model.save(target)
-    count, of = len(model.heading.functions), listing(model.heading.by)
     holds = (
-        f"{count} functions of {of}, errors up to {model.error:.2g} of the largest value "
-        "of each"
+        f"{len(model.heading.functions)} functions of {listing(model.heading.by)}, errors "
+        f"up to {model.error:.2g} of the largest value of each"
     )
     return Exported(target, holds, tuple(notes))
 

@@ -66,7 +66,8 @@ def choose(
         If the tolerance is not a positive number; other errors as `spherekit.run`.
     """
     check_tolerance(study.mechanism.name, tolerance)
-    trades, kind = list(stored), "stored"
+    trades = list(stored)
+    kind = "stored"
     plans = []
     if study.start is None:
         course = course_of(study)
@@ -90,8 +91,7 @@ def choose(
     rows = 0
     for plan in plans:
         with suppress(AnalysisError, PluginError):
-            by_setting = plan_of(plan.course, plan.analyses[0], setting)
-            deviations, rows = checked_rows(by_setting)
+            deviations, rows = checked_rows(plan_of(plan.course, plan.analyses[0], setting))
             collected += deviations
     largest = worst(collected)
     achieved = np.nan if largest is None else largest.error

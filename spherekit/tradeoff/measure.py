@@ -134,7 +134,7 @@ def deviations(
         for column in results:
             scale = 1.0 if is_absolute(column) else _scale(largest, column.unit)
             off, count = _apart(column, ours[column.name], theirs[column.name])
-            error = max(float(max_abs(off)) / scale, EPS)
+            error = max(max_abs(off) / scale, EPS)
             name = f"{table.name}.{column.name}"
             made.append(Deviation(name, error, scale, count, count - len(off)))
     return made
@@ -252,8 +252,9 @@ def reference_at(
     """
     (analysis,) = plan.analyses
     wanted = [item for item in plan.requests if item.poles]
-    given = [evaluate(motion, item) for item in wanted]
-    exact, better, fields = in_many_digits(motion, wanted, given, inputs=inputs)
+    exact, better, fields = in_many_digits(
+        motion, wanted, [evaluate(motion, item) for item in wanted], inputs=inputs
+    )
     better = replace(better, samples=motion.samples)
     lacking = np.sum((motion.status == Status.OK) & (exact[0].status != Status.OK))
     batch = plan.batch(analysis, better, fields, plan.angles(better, {}))
@@ -439,7 +440,8 @@ def _in_many_digits(
     EngineError
         If there is none; see `spherekit.dynamics.reference.refined`.
     """
-    simulation, end = course.simulation, plan.course.duration
+    simulation = course.simulation
+    end = plan.course.duration
     assert simulation is not None and study.start is not None and end is not None
     assert course.t is not None
     exact = refined(simulation, study.start, end)

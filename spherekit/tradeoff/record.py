@@ -233,7 +233,7 @@ def run_of(study: Study, analysis: AbstractAnalysis) -> Facts:
         "analysis": analysis.name,
         "analysis_version": version,
         "parameters": given,
-        "inputs": list(mechanism.input_pairs),
+        "inputs": mechanism.input_pairs,
         "samples": "x".join(map(str, study.shape)),
         "input_values": None if path is None else digest(path),
         "assembly_mode": study.assembly_mode
@@ -299,8 +299,10 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [_heading(trade)]
     for row in rows:
-        cells = zip(row, SIDES, widths, strict=True)
-        made = (f"{cell:{side}{width}}" for cell, side, width in cells)
+        made = (
+            f"{cell:{side}{width}}"
+            for cell, side, width in zip(row, SIDES, widths, strict=True)
+        )
         lines.append("  ".join(made).rstrip())
     lines.append(
         "*: no other is quicker and as accurate. Times are processor times of the whole "
@@ -412,9 +414,10 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     """
     counting = [candidate for candidate in trade.settings if candidate.counts]
     points = _points(counting)
-    front = _points(trade.pareto)
     (left, bottom), (right, top) = _frame(points)
-    curves = [PlaneCurve(front, FRONT, "no other is quicker and as accurate")]
+    curves = [
+        PlaneCurve(_points(trade.pareto), FRONT, "no other is quicker and as accurate")
+    ]
     marks = []
     for numbered, (measured, place) in enumerate(zip(counting, points, strict=True), 1):
         tone = FRONT if measured in trade.pareto else EVALUATED

@@ -162,20 +162,20 @@ def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
     most = min(CHECKED, effort.checked or max(FEWEST, CHECKED_ROWS // modes))
     long = None
     if whole.shape == (total,) and total * modes >= rows_at_once.FEWEST:
-        samples = min(total, 4 * rows_at_once.FEWEST // modes)
-        long = at_places(whole, np.arange(samples), study.search)
+        long = at_places(
+            whole, np.arange(min(total, 4 * rows_at_once.FEWEST // modes)), study.search
+        )
     course = whole
     axes = len(whole.shape)
     if total > most and axes > 1:
         side = max(2, int(most ** (1.0 / axes)))
-        fewer = tuple(min(count, side) for count in whole.shape)
-        course = course_of(replace(study, samples=fewer))
+        course = course_of(
+            replace(study, samples=tuple(min(count, side) for count in whole.shape))
+        )
     elif total > most:
         course = at_places(whole, places(whole, most, plan.requests[0]), study.search)
     plan = plan_of(course, analysis)
-    motion = course.motion_at(np.arange(len(course)))
-    right, poles, without = reference_at(plan, motion)
-    words = f"the closure equations in {DIGITS} digits{without}"
+    right, poles, without = reference_at(plan, course.motion_at(np.arange(len(course))))
     every = effort.settings or [
         *(Setting(route=route) for route in ROUTES),
         *(Setting(engine=engine) for engine in ENGINES if engine != "numpy"),
@@ -193,7 +193,11 @@ def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
         study.count / len(course),
         effort,
     )
-    return _trade(plan, study, (words, EPS, right, results))
+    return _trade(
+        plan,
+        study,
+        (f"the closure equations in {DIGITS} digits{without}", EPS, right, results),
+    )
 
 
 def _trade(plan: RunPlan, study: Study, result: Found) -> Trade:

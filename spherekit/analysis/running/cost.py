@@ -9,7 +9,8 @@ from spherekit.rates.request import Request
 
 AXES = "axes and rates"
 RECORDING = "recording"
-SEARCH, SIMULATION = "search", "simulation"
+SEARCH = "search"
+SIMULATION = "simulation"
 TABLES = "tables"
 REST = "rest"
 
@@ -56,8 +57,8 @@ class Timer:
         Those that the same stages took `before`, in a part of the run that was stopped,
         are added.
         """
-        whole = time.perf_counter() - self._started
-        seconds = self.seconds | {REST: whole - sum(self.seconds.values())}
+        rest = time.perf_counter() - self._started - sum(self.seconds.values())
+        seconds = self.seconds | {REST: rest}
         return {
             name: self.before.get(name, 0.0) + seconds.get(name, 0.0)
             for name in dict.fromkeys([*self.before, *seconds])
@@ -66,7 +67,8 @@ class Timer:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Add the time of a block to a stage."""
-        before, started = self.seconds.setdefault(name, 0.0), time.perf_counter()
+        before = self.seconds.setdefault(name, 0.0)
+        started = time.perf_counter()
         try:
             yield
         finally:

@@ -6,6 +6,8 @@ from one to the other.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import reduce
+from operator import getitem
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -62,9 +64,7 @@ def expected(study: Study, analyses: Analyses, assembly: Assembly) -> Facts:
     multiple = modes if assembly.has_closed_form else min(modes, 1)
 
     def grown(*keys: str) -> int:
-        one, two = shorter["cost"], longer["cost"]
-        for key in keys:
-            one, two = one[key], two[key]
+        one, two = (reduce(getitem, keys, x["cost"]) for x in (shorter, longer))
         whole = one + (two - one) * (samples - half) / half
         return round(whole * multiple / max(modes, 1))
 

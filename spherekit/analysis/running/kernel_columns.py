@@ -97,8 +97,9 @@ class ComputedColumns:
             poles = self.kernel.moving[number].signed
             unit = np.array([field.direction[pole].T for pole in poles])
             unit = unit.reshape(-1, 3, len(rows)).swapaxes(0, 1)
-            signs = turned[number](unit, rows, rows // samples)
-            for pole, of_pole in zip(poles, signs, strict=True):
+            for pole, of_pole in zip(
+                poles, turned[number](unit, rows, rows // samples), strict=True
+            ):
                 turn_round(field, pole, of_pole)
 
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
@@ -196,8 +197,9 @@ class LazyField:
                 for of, place in places.items():
                     made = np.empty((len(place), n))
                     for k, out in enumerate(made):
-                        column = LazyColumn(self._source, (self._number, name, of, k), n)
-                        columns.append((column, out))
+                        columns.append(
+                            (LazyColumn(self._source, (self._number, name, of, k), n), out)
+                        )
                     getattr(self._field, name)[of] = made.T if len(made) > 1 else made[0]
             put(columns, [(slice(0, n), 0)])
             wanted = self._source.requests[self._number]
@@ -208,8 +210,9 @@ class LazyField:
     def column(self, name: str, pole: Pole, k: int) -> LazyColumn | Floats:
         """Return a component of a part (n,), which is made when it is read."""
         if pole in self._places.get(name, {}):
-            key = self._number, name, pole, k
-            return LazyColumn(self._source, key, len(self._field.status))
+            return LazyColumn(
+                self._source, (self._number, name, pole, k), len(self._field.status)
+            )
         part: Floats = getattr(self._field, name)[pole]
         return part.reshape(len(part), -1)[:, k]
 

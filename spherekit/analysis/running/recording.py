@@ -74,9 +74,10 @@ class RecordingSession:
         self._shapes = link_shapes(mechanism)
         self._passed = 0
         logged = self._is_logged(np.arange(len(course)))
-        times, single = course.t, course.inputs.shape[1] == 1
+        times = course.t
         self._times = None if times is None else times[logged]
-        self._inputs = course.inputs[logged, 0] if single and times is None else None
+        single = times is None and course.inputs.shape[1] == 1
+        self._inputs = course.inputs[logged, 0] if single else None
         properties = {
             "spherekit": __version__,
             "mechanism_hash": mechanism_hash(mechanism),
@@ -137,9 +138,8 @@ class RecordingSession:
     def scenes(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         """Log what an analysis of this name shows of a block."""
         motion, shown = self._chosen(motion)
-        for given in scenes:
-            thinned = given if np.all(shown) else given.thinned(shown)
-            self._log(replace(thinned, source=source), motion)
+        for scene in scenes:
+            self._log(replace(scene.thinned(shown), source=source), motion)
 
     def _chosen(self, motion: Motion) -> tuple[Motion, Bools]:
         """Return a block at the samples that are logged, and which (n,) these are."""
@@ -155,7 +155,8 @@ class RecordingSession:
         return (sample % (self._row or len(self._course)) % self._every == 0) | last
 
     def _log(self, scene: Scene, motion: Motion) -> None:
-        k, timing = motion.samples, motion.timing
+        k = motion.samples
+        timing = motion.timing
         if scene.over:
             k = len(scene.over[0].values)
             spread = (
@@ -166,21 +167,20 @@ class RecordingSession:
         elif k:
             inputs = None if self._inputs is None else motion.q[:k]
             times = None if self._times is None or timing is None else timing.t[:k]
-            shown = replace(scene, over=self._axes(motion))
-            self._recorder.log(shown, motion.sample[:k], inputs, times)
+            scene = replace(scene, over=self._axes(motion))
+            self._recorder.log(scene, motion.sample[:k], inputs, times)
 
     def _axes(self, motion: Motion) -> tuple[Axis, ...]:
         """Return what the samples of a block run over: the time, or each input."""
         k = motion.samples
         times = self._course.t
         if times is not None and motion.timing is not None:
-            span = float(times[0]), float(times[-1])
-            return (Axis("time", "s", motion.timing.t[:k], span),)
+            return (Axis("time", "s", motion.timing.t[:k], (times[0], times[-1])),)
         names = motion.mechanism.input_pairs
         label = "input {}" if len(names) == 1 else "{}"
         return tuple(
-            Axis(label.format(name), "rad", values, (float(low), float(high)))
-            for name, values, (low, high) in zip(
-                names, motion.inputs[:k].T, self._course.extents[0].T, strict=True
+            Axis(label.format(name), "rad", values, span)
+            for name, values, span in zip(
+                names, motion.inputs[:k].T, self._course.extents[0].T.tolist(), strict=True
             )
         )

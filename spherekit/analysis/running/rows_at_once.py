@@ -314,8 +314,9 @@ class BatchRunner:
         if course.simulation is not None or rows < FEWEST or not requests:
             return None
         compiles = rows >= MANY and available()
-        references = tracer.sparse(REFERENCES)
-        made = row_kernel(references, requests, "compiled" if compiles else "numpy")
+        made = row_kernel(
+            tracer.sparse(REFERENCES), requests, "compiled" if compiles else "numpy"
+        )
         if made is None or not made.vouches:
             return None
         predicted = None if made.has_closed_form else predictor(tracer)
@@ -381,8 +382,8 @@ class BatchRunner:
             values = rows.values.reshape(-1, modes, count)
             edges = np.flatnonzero(np.diff(samples, prepend=-2, append=-2) != 1)
             for low, high in pairwise(edges):
-                ends = samples[low], samples[high - 1] + 1
-                self.predicted(*ends, values[:, :, low:high])
+                out = values[:, :, low:high]
+                self.predicted(samples[low], samples[high - 1] + 1, out)
         seen = rows.fill(samples)
         failed = ~assembled(rows.status)
         rows.values[:, failed] = rows.closure[:, failed] = np.nan
@@ -410,7 +411,8 @@ class BatchRunner:
         careful = careful.reshape(held.shape)
         every = range(len(self.requests))
         stops = [stops_of(seen, k, held, careful) for k in every if motion.is_path]
-        errors = [nans((len(every), 3)), *(np.array(here.errors) for _, here in seen)]
-        largest = np.fmax.reduce(errors)
+        largest = np.fmax.reduce(
+            [nans((len(every), 3)), *(np.array(here.errors) for _, here in seen)]
+        )
         self.unread[id(motion)] = rows.vouched, held, doubtful, stops, largest
         return motion

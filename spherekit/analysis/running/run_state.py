@@ -23,7 +23,8 @@ from spherekit.rates.request import SignContinuation
 Counts = dict[str, int]
 """How often each status is there, by its name."""
 
-RESIDUAL, OFF = "largest_closure_residual_rad", "largest_configuration_error_rad"
+RESIDUAL = "largest_closure_residual_rad"
+OFF = "largest_configuration_error_rad"
 BOUNDS = {
     "error": "largest_direction_error_bound_rad",
     "velocity_coefficient_error": "largest_velocity_coefficient_error_bound",
@@ -91,8 +92,9 @@ class RunState:
         """Count a block."""
         status = run_status(motion, fields)
         for mode in motion.assembly_modes:
-            of_mode = status[motion.assembly_mode == mode.number]
-            self._count((MODE, str(mode.number)), of_mode)
+            self._count(
+                (MODE, str(mode.number)), status[motion.assembly_mode == mode.number]
+            )
         self._note(RESIDUAL, motion.residual)
         closed = motion.status == Status.OK
         self._note(OFF, motion.configuration_error[closed])
@@ -177,8 +179,10 @@ class RunState:
 
     def failed_rows(self, name: str) -> dict[str, Counts]:
         """Return of each table of an analysis how many rows failed by which status."""
-        tables = dict.fromkeys(k[2] for k in self.counts if k[:2] == (FAILED, name))
-        return {table: self.counted(FAILED, name, table) for table in tables}
+        return {
+            table: self.counted(FAILED, name, table)
+            for table in dict.fromkeys(k[2] for k in self.counts if k[:2] == (FAILED, name))
+        }
 
     def statuses(self) -> Facts:
         """Return the counts of samples and pole axes, and what their statuses mean."""

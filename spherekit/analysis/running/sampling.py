@@ -367,8 +367,9 @@ def simulated_course(
     states = (simulation.at(t[k : k + BLOCK]) for k in range(0, len(t), BLOCK))
     parts = ((x.inputs, x.input_rates, x.input_accelerations) for x in states)
     q, dq, ddq = map(np.concatenate, zip(*parts, strict=True))
-    timing = Timing(t, dq, ddq)
-    return Sampling(tracer, q, (len(q),), timing, True, {}, duration, simulation, tolerance)
+    return Sampling(
+        tracer, q, (len(q),), Timing(t, dq, ddq), True, {}, duration, simulation, tolerance
+    )
 
 
 def _at_unit_speed(q: Floats, straight: bool) -> Timing:

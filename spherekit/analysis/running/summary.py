@@ -184,7 +184,7 @@ class RunPlan:
         return code_identity() | {
             "mechanism": self.mechanism.name,
             "mechanism_hash": mechanism_hash(self.mechanism),
-            "inputs": list(course.tracer.inputs),
+            "inputs": course.tracer.inputs,
             "samples": "x".join(map(str, course.shape)),
             "assembly_modes": [[m.number, m.label] for m in course.tracer.assembly_modes],
             "analyses": identities_of(self.analyses),

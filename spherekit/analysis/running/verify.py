@@ -75,8 +75,10 @@ class _Read(ArrayRows):
         for field in self.fields:
             for errors in field.error.values():
                 bound = np.fmax(bound, errors)
-        scores = motion.residual, bound, motion.conditioning
-        worst = [np.argmax(np.nan_to_num(score, nan=-1.0)) for score in scores]
+        worst = [
+            np.argmax(np.nan_to_num(score, nan=-1.0))
+            for score in (motion.residual, bound, motion.conditioning)
+        ]
         number = motion.assembly_mode * samples + motion.sample
         spread = np.argsort((number + 1) * GOLDEN % 1.0)
         wanted = list(dict.fromkeys([*worst, *spread]))[:count]
@@ -117,7 +119,6 @@ class Verifier:
         self._job = job
         self._course = job.course
         self._wanted = [item for item in job.requests if item.poles]
-        self._analyses = list(zip(job.analyses, job.needs, strict=True))
         self._count = count
         self._kept: list[_Read] = []
         self._whole: _Read | None = None
@@ -165,14 +166,13 @@ class Verifier:
         except SpherekitError as problem:
             return verdict | {"problem": str(problem)}
         status = np.max([reference.status for reference in exact], axis=0)
-        compared = zip(exact, self._wanted, kept.fields, nearest, strict=False)
         self._motion = motion
         self._condition = exact[0].condition
         self._has_reference = status == Status.OK
         alone = kept, _Read(better, nearest, _as_far(better, kept.angles))
         motions = [motion_rows(self._course, read.motion, read.fields) for read in alone]
         pairs: list[_Pair] = [(MOTION, motion_table(self._course), motions[0], motions[1])]
-        for analysis, needs in self._analyses:
+        for analysis, needs in zip(self._job.analyses, self._job.needs, strict=True):
             try:
                 rowless = needs.tracer or needs == Needs(time=needs.time)
                 if analysis.name in failed or rowless:
@@ -180,7 +180,6 @@ class Verifier:
                 pairs += self._pairs(analysis, alone)
             except SpherekitError:
                 verdict["not_verified"].append(analysis.name)
-        columns = [item for pair in pairs for item in self._compared(*pair)]
         return verdict | {
             "rows": len(motion),
             "without_reference": [
@@ -194,8 +193,10 @@ class Verifier:
             ],
             "largest_condition": _largest(exact[0].condition),
             "largest_distance_rad": _largest(exact[0].distance),
-            **_of_columns(columns),
-            **self._within_bounds(compared),
+            **_of_columns([item for pair in pairs for item in self._compared(*pair)]),
+            **self._within_bounds(
+                zip(exact, self._wanted, kept.fields, nearest, strict=False)
+            ),
             "seconds": time.perf_counter() - started,
         }
 
