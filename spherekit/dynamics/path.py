@@ -137,11 +137,10 @@ class Step:
         `largest` is the largest seen so far, with the sign it had at the last node;
         orientations smaller than the part `CROSSED` of it are zero.
         """
-        turned = orientation * largest < 0.0
-        small = turned | (np.abs(orientation) < CROSSED * abs(largest))
+        small = orientation * np.sign(largest) < CROSSED * abs(largest)
         if not np.any(small):
             return None
-        passed = self.passed(TO_SERIES @ orientation) if np.any(turned) else []
+        passed = self.passed(TO_SERIES @ orientation)
         return min([*passed, float(self.times[1 + int(np.argmax(small))])])
 
 

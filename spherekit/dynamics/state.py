@@ -131,19 +131,18 @@ def lacking(mechanism: Mechanism, frames: Floats) -> IndeterminateForces:
     _, sizes, back = np.linalg.svd(balance.matrix[0])
     free = back[np.count_nonzero(sizes > DEPENDENT * sizes[0]) :].T
     along = [k for k, (_, component) in enumerate(balance.columns) if component == 5]
-    floating = []
-    while along:
-        parts = np.linalg.norm(free[along], axis=1)
-        if np.max(parts) < np.sqrt(DETERMINED):
-            break
-        column = along[np.argmax(parts)]
-        floating.append(balance.columns[column][0])
-        free = free @ np.linalg.svd(free[[column]])[2][1:].T
+    from scipy.linalg import qr
+
+    # Pivots are what is left of the rows after those taken, the longest first.
+    turn, rows, order = qr(free[along].T, pivoting=True)
+    taken = np.count_nonzero(np.abs(np.diag(rows)) >= np.sqrt(DETERMINED))
+    floating = sorted(balance.columns[along[k]][0] for k in order[:taken])
+    free = free @ turn[:, taken:]
     forces = [k for k, (_, component) in enumerate(balance.columns) if component > 2]
     return IndeterminateForces(
         tuple(without_centre(mechanism)),
         distances,
-        tuple(mechanism.names_of(sorted(floating))),
+        tuple(mechanism.names_of(floating)),
         not np.any(free[forces] ** 2 > DETERMINED),
     )
 

@@ -47,7 +47,7 @@ def _sum(a: Expr, b: Expr) -> Expr:
         opposite = _negated(other)
         if opposite is not None:
             return _difference(one, opposite)
-    return _term("+", *_ordered(a, b))
+    return function("+", *_ordered(a, b))
 
 
 def _difference(a: Expr, b: Expr) -> Expr:
@@ -58,7 +58,7 @@ def _difference(a: Expr, b: Expr) -> Expr:
     if a == 0.0:
         return _product(-1.0, b)
     opposite = _negated(b)
-    return _term("-", a, b) if opposite is None else _sum(a, opposite)
+    return function("-", a, b) if opposite is None else _sum(a, opposite)
 
 
 def _product(a: Expr, b: Expr) -> Expr:
@@ -72,13 +72,13 @@ def _product(a: Expr, b: Expr) -> Expr:
             if isinstance(one, ExpressionNode):
                 return _product(-1.0, _product(one, opposite))
             return _product(-one, opposite)
-    return _term("*", *_ordered(a, b))
+    return function("*", *_ordered(a, b))
 
 
 def _quotient(a: Expr, b: Expr) -> Expr:
     if a == 0.0 or b == 1.0:
         return a
-    return _term("/", a, b)
+    return function("/", a, b)
 
 
 def _ordered(a: Expr, b: Expr) -> tuple[Expr, Expr]:
@@ -129,15 +129,15 @@ class ExpressionNode:
 
     def sin(self) -> "ExpressionNode":
         """Return the sine."""
-        return _term("sin", self)
+        return function("sin", self)
 
     def cos(self) -> "ExpressionNode":
         """Return the cosine."""
-        return _term("cos", self)
+        return function("cos", self)
 
     def sqrt(self) -> "ExpressionNode":
         """Return the square root."""
-        return _term("sqrt", self)
+        return function("sqrt", self)
 
 
 _OWN = (ExpressionNode, float, int)
@@ -145,7 +145,8 @@ _known: WeakValueDictionary[tuple[Any, ...], ExpressionNode] = WeakValueDictiona
 _numbers = count()
 
 
-def _term(operation: str, *arguments: Any) -> ExpressionNode:
+def function(operation: str, *arguments: Any) -> ExpressionNode:
+    """Return the operation or function of this name applied to terms or numbers."""
     # Numbers stand in the key by their text, for 0.0 and -0.0 are equal.
     key = (operation, *(x if isinstance(x, ExpressionNode) else repr(x) for x in arguments))
     node = _known.get(key)
@@ -159,17 +160,12 @@ def _term(operation: str, *arguments: Any) -> ExpressionNode:
 
 def symbols(names: Iterable[str]) -> list[ExpressionNode]:
     """Return one variable for each name; the same name is the same variable."""
-    return [_term("variable", name) for name in names]
-
-
-def function(name: str, *arguments: Expr) -> ExpressionNode:
-    """Return the function of this name applied to terms or numbers."""
-    return _term(name, *arguments)
+    return [function("variable", name) for name in names]
 
 
 def power(base: Expr, exponent: Expr) -> ExpressionNode:
     """Return base ** exponent."""
-    return _term("**", base, exponent)
+    return function("**", base, exponent)
 
 
 def dot(a: Iterable[Any], b: Iterable[Expr]) -> Any:
@@ -226,7 +222,7 @@ def substituted(items: Sequence[Expr], terms: Mapping[ExpressionNode, Expr]) -> 
             return terms.get(term, term)
         if term.operation in made:
             return made[term.operation](*arguments)
-        return _term(term.operation, *arguments)
+        return function(term.operation, *arguments)
 
     return rewrite(items, float, apply)
 
@@ -413,8 +409,8 @@ def array_function(
         with np.errstate(all="ignore"):
             for start in range(0, count, BLOCK):
                 block = slice(start, min(start + BLOCK, count))
-                places = [*given[:, block], *out[:, block]]
-                made([*places, *work[:, : block.stop - start]])
+                spare = work[:, : block.stop - start]
+                made([*given[:, block], *out[:, block], *spare])
         return out
 
     return at

@@ -3,7 +3,6 @@
 Which line of a TOML text each key and array item stands on; tomllib does not say.
 """
 
-import errno
 import json
 import os
 import re
@@ -238,26 +237,23 @@ def read_text(path: Path) -> str:
         large, or is not UTF-8.
     """
     try:
+        if path.is_dir():
+            raise FileError(f"{path}: is a folder; name a file in it")
         data = piped(path, MAX_BYTES + 1)
         if data is not None:
             return _decoded(data, str(path))
         # A pipe would block here for ever; it is refused just below.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     except (OSError, ValueError) as error:
-        kept_out = getattr(error, "errno", None) in (errno.EACCES, errno.EISDIR)
-        if kept_out and path.is_dir():
-            raise FileError(f"{path}: is a folder; name a file in it") from None
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise FileError(f"{str(path)!r}: cannot be opened: {reason}") from None
     try:
         with open(handle, "rb") as stream:  # noqa: PTH123 (an open descriptor)
             status = os.fstat(handle)
             if not stat.S_ISREG(status.st_mode):
-                raise FileError(f"{path}: is a folder or a device, not a regular file")
-            data = stream.read(MAX_BYTES + 1) if status.st_size <= MAX_BYTES else b""
+                raise FileError(f"{path}: is a device or a pipe, not a regular file")
+            data = stream.read(MAX_BYTES + 1)
     except OSError as error:
-        if error.errno == errno.EISDIR:
-            raise FileError(f"{path}: is a folder; name a file in it") from None
         raise FileError(f"{path}: cannot be read: {error.strerror}") from None
     size = max(status.st_size, len(data))
     if size > MAX_BYTES:

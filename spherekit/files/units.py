@@ -65,11 +65,9 @@ def to_text(angle: float, unit: AngleUnit) -> str:
     if unit == "rad" or not math.isfinite(angle) or angle == 0.0:
         return repr(float(angle))
     degrees = _EXACT.divide(Decimal(angle), _DEGREE)
-    for digits in range(1, 40):
-        text = _decimal_text(Context(prec=digits).plus(degrees))
-        if to_radians(LiteralNumber(text), "deg") == angle:
-            return text
-    raise AssertionError("40 digits tell any two floats apart")
+    # 40 digits tell any two floats apart.
+    texts = (_decimal_text(Context(prec=k).plus(degrees)) for k in range(1, 40))
+    return next(x for x in texts if to_radians(LiteralNumber(x), "deg") == angle)
 
 
 def unit_vector(xyz: Vector) -> Vector:
