@@ -296,7 +296,8 @@ def _solution(batch: Batch) -> InverseSolution:
     status, lost = batch.status.copy(), ~(batch.rates_loss() < USABLE_RATES)
     status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
     timing = Timing(batch.t, batch.input_rates, batch.input_accelerations)
-    return balancing(batch, timing, _motion(batch), status)
+    rows = batch.sample, batch.assembly_mode, batch.inputs, batch.residual
+    return balancing(batch.mechanism, rows, timing, _motion(batch), status)
 
 
 def _motion(batch: Batch) -> CoordinateMotion:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -312,7 +311,8 @@ def needed_torques(motion: Motion) -> InverseSolution:
         field = found(motion.rows(held), request(mechanism, name, (), by_rank=True))
         flat[held] |= field.status != Status.OK
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
-    of = motion, timing, coordinates, status
+    rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
+    of = mechanism, rows, timing, coordinates, status
     solution, loads = balancing(*of), Loads(mechanism)
     if loads.rubbing:
         good = all_finite(solution.torques, 1)
@@ -327,7 +327,8 @@ def needed_torques(motion: Motion) -> InverseSolution:
 
 
 def balancing(
-    rows: Any,
+    mechanism: Mechanism,
+    rows: tuple[Integers, Integers, Floats, Floats],
     timing: Timing,
     coordinates: CoordinateMotion,
     rate_status: SmallIntegers,
@@ -339,24 +340,24 @@ def balancing(
     Parameters
     ----------
     rows
-        The motion or batch of which the mechanism, samples, assembly modes, inputs
-        (n, inputs) and residuals are.
+        The samples, assembly modes, inputs (n, inputs) and residuals of the rows.
     rate_status
         (n,) the status of what does not depend on loads.
     locked, carried
         Where (n,) bearings that rub lock, and what they carry, see `InverseSolution`.
     """
+    sample, assembly_mode, inputs, residual = rows
     with np.errstate(over="ignore", invalid="ignore"):
-        masses = inertia(rows.mechanism, coordinates)
-        forces = Loads(rows.mechanism).parts(coordinates, timing.dq, timing.t, carried)
+        masses = inertia(mechanism, coordinates)
+        forces = Loads(mechanism).parts(coordinates, timing.dq, timing.t, carried)
         Q = np.sum(forces, axis=2)
         torques = driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
     return InverseSolution(
-        rows.mechanism,
-        rows.sample,
-        rows.assembly_mode,
+        mechanism,
+        sample,
+        assembly_mode,
         timing.t,
-        rows.inputs,
+        inputs,
         timing.dq,
         timing.ddq,
         masses.M_parts,
@@ -365,7 +366,7 @@ def balancing(
         torques,
         coordinates.values.copy(),
         coordinates,
-        rows.residual,
+        residual,
         judged(rate_status, masses, forces, torques, timing.dq, locked),
         rate_status,
         carried,
