@@ -119,8 +119,8 @@ def rigid_bodies(
 
     def hinge(pair: int, one: int, other: int) -> Hinge:
         axis = at.frames[0, pair, :, 2] * (1.0 if ends[pair][0] == one else -1.0)
-        value = float(values[mechanism.angles[pairs[pair].name]])
-        return Hinge(pairs[pair].name, links[one], links[other], axis, value)
+        name = pairs[pair].name
+        return Hinge(name, links[one], links[other], axis, values[mechanism.angles[name]])
 
     masses, made_up = _masses(mechanism)
     hinges = [hinge(*way) for way in ways]
@@ -141,15 +141,8 @@ def rigid_bodies(
             hinges.append(Hinge(name, pair.links[0], name, first, 0.0))
             cuts.append(Hinge(pair.name, name, pair.links[1], second, 0.0))
             bodies.append(_body(masses, name, np.eye(3)))
-    return RigidBodies(
-        mechanism,
-        tuple(hinges),
-        tuple(cuts),
-        ratios,
-        tuple(bodies),
-        at.placed[0],
-        made_up,
-    )
+    parts = tuple(hinges), tuple(cuts), ratios, tuple(bodies)
+    return RigidBodies(mechanism, *parts, at.placed[0], made_up)
 
 
 def _shaped(pair: Pair) -> Lines:
@@ -188,11 +181,11 @@ def _tree(mechanism: Mechanism, wanted: Iterable[str]) -> list[tuple[int, int, i
     turning = [k for k, pair in enumerate(mechanism.pairs) if pair.kind.has_axis]
     usual = spanning(ends, pairs=turning)
     if len(usual) + 1 < len(links):
-        lost = set(range(1, len(links))) - {child for _, _, child in usual}
+        held = {0, *(child for _, _, child in usual)}
+        lost = listing(link for k, link in enumerate(links) if k not in held)
         raise ModelError(
-            f"{mechanism.name}: link {listing(links[k] for k in sorted(lost))} is held by "
-            "contacts alone; bodies on hinges need a chain of R pairs from the ground to "
-            "every link"
+            f"{mechanism.name}: link {lost} is held by contacts alone; bodies on hinges "
+            "need a chain of R pairs from the ground to every link"
         )
     kept: list[int] = []
     named = (mechanism.pair_number[name] for name in wanted)
@@ -208,20 +201,14 @@ def _tree(mechanism: Mechanism, wanted: Iterable[str]) -> list[tuple[int, int, i
     return beyond(0)
 
 
-Inertia = tuple[Floats, float | None, Floats | None]
+Inertia = tuple[Any, float | None, Any]
 """A tensor (3, 3) about O, a mass and its centre (3,)."""
 
 
 def _masses(mechanism: Mechanism) -> tuple[dict[str, Inertia], bool]:
     """Return the inertia of links, made up where no moving link has any."""
-    masses: dict[str, Inertia] = {
-        m.link: (
-            np.array(m.tensor),
-            m.mass,
-            None if m.centre is None else np.array(m.centre),
-        )
-        for m in mechanism.masses
-    }
+    masses: dict[str, Inertia]
+    masses = {m.link: (m.tensor, m.mass, m.centre) for m in mechanism.masses}
     if any(np.any(m[0]) for link, m in masses.items() if link != mechanism.ground):
         return masses, False
     for link, shape in zip(mechanism.links, link_shapes(mechanism), strict=True):
@@ -245,7 +232,7 @@ def _body(masses: Mapping[str, Inertia], link: str, turn: Floats) -> BodyInertia
     tensor, mass, centre = masses.get(link, (np.zeros((3, 3)), None, None))
     about_O = turn @ tensor @ turn.T
     if not np.any(tensor):
-        most = max(float(np.trace(other)) for other, _, _ in masses.values())
+        most = max(np.trace(other) for other, _, _ in masses.values())
         about_O, mass = SMALL * most * np.eye(3), None
     stated: Any = False
     if mass is not None and centre is not None:

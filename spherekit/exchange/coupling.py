@@ -136,9 +136,9 @@ class CouplingTable:
         number = self.modes.index(mode)
         q = np.asarray(q, dtype=float).reshape(-1, len(self.inputs))
         last, slack = self.count - 1, 1e-9
-        turns = np.floor((q - self.start) / (self.step * last))
-        turns = np.where(self.periodic, turns, 0.0)
-        along = (q - self.start) / self.step - turns * last
+        along = (q - self.start) / self.step
+        turns = np.where(self.periodic, np.floor(along / last), 0.0)
+        along -= turns * last
         with np.errstate(invalid="ignore"):
             good = np.all((along >= -slack) & (along <= last + slack), axis=1)
         filled = np.nan_to_num(along)
@@ -154,9 +154,9 @@ class CouplingTable:
         """Return what the mode of a number is at places from 0 to 1 in cells (n, m)."""
         parts: list[Any] = [0.0] * 4
         for corner in product((0, 1), repeat=len(self.inputs)):
-            weight = np.prod(np.where(np.array(corner) == 1, at, 1.0 - at), axis=1)
+            weight = np.prod(np.where(corner, at, 1.0 - at), axis=1)
             d = (at - corner) * self.step
-            places = tuple((cells + np.array(corner)).T)
+            places = tuple((cells + corner).T)
             node = mode, np.ravel_multi_index(places, tuple(self.count))
             g, H = self.coefficients[node], self.derivatives[node]
             bent = np.einsum("nkij,nj->nki", H, d)

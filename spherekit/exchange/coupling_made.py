@@ -132,20 +132,19 @@ def _counts(mechanism: Mechanism, samples: int | Sequence[int] | None) -> tuple[
 
 def _passive(mechanism: Mechanism, pairs: Sequence[str] | None) -> tuple[int, ...]:
     """Return the numbers of the passive variables that are wanted."""
-    driven = set(mechanism.input_pairs)
-    named = [pair.name for pair in mechanism.pairs if pair.name not in driven]
-    if pairs is not None:
-        for name in pairs:
-            if mechanism.pair(name).name in driven:
-                raise SolveError(
-                    f"{mechanism.name}: pairs: {name} is an input; passive are "
-                    f"{listing(named)}"
-                )
-        named = list(dict.fromkeys(pairs))
+    driven = mechanism.input_pairs
+    passive = [pair.name for pair in mechanism.pairs if pair.name not in driven]
+    named = passive if pairs is None else [*dict.fromkeys(pairs)]
+    for name in named:
+        if mechanism.pair(name).name in driven:
+            raise SolveError(
+                f"{mechanism.name}: pairs: {name} is an input; passive are "
+                f"{listing(passive)}"
+            )
     if not named:
         raise SolveError(
             f"{mechanism.name}: a coupling table has the variables of passive pairs, and "
-            + ("all pairs are inputs" if pairs is None else "no pair was named")
+            "all pairs are inputs, or none was named"
         )
     return tuple(
         v for name in named for v in mechanism.variables_of(mechanism.pair_number[name])

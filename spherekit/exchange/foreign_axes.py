@@ -12,7 +12,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.model.graph import spanning
-from spherekit.sphere.rotation import arc
+from spherekit.sphere.rotation import arc, unit_rows
 
 ONE_LINE = 1e-6
 """Sine below which two axes are one."""
@@ -66,10 +66,10 @@ def gears_of(
         return "its joints do not follow each other from one link to another"
     if all(_aligned(hinge.axis, used[0].axis) for hinge in used):
         return "its joints lie along one line, and axes of bevel gears cross"
-    lines, shares = [way[0][0].axis], [way[0][1] * factors[way[0][0].joint]]
+    lines, shares = list[Floats](), list[float]()
     for hinge, sense in way:
         share = sense * factors[hinge.joint]
-        if not _aligned(hinge.axis, lines[-1]):
+        if not (lines and _aligned(hinge.axis, lines[-1])):
             lines.append(hinge.axis)
             shares.append(share)
         share *= float(np.sign(hinge.axis @ lines[-1]))
@@ -77,18 +77,16 @@ def gears_of(
             return "its joints about one axis do not add up"
     if len(lines) != 2:
         return f"its joints lie along {len(lines)} axes, and two gears have two"
-    touching = shares[1] * lines[0] - shares[0] * lines[1]
-    touching = touching / np.linalg.norm(touching)
+    touching = unit_rows(shares[1] * lines[0] - shares[0] * lines[1])
     (first, onwards), (last, sense) = way[0], way[-1]
     ends = first.links[0 if onwards > 0 else 1], last.links[1 if sense > 0 else 0]
-    circles: list[Circle] = []
-    for link, line in zip(ends, lines, strict=True):
-        centre = line * (1.0 if line @ touching >= 0.0 else -1.0)
-        circles.append((float(arc(centre, touching)), link, centre))
-    if min(radius for radius, _, _ in circles) < ONE_LINE:
+    centres = [line if line @ touching >= 0.0 else -line for line in lines]
+    radii = [float(arc(centre, touching)) for centre in centres]
+    if min(radii) < ONE_LINE:
         return "one of its gears would have no size"
-    one, other = (np.cross(centre, touching) for _, _, centre in circles)
-    external = float(one @ other) < 0.0
+    one, other = np.cross(centres, touching)
+    external = bool(one @ other < 0.0)
+    circles = [*zip(radii, ends, centres, strict=True)]
     return circles if external else sorted(circles, key=lambda x: x[0]), external
 
 
@@ -131,13 +129,13 @@ def common_point(points: Floats, axes: Floats, within: float) -> Floats | None:
         pulled = np.sum(across[kept] @ points[kept, :, None], axis=0)[:, 0]
         best = np.linalg.solve(summed, pulled)
         gaps = distances(best, points[kept], axes[kept])
-        if float(np.max(gaps)) <= within:
+        if np.max(gaps) <= within:
             break
         kept = np.delete(kept, np.argmax(gaps))
     if best is not None:
         return best
     foot = points[0] - (points[0] @ axes[0]) * axes[0]
-    return foot if float(np.max(distances(foot, points, axes))) <= within else None
+    return foot if np.max(distances(foot, points, axes)) <= within else None
 
 
 ROUNDING = 4e-15

@@ -1,7 +1,7 @@
 """Another program's model as a spherical mechanism: what turns about one point."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, count, groupby
 from typing import Any
 
@@ -63,21 +63,20 @@ class ForeignTables:
         self.closing = self._closing_points()
         self.centre, self.miss = self._meet(within)
         self.pairs = self._pairs()
-        every = (link for pair in self.pairs for link in pair.links)
-        self.links = list(dict.fromkeys([0, *every]))
+        self.links = [*dict.fromkeys(chain([0], *(pair.links for pair in self.pairs)))]
         self.content = {name: table for name, table in self._tables().items() if table}
         self.notes += model.notes
-        x, y, z = (plain(coordinate, 1.0) for coordinate in self.centre)
         self.heading = (
             f"Imported from the {model.source}.",
-            f"The centre of the sphere is at {x}, {y}, {z} m in its world axes, which are "
-            f"the ground's here; axes pass it within {self.miss:.2g} m.",
+            f"The centre of the sphere is at {listing(plain_axis(self.centre))} m in its "
+            f"world axes, which are the ground's here; axes pass it within {self.miss:.2g} "
+            "m.",
             *(f"Note: {note}." for note in self.notes),
         )
 
     def _tables(self) -> dict[str, Table]:
         contacts, masses = dict(self._contacts()), {}
-        links: Table = {self._name(link): {} for link in self.links}
+        links = {self._name(link): Table() for link in self.links}
         inputs = self._inputs()
         if self.model.made_up:
             self.notes.append(
@@ -110,9 +109,10 @@ class ForeignTables:
     def _links_of_bodies(self) -> list[int]:
         """Return the links of bodies: one of those welded, or hinged by locked joints."""
         moved = {0, *self.m.jnt_bodyid[self.turning].tolist()}
-        parents = enumerate(self.m.body_parentid.tolist())
-        still = ((up, k) for k, up in parents if k not in moved)
-        link = list(range(self.m.nbody))
+        still = [
+            (self.m.body_parentid[k], k) for k in range(self.m.nbody) if k not in moved
+        ]
+        link = [*range(self.m.nbody)]
         for ends in [*still, *self.model.welds]:
             kept, other = (link[end] for end in ends)
             kept, other = (other, kept) if other == 0 else (kept, other)
@@ -128,11 +128,12 @@ class ForeignTables:
         if link not in self.names:
             text = self.model.bodies[link]
             if link == 0:
-                parents = self.m.body_parentid
                 children = [
-                    k for k in range(1, self.m.nbody) if not (self.link[k] or parents[k])
+                    body
+                    for k, body in enumerate(self.model.bodies)
+                    if k and not (self.link[k] or self.m.body_parentid[k])
                 ]
-                text = self.model.bodies[children[0]] if len(children) == 1 else "ground"
+                text = children[0] if len(children) == 1 else "ground"
             self.names[link] = self._unique(text, self.names.values())
         return self.names[link]
 
@@ -163,7 +164,7 @@ class ForeignTables:
             yield f"joint {self.model.joints[k]}", self.d.xanchor[k], self.d.xaxis[k]
         for (first, place), *others in self.closing.values():
             for other, point in others:
-                length = float(np.linalg.norm(point - place))
+                length = np.linalg.norm(point - place)
                 if length > 0.0:
                     words = f"loop {first}" + f" through {other}" * (other != first)
                     yield words, place, (point - place) / length
@@ -172,8 +173,8 @@ class ForeignTables:
         names, points, axes = map(np.array, zip(*self._lines(), strict=True))
         places = [*self.d.xipos[self.m.body_mass > MASSLESS], *self.d.xanchor]
         places += [point for *_, point in self.model.holds]
-        away = np.array(places) - np.mean(places, axis=0)
-        size = float(np.max(np.linalg.norm(away, axis=1))) or 1.0
+        away = places - np.mean(places, axis=0)
+        size = np.max(np.linalg.norm(away, axis=1)) or 1.0
         allowed = WITHIN * size if within is None else within
         centre = common_point(points, axes, allowed)
         if centre is None:
@@ -183,9 +184,9 @@ class ForeignTables:
                 "meet in one"
             )
         gaps = distances(centre, points, axes)
-        worst = float(np.max(gaps))
+        worst = np.max(gaps)
         if worst > allowed:
-            x, y, z = (plain(coordinate, size) for coordinate in centre)
+            place = listing(plain(coordinate, size) for coordinate in centre)
             told = "".join(
                 f"\n  {name}: {gap if gap > 1e-3 * allowed else 0.0:.4g} m"
                 for gap, name in sorted(zip(gaps, names, strict=True), key=lambda x: -x[0])
@@ -193,7 +194,7 @@ class ForeignTables:
             passing = np.sum(gaps <= allowed)
             raise FileError(
                 f"{self.where}: the axes do not meet in a point, so it is no spherical "
-                f"mechanism. {passing} of {len(gaps)} pass the point {x}, {y}, {z} m; the "
+                f"mechanism. {passing} of {len(gaps)} pass the point {place} m; the "
                 f"distances from it are:{told}\nAllowed is {allowed:.2g} m; give --within "
                 "METRES if more is rounding, or take the other joints out of a copy of the "
                 "file"
@@ -223,26 +224,25 @@ class ForeignTables:
                 if k != joints[-1]:
                     above = len(self.link)
                     self.link.append(above)
-                    text = f"{self.model.bodies[body]}_{joint}"
-                    self.names[above] = self._unique(text, self.names.values())
-                axis, value = self.d.xaxis[k].copy(), float(self.d.qpos[k])
-                put(joint, (below, above), axis, value, k)
+                    self.names[above] = self._unique(
+                        f"{self.model.bodies[body]}_{joint}", self.names.values()
+                    )
+                put(joint, (below, above), self.d.xaxis[k], self.d.qpos[k], k)
                 below = above
         for ends, points in self.closing.items():
             arms = np.array([point for _, point in points]) - self.centre
             lengths = np.linalg.norm(arms, axis=1)
-            far = int(np.argmax(lengths))
-            if lengths[far] <= self.miss or lengths[far] == 0.0:
+            far = np.argmax(lengths)
+            if lengths[far] <= self.miss:
                 self.notes.append(
                     f"loop {points[far][0]} left out: it holds the centre, which does not "
                     "move"
                 )
                 continue
-            first, axis = points[0][0], arms[far] / lengths[far]
-            name = put(first, ends, axis, self.model.values.get(first, 0.0))
-            one, other = map(self._name, ends)
-            words = f"Closes a loop: holds {one} and {other} at a point."
-            self.comments["pairs", name] = words
+            first, value = points[0][0], self.model.values.get(points[0][0], 0.0)
+            name = put(first, ends, arms[far] / lengths[far], value)
+            held = " and ".join(map(self._name, ends))
+            self.comments["pairs", name] = f"Closes a loop: holds {held} at a point."
         if not pairs:
             raise FileError(f"{self.where}: nothing moves: all bodies are welded together")
         piece = joined(len(self.link), (pair.links for pair in pairs))
@@ -268,78 +268,68 @@ class ForeignTables:
                 )
             circles, external = gears
             names.append(self._unique(coupling, names))
-            profiles = {}
-            for radius, link, centre in circles:
-                place = plain_axis(centre)
-                circle = {
+            profiles = {
+                self._name(link): {
                     "kind": "circle",
-                    "centre_xyz": place,
+                    "centre_xyz": plain_axis(centre),
                     "radius": plain_angle(radius),
                 }
-                profiles[self._name(link)] = circle
+                for radius, link, centre in circles
+            }
             contact = {} if external else {"contact": "internal"}
             self.comments["pairs", names[-1]] = "Joints at a constant ratio: gears."
-            table: Table = {"type": "Cr", "links": [*profiles], **contact}
-            yield names[-1], {**table, "profiles": profiles}
+            ends = {"type": "Cr", "links": [*profiles]}
+            yield names[-1], {**ends, **contact, "profiles": profiles}
 
     def _pair(self, pair: Turning) -> Table:
+        value = {"value": plain_angle(pair.value)} if pair.value else {}
         links = [*map(self._name, pair.links)]
-        table: Table = {"type": "R", "links": links, "xyz": plain_axis(pair.axis)}
-        if pair.value:
-            table["value"] = plain_angle(pair.value)
-        return table
+        return {"type": "R", "links": links, "xyz": plain_axis(pair.axis), **value}
 
     def _inputs(self) -> Table:
         """Return the actuated pairs, with as many others as there are freedoms left."""
-        numbers = {pair.joint: k for k, pair in enumerate(self.pairs) if pair.joint >= 0}
-        driven = [numbers[joint] for joint in self.model.drives if joint in numbers]
+        pairs, drives = self.pairs, self.model.drives
+        numbers = {pair.joint: k for k, pair in enumerate(pairs) if pair.joint >= 0}
+        driven = [numbers[joint] for joint in drives if joint in numbers]
         rest = sorted(
-            set(range(len(self.pairs))).difference(driven),
-            key=lambda k: (self.pairs[k].joint < 0, 0 not in self.pairs[k].links, k),
+            set(range(len(pairs))).difference(driven),
+            key=lambda k: (pairs[k].joint < 0, 0 not in pairs[k].links, k),
         )
-        rows = self._velocity_equations(numbers)
-        chosen: list[Turning] = []
+        rows = self._velocity_equations()
+        chosen: list[int] = []
         for k in [*driven, *rest]:
-            more = np.vstack([rows, np.eye(len(self.pairs))[k]])
+            more = np.vstack([rows, np.eye(len(pairs))[k]])
             if _rank(more) > _rank(rows):
-                chosen.append(self.pairs[k])
+                chosen.append(k)
                 rows = more
-        actuated = [self.pairs[k] for k in driven]
-        added = [pair.name for pair in chosen if pair not in actuated]
-        if added:
-            what = "has" if len(added) == 1 else "have"
+        if added := [pairs[k].name for k in chosen if k not in driven]:
             self.notes.append(
-                f"{numbered('input', added)} {what} no actuator; there are more freedoms "
+                f"{numbered('input', added)} without actuator: there are more freedoms "
                 "than actuators"
             )
-        spare = [pair.name for pair in actuated if pair not in chosen]
-        if spare:
+        if spare := [pairs[k].name for k in driven if k not in chosen]:
             self.notes.append(
                 f"actuator of {listing(spare)} left out: the others determine the motion"
             )
         return {
-            pair.name: self._ends(
-                self.model.drives.get(pair.joint)
-                or self.limits.get(pair.joint)
-                or (pair.value - np.pi, pair.value + np.pi)
+            pairs[k].name: self._ends(
+                drives.get(pairs[k].joint)
+                or self.limits.get(pairs[k].joint)
+                or (pairs[k].value - np.pi, pairs[k].value + np.pi)
             )
-            for pair in chosen
+            for k in chosen
         }
 
-    def _velocity_equations(self, numbers: Mapping[int, int]) -> Floats:
-        """Return what loops and couplings say of the rates of all pairs, (m, pairs).
-
-        `numbers` are the pairs of joints.
-        """
-        place = self.links.index
-        ends = tuple((place(a), place(b)) for a, b in (pair.links for pair in self.pairs))
+    def _velocity_equations(self) -> Floats:
+        """Return what loops and couplings say of the rates of all pairs, (m, pairs)."""
+        place, pairs = self.links.index, self.pairs
+        ends = tuple((place(a), place(b)) for _, (a, b), *_ in pairs)
         tree = LoopTree(len(self.links), ends, tuple(range(len(ends))))
-        rows = [tree.jacobian(np.array([[pair.axis for pair in self.pairs]]))[0]]
-        for _, factors in self.model.couplings:
-            ratio = np.zeros((1, len(ends)))
-            ratio[0, [numbers[joint] for joint in factors]] = list(factors.values())
-            rows.append(ratio)
-        return np.concatenate(rows)
+        loops = tree.jacobian(np.array([[pair.axis for pair in pairs]]))[0]
+        couplings = (factors for _, factors in self.model.couplings)
+        return np.vstack(
+            [loops, *([x.get(p.joint, 0.0) for p in pairs] for x in couplings)]
+        )
 
     # Inertia and loads
 
@@ -354,21 +344,18 @@ class ForeignTables:
             ]
             if not heavy:
                 continue
-            mass, moment, tensor = 0.0, np.zeros(3), np.zeros((3, 3))
-            weightless = m.body_gravcomp[heavy] == 1.0
-            for k, light in zip(heavy, weightless, strict=True):
-                one, arm = float(m.body_mass[k]), self.d.xipos[k] - self.centre
-                turn = self.d.ximat[k].reshape(3, 3)
-                about = turn @ np.diag(m.body_inertia[k]) @ turn.T
-                tensor += moved_to_sphere_centre(about, one, arm)
-                mass += one
-                moment += (0.0 if light else one) * arm
-            most = float(max_abs(tensor))
+            weightless, masses = m.body_gravcomp[heavy] == 1.0, m.body_mass[heavy]
+            arms, turns = self.d.xipos[heavy] - self.centre, self.d.ximat[heavy]
+            turns = turns.reshape(-1, 3, 3)
+            about = turns * m.body_inertia[heavy][:, None] @ np.swapaxes(turns, 1, 2)
+            tensor = np.sum([*map(moved_to_sphere_centre, about, masses, arms)], axis=0)
+            mass, most = np.sum(masses), max_abs(tensor)
             table: Table = {"tensor": [[plain(x, most, THIN) for x in r] for r in tensor]}
             if not np.all(weightless) or self.model.gravity is not None:
-                radius = float(np.sqrt(np.trace(tensor) / mass))
+                radius = np.sqrt(np.trace(tensor) / mass)
+                centre = masses * ~weightless @ arms / mass
                 table["mass"] = plain(mass, mass)
-                table["centre"] = [plain(x, radius) for x in moment / mass]
+                table["centre"] = [plain(x, radius) for x in centre]
                 if np.any(weightless):
                     self.comments["mass", self._name(link)] = (
                         "Its weight is compensated: its centre counts as the sphere's."
@@ -387,12 +374,12 @@ class ForeignTables:
                 for of in (m.jnt_stiffness, m.dof_damping, m.dof_frictionloss)
             )
             if stiffness:
-                spring = {"stiffness": stiffness, "rest": plain_angle(m.qpos_spring[k])}
-                yield f"spring_{name}", {"kind": "spring", "pair": name, **spring}
+                spring = {"kind": "spring", "pair": name, "stiffness": stiffness}
+                yield f"spring_{name}", {**spring, "rest": plain_angle(m.qpos_spring[k])}
             if dry:
-                rubs = {"torque": dry, "speed": plain_angle(SLOW)}
-                rubs |= {"viscous": viscous} if viscous else {}
-                yield f"friction_{name}", {"kind": "friction", "pair": name, **rubs}
+                rubs = {"kind": "friction", "pair": name, "torque": dry}
+                rubs |= {"speed": plain_angle(SLOW), "viscous": viscous}
+                yield f"friction_{name}", {k: x for k, x in rubs.items() if x}
                 self.notes.append(
                     f"dry friction of {name} is smoothed below {SLOW:g} rad/s"
                 )
@@ -415,7 +402,7 @@ class ForeignTables:
         for k in range(m.nu):
             name, transmission = named(m.actuator(k), "actuator", k), m.actuator_trntype[k]
             gear, bias = m.actuator_gear[k], m.actuator_biasprm[k][:3]
-            first, second = (int(number) for number in m.actuator_trnid[k])
+            first, second = m.actuator_trnid[k]
             at_joint = transmission == kinds.mjTRN_JOINT
             if np.any(m.actuator_gainprm[k]):
                 if not at_joint:
@@ -436,20 +423,23 @@ class ForeignTables:
                 turn = self.d.site_xmat[first if second < 0 else second].reshape(3, 3)
                 link = {"link": self._name(self.link[m.site_bodyid[first]])}
                 axes = {"axes": "link" if second < 0 else "ground"}
-                for kind, part in (("force", gear[:3]), ("moment", gear[3:])):
-                    if np.any(part * bias[0]):
-                        arm = self.d.site_xpos[first] - self.centre
-                        point = {"point": _plain(arm)} if kind == "force" else {}
-                        vector = {kind: [*map(str, _plain(turn @ (part * bias[0])))]}
-                        yield name, {"kind": kind, **link, **point, **vector, **axes}
+                wrench, arm = gear * bias[0], self.d.site_xpos[first] - self.centre
+                point = {"point": _plain(arm)}
+                for kind, part, at in (
+                    ("force", wrench[:3], point),
+                    ("moment", wrench[3:], {}),
+                ):
+                    if np.any(part):
+                        vector = {kind: [*map(str, _plain(turn @ part))]}
+                        yield name, {"kind": kind, **link, **at, **vector, **axes}
             else:
                 self.notes.append(f"actuator {name} left out: it is no constant load")
 
 
 def _plain(vector: Floats) -> list[float]:
     """Return the components of a vector as they stand in a file."""
-    return [plain(part, float(max_abs(vector))) for part in vector]
+    return [plain(part, max_abs(vector)) for part in vector]
 
 
 def _rank(rows: Floats) -> int:
-    return int(np.linalg.matrix_rank(rows, tol=1e-9)) if rows.size else 0
+    return int(np.linalg.matrix_rank(rows, tol=1e-9))

@@ -82,10 +82,9 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
 def _lines(name: str, built: ForeignTables) -> Iterator[str]:
     for line in built.heading:
         yield f"# {line}"
-    yield assignment("format", FORMAT)
-    yield assignment("name", name)
-    yield assignment("angle_unit", "deg")
-    yield assignment("ground", next(iter(built.content["links"])))
+    ground = next(iter(built.content["links"]))
+    first = {"format": FORMAT, "name": name, "angle_unit": "deg", "ground": ground}
+    yield from (assignment(key, value) for key, value in first.items())
     for key, content in built.content.items():
         if key == "source":
             yield from tables((key,), content)

@@ -46,7 +46,7 @@ Attributes = dict[str, Any]
 """Of an element, as texts, numbers, or rows of numbers."""
 
 
-_SUMS = ("stiffness", "damping", "frictionloss")
+_SUMS = ("stiffness", "damping", "frictionloss", "springref")
 
 
 def _constant(mechanism: Mechanism, load: PairTorque | PointForce | Moment) -> Attributes:
@@ -168,9 +168,9 @@ class MujocoModel:
         self._lost: dict[str, str] = {}
         self._otherwise: list[str] = []
         self.hinges = self._taken()
-        pairs = [load.pair for load, _ in self.actuated if isinstance(load, PairTorque)]
-        held = {*self.hinges, *pairs}
-        self.made = made = rigid_bodies(mechanism, values, [*self.hinges, *pairs])
+        pulled = (x.pair for x, _ in self.actuated if isinstance(x, PairTorque))
+        held = [*self.hinges, *pulled]
+        self.made = made = rigid_bodies(mechanism, values, held)
         far = max(
             (np.linalg.norm(body.centre) for body in made.bodies if body.stated), default=0
         )
@@ -191,13 +191,12 @@ class MujocoModel:
         """Take loads as MuJoCo has them; return what hinges have of them, by pair."""
         mechanism = self.mechanism
         sums = {pair: dict.fromkeys(_SUMS, 0.0) for pair in mechanism.angles}
-        pulls = dict.fromkeys(sums, 0.0)
         for load in mechanism.loads:
             if isinstance(load, Gravity):
                 self.gravity = self.gravity + load.acceleration
             elif isinstance(load, Spring):
                 sums[load.pair]["stiffness"] += load.stiffness
-                pulls[load.pair] += load.stiffness * load.rest
+                sums[load.pair]["springref"] += load.stiffness * load.rest
             elif isinstance(load, Damper):
                 sums[load.pair]["damping"] += load.damping
             elif isinstance(load, Friction):
@@ -219,8 +218,8 @@ class MujocoModel:
         stops = {stop.pair: (stop.low, stop.high) for stop in mechanism.joint_limits}
         hinges: dict[str, Attributes] = {}
         for pair, here in sums.items():
-            rest = pulls[pair] / (here["stiffness"] or 1.0)
-            held: Attributes = {**here, "springref": rest, "range": stops.get(pair)}
+            here["springref"] /= here["stiffness"] or 1.0
+            held: Attributes = {**here, "range": stops.get(pair)}
             if any(held.values()):
                 hinges[pair] = {key: value for key, value in held.items() if value}
         return hinges
@@ -235,11 +234,11 @@ class MujocoModel:
                 "so links are wires of 1 kg/m on a sphere of 1 m, servos turn the inputs, "
                 "and forces mean nothing"
             )
-            names = [load.name for load in mechanism.loads]
+            names = (load.name for load in mechanism.loads)
             lost = dict.fromkeys(names, "the model has no masses of its own")
         notes += [f"load {name} left out: {reason}" for name, reason in lost.items()]
         notes += () if made.made_up else self._otherwise
-        weighed = {mass.link for mass in mechanism.masses if np.any(np.array(mass.tensor))}
+        weighed = {mass.link for mass in mechanism.masses if np.any(mass.tensor)}
         bodies, limits = made.bodies, (stop.pair for stop in mechanism.joint_limits)
         for words, named in (
             (
@@ -284,26 +283,30 @@ class MujocoModel:
             root.insert(k, ElementTree.Comment(f" {note.replace('--', '- -')} "))
         part = {child.tag: child for child in root if isinstance(child.tag, str)}
         # What MuJoCo has no place for and `spherekit import` reads again.
-        kept: Attributes
-        kept = {f"input_{item.pair}": (item.start, item.stop) for item in mechanism.inputs}
-        kept |= {f"value_{cut.pair}": cut.value for cut in made.cuts}
-        for name, numbers in kept.items():
-            _add(part["custom"], "numeric", name=name, data=numbers)
+        for item in mechanism.inputs:
+            _add(
+                part["custom"],
+                "numeric",
+                name=f"input_{item.pair}",
+                data=(item.start, item.stop),
+            )
+        for cut in made.cuts:
+            _add(part["custom"], "numeric", name=f"value_{cut.pair}", data=cut.value)
         if made.made_up:
             _add(part["custom"], "text", name="masses", data="made up")
         ground = part["worldbody"][-1]
         self._turned(ground, made.rotations[0])
         self._looks(ground, mechanism.ground)
         self._bodies(ground, mechanism.ground)
-        for name in (x.name for x, attributes in self.actuated if "refsite" in attributes):
-            size = _drawn(1e-3 * radius)
-            _add(part["worldbody"], "site", name=f"{name}_axes", size=size)
+        for _, attributes in self.actuated:
+            if axes := attributes.get("refsite"):
+                _add(part["worldbody"], "site", name=axes, size=_drawn(1e-3 * radius))
         self._equalities(part["tendon"], part["equality"])
         self._actuators(part["actuator"])
         for output in mechanism.outputs:
-            ends = {"objtype": "body", "objname": output.link}
-            seen = {"reftype": "body", "refname": output.relative_to}
-            _add(part["sensor"], "framequat", name=output.name, **ends, **seen)
+            kinds = {"objtype": "body", "reftype": "body"}
+            ends = {"objname": output.link, "refname": output.relative_to}
+            _add(part["sensor"], "framequat", name=output.name, **kinds, **ends)
         if made.made_up:  # servos hold the pose that the model is in
             values = {hinge.pair: hinge.value for hinge in made.hinges}
             held = [values[item.pair] for item in mechanism.inputs]
@@ -321,11 +324,10 @@ class MujocoModel:
                 continue
             twin = hinge in self.twins
             body = _add(parent, "body", name=_twin(hinge) if twin else hinge.child)
-            self._turned(body, self._turn(link).T @ self._turn(hinge.child))
-            axis = self._turn(hinge.child).T @ hinge.axis
-            held = self.hinges.get(hinge.pair, {})
-            named = {"name": hinge.pair, "type": "hinge", "axis": axis, "ref": hinge.value}
-            _add(body, "joint", **named, **held)
+            turn, held = self._turn(hinge.child), self.hinges.get(hinge.pair, {})
+            self._turned(body, self._turn(link).T @ turn)
+            named = {"name": hinge.pair, "type": "hinge", "ref": hinge.value}
+            _add(body, "joint", **named, axis=turn.T @ hinge.axis, **held)
             self._inertia(body, inertia[hinge.child])
             if not twin:
                 self._looks(body, hinge.child)
@@ -360,7 +362,7 @@ class MujocoModel:
         shape = self.shapes[number]
         rgba = " ".join(f"{part / 255:.3g}" for part in (*link_colour(number), 255))
         for line in shape.curves or spokes(shape.joints):
-            corners = line[sorted({*range(0, len(line), CHORD), len(line) - 1})]
+            corners = line[[*range(0, len(line) - 1, CHORD), -1]]
             for ends in np.hstack([corners[:-1], corners[1:]]):
                 fromto = _drawn(radius * ends)
                 _add(body, "geom", fromto=fromto, rgba=rgba, **{"class": "arc"})
@@ -371,8 +373,8 @@ class MujocoModel:
                 _add(body, "geom", fromto=ends, **{"class": "pin"})
         for output in mechanism.outputs:
             if output.link == link and output.direction is not None:
-                place = radius * np.array(output.direction)
                 drawn = {"size": _drawn(PIN_RADIUS * radius), "rgba": "1 0.77 0 1"}
+                place = np.multiply(radius, output.direction)
                 _add(body, "site", name=output.name, pos=place, **drawn)
         for load, _ in self.actuated:
             if getattr(load, "link", None) == link:
@@ -384,8 +386,8 @@ class MujocoModel:
         hold = {"solref": (-(rate**2), -2.0 * rate), "solimp": IMPEDANCE}
         for cut in self.connected:
             anchor = self.radius * (self._turn(cut.parent).T @ cut.axis)
-            ends = {"body1": cut.parent, "body2": cut.child, "anchor": anchor}
-            _add(equal, "connect", name=cut.pair, **ends, **hold)
+            ends = {"body1": cut.parent, "body2": cut.child}
+            _add(equal, "connect", name=cut.pair, anchor=anchor, **ends, **hold)
         for twin in self.twins:
             ends = {"body1": twin.child, "body2": _twin(twin)}
             _add(equal, "weld", name=twin.pair, **ends, **hold)
@@ -397,7 +399,7 @@ class MujocoModel:
 
     def _actuators(self, actuators: Element) -> None:
         made = self.made
-        inertia = sum(float(np.trace(mass.tensor)) for mass in made.bodies)
+        inertia = sum(np.trace(mass.tensor) for mass in made.bodies)
         servo: Attributes = {"kp": float(f"{inertia * SERVO**2:.2g}"), "dampratio": "1"}
         for item in made.mechanism.inputs:
             ends = {"name": item.pair, "joint": item.pair}
@@ -414,19 +416,18 @@ def _twin(hinge: Hinge) -> str:
     return f"{hinge.child}_at_{hinge.pair}"
 
 
-def _add(parent: Element, tag: str, **attributes: object) -> Element:
+def _add(parent: Element, tag: str, **attributes: Any) -> Element:
     """Return a new element whose attributes are texts, numbers, or rows of numbers."""
     texts = {k: x if isinstance(x, str) else _text(x) for k, x in attributes.items()}
     return ElementTree.SubElement(parent, tag, texts)
 
 
-def _drawn(numbers: object) -> str:
+def _drawn(numbers: Any) -> str:
     """Return numbers that nothing is computed from, to five digits."""
-    values = np.asarray(numbers, dtype=float).ravel()
-    return " ".join(f"{x:.5g}" if abs(x) > 1e-12 else "0" for x in values)
+    return " ".join(f"{x:.5g}" if abs(x) > 1e-12 else "0" for x in np.ravel(numbers))
 
 
-def _text(numbers: object) -> str:
-    values = np.asarray(numbers, dtype=float).ravel()
+def _text(numbers: Any) -> str:
+    values = np.ravel(numbers)
     least = ROUNDING * max_abs(values)
     return " ".join(repr(float(x)) if abs(x) > least else "0" for x in values)

@@ -31,7 +31,7 @@ ENDS = ("link1", "link2", "predecessor", "successor", "parent", "child")
 
 
 def _vector(item: Element, key: str) -> Floats:
-    return np.array([float(part) for part in (item.get(key) or "0 0 0").split()])
+    return np.array((item.get(key) or "0 0 0").split(), dtype=float)
 
 
 MASSLESS = 1e-14
@@ -90,7 +90,7 @@ class ForeignModel:
         self.joints: Lines = [m.joint(k).name for k in range(m.njnt)]
         self.bodies = [named(m.body(k), "body", k) for k in range(m.nbody)]
         self._need_hinges()
-        numbers = {numeric.name: list(numeric.data) for numeric in spec.numerics}
+        numbers = {numeric.name: numeric.data for numeric in spec.numerics}
         self.drives = self._drives(root, numbers)
         self._close()
         self.holds: list[tuple[str, tuple[int, int], Floats]] = []
@@ -213,13 +213,13 @@ class ForeignModel:
             gaps: dict[str, float] = {}
             for number, size in zip(d.efc_id[rows].tolist(), np.abs(gap), strict=True):
                 name = named(self.m.eq(number), "equality", number)
-                gaps[name] = max(gaps.get(name, 0.0), float(size))
+                gaps[name] = max(gaps.get(name, 0.0), size)
             told = listing(f"{name} by {gap:.3g}" for name, gap in gaps.items())
             raise FileError(
                 f"{self.path}: loops do not close near the pose of the file: {told} (m or "
                 "rad); give a pose in which they do, by ref of the joints"
             )
-        moved = float(max_abs(d.qpos - start))
+        moved = max_abs(d.qpos - start)
         if moved > 1e-9:
             self.notes.append(
                 f"loops are open in the file's pose; joints were turned by up to "
@@ -230,20 +230,20 @@ class ForeignModel:
         """Return which constraints are those of loops, and by how much they are open."""
         self.mj.mj_forward(self.m, self.d)
         rows = self.d.efc_type == self.mj.mjtConstraint.mjCNSTR_EQUALITY
-        return rows, self.d.efc_pos[rows].copy()
+        return rows, self.d.efc_pos[rows]
 
     def _converged(self, free: list[int]) -> bool:
         """Step by Newton's method until rounding is all that is left; say if it is."""
         d, before = self.d, np.inf
         for _ in range(MOST_STEPS):
             rows, gap = self._gaps()
-            size = float(max_abs(gap))
+            size = max_abs(gap)
             if size < ROUNDING or CLOSED > size > 0.5 * before:
                 return True
             before = size
             jacobian = d.efc_J.reshape(d.nefc, self.m.nv)[rows][:, free]
             step = np.linalg.lstsq(jacobian, gap, rcond=1e-9)[0]
-            d.qpos[free] -= step * (0.5 / max(float(max_abs(step)), 0.5))
+            d.qpos[free] -= step * (0.5 / max(max_abs(step), 0.5))
         return False
 
     def _drives(
@@ -251,7 +251,7 @@ class ForeignModel:
     ) -> dict[int, Sequence[float] | None]:
         m = self.m
         drives: dict[int, Sequence[float] | None] = {}
-        for tag in ("transmission", "ros2_control") if root.tag == "robot" else ():
+        for tag in ("transmission", "ros2_control"):
             for joint in root.iterfind(f".//{tag}/joint"):
                 commanded = joint.find("command_interface") is not None
                 name = joint.get("name", "")
@@ -261,8 +261,8 @@ class ForeignModel:
             at_joint = m.actuator_trntype[k] == self.mj.mjtTrn.mjTRN_JOINT
             if at_joint and np.any(m.actuator_gainprm[k]):
                 servo = m.actuator_ctrllimited[k] and m.actuator_biasprm[k][1] != 0.0
-                ends = m.actuator_ctrlrange[k].tolist()
-                drives[int(m.actuator_trnid[k][0])] = ends if servo else None
+                ends = m.actuator_ctrlrange[k].tolist() if servo else None
+                drives[int(m.actuator_trnid[k][0])] = ends
         for k in drives:
             ends = numbers.get(f"input_{self.joints[k]}", [])
             if len(ends) == 2:
@@ -272,8 +272,7 @@ class ForeignModel:
     def _take_equality(self, k: int) -> None:
         """Take what an equality holds, locks or couples; note one that is left out."""
         m, d, eq = self.m, self.d, self.mj.mjtEq
-        kind = eq(int(m.eq_type[k]))
-        one, other = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
+        kind, one, other = eq(int(m.eq_type[k])), m.eq_obj1id[k], m.eq_obj2id[k]
         name = named(m.eq(k), "equality", k)
         if kind == eq.mjEQ_JOINT and other < 0:
             self.locked.add(one)
@@ -285,7 +284,7 @@ class ForeignModel:
             name = named(m.eq(k), "loop", k)
             if m.eq_objtype[k] == self.mj.mjtObj.mjOBJ_SITE:
                 points = [d.site_xpos[one].copy()]
-                one, other = int(m.site_bodyid[one]), int(m.site_bodyid[other])
+                one, other = m.site_bodyid[one], m.site_bodyid[other]
             else:
                 points = [d.xpos[one] + d.xmat[one].reshape(3, 3) @ m.eq_data[k][:3]]
             if name in self.hinged:
@@ -303,10 +302,10 @@ class ForeignModel:
                 f"{self.path}: {name} couples joints at a ratio that changes; a "
                 "mechanism file has profiles in contact for that. Take it out of a copy"
             )
-        ends = (m.eq_obj1id[k], 1.0), (m.eq_obj2id[k], -float(m.eq_data[k][1]))
+        ends = (m.eq_obj1id[k], 1.0), (m.eq_obj2id[k], -m.eq_data[k][1])
         for item, ratio in (end for end in ends if end[0] >= 0):
             if m.eq_type[k] == self.mj.mjtEq.mjEQ_JOINT:
-                factors[int(item)] += ratio
+                factors[item] += ratio
                 continue
             first = m.tendon_adr[item]
             places = slice(first, first + m.tendon_num[item])
@@ -316,7 +315,7 @@ class ForeignModel:
                     "mechanism file has none. Take it out of a copy"
                 )
             for joint, factor in zip(m.wrap_objid[places], m.wrap_prm[places], strict=True):
-                factors[int(joint)] += ratio * float(factor)
+                factors[joint] += ratio * factor
         return factors
 
 

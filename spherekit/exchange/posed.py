@@ -40,7 +40,7 @@ def posed(
         where = f"any of {len(motion)} samples of the inputs' ranges"
         other = "inputs, or another assembly mode"
     else:
-        q = np.atleast_1d(np.asarray(at, dtype=float))
+        q = np.array(at, dtype=float, ndmin=1)
         if not all_finite(q):
             raise SolveError(f"export: at is {at}, it has to be finite numbers of rad")
         mechanism = PositionAnalysis(mechanism, follow=False).mechanism
