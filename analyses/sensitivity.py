@@ -147,9 +147,11 @@ class SensitivityAnalysis(AbstractAnalysis):
         """Return configurations with their times; refuse what has no derivative."""
         sensitivity, _ = self._asked(mechanism)
         timed = len(mechanism.inputs) == 1 or sensitivity.timed
-        wound = frozenset(sensitivity.wound)
         return Needs(
-            tracer=True, time=timed, continued_values=wound, links=sensitivity.links
+            tracer=True,
+            time=timed,
+            continued_values=frozenset(sensitivity.wound),
+            links=sensitivity.links,
         )
 
     def _asked(self, mechanism: Mechanism) -> tuple[Sensitivity, SizeDeviations]:
@@ -288,8 +290,9 @@ class SensitivityAnalysis(AbstractAnalysis):
         for name, spread in zip(
             made.sensitivity.quantities, made.tolerances["spread"], strict=True
         ):
-            title = "standard deviation" if _is_angle(name) else f"spread of {name}"
-            unit = "rad" if _is_angle(name) else ""
+            title, unit = f"spread of {name}", ""
+            if _is_angle(name):
+                title, unit = "standard deviation", "rad"
             curves.append(curve("spread", name, title, spread, unit))
         scenes = []
         for mode, rows in batch.assembly_mode_rows().items():
@@ -310,14 +313,14 @@ class SensitivityAnalysis(AbstractAnalysis):
 
 def _largest(squares: Floats) -> list[int]:
     """Return the sizes (at most `SHOWN`) with the largest shares, in their order."""
-    return sorted(np.argsort(-np.nansum(squares, axis=1), kind="stable")[:SHOWN].tolist())
+    return sorted(np.argsort(-np.nansum(squares, axis=1), kind="stable")[:SHOWN])
 
 
 def _most(keys: Sequence[str], shares: Floats) -> NDArray[np.str_]:
     """Return the sizes of the largest shares (sizes, c, n), as (c, n) texts."""
     equal = shares >= np.max(shares, axis=0) * (1.0 - EQUAL)
     order = np.argsort(keys)
-    made = np.empty(shares.shape[1:], dtype=object)
+    made = np.empty(shares.shape[1:], object)
     for place in np.ndindex(made.shape):
         made[place] = "+".join(keys[k] for k in order if equal[(k, *place)])
     return made.astype(str)
@@ -334,8 +337,8 @@ def _split(text: str) -> tuple[str, ...]:
 def _samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
     if batch.inputs.shape[1] > 1 and not sensitivity.timed:
         return sensitivity.at_rest(batch.inputs)
-    motion = batch.inputs, batch.input_rates, batch.input_accelerations, batch.t[:, None]
-    return np.concatenate(motion, axis=1)
+    motion = batch.inputs, batch.input_rates, batch.input_accelerations, batch.t
+    return np.column_stack(motion)
 
 
 def _moments(off: Floats) -> Floats:

@@ -119,7 +119,7 @@ def held_modes(
 def every_mode(evaluator: Evaluator, designs: Floats) -> list[list[HeldMode]]:
     """Return all modes of each design (variables, n), which are followed ones."""
     made: list[list[HeldMode]] = [[] for _ in designs.T]
-    there = [evaluator.varied.design_at(design) for design in designs.T]
+    there = map(evaluator.varied.design_at, designs.T)
     possible = [(k, design) for k, design in enumerate(there) if design is not None]
     if evaluator.varied.is_profiled:
         for k, design in possible:
@@ -161,7 +161,7 @@ def least_greatest(
     begun = parts(x)
     if begun is None:
         return x, np.inf
-    now = float(np.max(begun[0]))
+    now = np.max(begun[0])
     allowed = np.maximum(begun[2], 0.0)
     looked, radius = [(x, begun)], FIRST
     for _ in range(MOST_STEPS):
@@ -172,7 +172,7 @@ def least_greatest(
         there = parts(tried) if promised > 0.0 else None
         if there is not None:
             looked.append((tried, there))
-            value = float(np.max(there[0]))
+            value = np.max(there[0])
             if now - value >= SERIOUS * promised and np.all(there[2] <= allowed):
                 x, now, radius = tried, value, min(2.0 * radius, LONGEST)
                 continue

@@ -5,7 +5,7 @@ Turns of the pairs of a kernel in closed form: by the rule of `motion.assembly_m
 Angles of all designs are followed at once, between inputs so near that none moves far.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import product
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spherekit.analysis.contract import FigureOfMerit
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import TURN, Facts, Names, listing
+from spherekit.conventions import TURN, Names, listing
 from spherekit.design.figures import (
     BLOCK,
     IMPOSSIBLE,
@@ -123,7 +123,7 @@ def turns_along_one(
     fill = np.linspace(min(ends), max(ends), 2 + int(np.ptp(ends) / STRIDE))
     stations = np.unique([*ends, *fill])
     there, steps = _along(angles, n, stations[:, None])
-    start = int(np.searchsorted(stations, anchor))
+    start = np.searchsorted(stations, anchor)
     whole = np.empty_like(there)
     for way, along in (
         (slice(start, None), steps[:, start:]),
@@ -275,7 +275,7 @@ class Evaluator:
     @property
     def _masses_follow(self) -> bool:
         """Whether figures read masses, which the file states by sizes of links."""
-        masses: Mapping[str, Facts] = self.document.data.get("mass", {})
+        masses = self.document.data.get("mass", {})
         return any("tensor" not in mass for mass in masses.values()) and any(
             name.startswith(INERTIAL) for name in self.figures.columns
         )

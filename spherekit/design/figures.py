@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.analysis.contract import FigureOfMerit
-from spherekit.analysis.running.sampling import UNIT_SPEED, check_time
+from spherekit.analysis.running.sampling import check_time
 from spherekit.arrays import Array, Floats, Indices, Integers
 from spherekit.conventions import Names, counted, listing
 from spherekit.design.profile_numbers import columns_of
@@ -83,11 +83,11 @@ class DesignSamples:
             assert isinstance(study.samples, int)
             t = np.linspace(0.0, study.duration, study.samples)
             laws = {
-                driven.pair: ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)
+                driven.pair: ConstantSpeed(driven.sense, driven.start)
                 for driven in mechanism.inputs
             }
             q, timing = by_laws(names, {**laws, **study.laws}, t)
-            rows = np.concatenate([q, timing.dq, timing.ddq, t[:, None]], axis=1)
+            rows = np.column_stack([q, timing.dq, timing.ddq, t])
             return DesignSamples(names, rows, (len(t),))
         lattice = sampled(mechanism, study.samples, study.grid, study.path)
         start, sense = np.array([(x.start, x.sense) for x in mechanism.inputs]).T
@@ -104,13 +104,13 @@ class DesignSamples:
         sense: Floats,
         shape: tuple[int, ...] | None = None,
     ) -> "DesignSamples":
-        """Return samples q (n, inputs) of inputs that turn at unit speed from a start.
+        """Return samples q (n, inputs) of inputs that turn at 1 rad/s from a start.
 
         `sense` (inputs,) is 1 of those that rise and -1 of those that fall.
         """
-        rates = np.broadcast_to(UNIT_SPEED * sense, q.shape)
-        time = (q[:, :1] - start[0]) * sense[0] / UNIT_SPEED
-        rows = np.concatenate([q, rates, np.zeros_like(q), time], axis=1)
+        rates = np.broadcast_to(sense, q.shape)
+        time = (q[:, 0] - start[0]) * sense[0]
+        rows = np.column_stack([q, rates, np.zeros_like(q), time])
         return DesignSamples(inputs, rows, shape or (len(q),))
 
     @property
@@ -155,12 +155,12 @@ class Evaluated(ArrayRows):
         claim: Any = "",
     ) -> "Evaluated":
         """Return rows, what is one for all said once; of figures by name alone none is."""
-        numbers = np.asarray(design, dtype=np.int64)
+        numbers = np.asarray(design, np.int64)
         if not isinstance(merits, Mapping):
             merits = {name: nans(len(numbers)) for name in merits}
 
         def each(item: Any, kind: type = object) -> Array:
-            return np.broadcast_to(np.asarray(item, dtype=kind), len(numbers))
+            return np.broadcast_to(np.asarray(item, kind), len(numbers))
 
         shares, words = each(closes, float), (each(status), each(reason), each(claim))
         return Evaluated(numbers, each(mode), shares, *words, merits)
@@ -199,7 +199,7 @@ class KernelFigures:
     def __init__(
         self, mechanism: Mechanism, merits: Sequence[FigureOfMerit], samples: DesignSamples
     ) -> None:
-        self.merits, self.inputs, self.samples = tuple(merits), samples.inputs, samples
+        self.merits, self.inputs, self.samples = merits, samples.inputs, samples
         self.names = [merit.name for merit in merits]
         names = row_quantities(mechanism.with_inputs(*self.inputs))
         self._check(mechanism)
@@ -278,7 +278,7 @@ class KernelFigures:
         """
         n, count = prepared.shape[1], len(self.rows)
         values = np.empty((len(self.merits), count, n))
-        closed = np.empty((count, n), dtype=bool)
+        closed = np.empty((count, n), bool)
         together = max(1, BLOCK // max(1, n))
         with np.errstate(all="ignore"):
             for start in range(0, count, together) if n else ():
@@ -308,7 +308,7 @@ class KernelFigures:
                 merit.name: self.reduced(merit, of_merit[self.rows_of(merit)])[chosen]
                 for merit, of_merit in zip(self.merits, values, strict=True)
             }
-        labels = np.broadcast_to(np.asarray(modes, dtype=object), n)[chosen]
+        labels = np.broadcast_to(np.asarray(modes, object), n)[chosen]
         return Evaluated.of(chosen, by_name, labels, closes[chosen], claim=claim)
 
 

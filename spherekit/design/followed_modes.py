@@ -110,7 +110,7 @@ class _Following:
 
     def __init__(self, kernel: PathKernel, sizes: Floats, together: int) -> None:
         self.kernel, self.sizes, self.m = kernel, sizes, together
-        self.lost = np.zeros(sizes.shape[1] // together, dtype=bool)
+        self.lost = np.zeros(sizes.shape[1] // together, bool)
 
     def onward(self, begun: Array, sizes: Floats, q: tuple[Array, Array]) -> Array:
         """Return the solutions (variables, n) to which those of other sizes lead.
@@ -156,13 +156,14 @@ class _Following:
         sizes, begun = self.sizes[:, rows], at[:, rows].real
         ends, reached = tracked(self.kernel, begun, (sizes, sizes), q, contracts=LONG)
         rows, ends = rows[reached], ends[:, reached]
-        others = there.reshape(len(there), -1, self.m)[:, rows // self.m]
+        design = rows // self.m
+        others = there.reshape(len(there), -1, self.m)[:, design]
         gaps = apart(others.real, ends[:, :, None])
         gaps[~is_real(others)] = np.inf
-        best = rows // self.m * self.m + np.argmin(gaps, axis=1)
+        best = design * self.m + np.argmin(gaps, axis=1)
         sure = np.min(gaps, axis=1) < STAYS
         links[rows[sure]] = best[sure]
         _, first = np.unique(links[rows], return_index=True)
         sure[np.delete(np.arange(len(rows)), first)] = False
-        self.lost[rows[~sure] // self.m] = True
+        self.lost[design[~sure]] = True
         return links

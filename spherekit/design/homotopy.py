@@ -10,6 +10,7 @@ All solutions of one design, complex ones included, are those of elimination.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 
@@ -161,7 +162,7 @@ def _foreseen(places: Floats, now: Array, slopes: Array, there: Floats) -> Array
 def settled(equations: Equations, values: Array) -> tuple[Array, Bools]:
     """Return values after Newton's last steps, and whether loops close there."""
     made = values.copy()
-    closed = np.zeros(values.shape[1], dtype=bool)
+    closed = np.zeros(values.shape[1], bool)
     left = np.arange(values.shape[1])
     with np.errstate(all="ignore"):
         for _ in range(POLISHING):
@@ -221,7 +222,7 @@ def start_set(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
     mechanism, groups = structure.mechanism, structure.assembly.groups
     if not all(group.is_dyad or has_elimination(group) for group in groups):
         return None
-    roots = int(np.prod([orders_of(group)[0].roots for group in groups]))
+    roots = prod(orders_of(group)[0].roots for group in groups)
     if roots > MOST_SOLUTIONS:
         return None
     moving = mechanism.with_inputs(*mechanism.names_of(structure.assembly.inputs))

@@ -60,7 +60,7 @@ class ProfileNumbers:
         FileError, ModelError
             If there is no such mechanism.
         """
-        self.document, self.variables, self.values = document, tuple(variables), values
+        self.document, self.variables, self.values = document, variables, values
         self.mechanism = mechanism or designed(document, variables, values)
         self.tracks = tracks_of(self.mechanism)
 
@@ -157,8 +157,8 @@ class ProfileNumbers:
 
 def tracks_of(mechanism: Mechanism, apart: float = TOUCHING) -> list[Track]:
     """Return the profiles of all contacts, in the order of `TurningPairs.handed_in`."""
-    contacts = contact_tracks(joints_of(mechanism, apart))
-    return [track for _, tracks in contacts for track in tracks]
+    joints = joints_of(mechanism, apart)
+    return [track for _, tracks in contact_tracks(joints) for track in tracks]
 
 
 def profiles_of(mechanism: Mechanism) -> list[tuple[Profile, bool]]:

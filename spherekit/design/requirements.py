@@ -115,12 +115,11 @@ class Specification:
 
     def _worth(self, rows: Columns) -> Floats:
         """Return the objectives (rows, k)."""
-        shape = rows["design"].shape
         worth = [
-            objective.evaluate({name: rows[name] for name in objective.names})
+            objective.evaluate({name: rows[name] for name in ("design", *objective.names)})
             for objective in self.objectives
         ]
-        return np.stack([np.broadcast_to(values, shape) for values in worth], axis=1)
+        return np.stack(worth, axis=1)
 
 
 POPULATION = 60

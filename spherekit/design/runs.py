@@ -235,7 +235,7 @@ class DesignRuns:
             )
         place = f"q_{merit.place}"
         chosen = present.index(place) if place in present else 0
-        returns = bool(present) and len(q) > 0 and return_by_turns(q[0], q[-1])
+        returns = len(q) > 0 and return_by_turns(q[0], q[-1])
         here = np.flatnonzero(
             max_abs(q - merit.point, axis=1) < 1e-9 if merit.point else np.ones(len(q))
         )

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
@@ -224,17 +225,18 @@ class Sensitivity:
         }
         for kind in ("velocity_coefficient", "acceleration_coefficient"):
             made |= {f"{kind}_{a}_{b}": (a, b) for a in names for b in names}
-        wanted: set[str] = set()
-        acting = False
-        for quantity in self.quantities:
-            wanted |= set(made.get(quantity.split("_by_")[0], ()))
-            acting |= quantity.startswith(INERTIAL)
-        for path in self._named:
-            acting |= path[0] in ACTIONS
-            on = [pair.links for pair in pairs if path[1] in (pair.name, *pair.links)]
-            wanted |= set().union(*on)
-        numbers = frozenset(self.mechanism.link_number[name] for name in wanted)
-        return numbers | (acting_links(self.mechanism) if acting else frozenset())
+        ends = [made.get(name.split("_by_")[0], ()) for name in self.quantities]
+        ends += [
+            pair.links
+            for path in self._named
+            for pair in pairs
+            if path[1] in (pair.name, *pair.links)
+        ]
+        numbers = frozenset(self.mechanism.link_number[name] for name in chain(*ends))
+        acting = any(name.startswith(INERTIAL) for name in self.quantities)
+        if acting or any(path[0] in ACTIONS for path in self._named):
+            return numbers | acting_links(self.mechanism)
+        return numbers
 
     @property
     def wound(self) -> Names:
@@ -301,9 +303,8 @@ class Sensitivity:
         """
         draws, design = deviations.shape[1], self._design
         sizes, _ = self._varied.sizes(design.values[:, None] + deviations)
-        profiles = None
-        if design.profiles is not None:
-            profiles = design.profiles.towards(deviations)
+        given = design.profiles
+        profiles = None if given is None else given.towards(deviations)
         together = max(1, TOGETHER // draws)
         made, working = [], ProgressReporter(f"{self.mechanism.name}: deviating mechanisms")
         for k in range(0, len(samples), together):

@@ -378,9 +378,9 @@ class Sweep:
             "designs": self.space.count,
             "seed": self.space.seed,
             "merits": [asdict(merit) for merit in self.merits],
-            "where": list(self.where),
+            "where": self.where,
             "part": self.part_size,
-            "columns": list(OWN),
+            "columns": OWN,
             "analyses": identities_of(self.analyses),
             "tables": self.tables,
             "degrees": self.degrees,
@@ -486,7 +486,7 @@ class Sweep:
         """Return in which rows (n,) all conditions hold that are of these columns."""
         decided = [item for item in self.conditions if item.names <= columns.keys()]
         every = [np.broadcast_to(item.holds(columns), n) for item in decided]
-        return np.all([np.ones(n, dtype=bool), *every], axis=0)
+        return np.all([np.ones(n, bool), *every], axis=0)
 
     def path_of(self, folder: AnyPath, number: int) -> Path:
         """Return the path of a part of the table of designs."""

@@ -90,13 +90,12 @@ class Synthesis:
         """Return the designs as a pandas frame."""
         from spherekit.analysis.frames import frame_of
 
-        names = [variable.name for variable in self.synthesis.sweep.variables]
-        columns = {"mode": np.array(self.modes, dtype=object)}
+        sweep = self.synthesis.sweep
+        names = [variable.name for variable in sweep.variables]
+        columns = {"mode": np.array(self.modes, object)}
         columns |= dict(zip(self.headings, self.objectives.T, strict=True))
         columns |= dict(zip(names, self.values.T, strict=True))
-        return frame_of(
-            columns | dict(self.figures), {"units": self.synthesis.sweep.units()}
-        )
+        return frame_of(columns | dict(self.figures), {"units": sweep.units()})
 
     @property
     def headings(self) -> list[str]:
@@ -259,10 +258,10 @@ def _confirmed(
     made = []
     every = every_mode(evaluator, np.stack([descent.values(end.x) for end in ends], axis=1))
     for (mode, start), end, modes in zip(begun, ends, every, strict=True):
-        same = [other for other in modes if end.mode.goes_on_in(other)]
-        confirmed = descent.here(same[0], end.x) if same else descent.here(mode, start)
-        worse = confirmed.wanted > end.wanted + descent.tolerance
-        made.append(descent.here(mode, start) if np.any(worse) else confirmed)
+        same = [descent.here(x, end.x) for x in modes if end.mode.goes_on_in(x)]
+        allowed = end.wanted + descent.tolerance
+        good = [confirmed for confirmed in same if np.all(confirmed.wanted <= allowed)]
+        made.append(good[0] if good else descent.here(mode, start))
     return made
 
 

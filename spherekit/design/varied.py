@@ -248,7 +248,7 @@ class VariedMechanism:
     def differing(self) -> Indices:
         """Which of the numbers that are read follow the variables, all if none can vary."""
         if not self._reads:
-            return np.zeros(0, dtype=np.intp)
+            return np.zeros(0, np.intp)
         others = [numbers != self._stated for _, numbers in self._tried]
         differ = np.any(others, axis=0) if others else np.ones(len(self._stated), bool)
         return np.flatnonzero(differ)

@@ -213,7 +213,7 @@ class Figures(Mapping[str, Figure]):
     """The figures of a run by their names, ``analysis/subject``; drawn when asked for."""
 
     def __init__(self, drawn: Mapping[str, Draw]) -> None:
-        self._draw = dict(drawn)
+        self._draw = drawn
         self._made: dict[str, Figure] = {}
 
     def __len__(self) -> int:

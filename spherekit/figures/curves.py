@@ -141,10 +141,10 @@ def _mark(panel: Axes, curve: Curve, marks: InputMarks) -> None:
     scene, item = curve
     x = scene.over[0].values
     order = np.argsort(x)
-    for position in marks.inputs[:, 0].tolist():
+    for position in marks.inputs[:, 0]:
         if not left <= position <= right:
             continue
-        value = float(np.interp(position, x[order], item.values[order]))
+        value = np.interp(position, x[order], item.values[order])
         if low <= value <= high:
             look = spot_look(marks.tone)
             panel.plot([position], [value], zorder=4.0, label=marks.label, **look)
@@ -379,7 +379,7 @@ def _maps(
     bar = colour_bar(figure, panels, values, tint, style.HEAT, words)
     if isinstance(tint, BoundaryNorm):
         whole = np.unique(np.round(tint.boundaries[:-1] + 0.5))
-        bar.set_ticks(whole.tolist(), labels=[f"{n:.0f}" for n in whole])
+        bar.set_ticks(whole, labels=[f"{n:.0f}" for n in whole])
 
 
 def _curves(panel: Axes, view: View, item: SphereCurves) -> None:

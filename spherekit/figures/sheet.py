@@ -104,7 +104,7 @@ class Sheet:
 
     def panels(
         self, count: int, ratio: float, longest: int = 0, subplot: Look | None = None
-    ) -> tuple[Drawing, list[Any]]:
+    ) -> tuple[Drawing, Any]:
         """Return a figure with so many panels.
 
         `ratio` is the height of a panel over its width, `longest` the letters of the
@@ -118,7 +118,7 @@ class Sheet:
         panels = figure.subplots(rows, across, squeeze=False, subplot_kw=subplot).ravel()
         for spare in panels[count:]:
             spare.remove()
-        return figure, panels[:count].tolist()
+        return figure, panels[:count]
 
 
 def label_outside(panels: Sequence[Any], x: str, y: str) -> None:
@@ -152,12 +152,12 @@ def name_points(
     seen: Floats = panel.transData.transform(places)
     middles = placed_labels(names, seen[None], LETTER * dots)[0]
     for name, place, offset, colour in zip(
-        names, places.tolist(), (middles - seen) / dots, colours, strict=True
+        names, places, (middles - seen) / dots, colours, strict=True
     ):
         panel.annotate(
             name,
             place,
-            xytext=offset.tolist(),
+            xytext=offset,
             textcoords="offset points",
             ha="center",
             va="center",

@@ -38,7 +38,7 @@ MARKERS = ("o", "v", "s", "D", "o", "P", "X")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
 HEAT = "viridis"
 
-LOOK: Mapping[str, Any] = {
+LOOK: Look = {
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.labelsize": 8.0,
@@ -72,7 +72,7 @@ LOOK: Mapping[str, Any] = {
 
 def look() -> AbstractContextManager[None]:
     """Return a context in which matplotlib draws as figures here look, whatever is set."""
-    return style.context(["default", dict(LOOK)])
+    return style.context(["default", LOOK])
 
 
 def page_look(page: Page) -> Look:

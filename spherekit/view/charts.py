@@ -4,7 +4,7 @@ A chart is `WIDTH` x `HEIGHT` units, y down, one unit a pixel of the pictures in
 frame of its axes has its upper left corner at the origin, and the legend is beside it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -96,8 +96,8 @@ class Chart:
         """Take a block of a series, a new one in a colour of its own."""
         if path not in self.curves:
             self.tints[path] = colours.of_series(series.link, [*self.tints.values()])
-        block = over, replace(series, values=series.values.copy())
-        self.curves.setdefault(path, []).append(block)
+        kept = replace(series, values=series.values.copy())
+        self.curves.setdefault(path, []).append((over, kept))
 
     def whole(self, path: str) -> tuple[list[Floats], Floats]:
         """Return the places on each axis, and the values, of all blocks of a series."""
@@ -118,7 +118,7 @@ class Chart:
             return rr.Points2D.columns(positions=np.stack([x, y], axis=1))
         return rr.LineStrips2D.columns(strips=[*_upright(x)])
 
-    def legend(self, paths: Sequence[str]) -> tuple[Floats, list[colours.Colour]]:
+    def legend(self, paths: Collection[str]) -> tuple[Floats, list[colours.Colour]]:
         """Return where the names (k, 2) of some curves are, and their colours."""
         tints = [self.tints[path] for path in self.curves if path in paths]
         if self.is_map:
@@ -256,7 +256,7 @@ def side_of(axis: Axis) -> Side:
 
 def frame(width: float, x: Side, y: Side, lined: bool = True) -> Stills:
     """Yield the box with its lines, and the words at its axes."""
-    lines = [np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float)]
+    lines = [np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])]
     lines += [np.array([[part, 0.0], [part, 1.0]]) for part, _ in x[1]]
     words = [(width * part, FRAME_HEIGHT + 4.0, text) for part, text in x[1]]
     words.append((0.5 * width, FRAME_HEIGHT + 27.0, x[0]))
@@ -350,7 +350,7 @@ def gridded(rows: Sequence[Floats], values: Floats) -> tuple[Floats, Floats, Flo
 
     Of further axes the middle value is taken.
     """
-    chosen = np.ones(len(values), dtype=bool)
+    chosen = np.ones(len(values), bool)
     for further in rows[2:]:
         places = np.unique(further)
         chosen &= further == places[len(places) // 2]

@@ -47,7 +47,7 @@ def moving(item: Diagram) -> Iterator[Moving]:
     low, high = np.transpose([item.x_range, item.y_range])
     seen = np.all((item.places >= low) & (item.places <= high), axis=2)
     count = seen.sum(axis=1)
-    tints = np.array([colours.tone(tone) for tone in item.tones], dtype=np.uint8)
+    tints = np.array([colours.tone(tone) for tone in item.tones], np.uint8)
     places = _placed(item, item.places)
     names = np.tile(item.names, (n, 1))
     shades = np.broadcast_to(tints, (n, k, 3))[seen]
@@ -69,7 +69,7 @@ def moving(item: Diagram) -> Iterator[Moving]:
         yield "legend", _read(item, np.degrees(item.readings[:, :MOST_LISTED]))
     if item.words:
         below = np.tile([0.5 * _width(item), charts.FRAME_HEIGHT + BELOW], (n, 1))
-        yield "step", rr.Points2D.columns(positions=below, labels=list(item.words))
+        yield "step", rr.Points2D.columns(positions=below, labels=item.words)
 
 
 def _read(item: Diagram, angles: Floats) -> Columns:

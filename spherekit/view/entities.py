@@ -140,7 +140,7 @@ def moving(
         case Body(quaternions=quaternions) if quaternions is not None:
             good = all_finite(quaternions, 1)
             yield "", _turned(quaternions, good)
-            yield "labels", rr.Points3D.columns(show_labels=good.tolist())
+            yield "labels", rr.Points3D.columns(show_labels=good)
         case Arrow(directions=directions, primary=primary, path_shown=path_shown):
             good = all_finite(directions, 1)
             arrows, length = directions[good], 1.12 if primary else 1.25
@@ -350,4 +350,4 @@ def _still_graph(graph: Graph) -> Stills:
     places = np.array(GRAPH_SIZE) * np.reshape(graph.positions, (-1, 2))
     yield "", rr.GraphNodes(names, labels=labels, colors=tints, positions=places)
     if graph.edges:
-        yield "", rr.GraphEdges(list(graph.edges), graph_type="undirected")
+        yield "", rr.GraphEdges(graph.edges, graph_type="undirected")

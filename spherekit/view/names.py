@@ -212,7 +212,7 @@ def labels_of_arrows(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.ob
     same = directions @ np.swapaxes(directions, 1, 2) > SAME
     same |= np.eye(len(arrows), dtype=bool)
     patterns, which = np.unique(np.argmax(same, axis=2), axis=0, return_inverse=True)
-    words = np.empty(patterns.shape, dtype=object)
+    words = np.empty(patterns.shape, object)
     for row, firsts in enumerate(patterns):
         words[row] = [
             listing(

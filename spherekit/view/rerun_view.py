@@ -139,7 +139,7 @@ class Charts:
                 whole, first = charts.compared(of_modes), of_modes[0].curves
                 self.layout.compared[path] = whole.title
                 names = [blocks[0][1].label for blocks in first.values()]
-                style = charts.legend_style(*whole.legend(list(first)), names)
+                style = charts.legend_style(*whole.legend(first), names)
                 self.outputs.still(path, [*whole.drawn(), ("legend", style)], places)
 
 
@@ -271,14 +271,14 @@ class RerunRecorder:
         times, inputs, sight = head.times, head.inputs, facing(head.focus)
         line, step, span, words = SAMPLE, 1.0, None, ""
         if times is not None and len(times):
-            self._span = span = float(times[0]), float(times[-1])
+            self._span = span = times[0], times[-1]
             line, words = TIME, f"`{TIME}` is the time."
             step = (span[1] - span[0]) / max(len(times) - 1, 1)
         elif inputs is not None and len(inputs):
             line, scale, exact = input_timeline(inputs)
-            self._span = float(np.degrees(inputs.min())), float(np.degrees(inputs.max()))
-            self._scale, ticks = scale, input_ticks(inputs, scale)
-            span = int(ticks.min()), int(ticks.max())
+            ends = np.array([inputs.min(), inputs.max()])
+            self._scale, self._span = scale, tuple(np.degrees(ends))
+            span = tuple(input_ticks(ends, scale))
             step = max(1, round((span[1] - span[0]) / max(len(inputs) - 1, 1)))
             unit = "degrees" if scale == 1 else f"1/{scale} degrees"
             words = f"`{line}` is the input in {unit}{'' if exact else ', rounded'}."
@@ -344,7 +344,7 @@ class RerunRecorder:
         if answers and scene.page is not None and scene.page not in layout.answered:
             layout.answered.append(scene.page)
             fresh.append(True)
-        failed = np.zeros(len(samples), dtype=bool)
+        failed = np.zeros(len(samples), bool)
         plotted.log(touched, lines, over, len(samples))
         labels = labels_of_arrows(scene.primitives)
         for primitive in scene.primitives:

@@ -114,7 +114,7 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
         still = static_scene(plans(mechanism, tracer.by_rank), shapes)
         focus = middle / size if size > 1e-9 else None
         recorder.start(RecordingHead([still], assembly_modes=titles, focus=focus))
-        sample = np.zeros(1, dtype=np.int64)
+        sample = np.zeros(1, np.int64)
         for row, scene in enumerate(motion_scenes(motion, shapes)):
             recorder.log(scene, sample)
             parts = (*_zeros(motion, row), _sizes(motion, row, note))
@@ -156,7 +156,7 @@ def _zeros(motion: Motion, row: int) -> list[Primitive]:
     for name, variable in mechanism.angles.items():
         x, y, axis = motion.frames[row, mechanism.pair_number[name]].T
         value = motion.values[row, variable]
-        turn = np.linspace(-value, 0.0, max(2, int(abs(value) / 0.05) + 2))[:, None]
+        turn = np.linspace(-value, 0.0, int(abs(value) / 0.05) + 2)[:, None]
         around = np.cos(turn) * x + np.sin(turn) * y
         fan = np.cos(ZERO_ARC) * axis + np.sin(ZERO_ARC) * around
         marks = []
