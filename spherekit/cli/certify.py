@@ -85,11 +85,11 @@ def execute(options: Namespace) -> int:
         raise AnalysisError("--at and --range are two questions; give one of them")
     if options.poles and not at:
         raise AnalysisError("--poles are those of modes at inputs; give --at Q too")
-    if options.clear_of is not None and (at or len(mechanism.inputs) > 1):
+    if options.clear_of and (at or len(mechanism.inputs) > 1):
         raise AnalysisError("--clear-of is for the range of one input, and not for --at")
     several = len(mechanism.inputs) > 1 and not at
     wheels = not at and not construct(written.structure).unknowns
-    if not several and (options.cell is not None or options.figure is not None):
+    if not several and (options.cell is not None or options.figure):
         raise AnalysisError(
             "--cell and --figure are for ranges of several inputs; "
             f"{mechanism.name} has {len(mechanism.inputs)}, or --at is given"
@@ -196,7 +196,7 @@ def _wheels(written: Any) -> Made:
     structure = written.structure
     with bits(80):
         ratios = written.ratios()
-    inputs = [structure.pairs[pair] for pair in structure.inputs]
+    inputs = structure.names_of(structure.inputs)
     lines = [
         f"{structure.name}: certified: one mode at all inputs, no dead centre; wheels in "
         "mesh fix every angle by the inputs"
@@ -237,7 +237,7 @@ def _over(written: Any, given: Lines | None, clear_of: str | None) -> Made:
     curves = certified_curves(written, (low, high), made)
     located = singularities(curves)
     lines = [f"{mechanism.name}: {curves.claim}", *_curve_lines(curves, located)]
-    if clear_of is not None:
+    if clear_of:
         with bits(80):
             q = middle(written.input_angle(_decimal("--clear-of", clear_of)))
         lines.append(

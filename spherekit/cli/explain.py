@@ -77,13 +77,13 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
     mechanism = study.mechanism
     requests = requests_for(mechanism, needs_of(mechanism, analyses))
     assembly = plan_assembly(mechanism)
-    names, pairs = mechanism.links, mechanism.pairs
+    names = mechanism.links
     return {
         "mechanism": mechanism.name,
-        "inputs": [pairs[driven].name for driven in driven_pairs(mechanism)],
+        "inputs": mechanism.names_of(driven_pairs(mechanism)),
         "analyses": [analysis.name for analysis in analyses],
         "positions": [
-            {"group": group.kind, "pairs": [pairs[p].name for p in group.pairs]}
+            {"group": group.kind, "pairs": mechanism.names_of(group.pairs)}
             for group in assembly.groups
         ],
         "asked": [
@@ -94,8 +94,8 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
         ],
         "plans": [
             {
-                "moving": pairs[wanted.plan.input].name,
-                "locked": [pairs[pair].name for pair in wanted.plan.locked],
+                "moving": mechanism.pairs[wanted.plan.input].name,
+                "locked": mechanism.names_of(wanted.plan.locked),
                 "counts": counts_of(wanted),
                 "links_with_rates": [wanted.plan.name(body) for body in wanted.bodies],
                 "derivatives": wanted.derivatives,

@@ -73,14 +73,15 @@ def _check_name(what: str, name: str) -> None:
     from spherekit.errors import OutputError
 
     better = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
-    pattern, takes = NAME_PATTERN.pattern, f"1 to {MAX_NAME_LENGTH} letters, digits and "
-    takes += f"underscores, such as {better[:MAX_NAME_LENGTH] or 'wrist'}"
+    pattern, takes = NAME_PATTERN.pattern, "letters, digits and underscores"
     if what == "analysis":
         pattern, better = r"[a-z][a-z0-9_]*", better.lower().strip("_0123456789")
-        takes = f"up to {MAX_NAME_LENGTH} lower-case letters, digits and underscores, a "
-        takes += f"letter first, such as {better[:MAX_NAME_LENGTH] or 'torque_ratio'}"
+        takes = "lower-case letters, digits and underscores, a letter first"
     if not re.fullmatch(pattern, name) or len(name) > MAX_NAME_LENGTH:
-        raise OutputError(f'"{name}" cannot be the name of a new {what}: it takes {takes}')
+        raise OutputError(
+            f'"{name}" cannot be the name of a new {what}: it takes up to '
+            f"{MAX_NAME_LENGTH} {takes}, such as {better[:MAX_NAME_LENGTH] or 'wrist'}"
+        )
     if what == "analysis" and name in names():
         raise OutputError(f"an analysis {name} is installed already; choose another name")
 

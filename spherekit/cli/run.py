@@ -267,8 +267,8 @@ def _check_effect(study: "Study", options: Namespace) -> None:
     without = [
         (study.folder, options.resume, "--resume", folder),
         (study.folder, options.restart, "--restart", folder),
-        (study.folder, options.format is not None, "--format", tables),
-        (study.folder, options.figures is not None, "--figures", folder),
+        (study.folder, options.format, "--format", tables),
+        (study.folder, options.figures, "--figures", folder),
         (study.start, options.engine != "auto", "--engine", simulation),
         (study.start, options.crossings, "--crossings", simulation),
         (recorded, options.log_every is not None, "--log-every", recording),

@@ -92,14 +92,14 @@ def study_from(options: Namespace, more: Mapping[str, Any] = NONE) -> "Study":
 
     study = load_study(options.file)
     mechanism = with_locks(study.mechanism, options.lock, options.file)
-    if options.input is not None:
+    if options.input:
         mechanism = mechanism.with_inputs(*options.input)
     said = vars(options)
     given = {k: said[k] for k in GIVEN if said.get(k) is not None}
     given |= {k: value for k, value in more.items() if value is not None}
     if said.get("no_search"):
         given["search"] = False
-    if options.lock or options.input is not None or "samples" in given:
+    if options.lock or options.input or "samples" in given:
         given["path"] = None
     study = replace(study, mechanism=mechanism)
     if said.get("law"):

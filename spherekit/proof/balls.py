@@ -202,14 +202,6 @@ def unit(a: Vector) -> Vector:
     return a / np.sqrt(a @ a)
 
 
-def carried(vector: Vector, start: Frame, goal: Frame) -> Vector:
-    """Return the vector that has in one frame the coordinates that another has in a second.
-
-    `vector` is in the axes in which `start` is given, the result in those of `goal`.
-    """
-    return goal.T @ (start @ vector)
-
-
 def turned(frame: Frame, angle: Ball) -> Frame:
     """Return a frame turned about its axis by an angle (rad)."""
     (s, c), (x, y, z) = angle.sin_cos(), frame

@@ -57,10 +57,10 @@ class CertifiedSingularities:
     """
 
     curves: CertifiedCurves
-    points: tuple[tuple[str, str, float, int, StationaryPlace], ...]
+    points: Sequence[tuple[str, str, float, int, StationaryPlace]]
     undecided: int
-    skipped: tuple[str, ...]
-    resting: tuple[tuple[str, int], ...]
+    skipped: Sequence[str]
+    resting: Sequence[tuple[str, int]]
 
     def clearance(self, q: float) -> float:
         """Return how far (rad) the input may go from q before a singularity, at least.
@@ -73,8 +73,8 @@ class CertifiedSingularities:
         ends = [] if curves.whole else [q - curves.low, curves.high - q]
         stops = [stop for stopped, _ in curves.stopping for stop in stopped]
         stops += [stop for *_, stop in self.points]
-        places = [(curves.input_at(s.place), curves.laps * s.off) for s in stops]
         at = curves.input_at
+        places = [(at(stop.place), curves.laps * stop.off) for stop in stops]
         places += [(at(saddle.centre), at(saddle.zone)) for saddle in curves.saddles]
         places += [(place, 0.0) for place in curves.still_at]
         half = np.pi * curves.laps
@@ -105,11 +105,12 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     fixed = {made.pairs[curves.driven], *curves.equations.offsets}
     looked = [(curves.driven, curves.stopping)]
     for output in (item.name for item in curves.written.mechanism.outputs):
-        if pairs.get(output) in fixed:
+        pair = pairs.get(output)
+        if pair in fixed:
             continue
         rests: list[Stops] = [([], []) for _ in curves.chains]
-        if pairs.get(output) in made.pairs:
-            variable = made.pairs.index(pairs[output])
+        if pair in made.pairs:
+            variable = made.pairs.index(pair)
             rests = curves.stops_of(variable)
             looked.append((variable, rests))
             resting += [
@@ -134,9 +135,7 @@ def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     undecided += sum(
         off > 0.0 for variable, _ in looked for off in curves.open_at(variable)
     )
-    return CertifiedSingularities(
-        curves, tuple(points), undecided, tuple(skipped), tuple(resting)
-    )
+    return CertifiedSingularities(curves, points, undecided, skipped, resting)
 
 
 def _meets(one: StationaryPlace, others: Sequence[StationaryPlace]) -> bool:
@@ -217,7 +216,7 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
     The root centres are exact: mantissa and exponent of 2 of real and imaginary parts.
     """
     written = modes.written
-    driven = [written.structure.pairs[pair] for pair in modes.construction.driven]
+    driven = written.structure.names_of(modes.construction.driven)
     return {
         **heading("modes at inputs", written),
         "inputs": dict(zip(driven, modes.inputs, strict=True)),
@@ -239,27 +238,27 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
 def construction_table(written: Written, construction: Construction) -> Mapping[str, Any]:
     """Return an order of placing links with names."""
     structure = written.structure
-    links, names = structure.links, structure.pairs
+    links = structure.links
     return {
         "root": links[construction.root],
         "steps": [
             {
                 "link": links[step.link],
                 "on": [links[parent] for parent in step.parents],
-                "by": [names[pair] for pair in step.pairs],
+                "by": structure.names_of(step.pairs),
             }
             for step in construction.steps
         ],
-        "unknowns": [names[pair] for pair in construction.pairs[: construction.unknowns]],
+        "unknowns": structure.names_of(construction.pairs[: construction.unknowns]),
         "couplers": {
             written.mechanism.pairs[contact].name: {
                 "link": links[link],
-                "pairs": [names[pair] for pair in pairs],
+                "pairs": structure.names_of(pairs),
             }
             for number, contact in enumerate(structure.couplers)
             for link, pairs in [structure.coupler(number)]
         },
-        "follow": [names[pair] for pair in structure.followers],
+        "follow": structure.names_of(structure.followers),
     }
 
 
@@ -348,7 +347,7 @@ def _wheels(written: Written, made: Construction) -> list[dict[str, Any]]:
 def map_certificate(boxes: InputMap) -> dict[str, Any]:
     """Return the certificate of boxes of several inputs: what was proven of each."""
     written, made = boxes.written, boxes.construction
-    driven = [written.structure.pairs[pair] for pair in made.driven]
+    driven = written.structure.names_of(made.driven)
     kinds = {REGULAR: "regular", CONTAINS: "contains type II", UNDECIDED: "undecided"}
     return {
         **heading("modes over boxes", written),
@@ -377,7 +376,7 @@ def wheels_certificate(
     structure = written.structure
     return {
         **heading("wheels fix all angles", written),
-        "inputs": [structure.pairs[pair] for pair in structure.inputs],
+        "inputs": structure.names_of(structure.inputs),
         "ratios": [
             {
                 "pair": structure.pairs[pair],
@@ -443,7 +442,7 @@ def _systems(
     A solution has e^(i angle) of each unknown, or its inverse where that says so.
     """
     structure = written.structure
-    names = [structure.pairs[pair] for pair in made.pairs]
+    names = structure.names_of(made.pairs)
     return [
         {
             "equations": [structure.links[made.equations[k].link] for k in system.rows],

@@ -11,7 +11,7 @@ sums of its cosines and sines, as of any other angle, and configurations a turn 
 apart are different unless everything is back.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import combinations, islice, permutations
@@ -62,7 +62,7 @@ class Construction:
     """
 
     root: int
-    steps: tuple[Step, ...]
+    steps: Sequence[Step]
     pairs: tuple[int, ...]
     unknowns: int
     inputs: int
@@ -79,9 +79,9 @@ class Construction:
         return self.pairs[self.unknowns + self.inputs :]
 
     @property
-    def equations(self) -> tuple[Step, ...]:
+    def equations(self) -> list[Step]:
         """The links put on two axes, whose arcs are the equations, in order."""
-        return tuple(step for step in self.steps if step.is_dyad)
+        return [step for step in self.steps if step.is_dyad]
 
     @cached_property
     def placed(self) -> dict[int, tuple[int | None, Indices]]:
@@ -179,9 +179,13 @@ def construct(structure: Structure, wanted: Collection[int] = ()) -> Constructio
     PlanError
         If there is none, since the pairs do not leave one freedom for each input.
     """
-    inputs, followers = structure.inputs, structure.followers
-    size = len(structure.links), len(inputs)
-    best = _best(structure.ends, *size, (*inputs, *followers), frozenset(wanted))
+    best = _best(
+        structure.ends,
+        len(structure.links),
+        len(structure.inputs),
+        (*structure.inputs, *structure.followers),
+        frozenset(wanted),
+    )
     if best is None:
         raise PlanError(
             f"{structure.name}: its links cannot be placed one after another on at most "
@@ -289,7 +293,7 @@ def _constructed(
         ]
     if sum(step.is_dyad for step in steps) != len(unknown):
         return None
-    return Construction(root, tuple(steps), pairs, len(unknown), inputs)
+    return Construction(root, steps, pairs, len(unknown), inputs)
 
 
 MOST_LAPS = 64
@@ -305,7 +309,7 @@ def turned_together(written: Written, construction: Construction) -> Constructio
         If the ratios are not those of teeth, or are back after too many turns.
     """
     structure = written.structure
-    wheels = listing(structure.pairs[pair] for pair in construction.followers)
+    wheels = listing(structure.names_of(construction.followers))
     ratios = written.exact_ratios()
     if ratios is None:
         raise PlanError(
@@ -325,12 +329,12 @@ def turned_together(written: Written, construction: Construction) -> Constructio
     (driven,) = construction.driven
     turns[driven] = laps
     variable = construction.unknowns
-    steps = tuple(
+    steps = [
         replace(step, variable=variable, turns=turns[step.pairs[0]])
         if step.pairs[0] in turns and not step.is_dyad
         else step
         for step in construction.steps
-    )
+    ]
     return replace(
         construction, steps=steps, pairs=construction.pairs[: variable + 1], laps=laps
     )

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import TURN
+from spherekit.conventions import TURN, counted
 from spherekit.errors import PlanError
 from spherekit.guarantee import Completeness, Guarantee
 from spherekit.numeric.crossings import wrap
@@ -48,11 +48,11 @@ class CertifiedCurves:
     low: float
     high: float
     whole: bool
-    chains: tuple[Chain, ...]
+    chains: Sequence[Chain]
     crossings: Crossings
     boxes: int
     left: Left
-    problems: tuple[str, ...]
+    problems: Sequence[str]
 
     @property
     def driven(self) -> int:
@@ -200,10 +200,9 @@ class CertifiedCurves:
         ways = []
         parts = zip(self.chains, self.stopping, self.ends, self.still, strict=True)
         for chain, (stopped, doubts), arms, still in parts:
-            marks = [(stop.after, stop.place) for stop in (*stopped, *doubts)]
             places = []
             for number, (piece, _) in enumerate(chain.links):
-                inner = [place for after, place in marks if after == number]
+                inner = [s.place for s in (*stopped, *doubts) if s.after == number]
                 inner.sort(key=lambda place: piece.coordinates(place)[0])
                 places += [piece.centre, *inner]
             first, last = (
@@ -272,7 +271,7 @@ def _met(saddles: Sequence[Saddle]) -> str:
     ):
         count = sum(saddle.level in level for saddle in saddles)
         if count:
-            parts.append(f", which {words} at {count} place{'s' * (count != 1)}")
+            parts.append(f", which {words} at {counted(count, 'place')}")
     return "".join(parts)
 
 
@@ -304,14 +303,13 @@ def certified_curves(
         equations = Equations(written, made)
         # of the variable, that goes round once where the input has gone round all laps
         low, high = (written.input_angle(text) / made.laps for text in range_text)
-        first, last = (Decimal(text) for text in range_text)
-        degrees = written.document.data["angle_unit"] == "deg"
-        exact_turn = degrees and last - first == 360 * made.laps
+        first, last = map(Decimal, range_text)
+        exact_turn = written.in_degrees and last - first == 360 * made.laps
         if middle(high - low) > TURN and not exact_turn:
-            allowed = "a turn" if made.laps == 1 else f"{made.laps} turns"
             raise PlanError(
-                f"{written.mechanism.name}: {range_text[0]} to {range_text[1]} is more "
-                f"than {allowed}, after which everything returns; give at most that"
+                f"{written.mechanism.name}: {first} to {last} is more than "
+                f"{counted(made.laps, 'turn')}, after which everything returns; give at "
+                "most that"
             )
         search, boxes, left = _searched(equations, low, high, exact_turn)
     return CertifiedCurves(
@@ -322,11 +320,11 @@ def certified_curves(
         middle(low) * made.laps,
         middle(high) * made.laps,
         exact_turn,
-        tuple(search.chains),
+        search.chains,
         search.crossings,
         boxes,
         left,
-        tuple(search.problems()),
+        search.problems(),
     )
 
 

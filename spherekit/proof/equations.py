@@ -122,8 +122,10 @@ class Equations:
     def arrays(self, places: Sequence[Ball] | Array, order: int = 1) -> list[Array]:
         """Return f (k,), and its derivatives (k, v), (k, v, v), at balls of variables."""
         jets, _ = self._placed(places, order)
-        shapes = ((len(jets), *[self.variables] * power) for power in range(order + 1))
-        arrays = [np.full(shape, exact(0.0), dtype=object) for shape in shapes]
+        arrays = [
+            np.full((len(jets), *[self.variables] * power), exact(0.0))
+            for power in range(order + 1)
+        ]
         for k, jet in enumerate(jets):
             for key, entry in jet.items():
                 array = arrays[len(key)]

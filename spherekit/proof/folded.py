@@ -34,7 +34,7 @@ from spherekit.proof.equations import Equations
 from spherekit.proof.gears import Written, text_of
 from spherekit.proof.roots import zero_within
 from spherekit.proof.saddles import Quadrant, Saddle, saddle_near
-from spherekit.proof.tubes import CertifiedArc, Zone, covered
+from spherekit.proof.tubes import CertifiedArc, Zone
 
 NEAR = 1e-9
 """Variables (rad) that differ by less are tried as the same."""
@@ -115,11 +115,10 @@ def _closes(
     lie on the same side of its axis; the other two joints lie as they must.
     """
     # a number of whole turns; no sum in rad is one but 0
-    in_degrees = written.document.data["angle_unit"] == "deg"
     for senses in product((1, -1), repeat=4):
         left = sum(sense * arc for sense, arc in zip(senses, arcs, strict=True))
         lie = [senses[k] == senses[(k + 1) % 4] for k in places]
-        if lie == [*sides] and (left % 360 if in_degrees else left) == 0:
+        if lie == [*sides] and (left % 360 if written.in_degrees else left) == 0:
             return True
     return False
 
@@ -138,11 +137,10 @@ def _arc(written: Written, link: int, one: int, other: int) -> Fraction | None:
         return None
     number = max(names.index(pair) for pair in pairs) - 1
     arc = Fraction(text_of(item["arcs"][number]).replace("_", ""))
-    if written.document.data["angle_unit"] != "deg":
-        return arc if 0 < arc < Fraction(314159, 100000) else None
-    arc %= 360
-    arc = min(arc, 360 - arc)
-    return arc if 0 < arc < 180 else None
+    half = 3.14159
+    if written.in_degrees:
+        arc, half = min(arc % 360, -arc % 360), 180
+    return arc if 0 < arc < half else None
 
 
 def _in_line(
@@ -194,8 +192,7 @@ class Crossings:
     def arm(self, piece: CertifiedArc) -> Arm | None:
         """Return the arm that the middle of a piece's arc is on, None if on none."""
         for number, saddle in enumerate(self.saddles):
-            quadrant = saddle.quadrant(piece.centre, piece.miss)
-            if quadrant is not None:
+            if quadrant := saddle.quadrant(piece.centre, piece.miss):
                 return number, quadrant
         return None
 
@@ -213,10 +210,6 @@ class Crossings:
     def may_hold(self, place: Floats, off: float) -> bool:
         """Return whether a configuration, off by at most `off`, may be in a saddle."""
         return any(saddle.may_hold(place, off) for saddle in self.saddles)
-
-    def covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return whether boxes of radii (n, v) are in the part of space of a saddle."""
-        return covered(self.saddles, centres, radii)
 
     def still(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
         """Return whether a variable is proven the same along a whole chain of pieces.

@@ -19,7 +19,7 @@ others. A rolling contact also says how far both wheels turn (`gears`).
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -45,7 +45,6 @@ from spherekit.proof.balls import (
     Vector,
     angle_of,
     axes_about,
-    carried,
     exact,
     exactly,
     floats,
@@ -73,18 +72,22 @@ class Structure:
     """
 
     name: str
-    links: tuple[str, ...]
-    pairs: tuple[str, ...]
+    links: Sequence[str]
+    pairs: Sequence[str]
     ends: tuple[tuple[int, int], ...]
     inputs: tuple[int, ...]
-    couplers: tuple[int, ...] = ()
-    wheels: tuple[int, ...] = ()
+    couplers: Sequence[int]
+    wheels: Sequence[int]
     followers: tuple[int, ...] = ()
 
     @property
     def bodies(self) -> int:
         """The number of links that are no couplers."""
         return len(self.links) - len(self.couplers)
+
+    def names_of(self, pairs: Iterable[int]) -> list[str]:
+        """Return the names of pairs by their numbers."""
+        return [self.pairs[pair] for pair in pairs]
 
     def coupler(self, number: int) -> tuple[int, tuple[int, int]]:
         """Return the link of a coupler and its pairs with both links of the contact."""
@@ -110,7 +113,7 @@ def structure_of(mechanism: Mechanism) -> Structure:
         if pair.kind.has_axis:
             continue
         profiles = zip(pair.links, pair.profiles or (), strict=True)
-        shaped = [link for link, x in profiles if x.points or x.cosines or x.sines]
+        shaped = [link for link, profile in profiles if profile.round_axis is None]
         if shaped:
             raise PlanError(
                 f"{mechanism.name}: pair {pair.name} is a contact whose profile on "
@@ -125,15 +128,9 @@ def structure_of(mechanism: Mechanism) -> Structure:
         for link, end in zip(pair.links, two, strict=True):
             pairs.append(_new(f"{pair.name}_{link}", pairs))
             ends.append((end, len(links) - 1))
-    names = [mechanism.pairs[number].name for number in driven_pairs(mechanism)]
+    driven = map(pairs.index, mechanism.names_of(driven_pairs(mechanism)))
     return Structure(
-        mechanism.name,
-        tuple(links),
-        tuple(pairs),
-        tuple(ends),
-        tuple(pairs.index(name) for name in names),
-        tuple(couplers),
-        tuple(rolling),
+        mechanism.name, links, pairs, tuple(ends), tuple(driven), couplers, rolling
     )
 
 
@@ -221,6 +218,11 @@ class Written:
         made = Written(mechanism, document, tolerance, structure)
         return made._in_mesh() if structure.wheels else made
 
+    @property
+    def in_degrees(self) -> bool:
+        """Whether angles of the file are in degrees, not in radians."""
+        return bool(self.document.data["angle_unit"] == "deg")
+
     def frames(self) -> list[tuple[Frame, Frame]]:
         """Return the frames of every pair of the structure in its two links."""
         made = self.r_frames()
@@ -293,7 +295,7 @@ class Written:
             """Return a vector of the first link of a way in the last, all angles zero."""
             for pair, side in way:
                 ends = frames[self._number(pair)]
-                vector = carried(vector, ends[side], ends[1 - side])
+                vector = ends[1 - side].T @ (ends[side] @ vector)
             return vector
 
         for mesh, near in zip(self.meshes, self.lengths, strict=True):
@@ -386,7 +388,7 @@ class Written:
                 )
                 made.ratios()
                 return made
-        where = listing(structure.pairs[pair] for pair in followers)
+        where = listing(structure.names_of(followers))
         raise PlanError(
             f"{structure.name}: its {len(meshes)} rolling contacts relate the angles "
             f"{where} to the inputs, and do not fix each of them, or in more ways than can "
@@ -400,7 +402,7 @@ class Written:
 
     def angle(self, number: float, tolerance: bool = True) -> Ball:
         """Return an angle of the file in rad."""
-        turn = pi() / 180 if self.document.data["angle_unit"] == "deg" else exact(1.0)
+        turn = pi() / 180 if self.in_degrees else exact(1.0)
         return wide(_number(number) * turn, self.tolerance if tolerance else 0.0)
 
     def input_angle(self, text: str) -> Ball:
@@ -410,7 +412,7 @@ class Written:
     def input_range(self, pair: str) -> tuple[str, str]:
         """Return the ends of an input's range as the file has them, the lower first."""
         item = self.document.data.get("inputs", {}).get(pair, {})
-        turn = 360 if self.document.data["angle_unit"] == "deg" else 2 * math.pi
+        turn = 360 if self.in_degrees else 2 * math.pi
         ends = text_of(item.get("from", 0)), text_of(item.get("to", turn))
         low, high = sorted(ends, key=float)
         return low, high

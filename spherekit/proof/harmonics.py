@@ -58,8 +58,7 @@ class Harmonics:
             once = (order + 1) ** np.arange(len(variables))
             out[0][:, k], out[1][:, k, variables] = parts[0], parts[once].T
             if order > 1:
-                twice = parts[once[:, None] + once]
-                out[2][:, k, variables[:, None], variables] = np.moveaxis(twice, -1, 0)
+                out[2][:, k, variables[:, None], variables] = parts[once[:, None] + once].T
         return out
 
     def powers(
@@ -127,12 +126,11 @@ def _coefficients(
     coefficients = np.frompyfunc(complex, 1, 1)(sums).astype(complex)
     missed = sum(map(upper, (sums - np.frompyfunc(complex_ball, 1, 1)(coefficients)).flat))
     steps = sum(side + 2 + 8 * (side // 2) for side in sides if side > 1)
-    rounded = 2.0 * steps * UNIT * float(np.sum(np.abs(coefficients)))
-    norm = prod(_norm(side) for side in sides)
-    return coefficients, 1.001 * (open_ * norm + missed) + rounded
+    rounded = 2.0 * steps * UNIT * np.sum(np.abs(coefficients))
+    return coefficients, 1.001 * (open_ * prod(map(_norm, sides)) + missed) + rounded
 
 
 def _norm(nodes: int) -> float:
     """Return the norm of interpolation at an odd number of evenly spaced angles."""
     halves = (2 * np.arange(nodes) + 1) * np.pi / (2 * nodes)
-    return float(np.sum(1.0 / np.abs(np.sin(halves))) / nodes) * (1 + 1e-9)
+    return np.sum(1.0 / np.abs(np.sin(halves))) / nodes * (1 + 1e-9)

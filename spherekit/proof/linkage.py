@@ -97,8 +97,7 @@ def _by_arc_length(path: Path, edges: Array, closed: bool) -> tuple[Curve, Ball]
     """
     digits = precision()
     count = 8 + digits // 3
-    zero, one = exactly([0.0, 1.0])
-    starts: list[Ball] = [zero]
+    starts: list[Ball] = [exact(0.0)]
     pieces: list[list[Ball]] = []
     with terms(count):
         for low, high in pairwise(edges):
@@ -108,8 +107,8 @@ def _by_arc_length(path: Path, edges: Array, closed: bool) -> tuple[Curve, Ball]
                         "the arc length of a profile does not converge; give its "
                         "points more evenly"
                     )
-                on = (np.array([x]) for x in (low, one, *[zero] * (count - 2)))
-                arc = _length(path(series(*on))[1]).item().integral()
+                on = series(*np.array([[low, 1, *[0] * (count - 2)]]).T)
+                arc = _length(path(on)[1]).item().integral()
                 ahead, back = (
                     [x[k].mid() for k in range(count)] for x in (arc, arc.reversion())
                 )
@@ -135,7 +134,7 @@ def _by_arc_length(path: Path, edges: Array, closed: bool) -> tuple[Curve, Ball]
         tangent = rate / _length(rate)[:, None]
         return np.stack([tangent, np.cross(point, tangent), point], axis=-1)
 
-    return frame, zero if closed else length
+    return frame, exact(0.0) if closed else length
 
 
 def _reach(coefficients: list[Ball], digits: int) -> float:
@@ -349,8 +348,8 @@ class Linkage:
         for pair in self._chords:
             a, b = self.mechanism.ends[pair]
             gaps.append(skew_part(placed[a] @ turns[pair] @ placed[b].swapaxes(1, 2)))
-        orientations = np.stack([placed[link] for link in range(len(placed))], axis=1)
-        return orientations, np.concatenate(gaps, axis=1)
+        links = [placed[link] for link in range(len(placed))]
+        return np.stack(links, axis=1), np.concatenate(gaps, axis=1)
 
     def axes(self, values: Array, placed: Array) -> Array:
         """Return (n, pairs, 3): the axis of each R pair, the contact point of others."""

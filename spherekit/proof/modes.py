@@ -176,7 +176,7 @@ def certified_modes(written: Written, inputs: Sequence[str]) -> CertifiedModes:
 
 def given_at(written: Written, inputs: Sequence[str]) -> list[Ball]:
     """Return the angles of inputs, given as decimal numbers, and what follows from them."""
-    return written.given([written.input_angle(text) for text in inputs])
+    return written.given([*map(written.input_angle, inputs)])
 
 
 def clusters(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:

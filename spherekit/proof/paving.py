@@ -165,17 +165,17 @@ def paved(
         rows = rows[~apart(values[rows], slopes[rows], radii[rows], bent[rows])]
         boxes, radii = boxes[:, rows], radii[rows]
         centres = ranges.centres(boxes)
-        kept = ~covered(centres, radii)
-        small = np.flatnonzero(kept & (np.max(radii, axis=1) < SEEDING))
+        kept, widest = ~covered(centres, radii), np.max(radii, axis=1)
+        small = np.flatnonzero(kept & (widest < SEEDING))
         new = False
         for row in small[:: max(1, len(small) // TRIED)]:
             place = corrected(equations, centres[row], moved)
-            near = 4.0 * np.max(radii[row])
+            near = 4.0 * widest[row]
             if place is not None and np.max(np.abs(place - centres[row])) <= near:
                 new |= taken(place)
         if new:
             kept[kept] = ~covered(centres[kept], radii[kept])
-        ended = kept & ((np.max(radii, axis=1) < SMALLEST) | (looked_at > most))
+        ended = kept & ((widest < SMALLEST) | (looked_at > most))
         left.append((centres[ended], radii[ended]))
         kept &= ~ended
         return halved(boxes[:, kept], np.argmax(radii[kept], axis=1))
@@ -279,9 +279,9 @@ def input_map(
     if made.followers:
         raise PlanError(
             f"{written.mechanism.name}: wheels turn "
-            f"{listing(written.structure.pairs[pair] for pair in made.followers)} with the "
-            "inputs; maps of inputs are for mechanisms without rolling contacts: give "
-            "values of the inputs with --at"
+            f"{listing(written.structure.names_of(made.followers))} with the inputs; maps "
+            "of inputs are for mechanisms without rolling contacts: give values of the "
+            "inputs with --at"
         )
     with bits(PRECISION):
         ends = [[*map(written.input_angle, two)] for two in range_texts]

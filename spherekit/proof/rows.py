@@ -133,7 +133,7 @@ def exact_rows_by_input(
     mechanism = motion.mechanism
     for pair in driven:
         if pair not in motion.assembly.inputs:
-            names = listing(mechanism.pairs[p].name for p in motion.assembly.inputs)
+            names = listing(mechanism.names_of(motion.assembly.inputs))
             raise SolveError(
                 f"{mechanism.name}: pair number {pair} is not an input; inputs: {names}"
             )
@@ -223,7 +223,7 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Array:
             floor = exact.arithmetic.eps * exact.condition
             moving, change = (_relative(w, pole) for w in (exact.w, exact.dw))
             rate, bent = (
-                largest(v) / np.maximum(largest(w[:, list(pole)].reshape(len(v), 6)), 1.0)
+                largest(v) / np.maximum(largest(w[:, pole].reshape(len(v), 6)), 1.0)
                 for v, w in ((moving, exact.w), (change, exact.dw))
             )
             turns = rate > DIRECTED * floor

@@ -153,11 +153,11 @@ class Saddle(Zone):
 
     def quadrant(self, place: Floats, off: float) -> Quadrant | None:
         """Return the arm that a configuration is on, None where that is not proven."""
-        at = self.coordinates(place)
-        far = abs(at[1]) - off > INNER * self.limits[1] + 1e-13
-        if not (far and abs(at[0]) > off + 1e-13 and self.holds(place, off)):
+        u, v = self.coordinates(place)[:2]
+        far = abs(v) - off > INNER * self.limits[1] + 1e-13
+        if not (far and abs(u) > off + 1e-13 and self.holds(place, off)):
             return None
-        return int(np.sign(at[0])), int(np.sign(at[1]))
+        return int(np.sign(u)), int(np.sign(v))
 
 
 def saddle_near(

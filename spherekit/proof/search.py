@@ -15,7 +15,7 @@ from spherekit.proof.equations import Equations
 from spherekit.proof.folded import MOST_SADDLES, Arm, Crossings
 from spherekit.proof.paving import TRIED, Left
 from spherekit.proof.saddles import Saddle
-from spherekit.proof.tubes import LONGEST, UP, CertifiedArc, corrected, piece_at
+from spherekit.proof.tubes import LONGEST, UP, CertifiedArc, corrected, covered, piece_at
 
 NEIGHBOURS = 8
 """Pieces with the nearest centres that a box is tried against."""
@@ -48,7 +48,7 @@ class Search:
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return whether boxes (n, v) of radii (n, v) are in a piece or at a crossing."""
-        out = self.crossings.covers(centres, radii)
+        out = covered(self.crossings.saddles, centres, radii)
         tried = min(NEIGHBOURS, len(self._centres))
         if not tried:
             return out
@@ -82,7 +82,7 @@ class Search:
             if not any(map(self.crossings.find, some)):
                 break
             self._cut(self.crossings.saddles[-1:])
-            open_ = ~self.crossings.covers(centres, radii)
+            open_ = ~covered(self.crossings.saddles, centres, radii)
             centres, radii = centres[open_], radii[open_]
         self._end_arms()
         return centres, radii
@@ -99,10 +99,10 @@ class Search:
         if chain is not None:
             # those that are proven to lie on a closed one are of no more use
             closed = chain.pieces if chain.closed else ()
-            starts = ((followed, followed.pieces[0]) for followed in self.chains)
             kept = [
-                followed
-                for followed, start in starts
+                earlier
+                for earlier in self.chains
+                for start in earlier.pieces[:1]
                 if not any(piece.holds(start.centre, start.miss) for piece in closed)
             ]
             self._keep([*kept, chain])
@@ -133,15 +133,13 @@ class Search:
 
     def _overlapping(self) -> bool:
         """Return whether two chains may go through one configuration of the range."""
-        for chain in self.chains:
-            within = self._within(chain)
-            centres = np.array([piece.centre for piece in within])
-            off = np.array([piece.miss for piece in within])
-            for other in self.chains:
-                tried = other.pieces if other is not chain and within else ()
-                if any(np.any(piece.may_hold(centres, off)) for piece in tried):
-                    return True
-        return False
+        counts = [len(chain.pieces) for chain in self.chains]
+        owner = np.repeat(np.arange(len(counts)), counts)
+        return any(
+            np.any(self._inside(owner != number, piece.centre, -piece.miss - 1e-13))
+            for number, chain in enumerate(self.chains)
+            for piece in self._within(chain)
+        )
 
     def _arms(self) -> Iterator[tuple[Arm, int, int]]:
         """Yield all arms, how many chains end there, and the sense of the input on them."""

@@ -108,7 +108,7 @@ def knots(parts: Sequence[Component], until: float) -> list[Ball]:
         if isinstance(table, TorqueTable):
             times = exactly(table.times)
             period = times[-1] - times[0]
-            farthest = until + max(abs(table.times[0]), abs(table.times[-1]))
+            farthest = until + np.max(np.abs(table.times))
             turns = int(farthest / float(period)) + 1 if table.periodic else 0
             for turn in range(-turns, turns + 1):
                 every += [*middles(times + turn * period)]
@@ -289,8 +289,8 @@ class ExactSimulation:
         moving = Moving(values, first, w, placed, speed, t)
         push, _ = self._force(moving, step.sides, float(step.start + step.length / 2))
         change = (push - dB * speed * speed / 2) / B
-        rates, square = first * speed[:, None], (speed * speed)[:, None]
-        return [values, rates, first * change[:, None] + 2 * second * square]
+        second = first * change[:, None] + 2 * second * (speed * speed)[:, None]
+        return [values, first * speed[:, None], second]
 
     def _force(
         self, moving: Moving, sides: Sides, inside: float
@@ -382,7 +382,7 @@ class ExactSimulation:
         start, along = exactly(np.zeros(1)), driven
         values = self._closed(start, exactly([q]), driven).values
         moving, size, _ = self._moving(values, driven, start)
-        p = size[0] * exact(dq)
+        p = size[0] * dq
         targets = [*knots(self._parts, self.until), exact(self.until)]
         sides: Sides = None
         flipped: int | None = None
@@ -484,7 +484,7 @@ class ExactSimulation:
         ]
         for stop in self.mechanism.joint_limits:
             value = values[:, self.mechanism.angles[stop.pair]]
-            signed += [(-1, value - exact(stop.low)), (-1, exact(stop.high) - value)]
+            signed += [(-1, value - stop.low), (-1, stop.high - value)]
         return [(number, self._series @ value) for number, value in signed]
 
     def _roots(self, step: _Step) -> Iterator[tuple[Ball, int, bool]]:
