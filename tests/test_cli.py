@@ -69,23 +69,6 @@ def test_mechanisms_lists_all_with_their_source(capsys):
     assert all(row["source"] for row in rows)
 
 
-def test_explain_counts_what_will_be_computed(capsys):
-    _, out, _ = run(capsys, "explain", "stephenson", "-a", "poles:only=31", "--json")
-    facts = json.loads(out)
-    (planned,) = facts["plans"]
-    assert planned["counts"]["secondary"] < 8
-    assert facts["positions"][0]["group"] == "dyad"
-
-
-def test_analyses_describe_their_parameters(capsys):
-    _, out, _ = run(capsys, "analyses", "poles", "--json")
-    assert json.loads(out)["parameters"] == {
-        "only": "text+...",
-        "circles": "text",
-        "axodes": "text+...",
-    }
-
-
 def test_run_writes_tables_and_recording(capsys, tmp_path):
     status, out, err = run(
         capsys, "run", "four_bar", "--samples", 13, "-o", tmp_path,

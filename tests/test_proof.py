@@ -15,7 +15,6 @@ from refusals import written_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.errors import PlanError
 from spherekit.guarantee import Guarantee
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import assemblies
@@ -209,8 +208,3 @@ def test_the_command_prints_modes_and_writes_a_certificate(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "certified: 2 real of 8 complex modes" in said and said.count("mode ") == 2
     check(json.loads(path.read_text(encoding="utf-8")))
-
-
-def test_a_tolerance_without_meaning_is_refused():
-    with pytest.raises(PlanError, match="makes no sense"):
-        Written.of(sk.load("four_bar"), tolerance=-1.0)

@@ -28,7 +28,9 @@ def by_systems():
     modes = certified_modes(Written.of(sk.load("two_dof_spm")), ("20.5", "17.3"))
     assert modes.systems and modes.complete and not modes.counted
     assert len(modes.real) == 16 and modes.left is None
-    return recorded(modes_certificate(modes))
+    whole = recorded(modes_certificate(modes))
+    check(whole)
+    return whole
 
 
 @pytest.fixture(scope="module")
@@ -40,31 +42,16 @@ def over_boxes():
     ends = [written.input_range(item.pair) for item in written.mechanism.inputs]
     found = input_map(written, ends, 0.08)
     assert {0, 1, 2} >= set(found.kind.tolist()) >= {0, 1}
-    return recorded(map_certificate(found))
+    whole = recorded(map_certificate(found))
+    check(whole)
+    return whole
 
 
-@pytest.fixture(scope="module")
-def larger_systems():
-    """A small part of the inputs of a mechanism with two systems of two unknowns each."""
-    written = Written.of(sk.load("two_dof_spm"))
-    found = input_map(written, [("20", "20.01"), ("17", "17.01")])
-    assert found.counts == {16: 1.0}
-    return recorded(map_certificate(found))
-
-
-def wheels_of(name):
+@pytest.mark.parametrize("name", ["bevel_pair", "planetary_bevel", "bevel_differential"])
+def test_wheels_are_repeated_by_the_angular_velocities_of_rolling(name):
     written = Written.of(sk.load(name))
     with bits(80):
-        certificate = wheels_certificate(written, written.ratios())
-    return recorded(certificate)
-
-
-WHEELS = "bevel_pair", "planetary_bevel", "bevel_differential"
-
-
-@pytest.mark.parametrize("name", WHEELS)
-def test_wheels_are_repeated_by_the_angular_velocities_of_rolling(name):
-    whole = wheels_of(name)
+        whole = recorded(wheels_certificate(written, written.ratios()))
     check(whole)
     moves = random.Random(5)
     for _ in range(4):
@@ -78,23 +65,19 @@ def test_wheels_are_repeated_by_the_angular_velocities_of_rolling(name):
         refuse(changed)
 
 
-def test_a_map_with_larger_systems_is_repeated(larger_systems):
-    check(larger_systems)
-    changed = copy.deepcopy(larger_systems)
+def test_a_map_with_two_systems_of_two_unknowns_each_is_repeated():
+    written = Written.of(sk.load("two_dof_spm"))
+    found = input_map(written, [("20", "20.01"), ("17", "17.01")])
+    assert found.counts == {16: 1.0}
+    whole = recorded(map_certificate(found))
+    check(whole)
+    changed = copy.deepcopy(whole)
     changed["boxes"][0]["modes"] -= 2
     refuse(changed)
-    changed = copy.deepcopy(larger_systems)
+    changed = copy.deepcopy(whole)
     for start in changed["systems"][0]["solved"]:
         start["solutions"][0] = start["solutions"][1]
     refuse(changed)
-
-
-def test_modes_counted_by_systems_are_repeated(by_systems):
-    check(by_systems)
-
-
-def test_a_map_of_two_inputs_is_repeated(over_boxes):
-    check(over_boxes)
 
 
 def nudged(number, moves):

@@ -206,15 +206,6 @@ def test_the_input_is_clear_of_singularities_as_far_as_is_said():
     assert part.clearance(np.radians(71.0)) <= np.radians(1.0)
 
 
-def test_the_command_proves_the_range_of_the_file(tmp_path, capsys):
-    path = tmp_path / "curves.json"
-    assert main(["certify", "four_bar", "-o", str(path)]) == 0
-    said = capsys.readouterr().out
-    assert "certified: all configurations" in said and said.count("type I at") == 4
-    kept = json.loads(path.read_text(encoding="utf-8"))
-    assert kept["complete"] and len(kept["singularities"]["found"]) == 4
-
-
 @pytest.mark.parametrize(("name", "tolerance"), [("stephenson", 0.0), ("watt", 1e-6)])
 def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance):
     # placing the links in balls is the other way to the same values

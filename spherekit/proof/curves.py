@@ -99,10 +99,15 @@ class CertifiedCurves:
     @cached_property
     def undecided(self) -> list[tuple[float, float]]:
         """Parts of the range (rad) at which configurations may be missing."""
-        boxes = zip(*self.left, strict=True)
-        parts = [(self.input_at(q - r), self.input_at(q + r)) for q, r in boxes]
-        open_ = zip(self.saddles, self.open_at(self.driven), strict=True)
-        around = [(saddle.centre, off, 0.0) for saddle, off in open_ if off]
+        parts = [
+            (self.input_at(q - r), self.input_at(q + r))
+            for q, r in zip(*self.left, strict=True)
+        ]
+        around = [
+            (saddle.centre, off, 0.0)
+            for saddle, off in zip(self.saddles, self.open_at(self.driven), strict=True)
+            if off
+        ]
         # parts of chains along which the input may stop, that may reach into the range
         around += [
             (doubt.place, doubt.off, part)

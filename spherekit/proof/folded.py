@@ -70,7 +70,7 @@ def completed(
     if not free:
         return balls
     (values,), around = equations.arrays(balls, 0), balls.copy()
-    around[free] = [wide(balls[j], BALL) for j in free]
+    around[free] += wide(0.0, BALL)
     over = equations.arrays(around)[1][np.ix_(rows, free)]
     return around if zero_within(values[rows][:, None], over) < BALL else None
 

@@ -192,7 +192,7 @@ class Written:
     document: Document
     tolerance: float
     structure: Structure
-    meshes: tuple[GearMesh, ...] = ()
+    meshes: Sequence[GearMesh] = ()
     lengths: Sequence[Sequence[float]] = ()
 
     @staticmethod
@@ -383,7 +383,7 @@ class Written:
                 made = replace(
                     self,
                     structure=replace(structure, followers=followers),
-                    meshes=tuple(meshes),
+                    meshes=meshes,
                     lengths=train.rolled.tolist(),
                 )
                 made.ratios()

@@ -71,8 +71,8 @@ class Harmonics:
         """
         left: Array = self.coefficients[k]
         others = [j for j in range(left.ndim) if j not in unknowns]
-        waves = _waves(given, self.waves, 1)
-        parts = _summed(left.transpose([*unknowns, *others]), waves)
+        left = left.transpose([*unknowns, *others])
+        parts = _summed(left, _waves(given, self.waves, 1))
         made = np.moveaxis(np.broadcast_to(parts, (*parts.shape[:-1], len(given))), -1, 0)
         return made[:, 0], made[:, 2 ** np.arange(len(others))]
 

@@ -58,7 +58,7 @@ Path = Callable[[Array], tuple[Array, Array]]
 
 def harmonic(parts: Array, angles: Array) -> Array:
     """Return (n, 3, 3) parts[0] + parts[1] cos + parts[2] sin of angles (n,) rad."""
-    sine, cosine = (np.asarray(x)[:, None, None] for x in sine_cosine(angles))
+    sine, cosine = (x[:, None, None] for x in sine_cosine(angles))
     return parts[0] + parts[1] * cosine + parts[2] * sine
 
 
@@ -157,8 +157,7 @@ def _wave(axes: Array, even: Array, odd: Array) -> Path:
             colatitude = colatitude + (a * cosine + b * sine)
             slope = slope + wave * (b * cosine - a * sine)
         (sine, cosine), (s, c) = (
-            (np.asarray(part)[:, None] for part in sine_cosine(angle))
-            for angle in (colatitude, u)
+            (part[:, None] for part in sine_cosine(angle)) for angle in (colatitude, u)
         )
         outward, along = c * x + s * y, c * y - s * x
         rate = slope[:, None] * (cosine * outward - sine * z) + sine * along
@@ -471,7 +470,7 @@ def left_inverse(matrices: Array) -> tuple[Array, Floats]:
     """
     flint = library()
     bits, (n, m, k) = precision(), matrices.shape
-    inverses = np.full((n, k, m), flint.arb.nan(), dtype=object)
+    inverses = np.full((n, k, m), flint.arb.nan())
     condition = np.full(n, np.nan)
     for row, given in enumerate(matrices):
         with flint.ctx.workprec(2 * bits + 64):
@@ -481,7 +480,7 @@ def left_inverse(matrices: Array) -> tuple[Array, Floats]:
                 inverse = ((across * a).inv().mid() * across).mid()
             except ZeroDivisionError:
                 continue
-        made = np.array(inverse.entries(), dtype=object).reshape(k, m)
+        made = np.reshape(inverse.entries(), (k, m))
         size = np.linalg.norm(floats(given)) * np.linalg.norm(floats(made))
         size = np.maximum(size, 1.0)
         if size * 2.0**-bits < SINGULAR:

@@ -47,16 +47,16 @@ class Zone:
         """Return coordinates (..., v) of places (..., v), whole turns away or not."""
         return wrap(places - self.centre) @ self.frame
 
-    def _within(self, places: Floats, reach: Floats) -> Bools:
+    def _within(self, places: Floats, reach: Floats | float) -> Bools:
         return np.all(np.abs(self.coordinates(places)) + reach <= self.limits, axis=-1)
 
     def holds(self, place: Floats, off: float) -> bool:
         """Return whether a place that is off by at most `off` is in it."""
-        return bool(self._within(place, np.array(off + 1e-13)))
+        return bool(self._within(place, off + 1e-13))
 
-    def may_hold(self, places: Floats, off: Floats | float) -> Bools:
-        """Return whether places (..., v), off by at most `off` (...), may be in it."""
-        return self._within(places, -np.asarray(off)[..., None] - 1e-13)
+    def may_hold(self, place: Floats, off: float) -> bool:
+        """Return whether a place that is off by at most `off` may be in it."""
+        return bool(self._within(place, -off - 1e-13))
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return whether boxes (n, v) of radii (n, v) are in it."""
@@ -136,7 +136,7 @@ def piece_at(
     if not len(proven):
         return None
     at = tuple(proven[0])
-    half, radius = float(halves[at[0], 0]), float(radii[at])
+    half, radius = halves[at[0], 0], radii[at]
     # lengths, not components: other pieces see them from other sides
     scale = math.sqrt(len(inverse)) * UP
     miss = float(test.arc(0.0, radius)[0])
