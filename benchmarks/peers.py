@@ -230,7 +230,7 @@ def _reference(case: Case) -> tuple[Floats, float]:
     plain = _plain(case) if len(case.inputs) == 1 else _numpy(case, 1e-13)()[0]
     if not available():
         return plain, 0.0
-    made = by_taylor_series(case.problem, 1e-16, True, "it is the reference")
+    made = by_taylor_series(case.problem, 1e-16, "it is the reference")
     exact = made.at(TIMES).inputs
     return exact, float(np.max(np.abs(plain - exact)))
 
@@ -251,12 +251,12 @@ def _plain(case: Case) -> Floats:
 
 
 def _compiled(case: Case, tolerance: float, compact: bool) -> Run:
-    problem = case.problem
-    by_taylor_series(problem, tolerance, compact, "it is compiled now")
+    problem = replace(case.problem, compact=compact)
+    by_taylor_series(problem, tolerance, "it is compiled now")
 
     def job() -> tuple[Floats, float]:
         started = time.process_time()
-        found = by_taylor_series(problem, tolerance, compact, "it was asked for")
+        found = by_taylor_series(problem, tolerance, "it was asked for")
         seconds = time.process_time() - started
         return found.at(TIMES).inputs, seconds
 

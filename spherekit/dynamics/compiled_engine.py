@@ -75,17 +75,13 @@ SAID: dict[RunEnd, tuple[EndKind, str]] = {
 
 
 def by_taylor_series(
-    problem: Problem,
-    tolerance: float,
-    compact: bool,
-    reason: str,
-    forecast: Forecast | None = None,
+    problem: Problem, tolerance: float, reason: str, forecast: Forecast | None = None
 ) -> Simulation:
     """Return the motion of a problem.
 
     Parameters
     ----------
-    tolerance, compact
+    tolerance
         See `spherekit.engine.equation.compiled_equation`.
     reason, forecast
         Why it is this engine that runs.
@@ -101,7 +97,7 @@ def by_taylor_series(
     status = Status(int(motion.status[0]))
     if status != Status.OK:
         raise cannot_leave(problem, STATUS_MEANING[status])
-    runs, frames, compiling = _run(problem, motion, tolerance, compact)
+    runs, frames, compiling = _run(problem, motion, tolerance)
     path, run = through_runs(runs, frames), runs[-1]
     seconds = time.perf_counter() - started - compiling
     if run.end == "singularity":
@@ -121,7 +117,7 @@ def by_taylor_series(
 
 
 def _run(
-    problem: Problem, motion: CoordinateMotion, tolerance: float, compact: bool
+    problem: Problem, motion: CoordinateMotion, tolerance: float
 ) -> tuple[list[Run], list[Frames], float]:
     """Return the runs, of several freedoms by other pair variables where it has to be.
 
@@ -138,7 +134,11 @@ def _run(
         pairs = coordinates_at(problem, values)
         started = time.perf_counter()
         made, reused = compiled_equation(
-            mechanism, min(tolerance, most), compact, pairs, values if pairs else None
+            mechanism,
+            min(tolerance, most),
+            problem.compact,
+            pairs,
+            values if pairs else None,
         )
         compiling += 0.0 if reused else time.perf_counter() - started
         places = [mechanism.angles[pair] for pair in pairs]

@@ -93,28 +93,24 @@ class Loads:
         return rates[..., first] - np.sum(rates[..., second], axis=-1)
 
     def magnitudes(
-        self,
-        values: Floats,
-        value_rates: Floats,
-        t: Floats,
-        carried: Floats | None = None,
+        self, motion: CoordinateMotion, speed: Floats, t: Floats, carried: Floats | None
     ) -> Floats:
         """Return the magnitude of each component (n, components), N m or N.
 
-        `values`, `value_rates` (n, variables) are the pair variables and their rates by
-        time, `t` (n,) is in s; `carried` (n, k) what each of the `rubbing` carries, N on
-        bearings and N m of contacts, without which these do not rub.
+        `speed` (n, m) are the rates of the motion's coordinates by time, `t` (n,) is in s;
+        `carried` (n, k) what each of the `rubbing` carries, N on bearings and N m of
+        contacts, without which these do not rub.
         """
         laws = [part.magnitude for part in self.components]
-        sizes = self.evaluated(laws, values, value_rates, t)
+        sizes = self.evaluated(laws, motion, speed, t)
         sizes[:, self.rubbing] *= self.grips * (0.0 if carried is None else carried)
         return sizes
 
     def evaluated(
         self,
         laws: Sequence[Expression | Called | TorqueTable],
-        values: Floats,
-        value_rates: Floats,
+        motion: CoordinateMotion,
+        speed: Floats,
         t: Floats,
     ) -> Floats:
         """Return the values of laws (n, laws), of what rubs per unit of grip and load.
@@ -122,10 +118,11 @@ class Loads:
         For the same as `magnitudes`.
         """
         names, angles = {"t": t}, self.mechanism.angles
+        values, rates = motion.values, rates_by_time(motion, speed)
         for pair, k in angles.items():
-            names |= {f"theta_{pair}": values[:, k], f"dtheta_{pair}": value_rates[:, k]}
+            names |= {f"theta_{pair}": values[:, k], f"dtheta_{pair}": rates[:, k]}
         for pair in {self.components[k].pair for k in self.rubbing} - {*angles}:
-            names[sliding_rate(pair)] = self._rate(value_rates, pair)
+            names[sliding_rate(pair)] = self._rate(rates, pair)
         results = np.empty((len(t), len(laws)))
         for column, law in enumerate(laws):
             results[:, column] = (
@@ -155,8 +152,7 @@ class Loads:
         carried
             See `magnitudes`.
         """
-        rates = rates_by_time(motion, speed)
-        magnitudes = self.magnitudes(motion.values, rates, t, carried)
+        magnitudes = self.magnitudes(motion, speed, t, carried)
         powers = magnitudes[:, None] * self.velocities(motion)
         return np.add.reduceat(powers, self._first, axis=2)
 
@@ -484,8 +480,7 @@ def applied(driven: DrivenState) -> tuple[Floats, Floats]:
     """
     mechanism, motion, timing = driven.mechanism, driven.motion, driven.timing
     loads = Loads(mechanism)
-    rates = rates_by_time(motion, timing.dq)
-    magnitudes = loads.magnitudes(motion.values, rates, timing.t, driven.carried)
+    magnitudes = loads.magnitudes(motion, timing.dq, timing.t, driven.carried)
     wrenches = np.zeros((len(timing.t), len(mechanism.links), 6))
     about = np.zeros((len(timing.t), len(mechanism.pairs)))
     for size, part in zip(magnitudes.T, loads.components, strict=True):

@@ -137,10 +137,9 @@ def simulate(
     problem = prepare(
         mechanism, start, until, torque, input_pair, assembly_mode, switches, passes
     )
-    if not any(pair.one_sided for pair in mechanism.pairs):
-        problem = replace(problem, seen=seen)
-    if scheme != "paper" and step is not None:
-        raise SolveError('simulate: step does nothing without scheme = "paper"')
+    if any(pair.one_sided for pair in mechanism.pairs):
+        seen = None
+    problem = replace(problem, seen=seen, compact=compact)
     if scheme == "paper":
         if engine == "compiled":
             raise EngineError(
@@ -148,7 +147,9 @@ def simulate(
                 "leave engine or scheme out",
             )
         return by_differences(problem, step if step is not None else until / 1000.0)
-    return (_checked if check else _solved)(problem, tolerance, engine, compact)
+    if step is not None:
+        raise SolveError('simulate: step does nothing without scheme = "paper"')
+    return (_checked if check else _solved)(problem, tolerance, engine)
 
 
 def need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
@@ -170,20 +171,18 @@ def need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
         )
 
 
-def _checked(
-    problem: Problem, tolerance: float, engine: Engine, compact: bool
-) -> Simulation:
+def _checked(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
     """Return a simulation with its error against a tighter one.
 
     Where the tolerance is missed, the tighter one takes its place, as long as there is one.
     """
-    simulation = _solved(problem, tolerance, engine, compact)
+    simulation = _solved(problem, tolerance, engine)
     engine = simulation.engine.name
     made_for = min(tolerance, LOOSEST) if engine == "compiled" else tolerance
     least = 0.1 * LEAST[engine]
     while True:
         tighter = max(TIGHTER * made_for, least)
-        tight = _solved(problem, tighter, engine, compact)
+        tight = _solved(problem, tighter, engine)
         error = _difference(simulation, tight)
         simulation = replace(simulation, error=error, tolerance=tolerance)
         if simulation.missed is None or tighter <= least:
@@ -206,21 +205,17 @@ def _difference(one: Simulation, other: Simulation) -> float:
     return float(max_abs(one.at(t).values - other.at(t).values))
 
 
-def _solved(
-    problem: Problem, tolerance: float, engine: Engine, compact: bool
-) -> Simulation:
+def _solved(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
     if engine == "compiled":
-        return until_lift_off(by_taylor_series(problem, tolerance, compact, ASKED))
-    return until_lift_off(_cheaper(problem, tolerance, engine, compact))
+        return until_lift_off(by_taylor_series(problem, tolerance, ASKED))
+    return until_lift_off(_cheaper(problem, tolerance, engine))
 
 
 ASKED = "it was asked for"
 EXPECTED = "expected NumPy {numpy:.2g} s more, compiled {compiled:.2g} s"
 
 
-def _cheaper(
-    problem: Problem, tolerance: float, engine: Engine, compact: bool
-) -> Simulation:
+def _cheaper(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
     """Return the motion by NumPy, or the engine expected to take less time from here.
 
     NumPy starts, and goes on until what is left takes it longer than compiling. What it
@@ -234,7 +229,7 @@ def _cheaper(
         if problem.passes:
             raise EngineError("only NumPy's engine passes crossings")
         pairs = coordinates_at(problem, problem.values)
-        compiling = compiling_time(mechanism, tolerance, compact, pairs)
+        compiling = compiling_time(mechanism, tolerance, problem.compact, pairs)
         why = "it was compiled before" if compiling == 0.0 else ""
         if tolerance < LEAST["numpy"]:
             why = "NumPy does not reach the tolerance"
@@ -251,7 +246,7 @@ def _cheaper(
                 why, forecast = EXPECTED.format(**now), now
         if why:
             tell(f"compiling the equation of motion, about {compiling:.0f} s", compiling)
-            simulation = by_taylor_series(problem, tolerance, compact, why, forecast)
+            simulation = by_taylor_series(problem, tolerance, why, forecast)
             if simulation.end.message != NO_SERIES:
                 return simulation
             why = NO_SERIES

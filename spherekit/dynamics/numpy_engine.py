@@ -15,7 +15,6 @@ import numpy as np
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import EPS, STATUS_MEANING, Status
 from spherekit.dynamics.coordinates import inertia_matrix, reciprocal_condition
-from spherekit.dynamics.forces import rates_by_time
 from spherekit.dynamics.path import (
     GAUSS,
     INTEGRAL,
@@ -330,8 +329,7 @@ class Collocation:
             frame = step.frames[nearest] if equation.freedoms == 1 else self.frame
             dynamics = equation.at(t, step.at(t), frame, self.problem.whole)
             missed = np.abs(dynamics.push - step.rate(t)[:, momenta])
-            motion, loads = dynamics.motion, equation.loads
-            seen = motion.values, rates_by_time(motion, dynamics.speed), t
+            loads, seen = equation.loads, (dynamics.motion, dynamics.speed, t)
             return np.max(missed, axis=1) / enough, loads.evaluated(loads.steep, *seen)
 
         return bool(first_missed(look, 1)[0] > 1.0)

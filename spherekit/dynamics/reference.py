@@ -78,13 +78,12 @@ def refined(
         If the simulation ended in a way that depends on tolerances, or no step of the
         reference is short enough.
     """
-    if simulation.end.kind not in ENDS:
+    mechanism, end = simulation.mechanism, simulation.end
+    if end.kind not in ENDS:
         raise EngineError(
-            f"{simulation.mechanism.name}: the simulation ended at "
-            f"{simulation.end.t:.6g} s ({simulation.end.message}); a reference is made "
-            f"for ends by {listing(ENDS)}: ask for a shorter time"
+            f"{mechanism.name}: the simulation ended at {end.t:.6g} s ({end.message}); a "
+            f"reference is made for ends by {listing(ENDS)}: ask for a shorter time"
         )
-    mechanism = simulation.mechanism
     if len(mechanism.inputs) > 1:
         raise EngineError(
             f"{mechanism.name}: a reference in wide numbers is of one input, not of "
@@ -92,27 +91,24 @@ def refined(
         )
     need_no_rubbing(mechanism, "a reference in wide numbers does not solve for")
     (q,), (dq,) = start.each(mechanism.input_pairs)
-    path, last = simulation.path, simulation.end.t
-    count = simulation.equation.variables
 
     def near(t: Floats) -> tuple[Floats, Floats]:
-        traced = path.at(np.clip(t, 0.0, last))
-        rates = traced.rates[:, :count]
-        return traced.values + rates * np.maximum(t - last, 0.0)[:, None], rates
+        traced = simulation.path.at(np.clip(t, 0.0, end.t))
+        rates = traced.rates[:, : simulation.equation.variables]
+        return traced.values + rates * np.maximum(t - end.t, 0.0)[:, None], rates
 
     reference = ExactSimulation(
         arithmetic or Digits(FEWEST),
-        simulation.mechanism,
+        mechanism,
         simulation.driven[0],
         float(q),
         float(dq),
         until,
         near,
     )
-    if reference.kind != simulation.end.kind:
+    if reference.kind != end.kind:
         raise EngineError(
-            f"{simulation.mechanism.name}: the reference ends by {reference.kind} at "
-            f"{float(reference.end):.6g} s, the simulation by {simulation.end.kind} at "
-            f"{last:.6g} s"
+            f"{mechanism.name}: the reference ends by {reference.kind} at "
+            f"{float(reference.end):.6g} s, the simulation by {end.kind} at {end.t:.6g} s"
         )
     return reference

@@ -75,7 +75,8 @@ class Problem:
     start, less `turns` (variables,) whole turns, so that they keep their digits; `speed`
     (m,) the rates along the orthonormal vectors of `frame` (m, variables); `switches` times
     within the run at which steps begin anew; `passes` whether it goes straight on where
-    sets of configurations cross; `seen` is given the simulation so far while it is solved.
+    sets of configurations cross; `seen` is given the simulation so far while it is solved;
+    `compact` is how it is compiled, see `spherekit.engine.equation.compiled_equation`.
     """
 
     equation: EquationOfMotion
@@ -88,6 +89,7 @@ class Problem:
     switches: tuple[float, ...]
     passes: bool = False
     seen: Callable[..., None] | None = None
+    compact: bool = True
 
     @property
     def whole(self) -> Floats:

@@ -209,8 +209,8 @@ def rubbed(
         about[:, pair] += 1.0
         needed = accelerating(mechanism, motion, faster[:, k])
         change[..., k] = on_bearings(balance.left_by(needed, about))
-    laws, rates = [x.magnitude for x in parts], rates_by_time(motion, driven.timing.dq)
-    factors = loads.grips * loads.evaluated(laws, motion.values, rates, driven.timing.t)
+    laws, timing = [part.magnitude for part in parts], driven.timing
+    factors = loads.grips * loads.evaluated(laws, motion, timing.dq, timing.t)
     carried[good], settled, rounds = _solved(still, change, factors)
     locked[good] = ~settled
     return carried, locked, rounds

@@ -69,9 +69,8 @@ def _lowered(items: Sequence[Expr], variables: Mapping[ExpressionNode, Any]) -> 
             return module.select(module.gt(value, zero), one, least)
         if term.operation == "maximum":
             return module.select(module.gt(*arguments), *arguments)
-        if term.operation in _OPERATORS:
-            return _OPERATORS[term.operation](*arguments)
-        return getattr(module, term.operation)(*arguments)
+        made = _OPERATORS.get(term.operation) or getattr(module, term.operation)
+        return made(*arguments)
 
     return rewrite(items, module.expression, apply)
 

@@ -294,20 +294,13 @@ def derivatives(items: Sequence[Expr], rates: Mapping[ExpressionNode, Expr]) -> 
     # Signs move outwards, so a term may occur as the opposite of one with a rate.
     slopes: dict[Any, Expr] = {_negated(x): -1.0 * rate for x, rate in rates.items()}
     slopes |= rates
-    made: dict[ExpressionNode, Expr] = {}
 
-    def of(item: Any) -> Expr:
-        return made[item] if isinstance(item, ExpressionNode) else 0.0
+    def apply(node: ExpressionNode, changes: list[Expr]) -> Expr:
+        if node in slopes or not any(changes):
+            return slopes.get(node, 0.0)
+        return _DERIVATIVES[node.operation](node, node.arguments, changes)
 
-    for node in in_order(items):
-        if node in slopes or node.operation == "variable":
-            made[node] = slopes.get(node, 0.0)
-            continue
-        changes = [of(argument) for argument in node.arguments]
-        made[node] = 0.0
-        if any(changes):
-            made[node] = _DERIVATIVES[node.operation](node, node.arguments, changes)
-    return [of(item) for item in items]
+    return rewrite(items, lambda _: 0.0, apply)
 
 
 OPERATORS: Mapping[str, _Operation] = {
@@ -408,8 +401,8 @@ def array_function(
         work = np.empty((rows, min(count, BLOCK)), dtype=number)
         with np.errstate(all="ignore"):
             for start in range(0, count, BLOCK):
-                block = slice(start, min(start + BLOCK, count))
-                spare = work[:, : block.stop - start]
+                block = slice(start, start + BLOCK)
+                spare = work[:, : count - start]
                 made([*given[:, block], *out[:, block], *spare])
         return out
 

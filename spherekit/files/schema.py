@@ -136,34 +136,34 @@ def walked(data: Table, leaves: Leaves, kind: Kind = "mechanism") -> Any:
 
     Arrays become tuples; what the schema leaves free stays as it is.
     """
-    return _walked(schema(kind), data, (), leaves, schema(kind)["$defs"])
+    whole = schema(kind)
 
-
-def _walked(part: Any, value: Any, path: KeyPath, leaves: Leaves, named: Any) -> Any:
-    name = part.get("$ref", "").removeprefix(_DEFS)
-    if name in leaves:
-        return leaves[name](path, value)
-    part = named.get(name, part)
-    if isinstance(value, Mapping):
-        for choice in part.get("allOf", ()):
-            if "$ref" in choice.get("then", ()) and _holds(choice["if"], value):
-                return _walked(choice["then"], value, path, leaves, named)
-        keys, other = part.get("properties", {}), part.get("additionalProperties")
-        if not (keys or other):
+    def of(part: Any, value: Any, path: KeyPath) -> Any:
+        name = part.get("$ref", "").removeprefix(_DEFS)
+        if name in leaves:
+            return leaves[name](path, value)
+        part = whole["$defs"].get(name, part)
+        if isinstance(value, Mapping):
+            for choice in part.get("allOf", ()):
+                if "$ref" in choice.get("then", ()) and _holds(choice["if"], value):
+                    return of(choice["then"], value, path)
+            keys, other = part.get("properties", {}), part.get("additionalProperties")
+            if not (keys or other):
+                return value
+            return {
+                key: of(keys.get(key, other), item, (*path, key))
+                for key, item in value.items()
+            }
+        inner = part.get("items")
+        if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
+            return tuple(of(inner, item, (*path, k)) for k, item in enumerate(value))
+        if inner and "$ref" in inner and isinstance(value, int | float):
+            return of(inner, value, path)  # one where several may stand
+        if isinstance(value, bool | str):
             return value
-        return {
-            key: _walked(keys.get(key, other), item, (*path, key), leaves, named)
-            for key, item in value.items()
-        }
-    inner = part.get("items")
-    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
-        items = enumerate(value)
-        return tuple(_walked(inner, x, (*path, k), leaves, named) for k, x in items)
-    if inner and "$ref" in inner and isinstance(value, int | float):
-        return _walked(inner, value, path, leaves, named)  # one where several may stand
-    if isinstance(value, bool | str):
-        return value
-    return float(value) if part.get("type") == "number" else int(value)
+        return float(value) if part.get("type") == "number" else int(value)
+
+    return of(whole, data, ())
 
 
 def _holds(condition: Table, value: Table) -> bool:
