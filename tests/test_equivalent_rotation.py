@@ -56,9 +56,6 @@ def inside(form, count, seed, away=0.0):
     return n[good & (n[:, 0] < 0.0)][:count]
 
 
-# --- rotations between orientations -------------------------------------------------------
-
-
 @pytest.mark.parametrize("angle", [1e-6, 1e-3, 0.4, 2.0, np.pi - 1e-3, np.pi - 1e-9])
 def test_axis_and_angle_of_a_rotation(angle):
     random = np.random.default_rng(3)
@@ -70,9 +67,6 @@ def test_axis_and_angle_of_a_rotation(angle):
         assert abs(turned - angle) < 2e-15
         assert np.linalg.norm(found - axis) < 2e-15 / min(angle, 1.0)
         assert np.max(np.abs(rotation(axis, [angle])[0] - turn)) < 1e-15
-
-
-# --- the paper's angles -------------------------------------------------------------------
 
 
 def test_phi_gamma_omega():
@@ -130,7 +124,6 @@ def test_four_initial_configurations(form):
     normals = inside(form, 50, 6)
     found = form.plane.solutions(normals)
     assert len(found) == 4
-    b1, b6 = form.plane.axes[:2]
     for modes, inputs in found.items():
         assert np.max(np.abs(form.plane.normals(inputs) - normals)) < 1e-13
         assert np.all(form.plane.modes(inputs) == modes)
@@ -138,12 +131,8 @@ def test_four_initial_configurations(form):
         elbows, _ = form.plane.elbows(normals, (*modes, 1))
         heights = elbows[:, :2, 2] / np.sin(form.plane.arcs[:2])
         assert np.max(np.abs(np.sin(inputs) - heights)) < 1e-14
-    elbows, _ = form.plane.elbows(normals, OUTWARD)
-    assert np.max(np.abs(elbows[:, 0] @ b1 - np.cos(form.plane.arcs[0]))) < 1e-15
-    assert np.max(np.abs(elbows[:, 1] @ b6 - np.cos(form.plane.arcs[1]))) < 1e-15
-
-
-# --- the graph and its mid-plane symmetric architecture ----------------------------------
+        arcs = np.vecdot(elbows, form.plane.axes) - np.cos(form.plane.arcs)
+        assert np.max(np.abs(arcs)) < 1e-15
 
 
 def test_graph_and_mid_plane_form_are_one(paper, form):
@@ -191,35 +180,25 @@ def test_any_symmetric_arcs_have_the_form():
         assert form.plane.arcs == pytest.approx([b, c, d], abs=1e-15)
 
 
-# --- equivalent rotation ------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("pairs", [40, pytest.param(1000, marks=pytest.mark.long)])
 def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
     """All mid-planes on the way hold the axis; so does the end effector: 1e-12."""
     starts, stops = inside(form, pairs, 21), inside(form, pairs, 22)
-    drift = orientation_error = gap = 0.0
     reached = 0
     for start, stop in zip(starts, stops, strict=True):
         turn = form.rotation_between(start, stop, OUTWARD)
         found = turn.at(np.linspace(0.0, turn.angle, 7))
         ok = found.status == sk.Status.OK
-        reached += int(np.all(ok))
+        reached += np.all(ok)
         assert ok[0] and ok[-1] == (turn.end == sk.Status.OK)
         if not ok[-1]:
             continue
-        drift = max(drift, float(np.max(found.drift[ok])))
-        orientation_error = max(
-            orientation_error, float(np.max(found.orientation_error[ok]))
-        )
-        back = np.einsum("nji,j->ni", found.orientation[ok], turn.axis)
-        gap = max(gap, float(np.max(np.linalg.norm(back - back[0], axis=1))))
+        assert max(np.max(found.drift[ok]), np.max(found.orientation_error[ok])) < 1e-12
+        back = np.vecmat(turn.axis, found.orientation[ok])
+        assert np.max(np.linalg.norm(back - back[0], axis=1)) < 1e-12
         last = form.orientations(stop[None])[0]
         assert np.max(np.abs(found.orientation[-1] - last)) < 1e-13
     assert reached > 0.9 * pairs
-    assert drift < 1e-12
-    assert orientation_error < 1e-12
-    assert gap < 1e-12
 
 
 def found_status(count, singular):
@@ -230,11 +209,8 @@ def found_status(count, singular):
 
 def test_through_the_home_pose(form):
     """phi = 0: all legs folded, the loops fix nothing, and the rotation goes on."""
-    turn = form.rotation_between(
-        normal_at(*np.radians([30.0, 0.0])), normal_at(*np.radians([-30.0, 0.0])), OUTWARD
-    )
-    theta = np.linspace(0.0, turn.angle, 21)
-    closed = turn.at(theta)
+    turn = rotate(30.0, 0.0, -30.0, 0.0)
+    closed = turn.at(np.linspace(0.0, turn.angle, 21))
     home = turn.at([0.5 * turn.angle])
     assert np.max(np.abs(home.inputs)) < 1e-12
     normals, _ = form.normals(closed.orientation)
@@ -242,13 +218,9 @@ def test_through_the_home_pose(form):
     assert np.max(np.abs(phi - np.linspace(np.pi / 6, -np.pi / 6, 21))) < 1e-14
     assert np.max(np.abs(gamma)) < 1e-14
     assert closed.status.tolist() == found_status(21, 10) and closed.type_2[10] < 1e-13
-    assert np.all(np.isfinite(closed.second_rates))
-    assert turn.end == sk.Status.OK
+    assert np.all(np.isfinite(closed.second_rates)) and turn.end == sk.Status.OK
     assert turn.leaps == pytest.approx([0.5 * turn.angle], abs=1e-9)
     assert np.max(closed.orientation_error) < 1e-12
-
-
-# --- any mechanism ------------------------------------------------------------------------
 
 
 def configuration(name, row=0.5):
@@ -378,9 +350,6 @@ def test_contact_pairs_follow_too():
     assert np.all(np.isnan(around.second_rates))
 
 
-# --- schedules ----------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Straight:
     """Inputs that go with theta: q = slope theta."""
@@ -410,22 +379,16 @@ PEAKS = {
 @pytest.mark.parametrize("shape", SHAPES)
 def test_durations_against_closed_forms(shape):
     speed, acceleration = PEAKS[shape]
-    straight = Straight(np.array([0, 0, 1.0]), 0.8, ("a", "b"), np.array([1.5, -2.0]))
-    by_speed = time_optimal(straight, speed=[1.0, 0.5], shape=shape)
+    by_speed = straight(speed=[1.0, 0.5], shape=shape)
     assert by_speed.duration == pytest.approx(speed * 1.6 / 0.5, rel=1e-12)
     assert by_speed.binding.input == "b"
     assert by_speed.binding.value == pytest.approx(-0.5, rel=1e-12)
-    by_acceleration = time_optimal(straight, acceleration=2.0, shape=shape)
-    assert by_acceleration.duration == pytest.approx(
-        np.sqrt(acceleration * 1.6 / 2.0), rel=1e-12
-    )
+    by_acceleration = straight(acceleration=2.0, shape=shape)
+    assert by_acceleration.duration**2 == pytest.approx(acceleration * 0.8, rel=1e-12)
     assert by_acceleration.binding.quantity == "acceleration"
     table = by_acceleration.table(11)
     assert table.inputs[-1] == pytest.approx([1.2, -1.6], abs=1e-14)
     assert table.t[-1] == by_acceleration.duration
-
-
-# --- bad input ----------------------------------------------------------------------------
 
 
 def rotate(phi, gamma, to_phi, to_gamma):

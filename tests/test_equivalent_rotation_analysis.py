@@ -17,6 +17,8 @@ from spherekit.guidance.follow import FollowedRotation, turn_to
 from spherekit.guidance.loci import mid_plane_form
 from spherekit.guidance.poses import AtDirection, AtInputs, PoseFinder
 from spherekit.model.parts import Output
+from spherekit.numeric.crossings import wrap
+from spherekit.region.mesh import spread
 from spherekit.singular.locus import solver_of
 from spherekit.sphere.rotation import (
     from_quaternion,
@@ -64,9 +66,6 @@ def table_3(listener):
     return ran("two_dof_spm", text, assembly_mode=0, recorder=listener)
 
 
-# --- the paper's mechanism ----------------------------------------------------------------
-
-
 def test_rows_of_table_3(table_3):
     """Printed in Chen et al. 2021, Table 3; gamma of configuration 3 has lost its sign.
 
@@ -82,9 +81,8 @@ def test_rows_of_table_3(table_3):
     assert found == pytest.approx(np.array(printed), abs=6.2e-4)
     assert found[0] == pytest.approx(np.array(printed[0]), abs=5.1e-5)
     own = findings(table_3)
-    assert own["axis_in_mirror_axes"] == pytest.approx(
-        [-0.7933, 0.1257, -0.5957], abs=5.1e-5
-    )
+    axis = [-0.7933, 0.1257, -0.5957]
+    assert own["axis_in_mirror_axes"] == pytest.approx(axis, abs=5.1e-5)
     assert np.degrees(own["angle_rad"]) == pytest.approx(40.3230, abs=7e-5)
     assert own["feasible"] and own["end"] == "OK"
     assert own["largest_orientation_error_rad"] < 1e-14 and own["largest_drift_rad"] < 1e-14
@@ -178,10 +176,7 @@ def test_one_pose_in_all_its_terms():
 def test_nearest_reachable_pose_is_offered():
     """Against a dense sample of the sphere: nothing reachable is nearer than the offer."""
     plane = mid_plane_form(sk.load("two_dof_spm")).plane
-    random = np.random.default_rng(5)
-    every = random.normal(size=(200000, 3))
-    every /= np.linalg.norm(every, axis=1, keepdims=True)
-    limits = np.sin(plane.arcs)
+    every, limits = spread(200_000), np.sin(plane.arcs)
     inside = upward(every[np.all(np.abs(every @ plane.axes.T) <= limits, axis=1)])
     for pose in ((120.0, 0.0), (-70.0, 40.0), (100.0, -60.0), (0.0, 120.0)):
         normal = normal_at(*np.radians(pose))
@@ -225,13 +220,6 @@ def test_end_of_the_reach_on_the_way():
 
 def said(names, values):
     return "+".join(f"{name}={x:.17g}" for name, x in zip(names, values, strict=True))
-
-
-def arc_of(angles):
-    return np.abs(np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi)
-
-
-# --- other mechanisms ---------------------------------------------------------------------
 
 
 def test_a_mechanism_with_two_inputs_departs():
@@ -292,9 +280,6 @@ def test_singular_ends_come_last():
     assert np.flatnonzero(unit)[0] >= 4
 
 
-# --- what is refused ----------------------------------------------------------------------
-
-
 def asked(text):
     create(f"{NAME}:{text}").needs(sk.load("two_dof_spm"))
 
@@ -319,9 +304,6 @@ def test_more_inputs_than_ways_to_turn_are_refused():
     assert EquivalentRotation(start="a1=1+a2=2+a3=3", end="a1=1+a2=2+a3=4").needs(
         made
     ) == Needs(tracer=True)
-
-
-# --- pages --------------------------------------------------------------------------------
 
 
 def near_the_reach(eps):
@@ -388,9 +370,7 @@ def test_page_of_a_schedule(table_3, listener):
     scene, rows = listener.last("Equivalent rotation in time")
     frame = table_3.frame("equivalent_rotation", "schedule")
     assert scene.over[0].values.tolist() == frame["t"].tolist() and rows == 41
-    plots = {
-        part.path: part.values for part in scene.primitives if isinstance(part, Series)
-    }
+    plots = {item.path: item.values for item in scene.primitives if type(item) is Series}
     assert plots["plots/dq/21"] == pytest.approx(frame["dq_21"].to_numpy())
     assert plots["plots/ddq/61"] == pytest.approx(frame["ddq_61"].to_numpy())
 
@@ -420,4 +400,4 @@ def test_base_that_moves():
     link = from_quaternion(parts["link/3"].quaternions)
     relative = tilt_torsion(np.swapaxes(base, 1, 2) @ link)
     found = np.radians(degrees(result, "azimuth", "tilt", "torsion"))
-    assert np.max(arc_of(relative - found)) < 1e-9
+    assert np.max(np.abs(wrap(relative - found))) < 1e-9

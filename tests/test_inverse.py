@@ -19,6 +19,7 @@ from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.output.virtual_output import with_wrist
 from spherekit.sphere.rotation import (
+    arc,
     azimuth_tilt,
     euler_zyz,
     from_euler_zyz,
@@ -93,10 +94,6 @@ def input_frames(made):
     return {p.name: (j.first, j.second) for p, j in zip(made.pairs, joints, strict=True)}
 
 
-def arc_between(a, b):
-    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1))
-
-
 def test_the_margin_and_measures_of_a_three_legged_wrist():
     """Reach by the arcs of each leg; measures by the planes of its cranks and couplers."""
     made = sk.load("three_rrr")
@@ -105,7 +102,7 @@ def test_the_margin_and_measures_of_a_three_legged_wrist():
     frames, sizes = input_frames(made), made.geometry.links
     least = []
     for leg in "123":
-        base = arc_between(frames[f"a{leg}"][0][:, 2], poses @ frames[f"c{leg}"][1][:, 2])
+        base = arc(frames[f"a{leg}"][0][:, 2], poses @ frames[f"c{leg}"][1][:, 2])
         crank, rod = sizes[f"crank{leg}"].arcs[0], sizes[f"coupler{leg}"].arcs[0]
         outer = min(crank + rod, 2 * np.pi - crank - rod)
         least.append(np.minimum(base - abs(crank - rod), outer - base))
@@ -160,12 +157,9 @@ def test_rows_that_are_out_of_reach_do_not_disturb_others():
     inverse = kinematics.at(poses, modes=[(1, -1, 1)])
     alone = kinematics.at(np.delete(poses, 3, axis=0), modes=[(1, -1, 1)])
     assert inverse.labels == ("+-+",) and inverse.status[0, 3] == Status.OUT_OF_REACH
-    for one, other in (
-        (inverse.inputs, alone.inputs),
-        (inverse.margin, alone.margin),
-        (inverse.type_2, alone.type_2),
-    ):
-        assert np.array_equal(np.delete(one, 3, axis=1), other, equal_nan=True)
+    for name in ("inputs", "margin", "type_2"):
+        one, other = np.delete(getattr(inverse, name), 3, axis=1), getattr(alone, name)
+        assert np.array_equal(one, other, equal_nan=True)
     assert np.any(inverse.status == Status.OUT_OF_REACH)
     empty = kinematics.at(np.empty((0, 3, 3)))
     assert empty.inputs.shape == (8, 0, 3)
@@ -221,9 +215,7 @@ def test_files_say_what_an_output_points_with():
     line = next(line for line in text.splitlines() if line.startswith("xyz"))
     turned = loads(text.replace(line, "lonlat = [90.0, 15.0]")).outputs[0].direction
     assert np.allclose(turned, [0.0, np.cos(np.radians(15)), np.sin(np.radians(15))])
-    with pytest.raises(
-        FileError, match=r"outputs.pointer.axis: link .* has no R pair .21."
-    ):
+    with pytest.raises(FileError, match=r"pointer.axis: link .* has no R pair .21."):
         loads(text.replace(line, 'axis = "21"'))
     with pytest.raises(FileError, match="the direction is given by axis already"):
         loads(text.replace(line, f'axis = "43"\n{line}'))
@@ -234,10 +226,8 @@ def test_names_of_the_wrist_give_way():
     renamed = loads(dumps(made).replace('"43"', '"tilt"').replace("pairs.43", "pairs.tilt"))
     wrist = with_wrist(renamed).mechanism
     assert [pair.name for pair in wrist.pairs[-3:]] == ["azimuth", "tilt_", "turn"]
-    assert sk.InverseKinematics(renamed).legs == (
-        "dyad of 21, 32, turn",
-        "dyad of tilt, 54, 51",
-    )
+    legs = sk.InverseKinematics(renamed).legs
+    assert legs == ("dyad of 21, 32, turn", "dyad of tilt, 54, 51")
 
 
 def test_every_turn_of_the_mid_plane_mechanism_is_found():

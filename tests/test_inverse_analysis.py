@@ -1,6 +1,7 @@
 """The analysis `inverse_kinematics`: rates, both ways, files, windows, bad input."""
 
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +19,7 @@ from spherekit.motion.motion import motion_of
 from spherekit.output.dyads import rates_of_turns
 from spherekit.output.forward import ForwardKinematics, output_rates
 from spherekit.region.mesh import spread
-from spherekit.workspace.inverse import (
-    GraphKinematics,
-    output_kinematics,
-)
+from spherekit.workspace.inverse import GraphKinematics, output_kinematics
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
 AWAY = 0.05
@@ -106,9 +104,7 @@ def test_phi_and_gamma_of_the_paper():
     result, findings = found_in("two_dof_spm", poses="phi=75+gamma=-20")
     table = result.frame()
     inputs = np.degrees(table[["q_21", "q_61"]].to_numpy())
-    known = [[5.3391, 56.7404], [5.3391, 100.7573], [113.7956, 56.7404]]
-    known.append([113.7956, 100.7573])
-    for each in known:
+    for each in product((5.3391, 113.7956), (56.7404, 100.7573)):
         assert np.min(np.abs(inputs - each).max(axis=1)) < 1e-4
     assert findings["poses_by_number_of_solutions"] == {"8": 1}
     assert findings["largest_closure_residual_rad"] < 1e-14

@@ -266,7 +266,7 @@ class PoseFinder:
             inputs, a direction or a mid-plane, or the start is singular.
         """
         values, first = start.values[number], start.orientations[number]
-        named, form = self.output.name, self.form
+        name, form = self.output.name, self.form
         signs = np.array([1.0 if sign == "+" else -1.0 for sign in start.labels[number]])
         if isinstance(end, AtRotation):
             if form is not None:
@@ -274,7 +274,7 @@ class PoseFinder:
                 about = unit(end.axis)
                 if abs(normal @ form.frame.T @ about) < IN_PLANE:
                     return form.rotation_about(normal, about, end.angle, signs)
-            return follow_rotation(self.mechanism, values, end.axis, end.angle, named)
+            return follow_rotation(self.mechanism, values, end.axis, end.angle, name)
         if isinstance(end, AtOrientation):
             wanted = end.orientation
         else:
@@ -289,7 +289,7 @@ class PoseFinder:
             normals, departure = form.normals(np.stack([first, wanted]))
             if departure[1] < SAME_POSE:
                 return form.rotation_between(normals[0], normals[1], signs)
-        return follow_to(self.mechanism, values, wanted, named)
+        return follow_to(self.mechanism, values, wanted, name)
 
 
 def _modes(form: MidPlaneArchitecture) -> list[Floats]:

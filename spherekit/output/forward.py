@@ -285,12 +285,14 @@ def output_rates(motion: Motion, output: Output) -> Floats:
     rates = nans((len(motion), 3, motion.inputs.shape[1]))
     inverse = transpose(motion.rotations[good, base])
     part = motion.rows(good)
-    at, free = part.linearisation, list(part.free)
+    at = part.linearisation
     for column, pair in enumerate(motion.assembly.inputs):
         (moved,) = mechanism.variables_of(pair)
         speeds = np.zeros_like(part.values)
         speeds[:, moved] = 1.0
-        speeds[:, free] = -(part.closure_inverse @ at.jacobian[:, :, moved, None])[..., 0]
+        speeds[:, part.free] = -(part.closure_inverse @ at.jacobian[:, :, moved, None])[
+            ..., 0
+        ]
         w = at.body_rates(speeds)
         rates[good, :, column] = np.matvec(inverse, w[:, link] - w[:, base])
     return rates

@@ -275,7 +275,7 @@ class _GearedRows:
         """(n, pairs) variables of all pairs, those of R pairs in (-pi, pi]."""
         owner, train = self.owner, self.owner.train
         values = np.empty((len(self.inputs), len(owner.mechanism.pairs)))
-        values[:, list(driven_pairs(owner.mechanism))] = wrap(self.inputs)
+        values[:, driven_pairs(owner.mechanism)] = wrap(self.inputs)
         values[:, train.followers] = wrap(self.inputs @ train.ratios.T + train.offsets)
         values[:, train.contacts] = self.inputs @ train.length_ratios.T + train.lengths
         for pair, k in owner.number.items():
@@ -431,7 +431,7 @@ class GraphKinematics(OutputKinematics):
         """Return a row for each configuration found, or one that says there is none."""
         solutions = self.kinematics.solutions(poses)
         labels = np.array([*map(label_of, solutions.signs), ""])
-        kept = np.flatnonzero(np.isin(labels[:-1], list(modes)))
+        kept = np.flatnonzero(np.isin(labels[:-1], modes))
         none = np.setdiff1d(np.arange(len(poses)), solutions.row[kept])
         at = np.append(kept, np.full(len(none), -1))
         seen = at >= 0
