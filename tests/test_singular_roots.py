@@ -186,7 +186,7 @@ def test_random_starts_meet_the_curves_that_slices_meet(kind):
     for each in by_slices.curves:
         check_points(tracer, each.points, kind)
         inside = each.points.rows(each.points.inside)
-        curves = (other.curve for other in by_starts.curves)
+        curves = (other.traced[1] for other in by_starts.curves)
         hits = [curve.find(inside.values, inside.motion) for curve in curves]
         assert np.all(np.any(hits, axis=0))
 
