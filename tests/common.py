@@ -3,15 +3,21 @@
 from dataclasses import replace
 from typing import ClassVar
 
+import pytest
+
 import spherekit as sk
 from spherekit.analysis.batch import Needs
 from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.engine.compiler import available
 from spherekit.engine.expression_graph import expression_terms, float_function, symbols
 from spherekit.engine.fields import evaluate
 from spherekit.motion import assembly_modes as assembly_modes
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
+
+compiled = pytest.mark.skipif(not available(), reason="heyoka is not installed")
+ENGINES = (pytest.param("compiled", marks=compiled), "numpy")
 
 
 class Listener:

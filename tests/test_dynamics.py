@@ -11,6 +11,7 @@ import example_mechanisms
 import mpmath as mp
 import numpy as np
 import pytest
+from common import ENGINES
 from exact_four_bar import four_bar as four_bar_at
 from newton_euler import loaded
 from refusals import TABLES, check_call
@@ -19,7 +20,6 @@ from spherekit_analyses.eksergian import Eksergian
 import spherekit as sk
 from spherekit.dynamics import forward
 from spherekit.dynamics.start import PoseStart
-from spherekit.engine.compiler import available
 from spherekit.errors import SolveError
 from spherekit.model.dynamics import JointLimit, Mass, Spring
 from spherekit.model.study import ConstantSpeed, Start
@@ -31,7 +31,6 @@ def simulate(*given, **options):
     return forward.simulate(*given, engine="numpy", **options)
 
 
-COMPILED = pytest.mark.skipif(not available(), reason="heyoka is not installed")
 FLAT = np.radians([60.0, 40.0, 60.0, 40.0])
 FLAT_ONE = replace(example_mechanisms.four_bar(FLAT), loads=())
 TURN = np.linspace(0.0, 2.0 * np.pi, 121)
@@ -244,7 +243,7 @@ def test_a_crossing_of_curves_is_passed_where_that_is_asked():
     assert table["theta_21"].to_numpy() == pytest.approx(moved[:, 0], abs=1e-9)
 
 
-@pytest.mark.parametrize("engine", ["numpy", pytest.param("compiled", marks=COMPILED)])
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("off", "end"), [(1e-12, "singularity"), (1e-9, "time")])
 def test_both_engines_tell_curves_that_avoid_each_other_from_crossing_ones(
     engine, off, end

@@ -4,17 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from common import compiled
 from newton_euler import heavy, hold_to
 from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.dynamics.coordinates import christoffel
 from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.engine.compiler import available
 from spherekit.model.dynamics import JointLimit
 from spherekit.plugin.rotations import normal_at
-
-compiled = pytest.mark.skipif(not available(), reason="heyoka is not installed")
 
 STARTS = {
     "two_dof_spm": (0.3, 0.35),

@@ -8,13 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from common import ENGINES, compiled
 from example_mechanisms import four_bar
 from newton_euler import body, loaded
 from refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.dynamics.start import PoseStart
-from spherekit.engine.compiler import available
 from spherekit.engine.dyads import Cache
 from spherekit.engine.equation import compiled_equation
 from spherekit.engine.expression_graph import BLOCK
@@ -30,21 +30,8 @@ from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
 from spherekit.rates.request import request
 
-compiled = pytest.mark.skipif(
-    not available(), reason="heyoka is not installed; the engine is an extra"
-)
-
-ENGINES = (pytest.param("compiled", marks=compiled), "numpy")
-
-MECHANISMS = [
-    "four_bar",
-    "stephenson",
-    "double_butterfly",
-    "roller_cam",
-    "flat_cam",
-    "bevel_pair",
-    "planetary_bevel",
-]
+MECHANISMS = "four_bar", "stephenson", "double_butterfly", "roller_cam", "flat_cam"
+MECHANISMS += "bevel_pair", "planetary_bevel"
 COEFFICIENTS = ["velocity_coefficient", "acceleration_coefficient"]
 
 
@@ -246,17 +233,8 @@ def test_both_engines_find_the_same_motion(case):
         assert (a.kind, a.pair) == (b.kind, b.pair) and abs(a.t - b.t) < 1e-8
     times = np.linspace(0.0, 2.0, 31)
     a, b = one.at(times), other.at(times)
-    for name in [
-        "q",
-        "values",
-        "dq",
-        "value_rates",
-        "ddq",
-        "speed",
-        "Q",
-        "kinetic",
-        "work",
-    ]:
+    names = "q", "values", "dq", "value_rates", "ddq", "speed", "Q", "kinetic", "work"
+    for name in names:
         size = 1.0 + np.max(np.abs(getattr(b, name)), initial=0.0)
         gap = np.max(np.abs(getattr(a, name) - getattr(b, name)), initial=0.0)
         assert gap < 2e-10 * size, name

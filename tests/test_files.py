@@ -42,13 +42,11 @@ def test_the_files_these_faults_start_from_are_sound():
     assert cam.pairs[2].profiles[1].centre == (0.0, 0.0, 1.0)
 
 
-def test_no_geometry_at_all():
+def test_faults_are_listed_in_the_order_of_the_file():
     text = POSE.replace("xyz = [0.0, 0.0, 1.0]\nvalue = 10.0\n", "", 1)
     message = fault(text.replace("lonlat = [90.0, 0.0]\n", "", 1))
     assert message.startswith("x.toml:8: pairs.a: no geometry: give axes and arcs")
 
-
-def test_all_faults_are_listed_in_the_order_of_the_file():
     text = changed(SIZES, 'type = "R"', 'type = "X"')
     lines = fault(changed(text, "[user]", "[users]")).split("\n")
     assert [line.split(": ")[0] for line in lines] == ["x.toml:22", "x.toml:44"]
@@ -69,13 +67,11 @@ def test_damaged_files_are_file_errors_or_mechanisms():
             loads(text)
 
 
-def test_windows_line_ends_and_byte_order_mark():
+def test_windows_line_ends_and_user_data_are_kept():
     text = "\ufeff" + SIZES.replace("\n", "\r\n")
     assert loads(text) == loads(SIZES)
     assert fault(changed(text, "70.5", "nan")).startswith("x.toml:16: ")
 
-
-def test_user_data_is_kept_and_never_interpreted():
     text = SIZES + "x = nan\nangle_unit = 7\ntype.R = [1979-05-27, {a = 1.5}]\n"
     user = loads(text).user
     assert user["angle_unit"] == 7 and type(user["type"]["R"][1]["a"]) is float

@@ -72,8 +72,6 @@ def test_broken_packs_are_records(install):
     with pytest.raises(FileError, match=r"Broken packs: .*sk_empty \(sk_empty holds no"):
         find("delta")
 
-
-def test_a_name_shipped_twice(install):
     install("sk_one", ["same.toml"])
     install("sk_two", ["same.toml"])
     with pytest.raises(FileError, match=r"shipped by several packs; give a path: .*sk_one"):

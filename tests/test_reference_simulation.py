@@ -6,6 +6,7 @@ from functools import partial
 import mpmath as mp
 import numpy as np
 import pytest
+from common import compiled
 from exact_four_bar import arcs_of
 from exact_four_bar import four_bar as four_bar_at
 from example_mechanisms import one_link
@@ -25,7 +26,6 @@ from spherekit.motion.motion import PositionAnalysis
 from spherekit.proof.balls import Digits
 from spherekit.tradeoff.trade import trade
 
-compiled = pytest.mark.skipif(not available(), reason="heyoka is not installed")
 INERTIA, WEIGHT = 0.75, 2.5
 FIFTY = Digits(50)
 

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from common import ENGINES
 from example_mechanisms import one_link as linked
 from newton_euler import heavy, hold_to
 
@@ -17,13 +18,6 @@ from spherekit.files.write import dump
 from spherekit.model.dynamics import Friction, JointLimit, PairTorque
 from spherekit.model.study import Start
 
-ENGINES = (
-    pytest.param(
-        "compiled",
-        marks=pytest.mark.skipif(not available(), reason="heyoka is not installed"),
-    ),
-    "numpy",
-)
 START = Start(0.3, 1.0)
 RUBBED = [
     ("four_bar", ("43", "21"), 0.5, 0.2),

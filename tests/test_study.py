@@ -69,7 +69,7 @@ def test_everything_but_the_mechanism_has_a_default(tmp_path):
     assert only.name == "poles"
 
 
-def test_the_mechanism_may_lie_beside_the_study(tmp_path, monkeypatch):
+def test_a_study_is_no_mechanism_but_names_its_file(tmp_path, monkeypatch):
     (tmp_path / "parts").mkdir()
     sk.dump(sk.load("four_bar"), tmp_path / "parts" / "mine.toml")
     path = write(tmp_path, 'format = 1\nmechanism = "parts/mine.toml"\n')
@@ -85,14 +85,9 @@ def test_a_limit_not_given_is_that_of_the_mechanism(tmp_path):
     (driven,) = load_study(write(tmp_path, without_unit)).mechanism.inputs
     assert (driven.pair, driven.start, driven.stop) == ("14", 0.0, 2 * np.pi)
 
-
-def test_faults_of_the_mechanism_file_name_that_file(tmp_path):
     (tmp_path / "bad.toml").write_text('format = 1\nname = "bad"\n')
     message, _ = fault(tmp_path, STUDY.replace("stephenson", "bad.toml"))
     assert message.startswith(f"{tmp_path / 'bad.toml'}:1: ")
-
-
-def test_a_study_is_no_mechanism(tmp_path):
     path = write(tmp_path, STUDY)
     with pytest.raises(FileError, match="is a study, not a mechanism; read it with"):
         sk.load(path)
@@ -145,15 +140,12 @@ def test_samples_given_replace_the_values_of_a_study(tmp_path, capsys):
         assert f'"samples": {count},' in capsys.readouterr().out
 
 
-def test_the_command_line_reports_a_faulty_study(tmp_path, capsys):
+def test_the_command_line_reports_faults_and_explains_a_study(tmp_path, capsys):
     path = write(tmp_path, STUDY.replace("only =", "onyl ="))
     for command in ("run", "explain", "validate"):
         assert main([command, str(path)]) == 1
         said = f'{path}:13: analyses.poles.onyl: "onyl" is not a parameter'
         assert said in capsys.readouterr().err
-
-
-def test_explain_and_validate_take_the_study_s_input_and_analyses(tmp_path, capsys):
     path = write(tmp_path, STUDY.replace("[inputs.12]", "[inputs.14]"))
     assert main(["explain", str(path), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
