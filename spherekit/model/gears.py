@@ -47,8 +47,7 @@ TOUCHING = 1e-6
 
 def joints_of(mechanism: Mechanism, apart: float = TOUCHING) -> tuple[Joint, ...]:
     """Return the joints of a mechanism, see `joints_in_pose`."""
-    joints, _ = joints_in_pose(mechanism, apart)
-    return joints
+    return joints_in_pose(mechanism, apart)[0]
 
 
 def joints_in_pose(
@@ -64,26 +63,25 @@ def joints_in_pose(
         If profiles are not curves, or do not touch in the reference pose.
     """
     given = mechanism.geometry
+    posed = isinstance(given, PoseGeometry)
+    values = given.values if isinstance(given, PoseGeometry) else {}
     first, second = pair_frames(mechanism)
     joints: list[Joint] = []
     reference: list[float] = []
     for pair in mechanism.pairs:
         if pair.kind.has_axis:
             joints.append(Revolute(first[pair.name], second[pair.name]))
-            if isinstance(given, PoseGeometry):
-                reference.append(given.values.get(pair.name, 0.0))
+            reference.append(values.get(pair.name, 0.0))
             continue
         curves = contact_curves(mechanism, pair)
-        start = pair.start
-        if isinstance(given, PoseGeometry):
-            start = touching(mechanism, pair, curves, apart)
+        start = touching(mechanism, pair, curves, apart) if posed else pair.start
         if pair.type == "Cr":
             joints.append(Rolling(*curves, start))
             reference.append(0.0)
         else:
             joints.append(Sliding(*curves))
             reference += start
-    return tuple(joints), np.array(reference) if isinstance(given, PoseGeometry) else None
+    return tuple(joints), np.array(reference) if posed else None
 
 
 def contact_curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:
@@ -131,11 +129,11 @@ def touching(
 def link_axes(mechanism: Mechanism) -> "LinkAxes":
     """Return the unit axis (3,) of every R pair in each of its links, by names."""
     axes: dict[str, Frames] = {link: {} for link in mechanism.links}
-    first, second = pair_frames(mechanism)
+    both = pair_frames(mechanism)
     for pair in mechanism.pairs:
         if pair.kind.has_axis:
-            axes[pair.links[0]][pair.name] = first[pair.name][:, 2]
-            axes[pair.links[1]][pair.name] = second[pair.name][:, 2]
+            for link, frames in zip(pair.links, both, strict=True):
+                axes[link][pair.name] = frames[pair.name][:, 2]
     return axes
 
 
@@ -231,9 +229,7 @@ def reference_frame(axes: Mapping[str, Floats], name: str) -> Floats:
     Its x axis leads to the first other axis that is not on the same line.
     """
     axis = axes[name]
-    for other, direction in axes.items():
-        if other == name:
-            continue
+    for direction in axes.values():
         toward = cross(cross(axis, direction), axis)
         length = np.linalg.norm(toward)
         if length > COLLINEAR:

@@ -94,7 +94,7 @@ class Mechanism:
     user: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.ground in self.links and self.links[0] != self.ground:
+        if self.ground in self.links:
             rest = tuple(name for name in self.links if name != self.ground)
             object.__setattr__(self, "links", (self.ground, *rest))
         _check(self)
@@ -286,12 +286,11 @@ class Mechanism:
         >>> import spherekit as sk
         >>> longer = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": 25.0})
         """
-        geometry, other = self.geometry, dict[str, object]()
+        geometry = self.geometry
+        form = "axes and values in a pose"
+        other: Mapping[str, Any] = {"arcs": arcs, "angles": angles, "zeros": zeros}
         if isinstance(geometry, SizeGeometry):
             form, other = "arcs, angles and zeros", {"axes": axes, "values": values}
-        else:
-            form = "axes and values in a pose"
-            other = {"arcs": arcs, "angles": angles, "zeros": zeros}
         for key in [key for key, given in other.items() if given is not None]:
             raise ModelError(
                 f"{self.name}: with_sizes: {key} belongs to the other form of geometry; "
@@ -520,8 +519,7 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
     for name, zero in geometry.zeros.items():
         need_finite(f"{where}: pairs.{name}.zero", [zero])
     for link in mechanism.links:
-        turning = (pair for pair in mechanism.pairs if pair.kind.has_axis)
-        expected = [pair.name for pair in turning if link in pair.links]
+        expected = [x.name for x in mechanism.pairs if x.kind.has_axis and link in x.links]
         sizes = geometry.links.get(link, LinkSizes(()))
         key = f"{where}: links.{link}"
         if sorted(sizes.axes) != sorted([*expected, *sizes.unpaired]):
