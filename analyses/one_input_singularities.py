@@ -220,11 +220,8 @@ class OneInput:
 
     def findings(self) -> Findings:
         """Return how many singularities there are, and where a mode comes near one."""
-        sampled = self.sampled
-        points = self.points
-        names = self.names
-        report = sampled.report
-        configurations = sampled.configurations
+        sampled, points, names = self.sampled, self.points, self.names
+        report, configurations = sampled.report, sampled.configurations
         inside = points["inside"] == "yes"
         count = len(sampled.curves)
         here, beyond = (

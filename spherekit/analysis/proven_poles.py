@@ -144,11 +144,9 @@ def prove_poles(
     PlanError
         If the mechanism is none that proofs are for.
     """
-    motion = dict(motion)
-    poles = dict(poles)
+    motion, poles = dict(motion), dict(poles)
     written = Written.of(mechanism)
     made = construct(written.structure)
-    links = mechanism.links
     columns = [written.motion_columns()[pair] for pair in made.pairs]
     working = ProgressReporter("proving poles")
     proven: dict[tuple[int, int, str, frozenset[str]], tuple[Array, Ball]] = {}
@@ -173,7 +171,7 @@ def prove_poles(
             for (moved, *two), direction, coefficient in enclosed_poles(equations, places):
                 if direction is not None:
                     moving = written.structure.pairs[moved]
-                    ends = frozenset(links[k] for k in two)
+                    ends = frozenset(mechanism.links[k] for k in two)
                     proven[*place, moving, ends] = direction, coefficient
         parts = list[Facts]()
         for number in range(len(poles["sample"])):

@@ -211,8 +211,7 @@ def rubbed(
         change[..., k] = on_bearings(balance.left_by(needed, about))
     laws, timing = [part.magnitude for part in parts], driven.timing
     factors = loads.grips * loads.evaluated(laws, motion, timing.dq, timing.t)
-    carried[good], settled, rounds = _solved(still, change, factors)
-    locked[good] = ~settled
+    carried[good], locked[good], rounds = _solved(still, change, factors)
     return carried, locked, rounds
 
 
@@ -240,7 +239,7 @@ def _need_determined(
 
 
 def _solved(still: Floats, change: Floats, factors: Floats) -> tuple[Floats, Bools, int]:
-    """Return what is carried, given a, b and r of the module."""
+    """Return what is carried, and what is not known, given a, b and r of the module."""
     sizes = np.sum(np.linalg.norm(change, axis=3), axis=2)
     feedback = max_abs(np.linalg.eigvals(np.abs(factors)[..., None] * sizes), axis=1)
 
@@ -269,7 +268,7 @@ def _solved(still: Floats, change: Floats, factors: Floats) -> tuple[Floats, Boo
         moved = regular & ~(gap <= SETTLED * np.max(carried, axis=1))
         if rounds == MOST_ROUNDS or not np.any(moved):
             break
-    return carried, regular & ~moved, rounds
+    return carried, moved | ~regular, rounds
 
 
 PROJECTIONS = 3

@@ -306,13 +306,10 @@ def _time_faults(
                 "law or a start",
             )
         if duration is None:
-            yield law, "a time law needs a duration in s: --duration T, or duration = T"
+            yield law, "a time law needs a duration in s, --duration T or duration = T"
     if start is not None:
         if duration is None:
-            yield (
-                ("start",),
-                "a start needs a duration in s: --duration T, or duration = T",
-            )
+            yield ("start",), "a start needs a duration in s, --duration T or duration = T"
         try:
             start.each(inputs)
         except ModelError as problem:

@@ -398,10 +398,8 @@ def left_out(whole: Mechanism, part: Mechanism) -> Facts:
 
 def summary_of(job: RunPlan, standing: RunState) -> Facts:
     """Return what is to be said of a run that is done, ready for JSON."""
-    course = job.course
-    mechanism = job.mechanism
+    course, mechanism, findings = job.course, job.mechanism, standing.findings
     tracer = course.tracer
-    findings = standing.findings
     told = {
         kind: [
             f"{name}: {x}" for name, item in findings.items() for x in getattr(item, kind)
