@@ -85,6 +85,21 @@ def as_floats(expression, names):
     return lambda row: made(row)[0]
 
 
+def distribution(folder, name, *lines):
+    """Put a distribution with such lines of entry points into a folder."""
+    info = folder / f"{name}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("\n".join([*lines, ""]))
+
+
+def with_springs(*pairs):
+    """Return the four-bar with springs that remember how often they were wound."""
+    springs = [sk.PairTorque(f"at_{p}", p, f"-0.3*theta_{p}") for p in pairs]
+    made = sk.load("four_bar")
+    return replace(made, loads=(*made.loads, *springs))
+
+
 class Asking(AbstractAnalysis):
     """An analysis of a test, which asks for nothing unless it says so."""
 

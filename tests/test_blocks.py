@@ -6,7 +6,7 @@ from typing import ClassVar, final
 
 import numpy as np
 import pytest
-from common import Asking, Listener, rows_of
+from common import Asking, Listener, rows_of, with_springs
 
 import spherekit as sk
 from spherekit.analysis.batch import Needs
@@ -31,13 +31,6 @@ COURSES = {
         "engine": "numpy",
     },
 }
-
-
-def wound():
-    """The four-bar with springs that remember how often they were wound."""
-    made = sk.load("four_bar")
-    springs = [sk.PairTorque(f"at_{p}", p, f"-0.3*theta_{p}") for p in ("21", "32", "43")]
-    return replace(made, loads=(*made.loads, *springs))
 
 
 def many_turns():
@@ -113,8 +106,9 @@ def data_of(result, name):
 @pytest.mark.parametrize("course", COURSES)
 def test_eksergian_in_blocks_and_at_once(course):
     """Up to the rounding of a motion evaluated in other blocks."""
+    made = with_springs("21", "32", "43")
     whole, blocks = (
-        sk.run(wound(), "eksergian", **COURSES[course], block=block) for block in (None, 7)
+        sk.run(made, "eksergian", **COURSES[course], block=block) for block in (None, 7)
     )
     assert blocks.summary["samples_in_a_block"] == 7 < whole.summary["samples"]
     for name in ("motion", "eksergian"):
@@ -140,9 +134,8 @@ def test_eksergian_in_blocks_and_at_once(course):
 
 def test_a_portrait_has_one_frame_whatever_the_blocks():
     listener = Listener()
-    start = COURSES["loads"]
-    result = sk.run(wound(), "eksergian", **start, block=50, recorder=listener)
-    frame = result.frame()
+    how = {**COURSES["loads"], "block": 50, "recorder": listener}
+    frame = sk.run(with_springs("21", "32", "43"), "eksergian", **how).frame()
     every = [part for scene in listener.scenes for part in scene.primitives]
     portraits = [part for part in every if isinstance(part, Portrait)]
     assert sum(len(portrait.x) for portrait in portraits) == 120

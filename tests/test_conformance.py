@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from broken_plugins import BROKEN, UNNOTICED, Sound
+from common import distribution
 
 import spherekit as sk
 from spherekit.analysis.registry import names
@@ -34,12 +35,8 @@ def installed(tmp_path, monkeypatch):
     """A folder with a distribution whose entry points lead to nothing that works."""
     (tmp_path / "raises_at_import.py").write_text('raise RuntimeError("not today")\n')
     (tmp_path / "exits_at_import.py").write_text("raise SystemExit(3)\n")
-    info = tmp_path / "broken-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
-    lines = [f"{name} = {target}\n" for name, (target, _) in BROKEN_AT_IMPORT.items()]
-    text = "".join(["[spherekit.analyses]\n", *lines])
-    (info / "entry_points.txt").write_text(text)
+    lines = [f"{name} = {target}" for name, (target, _) in BROKEN_AT_IMPORT.items()]
+    distribution(tmp_path, "broken", "[spherekit.analyses]", *lines)
     monkeypatch.syspath_prepend(str(tmp_path))
 
 
@@ -86,10 +83,7 @@ def test_what_does_not_load_is_listed_beside_the_others(installed, capsys):
 
 def test_what_is_installed_later_on_is_found(installed, tmp_path):
     assert "raises_at_import" in names() and "later" not in names()
-    info = tmp_path / "later-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: later\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[spherekit.analyses]\nlater = later:Later\n")
+    distribution(tmp_path, "later", "[spherekit.analyses]", "later = later:Later")
     assert "later" in names()
 
 
@@ -110,12 +104,8 @@ def run(name, folder, capsys):
     asked = ["-a", name, "-a", "poles", "--samples", "5", "-o", str(folder / "out")]
     status = main(["run", "four_bar", *asked, "--save", recording])
     assert (folder / "out" / "poles.csv").read_text().count("\n") == 1 + 5 * 2 * 6
-    said = [
-        line
-        for line in capsys.readouterr().err.splitlines()
-        if line.startswith("spherekit: ")
-    ]
-    return status, said
+    said = capsys.readouterr().err.splitlines()
+    return status, [line for line in said if line.startswith("spherekit: ")]
 
 
 @pytest.mark.many

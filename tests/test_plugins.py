@@ -6,7 +6,7 @@ from typing import ClassVar, final
 import numpy as np
 import pytest
 from broken_plugins import Tuned
-from common import Asking
+from common import Asking, distribution
 
 import spherekit as sk
 from spherekit.analysis.batch import Batch, Needs
@@ -31,11 +31,7 @@ class Swing(Asking):
 
     name: ClassVar = "swing"
     tables: ClassVar = (
-        Table(
-            "swing",
-            "one row per assembly mode",
-            (ASSEMBLY_MODE, Column("swing", "rad", "largest")),
-        ),
+        Table("swing", "of each mode", (ASSEMBLY_MODE, Column("swing", "rad", "largest"))),
     )
     pair: str = "41"
 
@@ -45,15 +41,9 @@ class Swing(Asking):
 
     def compute(self, batch: Batch):
         values = batch.pair_value(self.pair)
-        found = [
-            (n, np.ptp(values[rows])) for n, rows in batch.assembly_mode_rows().items()
-        ]
-        return {
-            "swing": {
-                "assembly_mode": np.array([n for n, _ in found]),
-                "swing": np.array([s for _, s in found]),
-            }
-        }
+        rows = batch.assembly_mode_rows()
+        swing = np.array([np.ptp(values[own]) for own in rows.values()])
+        return {"swing": {"assembly_mode": np.array([*rows]), "swing": swing}}
 
 
 @final
@@ -103,11 +93,8 @@ class Ranges(Asking):
 
     def findings(self, batch: Batch):
         widest = float(np.max(np.ptp(batch.inputs, axis=0)))
-        return Findings(
-            {"widest": widest, "modes": len(batch.tracer.assembly_modes)},
-            ("So.",),
-            ("Yes.",),
-        )
+        modes = len(batch.tracer.assembly_modes)
+        return Findings({"widest": widest, "modes": modes}, ("So.",), ("Yes.",))
 
 
 def test_columns_for_each_input_and_findings_in_the_summary():
@@ -179,33 +166,20 @@ def test_every_kind_of_parameter_can_be_given_on_the_command_line():
                 create(f"tuned:count=3,{wrong}")
 
 
-@pytest.fixture
-def installed(tmp_path, monkeypatch):
-    """Install a distribution with such entry points."""
-
-    def install(text):
-        info = tmp_path / "third_party-1.0.dist-info"
-        info.mkdir()
-        lines = "Metadata-Version: 2.1", "Name: third-party", "Version: 1.0", ""
-        (info / "METADATA").write_text("\n".join(lines))
-        (info / "entry_points.txt").write_text(text)
-        monkeypatch.syspath_prepend(str(tmp_path))
-
-    return install
-
-
-def test_the_same_name_twice_is_refused(installed):
-    installed("[spherekit.analyses]\npoles = broken_plugins:Sound\n")
+def test_the_same_name_twice_is_refused(tmp_path, monkeypatch):
+    lines = "[spherekit.analyses]", "poles = broken_plugins:Sound"
+    distribution(tmp_path, "third_party", *lines)
+    monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(PluginError, match="several distributions"):
         load("poles")
 
 
-def test_one_class_under_two_names_of_its_distribution_is_one(installed):
+def test_one_class_under_two_names_of_its_distribution_is_one(tmp_path, monkeypatch):
     """As where a distribution was installed before and after it was renamed."""
-    installed(
-        "[spherekit.analyses]\npoles = spherekit_analyses.poles:Poles\n"
-        "[spherekit.mechanisms]\nspherekit = spherekit_mechanisms\n"
-    )
+    analyses = "[spherekit.analyses]", "poles = spherekit_analyses.poles:Poles"
+    mechanisms = "[spherekit.mechanisms]", "spherekit = spherekit_mechanisms"
+    distribution(tmp_path, "third_party", *analyses, *mechanisms)
+    monkeypatch.syspath_prepend(str(tmp_path))
     assert load("poles").name == "poles"
     assert len(sk.mechanisms()) == len(set(sk.mechanisms()))
     assert sk.load("four_bar").name == "four_bar"

@@ -66,8 +66,11 @@ def given(
     for key, value in items.items():
         if key not in field:
             allowed = listing(f"{k}={declared[item][0]}" for k, item in field.items())
-            what = f'"{key}" is not a parameter of {name}{nearest(key, field) or "."}'
-            raise fault((key,), f"{what} Allowed: {allowed or 'none'}")
+            raise fault(
+                (key,),
+                f'"{key}" is not a parameter of {name}{nearest(key, field) or "."} '
+                f"Allowed: {allowed or 'none'}",
+            )
         made[field[key]] = read(key, value, hints[field[key]])
     missing = [
         key

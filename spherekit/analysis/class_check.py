@@ -34,8 +34,7 @@ def _faults(cls: Any) -> Iterator[str]:
         if not hasattr(cls, key):
             yield f"the class attribute `{key}` is missing"
             return
-        fault = fault_of(key, getattr(cls, key), *get_args(hint))
-        if fault:
+        if fault := fault_of(key, getattr(cls, key), *get_args(hint)):
             yield f"the class attribute {fault}"
     if not NAME_PATTERN.fullmatch(cls.name):
         yield f"its name {cls.name!r} may hold letters, digits and underscores only"
@@ -72,8 +71,8 @@ def _tables(tables: Sequence[Table]) -> Iterator[str]:
                     "rad, such as rad, rad/s or kg m2/rad, of "
                     f"{listing(sorted(SYMBOLS), len(SYMBOLS))} (--deg converts angles)"
                 )
-        ways = [column.turns for column in table.columns]
-        if any(len(list(group)) % 3 for way, group in groupby(ways) if way == "vector"):
+        ways = groupby(column.turns for column in table.columns)
+        if any(len(list(group)) % 3 for way, group in ways if way == "vector"):
             yield f"table {table.name}: the columns of a vector come in threes: x, y, z"
         names = [column.name for column in table.columns]
         if len(set(names)) < len(names):

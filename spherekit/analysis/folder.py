@@ -82,8 +82,7 @@ class RunFolder:
             hidden folder that no run has made.
         """
         folder = cls(make_folder(place))
-        others = foreign(folder.work, OWN, re.compile(MADE))
-        if others:
+        if others := foreign(folder.work, OWN, re.compile(MADE)):
             raise OutputError(
                 f"{str(folder.work)!r}: runs make no {listing(others, 4)} there: it stays "
                 "as it is; choose another folder for the results, or move it away"

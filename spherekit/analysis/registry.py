@@ -104,7 +104,7 @@ def load(name: str) -> type[AbstractAnalysis]:
             f"analysis {name}: given by several distributions ({origins}); uninstall "
             "all but one"
         )
-    entry = entries[0]
+    (entry,) = entries
     try:
         cls = entry.load()
     except (Exception, SystemExit) as problem:

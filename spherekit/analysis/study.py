@@ -237,8 +237,9 @@ def requests_for(
 
     `by_rank` is that of `spherekit.planning.poles.plan`.
     """
-    ends = {link for name in needs.pair_rates for link in mechanism.pair(name).links}
-    numbers = {mechanism.link_number[link] for link in needs.link_rates | ends}
+    ends = (mechanism.pair(name).links for name in needs.pair_rates)
+    links = needs.link_rates.union(*ends)
+    numbers = sorted(mechanism.link_number[link] for link in links)
     return tuple(
         request(
             mechanism,
@@ -248,7 +249,7 @@ def requests_for(
             needs.derivatives,
             sorted(needs.planes),
             by_rank,
-            sorted(numbers),
+            numbers,
         )
         for driven in driven_pairs(mechanism)
     )

@@ -109,8 +109,7 @@ class ConformanceSuite:
         return f"from {where}"
 
     def _metadata(self) -> str:
-        fault = fault_of_class(self._class)
-        if fault:
+        if fault := fault_of_class(self._class):
             raise PluginError(fault)
         for key in ("version", "summary"):
             if not getattr(self._class, key).strip():
@@ -369,8 +368,7 @@ def _same(
     for table in trial.job.tables_of(trial.analysis):
         tables = expected[table.name], given[table.name]
         within = BLOCKS if rotation is None else VARIANTS
-        fault = difference(table, *tables, within, rotation)
-        if fault:
+        if fault := difference(table, *tables, within, rotation):
             raise PluginError(f"{where}, {fault}")
 
 

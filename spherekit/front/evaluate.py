@@ -146,8 +146,7 @@ class Kinematics:
         names = self.mechanism.variable_names
         if name in names:
             return self._motion.values[:, names.index(name)]
-        (number,) = self._variables(name)
-        return self._motion.values[:, number]
+        return self._motion.values[:, self._variable(name)]
 
     @checked(SolveError)
     def variable_coefficient(self, pair: str, moving: str | None = None) -> Floats:
@@ -158,7 +157,7 @@ class Kinematics:
         SolveError
             If there is no such pair or input, or the pair has two variables.
         """
-        self._variables(pair)
+        self._variable(pair)
         return self._batch.pair_rate(pair, self._moving(moving))
 
     @checked(SolveError)
@@ -212,7 +211,7 @@ class Kinematics:
     def _link(self, name: str) -> str:
         return self.mechanism.links[self.mechanism.link(name)]
 
-    def _variables(self, pair: str) -> tuple[int, ...]:
+    def _variable(self, pair: str) -> int:
         number = self.mechanism.pair_number[self.mechanism.pair(pair).name]
         variables = self.mechanism.variables_of(number)
         if len(variables) > 1:
@@ -220,7 +219,7 @@ class Kinematics:
             raise SolveError(
                 f"{self.mechanism.name}: pair {pair} has two variables: ask for {names}"
             )
-        return variables
+        return variables[0]
 
     def _pole(self, text: str) -> Pole:
         pole = parse_pole(self.mechanism, text)
