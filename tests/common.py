@@ -11,6 +11,8 @@ from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.engine.compiler import available
 from spherekit.engine.expression_graph import expression_terms, float_function, symbols
 from spherekit.engine.fields import evaluate
+from spherekit.files.read import read
+from spherekit.files.write import document_of, number_path, with_numbers
 from spherekit.motion import assembly_modes as assembly_modes
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.poles import all_poles
@@ -65,6 +67,13 @@ def told_by(analysis, mechanism, **parameters):
 def bare(name):
     """Return a shipped mechanism without its masses and loads."""
     return replace(sk.load(name), masses=(), loads=())
+
+
+def with_values(subject, values):
+    """Return the mechanism of a file with other numbers, by their keys, in its units."""
+    document = document_of(subject)
+    numbers = {number_path(document, key): value for key, value in values.items()}
+    return read(with_numbers(document, numbers))
 
 
 def field_of(made, samples=361, search=True, wanted=None, derivatives=True):

@@ -12,6 +12,7 @@ from refusals import text_of
 pytest.importorskip("rerun", reason="the viewer extra is not installed")
 
 from rerun.chunk import RrdReader
+from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.analysis.plotted import plotted_range
@@ -85,10 +86,7 @@ def test_over_a_grid_series_are_maps_of_the_inputs(tmp_path):
     assert np.array_equal(cells, values.reshape(5, 4))
 
 
-def test_noise_is_no_signal_ticks_are_round_and_colours_go_from_first_to_last():
-    noise = 1.0 + 1e-15 * np.random.default_rng(1).normal(size=50)
-    low, high = plotted_range(noise, 1.0)
-    assert high - low >= 0.1 and low < np.min(noise) and np.max(noise) < high
+def test_ticks_are_round_and_colours_go_from_first_to_last():
     assert plotted_range(np.array([np.nan, 1.0, 3.0]), 3.0) == pytest.approx((0.9, 3.1))
     assert plotted_range(np.array([np.nan, 1.0, 3.0]), 3.0, shown_by="colours") == (1, 3)
     for low, high, degrees, expected in (
@@ -141,10 +139,8 @@ def test_solved_poses_are_drawn():
     assert len(bodies["link/3"].quaternions) == len(solved) == 4
     mechanism = sk.load("five_bar")
     axis = np.array(mechanism.outputs[0].direction)
-    x, y, z, w = bodies["link/3"].quaternions.T
-    vector = np.stack([x, y, z], axis=1)
-    turn = 2.0 * np.cross(vector, np.cross(vector, axis) + w[:, None] * axis)
-    assert np.max(np.abs(axis + turn - wanted)) < 1e-9
+    turned = Rotation.from_quat(bodies["link/3"].quaternions).apply(axis)
+    assert np.max(np.abs(turned - wanted)) < 1e-9
 
 
 def test_the_moving_axode_rolls_on_the_fixed_one():
@@ -162,11 +158,7 @@ def test_the_moving_axode_rolls_on_the_fixed_one():
     ]
     assert lengths[0][-1] > 1.0
     assert lengths[1] == pytest.approx(lengths[0], rel=1e-4)  # no slip
-    vector, w = moving.quaternions[:, :3], moving.quaternions[:, 3:]
-
-    def turned(v):
-        return v + 2.0 * np.cross(vector, np.cross(vector, v) + w * v)
-
+    turned = Rotation.from_quat(moving.quaternions).apply
     assert np.max(np.abs(turned(moving.directions) - u)) < 1e-12  # in contact
     step = np.gradient(moving.directions, axis=0)
     there, here = turned(step), np.gradient(fixed.directions, axis=0)

@@ -7,13 +7,14 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from common import bare
+from common import bare, with_values
 from example_mechanisms import crank_rocker
 from refusals import text_of
 
@@ -22,11 +23,12 @@ from spherekit.cli.main import main
 from spherekit.design.descent import FigureGradients, HeldMode
 from spherekit.design.figures import DesignSamples
 from spherekit.design.sweep import DesignSpace, variation
+from spherekit.design.sweep_identity import DEFINITION
 from spherekit.design.sweep_parts import run_sweep
+from spherekit.design.variables import design_variable
 from spherekit.errors import ModelError, OutputError
 from spherekit.files.library import find
-from spherekit.files.read import read
-from spherekit.files.write import document_of, number_path, with_numbers
+from spherekit.files.write import document_of
 from spherekit.front.designs import sweep_of
 from spherekit.model.study import Study
 
@@ -83,16 +85,16 @@ def test_rows_are_those_of_each_design_on_its_own(name, keys, pair, link):
         pair = next(p.name for p in mechanism.pairs if link in p.links)
     pole = f"{link}/{ground}"
     rng = np.random.default_rng(3)
-    paths = [number_path(document, key) for key in keys]
-    before = np.array([_at(document, path) for path in paths])
+    before = np.array([design_variable(document, key).value for key in keys])
     designs = before[:, None] + rng.normal(size=(len(keys), 4)) * 4.0
     designs[:, 0] = before
     words = {"pair": pair, "link": link, "ground": ground}
     reduce = [f"{k}={text.format(**words)}" for k, text in FIGURES.items()]
     for values in designs.T:
-        vary = {key: [value] for key, value in zip(keys, values, strict=True)}
+        design = dict(zip(keys, values, strict=True))
+        vary = {key: [value] for key, value in design.items()}
         found = sk.sweep(name, vary, reduce, samples=SAMPLES).frame()
-        changed = read(with_numbers(document, dict(zip(paths, values, strict=True))))
+        changed = with_values(name, design)
         modes = sk.trace(changed, samples=SAMPLES).assembly_modes
         assert sorted(found["mode"]) == sorted(mode.label for mode in modes)
         for mode in modes:
@@ -101,13 +103,6 @@ def test_rows_are_those_of_each_design_on_its_own(name, keys, pair, link):
             row["place"] %= 360.0
             for figure, value in wanted.items():
                 assert row[figure] == pytest.approx(value, rel=1e-9, abs=1e-9), figure
-
-
-def _at(document, path):
-    place = document.data
-    for step in path:
-        place = place.get(step, 0.0) if isinstance(step, str) else place[step]
-    return float(place)
 
 
 @pytest.mark.parametrize("name, middle", [("four_bar", "43"), ("stephenson", "56")])
@@ -207,12 +202,9 @@ def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
     found = run_sweep(sweep).frame()
     bad = found["mass_3_mass"] < 0.0
     assert found["reason"][bad].str.contains("mass").all() and sum(bad) == 8
-    document = document_of(path)
-    names = [key.replace(".", "_") for key in vary]
-    paths = [number_path(document, key) for key in vary]
     for _, row in found[~bad].iloc[::5].iterrows():
-        numbers = {path: row[name] for path, name in zip(paths, names, strict=True)}
-        run = sk.run(read(with_numbers(document, numbers)), "eksergian", samples=19)
+        design = {key: row[key.replace(".", "_")] for key in vary}
+        run = sk.run(with_values(path, design), "eksergian", samples=19)
         table = run.frame("eksergian")
         table = table[table["assembly_mode"] == (0 if row["mode"] == "+" else 1)]
         assert row["peak"] == pytest.approx(table["tau"].abs().max(), rel=1e-9)
@@ -401,19 +393,16 @@ def test_parts_of_a_process_that_is_killed_are_made_again(always, tmp_path):
         assert ended.stdout.split() == ["6"], ended.stderr
 
 
-def test_a_folder_holds_one_sweep(tmp_path):
-    vary = {"links.2.arc": [10.0, 20.0]}
-    sk.sweep("four_bar", vary, "max(q)", samples=5, folder=tmp_path)
-    again = sk.sweep("four_bar", vary, "max(q)", samples=5, folder=tmp_path)
+def test_a_folder_holds_one_sweep_that_is_known(tmp_path):
+    sweep = partial(sk.sweep, "four_bar", {"links.2.arc": [10.0, 20.0]}, "max(q)")
+    sweep(samples=5, folder=tmp_path)
+    again = sweep(samples=5, folder=tmp_path)
     assert again.computed == 0 and len(again.frame()) == 4
     with pytest.raises(OutputError, match="of another sweep.*samples: "):
-        sk.sweep("four_bar", vary, "max(q)", samples=6, folder=tmp_path)
-
-
-def test_parts_whose_sweep_is_not_known_are_not_taken(tmp_path):
-    (tmp_path / "part-000000.parquet").write_bytes(b"")
+        sweep(samples=6, folder=tmp_path)
+    (tmp_path / DEFINITION).unlink()
     with pytest.raises(OutputError, match="does not say of what"):
-        sk.sweep("four_bar", {"links.2.arc": [10.0]}, "max(q)", folder=tmp_path)
+        sweep(samples=5, folder=tmp_path)
 
 
 @pytest.mark.many
@@ -527,11 +516,10 @@ def test_coils_are_wound_on_in_groups_beyond_dyads_and_at_inputs():
     inertia = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
     mechanism = mechanism.with_mass("8", inertia)
     wanted = torques_of_runs(mechanism, 73)
-    key = "pairs.C.latitude"
-    document = document_of(mechanism)
-    latitude = float(_at(document, number_path(document, key)))
+    latitude = design_variable(document_of(mechanism), "pairs.C.latitude")
     reduce = [*HIGH_AND_LOW, "there=at(torque, 185)"]
-    rows = sk.sweep(mechanism, {key: [latitude]}, reduce, samples=73).frame()
+    vary = {latitude.key: [latitude.value]}
+    rows = sk.sweep(mechanism, vary, reduce, samples=73).frame()
     assert set(rows["claim"]) == {"complete"}
     assert np.allclose(np.sort(rows[["high", "low"]], axis=0), wanted, rtol=1e-7, atol=1e-9)
     run = sk.run(mechanism, "eksergian", samples=73).frame()
@@ -542,19 +530,15 @@ def test_coils_are_wound_on_in_groups_beyond_dyads_and_at_inputs():
 def test_angles_in_groups_beyond_dyads_are_those_of_runs():
     keys = ["C.longitude", "E.latitude", "H.latitude", "F.longitude"]
     changed = dict(zip([f"pairs.{key}" for key in keys], [5, 15, 12, 30], strict=True))
-    document = document_of("double_butterfly")
-    numbers = {number_path(document, key): value for key, value in changed.items()}
-    motion = sk.trace(read(with_numbers(document, numbers)), samples=37)
+    motion = sk.trace(with_values("double_butterfly", changed), samples=37)
     theta = np.degrees(motion.values[:, motion.mechanism.variable_names.index("theta_F")])
     theta = theta.reshape(-1, 37)
     wanted = np.stack([np.nanmax(theta, axis=1), np.nanmin(theta, axis=1)], axis=1)
     assert np.max(np.ptp(wanted, axis=1)) > 350.0
-    reduce, vary = (
-        ["a=max(theta_F)", "b=min(theta_F)"],
-        {k: [v] for k, v in changed.items()},
-    )
-    rows = sk.sweep("double_butterfly", vary, reduce, samples=37).frame()[["a", "b"]]
-    assert np.allclose(np.sort(rows, axis=0), np.sort(wanted, axis=0), rtol=0.0, atol=1e-8)
+    reduce, vary = ["max(theta_F)", "min(theta_F)"], {k: [v] for k, v in changed.items()}
+    rows = sk.sweep("double_butterfly", vary, reduce, samples=37).frame()
+    rows = np.sort(rows[["max_theta_F", "min_theta_F"]], axis=0)
+    assert np.allclose(rows, np.sort(wanted, axis=0), rtol=0.0, atol=1e-8)
 
 
 def test_sensitivities_are_of_coils_that_are_wound_on():

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
+from common import with_values
 from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.descent import FigureGradients, HeldMode
 from spherekit.design.sensitivity import Sensitivity
-from spherekit.files.read import read
-from spherekit.files.write import document_of, number_path, with_numbers
 
 WHEELS = text_of("three_wheels")
 
@@ -80,17 +79,13 @@ def test_wheels_and_contacts_in_any_group_are_those_of_runs(case, tmp_path):
     assert found.sweep.evaluator.kernel is not None
     frame = found.frame()
     assert set(frame["claim"]) <= {"complete", ""}
-    document = document_of(mechanism)
     for _, rows in frame.groupby("design"):
-        names = {key: key.replace(".", "_") for key in vary}
-        numbers = {number_path(document, k): rows[n].iloc[0] for k, n in names.items()}
-        changed = with_numbers(document, numbers)
+        design = {key: rows[key.replace(".", "_")].iloc[0] for key in vary}
         if rows["status"].iloc[0] != "OK":
             with pytest.raises(sk.SpherekitError):
-                sk.trace(read(changed), samples=9)
+                sk.trace(with_values(mechanism, design), samples=9)
             continue
-        made = read(changed)
-        run = sk.evaluate(made, np.radians(places))
+        run = sk.evaluate(with_values(mechanism, design), np.radians(places))
         theta = run.variable(pair)
         rates = run.variable_coefficient(pair, "right" if several else None)
         for k in range(len(places)):

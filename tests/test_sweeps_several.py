@@ -1,13 +1,16 @@
 """Sweeps over designs of mechanisms with several inputs against runs of each design."""
 
+from itertools import product
+
 import numpy as np
 import pytest
+from common import with_values
 from refusals import text_of
 
 import spherekit as sk
 from spherekit.design.variables import design_variable
-from spherekit.files.read import read
-from spherekit.files.write import document_of, number_path, with_numbers
+from spherekit.files.library import find
+from spherekit.files.write import document_of
 from spherekit.model.study import Study
 
 MASSES = text_of("sweeps_several_masses")
@@ -15,13 +18,10 @@ MASSES = text_of("sweeps_several_masses")
 
 def designs_of(name, keys, changes):
     """Return designs of a file: what is varied, and the mechanism of each."""
-    document = document_of(name)
-    own = {key: design_variable(document, key).value for key in keys}
+    own = {key: design_variable(document_of(name), key).value for key in keys}
     vary = {key: [own[key], own[key] + changes] for key in keys}
-    every = np.stack(np.meshgrid(*vary.values(), indexing="ij"), axis=-1)
-    paths = [number_path(document, key) for key in keys]
-    numbers = [dict(zip(paths, row, strict=True)) for row in every.reshape(-1, len(keys))]
-    return vary, [read(with_numbers(document, each)) for each in numbers]
+    designs = product(*vary.values())
+    return vary, [with_values(name, dict(zip(keys, row, strict=True))) for row in designs]
 
 
 def figures_of(mechanism, samples, link, pair, moving):
@@ -82,8 +82,6 @@ def test_rows_of_several_inputs_are_those_of_runs(name, keys, samples, link, pai
 
 
 def test_moments_of_several_inputs_are_those_of_the_dynamics(tmp_path):
-    from spherekit.files.library import find
-
     path = tmp_path / "acted.toml"
     whole = find("five_bar").read_text()
     path.write_text(whole[: whole.index("[mass.")] + MASSES)
@@ -94,10 +92,8 @@ def test_moments_of_several_inputs_are_those_of_the_dynamics(tmp_path):
     reduce = [f"torque_{i}=max(torque_by_{i})" for i in inputs]
     reduce += [f"B_{i}_{k}=max(B_{i}_by_{k})" for i in inputs for k in inputs]
     found = sk.sweep(study, {"mass.4.mass": [2.0, 1.5]}, reduce).frame()
-    document = document_of(mechanism)
     for mass, rows in found.groupby("mass_4_mass"):
-        number = {number_path(document, "mass.4.mass"): mass}
-        own = read(with_numbers(document, number))
+        own = with_values(mechanism, {"mass.4.mass": mass})
         run = sk.run(Study("", own, samples=5, duration=1.0, laws=laws), "dynamics")
         known = run.frame("dynamics")
         for (_, row), (_, table) in zip(

@@ -27,7 +27,7 @@ LIVE_TIMEOUT = 30.0
 PROBE_TIMEOUT = 2.0
 
 HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
-HTTP2_SETTINGS = 4
+HTTP2_SETTINGS = b"\x04"
 
 
 PIECE = 1 << 16
@@ -253,12 +253,10 @@ def _speaks_http2(host: str, port: int) -> bool:
     """
     try:
         with socket.create_connection((host, port), timeout=PROBE_TIMEOUT) as probe:
-            probe.settimeout(PROBE_TIMEOUT)
             probe.sendall(HTTP2_HELLO)
-            answer = probe.recv(9)
+            return probe.recv(9)[3:4] == HTTP2_SETTINGS
     except OSError:
         return False
-    return len(answer) > 3 and answer[3] == HTTP2_SETTINGS
 
 
 def _reason(error: BaseException) -> str:

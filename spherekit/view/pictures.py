@@ -120,9 +120,9 @@ def check_picture(picture: Path, size: Size) -> None:
 def check_version(recording: Path) -> None:
     """Raise `OutputError` if a recording was made by a rerun that this one cannot read."""
     with recording.open("rb") as stream:
-        head = stream.read(8)
+        head = stream.read(6)
     installed = tuple(int(part) for part in version("rerun-sdk").split(".")[:2])
-    made = (head[4], head[5]) if head[:4] == b"RRF2" and len(head) == 8 else (0, 0)
+    made = tuple(head[4:6]) if head.startswith(b"RRF2") else ()
     if OLDEST <= made <= installed:
         return
     here, by = (".".join(map(str, number)) for number in (installed, made))
@@ -155,13 +155,14 @@ def _in_front(parts: Mapping[str, Any]) -> Iterator[str]:
     left = [f"container/{parts['/viewport']['ViewportBlueprint']['root_container']}"]
     while left:
         kind, _, name = left[0].partition("/")
+        inner: list[str] = []
         if kind == "view":
             yield name
-            left = left[1:]
-            continue
-        fields = parts[f"/{left[0]}"]["ContainerBlueprint"]
-        shown = "active_tab" if fields["container_kind"] == "Tabs" else "contents"
-        left = [*_several(fields[shown]), *left[1:]]
+        else:
+            fields = parts[f"/{left[0]}"]["ContainerBlueprint"]
+            shown = "active_tab" if fields["container_kind"] == "Tabs" else "contents"
+            inner = _several(fields[shown])
+        left = inner + left[1:]
 
 
 def _several(value: str | list[str]) -> list[str]:
