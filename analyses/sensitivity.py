@@ -146,10 +146,9 @@ class SensitivityAnalysis(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return configurations with their times; refuse what has no derivative."""
         sensitivity, _ = self._asked(mechanism)
-        timed = len(mechanism.inputs) == 1 or sensitivity.timed
         return Needs(
             tracer=True,
-            time=timed,
+            time=len(mechanism.inputs) == 1 or sensitivity.timed,
             continued_values=frozenset(sensitivity.wound),
             links=sensitivity.links,
         )
@@ -213,8 +212,9 @@ class SensitivityAnalysis(AbstractAnalysis):
         drawn = np.full((3, *variance.shape), np.nan)
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
-            draws = deviations.draws(len(sensitivity.keys))
-            scattered = sensitivity.scattered(samples[rows], configurations[rows], draws)
+            scattered = sensitivity.scattered(
+                samples[rows], configurations[rows], deviations.draws(len(sensitivity.keys))
+            )
             drawn[:, :, rows] = _moments(scattered - values[:, rows, None])
         tolerances = {
             "spread": np.sqrt(variance),
@@ -337,8 +337,9 @@ def _split(text: str) -> tuple[str, ...]:
 def _samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
     if batch.inputs.shape[1] > 1 and not sensitivity.timed:
         return sensitivity.at_rest(batch.inputs)
-    motion = batch.inputs, batch.input_rates, batch.input_accelerations, batch.t
-    return np.column_stack(motion)
+    return np.column_stack(
+        (batch.inputs, batch.input_rates, batch.input_accelerations, batch.t)
+    )
 
 
 def _moments(off: Floats) -> Floats:

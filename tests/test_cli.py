@@ -108,7 +108,7 @@ def test_view_says_what_to_do_without_display(capsys, tmp_path, monkeypatch):
     status, _, err = run(capsys, "view", tmp_path)
     assert (status, "holds no recording" in err) == (1, True)
     status, _, err = run(capsys, "view", tmp_path / "none.rrd")
-    assert (status, "no such recording" in err) == (1, True)
+    assert (status, "No such file" in err) == (1, True)
     out = run(capsys, "run", "four_bar", "--samples", 3, "-o", tmp_path, "--view", "-q")
     assert out[0] == 0
     status, _, err = run(capsys, "view", tmp_path)

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from common import Asking
+from common import Asking, rows_of
 
 pytest.importorskip("matplotlib")
 
@@ -272,14 +272,8 @@ class Bare(Asking):
     )
 
     def compute(self, batch):
-        return {
-            "bare": {
-                "sample": batch.sample,
-                "assembly_mode": batch.assembly_mode,
-                "q": batch.q,
-                "v": np.sin(batch.q) + batch.assembly_mode,
-            }
-        }
+        some = np.sin(batch.q) + batch.assembly_mode
+        return {"bare": rows_of(batch, q=batch.q, v=some)}
 
 
 def test_an_analysis_without_a_scene_has_its_columns_drawn_over_blocks():

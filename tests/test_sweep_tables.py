@@ -125,13 +125,10 @@ class Doubled(Asking):
     most: float = 10.0
 
     def compute(self, batch):
-        if any(np.radians(44.0) < arc < np.radians(46.0) for arc in _arcs(batch)):
+        arcs = [size.arcs for size in batch.mechanism.geometry.links.values()]
+        if any(abs(arc - np.pi / 4.0) < 0.01 for (arc,) in arcs):
             raise ValueError("not this one")
         return {"doubled": {"sample": batch.sample, "twice": 2.0 * batch.q}}
-
-
-def _arcs(batch):
-    return [size.arcs[0] for size in batch.mechanism.geometry.links.values() if size.arcs]
 
 
 def swept(vary, folder=None, **options):

@@ -59,10 +59,11 @@ class HeldMode:
     label: str
     followed: tuple[PathKernel, DesignAt, Floats] | None = None
 
-    def places(self, design: DesignAt, count: int) -> Floats:
+    def places(self, design: DesignAt, count: int = 1) -> Floats:
         """Return what the kernel has of it (w, count) for a design: signs, or variables.
 
-        NaN where it does not close or cannot be followed there.
+        Those are of all samples and inputs of figures; NaN where it does not close or
+        cannot be followed there.
         """
         if self.followed is None:
             signs = np.array([1.0 if letter == "+" else -1.0 for letter in self.label])
@@ -82,9 +83,7 @@ class HeldMode:
         """Return the mode that is followed from another design from now on."""
         if self.followed is None:
             return self
-        newton, _, configurations = self.followed
-        values = self.places(design, configurations.shape[1])
-        return HeldMode(self.label, (newton, design, values))
+        return HeldMode(self.label, (self.followed[0], design, self.places(design)))
 
     def goes_on_in(self, other: "HeldMode") -> bool:
         """Return whether it is another, or becomes it when it is followed to its design.
@@ -94,7 +93,7 @@ class HeldMode:
         if other.followed is None:
             return self.label == other.label
         _, design, configurations = other.followed
-        values = self.places(design, configurations.shape[1])
+        values = self.places(design)
         both = all_finite(values, 0) & all_finite(configurations, 0)
         gaps = apart(values[:, both], configurations[:, both])
         return bool(np.any(both) and np.max(gaps) < SAME)
@@ -130,8 +129,9 @@ def every_mode(evaluator: Evaluator, designs: Floats) -> list[list[HeldMode]]:
                     followed = evaluator.newton, design, values[:, :, row]
                     made[k].append(HeldMode(f"{mode.number} {mode.label}", followed))
     elif possible:
-        sizes = np.stack([design.sizes for _, design in possible], axis=1)
-        numbers, values, labels, _ = evaluator.configurations(sizes)
+        numbers, values, labels, _ = evaluator.configurations(
+            np.stack([design.sizes for _, design in possible], axis=1)
+        )
         for row, number in enumerate(numbers):
             k, design = possible[number]
             followed = evaluator.newton, design, values[:, :, row]
@@ -233,8 +233,9 @@ class FigureGradients:
         )
         rows = symbols([*figures.sample, *figures.columns])
         named = {x.arguments[0]: (x, x) for x in rows}
-        items = [expression_terms(item, named) for item in figures.expressions]
-        self._expressions = with_derivatives(items, rows)
+        self._expressions = with_derivatives(
+            [expression_terms(item, named) for item in figures.expressions], rows
+        )
 
     def at(self, values: Floats, mode: HeldMode) -> tuple[Floats, Floats, float]:
         """Return figures (m,), gradients (m, variables), and the share that closes.
@@ -249,8 +250,9 @@ class FigureGradients:
         if design is None:
             return figures, gradients, 0.0
         samples, places = of.rows.T, mode.places(design, len(of.rows))
-        turns = self._turns(design, places)
-        closed, made, changes = design.at(self._kernel, samples, places, places.T, turns)
+        closed, made, changes = design.at(
+            self._kernel, samples, places, places.T, self._turns(design, places)
+        )
         closed &= all_finite(places, 0)
         with np.errstate(all="ignore"):
             every = self._expressions(np.concatenate([samples, made]))
@@ -294,8 +296,9 @@ class FigureGradients:
             return evaluator.turns(kernel, prepared, places[:, 0].tolist())[:, :, 0]
         if not kernel.turning:
             return np.zeros((0, places.shape[1]))
-        mechanism = evaluator.kernel_mechanism(design.values)
-        return evaluator.turns_at(kernel, mechanism, places[:, :, None])[:, :, 0]
+        return evaluator.turns_at(
+            kernel, evaluator.kernel_mechanism(design.values), places[:, :, None]
+        )[:, :, 0]
 
 
 def with_derivatives(

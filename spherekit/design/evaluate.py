@@ -396,8 +396,9 @@ class Evaluator:
         turns = np.zeros((len(kernel.turning), *values.shape[1:]))
         for design in np.unique(number) if kernel.turning else ():
             here = np.flatnonzero(number == design)
-            mechanism = self.kernel_mechanism(of_file[:, design])
-            turns[:, :, here] = self.turns_at(kernel, mechanism, values[:, :, here])
+            turns[:, :, here] = self.turns_at(
+                kernel, self.kernel_mechanism(of_file[:, design]), values[:, :, here]
+            )
         made = self.figures.of(kernel, prepared, values, turns, labels, claim)
         every = self._with_others([_numbered(made, number)], sizes.shape[1], claim)
         return every.rows(~np.isin(every.design, lost)), lost

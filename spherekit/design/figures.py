@@ -87,8 +87,9 @@ class DesignSamples:
                 for driven in mechanism.inputs
             }
             q, timing = by_laws(names, {**laws, **study.laws}, t)
-            rows = np.column_stack([q, timing.dq, timing.ddq, t])
-            return DesignSamples(names, rows, (len(t),))
+            return DesignSamples(
+                names, np.column_stack([q, timing.dq, timing.ddq, t]), (len(t),)
+            )
         lattice = sampled(mechanism, study.samples, study.grid, study.path)
         start, sense = np.array([(x.start, x.sense) for x in mechanism.inputs]).T
         if study.path is not None:
@@ -110,8 +111,9 @@ class DesignSamples:
         """
         rates = np.broadcast_to(sense, q.shape)
         time = (q[:, 0] - start[0]) * sense[0]
-        rows = np.column_stack([q, rates, np.zeros_like(q), time])
-        return DesignSamples(inputs, rows, shape or (len(q),))
+        return DesignSamples(
+            inputs, np.column_stack([q, rates, np.zeros_like(q), time]), shape or (len(q),)
+        )
 
     @property
     def returns(self) -> bool:
@@ -210,8 +212,9 @@ class KernelFigures:
         count = len(self.inputs)
         points = sorted({merit.point for merit in merits if merit.point})
         start, sense = np.split(samples.rows[0, : 2 * count], 2)
-        q = np.reshape(points, (-1, count))
-        self.points = DesignSamples.at(self.inputs, q, start, np.sign(sense)).rows
+        self.points = DesignSamples.at(
+            self.inputs, np.reshape(points, (-1, count)), start, np.sign(sense)
+        ).rows
         self.rows = np.concatenate([samples.rows, self.points])
 
     def _check(self, mechanism: Mechanism) -> None:
@@ -244,8 +247,9 @@ class KernelFigures:
         count = len(self.samples.rows)
         if not merit.point:
             return np.arange(count)
-        inputs = self.points[:, : len(self.inputs)]
-        return count + np.flatnonzero(np.all(inputs == merit.point, axis=1))
+        return count + np.flatnonzero(
+            np.all(self.points[:, : len(self.inputs)] == merit.point, axis=1)
+        )
 
     def reduced(self, merit: FigureOfMerit, values: Floats) -> Floats:
         """Return the figure (n,) of values (rows, n) at `rows_of` it."""
@@ -360,5 +364,4 @@ def widest_swings(angles: Floats, returns: bool) -> tuple[Floats, Indices, Indic
     low, high = (
         x[np.searchsorted(x, starts[widest])] % len(every) % len(angles) for x in ends
     )
-    there = np.any(np.isfinite(angles), axis=0)
-    return np.where(there, swings[widest], np.nan), low, high
+    return np.where(np.any(np.isfinite(angles), axis=0), swings[widest], np.nan), low, high

@@ -182,8 +182,9 @@ def numbers_of(profile: Profile) -> Floats:
 def varied(profile: Profile, backwards: bool, change: Floats) -> Varied:
     """Return a profile with its derivatives, `change` being that of its numbers."""
     if profile.points:
-        moved = change.reshape(-1, 3)
-        return varied_through(profile.points, moved, profile.closed, backwards)
+        return varied_through(
+            profile.points, change.reshape(-1, 3), profile.closed, backwards
+        )
     centre = np.array(profile.centre), change[:3]
     if profile.round_axis is not None:
         radius, longer = 0.5 * np.pi, 0.0
@@ -200,8 +201,9 @@ def _along(columns: Floats) -> Floats:
     """Return how columns change along profiles, (profiles, 8, n), from columns of these."""
     columns = columns.reshape(-1, 9, columns.shape[1])
     tangent, point, curvature, rates = np.split(columns, [3, 6, 7], axis=1)
-    normal = np.cross(point, tangent, axis=1)
-    return np.concatenate([curvature * normal - point, tangent, rates], axis=1)
+    return np.concatenate(
+        [curvature * np.cross(point, tangent, axis=1) - point, tangent, rates], axis=1
+    )
 
 
 def _nearest(

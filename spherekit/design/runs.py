@@ -92,8 +92,9 @@ class DesignRuns:
 
     def at(self, values: Floats) -> Evaluated:
         """Return the figures of merit of designs (variables, n), in the file's units."""
-        made = [of_design for of_design, _ in self.runs_of(values)]
-        return Evaluated.in_order(made, self.names)
+        return Evaluated.in_order(
+            [of_design for of_design, _ in self.runs_of(values)], self.names
+        )
 
     def runs_of(
         self, values: Floats, worth: Callable[[Floats, Evaluated], bool] | None = None
@@ -182,8 +183,9 @@ class DesignRuns:
             of = figures.get(name, {})
             made[name] = np.array([of.get(m, of.get(WHOLE, NAN)) for m in modes])
         if self.tables:
-            numbers = [float(m) if column == ASSEMBLY else NAN for column, m in modes]
-            made[ASSEMBLY] = np.array(numbers)
+            made[ASSEMBLY] = np.array(
+                [float(m) if column == ASSEMBLY else NAN for column, m in modes]
+            )
         return replace(rows, merits=made)
 
     def _place(self, rows: Evaluated, mode: Mode, assembled: Facts) -> int | None:
@@ -195,8 +197,9 @@ class DesignRuns:
         if made.kernel and made.varied.contacts:
             return None
         label = str(assembled[number]["mode"])
-        named = np.isin(rows.mode.astype(str), [label, f"{number} {label}"])
-        places = np.flatnonzero(named)
+        places = np.flatnonzero(
+            np.isin(rows.mode.astype(str), [label, f"{number} {label}"])
+        )
         return places[0] if len(places) == 1 else None
 
     def _by_mode(self, run: RunResult, merit: FigureOfMerit) -> dict[Mode, float]:

@@ -323,14 +323,16 @@ class Sensitivity:
         away = sizes - self._design.sizes[:, None]
         count = len(self._varied.of_contacts)
         away[:count] = wrap(away[:count])  # angles of wheels are of any turn
-        ends = sizes - away, sizes
-        now, closed = tracked(self._newton, start, ends, profiles=profiles, contracts=SHORT)
+        now, closed = tracked(
+            self._newton, start, (sizes - away, sizes), profiles=profiles, contracts=SHORT
+        )
         with np.errstate(all="ignore"):
             columns = None
             if profiles is not None:
                 columns = profiles(now, np.arange(n * draws), np.ones(n * draws))
-            there = np.repeat(samples.T, draws, axis=1)
-            result = self._plain.at(there, now, sizes, columns)
+            result = self._plain.at(
+                np.repeat(samples.T, draws, axis=1), now, sizes, columns
+            )
         return np.where(closed, result, np.nan).reshape(-1, n, draws)
 
 

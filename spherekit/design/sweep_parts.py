@@ -129,8 +129,9 @@ class SweepResult:
 
     def frame(self) -> "pd.DataFrame":
         """Return all rows as a pandas frame, with the units of its columns in `attrs`."""
-        paths = [self.sweep.path_of(self._store, k) for k in range(self.sweep.parts)]
-        frame = frame_of_parts(paths)
+        frame = frame_of_parts(
+            [self.sweep.path_of(self._store, k) for k in range(self.sweep.parts)]
+        )
         frame.attrs = {"units": self.sweep.units()}
         return frame
 
@@ -224,8 +225,9 @@ def run_sweep(
     with ExitStack() as failed:
         if kept is None:
             failed.callback(shutil.rmtree, place, ignore_errors=True)
-        made = _computed(sweep, place, workers, elsewhere)
-        result = SweepResult(sweep, kept, made, place)
+        result = SweepResult(
+            sweep, kept, _computed(sweep, place, workers, elsewhere), place
+        )
         finalize(result, failed.pop_all().close)
     return result
 

@@ -90,9 +90,10 @@ class DesignAt:
             changes[variable] = np.tensordot(slopes[some], made[1 + some], 1)
         if profiles is not None:
             whole = all_finite(values, 1)
-            by_columns = made[1 + len(self.sizes) :, :, whole]
             changes[:, :, whole] += np.einsum(
-                "kpn,pcn->kcn", profiles.slopes(values[whole]), by_columns
+                "kpn,pcn->kcn",
+                profiles.slopes(values[whole]),
+                made[1 + len(self.sizes) :, :, whole],
             )
         return closed, made[0], changes
 
@@ -172,8 +173,9 @@ class VariedMechanism:
     @property
     def nominal(self) -> Floats:
         """What kernels have as sizes (k,) in the file."""
-        sizes = (self.scale * self.values)[self.sized]
-        return np.concatenate([sizes, self._stated[self.differing]])
+        return np.concatenate(
+            [(self.scale * self.values)[self.sized], self._stated[self.differing]]
+        )
 
     def sizes(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
         """Return what kernels have (k, n) of designs (variables, n) in the file's units.

@@ -160,8 +160,9 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
     ends = (np.linspace(0, len(x) - 1, min(MOST_SLICES, len(x))) for x in grid[2:])
     slices = [*product(*(np.round(end).astype(int) for end in ends))]
     values = np.concatenate([item.values for _, item in maps])
-    scale = scale_of(values, first.unit)
-    low, high = plotted_range(values, scale, first.resolution, "colours")
+    low, high = plotted_range(
+        values, scale_of(values, first.unit), first.resolution, "colours"
+    )
     signed = low < 0.0 < high and np.nanmin(values) < 0.0 < np.nanmax(values)
     if signed:
         low, high = -max(-low, high), max(-low, high)
@@ -176,8 +177,10 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
             if signed:
                 _zeros(panel, grid[0], grid[1], table, high - low)
             words = [sheet.title(scene.page)] if isinstance(scene.page, int) else []
-            for axis, values_of, k in zip(over[2:], grid[2:], at, strict=True):
-                words.append(f"{axis.label} = {values_of[k]:.4g} {axis.unit}")
+            words += [
+                f"{axis.label} = {values_of[k]:.4g} {axis.unit}"
+                for axis, values_of, k in zip(over[2:], grid[2:], at, strict=True)
+            ]
             panel.set_title("\n".join(words), color=style.page_look(scene.page)["color"])
             panel.set(facecolor="#eeeeee", box_aspect=1.0)
             ticks_of(panel, over[0].unit, over[1].unit)
@@ -192,8 +195,7 @@ def _zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> Non
     still = table.copy()
     for axis, end in product((0, 1), ("prepend", "append")):
         beyond: Look = {end: np.nan}
-        steps = np.diff(table, axis=axis, **beyond)
-        still[np.abs(steps) > TURNED * span] = np.nan
+        still[np.abs(np.diff(table, axis=axis, **beyond)) > TURNED * span] = np.nan
     if np.any(still < 0.0) and np.any(still > 0.0):
         panel.contour(x, y, still.T, levels=[0.0], colors=style.INK, linewidths=0.8)
 
@@ -277,13 +279,12 @@ def figures_of(
     drawn: dict[str, Draw] = {}
     for source in dict.fromkeys(scene.source for scene in scenes):
         of_source = [scene for scene in scenes if scene.source == source]
-        every = (
+        for subject, draw in chain(
             _planes(of_source, sheet),
             _spheres(of_source, sheet),
             _series(of_source, scenes, sheet),
             *(made(of_source, sheet) for made in (_surfaces, _paths, _axodes, _diagrams)),
-        )
-        for subject, draw in chain(*every):
+        ):
             drawn.setdefault(f"{source}/{subject}" if source else subject, draw)
     return Figures(drawn)
 

@@ -116,8 +116,9 @@ def _panel(
         if not shown.any():
             look["label"] = ""
         points = np.stack([scene.over[0].values, item.values], axis=1)
-        line = broken(points, (low, high), TURNS.get(unit))
-        panel.plot(*line.T, dash_capstyle="butt", **look)
+        panel.plot(
+            *broken(points, (low, high), TURNS.get(unit)).T, dash_capstyle="butt", **look
+        )
         lone = points[shown & ~(np.convolve(shown, [True, False, True])[1:-1] > 0)]
         panel.plot(*lone.T, ".", color=look["color"], markersize=3.0)
     finite = every[np.isfinite(every)]
@@ -361,8 +362,7 @@ def _maps(
         if not len(item.triangles):
             panel.scatter(*places.T, c=item.values, s=7.0, linewidths=0.0, **look)
             continue
-        drawable = all_finite(places, 1)
-        near = item.triangles[drawable[item.triangles].all(axis=1)]
+        near = item.triangles[all_finite(places, 1)[item.triangles].all(axis=1)]
         if len(near):
             turn, away = np.nan_to_num(places).T
             mesh = Triangulation(away * np.cos(turn), away * np.sin(turn), near)
@@ -375,8 +375,9 @@ def _maps(
                 shade: Look = look | {"shading": "gouraud", "transform": flat}
                 panel.tripcolor(mesh, item.values, **shade)
             panel.grid(**NET)  # which tripcolor puts out
-    words = titled(first.label, first.unit)
-    bar = colour_bar(figure, panels, values, tint, style.HEAT, words)
+    bar = colour_bar(
+        figure, panels, values, tint, style.HEAT, titled(first.label, first.unit)
+    )
     if isinstance(tint, BoundaryNorm):
         whole = np.unique(np.round(tint.boundaries[:-1] + 0.5))
         bar.set_ticks(whole, labels=[f"{n:.0f}" for n in whole])

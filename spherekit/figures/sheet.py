@@ -177,14 +177,13 @@ def colour_bar(
 ) -> Any:
     """Add the scale of the colours of values, with ends where some are beyond it."""
     parts = np.ma.compressed(tint(values[np.isfinite(values)]))
-    beyond = np.any((parts < 0.0) | (parts > 1.0))
     return figure.colorbar(
         ScalarMappable(tint, colours),
         ax=panels,
         shrink=0.75,
         pad=pad,
         aspect=28,
-        extend="both" if beyond else "neither",
+        extend="both" if np.any((parts < 0.0) | (parts > 1.0)) else "neither",
         label=words,
     )
 

@@ -96,8 +96,9 @@ class Chart:
         """Take a block of a series, a new one in a colour of its own."""
         if path not in self.curves:
             self.tints[path] = colours.of_series(series.link, [*self.tints.values()])
-        kept = replace(series, values=series.values.copy())
-        self.curves.setdefault(path, []).append((over, kept))
+        self.curves.setdefault(path, []).append(
+            (over, replace(series, values=series.values.copy()))
+        )
 
     def whole(self, path: str) -> tuple[list[Floats], Floats]:
         """Return the places on each axis, and the values, of all blocks of a series."""
@@ -173,8 +174,9 @@ class Chart:
         across = _nearest(x, first.extent, round(self.width))
         down = _nearest(y, second.extent, round(FRAME_HEIGHT))[::-1]
         shown = cells[np.ix_(across, down)].T
-        size = len(down), len(across) + round(sum(BAR)), 3
-        picture = np.full(size, colours.BACKGROUND, np.uint8)
+        picture = np.full(
+            (len(down), len(across) + round(sum(BAR)), 3), colours.BACKGROUND, np.uint8
+        )
         body = colours.heat_of(shown, low, high)
         body[~np.isfinite(shown)] = colours.BACKGROUND
         picture[:, : len(across)] = body

@@ -239,8 +239,9 @@ def _points(positions: Floats, there: Bools) -> Columns:
 
 def _turned(quaternions: Floats, good: Bools) -> Columns:
     scale = np.where(good[:, None], np.ones(3), HIDDEN)
-    turn = np.where(good[:, None], quaternions, [0.0, 0.0, 0.0, 1.0])
-    return rr.Transform3D.columns(quaternion=turn, scale=scale)
+    return rr.Transform3D.columns(
+        quaternion=np.where(good[:, None], quaternions, [0.0, 0.0, 0.0, 1.0]), scale=scale
+    )
 
 
 def _still_body(body: Body, names: Sequence[Name]) -> Stills:
@@ -317,8 +318,9 @@ def _still_surface(surface: Surface) -> Stills:
     else:
         tints: NDArray[np.uint8] | colours.Colour = colours.tone(surface.tone)
         if surface.values is not None:
-            span = map_range(surface.values, surface.values_unit)
-            tints = colours.heat_of(surface.values, *span)
+            tints = colours.heat_of(
+                surface.values, *map_range(surface.values, surface.values_unit)
+            )
         yield "", rr.Points3D(places, colors=tints, radii=rr.Radius.ui_points(3.0))
     ends = np.array([low - middle, high - middle]) * scale
     yield "axes", _curves(shapes.box(*ends), 1.0, colours.GRATICULE, 0.8)

@@ -90,12 +90,14 @@ def screenshot(
         if sample is None and input_deg is None:
             tick = _first_shown(client, recording, timeline, tick)
         if timeline == TIME:
-            when = np.timedelta64(tick, "ns")
-            client.set_time(timeline, duration=when, play_state="paused")
+            client.set_time(
+                timeline, duration=np.timedelta64(tick, "ns"), play_state="paused"
+            )
         else:
             client.set_time(timeline, sequence=tick, play_state="paused")
-        views = client.get_state().views
-        troubles = [report.summary for panel in views for report in panel.reports]
+        troubles = [
+            report.summary for panel in client.get_state().views for report in panel.reports
+        ]
         if troubles:
             raise OutputError(f"the viewer cannot show {recording}: {troubles[0]}")
         data = _settled(client, shown)

@@ -28,8 +28,6 @@ def recording_at(given: AnyPath) -> Path:
     try:
         with path.open("rb") as stream:
             start = stream.read(len(RRD))
-    except FileNotFoundError:
-        raise OutputError(f"{path}: no such recording; {make}") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise OutputError(f"{path}: cannot be read: {reason}; {make}") from None

@@ -120,8 +120,9 @@ class Charts:
             columns = chart.cursor([axis.values for axis in over])
             self.outputs.columns(cursor, lines, columns, count)
             self.outputs.first(legend, [("", charts.legend_style(*chart.legend(paths)))])
-            words = charts.legend_words([chart.curves[path][-1][1] for path in paths])
-            columns = rr.Points2D.columns(labels=words).partition([len(paths)] * count)
+            columns = rr.Points2D.columns(
+                labels=charts.legend_words([chart.curves[path][-1][1] for path in paths])
+            ).partition([len(paths)] * count)
             self.outputs.columns(legend, lines, columns, count)
 
     def draw(self, places: Sequence[Output]) -> None:
@@ -138,8 +139,9 @@ class Charts:
             if len(of_modes) > 1 and curves <= MOST_COMPARED:
                 whole, first = charts.compared(of_modes), of_modes[0].curves
                 self.layout.compared[path] = whole.title
-                names = [blocks[0][1].label for blocks in first.values()]
-                style = charts.legend_style(*whole.legend(first), names)
+                style = charts.legend_style(
+                    *whole.legend(first), [blocks[0][1].label for blocks in first.values()]
+                )
                 self.outputs.still(path, [*whole.drawn(), ("legend", style)], places)
 
 
@@ -290,8 +292,9 @@ class RerunRecorder:
         self._row = head.row
         self._names[None] = Names(sight)
         self._outputs.name(self.name, head.properties)
-        upright = "", rr.ViewCoordinates.RIGHT_HAND_Z_UP
-        self._outputs.still(self.root, [upright, *entities.world()])
+        self._outputs.still(
+            self.root, [("", rr.ViewCoordinates.RIGHT_HAND_Z_UP), *entities.world()]
+        )
         for scene in map(in_degrees, head.scenes):
             named = self._links_named(scene)
             for primitive in scene.primitives:
@@ -410,8 +413,9 @@ class RerunRecorder:
                 self._lay_out(final=True)
         self._finished = True
         for path, (primitive, blocks) in self._whole.items():
-            drawn = entities.whole(primitive, np.concatenate(blocks), self._row)
-            self._outputs.still(path, drawn)
+            self._outputs.still(
+                path, entities.whole(primitive, np.concatenate(blocks), self._row)
+            )
         self._outputs.each(lambda output: output.complete())
 
     def serve_until_interrupted(self) -> None:
@@ -429,8 +433,9 @@ class RerunRecorder:
             self._names[scene.page] = deepcopy(self._names[None])
         bodies = [item for item in scene.primitives if isinstance(item, Body)]
         layout, seen = self._started.layout, self._outputs.seen
-        fresh = [b for b in bodies if layout.path(scene.page, b) not in seen]
-        return self._names[scene.page].give(fresh)
+        return self._names[scene.page].give(
+            [b for b in bodies if layout.path(scene.page, b) not in seen]
+        )
 
     def _introduce(
         self,

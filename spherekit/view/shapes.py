@@ -50,12 +50,14 @@ def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
 def graticule() -> list[Floats]:
     """Return the meridians and parallels every 30 degrees."""
     circle, up = unit_circle(), np.array([0.0, 0.0, 1.0])
-    lines = []
-    for east in np.radians(np.arange(0, 180, 30)):
-        lines.append(circle[:, :2] @ np.array([[np.cos(east), np.sin(east), 0.0], up]))
-    for north in np.radians(np.arange(-60, 90, 30)):
-        lines.append(circle * np.cos(north) + np.sin(north) * up)
-    return lines
+    meridians = [
+        circle[:, :2] @ np.array([[np.cos(east), np.sin(east), 0.0], up])
+        for east in np.radians(np.arange(0, 180, 30))
+    ]
+    return meridians + [
+        circle * np.cos(north) + np.sin(north) * up
+        for north in np.radians(np.arange(-60, 90, 30))
+    ]
 
 
 def path_on_sphere(directions: Floats, row: int | None = None) -> list[Floats]:
@@ -91,5 +93,6 @@ def _even_steps(line: Floats) -> Floats:
     _, first = np.unique(np.floor(length / SHORTEST_CHORD), return_index=True)
     kept = np.union1d(first, len(line) - 1)
     at = np.union1d(length[kept], np.arange(0.0, length[-1], LONGEST_CHORD))
-    columns = [np.interp(at, length[kept], column[kept]) for column in line.T]
-    return unit_rows(np.stack(columns, axis=1))
+    return unit_rows(
+        np.stack([np.interp(at, length[kept], column[kept]) for column in line.T], axis=1)
+    )

@@ -161,8 +161,7 @@ def _zeros(motion: Motion, row: int) -> list[Primitive]:
         fan = np.cos(ZERO_ARC) * axis + np.sin(ZERO_ARC) * around
         marks = []
         if name in mechanism.input_pairs:
-            middle = fan[len(fan) // 2]
-            marks = [Mark(f"{np.degrees(value):.4g}\u00b0", middle, ZERO_TONE)]
+            marks = [Mark(f"{np.degrees(value):.4g}\u00b0", fan[len(fan) // 2], ZERO_TONE)]
         lines = [np.stack([axis, fan[0]]), fan]
         parts.append(SphereCurves(f"zero/{name}", name, lines, ZERO_TONE, marks))
     return parts
