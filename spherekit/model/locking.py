@@ -166,11 +166,9 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     """
     driven = mechanism.input_pairs
     if driven and set(driven) <= set(pairs):
-        several = len(driven) > 1
         raise ModelError(
-            f"{mechanism.name}: lock: {listing(driven)} "
-            f"{'are all inputs there are' if several else 'is the only input'}, so that "
-            f"nothing would move; leave {'one of them' if several else 'it'} free"
+            f"{mechanism.name}: lock: without the inputs {listing(driven)} nothing would "
+            "move; leave one of them free"
         )
     for name, value in pairs.items():
         mechanism = _locked(mechanism, mechanism.pair(name), in_radians(value, angle_unit))
