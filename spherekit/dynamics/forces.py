@@ -50,9 +50,9 @@ class Loads:
         self.components = tuple(part for parts in by_load for part in parts)
         self.owners = [k for k, parts in enumerate(by_load) for _ in parts]
         self.steep = steep(mechanism)
-        rubs = {k: part.rubs for k, part in enumerate(self.components) if part.rubs}
-        self.rubbing = [k for k, one in rubs.items() if one.grip > 0.0]
-        self.grips = np.array([rubs[k].grip for k in self.rubbing])
+        grips = {k: part.rubs.grip for k, part in enumerate(self.components) if part.rubs}
+        self.rubbing = [k for k, grip in grips.items() if grip > 0.0]
+        self.grips = np.array([grips[k] for k in self.rubbing])
         self.watched = bool(self.steep) or any(
             isinstance(part.magnitude, Called) for part in self.components
         )
@@ -85,7 +85,7 @@ class Loads:
             if given.arm is None:
                 yield link, along, 0.0 * along
             else:
-                yield link, cross(turn @ np.array(given.arm), along), along
+                yield link, cross(turn @ given.arm, along), along
 
     def _rate(self, rates: Floats, pair: str) -> Floats:
         """Return the rate (...) of a pair, of a contact that at which it slides."""
@@ -466,10 +466,10 @@ def _of_inertia(mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats)
     for mass in mechanism.masses:
         link = mechanism.link_number[mass.link]
         turn, vector = motion.rotations[:, link], vectors[:, link]
-        tensor = turn @ np.array(mass.tensor) @ transpose(turn)
+        tensor = turn @ mass.tensor @ transpose(turn)
         wrenches[:, link, :3] = (tensor @ vector[..., None])[..., 0]
         if mass.mass is not None and mass.centre is not None:
-            wrenches[:, link, 3:] = mass.mass * cross(vector, turn @ np.array(mass.centre))
+            wrenches[:, link, 3:] = mass.mass * cross(vector, turn @ mass.centre)
     return wrenches
 
 

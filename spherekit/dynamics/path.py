@@ -194,7 +194,7 @@ class StatePath:
 
     def at(self, t: Floats) -> Traced:
         """Return the states at times (n,) within the path."""
-        owner = np.maximum(np.searchsorted(self.firsts, t, side="right") - 1, 0)
+        owner = np.searchsorted(self.firsts[1:], t, side="right")
         order = np.argsort(owner, kind="stable")
         cuts = np.flatnonzero(np.diff(owner[order], prepend=-1))[1:]
         rows = [

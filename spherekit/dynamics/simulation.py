@@ -10,6 +10,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -38,7 +39,7 @@ from spherekit.errors import SolveError
 from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Timing
-from spherekit.sphere.rotation import all_finite, max_abs
+from spherekit.sphere.rotation import max_abs
 
 EventKind = Literal[
     "dead_centre", "type_2", "crossing", "rest", "joint_limit", "switch", "lift_off"
@@ -413,19 +414,17 @@ def by_differences(problem: Problem, step: float) -> Simulation:
         work = work + step * forces * speed
         if number:
             change += (step**2 * float(np.sum(forces)) - 0.5 * dB * change**2) / B
-        guess = values + motion.rates[0, 0] * change
-        closed = None
-        if all_finite(guess) and frames[-1][0, 0, driven] > STANDSTILL:
-            closed = closure.solve(guess[None], [driven])
-        if closed is None or not closed.gap[0] < 1e-12:
+        with np.errstate(invalid="ignore"):
+            closed = closure.solve(values[None] + motion.rates[0] * change, [driven])
+        if not (closed.gap[0] < 1e-12 and frames[-1][0, 0, driven] > STANDSTILL):
             end = SimulationEnd(
                 "singularity", t, "the input is at a dead centre, where q' is endless"
             )
             break
         values = closed.values[0]
     path = [
-        Step(k * step, step, states[k], (states[k + 1] - states[k])[None] / step, frames[k])
-        for k in range(number)
+        Step(k * step, step, one, (other - one)[None] / step, frames[k])
+        for k, (one, other) in enumerate(pairwise(states))
     ]
     if not path:
         raise cannot_leave(problem, end.message)

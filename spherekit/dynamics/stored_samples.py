@@ -74,11 +74,11 @@ SURE = 0.02
 def own_velocities(loads: Loads) -> dict[int, str]:
     """Return the names of velocities of components that no pair's rate is, by number."""
     owners, names = loads.owners, {}
-    for k, part in enumerate(loads.components):
-        if not part.pair:
-            name = f"load {loads.names[owners[k]]}"
-            axis = f" {'xyz'[k - owners.index(owners[k])]}"
-            names[k] = name + axis * (owners.count(owners[k]) > 1)
+    for k, owner in enumerate(owners):
+        if not loads.components[k].pair:
+            names[k] = f"load {loads.names[owner]}"
+            if owners.count(owner) > 1:
+                names[k] += f" {'xyz'[k - owners.index(owner)]}"
     return names
 
 

@@ -182,9 +182,9 @@ def _request(
     coordinates: Sequence[str],
 ) -> tuple[Mechanism, float, str]:
     """Return what `_common` does, the tolerance of a step, and what is asked for."""
-    held = [mechanism.angles[pair] for pair in mechanism.input_pairs]
     step = min(tolerance, COARSEST if coordinates else LOOSEST)
-    return _common(mechanism, coordinates), step, repr(("motion", step, compact, held))
+    asked = repr(("motion", step, compact, mechanism.input_pairs))
+    return _common(mechanism, coordinates), step, asked
 
 
 def _common(mechanism: Mechanism, coordinates: Sequence[str]) -> Mechanism:

@@ -155,8 +155,7 @@ class Stretch:
         The variables less the whole turns, the momenta and the work of each load, in units
         of the SI.
         """
-        step = np.searchsorted(self.starts, t, side="right") - 1
-        step = np.clip(step, 0, len(self.starts) - 1)
+        step = np.searchsorted(self.starts[1:], t, side="right")
         value, rate = _powers(self.series[step], t - self.starts[step])
         for array in (value, rate):
             array[:, self.layout.momenta] *= self.unit
@@ -247,8 +246,7 @@ class Integration:
             self.largest *= before.largest / float(last.measure(values[None])[0])
             self.work = before.last[last.layout.works]
         self.unit = max(unit, float(np.linalg.norm(momenta)))
-        self.period = np.zeros(len(mechanism.variable_owners))
-        self.period[list(mechanism.angles.values())] = 1.0
+        self.turning = np.isin(np.arange(self.count), [*mechanism.angles.values()])
         self.stops = [v for stop in mechanism.joint_limits for v in (stop.low, stop.high)]
         self.sides = np.zeros(len(equation.layout.conditions))
         self.first = np.array([*values, *(momenta / self.unit), *np.zeros(len(self.work))])
@@ -341,10 +339,9 @@ class Integration:
 
     def _constants(self, integrator: Integrator) -> Floats:
         """Return the parameters, 0 for those beyond the last that occurs."""
-        parameters = np.zeros(self.layout.side + len(self.sides))
         given = integrator.parameters
-        parameters[: len(given)] = given
-        return parameters
+        beyond = self.layout.side + len(self.sides) - len(given)
+        return np.append(given, np.zeros(beyond))
 
     def _go_back(self, integrator: Integrator, step: _Step) -> None:
         """Return to the start of a step."""
@@ -395,7 +392,7 @@ class Integration:
         """
         state = integrator.state
         values = state[: self.count]
-        turns = np.round(values / TURN) * self.period
+        turns = np.round(values / TURN) * self.turning
         values -= turns * TURN
         values -= turns * _FULL_TURN_REST
         if self.stretches and len(self.stretches) % CLOSED == 0:

@@ -8,7 +8,7 @@ Angles and directions between a file's unit and the radians used inside.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields
+from dataclasses import fields
 from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
 from typing import Any, TypeVar
 
@@ -166,9 +166,8 @@ def table_of(part: Any) -> dict[str, Any]:
     defaults = {item.name: item.default for item in fields(part)}
     table, written = {}, set()
     for key, name in KEYS[type(part)].items():
-        value, default = getattr(part, name), defaults[name]
-        same = value is None if default is None else not np.any(value != default)
-        if name not in written and (default is MISSING or not same):
+        value = getattr(part, name)
+        if name not in written and np.any(value != defaults[name]):
             table[key] = value
         written.add(name)
     return table
