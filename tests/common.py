@@ -76,12 +76,10 @@ def with_values(subject, values):
     return read(with_numbers(document, numbers))
 
 
-def field_of(made, samples=361, search=True, wanted=None, derivatives=True):
+def field_of(made, samples=361, search=True, wanted=None):
     tracer = PositionAnalysis(made, search=search, samples=samples)
     poles = all_poles(len(made.links)) if wanted is None else wanted
-    asked = request(
-        tracer.mechanism, tracer.mechanism.inputs[0].pair, poles, poles, derivatives
-    )
+    asked = request(tracer.mechanism, tracer.mechanism.inputs[0].pair, poles, poles)
     motion = tracer.motion()
     return motion, evaluate(motion, asked)
 

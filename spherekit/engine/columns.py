@@ -17,6 +17,7 @@ the axes chosen come to depend on each other.
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations, islice
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -50,18 +51,18 @@ FLATTER = 0.2
 """Three variables that are this much flatter than the best ones may still be chosen first,
 where fewer loops have them."""
 
-Pivot = tuple[int, tuple[int, ...]]
+Pivot = tuple[int, list[int]]
 """A loop, and the variables that it gives, at most three."""
 
 
-def pivots_of(jacobians: Floats) -> tuple[Pivot, ...] | None:
-    """Return the order in which loops give variables; None if none is regular.
+def pivots_of(jacobians: Floats, free: Sequence[int]) -> list[Pivot] | None:
+    """Return the order in which loops give `free` variables; None if none is regular.
 
     `jacobians` (k, 3 loops, variables) are those of some configurations.
     """
     k, rows, count = jacobians.shape
     left = jacobians.reshape(k, rows // 3, 3, count).copy()
-    loops, columns = list(range(rows // 3)), list(range(count))
+    loops, columns = list(range(rows // 3)), list(free)
     pivots: list[Pivot] = []
     while columns:
         best = _most_regular(left, loops, columns)
@@ -71,10 +72,9 @@ def pivots_of(jacobians: Floats) -> tuple[Pivot, ...] | None:
         pivots.append(best)
         loops.remove(loop)
         columns = [c for c in columns if c not in chosen]
-        solved = np.linalg.pinv(left[:, loop][:, :, list(chosen)]) @ left[:, loop]
-        others = left[:, loops]
-        left[:, loops] = others - others[..., list(chosen)] @ solved[:, None]
-    return tuple(pivots)
+        solved = np.linalg.pinv(left[:, loop][:, :, chosen]) @ left[:, loop]
+        left[:, loops] -= left[:, loops][..., chosen] @ solved[:, None]
+    return pivots
 
 
 def _most_regular(
@@ -85,19 +85,20 @@ def _most_regular(
     for loop in loops:
         rows = left[:, loop]
         sizes = np.linalg.svd(rows[:, :, columns], compute_uv=False)
-        rank = int(np.sum(np.max(sizes, axis=0) > REPEATED))
+        rank = np.sum(np.max(sizes, axis=0) > REPEATED)
         used = [c for c in columns if np.any(rows[:, :, c])]
-        for chosen in combinations(used, rank) if rank else ():
-            block = rows[:, :, list(chosen)]
+        for chosen in map(list, combinations(used, rank)) if rank else ():
+            block = rows[:, :, chosen]
             spread = np.prod(np.linalg.norm(block, axis=1), axis=1)
             flat = np.prod(np.linalg.svd(block, compute_uv=False), axis=1)
             flat = np.min(flat / np.maximum(spread, 1e-300))
-            users = np.any(left[:, loops][..., list(chosen)], axis=(0, 2, 3))
-            rated.append((float(flat), -int(np.sum(users)), (loop, chosen)))
-    if not rated or not (most := max(rated)[0]) > 0.0:
+            users = np.any(left[:, loops][..., chosen], axis=(0, 2, 3))
+            rated.append((flat, -np.sum(users), (loop, chosen)))
+    most = max((flat for flat, _, _ in rated), default=0.0)
+    if not most > 0.0:
         return None
-    near = [candidate for candidate in rated if candidate[0] >= FLATTER * most]
-    return max(near, key=lambda candidate: (candidate[1], candidate[0]))[2]
+    near = (candidate for candidate in rated if candidate[0] >= FLATTER * most)
+    return max(near, key=itemgetter(1, 0))[2]
 
 
 def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
@@ -106,34 +107,32 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     It says by how much what a loop has on its right-hand side counts for a variable.
     """
     loops, _, count = equations.shape
-    unit = np.eye(3 * loops).astype(object).reshape(loops, 3, 3 * loops)
+    unit = np.eye(3 * loops).reshape(loops, 3, 3 * loops)
     rows = [*np.concatenate([equations, unit], axis=2)]
     inverse = np.zeros((count, loops, 3)).astype(object)
-    for loop, chosen in pivots:
-        at = list(chosen)
-        axes, rows[loop][:, at] = rows[loop][:, at].T.copy(), 0.0
+    for loop, at in pivots:
+        axes, rows[loop][:, at] = rows[loop][:, at].T, 0.0
         rows[loop] = _inverse(axes) @ rows[loop]
         for other in range(loops):
             if other != loop:
-                used, rows[other][:, at] = rows[other][:, at].copy(), 0.0
-                rows[other] = rows[other] - used @ rows[loop]
-    for loop, chosen in pivots:
-        inverse[list(chosen)] = rows[loop][:, count:].reshape(-1, loops, 3)
+                used, rows[other][:, at] = rows[other][:, at], 0.0
+                rows[other] -= used @ rows[loop]
+    for loop, at in pivots:
+        inverse[at] = rows[loop][:, count:].reshape(-1, loops, 3)
     return inverse
 
 
 def _inverse(axes: Exprs) -> Exprs:
     """Return what (m, 3) gives the parts along m axes of a vector in their span."""
     if len(axes) == 1:
-        return np.stack([axes[0] * (1.0 / dot(axes[0], axes[0]))])
+        return axes * (1.0 / dot(axes[0], axes[0]))
     if len(axes) == 2:
         normal = cross(*axes)
-        share = 1.0 / dot(normal, normal)
-        return np.stack([cross(axes[1], normal) * share, cross(normal, axes[0]) * share])
+        both = np.stack([cross(axes[1], normal), cross(normal, axes[0])])
+        return both * (1.0 / dot(normal, normal))
     a, b, c = axes
-    normals = cross(b, c), cross(c, a), cross(a, b)
-    share = 1.0 / dot(a, normals[0])
-    return np.stack([normal * share for normal in normals])
+    normals = np.stack([cross(b, c), cross(c, a), cross(a, b)])
+    return normals * (1.0 / dot(a, normals[0]))
 
 
 LARGEST_ERROR = 1e-9
@@ -170,11 +169,11 @@ class RowTerms(VelocityEquations):
         pairs = turning_pairs(mechanism, any_profile=True)
         placed = place_by_variables(mechanism, pairs, variables)
         super().__init__(mechanism, pairs, placed, variables, False)
-        self.held = {self.owned[pair][0] for pair in inputs}
-        self.free = [v for v in range(len(variables)) if v not in self.held]
-        signs = self.tree.signs.astype(object)
-        signs[:, sorted(self.held)] = 0.0
-        self.inverse = loop_inverse(np.stack(self.vectors, axis=1) * signs[:, None], pivots)
+        held = [self.owned[pair][0] for pair in inputs]
+        self.free = [v for v in range(len(variables)) if v not in held]
+        equations = np.stack(self.vectors, axis=1) * self.tree.signs[:, None]
+        equations[..., held] = 0.0
+        self.inverse = loop_inverse(equations, pivots)
         # Of a rotation by an angle x it is 2 sin x / 2.
         self.residual = root(self.openness)
         self._bounds()
@@ -185,42 +184,35 @@ class RowTerms(VelocityEquations):
         squares = [dot(row.flat, row.flat) for row in self.inverse]
         self.moved = [root(square) for square in squares]
         sensitivity = root(sum(squares, 0.0))
-        turns = self.paths(self.moved)
-        paths = np.count_nonzero(tree.paths, axis=1)
-        longest = int(np.max(np.count_nonzero(tree.signs, axis=1), initial=0))
-        rounding = EPS * (2.0 + longest)
+        self.turns = self.paths(self.moved)
+        rounding = EPS * (2.0 + tree.longest_loop)
         gap = self.residual + rounding
         # Two axes of a frame are each off by as much.
         profiles = 2.0 * len(self.pairs.sides)
         self.open_by_rounding = np.sqrt(2.0) * (rounding + profiles * PROFILE_ROUNDING)
-        open_ = gap * float(np.sqrt(3.0 * len(tree.chords)))
-        numbers = 2.0 * EPS * (2.0 + float(np.max(paths)))
-        self.turns = turns
-        self.open, self.numbers = open_, numbers
+        self.open = gap * float(np.sqrt(3.0 * len(tree.chords)))
+        self.numbers = 2.0 * EPS * (2.0 + tree.longest_path)
         self.axes, self.slides = [], []
-        for v, carried in enumerate(self.carried):
-            moved = self.moved[v]
-            turn = turns[carried.link] * open_ + numbers
-            self.axes.append(carried.size * turn + carried.slid * (moved * open_))
-            self.slides.append(carried.slid * turn + carried.bent * (moved * open_))
-        often = np.count_nonzero(tree.signs, axis=0)
-        entries = sum(
-            (
-                float(often[v]) * self.carried[v].size * self.carried[v].size
-                for v in self.free
-            ),
-            0.0,
-        )
+        for carried, moved in zip(self.carried, self.moved, strict=True):
+            turn, slip = (
+                self.turns[carried.link] * self.open + self.numbers,
+                moved * self.open,
+            )
+            self.axes.append(carried.size * turn + carried.slid * slip)
+            self.slides.append(carried.slid * turn + carried.bent * slip)
+        self.often = np.count_nonzero(tree.signs, axis=0).astype(float).tolist()
+        sizes = [carried.size * carried.size for carried in self.carried]
+        entries = sum((self.often[v] * sizes[v] for v in self.free), 0.0)
         self.flatness = sensitivity * root(entries)
-        turn = largest(item.size * item.size for item in self.carried)
-        self.bend = float(longest) * turn * (sensitivity * sensitivity) * gap
+        bent = float(tree.longest_loop) * largest(sizes)
+        self.bend = bent * (sensitivity * sensitivity) * gap
         left = root(1.0 - 2.0 * self.bend)
         self.moved_by = sensitivity * gap * 2.0 / (1.0 + left) + 2.0 * EPS
 
     def paths(self, parts: Sequence[Expr]) -> list[Expr]:
         """Return for each link how far variables that move by so much turn it at most."""
-        sizes = (carried.size for carried in self.carried)
-        return self.added([size * part for size, part in zip(sizes, parts, strict=True)])
+        both = zip(self.carried, parts, strict=True)
+        return self.added([carried.size * part for carried, part in both])
 
     def added(self, parts: Sequence[Expr]) -> list[Expr]:
         """Return for each link the sum of parts of the variables on the way to it."""
@@ -238,11 +230,10 @@ class RowTerms(VelocityEquations):
     def answers(self, misfits: Mapping[int, Exprs]) -> list[Expr]:
         """Return how all variables answer to misfits (3,) of pairs, the inputs at rest."""
         right = [
-            vector_sum(x * float(row[self.owned[pair][0]]) for pair, x in misfits.items())
+            vector_sum(x * row[self.owned[pair][0]] for pair, x in misfits.items())
             for row in self.tree.signs
         ]
-        sides = [x for side in right for x in side]
-        return [dot(row.flat, sides) for row in self.inverse]
+        return [dot(row.flat, np.ravel(right)) for row in self.inverse]
 
 
 class MovingTerms:
@@ -262,7 +253,8 @@ class MovingTerms:
         self._w = along_ways(tree, parts)
         self._change, bent = rows.accelerated(self._rates, self._w)
         self._dw = along_ways(tree, bent)
-        self._follow_errors(self._left(self._w, parts), self._left(self._dw, bent))
+        self.over, self.over_bent = self._left(self._w, parts), self._left(self._dw, bent)
+        self._follow_errors()
         self._place(columns)
 
     def _left(self, links: Sequence[Exprs], parts: Sequence[Exprs]) -> Expr:
@@ -272,31 +264,29 @@ class MovingTerms:
         over = [links[a] - links[b] + parts[chord] for chord, a, b in both]
         return root(sum((dot(x, x) for x in over), 0.0))
 
-    def _follow_errors(self, over: Expr, over_bent: Expr) -> None:
+    def _follow_errors(self) -> None:
         """Set what links and variables are off by, in first and second derivatives."""
         rows = self._rows
         speeds, bends = ([size_of(x) for x in y] for y in (self._rates, self._change))
         fast = rows.paths(speeds)
         slips = [speed * off for speed, off in zip(speeds, rows.axes, strict=True)]
-        off_w, off_rates = self._off(slips, over)
+        self._off_w, off_rates = self._off(slips, self.over)
         again, spread = list[Expr](), list[Expr]()
-        for v, carried in enumerate(rows.carried):
-            off_rate, spin, off = off_rates[v], fast[carried.link], rows.axes[v]
-            turned = carried.size * spin + speeds[v] * carried.slid
-            off_turned = carried.size * off_w[carried.link] + spin * off
-            off_turned = off_turned + carried.slid * off_rate + speeds[v] * rows.slides[v]
-            again.append(bends[v] * off + speeds[v] * off_turned + turned * off_rate)
-            spread.append(bends[v] * carried.size + speeds[v] * turned)
-        off_dw, off_change = self._off(again, over_bent)
-        self._off_w, self._off_dw = off_w, off_dw
+        of_variables = rows.carried, speeds, bends, off_rates, rows.axes, rows.slides
+        for carried, speed, bend, off_rate, off, slide in zip(*of_variables, strict=True):
+            spin = fast[carried.link]
+            turned = carried.size * spin + speed * carried.slid
+            off_turned = carried.size * self._off_w[carried.link] + spin * off
+            off_turned = off_turned + carried.slid * off_rate + speed * slide
+            again.append(bend * off + speed * off_turned + turned * off_rate)
+            spread.append(bend * carried.size + speed * turned)
+        self._off_dw, off_change = self._off(again, self.over_bent)
         self._off_rates = [sum(both) for both in zip(off_rates, slips, strict=True)]
         self._off_change = [sum(both) for both in zip(off_change, again, strict=True)]
-        self._swings = rows.added(spread)
-        self.over, self.over_bent = over, over_bent
-        self.fast = sum((speeds[v] * x.size for v, x in enumerate(rows.carried)), 0.0)
-        self.swings = sum(spread, 0.0)
+        self._swings, self.swings = rows.added(spread), sum(spread, 0.0)
+        self.fast = dot(speeds, [carried.size for carried in rows.carried])
         bent = sum((dot(rate, rate) for rate in self._dw), 0.0)
-        self.part = sum(off_dw, 0.0) / root(1.0 + bent)
+        self.part = sum(self._off_dw, 0.0) / root(1.0 + bent)
         self.worst = self.part * (LARGEST_ERROR / LARGEST_PART)
 
     def _off(self, slips: Sequence[Expr], over: Expr) -> tuple[list[Expr], list[Expr]]:
@@ -306,14 +296,13 @@ class MovingTerms:
         equations have left.
         """
         rows = self._rows
-        often = np.count_nonzero(rows.tree.signs, axis=0).astype(float).tolist()
-        whole = over + dot(often, slips)
+        whole = over + dot(rows.often, slips)
         along = zip(rows.turns, rows.added(slips), strict=True)
         return [x * whole + path for x, path in along], [x * whole for x in rows.moved]
 
     def _place(self, columns: dict[Any, int]) -> None:
         """Add the columns, of which those with a sign are of their own."""
-        plan, parts = self._wanted.plan, dict[tuple[str, Any], Sequence[Expr]]()
+        plan, parts = self._wanted.plan, dict[tuple[str, Any], Iterable[Expr]]()
         pairs, signed = axis_pairs(plan), dict[Pole, list[Expr]]()
         for pole in self._wanted.poles:
             body_pole = plan.pole(*pole)
@@ -325,7 +314,7 @@ class MovingTerms:
                 continue
             parts |= {(name, pole): items for name, items in made.items()}
         for link in sorted(self._wanted.links):
-            parts |= {("w", link): [*self._w[link]], ("dw", link): [*self._dw[link]]}
+            parts |= {("w", link): self._w[link], ("dw", link): self._dw[link]}
         first, count = len(columns), len(signed)
         for row in zip(*signed.values(), strict=True):
             for item in row:
@@ -359,18 +348,12 @@ class MovingTerms:
     @property
     def in_doubt(self) -> bool:
         """Whether links that no pair joins rest, or axes are one but for rounding."""
-        plan = self._wanted.plan
-        pairs = axis_pairs(plan)
-        relative = (
-            self._w[j] - self._w[i]
-            for i, j in self._wanted.poles
-            if plan.pole(i, j) is not None and plan.pole(i, j) not in pairs
-        )
-        return bool(plan.rounded_axes) or not all(
+        relative = (self._w[j] - self._w[i] for i, j in self.signed)
+        return bool(self._wanted.plan.rounded_axes) or not all(
             any(isinstance(x, ExpressionNode) for x in v) for v in relative
         )
 
-    def _of_pair(self, pole: Pole, pair: int) -> dict[str, Sequence[Expr]]:
+    def _of_pair(self, pole: Pole, pair: int) -> dict[str, Iterable[Expr]]:
         """Return what there is of a pole that is the axis of a pair, by part."""
         rows, (i, j) = self._rows, pole
         (variable,) = rows.owned[pair]
@@ -391,8 +374,8 @@ class MovingTerms:
             v, dv, e_rate, e_change, swing = self._between(i, j)
             rate, change = dot(v, unit), dot(dv, unit)
             e_change = e_change + off * swing
-        axis = zip(SIGNED, (list(unit), list(turned), [rate], [change]), strict=True)
-        return {**dict(axis), "angle": [1.0]} | _errors(off, e_rate, e_change)
+        axis = dict(zip(SIGNED, ([*unit], [*turned], [rate], [change]), strict=True))
+        return {**axis, "angle": [1.0], **_errors(off, e_rate, e_change)}
 
     def _between(self, i: int, j: int) -> tuple[Exprs, Exprs, Expr, Expr, Expr]:
         """Return how links turn relative to each other, its change, and the errors of both.
@@ -404,11 +387,11 @@ class MovingTerms:
         v, dv = (np.asarray(rates[j] - rates[i]) for rates in (self._w, self._dw))
         return v, dv, off, changed, self._swings[i] + self._swings[j]
 
-    def _across(self, i: int, j: int) -> tuple[list[Expr], dict[str, Sequence[Expr]]]:
+    def _across(self, i: int, j: int) -> tuple[list[Expr], dict[str, Iterable[Expr]]]:
         """Return the columns with a sign of a pole, and what else there is of it."""
         v, dv, e_rate, e_change, swing = self._between(i, j)
         length = root(dot(v, v))
-        if isinstance(length, float) and length == 0.0:
+        if length == 0.0:
             errors = _errors(1.0, e_rate, e_change)
             return [*[np.nan] * 6, 0.0, 0.0], {"angle": [0.0], **errors}
         share = 1.0 / length
@@ -436,5 +419,5 @@ def curved(rows: RowTerms) -> list[Expr]:
     ]
 
 
-def _errors(*bounds: Expr) -> dict[str, Sequence[Expr]]:
+def _errors(*bounds: Expr) -> dict[str, Iterable[Expr]]:
     return {name: [bound] for name, bound in zip(ERRORS, bounds, strict=True)}

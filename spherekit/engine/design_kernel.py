@@ -154,8 +154,8 @@ class DesignKernel:
         self.turning = tuple(turns)
         moving = [*terms.sample, *terms.places, *terms.handed_in, *turns.values()]
         tables = terms.tables if torques else {}
-        loads = terms.mechanism.loads if torques else ()
-        self._tables = [load for load in loads if isinstance(load, TorqueTable)]
+        loads = terms.mechanism.loads
+        self._tables = [x for x in loads if torques and isinstance(x, TorqueTable)]
         self._time = len(terms.sample) - 1
         items = [*terms.squares, *outputs, *(terms.angle(pair) for pair in turns)]
         self._rows, fixed = hoisted(items, [*tables.values(), *moving])
@@ -163,8 +163,7 @@ class DesignKernel:
         self._count = self._reached + len(outputs)
         self.prepare = term_function([*fixed.values()], terms.sizes, self._compiled)
         given = [*tables.values(), *self._given]
-        rows = self._rows[: self._count]
-        self._evaluate = term_function(rows, given, self._compiled)
+        self._evaluate = term_function(self._rows[: self._count], given, self._compiled)
 
     def evaluate(self, rows: Floats) -> Floats:
         """See above."""
@@ -194,13 +193,12 @@ class DesignKernel:
 
         With the columns of profiles that are handed in, and turns (pairs, n) rad, if any.
         """
-        n = samples.shape[1]
-        prepared = self.prepare(sizes)
+        n, prepared = samples.shape[1], self.prepare(sizes)
         parts = [samples, places, *([] if columns is None else [columns])]
         parts.append(np.zeros((len(self.turning), n)) if turns is None else turns)
         parts.append(np.broadcast_to(prepared, (len(prepared), n)))
         with np.errstate(all="ignore"):
-            return np.asarray(self.evaluate(np.concatenate(parts)))
+            return self.evaluate(np.concatenate(parts))
 
 
 def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], TermFunction]:
@@ -251,8 +249,7 @@ class PathKernel:
             if angle is not places[variable]:
                 change[variable] = angle - places[variable]
         given = [*places, *terms.handed_in]
-        outputs = [*change, flow.scale, flow.openness]
-        self._rows, fixed = hoisted(outputs, given)
+        self._rows, fixed = hoisted([*change, flow.scale, flow.openness], given)
         self._inputs = [*given, *fixed]
         self.prepare = term_function([*fixed.values()], terms.sizes, self.compiled)
         self._real = term_function(self._rows, self._inputs, self.compiled)

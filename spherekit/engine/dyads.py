@@ -28,10 +28,8 @@ from spherekit.engine.pose import GROUND, LinkOrientation, place_by_variables
 from spherekit.engine.turns import Entries, turning_pairs
 from spherekit.errors import EngineError
 from spherekit.files.write import canonical_text
-from spherekit.model.gears import joints_of
 from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.loops import numbered
 from spherekit.planning.inputs import Assembly, Group
 from spherekit.sphere.dyad import HalfAngle, middle_axis, triple_square
 
@@ -105,10 +103,8 @@ def place_by_inputs(
             f"{mechanism.name}: not every group is a dyad, so positions have no closed "
             "form; give the variables of a motion instead of the input"
         )
-    variables: list[Expr] = [None] * len(mechanism.variable_names)
     driven = dict(zip(structure.inputs, q, strict=True)) | structure.following(q)
-    for variable, angle in driven.items():
-        variables[variable] = angle
+    variables = [driven.get(v) for v in range(len(mechanism.variable_names))]
     ways = spanning(mechanism.ends, assembly.bodies, assembly.inputs)
     within = place_by_variables(mechanism, structure.pairs, variables, ways)
     squares = [
@@ -132,15 +128,15 @@ def _close(
     mechanism = structure.mechanism
     near, middle, far = group.dyad_places
 
-    def held(which: int, body: int) -> tuple[int, Entries]:
+    def held(which: int, body: int) -> tuple[LinkOrientation, Entries]:
         pair, end = group.pairs[which], group.ends[which].index(body)
-        return mechanism.ends[pair][end], structure.pairs.axes(pair)[end]
+        return within[mechanism.ends[pair][end]], structure.pairs.axes(pair)[end]
 
     fixed = (held(outer, 0) for outer in (near, far))
-    first, second = (within[link].direction(axis) for link, axis in fixed)
+    first, second = (link.direction(axis) for link, axis in fixed)
     bodies = [(near, 1), (far, 2)]
     held_axes = [(held(outer, body), held(middle, body)) for outer, body in bodies]
-    near_arc, far_arc = (_side(within, *both) for both in held_axes)
+    near_arc, far_arc = (_side(*both) for both in held_axes)
     more, less = first + second, first - second
     squares = dot(more, more), dot(less, less)
     square = triple_square(near_arc, far_arc, *squares)
@@ -149,8 +145,8 @@ def _close(
     third = more * along + less * beside + cross(first, second) * upright
     reached = np.asarray(third)
     depth = 1 + max(placement.depth for placement in within)
-    for (_, body), ((one, outer), (other, mid)) in zip(bodies, held_axes, strict=True):
-        ends = within[one].direction(outer), within[other].direction(mid)
+    for (_, body), sides in zip(bodies, held_axes, strict=True):
+        ends = (link.direction(axis) for link, axis in sides)
         onto = _frame(first if body == 1 else second, reached) @ _inverse(*ends)
         for link in group.bodies[body]:
             turned = np.asarray(onto @ within[link].basis)
@@ -176,17 +172,17 @@ def _inverse(a: Exprs, b: Exprs) -> Exprs:
     u, v = 1.0 / dot(more, more), 1.0 / dot(less, less)
     tilt = dot(more, less) * u * v
     third = cross(a, b) * (4.0 * (u * v))
-    return np.stack([more * u - less * tilt, less * v - more * tilt, third], axis=0)
+    return np.stack([more * u - less * tilt, less * v - more * tilt, third])
 
 
 def _side(
-    within: Sequence[LinkOrientation], one: tuple[int, Entries], other: tuple[int, Entries]
+    one: tuple[LinkOrientation, Entries], other: tuple[LinkOrientation, Entries]
 ) -> HalfAngle:
     """Return the arc between two axes (link, direction) of a body."""
-    if one[0] == other[0]:
+    if one[0] is other[0]:
         a, b = (constants(axis) for _, axis in (one, other))
     else:
-        a, b = (within[link].direction(axis) for link, axis in (one, other))
+        a, b = (link.direction(axis) for link, axis in (one, other))
     more, less = a + b, a - b
     return HalfAngle(0.5 * np.sqrt(dot(less, less)), 0.5 * np.sqrt(dot(more, more)))
 
@@ -215,7 +211,7 @@ def closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
     driven = dict(zip(assembly.inputs, inputs, strict=True))
     variables = [
         driven[pair] if pair in driven else angle_of(structure, pair, placed)
-        for pair, _, _ in numbered(joints_of(mechanism))
+        for pair in mechanism.variable_owners
     ]
     return [*inputs, *signs], variables, squares
 
@@ -223,7 +219,7 @@ def closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
 def given_by(q: Floats, signs: Sequence[int], out: Floats) -> Floats:
     """Write inputs q (inputs, n) and the signs of dyads into what functions are given."""
     out[: len(q)] = q
-    out[len(q) :] = np.array(signs, dtype=float)[:, None]
+    out[len(q) :] = np.array(signs)[:, None]
     return out
 
 

@@ -4,7 +4,7 @@ Float64 gives what norms vouch for, quad precision the other rows. A route that 
 by its name takes directions and rates from the sequence of the plan instead.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any, Literal
@@ -95,10 +95,10 @@ def evaluate(
         )
     with np.errstate(all="ignore"):
         made = found(motion, wanted, engine, route)
-        field = signed(made, motion, wanted, memory or SignContinuation())
+        signed(made, motion, wanted, memory or SignContinuation())
     if route == "equations":
-        field.by_equations[:] = True
-    return field
+        made.by_equations[:] = True
+    return made
 
 
 @np.errstate(all="ignore")
@@ -107,9 +107,7 @@ def found(
 ) -> PoleField:
     """Return the poles by the terms, with any signs of secondary ones."""
     links = range(len(motion.mechanism.links))
-    everything = replace(wanted, links=frozenset(links))
-    by: Literal["numpy", "compiled"] = "numpy" if engine == "extended" else engine
-    at = _Rows(motion, wanted, row_kernel(motion, [everything], by), engine == "extended")
+    at = _Rows(motion, replace(wanted, links=frozenset(links)), engine)
     planned = cache(partial(PlannedPoles, wanted.plan, motion, route))
     if route in ("first", "conditioned"):
         at.follow(planned())
@@ -122,10 +120,7 @@ def found(
     for link in links:
         field.w[link], field.dw[link] = at.part("w", link).T, at.part("dw", link).T
     for pole in wanted.poles:
-        if wanted.plan.pole(*pole) is None:
-            add_locked(field, motion, pole)
-        else:
-            _add_pole(field, at, pole, planned)
+        _add_pole(field, at, pole, planned)
     field.planes.update({pole: planned().circles(pole) for pole in wanted.planes})
     return field
 
@@ -139,9 +134,7 @@ class _Rows:
     lost. Rows that follow the sequence have the angular velocities `by_sequence` (3, n).
     """
 
-    def __init__(
-        self, motion: Motion, wanted: Request, kernel: RowKernel | None, all_wide: bool
-    ) -> None:
+    def __init__(self, motion: Motion, wanted: Request, engine: RowEngine) -> None:
         self.motion, self.wanted = motion, wanted
         self.status, n = motion.status.copy(), len(motion)
         self.loss = np.zeros(n)
@@ -150,25 +143,26 @@ class _Rows:
         self.apart: dict[Pole, Floats] = {}
         self.by_sequence: dict[int, Floats] = {}
         self._of: Mapping[str, Mapping[Any, list[int]]] = {}
+        by: Literal["numpy", "compiled"] = "numpy" if engine == "extended" else engine
+        kernel = row_kernel(motion, [wanted], by)
         if kernel is None:
             self.status[self.status == Status.OK] = Status.AT_SINGULARITY
             return
         values = motion.values.T
         self._columns, self._aside = kernel.whole(values), kernel.aside(values)
         self._places = kernel.aside.places
-        self._of, signed_poles = kernel.moving[0].of, kernel.moving[0].signed
+        self._of, self._signed = kernel.moving[0].of, kernel.moving[0].signed
         for pole in self._of["error"]:
             self.errors[pole] = np.concatenate([self.part(name, pole) for name in ERRORS])
-        self.sure = self._vouched(signed_poles) & ~motion.failed & (not all_wide)
+        self.sure = self._vouched() & ~motion.failed & (engine != "extended")
         self.wide = ~self.sure & ~motion.failed
         if np.any(self.wide):
             self._widen(kernel, np.flatnonzero(self.wide))
         # Axes of pairs that are one but for rounding differ by that.
         pairs, rounded = axis_pairs(wanted.plan), wanted.plan.rounded_axes
-        passes = wanted.plan.rounds
         for links, errors in self.errors.items():
             pole = wanted.plan.pole(*links)
-            if pole is not None and passes[pole] and pairs.get(pole) in rounded:
+            if pole and wanted.plan.rounds[pole] and pairs.get(pole) in rounded:
                 slack = SAME_AXIS * self._aside[-2]
                 self.apart[links] = slack / norm(self.relative(links)[0])
                 errors[:2] += self.apart[links], slack
@@ -191,10 +185,9 @@ class _Rows:
 
     def relative(self, pole: Pole) -> tuple[Floats, Floats]:
         """Return (3, n) the relative angular velocity of links, and its derivative."""
-        (w, dw), (w_j, dw_j) = (
-            (self.part("w", link), self.part("dw", link)) for link in pole
-        )
-        return w_j - w, dw_j - dw
+        i, j = pole
+        w, dw = (self.part(name, j) - self.part(name, i) for name in ("w", "dw"))
+        return w, dw
 
     def follow(self, planned: PlannedPoles) -> None:
         """Take rates from the sequence of the plan, derivatives by the terms.
@@ -211,12 +204,12 @@ class _Rows:
         for pole, errors in self.errors.items():
             errors[1] += norm(self.relative(pole)[0] - before[pole])
 
-    def _vouched(self, poles: Sequence[Pole]) -> Bools:
+    def _vouched(self) -> Bools:
         """Return which rows (n,) norms vouch for: each pole is known or surely none."""
         flatness, _, curved = self._aside[self._places["shape"]]
         good = (flatness <= 1.0 / NEARLY_FLAT) & (curved <= 1.0)
         good &= self._aside[self._places["left"]][0] <= LARGEST_PART
-        for pole in poles:
+        for pole in self._signed:
             direction, rate, change = self.errors[pole]
             v, dv = map(norm, self.relative(pole))
             doubt = direction + 2.0 * LARGEST_ERROR / TURN_KNOWN * change / v
@@ -226,7 +219,7 @@ class _Rows:
 
     def _widen(self, kernel: RowKernel, rows: Indices) -> None:
         """Compute rows again, and what they may be off by."""
-        tree, signed_poles = self.motion.linearisation.tree, kernel.moving[0].signed
+        tree = self.motion.linearisation.tree
         columns, aside, spreads, closed = kernel.wide(self.motion.values[rows].T)
         self._columns[:, rows], self._aside[:, rows] = columns, aside
         flatness, bend, _ = aside[self._places["shape"]]
@@ -239,24 +232,23 @@ class _Rows:
             return np.sum(spreads[self._of[name][key]], axis=0)
 
         def of_links(name: str) -> tuple[Floats, Floats]:
-            places = [self._of[name][link] for link in range(tree.count)]
-            sizes = np.array([norm(columns[place]) for place in places])
-            return sizes, np.array([spread(name, link) for link in range(tree.count)])
+            sizes = [norm(columns[at]) for at in self._of[name].values()]
+            return np.array(sizes), np.array([spread(name, k) for k in self._of[name]])
 
         (size, ways), (swing, bent) = of_links("w"), of_links("dw")
         off_w = np.max(gap * ways + numbers * fast * turns, axis=0)
         off_dw = gap * bent + numbers * (3.0 * fast * ways + swings * turns)
         off_dw = np.max(off_dw, axis=0)
         loss = np.maximum(
-            off_w / np.maximum(np.max(size, axis=0), 1.0),
-            off_dw / np.maximum(np.max(swing, axis=0), 1.0),
+            off_w / np.max(size, axis=0, initial=1.0),
+            off_dw / np.max(swing, axis=0, initial=1.0),
         )
         left = np.maximum(over / np.maximum(fast, 1.0), over_bent / np.maximum(swings, 1.0))
         held = (loss <= TRUSTED_CHANGE) & (left < INCONSISTENT)
         held &= flatness * SINGULAR_RATIO <= 1.0
         self.loss[rows] = np.where(held, loss, np.inf)
         more = SECOND_ORDER * np.fmin(bend, 0.5)
-        for pole in signed_poles:
+        for pole in self._signed:
             # How a direction turns is left out where it may be off by too much.
             at, off = np.array(self._of["direction_dq"][pole]), spread("direction_dq", pole)
             turn = np.maximum(1.0, norm(columns[at]))
@@ -277,7 +269,7 @@ class _Rows:
             change = gap * swung + axis * (v + dv) + more * off_dw
             change += numbers * (3.0 * fast * whole + swings * turned)
             change += numbers * (both + swing[i] + swing[j])
-            if pole in signed_poles:
+            if pole in self._signed:
                 rests = (v <= rate) & (dv <= change)
                 # Numbers of the file are rounded before they become terms.
                 direction = np.where(rests, np.inf, direction + numbers * fast * turned / v)
@@ -288,15 +280,16 @@ def _add_pole(
     field: PoleField, at: _Rows, pole: Pole, planned: Callable[[], PlannedPoles]
 ) -> None:
     """Add a pole; its direction by the plan where rates leave it open."""
-    body_pole, status = at.wanted.plan.pole(*pole), at.status
-    assert body_pole is not None
-    ok, n = status == Status.OK, len(status)
+    body_pole, ok = at.wanted.plan.pole(*pole), at.status == Status.OK
+    if body_pole is None:
+        add_locked(field, at.motion, pole)
+        return
     unit, turn = at.part("direction", pole), at.part("direction_dq", pole)
     rate, change, angle = (
         at.part(name, pole)[0]
         for name in ("velocity_coefficient", "acceleration_coefficient", "angle")
     )
-    direction, e_rate, e_change = at.errors.get(pole, np.full((3, n), np.inf)).copy()
+    direction, e_rate, e_change = at.errors.get(pole, np.full((3, len(ok)), np.inf))
     unknown, (v, dv) = ~(direction < USABLE_DIRECTION), at.relative(pole)
     open_ = ~at.motion.failed & (unknown | bool(at.by_sequence))
     # Where constraints repeat each other, great circles may be one but for rounding.
@@ -317,7 +310,7 @@ def _add_pole(
             turn[:, open_ & unknown] = np.nan
     bad = at.motion.failed | ~(direction < USABLE_DIRECTION)
     unit[:, bad] = np.nan
-    codes = status.copy()
+    codes = at.status.copy()
     codes[bad & ok] = Status.ILL_CONDITIONED
     w = norm(at.part("w", pole[1]))
     still = bad & ok & (norm(v) < NO_MOTION * np.maximum(1.0, w))
@@ -348,10 +341,9 @@ def vouched_field(
         loss=np.zeros(n),
     )
     for name, places in moving.of.items():
-        made = ((key, columns[at]) for key, at in places.items())
-        getattr(field, name).update(
-            {key: part.T if len(part) > 1 else part[0] for key, part in made}
-        )
+        for key, at in places.items():
+            part = columns[at]
+            getattr(field, name)[key] = part.T if len(at) > 1 else part[0]
     for pole in set(wanted.poles) - directions.keys():
         add_locked(field, motion, pole)
     return field

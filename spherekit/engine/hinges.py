@@ -82,10 +82,10 @@ class EquivalentLinkage:
 
     def values(self, given: Floats) -> Floats:
         """Return its variables (n, v) from those of the given mechanism (n, w)."""
-        columns = [
+        columns = (
             turn.scale * given[:, turn.variable] + turn.offset for turn in self.turns
-        ]
-        return np.stack(columns, axis=1)
+        )
+        return np.column_stack([*columns])
 
     def pairs(self, given: Mapping[int, Expr]) -> TurningPairs:
         """Return the pairs of the mechanism with terms for some of the `numbers`."""
@@ -131,10 +131,8 @@ def hinged(
     rolling = [n for n in contacts if mechanism.pairs[n].rolls]
     contacts = [n for n in contacts if n not in rolling]
     for n in contacts:
-        bends = [
-            float(track.curve.at(np.zeros(1)).curvature[0]) for track in joints[n].tracks
-        ]
-        if bends[0] - bends[1] < EQUAL_CURVATURE:
+        one, other = (track.curve.at(np.zeros(1)).curvature for track in joints[n].tracks)
+        if one[0] - other[0] < EQUAL_CURVATURE:
             raise EngineError(
                 f"{mechanism.name}: pairs.{mechanism.pairs[n].name}: the profiles curve "
                 "into each other, or alike"

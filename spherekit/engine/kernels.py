@@ -216,8 +216,8 @@ def kernel(
                 first = len(columns)
                 columns += named
                 outputs += order[at : at + len(items)]
-                whole_part = slice(first, len(columns))
-                places.setdefault(name, {})[key] = whole_part if len(items) > 1 else first
+                some = slice(first, len(columns)) if len(items) > 1 else first
+                places.setdefault(name, {})[key] = some
             at += len(items)
         return Kernel(
             tuple(term.arguments[0] for term in inputs),
@@ -292,9 +292,8 @@ def _poles(flow: CoordinateRates, scale: Expr, poles: Sequence[Pole]) -> Iterato
 def _turning(flow: CoordinateRates, scale: Expr, links: Sequence[int]) -> Iterator[_Part]:
     """Yield the angular velocities of links."""
     for link in links:
-        name = flow.mechanism.links[link]
         labels = {
-            part: [written.format(k) + f"_{name}" for k in "xyz"]
+            part: [f"{written.format(k)}_{flow.mechanism.links[link]}" for k in "xyz"]
             for part, written in _TURNING.items()
         }
         yield link, labels, [*flow.w[0][link] * scale]

@@ -26,6 +26,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -78,22 +79,19 @@ class Structure:
     @property
     def input_pairs(self) -> tuple[int, ...]:
         """The numbers of the inputs: the driven pairs without those that follow."""
-        followers = self.pairs.followers
-        return tuple(pair for pair in self.assembly.inputs if pair not in followers)
+        inputs = self.assembly.inputs
+        return tuple(pair for pair in inputs if pair not in self.pairs.followers)
 
     @property
     def inputs(self) -> tuple[int, ...]:
         """The numbers of the inputs' variables."""
-        owned = self.mechanism.variables_of
-        return tuple(owned(pair)[0] for pair in self.input_pairs)
+        return tuple(self.mechanism.variables_of(pair)[0] for pair in self.input_pairs)
 
     def moving(self, one: int) -> dict[int, Expr]:
         """Return the rates of the driven pairs while an input pair moves at the rate 1."""
         place = self.input_pairs.index(one)
-        rates = self.at_rest | {one: 1.0}
-        for pair, follower in self.pairs.followers.items():
-            rates[pair] = follower[place]
-        return rates
+        following = {pair: rates[place] for pair, rates in self.pairs.followers.items()}
+        return self.at_rest | {one: 1.0} | following
 
     @property
     def at_rest(self) -> dict[int, Expr]:
@@ -102,13 +100,10 @@ class Structure:
 
     def following(self, q: Sequence[Expr]) -> dict[int, Expr]:
         """Return the angles by variable that follow from the angles q of the inputs."""
-        made = {}
-        for pair, follower in self.pairs.followers.items():
-            *ratios, angle = follower
-            for ratio, at in zip(ratios, q, strict=True):
-                angle = angle + ratio * at
-            made[self.mechanism.variables_of(pair)[0]] = angle
-        return made
+        return {
+            self.mechanism.variables_of(pair)[0]: dot(follower, [*q, 1.0])
+            for pair, follower in self.pairs.followers.items()
+        }
 
     @staticmethod
     def of(
@@ -132,8 +127,8 @@ class Structure:
         """
         names = [input_pairs] if isinstance(input_pairs, str) else [*input_pairs]
         pairs = pairs or turning_pairs(mechanism)
-        following = mechanism.names_of(pairs.followers)
-        assembly = plan_assembly(driven_at(mechanism, [*names, *following]))
+        names += mechanism.names_of(pairs.followers)
+        assembly = plan_assembly(driven_at(mechanism, names))
 
         def vectors() -> Floats:
             values = closed
@@ -171,22 +166,17 @@ class Structure:
         if sides is None:
             return dict(zip(ends, self.pairs.axes(pair), strict=True))
         owned = self.mechanism.variables_of(pair)
-        if len(owned) == 1:
-            return {}
         place = owned.index(variable)
-        chain, sense = sides[place].chain, (1.0, -1.0)[place]
+        chain = sides[place].chain
         (turn,) = chain.turns
-        if not isinstance(turn, AxisRotation):
+        if len(owned) == 1 or not isinstance(turn, AxisRotation):
             return {}
-        return {ends[place]: chain.constants[0][:, 2] * (sense * turn.scale)}
+        return {ends[place]: chain.constants[0][:, 2] * ((1.0, -1.0)[place] * turn.scale)}
 
 
 def _half_turn(basis: Exprs, rate: Exprs) -> Exprs:
     """Return half the sum of b x b' over the columns of two matrices (3, 3)."""
-    total = vector([0.0, 0.0, 0.0])
-    for k in range(3):
-        total = total + cross(basis[:, k], rate[:, k])
-    return total * 0.5
+    return vector_sum(map(cross, basis.T, rate.T)) * 0.5
 
 
 class VelocityEquations(ABC):
@@ -208,8 +198,9 @@ class VelocityEquations(ABC):
         self.mechanism, self.pairs = mechanism, pairs
         self.placed, self.variables = placed, variables
         self.tree = LoopTree.of(mechanism)
-        given = mechanism, pairs, placed, variables, about_centres
-        self.carried, self.lines = carried_vectors(*given)
+        self.carried, self.lines = carried_vectors(
+            mechanism, pairs, placed, variables, about_centres
+        )
         self.vectors = [carried.vector for carried in self.carried]
         self.owned = [mechanism.variables_of(pair) for pair in range(len(self.tree.ends))]
 
@@ -255,13 +246,11 @@ class VelocityEquations(ABC):
 
         `rates` are those of the variables by time, `w` (3,) the links' angular velocities.
         """
-        turning = [
-            vector_sum(
-                self.carried[v].change(w[self.carried[v].link], rates[v]) * rates[v]
-                for v in owned
-            )
-            for owned in self.owned
+        changes = [
+            carried.change(w[carried.link], rate) * rate
+            for carried, rate in zip(self.carried, rates, strict=True)
         ]
+        turning = [vector_sum(changes[v] for v in owned) for owned in self.owned]
         second = self.answers({pair: x * -1.0 for pair, x in enumerate(turning)})
         parts = zip(self.parts(second), turning, strict=True)
         return second, [part + turned for part, turned in parts]
@@ -419,20 +408,18 @@ class InputMoments:
         w_ji seen from the link, h its momentum: y_i . I b, as I y_i . b, and
         y_i . (w x h) = sum of s_k h . (y_i x y_k), of which one sign is enough.
         """
-        count = len(slow)
-        pulls: list[Expr] = [0.0] * count
-        turned: list[list[Expr]] = [[0.0] * count for _ in range(count)]
+        places = range(len(slow))
+        pulls: list[Expr] = [0.0 for _ in places]
+        turned: dict[tuple[int, int], Expr] = dict.fromkeys(combinations(places, 2), 0.0)
         for link, placed, seen, momenta in self._links:
             acceleration, momentum = placed.seen(bias[link]), dot(momenta, slow)
-            for i in range(count):
+            for i in places:
                 pulls[i] = pulls[i] + dot(momenta[i], acceleration)
-            for i in range(count):
-                for k in range(i):
-                    turned[i][k] = turned[i][k] + dot(cross(seen[i], seen[k]), momentum)
-        for i in range(count):
-            for k in range(i):
-                pulls[i] = pulls[i] + slow[k] * turned[i][k]
-                pulls[k] = pulls[k] - slow[i] * turned[i][k]
+            for k, i in turned:
+                turned[k, i] = turned[k, i] + dot(cross(seen[i], seen[k]), momentum)
+        for (k, i), part in turned.items():
+            pulls[i] = pulls[i] + slow[k] * part
+            pulls[k] = pulls[k] - slow[i] * part
         return pulls
 
     def resistance(

@@ -99,10 +99,9 @@ def place_by_variables(
     placed = [GROUND] * len(mechanism.links)
     for pair, parent, child in spanning(mechanism.ends) if ways is None else ways:
         chain = pairs.chains[pair]
-        ahead = mechanism.ends[pair][0] == parent
-        placed[child] = placed_by(
-            chain if ahead else chain.reversed(), placed[parent], variables
-        )
+        if mechanism.ends[pair][0] != parent:
+            chain = chain.reversed()
+        placed[child] = placed_by(chain, placed[parent], variables)
     return placed
 
 
@@ -139,7 +138,7 @@ def carried_vectors(
     pairs: TurningPairs,
     placed: Sequence[LinkOrientation],
     variables: Sequence[Expr],
-    about_centres: bool = False,
+    about_centres: bool,
 ) -> tuple[list[UnitTwist], dict[int, UnitTwist]]:
     """Return the vectors of all variables, and by pair the lines of rolling contacts.
 
@@ -166,7 +165,7 @@ def carried_vectors(
             one, other = (part.vector for part in around)
             carried[owned[0]] = UnitTwist(one + other, ends[0], slide=cross(one, other))
         else:
-            near = 0 if placed[ends[0]].depth <= placed[ends[1]].depth else 1
+            near = int(placed[ends[0]].depth > placed[ends[1]].depth)
             tangent, _, point = _axes(sides[near], placed[ends[near]], variables)
             lines[pair] = UnitTwist(point, ends[near], slide=tangent)
             carried[owned[0]] = _rolling(sides, sides[near].curvature, lines[pair])
@@ -177,8 +176,7 @@ def along_ways(tree: LoopTree, parts: Sequence[Exprs]) -> list[Exprs]:
     """Return for each link the sum (3,) of the parts of pairs on the way to it."""
     sums = [vector([0.0, 0.0, 0.0])] * tree.count
     for pair, parent, child in tree.placements:
-        ahead = tree.ends[pair][0] == parent
-        part = parts[pair]
+        ahead, part = tree.ends[pair][0] == parent, parts[pair]
         sums[child] = sums[parent] + part if ahead else sums[parent] - part
     return sums
 

@@ -155,7 +155,7 @@ class GroupEquations:
             columns = weights[:, None] * vectors
             for variable in np.flatnonzero(weights).tolist():
                 row = columns @ vectors[variable]
-                size = max(float(np.linalg.norm(row)), 1e-300)
+                size = max(np.linalg.norm(row), 1e-300)
                 rows[number, variable] = row[self.unknowns] / size
         count, keys = len(self.unknowns), list(rows)
         _, triangle, order = qr(

@@ -126,8 +126,8 @@ class RowKernel:
         self._rows, self.open_by_rounding = rows, rows.open_by_rounding
         self.moving = [MovingTerms(rows, item, columns) for item in requests]
         self._columns = [x[1] if isinstance(x, tuple) else x for x in columns]
-        in_doubt = any(moving.in_doubt for moving in self.moving)
-        self.vouches = bool(motion.free) and not in_doubt
+        doubts = (moving.in_doubt for moving in self.moving)
+        self.vouches = bool(motion.free) and not any(doubts)
         self._profiles = rows.pairs.handed_in
         self._form = None if self._profiles else closed_form(mechanism, motion.assembly)
         self.in_threads, self.kept = engine == "compiled", len(self._columns)
@@ -144,14 +144,15 @@ class RowKernel:
         side (3,) where the sum of all axes lies, before all columns.
         """
         rows = self._rows
-        decide = [
-            rows.bend,
-            sum(self._doubts, 0.0),
-            rows.residual,
-            *vector_sum(rows.vectors),
-        ]
-        made, given = self._from_inputs([*decide, *self._columns])
-        return float_function(made, given)
+        decide = [rows.bend, sum(self._doubts, 0.0), rows.residual]
+        columns = [*decide, *vector_sum(rows.vectors), *self._columns]
+        if self._form is None:
+            closer = dict(zip(self.free, rows.closer, strict=True))
+            after = [closer.get(v, x) for v, x in enumerate(self._variables)]
+            return float_function([*after, *columns], self._variables)
+        given, variables, _ = self._form
+        stand_in = dict(zip(self._variables, variables, strict=True))
+        return float_function([*variables, *substituted(columns, stand_in)], given)
 
     def row(self, given: Sequence[float]) -> tuple[Sequence[float], list[float]] | None:
         """Return the variables of a row, and the side with all columns; None in doubt.
@@ -177,18 +178,6 @@ class RowKernel:
             given = made[:count]
         return None
 
-    def _from_inputs(
-        self, columns: Sequence[Expr]
-    ) -> tuple[list[Expr], list[ExpressionNode]]:
-        """Return all variables, then columns of them, and what these are given."""
-        if self._form is None:
-            closer = dict(zip(self.free, self._rows.closer, strict=True))
-            after = [closer.get(v, x) for v, x in enumerate(self._variables)]
-            return [*after, *columns], self._variables
-        given, variables, _ = self._form
-        stand_in = dict(zip(self._variables, variables, strict=True))
-        return [*variables, *substituted(columns, stand_in)], given
-
     def _made(
         self,
         parts: Mapping[Any, Sequence[Expr]],
@@ -212,10 +201,10 @@ class RowKernel:
             "doubts": self._doubts,
         }
         for k, moving in enumerate(self.moving):
-            bounds = (moving.of[name].values() for name in ERRORS)
             parts["spins", k] = moving.spins
             parts["errors", k] = [
-                largest(self._columns[at] for (at,) in places) for places in bounds
+                largest(self._columns[at] for (at,) in moving.of[name].values())
+                for name in ERRORS
             ]
         return parts
 
@@ -263,25 +252,25 @@ class RowKernel:
     @cached_property
     def _wide(self) -> tuple[TermFunction, ...]:
         """A step of Newton's method, all columns and those aside, and complex columns."""
-        parts = {"free": self._rows.closer}, {"columns": self._columns}
-        made = [self._made(part, number=quad()) for part in (*parts, self._aside)]
-        made.append(self._made(parts[1], number=complex))
+        closer, columns = {"free": self._rows.closer}, {"columns": self._columns}
+        wide = (self._made(part, number=quad()) for part in (closer, columns, self._aside))
+        made = *wide, self._made(columns, number=complex)
         return tuple(item.function for item in made)
 
     def wide(self, values: Floats) -> WideRows:
         """Return rows of nearly closed variables (variables, n) by quad precision."""
-        starts = range(0, max(values.shape[1], 1), WIDE_PIECE)
+        starts = range(0, values.shape[1], WIDE_PIECE)
         parts = (self._piece(values[:, k : k + WIDE_PIECE]) for k in starts)
-        columns, aside, spread, closed = zip(*parts, strict=True)
-        return np.hstack(columns), np.hstack(aside), np.hstack(spread), np.hstack(closed)
+        columns, aside, spread, closed = map(np.hstack, zip(*parts, strict=True))
+        return columns, aside, spread, closed
 
     def _piece(self, values: Floats) -> WideRows:
         free, (closer, whole, aside, slopes) = list(self.free), self._wide
         start = values.astype(quad())
-        x, step = start.copy(), np.full(values.shape[1], np.inf if free else 0.0)
-        for _ in range(STEPS if free else 0):
+        x = start.copy()
+        for _ in range(STEPS):
             after = closer(with_columns(x, self._profiles, values))
-            step = np.max(np.abs(after - x[free]).astype(float), axis=0)
+            step = max_abs((after - x[free]).astype(float), axis=0)
             x[free] = after
             if not np.any(step > CLOSED):
                 break
@@ -308,31 +297,24 @@ def row_kernel(
     The closed configurations of a motion say in which order variables are eliminated;
     None where no order is regular.
     """
-    pivots = _pivots(motion, requests)
+    pivots = _pivots(motion)
     if pivots is None:
         return None
 
-    wanted = tuple(
-        (item.plan.input, item.poles, item.derivatives, tuple(sorted(item.links)))
-        for item in requests
-    )
+    wanted = [(item.plan.input, item.poles, sorted(item.links)) for item in requests]
     key = repr(("rows", wanted, pivots, engine))
     given = motion, requests, pivots, engine
     return COMPILED.get(motion.mechanism, key, lambda: RowKernel(*given))
 
 
-def _pivots(motion: Motion, requests: Sequence[Request]) -> tuple[Pivot, ...] | None:
+def _pivots(motion: Motion) -> Sequence[Pivot] | None:
     """Return the order in which variables are eliminated, None where terms do not hold."""
-    free = motion.free
-    if not free:
-        return ()
+    if not motion.free:
+        return []
     good = np.flatnonzero(~motion.failed & (motion.configuration_error < 1e-6))
     if not len(good):
         good = np.flatnonzero(~motion.failed)
     if not len(good):
         return None
     chosen = good[np.unique(np.linspace(0, len(good) - 1, REFERENCES).astype(int))]
-    pivots = pivots_of(motion.free_jacobian[chosen])
-    if pivots is None:
-        return None
-    return tuple((loop, tuple(free[k] for k in columns)) for loop, columns in pivots)
+    return pivots_of(motion.linearisation.jacobian[chosen], motion.free)

@@ -86,10 +86,8 @@ def sample_names(inputs: Sequence[str]) -> tuple[str, ...]:
 
     ``q``, ``dq``, ``ddq`` and ``t``; with several inputs ``q_PAIR`` of each, and so on.
     """
-    kinds = ("q", "dq", "ddq")
-    if len(inputs) == 1:
-        return (*kinds, "t")
-    return (*(f"{kind}_{pair}" for kind in kinds for pair in inputs), "t")
+    ends = [""] if len(inputs) == 1 else [f"_{pair}" for pair in inputs]
+    return (*(kind + end for kind in ("q", "dq", "ddq") for end in ends), "t")
 
 
 def row_quantities(mechanism: Mechanism) -> dict[str, str]:
@@ -207,8 +205,8 @@ class VariedTerms:
         self._placed: list[LinkOrientation] = []
         if closed_form:
             self.places = symbols(f"sign_{k + 1}" for k in range(len(structure.groups)))
-            q = self.sample[: len(inputs)]
-            self._placed, self.squares = place_by_inputs(structure, q, self.places)
+            given = self.sample[: len(inputs)], self.places
+            self._placed, self.squares = place_by_inputs(structure, *given)
         else:
             self.places = symbols(mechanism.variable_names)
             following = structure.following([self.places[v] for v in structure.inputs])
@@ -237,8 +235,7 @@ class VariedTerms:
     @property
     def handed_in(self) -> list[ExpressionNode]:
         """What is handed in of profiles, after the places."""
-        profiles = self.structure.pairs.handed_in
-        return [term for profile in profiles for term in (*profile.terms, profile.last)]
+        return [x for y in self.structure.pairs.handed_in for x in (*y.terms, y.last)]
 
     def _by_place(self, items: Sequence[Expr], v: int) -> list[Expr]:
         """Return the derivatives by a variable, along the profiles that run with it."""
@@ -256,8 +253,7 @@ class VariedTerms:
         if self.closed_form:
             return [derivatives(items, {size: 1.0}) for size in self.sizes]
         by_places = [self._by_place(items, v) for v in range(len(self.places))]
-        profiles = self.structure.pairs.handed_in
-        columns = [term for profile in profiles for term in profile.terms]
+        columns = (x for y in self.structure.pairs.handed_in for x in y.terms)
         made = []
         for size in (*self.sizes, *columns):
             moved = self.flow.answers(self.flow.misfit_rates(size))
@@ -280,10 +276,9 @@ class VariedTerms:
         """
         table = _quantities(self.mechanism, self.inputs, self.structure.assembly)
         if name not in table:
-            hint = nearest(name, table) or "."
             raise EngineError(
-                f'{self.mechanism.name}: "{name}" is no quantity of a configuration{hint} '
-                f"Quantities: {listing(table)}"
+                f'{self.mechanism.name}: "{name}" is no quantity of a configuration'
+                f"{nearest(name, table) or '.'} Quantities: {listing(table)}"
             )
         _, make, of = table[name]
         return make(self, *of)
@@ -375,14 +370,13 @@ class VariedTerms:
         """Return the variable of an R pair, less its turns in closed form."""
         if not self.closed_form:
             return self.variables[self._variable(pair)]
-        number = self.mechanism.pair_number[pair]
-        return angle_of(self.structure, number, self._placed)
+        return angle_of(self.structure, self.mechanism.pair_number[pair], self._placed)
 
     def transmission_angle(self, pair: str) -> Expr:
         """Return the angle in [0, pi/2] between the arcs of the dyad a pair is amid."""
         number = self.mechanism.pair_number[pair]
-        groups = self.structure.assembly.groups
-        (group,) = (g for g in groups if g.is_dyad and g.middle == number)
+        dyads = (group for group in self.structure.assembly.groups if group.is_dyad)
+        (group,) = (dyad for dyad in dyads if dyad.middle == number)
         near, middle, far = (
             self.flow.vectors[self.mechanism.variables_of(group.pairs[k])[0]]
             for k in group.dyad_places

@@ -183,8 +183,7 @@ def turning_pairs(
             turns = (*near.turns, *far.turns)
             chains.append(JointTransform((first, after @ before, last), turns))
         else:
-            hinge = revolute(joint)
-            name = mechanism.pairs[number].name
+            hinge, name = revolute(joint), mechanism.pairs[number].name
             one, other = frames.get(name, (hinge.first, hinge.second))
             chains.append(JointTransform((one, other.T), (AxisRotation(at),)))
     return TurningPairs(tuple(chains), sides)
@@ -199,13 +198,13 @@ def _side(
     as_column: bool,
 ) -> ProfileSide:
     profile, link = (pair.profiles or ())[place], pair.links[place]
-    if profile.round_axis is None and not (any_profile or as_column):
-        raise EngineError(
-            f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: expressions are "
-            f'written for circles and great circles, not "{profile.kind}"',
-            WITHOUT_EXPRESSIONS,
-        )
-    if profile.round_axis is None or as_column:
+    if as_column or profile.round_axis is None:
+        if not (as_column or any_profile):
+            raise EngineError(
+                f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: expressions are "
+                f'written for circles and great circles, not "{profile.kind}"',
+                WITHOUT_EXPRESSIONS,
+            )
         *terms, last = symbols(
             [f"profile_{pair.name}_{link}_{part}" for part in (*PARTS, LAST)]
         )

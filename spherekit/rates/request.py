@@ -112,17 +112,17 @@ def request(
     whole = _whole_plan(ByIdentity(mechanism), driven, by_rank)
     a, b = whole.ends[whole.input]
     circles = frozenset(pole_of(*pole) for pole in planes)
-    wanted = tuple(dict.fromkeys([*(pole_of(*pole) for pole in poles), *sorted(circles)]))
+    wanted = [*(pole_of(*pole) for pole in poles), *sorted(circles)]
     turned = frozenset(links)
     to_ground = [pole_of(0, link) for link in sorted(turned - {0})]
-    coefficients = list(dict.fromkeys([*(pole_of(*pole) for pole in rates), *to_ground]))
+    coefficients = [*(pole_of(*pole) for pole in rates), *to_ground]
     bodies = {0, a, b} | {whole.body[link] for pole in coefficients for link in pole}
     needed = {whole.pole(*pole) for pole in (*wanted, *coefficients, (a, b))}
     for body in bodies - {a, b}:
         needed |= {pole_of(a, body), pole_of(b, body)}
     pruned = prune(whole, sorted(pole for pole in needed if pole is not None))
-    every, rated = tuple(dict.fromkeys((*wanted, *coefficients))), tuple(sorted(bodies))
-    return Request(pruned, every, rated, derivatives, circles, turned)
+    every = tuple(dict.fromkeys([*wanted, *coefficients]))
+    return Request(pruned, every, tuple(sorted(bodies)), derivatives, circles, turned)
 
 
 TURN_KNOWN = 1e-6
@@ -220,7 +220,7 @@ class SignContinuation:
 
 def signed(
     field: PoleField, motion: Motion, wanted: Request, memory: SignContinuation
-) -> PoleField:
+) -> None:
     """Give directions, and coefficients along them, the signs that continue; in place.
 
     A direction follows the relative angular velocity along it, so its coefficient keeps
@@ -232,11 +232,10 @@ def signed(
     reverses through infinity, and only its product with the sense of the input is
     continuous. Where it is not finite the direction follows its neighbour.
     """
-    pairs, n = axis_pairs(wanted.plan), len(motion)
-    bodies = {pole: wanted.plan.pole(*pole) for pole in wanted.poles}
-    poles = [pole for pole, at in bodies.items() if at is not None and at not in pairs]
+    without, n = {None, *axis_pairs(wanted.plan)}, len(motion)
+    poles = [pole for pole in wanted.poles if wanted.plan.pole(*pole) not in without]
     if not (poles and motion.assembly_modes and n):
-        return field
+        return
     sense = np.ones(n) if motion.sense is None else motion.sense
     unit = np.array([field.direction[pole].T for pole in poles])
     v, dv = (
@@ -258,21 +257,18 @@ def signed(
     paths = np.swapaxes([ahead[:, None] * unit, *moved], 1, 2)
     held = ~motion.failed.reshape(-1, motion.samples)
     if motion.is_path:
-        starts = [number * motion.samples for number in range(len(held))]
-        rows = [np.flatnonzero(row) + at for at, row in zip(starts, held, strict=True)]
-        stops = {
-            number: (some, np.ones(len(some) - 1, dtype=bool))
-            for number, some in enumerate(rows)
-            if len(some)
-        }
+        stops: dict[int, Stops] = {}
+        for number, row in enumerate(held):
+            some = np.flatnonzero(row) + number * motion.samples
+            if len(some):
+                stops[number] = some, np.ones(len(some) - 1, dtype=bool)
         turned = signs_at_stops(motion, poles, stops, lambda some: paths[..., some], memory)
     else:
         turned = sides_of(motion, held, memory)
-    number = np.arange(n)
-    signs = ahead * turned(paths[0], number, number // motion.samples)
+    rows = np.arange(n)
+    signs = ahead * turned(paths[0], rows, rows // motion.samples)
     for pole, of_pole in zip(poles, signs, strict=True):
         turn_round(field, pole, of_pole)
-    return field
 
 
 SIGNED = {
@@ -327,20 +323,19 @@ def signs_at_stops(
     if not signed or not stops:
         return lambda unit, rows, modes: made[:, rows]
     units, vectors, changes = at(np.concatenate([rows for rows, _ in stops.values()]))
-    if motion.inputs.shape[1] > 1:
+    several = motion.inputs.shape[1] > 1
+    if several:
         changes = np.zeros_like(vectors)  # by the way of all inputs it is not known
+    ways = motion.sample.astype(float) if several else motion.inputs[:, 0]
     is_good = all_finite(units, 0)
-    is_moved = all_finite(vectors, 0) & np.any(vectors != 0.0, axis=0)
-    is_moved &= is_good
+    is_moved = is_good & all_finite(vectors, 0) & np.any(vectors, axis=0)
     first = 0
     for number, (rows, linked) in stops.items():
-        mode, here = motion.assembly_modes[number], first
-        first += len(rows)
-        way, end = _way(motion, rows), (number + 1) * motion.samples
+        mode, some = motion.assembly_modes[number], slice(first, first + len(rows))
+        first, end = some.stop, (number + 1) * motion.samples
         sense = np.ones(len(rows)) if motion.sense is None else motion.sense[rows]
         since = np.append(0, np.cumsum(linked))
         for j, pole in enumerate(signed):
-            some = slice(here, first)
             good = np.flatnonzero(is_moved[j, some])
             if not len(good):
                 continue
@@ -348,11 +343,11 @@ def signs_at_stops(
             if key not in memory.last:
                 home = _home(motion, mode.number, int(rows[good[0]]), memory)
                 side = -1.0 if home @ unit[:, good[0]] < 0.0 else 1.0
-            parts = [way], sense[None], vectors[:, j, some], changes[:, j, some]
+            parts = ways[rows][None], sense[None], vectors[:, j, some], changes[:, j, some]
             path = np.concatenate(parts)[:, good]
             chain = _chain(memory, key, side, path, since[good[1:]] > since[good[:-1]])
-            signs = np.repeat(chain, np.diff(good, append=len(rows)))
-            signs = np.append(np.ones(good[0]), signs)
+            often = np.diff(good, prepend=0, append=len(rows))
+            signs = np.repeat(np.append(1.0, chain), often)
             for k in np.flatnonzero(is_good[j, some] & ~is_moved[j, some]):
                 near = good[np.argmin(np.abs(rows[good] - rows[k]))]
                 signs[k] = -1.0 if signs[near] * unit[:, near] @ unit[:, k] < 0.0 else 1.0
@@ -371,12 +366,6 @@ def sides_of(motion: Motion, held: Bools, memory: SignContinuation) -> Turning:
             first = number * motion.samples + int(np.argmax(some))
             sides[number] = _home(motion, mode.number, first, memory)
     return to_sides(sides)
-
-
-def _way(motion: Motion, rows: Indices) -> Floats:
-    """Return (k,) how far rows are: their input, or of several the number of the sample."""
-    single = motion.inputs.shape[1] == 1
-    return motion.q[rows] if single else motion.sample[rows].astype(float)
 
 
 def _home(motion: Motion, mode: int, row: int, memory: SignContinuation) -> Floats:
@@ -407,7 +396,7 @@ def _chain(
         last, side = memory.last[key]
         if last[2:5] @ path[2:5, 0] < 0.0:
             side *= float(_flips(np.column_stack([last, path[:, 0]]))[0])
-    chain = side * np.concatenate(([1.0], np.cumprod(flips)))
+    chain = np.cumprod(np.append(side, flips))
     memory.last[key] = path[:, -1].copy(), float(chain[-1])
     return chain
 
@@ -422,7 +411,7 @@ def _flips(path: Path) -> Floats:
     gap = np.flatnonzero(dot(v[:, 1:], v[:, :-1]) < 0.0)
     if not len(gap):
         return flips
-    h = np.where(sense[1:] == sense[:-1], q[1:] - q[:-1], 0.0)[gap]
+    h = np.where(sense[1:] == sense[:-1], np.diff(q), 0.0)[gap]
     t = np.linspace(0.0, 1.0, SUBSTEPS + 1)[:, None]
     start, stop = (
         (v[:, None, end], np.nan_to_num(dv[:, None, end])) for end in (gap, gap + 1)
@@ -431,5 +420,5 @@ def _flips(path: Path) -> Floats:
     # Rounding must not decide which way what is nearly zero at an end points there.
     path[:, 0], path[:, -1] = start[0][:, 0], stop[0][:, 0]
     turns = np.sum(path[:, 1:] * path[:, :-1], axis=0)
-    flips[gap] = np.where(np.sum(turns < 0.0, axis=0) % 2 == 1, -1.0, 1.0)
+    flips[gap] = (-1.0) ** np.sum(turns < 0.0, axis=0)
     return flips

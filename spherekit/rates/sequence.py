@@ -26,9 +26,6 @@ from spherekit.planning.poles import (
 from spherekit.rates.request import Route, cross, dot, norm
 from spherekit.sphere.rotation import nans, unit_rows
 
-TRUSTED_ERROR = 1e-12
-"""A direction with a smaller bound (rad) is surely good."""
-
 
 class PlannedPoles:
     """The poles of a plan at the rows of a motion, with any signs of secondary ones.
@@ -87,15 +84,18 @@ class PlannedPoles:
     def _solve(self, step: BlockPoles) -> None:
         """Add the poles of an irreducible part: the null vector of its equations."""
         number = {link: k for k, link in enumerate(step.links)}
-        owned = [self.plan.mechanism.variables_of(pair) for pair in step.pairs]
         ends = [self.plan.ends[pair] for pair in step.pairs]
+        owned = {
+            variable: k
+            for k, pair in enumerate(step.pairs)
+            for variable in self.plan.mechanism.variables_of(pair)
+        }
         tree = LoopTree(
             len(step.links),
             tuple((number[a], number[b]) for a, b in ends),
-            tuple(k for k, of_pair in enumerate(owned) for _ in of_pair),
+            tuple(owned.values()),
         )
-        variables = [variable for of_pair in owned for variable in of_pair]
-        vectors = self.motion.vectors[:, variables]
+        vectors = self.motion.vectors[:, [*owned]]
         rates, inverse = null_motion(tree, vectors)
         w, growth = tree.body_rates(vectors, rates), np.linalg.norm(inverse, axis=(1, 2))
         for pole in step.poles:
@@ -144,8 +144,8 @@ class PlannedPoles:
                     return nothing
                 first, second, *_ = self._two_circles(LinePole(bodies, 0, tuple(via)))
                 self._drawn[bodies] = first, second
-            one, other = self._drawn[bodies]
-            return np.stack([one / norm(one), other / norm(other)]).transpose(2, 0, 1)
+            both = np.stack(self._drawn[bodies])
+            return (both / norm(both)[:, None]).transpose(2, 0, 1)
 
 
 def _unit(a: Floats) -> Floats:

@@ -109,35 +109,29 @@ class Transmission:
         if directions is not None:
             finite &= all_finite(directions, 1)
         rows = np.flatnonzero(finite)
+        owners = [self.tree.owners[v] for v in passive(self.tree, self.driven)]
+        if not owners:
+            transmission[rows] = 1.0
+            return transmission
         for start in range(0, len(rows), ROWS):
             some = rows[start : start + ROWS]
             columns, loops = passive_equations(self.tree, self.driven, vectors[some])
-            owners = [self.tree.owners[v] for v in passive(self.tree, self.driven)]
             way = self._way[owners] * columns
-            towards = None if directions is None else directions[some]
-            transmission[some] = self._measured(way, loops, towards)
+            if directions is not None:
+                axes = directions[some][:, :, None]
+                way -= axes * np.sum(axes * way, axis=1, keepdims=True)
+            gives = _by_singular_values(way, loops)
+            with np.errstate(over="ignore"):
+                size = np.linalg.norm(gives, 2, axis=(1, 2))
+                part = size**2 / (self._way @ self._way)
+                transmission[some] = 1.0 / np.sqrt(1.0 + part)
         return transmission
 
     @cached_property
     def _way(self) -> Floats:
         """(pairs,) of a current of 1 from the link the output is seen from to its own."""
-        between = np.zeros(self.tree.count)
-        between[self.relative_to] -= 1.0
-        between[self.link] += 1.0
-        return np.linalg.pinv(self.tree.incidence.T, rcond=1e-9) @ between
-
-    def _measured(self, way: Floats, loops: Floats, directions: Floats | None) -> Floats:
-        """Return the transmission (n,) of finite equations."""
-        if not loops.shape[2]:
-            return np.ones(len(loops))
-        if directions is not None:
-            along = np.einsum("nk,nkm->nm", directions, way)
-            way = way - directions[:, :, None] * along[:, None]
-        gives = _by_singular_values(way, loops)
-        rho = self._way @ self._way
-        with np.errstate(over="ignore"):
-            size = np.linalg.norm(gives, 2, axis=(1, 2))
-            return 1.0 / np.sqrt(1.0 + size**2 / rho)
+        ways = np.linalg.pinv(self.tree.incidence.T, rcond=1e-9)
+        return ways[:, self.link] - ways[:, self.relative_to]
 
 
 def passive(tree: LoopTree, driven: Sequence[int]) -> list[int]:
@@ -161,25 +155,25 @@ def passive_equations(
     return columns, loops.reshape(len(vectors), 3 * len(through), len(free))
 
 
-def hold(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> tuple[Floats, Floats]:
-    """Return how the locked inputs hold all links, and the part of the greatest hold.
+def hold(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> Floats:
+    """Return (2, n) how locked inputs hold all links, and the part of the greatest hold.
 
-    Both (n,): the least singular value of `passive_equations`, and its ratio to the
+    That is the least singular value of `passive_equations`, and its ratio to the
     greatest; 0 where any link can move with the inputs at rest, 1 without passive pairs,
     NaN where the vectors are.
     """
-    least, ratio = nans(len(vectors)), nans(len(vectors))
+    made = nans((2, len(vectors)))
     finite = all_finite(vectors, (1, 2))
     _, loops = passive_equations(tree, driven, vectors[finite])
     equations, free = loops.shape[1:]
     if not free:
-        least[finite] = ratio[finite] = 1.0
+        made[:, finite] = 1.0
     elif equations < free:
-        least[finite] = ratio[finite] = 0.0
+        made[:, finite] = 0.0
     else:
         sizes = np.linalg.svd(loops, compute_uv=False)
-        least[finite], ratio[finite] = sizes[:, -1], sizes[:, -1] / sizes[:, 0]
-    return least, ratio
+        made[:, finite] = sizes[:, -1], sizes[:, -1] / sizes[:, 0]
+    return made
 
 
 def _units(tree: LoopTree, vectors: Floats) -> Floats:
@@ -188,10 +182,10 @@ def _units(tree: LoopTree, vectors: Floats) -> Floats:
     units = vectors / np.where(sizes > 0.0, sizes, 1.0)
     for v, owner in enumerate(tree.owners):
         if v and tree.owners[v - 1] == owner:
-            one, other = units[:, v - 1], units[:, v].copy()
+            one, other = units[:, v - 1], units[:, v]
             other -= one * np.sum(one * other, axis=1, keepdims=True)
             size = np.linalg.norm(other, axis=1, keepdims=True)
-            units[:, v] = other / np.where(size > 0.0, size, 1.0)
+            other /= np.where(size > 0.0, size, 1.0)
     return units
 
 

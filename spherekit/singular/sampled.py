@@ -327,8 +327,8 @@ class SampledSingularities:
             angles.append(np.minimum(angle, np.pi - angle))
         return angles
 
-    def singular_values(self) -> tuple[Floats, Floats]:
-        """Return (n,) how surely the locked input holds all links, and that of the best.
+    def singular_values(self) -> Floats:
+        """Return (2, n) how surely the locked input holds all links, and to what part.
 
         See `spherekit.rates.transmission.hold`.
         """

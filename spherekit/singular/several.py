@@ -170,7 +170,6 @@ def coefficients(
                 motion.mechanism.pairs[pair].name,
                 tuple(combinations(sorted({i, r, *links}), 2)),
                 [output.pole],
-                derivatives=True,
                 by_rank=by_rank,
             )
             # With the others locked links are called by one link of their body each.
