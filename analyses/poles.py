@@ -65,9 +65,7 @@ def chart(
     that moves while others are locked.
     """
     ground = link_axes(mechanism)[mechanism.links[0]]
-    axes = [axis for name, axis in ground.items() if name in mechanism.pair_number]
-    middle = np.sum(axes, axis=0) if axes else np.array([1.0, 0.0, 0.0])
-    x = int(np.argmax(np.abs(middle)))
+    x = int(np.argmax(np.abs(np.sum([*ground.values(), np.zeros(3)], axis=0))))
     y, z = (x + 1) % 3, (x + 2) % 3
     with np.errstate(divide="ignore", invalid="ignore"):
         places = directions[..., [y, z]] / directions[..., [x]]
@@ -90,22 +88,18 @@ def chart(
     )
 
 
-def axode_traces(batch: Batch, pole: Pole, label: str, rows: slice) -> list[Primitive]:
-    """Return the fixed axode in the axes of the first link, the moving in the second's."""
-    u = batch.direction(*pole)[rows]
-    traces: list[Primitive] = []
+def axode_traces(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
+    """Yield the fixed axode in the axes of the first link, the moving in the second's."""
+    label = f"P{_short(batch.mechanism, pole)}"
     for number, kind in zip(pole, ("fixed", "moving"), strict=True):
         turn = batch.rotation(batch.mechanism.links[number])[rows]
-        traces.append(
-            Trace(
-                f"axode/{label}/{kind}",
-                f"{kind} axode of {label}",
-                np.einsum("nji,nj->ni", turn, u),
-                number,
-                quaternion(turn) if number else None,
-            )
+        yield Trace(
+            f"axode/{label}/{kind}",
+            f"{kind} axode of {label}",
+            np.einsum("nji,nj->ni", turn, batch.direction(*pole)[rows]),
+            number,
+            quaternion(turn) if number else None,
         )
-    return traces
 
 
 def construction(batch: Batch, row: int) -> Scene:
@@ -320,11 +314,10 @@ class Poles(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the table `poles`."""
-        poles, by_input = self.poles(batch.mechanism), batch.inputs.T
-        inputs = range(len(batch.moving_inputs))
+        poles, inputs = self.poles(batch.mechanism), range(len(batch.moving_inputs))
         wanted = [(*pole, moved) for moved in inputs for pole in poles]
         of, made = batch.of_poles(wanted), dict[str, Any](batch.pole_columns(wanted))
-        made["q"] = batch.interleaved([by_input[moved] for *_, moved in wanted])
+        made["q"] = batch.interleaved([batch.inputs[:, moved] for *_, moved in wanted])
         made |= {f"du{axis}_dq": of("direction_dq", c) for c, axis in enumerate("xyz")}
         numbers = (
             "conditioning",
@@ -346,8 +339,7 @@ class Poles(AbstractAnalysis):
             for number, rows in batch.assembly_mode_rows().items()
         ]
         good = np.flatnonzero(batch.status == Status.OK)
-        first = len(batch) > 0 and int(batch.sample[0]) == 0
-        if first and len(good) and self._stepwise(batch.mechanism):
+        if len(good) and batch.sample[0] == 0 and self._stepwise(batch.mechanism):
             in_mode = good[batch.assembly_mode[good] == batch.assembly_mode[good[0]]]
             pages.append(construction(batch, int(in_mode[len(in_mode) // 3])))
         return tuple(pages)
@@ -372,8 +364,10 @@ class Poles(AbstractAnalysis):
                 first = moved == 0 and (to_ground or pole == shown)
                 label = f"P{short}" if brief else f"{high}/{low}"
                 label += "" if is_primary else alone
-                u = batch.direction(*pole, moved)[rows]
-                seen = first or is_primary or not many
+                u, seen = (
+                    batch.direction(*pole, moved)[rows],
+                    first or is_primary or not many,
+                )
                 yield Arrow(f"pole/{where}", label, u, is_primary, seen)
             if pole == driven or body[pole[0]] == body[pole[1]]:
                 continue
@@ -392,7 +386,7 @@ class Poles(AbstractAnalysis):
                 path, link = f"plots/{order}/{where}", pole[1] if to_ground else None
                 yield Series(path, letter, group, values[rows], unit, link)
         for pole in () if moved else self._drawn(mechanism):
-            yield from axode_traces(batch, pole, f"P{_short(mechanism, pole)}", rows)
+            yield from axode_traces(batch, pole, rows)
         if shown is None:
             return
         normals = batch.planes(*shown, moved)[rows]

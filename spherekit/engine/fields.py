@@ -237,8 +237,8 @@ class _Rows:
 
         (size, ways), (swing, bent) = of_links("w"), of_links("dw")
         off_w = np.max(gap * ways + numbers * fast * turns, axis=0)
-        off_dw = gap * bent + numbers * (3.0 * fast * ways + swings * turns)
-        off_dw = np.max(off_dw, axis=0)
+        doubts = numbers * (3.0 * fast * ways + swings * turns)
+        off_dw = np.max(gap * bent + doubts, axis=0)
         loss = np.maximum(
             off_w / np.max(size, axis=0, initial=1.0),
             off_dw / np.max(swing, axis=0, initial=1.0),
@@ -263,12 +263,11 @@ class _Rows:
             axis, beyond = np.where(rests, 0.0, direction), np.where(rests, np.inf, 1.0)
             along = np.fmin(beyond * spread("velocity_coefficient", pole), whole)
             swung = beyond * spread("acceleration_coefficient", pole)
-            swung = np.fmin(swung, bent[i] + bent[j])
-            rate = gap * along + numbers * fast * turned
-            rate += numbers * both + axis**2 * v + more * off_w
-            change = gap * swung + axis * (v + dv) + more * off_dw
-            change += numbers * (3.0 * fast * whole + swings * turned)
-            change += numbers * (both + swing[i] + swing[j])
+            rate = gap * along + numbers * (fast * turned + both)
+            rate += axis**2 * v + more * off_w
+            change = gap * np.fmin(swung, bent[i] + bent[j]) + axis * (v + dv)
+            rounded = doubts[i] + doubts[j] + numbers * (both + swing[i] + swing[j])
+            change += rounded + more * off_dw
             if pole in self._signed:
                 rests = (v <= rate) & (dv <= change)
                 # Numbers of the file are rounded before they become terms.

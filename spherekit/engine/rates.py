@@ -41,6 +41,9 @@ Way = tuple[tuple[int, int], ...]
 LARGEST = 6
 """Most equations of a group that are solved together by determinants."""
 
+AXES = constants(np.eye(3))
+"""Directions along which a loop has equations where none of its variables are private."""
+
 INDEPENDENT = 1e-6
 """Equations of unit size nearer than this to being combinations of others repeat them."""
 
@@ -179,7 +182,8 @@ class GroupEquations:
         the rates that are looked for.
         """
         loops: list[tuple[dict[int, Exprs], Exprs]] = []
-        for loop in self.loops:
+        used: list[tuple[Exprs, dict[int, Exprs], Exprs]] = []
+        for loop, private in zip(self.loops, self.private, strict=True):
             columns = {
                 v: vectors[v] * float(sense)
                 for pair, sense in loop
@@ -188,18 +192,10 @@ class GroupEquations:
             }
             rest = vector_sum(turned[pair] * float(sense) for pair, sense in loop)
             loops.append((columns, rest))
+            ways = [cross(*(columns[v] for v in private))] if private else AXES
+            used += [(along, columns, rest) for along in ways]
         if self.chosen is not None:
             used = [(vectors[v], *loops[number]) for number, v in self.chosen]
-        else:
-            used = [
-                (along, columns, rest)
-                for private, (columns, rest) in zip(self.private, loops, strict=True)
-                for along in (
-                    [cross(*(columns[v] for v in private))]
-                    if private
-                    else constants(np.eye(3))
-                )
-            ]
         matrix: list[list[Expr]] = [
             [dot(along, columns[v]) if v in columns else 0.0 for v in self.unknowns]
             for along, columns, _ in used

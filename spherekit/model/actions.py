@@ -16,8 +16,7 @@ from spherekit.model.mechanism import Mechanism
 
 def used_pairs(mechanism: Mechanism) -> frozenset[str]:
     """Return the R pairs whose variable or rate the loads depend on."""
-    said, parts = _names(mechanism), _all(mechanism)
-    pairs = {part.pair for part in parts}
+    said, pairs = _names(mechanism), {part.pair for part in _all(mechanism)}
     return frozenset(
         name
         for name in mechanism.angles

@@ -189,8 +189,8 @@ class Bearings(BearingFriction):
         axial = (0.0,) * len(self.positions) if self.axial is None else self.axial
         for part in axial:
             need_at_least_zero(f"{key}.axial", part, "")
-        whole = abs(sum(axial) - 1.0) < 1e-9
-        if len(axial) != len(self.positions) or not (whole or not any(axial)):
+        partly = any(axial) and abs(sum(axial) - 1.0) >= 1e-9
+        if partly or len(axial) != len(self.positions):
             raise ModelError(
                 f"{key}.axial: found {list(axial)}, needs one part for each of the "
                 f"{len(self.positions)} positions, 1 in all (a fixed bearing takes 1, a "
@@ -255,16 +255,11 @@ def need_no_rubbing(mechanism: Loaded, what: str) -> None:
     """Raise `ModelError` if friction follows from reactions, which `what` does not know."""
     for load in mechanism.loads:
         if isinstance(load, BearingFriction) and load.grip > 0.0:
-            instead = (
-                "a load of kind friction there, whose torque the analysis reactions can "
-                "tell, or "
-                if isinstance(load, Bearings)
-                else ""
-            )
             raise ModelError(
                 f"{mechanism.name}: loads.{load.name}: its friction follows from the "
-                f"reaction of pair {load.pair}, which {what}; or take {instead}"
-                "coefficient = 0"
+                f"reaction of pair {load.pair}, which {what}; or take coefficient = 0, or "
+                "at an R pair a load of kind friction, whose torque the analysis "
+                "reactions can tell"
             )
 
 
@@ -492,12 +487,10 @@ def _on_link(
     texts: Expressions,
     arm: Vector | None,
 ) -> Components:
+    moments = (LinkMoment(load.link, axis, load.axes, arm) for axis in _UNITS)
     return tuple(
-        part
-        for text, axis in zip(texts, _UNITS, strict=True)
-        for part in acting(
-            mechanism, text, moments=(LinkMoment(load.link, axis, load.axes, arm),)
-        )
+        acting(mechanism, text, moments=(moment,))[0]
+        for text, moment in zip(texts, moments, strict=True)
     )
 
 
@@ -560,12 +553,11 @@ def check_tensor(key: str, tensor: Floats) -> None:
         raise ModelError(f"{key}: has the shape {tensor.shape}, needs (3, 3)")
     need_finite(key, tensor.ravel())
     largest = float(max_abs(tensor))
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        if abs(tensor[i, j] - tensor[j, i]) > ASYMMETRY * largest:
-            raise ModelError(
-                f"{key}: not symmetric: row {i + 1}, column {j + 1} has {tensor[i, j]}, "
-                f"row {j + 1}, column {i + 1} has {tensor[j, i]}"
-            )
+    for i, j in np.argwhere(np.abs(tensor - tensor.T) > ASYMMETRY * largest):
+        raise ModelError(
+            f"{key}: not symmetric: row {i + 1}, column {j + 1} has {tensor[i, j]}, "
+            f"row {j + 1}, column {i + 1} has {tensor[j, i]}"
+        )
     _need_moments(key, tensor, MOMENT_TOLERANCE * largest, "")
 
 

@@ -164,14 +164,13 @@ class Expression:
                 arrays.__getitem__,
                 lambda function, parts: ON_ARRAYS[function](*parts),
             )
-            return np.array(np.broadcast_to(value, shape), dtype=np.float64)
+            return np.array(np.broadcast_to(value, shape))
 
 
 def load_names(pairs: Iterable[str]) -> Names:
     """Return the names a load may use, given the names of the R pairs."""
     pairs = list(pairs)
-    rates = (f"dtheta_{pair}" for pair in pairs)
-    return ("t", *(f"theta_{pair}" for pair in pairs), *rates)
+    return ("t", *(f"{kind}_{pair}" for kind in ("theta", "dtheta") for pair in pairs))
 
 
 def parse(text: str, names: Iterable[str]) -> Expression:
@@ -217,8 +216,8 @@ def _syntax_tree(text: str, margin: int) -> ast.expr:
             return ast.parse(text, mode="eval").body
     except SyntaxError as error:
         column = margin + max(error.offset or 1, 1) - 1
-        hint = "products are written with *"
-        raise _fault(column, f"cannot be read here ({error.msg}); {hint}") from None
+        message = f"cannot be read here ({error.msg}); products are written with *"
+        raise _fault(column, message) from None
     except (RecursionError, MemoryError, ValueError):
         raise _fault(margin, "too deeply nested", _LEVELS) from None
 
@@ -245,8 +244,8 @@ def _tree(item: ast.expr, names: Names, margin: int, depth: int = 1) -> Node:
         case ast.BinOp(op=ast.FloorDiv()):
             raise _fault(column, 'found the operator "//", which is not allowed')
         case _:
-            kind = type(item).__name__.lower()
-            raise _fault(column, f"found {kind}, which is not allowed")
+            message = f"found {type(item).__name__.lower()}, which is not allowed"
+            raise _fault(column, message)
     arguments = [_tree(part, names, margin, depth + 1) for part in parts]
     if function == "/" and arguments[1] == 0.0:
         what = "divides by zero"

@@ -361,13 +361,11 @@ def touching_angles(
         )
     miss = abs(others[0] - second) if others else 0.0
     if miss > TOUCHING:
-        one, other = (first, *others) if sense > 0.0 else (*others, first)
         raise ModelError(
             f"the cones do not touch: the shaft angle is {_degrees(shaft_angle)} deg, in "
-            f"{contact} contact the half angles give {_degrees(one)} "
-            f"{'+' if sense > 0.0 else '-'} {_degrees(other)} = "
-            f"{_degrees(one + sense * other)} deg; they miss by {_degrees(miss)} deg. "
-            "Leave the second out and it follows"
+            f"{contact} contact half angles of {_degrees(first)} and {_degrees(others[0])} "
+            f"deg give {_degrees(others[0] + sense * first)} deg; they miss by "
+            f"{_degrees(miss)} deg. Leave the second out and it follows"
         )
     return first, others[0] if others and miss <= ROUNDING else second
 

@@ -24,11 +24,11 @@ def spanning(
     ways = []
     for body in reached:
         for pair in used:
-            if body in ends[pair]:
-                other = ends[pair][1] if ends[pair][0] == body else ends[pair][0]
-                if other not in reached:
-                    reached.append(other)
-                    ways.append((pair, body, other))
+            one, two = ends[pair]
+            other = two if one == body else one
+            if body in (one, two) and other not in reached:
+                reached.append(other)
+                ways.append((pair, body, other))
     return tuple(ways)
 
 

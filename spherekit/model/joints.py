@@ -245,8 +245,7 @@ class Sliding(Joint):
 
     @property
     def periods(self) -> Numbers:
-        curves = self.first, self.second
-        return tuple(curve.length if curve.closed else np.inf for curve in curves)
+        return tuple(x.length if x.closed else np.inf for x in (self.first, self.second))
 
     @property
     def starts(self) -> tuple[Ends, ...]:

@@ -1,6 +1,7 @@
 """What a load is made of: magnitudes, and what they work on."""
 
 import inspect
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -178,8 +179,10 @@ class Load(ABC):
 
     def components(self, mechanism: Loaded) -> Components:
         """Return what it is made of: magnitudes, and what they work on."""
-        fields = vars(self).items()
-        given = {k: x if isinstance(x, str) else number_text(x) for k, x in fields}
+        given = {
+            name: x if isinstance(x, str) else number_text(x)
+            for name, x in vars(self).items()
+        }
         return acting(mechanism, self.law.format(**given), given["pair"])
 
 
@@ -251,8 +254,8 @@ class TorqueTable(Load):
             yield from self.times
             return
         period = self.times[-1] - self.times[0]
-        first = int(np.floor((start - self.times[-1]) / period))
-        for turn in range(first, int(np.ceil((stop - self.times[0]) / period)) + 1):
+        first = math.floor((start - self.times[-1]) / period)
+        for turn in range(first, math.ceil((stop - self.times[0]) / period) + 1):
             yield from (t + turn * period for t in self.times)
 
     def check(self, key: str, mechanism: Loaded) -> None:
@@ -300,11 +303,9 @@ def need(holds: str, key: str, value: Any, mechanism: Loaded) -> None:
                 _need_expression(f"{key}[{number}]", text, mechanism)
         case "vector" | "numbers":
             need_finite(key, value)
-        case "angle":
+        case "angle" | "rate":
             need_finite(key, [value])
-        case "rate":
-            need_finite(key, [value])
-            if not value > 0:
+            if holds == "rate" and value <= 0:
                 raise ModelError(
                     f"{key}: found {value:g} rad/s, needs more than 0: the rate below "
                     "which the jump of dry friction is smoothed"

@@ -188,9 +188,9 @@ class Mechanism:
 
     def _repr_html_(self) -> str:
         """Return its pairs with their links, and what else it has, as HTML."""
-        inputs = set(self.input_pairs)
+        inputs = self.input_pairs
         rows = [
-            [pair.name, pair.type, *pair.links, "input" if pair.name in inputs else ""]
+            [pair.name, pair.type, *pair.links, "input" * (pair.name in inputs)]
             for pair in self.pairs
         ]
         return html_table(["pair", "type", "link", "link", ""], rows, repr(self)[1:-1])
@@ -546,11 +546,11 @@ def _no_arc(arc: float) -> str:
     """Return what to say of an arc (rad) that is none between two axes."""
     if not math.isfinite(arc):
         return f"found {arc}, needs a finite number"
-    shorter = abs(math.remainder(arc, 2.0 * math.pi))
+    degrees = math.degrees(arc)
     return (
-        f"found {math.degrees(arc):.6g} deg ({arc:.6g} rad); an arc between two axes is "
-        f"between 0 and 180 deg. This one leads to an axis {math.degrees(shorter):.6g} deg "
-        "away, perhaps on the other side of the first; if that is meant, say "
+        f"found {degrees:.6g} deg ({arc:.6g} rad); an arc between two axes is between 0 "
+        f"and 180 deg. This one leads to an axis {abs(math.remainder(degrees, 360)):.6g} "
+        "deg away, perhaps on the other side of the first; if that is meant, say "
         "signed_arcs = true in the link"
     )
 

@@ -65,11 +65,12 @@ def need_rows(
     `key` begins what faults say, `name` is that of the values, `more` says how fewer rows
     than the `least` would do.
     """
-    rows = counted(len(times), "value")
-    if len(times) != len(values):
-        has = counted(len(values), "value")
-        raise ModelError(f"{key}{name}: has {has}, but times has {len(times)}")
-    if len(times) < least:
+    has = len(times)
+    if has != len(values):
+        rows = counted(len(values), "value")
+        raise ModelError(f"{key}{name}: has {rows}, but times has {has}")
+    if has < least:
+        rows = counted(has, "value")
         raise ModelError(f"{key}times: has {rows}, needs at least {least}{more}")
     for number, (one, other) in enumerate(pairwise(times)):
         if not other > one:

@@ -150,9 +150,7 @@ class Tabulated:
 
         still = [(1, 0.0), (2, 0.0)]
         ends: Any = (still, still) if self.rest_at_ends else None
-        spline = make_interp_spline(
-            np.array(self.times), np.array(self.angles), k=SPLINE_DEGREE, bc_type=ends
-        )
+        spline = make_interp_spline(self.times, self.angles, SPLINE_DEGREE, bc_type=ends)
         return spline, spline.derivative(1), spline.derivative(2)
 
 

@@ -219,11 +219,10 @@ def _check_connected(mechanism: Mechanism) -> None:
 def _check_mobility(mechanism: Mechanism, driven: Sequence[int]) -> None:
     mobility = graph_mobility(mechanism)
     if mobility != len(driven):
-        names = listing(mechanism.names_of(driven))
         raise CountError(
             f"{mechanism.name}: mobility 3(m - 1) - 2 n_R - 2 n_Cr - n_Cs = {mobility}, "
-            f"but the number of inputs is {len(driven)} ({names}); "
-            f"{inputs_to_declare(mobility)}"
+            f"but the number of inputs is {len(driven)} "
+            f"({listing(mechanism.names_of(driven))}); {inputs_to_declare(mobility)}"
         )
 
 
@@ -293,12 +292,11 @@ def _locked(
     moved = [pair for pair in driven if pair not in locked]
     turning = (mechanism.ends[number] for number in moved)
     if not independent or any(body[a] == body[b] for a, b in turning):
-        names = mechanism.names_of(driven)
-        others = listing(mechanism.names_of(locked))
+        names, others, stuck = map(mechanism.names_of, (driven, locked, moved))
         raise CountError(
             f"{mechanism.name}: the inputs {listing(names)} are not independent freedoms: "
-            f"with {others} locked, {listing(mechanism.names_of(moved))} "
-            "cannot move; choose other inputs"
+            f"with {listing(others)} locked, {listing(stuck)} cannot move; choose other "
+            "inputs"
         )
     return body, game
 
@@ -450,8 +448,7 @@ def split(
     while open_pairs:
         part = _smallest_part(game, open_pairs, body_of)
         # The body with the ground if there is one, else the largest, else the first.
-        ground = body_of[0]
-        base = min(part, key=lambda body: (body != ground, -body_of.count(body), body))
+        base = min(part, key=lambda body: (body != body_of[0], -body_of.count(body), body))
         inside = [n for n, ends in open_pairs.items() if {body_of[k] for k in ends} <= part]
         groups.append(
             _group(mechanism, body_of, base, inside, any(n in meshes for n in inside))

@@ -108,8 +108,7 @@ def _opened(
         while steps:
             _mark(then, [step.pole for step in steps])
             left = [other for other in block.poles if other[1] not in then[other[0]]]
-            number = steps[0].round + 1
-            steps = [*_by_lines(chain, contacts, then, left, number)]
+            steps = [*_by_lines(chain, contacts, then, left, steps[0].round + 1)]
             passes += steps
         return replace(block, opening=pole, passes=tuple(passes))
 
@@ -117,10 +116,10 @@ def _opened(
         left = len(block.poles) - 1 - len(part.passes)
         return left, part.last + (left > 0)
 
-    def lines(pole: Pole) -> int:
-        return len(partners[pole[0]] & partners[pole[1]])
+    def fewest_lines(pole: Pole) -> tuple[int, Pole]:
+        return -len(partners[pole[0]] & partners[pole[1]]), pole
 
-    ordered = sorted(block.poles, key=lambda pole: (-lines(pole), pole))
+    ordered = sorted(block.poles, key=fewest_lines)
     tried = ordered[: max(1, MOST_TRIED // len(block.poles) ** 2)]
     return min(map(opened, tried), key=left_and_passes)
 
@@ -202,8 +201,9 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
     for step in whole.steps:
         if isinstance(step, BlockPoles):
             asked = tuple(pole for pole in step.poles if pole in kept)
-            passes = _ancestors(step.passes, asked)
-            steps += [replace(step, poles=asked, passes=passes)] * bool(asked)
+            if asked:
+                passes = _ancestors(step.passes, asked)
+                steps.append(replace(step, poles=asked, passes=passes))
         elif step.pole in kept:
             if isinstance(step, LinePole):
                 i, j = step.pole
@@ -279,15 +279,15 @@ def plan(
     locked = tuple(pair for pair in driven if pair != moved)
     body, game = counted_freedom(mechanism, driven, locked, by_rank)
     empty = Plan(mechanism, moved, locked, body, (), ())
-    every = tuple(combinations(empty.bodies, 2))
-    whole = replace(empty, requested=every, steps=tuple(steps_of(empty, game)))
+    steps = tuple(steps_of(empty, game))
+    whole = replace(empty, requested=tuple(combinations(empty.bodies, 2)), steps=steps)
     if poles is None:
         return whole
     wanted = []
     for item in poles:
         i, j = parse_pole(mechanism, item) if isinstance(item, str) else item
         names = mechanism.links
-        if min(i, j) < 0 or max(i, j) >= len(names):
+        if not 0 <= min(i, j) <= max(i, j) < len(names):
             raise PlanError(
                 f"{mechanism.name}: pole ({i}, {j}): links are numbered from 0 to "
                 f"{len(names) - 1}; or give text such as {names[-1]}/{names[0]}"

@@ -187,10 +187,10 @@ class Plan:
     steps: tuple[Step, ...]
 
     def __repr__(self) -> str:
-        moving = self.mechanism.pairs[self.input].name
         return (
             f"<Plan of {self.mechanism.name}: {counted(len(self.requested), 'pole')} in "
-            f"{counted(len(self.steps), 'step')}, while {moving} moves>"
+            f"{counted(len(self.steps), 'step')}, while "
+            f"{self.mechanism.pairs[self.input].name} moves>"
         )
 
     def _repr_html_(self) -> str:
@@ -220,8 +220,9 @@ class Plan:
     @cached_property
     def rounded_axes(self) -> frozenset[int]:
         """The pairs of `coaxial` whose axes are common but for rounding."""
-        shared = coaxial_links(self.mechanism)
-        return frozenset(pair for _, pair, exactly in shared if not exactly)
+        return frozenset(
+            pair for _, pair, exactly in coaxial_links(self.mechanism) if not exactly
+        )
 
     def pole(self, i: int, j: int) -> Pole | None:
         """Return the pole of the bodies of two links, None if they are one body."""
@@ -230,8 +231,8 @@ class Plan:
 
     def name(self, body: int) -> str:
         """Return the name of a body: its links, joined by plus signs."""
-        names = self.mechanism.links
-        return "+".join(names[k] for k, owner in enumerate(self.body) if owner == body)
+        links = zip(self.mechanism.links, self.body, strict=True)
+        return "+".join(name for name, owner in links if owner == body)
 
     @property
     def rounds(self) -> dict[Pole, int]:
@@ -270,7 +271,7 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
     poles = {
         pole_of(number[a], number[b])
         for a, b in splits
-        if a in number and b in number and a != b
+        if a != b and {a, b} <= number.keys()
     }
     if len(poles) == 1:
         return poles.pop()
@@ -278,10 +279,9 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
         f"{mechanism.links[j]}/{mechanism.links[i]}" for i, j in all_poles(len(number))
     ]
     why = "could be several poles" if poles else "is not a pole"
-    hint = nearest(text, every) or "."
     raise PlanError(
-        f'{mechanism.name}: "{text}" {why}{hint} Write LINK/LINK with two of the links '
-        f"{', '.join(mechanism.links)}"
+        f'{mechanism.name}: "{text}" {why}{nearest(text, every) or "."} Write LINK/LINK '
+        f"with two of the links {', '.join(mechanism.links)}"
     )
 
 
@@ -338,7 +338,7 @@ def describe(plan: Plan, step: Step) -> str:
         )
     by_passes = {inner.pole for inner in step.passes}
     first = [pole for pole in step.poles if pole not in by_passes]
-    if step.opening is not None and step.opening not in first:
+    if step.opening and step.opening not in first:
         first.insert(0, step.opening)
     poles = ", ".join(pole_name(plan, pole) for pole in first)
     line = (

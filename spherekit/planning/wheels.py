@@ -100,7 +100,7 @@ def least_rolled(
     steps: list[Floats] = []
     places = []
     for k, side in np.ndindex(*laps.shape):
-        lap = float(laps[k, side])
+        lap = laps[k, side]
         step = first @ to_angles[:, k] * (lap if side else -lap)
         step[k] += 0.0 if side else lap
         signed = (sense * earlier for earlier in (*steps, 0.0 * step) for sense in (1, -1))
@@ -117,8 +117,7 @@ def least_rolled(
     rolled = put + counts @ np.array(steps)
     keys = np.column_stack([np.sum(np.abs(rolled), axis=1), -rolled])
     best = counts[np.lexsort(np.round(keys / SAME_LENGTH).T[::-1])[0]]
-    for place, count in zip(places, best, strict=True):
-        turns[place] = count
+    turns[*np.transpose(places)] = best
     return turns
 
 
@@ -160,7 +159,7 @@ RollingOnCarrier = tuple[GearMesh, Wheel, Wheel]
 def rolled_angles(contact: RollingOnCarrier) -> dict[int, float]:
     """Return the factors by pair of the sum of angles that stays the same."""
     mesh, one, other = contact
-    return mesh.relation((float(np.sin(one.radius)), -float(np.sin(other.radius))))
+    return mesh.relation((np.sin(one.radius), -np.sin(other.radius)))
 
 
 def _lengths(contact: RollingOnCarrier, joints: Sequence[Joint]) -> list[float]:
@@ -246,7 +245,7 @@ def wheel_train(
     joints = joints_of(mechanism)
     contacts = _rolling(joints)
     rolling = [on_carrier(mechanism, joints, number, apart) for number in contacts]
-    made = [contact for contact in rolling if contact is not None]
+    made = [contact for contact in rolling if contact]
     if whole and len(made) < len(contacts):
         return None
     while made:
@@ -258,9 +257,9 @@ def wheel_train(
         followers = sorted({*np.flatnonzero(np.any(rows, axis=0)).tolist()} - {*driven})
         square = rows[:, followers]
         _, sizes, right = np.linalg.svd(square)
-        rank = int(np.sum(sizes > SINGULAR * np.max(sizes, initial=0.0)))
+        rank = np.sum(sizes > SINGULAR * np.max(sizes, initial=0.0))
         loose = np.any(np.abs(right[rank:]) > SINGULAR, axis=0)
-        held = ~np.any(square[:, loose] != 0.0, axis=1)
+        held = ~np.any(square[:, loose], axis=1)
         if np.all(held) and (rank == len(made) or not whole):
             return _fixed(mechanism, list(driven), made, followers, rows, first)
         if whole or np.all(held):

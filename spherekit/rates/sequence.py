@@ -123,9 +123,8 @@ class PlannedPoles:
                 w[body] = self.unit[one] * (along / square)
                 off = (self.error[one] + self.error[other]) / np.sqrt(square)
                 doubt = np.maximum(doubt, off)
-        ground = w.get(0, np.zeros_like(driven))
-        w = {body: rates - ground for body, rates in w.items()}
-        return w, np.nan_to_num(doubt, nan=1.0, posinf=1.0)
+        doubt = np.nan_to_num(doubt, nan=1.0, posinf=1.0)
+        return {body: rates - w[0] for body, rates in w.items()}, doubt
 
     def circles(self, pole: Pole) -> Floats:
         """Return (n, 2, 3) unit normals of two great circles of a pole of links.
