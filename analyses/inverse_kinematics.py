@@ -321,9 +321,9 @@ class ConfigurationsOfPoses:
         """Return the poses on the sphere by number of solutions, and by worst measure."""
         mechanism, rows, poses, solver = self.mechanism, self.found, self.poses, self.solver
         places = poses if solver.points else poses[:, :, 2]
-        triangles = _triangles(self.shape)
 
         def painted(name: str, values: Floats, unit: str) -> SphereMap:
+            triangles = _triangles(self.shape)
             return SphereMap("poses/map", name, places, triangles, values, unit)
 
         words = (

@@ -118,10 +118,9 @@ class FoundRotation:
         directions = link_axes(mechanism)[self.output.link]
         if self.output.direction is not None:
             directions = {self.output.name: np.array(self.output.direction)}
-        every = np.linspace(0.0, self.turn.angle, DRAWN)
         whole, lost = (
-            self.place(self.turn.at(theta).values)[:, link] if len(theta) else np.zeros(0)
-            for theta in (every, self.turn.crossings)
+            self.place(self.turn.at(theta).values)[:, link]
+            for theta in (np.linspace(0.0, self.turn.angle, DRAWN), self.turn.crossings)
         )
         for name, direction in directions.items():
             path = _finite(whole @ direction)

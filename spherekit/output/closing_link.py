@@ -201,9 +201,10 @@ def turned(wrist: VirtualOutputChain, solver: Solver) -> DyadsWithClosingLink | 
             dyads = Dyads(made, joints, assembly, wrist.base, wrist.link)
             links = tuple(sum(made.ends[pair]) - bar for pair in pairs)
             cosine = float(np.dot(*(dyads.axis_in(pair, bar) for pair in pairs)))
-            ends = bar, pairs, links, cosine
             candidates.append(
-                DyadsWithClosingLink(dyads, assembly, *ends, across, direction)
+                DyadsWithClosingLink(
+                    dyads, assembly, bar, pairs, links, cosine, across, direction
+                )
             )
 
     def dependence(turned: DyadsWithClosingLink) -> int:

@@ -147,9 +147,11 @@ def _posed(geometry: PoseGeometry, names: list[str], direction: Vector) -> PoseG
     """Add the wrist to a reference pose, in which the output link is not turned."""
     azimuth, tilt = azimuth_tilt(np.array([direction]))[0].tolist()
     across = (-float(np.sin(azimuth)), float(np.cos(azimuth)), 0.0)
-    axes = dict(zip(names, (Z, across, direction), strict=True))
-    values = dict(zip(names, (azimuth, tilt, 0.0), strict=True))
-    return PoseGeometry({**geometry.axes, **axes}, {**geometry.values, **values})
+    axes = zip(names, (Z, across, direction), strict=True)
+    values = zip(names, (azimuth, tilt, 0.0), strict=True)
+    return PoseGeometry(
+        {**geometry.axes, **dict(axes)}, {**geometry.values, **dict(values)}
+    )
 
 
 def _sized(

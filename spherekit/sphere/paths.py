@@ -351,8 +351,8 @@ class ArcLength:
 
             one, left = np.ones_like(s), np.diff(self.starts)[panel] - target
             x, _ = bracketed_zeros(gap, -one, one, -target, left, EPS)
-            half = 0.5 * np.diff(self.edges)[panel]
-            return (self.edges[panel] + half * (1.0 + x) - s * self._pace)[:, None]
+            u = self.edges[panel] + 0.5 * np.diff(self.edges)[panel] * (1.0 + x)
+            return (u - s * self._pace)[:, None]
 
         size, cells = self.edges[-1:], self.starts
         return PiecewiseChebyshev.fit(

@@ -33,14 +33,13 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     downhill. Where the curves touch at several places, it is the first along the first one.
     """
     curves = (first, second)
-    low = np.array([-np.inf if curve.closed else 0.0 for curve in curves])
-    high = np.array([np.inf if curve.closed else curve.length for curve in curves])
+    lengths = np.array([curve.length for curve in curves])
+    around = np.array([curve.closed for curve in curves])
+    low, high = np.where(around, -np.inf, 0.0), np.where(around, np.inf, lengths)
     s, squares = descent(
         lambda some, _: _apart(curves, some), _starts(curves), low, high, longest=LONGEST
     )
     miss = np.sqrt(squares)
-    lengths = np.array([curve.length for curve in curves])
-    around = np.array([curve.closed for curve in curves])
     s = np.where(around, np.mod(s, lengths), s)
     alike = np.flatnonzero(miss <= np.min(miss) + SAME)
     chosen = alike[np.argmin(np.mod(s[alike, 0] + NEAR_START, lengths[0]))]

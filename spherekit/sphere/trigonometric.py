@@ -105,9 +105,9 @@ def common_angles(equations: Numbers, involves: Bools) -> tuple[Complexes, str]:
         away = np.abs(np.log(np.abs(roots)))
         roots, away = roots[away < POLISHED], away[away < POLISHED]
         angles, good, flat = (x[0] for x in _next_to(equations[None], roots[None], 4))
-        angles, flat = angles[good], flat[good]
-        new = _are_new(angles)
-        angles, flat = angles[new], flat[new]
+        kept = np.flatnonzero(good)
+        kept = kept[_are_new(angles[kept])]
+        angles, flat = angles[kept], flat[kept]
         turned = roots[:, None]
         with_roots = np.sum(np.abs(turned / roots - 1.0) < CLUSTER, axis=1)
         near = np.abs(turned / np.exp(1j * angles[:, 0]) - 1.0) < CLUSTER
@@ -263,9 +263,11 @@ def _roots(equations: Numbers, involves: Bools) -> tuple[Complexes, Floats, list
     held = max_abs(weight, axis=1) > (UNDETERMINED * size[:, 0]) ** 2
     held &= all_finite(samples, 1)
     many = (np.min(size, axis=1) < EMPTY) | ~(max_abs(samples, axis=1) > VANISHING * scale)
-    unsolved = "an equation of the elimination does not hold its angle"
-    endless = "there are infinitely many complex solutions"
-    problems = np.select([~held, many], [unsolved, endless], "").tolist()
+    whys = [
+        "an equation of the elimination does not hold its angle",
+        "there are infinitely many complex solutions",
+    ]
+    problems = np.select([~held, many], whys, "").tolist()
 
     spectrum = np.fft.fft(samples, axis=1) / count
     beyond = np.abs(spectrum[:, degree + 1 : count - degree])

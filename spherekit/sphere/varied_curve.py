@@ -57,8 +57,8 @@ def quintic_panels(
     system = vstack([*ends, smooth[kept.ravel()]], format="csc")
     right = np.zeros((6 * panels, 3), dtype=points.dtype)
     right[: 2 * panels] = np.concatenate([points[:-1], points[1:]])
-    solved = splu(system).solve(right).reshape(panels, 6, 3)
-    coefficients = solved / per_panel[..., None]
+    solved = splu(system).solve(right)
+    coefficients = solved.reshape(panels, 6, 3) / per_panel[..., None]
 
     def spline(u: Floats, order: int) -> Floats:
         panel = np.searchsorted(np.real(knots[1:-1]), np.real(u), side="right")
@@ -125,19 +125,14 @@ def _varied(
     """
 
     def at(s: Floats) -> Floats:
-        length = table.length
-        forward, moved = s, np.zeros_like(s)
-        if backwards:
-            forward = -s
-            if not closed:
-                forward, moved = forward + length, moved + longer
+        sense = -1.0 if backwards else 1.0
+        forward, laps = sense * s, np.full_like(s, backwards)
         if closed:
-            laps = np.floor(forward / length)
-            forward, moved = forward - laps * length, moved - laps * longer
+            laps = -np.floor(forward / table.length)
+        forward, moved = forward + laps * table.length, laps * longer
         u = table.invert(forward)
         moved = (moved - stretch.at(u)) / np.real(path.speed(stepped(u, 0.0)))
         frame, curvature, rate = (slope_of(x) for x in path.frame(stepped(u, moved)))
-        sense = -1.0 if backwards else 1.0
         rows = [sense * frame[:, :, 0].T, frame[:, :, 2].T, sense * curvature[None]]
         return np.concatenate([*rows, rate[None]])
 
@@ -164,8 +159,8 @@ def varied_round(
     still = FourierPath(axes_about(np.asarray(centre[0], dtype=float)), *series[0])
     edges = azimuth_panels(size)
     stretch = integrated(lambda u: slope_of(path.speed(stepped(u, 0.0))), edges)
-    table = measure(still, edges)
-    return _varied(path, table, stretch, stretch.length, True, backwards)
+    longer = stretch.length
+    return _varied(path, measure(still, edges), stretch, longer, True, backwards)
 
 
 def varied_through(

@@ -142,16 +142,12 @@ class InverseRows(ArrayRows):
         status = np.where(regular, Status.OK, Status.AT_SINGULARITY)
         status[out] = Status.OUT_OF_REACH
         gone = np.where(out, np.nan, 0.0)
-        return replace(
-            self,
-            inputs=self.inputs + gone[:, None],
-            status=status.astype(np.int8),
-            margin=np.where(finite, self.margin, np.nan),
-            type_1=self.type_1 + gone[:, None],
-            type_2=self.type_2 + gone,
-            rates=self.rates + gone[:, None, None],
-            values=self.values + gone[:, None],
-        )
+        emptied = {
+            name: (getattr(self, name).T + gone).T
+            for name in ("inputs", "type_1", "type_2", "rates", "values")
+        }
+        margin = np.where(finite, self.margin, np.nan)
+        return replace(self, status=status.astype(np.int8), margin=margin, **emptied)
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -444,8 +440,9 @@ def _between_axes(
     limits: dict[tuple[int, int], list[tuple[float, float, str]]] = {}
 
     def ask(one: int, other: int, *limit: Any) -> None:
-        axes = min(one, other), max(one, other)
-        limits.setdefault(axes, [(0.0, np.pi, "")]).append(limit)
+        limits.setdefault((min(one, other), max(one, other)), [(0.0, np.pi, "")]).append(
+            limit
+        )
 
     for one, other, shortest, longest, folds in kinematics.spans:
         ask(one, other, shortest, longest, "the arcs of the leg")
@@ -563,21 +560,15 @@ def _of_singularities(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ..
     if near == 0.0:
         return ()
     bounds = []
-    for number, item in enumerate(mechanism.inputs):
+    for number, name in enumerate([*mechanism.input_pairs, ""]):
 
-        def first(rows: Rows, number: int = number) -> Floats:
+        def cosine(rows: Rows, number: int = number, name: str = name) -> Floats:
+            square = rows.type_1_square[:, number] if name else rows.type_2**2
             # Endless where an input rests whatever the output does: far from type I.
-            return 1.0 - 2.0 * np.minimum(rows.type_1_square[:, number], 1.0)
+            return 1.0 - 2.0 * np.minimum(square, 1.0)
 
-        title = f"type I of {item.pair} at least {_deg(near)} away"
-        bounds.append(AngleLimit(title, 2.0 * near, True, first, 0.5))
-
-    def second(rows: Rows) -> Floats:
-        return 1.0 - 2.0 * rows.type_2**2
-
-    bounds.append(
-        AngleLimit(f"type II at least {_deg(near)} away", 2.0 * near, True, second, 0.5)
-    )
+        title = f"{f'type I of {name}' if name else 'type II'} at least {_deg(near)} away"
+        bounds.append(AngleLimit(title, 2.0 * near, True, cosine, 0.5))
     return tuple(bounds)
 
 
