@@ -248,7 +248,6 @@ class AbstractAnalysis(ABC):
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return what is to be seen of the batch; nothing by default."""
-        del batch
         return ()
 
     def findings(self, batch: Batch) -> Findings:
@@ -256,7 +255,6 @@ class AbstractAnalysis(ABC):
 
         Of an analysis that is `rowwise` it is said of each block, and then `joined`.
         """
-        del batch
         return Findings()
 
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
@@ -265,7 +263,6 @@ class AbstractAnalysis(ABC):
         Their expressions are of `spherekit.plugin.designs.row_quantities`, or of the
         columns of one of its tables, ``table="NAME.TABLE"``.
         """
-        del mechanism
         return ()
 
     def joined(self, before: Findings, now: Findings) -> Findings:

@@ -95,10 +95,12 @@ class RunResult:
                     parts.append(_first_rows(name, table, result.data[table.name]))
         claims = [self.summary["search"]] if self.summary.get("assembly_modes") else []
         said = [*claims, *self.summary.get("remarks", ())]
-        parts.append(html_list("Found", list(map(str, said))))
-        parts.append(html_list("Warnings", self.summary.get("warnings", ())))
         why = [failed(name, reason) for name, reason in self.failures.items()]
-        parts.append(html_list("Failed", why + failed_rows(self.summary)))
+        parts += [
+            html_list("Found", list(map(str, said))),
+            html_list("Warnings", self.summary.get("warnings", ())),
+            html_list("Failed", why + failed_rows(self.summary)),
+        ]
         return "".join(parts)
 
     @checked(AnalysisError)

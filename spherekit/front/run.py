@@ -4,8 +4,8 @@ A trade whose chart can be drawn.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import wraps
+from dataclasses import dataclass, replace
+from functools import cached_property, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec
 
@@ -34,15 +34,14 @@ class _Again:
 
     name: str
     go: Callable[["Recorder"], object]
-    _kept: list[Collector] = field(default_factory=list)
 
     def record(self, path: Path) -> None:
         """Write a recording, block by block where nothing is kept yet."""
         from spherekit.view.rerun_view import RerunRecorder
 
         with RerunRecorder(self.name, path=path) as recorder:
-            if self._kept:
-                self._kept[0].play(recorder)
+            if "_kept" in vars(self):
+                self._kept.play(recorder)
             else:
                 self.go(recorder)
 
@@ -51,21 +50,19 @@ class _Again:
         from spherekit.view.rerun_view import RerunRecorder
 
         with RerunRecorder(self.name, notebook=True) as recorder:
-            self._replay().play(recorder)
+            self._kept.play(recorder)
 
     def figures(self, degrees: bool, columns: Columns) -> "Mapping[str, Figure]":
         """Return all figures by name."""
         from spherekit.figures.contents import figures_of
 
-        kept = self._replay()
-        return figures_of(kept.scenes(), kept.titles, degrees, columns)
+        return figures_of(self._kept.scenes(), self._kept.titles, degrees, columns)
 
-    def _replay(self) -> Collector:
-        if not self._kept:
-            told = Collector()
-            self.go(told)
-            self._kept.append(told)
-        return self._kept[0]
+    @cached_property
+    def _kept(self) -> Collector:
+        collector = Collector()
+        self.go(collector)
+        return collector
 
 
 def _visible(function: Callable[P, RunResult]) -> Callable[P, RunResult]:

@@ -314,7 +314,12 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
         for measured in trade.settings
         if np.isfinite(measured.own_estimate)
     ]
-    lines += [*_scales(trade), *_not_applying(trade)]
+    ways: dict[str, list[str]] = {}
+    for name, how, scale in trade.columns:
+        size = "" if how.startswith("absolute") else f" ({scale:.3g})"
+        ways.setdefault(f"{how}{size}", []).append(name)
+    lines += [f"error of {', '.join(names)}: {how}" for how, names in ways.items()]
+    lines += _not_applying(trade)
     if tolerance is not None:
         lines.append(advice(trade, tolerance))
     return "\n".join(lines)
@@ -377,15 +382,6 @@ def seconds(value: float) -> str:
         return f"{value:.0f} s"
     number, unit = (1e3 * value, "ms") if value < 0.9995 else (value, "s")
     return f"{number:#.3g}".rstrip(".") + f" {unit}"
-
-
-def _scales(trade: Trade) -> list[str]:
-    """Return how errors are measured, columns of one scale together."""
-    ways: dict[str, list[str]] = {}
-    for name, how, scale in trade.columns:
-        size = "" if how.startswith("absolute") else f" ({scale:.3g})"
-        ways.setdefault(f"{how}{size}", []).append(name)
-    return [f"error of {', '.join(names)}: {how}" for how, names in ways.items()]
 
 
 def _not_applying(trade: Trade) -> list[str]:
