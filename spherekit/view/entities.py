@@ -134,13 +134,12 @@ def moving(
     """
     match primitive:
         case Trace(quaternions=quaternions) if quaternions is not None:
-            yield "", _turned(quaternions, all_finite(quaternions, 1))
+            yield "", _turned(quaternions)
         case Diagram():
             yield from diagrams.moving(primitive)
         case Body(quaternions=quaternions) if quaternions is not None:
-            good = all_finite(quaternions, 1)
-            yield "", _turned(quaternions, good)
-            yield "labels", rr.Points3D.columns(show_labels=good)
+            yield "", _turned(quaternions)
+            yield "labels", rr.Points3D.columns(show_labels=all_finite(quaternions, 1))
         case Arrow(directions=directions, primary=primary, path_shown=path_shown):
             good = all_finite(directions, 1)
             arrows, length = directions[good], 1.12 if primary else 1.25
@@ -155,8 +154,7 @@ def moving(
                 if primitive.shown and path_shown:
                     yield "trail", _points(1.004 * arrows, good)
         case GreatCircle(normals=normals):
-            frames = frame_from(normals, perpendicular(normals))
-            yield "", _turned(quaternion(frames), all_finite(normals, 1))
+            yield "", _turned(quaternion(frame_from(normals, perpendicular(normals))))
         case Portrait():
             points = charts.in_frame(primitive.placed())
             good = all_finite(points, 1)
@@ -237,10 +235,11 @@ def _points(positions: Floats, there: Bools) -> Columns:
     return rr.Points3D.columns(positions=positions).partition(there)
 
 
-def _turned(quaternions: Floats, good: Bools) -> Columns:
-    scale = np.where(good[:, None], np.ones(3), HIDDEN)
+def _turned(quaternions: Floats) -> Columns:
+    good = all_finite(quaternions, 1)[:, None]
     return rr.Transform3D.columns(
-        quaternion=np.where(good[:, None], quaternions, [0.0, 0.0, 0.0, 1.0]), scale=scale
+        quaternion=np.where(good, quaternions, [0.0, 0.0, 0.0, 1.0]),
+        scale=np.where(good, np.ones(3), HIDDEN),
     )
 
 

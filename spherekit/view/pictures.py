@@ -195,9 +195,8 @@ def _bring_forward(client: ViewerClient, recording: Path, titles: Sequence[str])
                 f"{listing(map(repr, sorted(offered)))}"
             )
         for tab in tabs:
-            tab["active_tab"] = next(
-                (path for path in tab["contents"] if path in wanted), tab["active_tab"]
-            )
+            for path in wanted.intersection(tab["contents"]):
+                tab["active_tab"] = path
     client.set_blueprint(parts, "recording")
 
 

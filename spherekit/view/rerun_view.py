@@ -409,8 +409,7 @@ class RerunRecorder:
             return
         if self._charts is not None:
             self._charts.draw(self._outputs.places)
-            if self._charts.layout.compared or self._laid_out != len(self._outputs.seen):
-                self._lay_out(final=True)
+            self._lay_out(final=True)
         self._finished = True
         for path, (primitive, blocks) in self._whole.items():
             self._outputs.still(
@@ -498,7 +497,5 @@ class RerunRecorder:
         reached = self._outputs.live
         if final or size >= 4 * self._laid_out:
             self._laid_out, reached = size, self._outputs.places
-        if reached:
-            blueprint = self._started.layout.blueprint()
-            for output in reached:
-                output.stream.send_blueprint(blueprint)
+        for output in reached:
+            output.stream.send_blueprint(self._started.layout.blueprint())
