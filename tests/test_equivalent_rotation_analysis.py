@@ -111,10 +111,9 @@ def test_schedule_is_a_table_in_time(table_3):
 def test_schedule_in_cycles_of_a_controller():
     """A row for each cycle, a whole number of them, no limit passed, no time wasted."""
     way = "start=phi=75+gamma=-20,end=phi=70+gamma=20,speed=30,samples=5"
-    free = ran("two_dof_spm", way)
+    least = findings(ran("two_dof_spm", way))["schedule"]["duration_s"]
     result = ran("two_dof_spm", f"{way},cycle=0.004")
-    own, least = findings(result)["schedule"], findings(free)["schedule"]["duration_s"]
-    table = schedule(result)
+    own, table = findings(result)["schedule"], schedule(result)
     t = table["t"].to_numpy()
     assert own["cycle_s"] == 0.004
     assert np.max(np.abs(t - 0.004 * np.arange(len(t)))) < 1e-12
@@ -122,8 +121,7 @@ def test_schedule_in_cycles_of_a_controller():
     assert table[["dq_21", "dq_61"]].abs().to_numpy().max() <= 30.0
     assert np.abs(table[["dq_21", "dq_61"]].iloc[-1]).max() < 1e-9
     assert schedule(ran("two_dof_spm", f"{way},cycle=1e-9")).empty
-    whole = schedule(ran("two_dof_spm", f"{way},cycle={least / 7!r}"))
-    assert len(whole) == 8
+    assert len(schedule(ran("two_dof_spm", f"{way},cycle={least / 7!r}"))) == 8
 
 
 def test_a_failed_row_is_not_feasible(monkeypatch):
@@ -161,13 +159,12 @@ def test_one_pose_in_all_its_terms():
     q = quaternion(second[None])[0]
     tilt = np.degrees(tilt_torsion(first[None]))[0]
     u, angle = turn_to(first, second)
-    starts = [
-        "21=5.339100020817853+61=56.74044673238507",
-        said(("azimuth", "tilt", "torsion"), tilt),
-    ]
-    ends = [said(QUATERNION, q), said(("ux", "uy", "uz", "angle"), [*u, np.degrees(angle)])]
+    turn = said(("ux", "uy", "uz", "angle"), [*u, np.degrees(angle)])
     want = degrees(ran("two_dof_spm", TABLE_3 + ",samples=3"), "q_21", "q_61")
-    for start, end in zip(starts, ends, strict=True):
+    for start, end in (
+        ("21=5.339100020817853+61=56.74044673238507", said(QUATERNION, q)),
+        (said(("azimuth", "tilt", "torsion"), tilt), turn),
+    ):
         result = ran("two_dof_spm", f"start={start},end={end},samples=3")
         assert findings(result)["feasible"]
         assert degrees(result, "q_21", "q_61") == pytest.approx(want, abs=1e-10)
@@ -198,12 +195,9 @@ def test_nearest_reachable_pose_is_offered():
 def test_end_of_the_reach_on_the_way():
     """The closed form of where legs end against samples, over random pairs of poses."""
     form = mid_plane_form(sk.load("two_dof_spm"))
-    random = np.random.default_rng(7)
     ended = 0
-    for _ in range(16):
-        a, b = random.normal(size=(2, 3))
-        turn_axis = np.cross(a, b)
-        start = a / np.linalg.norm(a)
+    for a, b in np.random.default_rng(7).normal(size=(16, 2, 3)):
+        turn_axis, start = np.cross(a, b), a / np.linalg.norm(a)
         if np.any(np.abs(form.plane.axes @ start) > np.sin(form.plane.arcs) - 1e-3):
             continue
         about = form.frame @ (turn_axis / np.linalg.norm(turn_axis))
@@ -301,9 +295,8 @@ def test_more_inputs_than_ways_to_turn_are_refused():
     many = replace(made, inputs=(*made.inputs, replace(item, pair="b1")))
     with pytest.raises(AnalysisError, match="4 inputs turn the output link in more ways"):
         EquivalentRotation(start="", end="").needs(many)
-    assert EquivalentRotation(start="a1=1+a2=2+a3=3", end="a1=1+a2=2+a3=4").needs(
-        made
-    ) == Needs(tracer=True)
+    asks = EquivalentRotation(start="a1=1+a2=2+a3=3", end="a1=1+a2=2+a3=4")
+    assert asks.needs(made) == Needs(tracer=True)
 
 
 def near_the_reach(eps):
@@ -381,8 +374,8 @@ def test_pages_where_the_rotation_ends_early():
     watcher = Listener()
     result = ran("three_rrr", text, recorder=watcher)
     assert findings(result)["end"] != "OK" and np.any(np.isnan(degrees(result, "q_a1")))
-    assert any("the rotation ends at" in text for text in result.summary["warnings"])
-    assert any("there is no schedule" in text for text in result.summary["warnings"])
+    told = "; ".join(result.summary["warnings"])
+    assert "the rotation ends at" in told and "there is no schedule" in told
     assert "Equivalent rotation in time" not in watcher.pages
 
 
