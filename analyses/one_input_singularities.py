@@ -90,9 +90,12 @@ class OneInput:
     def sampled(self) -> SampledSingularities:
         """The singularities on all curves, and the rows on these."""
         batch = self.batch
-        passed = None if batch.motion.sense is None else batch.q
         return SampledSingularities(
-            batch.tracer, self.outputs, batch.motion.values, batch.assembly_mode, passed
+            batch.tracer,
+            self.outputs,
+            batch.motion.values,
+            batch.assembly_mode,
+            None if batch.motion.sense is None else batch.q,
         )
 
     @cached_property
@@ -112,11 +115,12 @@ class OneInput:
         for point in (*sampled.report.points, *sampled.report.crossings):
             rows += self._rows(point)
         for whole in sampled.report.whole:
-            pieces = sampled.configurations.curves[whole.curve].pieces
             rows.append(
                 {
                     "kind": str(whole.type),
-                    "assembly_mode": _joined(sampled.modes_of(pieces)),
+                    "assembly_mode": _joined(
+                        sampled.modes_of(sampled.configurations.curves[whole.curve].pieces)
+                    ),
                     "inside": "yes",
                     "output": self._named(whole.output),
                     "curve": whole.curve,

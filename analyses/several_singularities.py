@@ -182,10 +182,9 @@ class SeveralInputs:
         rest = output_of(mechanism, output.name)
         links = number[output.link], number[output.relative_to]
         motion = batch.tracer.given(points.values)
-        by_rank = batch.tracer.by_rank
         return {
             "kind": [RowType(code).label for code in points.type],
-            "condition": what_vanishes(motion, rest, points.pointing, by_rank),
+            "condition": what_vanishes(motion, rest, points.pointing, batch.tracer.by_rank),
             **input_columns(mechanism, points.inputs),
             **configuration_columns(batch, points.values, links, points.pointing),
             "inside": np.where(points.inside, "yes", "no"),
@@ -386,8 +385,9 @@ class SeveralInputs:
             for a, b, c in [self.batch.moving_inputs]
         )
         if surfaces:
-            step = Axis("surfaces", "", np.zeros(1))
-            pages.append(Scene("Singular surfaces", surfaces, (step,)))
+            pages.append(
+                Scene("Singular surfaces", surfaces, (Axis("surfaces", "", np.zeros(1)),))
+            )
         for number, rows in self.batch.assembly_mode_rows().items():
             parts: list[Primitive] = []
             for output in outputs:

@@ -144,16 +144,17 @@ def configuration_columns(
     columns |= place_columns(quaternion(turned) if pointing is None else pointing, None)
     signs = group_signs(solver, values)
     names = [set(mechanism.names_of(g.pairs)) for g in solver.assembly.groups]
-    every = batch.mechanism.pairs
-    groups = [{every[p].name for p in g.pairs} for g in batch.tracer.assembly.groups]
+    every = batch.tracer.assembly.groups
+    groups = [set(batch.mechanism.names_of(g.pairs)) for g in every]
     columns["signs"] = [
         "".join("0+-"[row[names.index(g)]] if g in names else "*" for g in groups)
         for row in signs.tolist()
     ]
     if solver.assembly.has_closed_form and part is None:
         modes = batch.motion.assembly_modes
-        shape = len(modes), signs.shape[1]
-        of_modes = np.array([mode.signs for mode in modes]).reshape(shape)
+        of_modes = np.array([mode.signs for mode in modes]).reshape(
+            len(modes), signs.shape[1]
+        )
         alike = np.all((signs[:, None] == of_modes) | (signs[:, None] == 0), axis=2)
         numbers = np.array([str(mode.number) for mode in modes])
         columns["assembly_mode"] = ["+".join(numbers[row]) for row in alike]

@@ -146,9 +146,8 @@ def least_angles(
         if least is None:
             continue
         angle, q, modes = least
-        shown = float(f"{np.degrees(angle):.4g}")
         lines.append(
-            f"least transmission angle of {name}: {_degrees(shown)} deg at "
+            f"least transmission angle of {name}: {np.degrees(angle):.4g} deg at "
             f"{input_pair} = {_degrees(np.degrees(q))} deg in {numbered('mode', modes)}"
         )
     return lines

@@ -32,8 +32,16 @@ def _found_with(
 ) -> Sweep:
     """Return the places of singularities by values of a parameter."""
     beside = () if parameter in ("samples", "seconds") else (("seconds", 100.0),)
-    where = "singularities", "q", ("kind", "output")
-    return Sweep(parameter, values, *where, places=True, beside=beside, inputs=inputs)
+    return Sweep(
+        parameter,
+        values,
+        "singularities",
+        "q",
+        ("kind", "output"),
+        places=True,
+        beside=beside,
+        inputs=inputs,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -66,8 +66,7 @@ class TensorChebyshev:
         m, checks = len(low), _spread(CHECKS, len(low))
         splits: list[list[float]] = []
         kept: list[tuple[Floats, Floats]] = []
-        first = np.stack([low, high]), [0.0], 0
-        open_: list[tuple[Floats, list[float], int]] = [first]
+        open_: list[tuple[Floats, list[float], int]] = [(np.stack([low, high]), [0.0], 0)]
         while open_:
             bounds = np.array([cell for cell, *_ in open_])
             series, gap, samples = sampled(function, bounds, degree, checks)
@@ -190,9 +189,15 @@ def local_polynomials(
     distance from the middle of cells of their own. Their coefficients are Python floats: a
     few functions at a single place take less time with them than the making of an array.
     """
-    ends = float(series.edges[0]), float(series.edges[-1])
     fine = PiecewiseChebyshev.fit(
-        series.at, *ends, TOLERANCE, size, FIRST_CELLS, DEGREE, rounding=ROUNDING
+        series.at,
+        float(series.edges[0]),
+        float(series.edges[-1]),
+        TOLERANCE,
+        size,
+        FIRST_CELLS,
+        DEGREE,
+        rounding=ROUNDING,
     )
     half = 0.5 * np.diff(fine.edges)
     orders = np.arange(DEGREE + 1)

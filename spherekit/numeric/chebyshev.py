@@ -112,8 +112,9 @@ class PiecewiseChebyshev:
     def derivative(self) -> "PiecewiseChebyshev":
         """The derivatives of the interpolant."""
         rates = 2.0 / np.diff(self.edges)
-        slopes = chebyshev.chebder(self.coefficients, axis=1)
-        return PiecewiseChebyshev(self.edges, slopes * rates[:, None, None])
+        return PiecewiseChebyshev(
+            self.edges, chebyshev.chebder(self.coefficients, axis=1) * rates[:, None, None]
+        )
 
 
 def summed(x: Floats, owner: Indices, bounds: Floats, coefficients: Floats) -> Floats:

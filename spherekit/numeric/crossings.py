@@ -140,8 +140,7 @@ def crossings(
         looked += len(cells)
         middle = cells.mean(axis=1)
         half = 0.5 * (cells[:, 1] - cells[:, 0])
-        bounds = cells[..., None]
-        of_cells = sampled(lambda x: function(x[:, 0]), bounds, DEGREE, _CHECKED)
+        of_cells = sampled(lambda x: function(x[:, 0]), cells[..., None], DEGREE, _CHECKED)
         contents = [*map(_in_cell, *of_cells)]
         again = np.array([len(parts) > 0 for _, parts in contents]) & (barren < BARREN)
         again &= depth < DEEPEST and looked + 2 * len(cells) <= most
@@ -155,8 +154,7 @@ def crossings(
             both = np.repeat(again.reshape(-1, 2).all(axis=1), 2) & (2.0 * half <= smooth)
             barren = (barren + 1) * both
         barren = np.repeat(barren[again], 2)
-        inner = middle[again, None]
-        cells = np.insert(cells[again], [1, 1], inner, axis=1).reshape(-1, 2)
+        cells = np.insert(cells[again], [1, 1], middle[again, None], axis=1).reshape(-1, 2)
     places, slopes = np.concatenate(roots, axis=1)
     for _ in range(POLISHING_STEPS if len(places) else 0):
         with np.errstate(all="ignore"):
@@ -181,8 +179,7 @@ def _in_cell(series: Floats, gap: Floats, largest: float) -> tuple[Floats, Float
         return np.zeros((2, 0)), np.zeros((0, 2))
     slope = np.asarray(chebyshev.chebder(series), dtype=float)
     extrema = real_zeros(slope, 1.0 + BEYOND)
-    heights = np.abs(chebyshev.chebval(extrema, series))
-    touching = extrema[heights <= CERTAIN * error]
+    touching = extrema[np.abs(chebyshev.chebval(extrema, series)) <= CERTAIN * error]
     bend = np.abs(chebyshev.chebval(touching, chebyshev.chebder(slope)))
     reach = np.minimum(2.0, np.sqrt(4.0 * CERTAIN * error / np.maximum(bend, error)))
     cuts = np.unique([-1.0, *np.clip(extrema, -1.0, 1.0), 1.0])
@@ -196,8 +193,7 @@ def _in_cell(series: Floats, gap: Floats, largest: float) -> tuple[Floats, Float
         values[part + 1],
     )
     rates = np.asarray(chebyshev.chebval(places, slope), dtype=float)
-    parts = np.stack([touching - reach, touching + reach], axis=1)
-    return np.stack([places, rates]), parts
+    return np.stack([places, rates]), np.stack([touching - reach, touching + reach], axis=1)
 
 
 def _merged(parts: Floats) -> Floats:

@@ -66,8 +66,9 @@ def descent(
         better = sums < squares[active]
         values[active[better]], squares[active[better]] = tried[better], sums[better]
         gap[better], slope[better] = there[better], turned[better]
-        changed = damping[active] * np.where(better, EASED, RAISED)
-        damping[active] = np.maximum(changed, LEAST_DAMPING)
+        damping[active] = np.maximum(
+            damping[active] * np.where(better, EASED, RAISED), LEAST_DAMPING
+        )
         going = (squares[active] >= close**2) & (damping[active] < MOST_DAMPING)
         going &= size > STILL
         active = active[going]

@@ -128,6 +128,5 @@ def _places(count: int, spans: Sequence[Span], rows: slice) -> list[tuple[slice,
         high = min(rows.stop, wanted.stop // count)
         if low < high:
             at, end = (first + (row - start) * count for row in (low, high))
-            here = slice(low - rows.start, high - rows.start)
-            made.append((slice(at, end, count), here))
+            made.append((slice(at, end, count), slice(low - rows.start, high - rows.start)))
     return made

@@ -164,8 +164,9 @@ def hermite(
         + x * y3 * ((1.0 + 3.0 * x) * h * slope + 0.5 * x * h * h * bend)
         + x3 * y * (0.5 * y * h * h * last_bend - (4.0 - 3.0 * x) * h * last_slope)
     )
-    smooth = cubic((value, slope), (last, last_slope), h, x)
-    return np.where(np.isnan(quintic), smooth, quintic)
+    return np.where(
+        np.isnan(quintic), cubic((value, slope), (last, last_slope), h, x), quintic
+    )
 
 
 class ArrayRows:

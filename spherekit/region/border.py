@@ -142,8 +142,7 @@ class BoundarySegments(ArrayRows):
         long = length > SHORTEST
         height[~long] = 0.0
         row, node = np.nonzero(np.isnan(height))
-        at = which[row], nodes(order)[node]
-        height[row, node], sound = self._heights(evaluate, *at)
+        height[row, node], sound = self._heights(evaluate, which[row], nodes(order)[node])
         halved, area = (
             -0.5 * length * (np.sin(height[:, :: order // steps]) @ weights(steps))
             for steps in (order // 2, order)
@@ -218,8 +217,9 @@ class BoundarySegments(ArrayRows):
     @property
     def ends(self) -> Floats:
         """Both ends (n, 2, 3) of the chords."""
-        flat = np.zeros((len(self.length), 2))
-        return beside(self.frames, self.length, np.array([-1.0, 1.0]), flat)
+        return beside(
+            self.frames, self.length, np.array([-1.0, 1.0]), np.zeros((len(self.length), 2))
+        )
 
     def points(self, which: Indices) -> tuple[Floats, Indices]:
         """Return the nodes (m, 3) of pieces (k,) in order, and each's place in these."""
@@ -263,9 +263,13 @@ def crossings(
         return evaluate(along(inside[which], outside[which], angle))
 
     every, zero = np.arange(len(length)), np.zeros(len(length))
-    ends = least(evaluate(inside)), least(evaluate(outside))
     place, beyond = bracketed_zeros(
-        lambda angle, which: least(rows(angle, which)), zero, length, *ends, EPS
+        lambda angle, which: least(rows(angle, which)),
+        zero,
+        length,
+        least(evaluate(inside)),
+        least(evaluate(outside)),
+        EPS,
     )
     at = least(rows(place, every))
     after = rows(np.where(at == 0.0, place + BEYOND * length, beyond), every)
@@ -293,8 +297,9 @@ def corners(
         beside = x[:, None] + DIFFERENCE * np.eye(3, 2, -1)
         rows = evaluate(places(beside, which).reshape(-1, 3))
         numbers = np.repeat(pair[which], 3, axis=0).T
-        values = [chosen(rows, number) for number in numbers]
-        value = np.stack(values, axis=1).reshape(-1, 3, 2)
+        value = np.stack([chosen(rows, number) for number in numbers], axis=1).reshape(
+            -1, 3, 2
+        )
         slope = (value[:, 1:] - value[:, :1]) / DIFFERENCE
         return value[:, 0], np.swapaxes(slope, 1, 2)
 

@@ -36,8 +36,9 @@ def icosahedron(spacing: float) -> tuple[Floats, Indices]:
     flat = np.array([[0.0, y, golden * z] for y in (1, -1) for z in (1, -1)])
     points = unit_rows(np.concatenate([np.roll(flat, k, axis=1) for k in range(3)]))
     dots = points @ points.T
-    triples = combinations(range(12), 3)
-    faces = np.array([k for k in triples if np.min(dots[np.ix_(k, k)]) > 0.4])
+    faces = np.array(
+        [k for k in combinations(range(12), 3) if np.min(dots[np.ix_(k, k)]) > 0.4]
+    )
     inward = np.linalg.det(points[faces]) < 0.0
     faces[inward] = faces[inward, ::-1]
     return refined(points @ _TILT.T, faces, spacing)
@@ -50,8 +51,7 @@ def hemisphere(spacing: float) -> tuple[Floats, Indices]:
     They are quarters of the octahedron's upper half, so that edges lie along the equator.
     """
     points = np.concatenate([np.eye(3), -np.eye(2, 3)])
-    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2]])
-    return refined(points, faces, spacing)
+    return refined(points, np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2]]), spacing)
 
 
 def sphere_mesh(columns: int = 96, rows: int = 48) -> tuple[Floats, Indices]:
@@ -111,8 +111,9 @@ def triangle_areas(a: Floats, b: Floats, c: Floats) -> Floats:
     1983), the product by differences, which keeps the digits of small triangles.
     """
     volume = np.vecdot(a, cross(b - a, c - a))
-    dots = np.vecdot(a, b) + np.vecdot(b, c) + np.vecdot(c, a)
-    return 2.0 * np.arctan2(volume, 1.0 + dots)
+    return 2.0 * np.arctan2(
+        volume, 1.0 + np.vecdot(a, b) + np.vecdot(b, c) + np.vecdot(c, a)
+    )
 
 
 def bisected(
@@ -264,8 +265,11 @@ def chosen(rows: Floats, number: Indices) -> Floats:
 
     `UNDEFINED` asks for the smallest margin.
     """
-    value = np.nan_to_num(rows[np.arange(len(rows)), number], nan=-1.0)
-    return np.where(number == UNDEFINED, least(rows), value)
+    return np.where(
+        number == UNDEFINED,
+        least(rows),
+        np.nan_to_num(rows[np.arange(len(rows)), number], nan=-1.0),
+    )
 
 
 def active(rows: Floats, floor: Floats) -> Indices:
@@ -274,8 +278,11 @@ def active(rows: Floats, floor: Floats) -> Indices:
     Of those that are equal up to rounding, `floor` (k,), it is the first.
     """
     smallest = np.fmin.reduce(rows, axis=1)
-    number = np.argmax(rows <= smallest[:, None] + floor, axis=1)
-    return np.where(np.isnan(rows).any(axis=1) & ~(smallest <= 0.0), UNDEFINED, number)
+    return np.where(
+        np.isnan(rows).any(axis=1) & ~(smallest <= 0.0),
+        UNDEFINED,
+        np.argmax(rows <= smallest[:, None] + floor, axis=1),
+    )
 
 
 def check_positive(sizes: Mapping[str, float]) -> None:
@@ -343,6 +350,8 @@ def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bo
     array says where more than one margin is uncertain.
 
     - A margin is certainly negative, or positive, where its bounds are.
+    - One that is NaN at some samples is bounded by the others if these are steady; one
+      that is NaN at all bounds nothing.
     - The uncertain ones leave a simple border if all their gradients, anywhere in the
       triangle, lie in a cone less than half a turn wide: the smallest margin then rises
       along a direction, so its zeros are a graph over the other, and nothing closes on
@@ -353,7 +362,11 @@ def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bo
     filled = np.where(missing, 0.0, rows)
     low, high, error = _bounds(triangles, filled)
     whole = np.all(~missing, axis=0)
-    _bound_in_part(rows, whole, low, high)
+    smallest = np.fmin.reduce(rows, axis=0)
+    largest = np.fmax.reduce(rows, axis=0)
+    spread = STEADY * (largest - smallest)
+    low = np.where(whole, low, np.where(smallest <= spread, -1.0, 1.0))
+    high = np.where(whole, high, np.where(-largest > spread, -1.0, 1.0))
     negative = high < 0.0
     uncertain = (low < 0.0) & (high >= 0.0)
     verdict = np.full(len(triangles), TriangleClass.INSIDE)
@@ -361,8 +374,9 @@ def judge(points: Floats, triangles: Indices, rows: Floats) -> tuple[Indices, Bo
     tried = np.flatnonzero(
         uncertain.any(axis=1) & ~negative.any(axis=1) & np.all(whole | ~uncertain, axis=1)
     )
-    corners = points[triangles[tried]]
-    simple = _within_cone(corners, filled[:6, tried], error[tried], uncertain[tried])
+    simple = _within_cone(
+        points[triangles[tried]], filled[:6, tried], error[tried], uncertain[tried]
+    )
     verdict[tried[simple]] = TriangleClass.SIMPLE
     empty = missing.any(axis=2) & ~(np.fmin.reduce(rows, axis=2) < 0.0)
     broken = empty.any(axis=0)
@@ -382,20 +396,6 @@ def _bounds(triangles: Indices, rows: Floats) -> tuple[Floats, Floats, Floats]:
     error = max_abs(awaited[[0, 1, 2, 6]] - rows[6:], axis=0)
     slack = VALUE_SLACK * error
     return control.min(axis=0) - slack, control.max(axis=0) + slack, error
-
-
-def _bound_in_part(rows: Floats, whole: Bools, low: Floats, high: Floats) -> None:
-    """Bound the margins that are NaN at some samples by the others, if they are steady.
-
-    A margin that is NaN at all samples bounds nothing.
-    """
-    smallest = np.fmin.reduce(rows, axis=0)
-    largest = np.fmax.reduce(rows, axis=0)
-    spread = STEADY * (largest - smallest)
-    positive = ~(smallest <= spread)
-    negative = -largest > spread
-    low[~whole] = np.where(positive, 1.0, -1.0)[~whole]
-    high[~whole] = np.where(negative & ~positive, -1.0, 1.0)[~whole]
 
 
 def _within_cone(corners: Floats, values: Floats, error: Floats, uncertain: Bools) -> Bools:

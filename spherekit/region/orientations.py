@@ -151,8 +151,9 @@ class _Cells:
         corners = _cube(np.arange(2**COARSEST))
         width = 2 ** (BITS - COARSEST)
         number = np.arange(4 * len(corners))
-        low = np.tile(corners * width, (4, 1))
-        self.cells = np.column_stack([number // len(corners), low, width + 0 * number])
+        self.cells = np.column_stack(
+            [number // len(corners), np.tile(corners * width, (4, 1)), width + 0 * number]
+        )
         self.volume, certain = self._measure(self.cells)
         self.error = np.where(certain, 0.0, _density(self.cells).sum(axis=1))
 
@@ -165,8 +166,11 @@ class _Cells:
         change = np.abs(volume.reshape(-1, 8).sum(axis=1) - self.volume[cut])
         vague = ~certain.reshape(-1, 8)
         share = change / np.maximum(np.count_nonzero(vague, axis=1), 1)
-        error = np.where(vague, share[:, None], 0.0).ravel()
-        made = {"cells": cells, "volume": volume, "error": error}
+        made = {
+            "cells": cells,
+            "volume": volume,
+            "error": np.where(vague, share[:, None], 0.0).ravel(),
+        }
         for name, eighths in made.items():
             kept = np.delete(getattr(self, name), cut, axis=0)
             setattr(self, name, np.concatenate([kept, eighths]))

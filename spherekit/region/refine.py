@@ -54,8 +54,9 @@ class Refinement:
         self.crossing_keys = self.crossing_margins = nothing = np.zeros(0, np.intp)
         self.crossing_points = none = self.points[:0]
         no = self.contested[:0]
-        place = nothing, nothing, nothing, no
-        self.pieces = BoundarySegments.over(evaluate, (none, none), nothing, place, no)
+        self.pieces = BoundarySegments.over(
+            evaluate, (none, none), nothing, (nothing, nothing, nothing, no), no
+        )
 
     def run(self, tolerance: float, feature: float, most: int) -> None:
         """Refine until the error is at most `tolerance` (sr) or nothing more helps.
@@ -126,8 +127,7 @@ class Refinement:
         points = np.concatenate([self.points, nodes])
         number = np.arange(len(self.points), len(points))
         starts = np.diff(piece, prepend=-1) > 0
-        ahead = ~starts[1:]
-        fan = np.stack([apex[piece], number, number + 1], axis=1)[:-1][ahead]
+        fan = np.stack([apex[piece], number, number + 1], axis=1)[:-1][~starts[1:]]
         first = np.stack([apex, third, number[starts]], axis=1)[more]
         return points, np.concatenate([self.triangles[held == 3], fan, first])
 
@@ -282,8 +282,9 @@ class Boundary:
     @property
     def points(self) -> Floats:
         """The points (m, 3) of the whole curve, the first repeated at the end."""
-        parts = (arc.points[:-1] for arc in self.arcs)
-        return np.concatenate([*parts, self.arcs[0].points[:1]])
+        return np.concatenate(
+            [*(arc.points[:-1] for arc in self.arcs), self.arcs[0].points[:1]]
+        )
 
     @property
     def corners(self) -> Floats:
@@ -460,8 +461,7 @@ def _parts(
     triangles, value = search.triangles, least(search.values)
     inside = value >= 0.0
     edges, _ = edges_of(triangles)
-    alike = inside[edges[:, 0]] == inside[edges[:, 1]]
-    label = labels(len(inside), edges[alike])
+    label = labels(len(inside), edges[inside[edges[:, 0]] == inside[edges[:, 1]]])
     held = inside[triangles]
     which = np.stack([np.argmax(held, axis=1), np.argmin(held, axis=1)], axis=1)
     beside = label[np.take_along_axis(triangles, which, axis=1)]

@@ -201,8 +201,9 @@ class _Spread:
         self.output = output
         self.divides = divides
         self.signed = False
-        none = np.zeros((0, len(self.periods)))
-        self.nodes = self._judged(none, np.zeros(0, dtype=np.intp))
+        self.nodes = self._judged(
+            np.zeros((0, len(self.periods))), np.zeros(0, dtype=np.intp)
+        )
         self.at = np.full((len(input_grid), 1), -1)
         self.done = np.zeros((0, len(beside)), dtype=bool)
         self.joined = [np.zeros((0, 2), dtype=np.intp)]
@@ -269,8 +270,7 @@ class _Spread:
         values = self.nodes.values[start]
         goal = self.input_grid.q[stop]
         goal = goal + TURN * np.round((values[:, self.driven] - goal) / TURN)
-        closure = self.solver.closure
-        reached, status, _ = follow_inputs(closure, self.driven, values, goal)
+        reached, status, _ = follow_inputs(self.solver.closure, self.driven, values, goal)
         arrived = reached.values
         good = status == Status.OK
         there = self.add(arrived[good], stop[good])

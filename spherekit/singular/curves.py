@@ -118,8 +118,10 @@ class SingularCurve:
             targets[:, None],
             nodes.basis[which],
         )
-        sense = np.vecdot(points.tangents[:, :, 0], direction)
-        return _turned(points, np.where(sense < 0.0, -1.0, 1.0))
+        return _turned(
+            points,
+            np.where(np.vecdot(points.tangents[:, :, 0], direction) < 0.0, -1.0, 1.0),
+        )
 
     def find(self, values: Floats, motions: Floats) -> Bools:
         """Return which configurations (n, V) with their singular motions are on the curve.
@@ -164,8 +166,9 @@ class SingularCurve:
 
         def side(points: LocusPoints) -> Floats:
             ways = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
-            basis = points.basis[:, :, self.locus.freedoms :]
-            return np.linalg.det(np.swapaxes(basis, 1, 2) @ ways)
+            return np.linalg.det(
+                np.swapaxes(points.basis[:, :, self.locus.freedoms :], 1, 2) @ ways
+            )
 
         return self.zeros(side)
 
@@ -173,8 +176,9 @@ class SingularCurve:
 def _plain(points: LocusPoints) -> CurvePoints:
     """Return what chords are made of; bends are not known."""
     tangents = points.tangents[:, :, 0]
-    unknown = np.full_like(tangents, np.nan)
-    return CurvePoints(points.values, tangents, unknown, points.residual)
+    return CurvePoints(
+        points.values, tangents, np.full_like(tangents, np.nan), points.residual
+    )
 
 
 LARGEST_STEP = 0.3
@@ -301,8 +305,9 @@ class _LocusCurves(Curves[_Nodes]):
     def within(self, rows: Indices, step: Floats, new: _Nodes, holds: Bools) -> Bools:
         """End curves that leave a profile."""
         inside = holds.copy()
-        states = self.locus.closure.at(new.values[holds]).states
-        inside[holds] = np.all(states.inside, axis=1)
+        inside[holds] = np.all(
+            self.locus.closure.at(new.values[holds]).states.inside, axis=1
+        )
         self.end[rows[holds & ~inside]] = Status.OFF_PROFILE
         return inside
 
@@ -319,8 +324,7 @@ class _LocusCurves(Curves[_Nodes]):
                 ends = (Status.OK, Status.OK)
                 return SingularCurve(self.locus, points, self.periods, True, ends)
         back = self.nodes_of(behind).point.rows(slice(None, 0, -1))
-        there = self.nodes_of(ahead).point
-        points = LocusPoints.joined([_turned(back, -1.0), there])
+        points = LocusPoints.joined([_turned(back, -1.0), self.nodes_of(ahead).point])
         if len(points) < 2:
             return None
         ends = Status(self.end[behind]), Status(self.end[ahead])
@@ -387,8 +391,7 @@ class SingularCurves:
 def moved_by_all(mechanism: Mechanism, output: str | None = None) -> bool:
     """Return whether all pairs move an output: type II of it has all self-motions then."""
     solver = solver_of(mechanism)
-    rest = output_of(mechanism, output)
-    return SingularityReport.of(solver, rest, "II").part is None
+    return SingularityReport.of(solver, output_of(mechanism, output), "II").part is None
 
 
 @checked(SolveError)
@@ -423,8 +426,9 @@ def singular_curves(
     AnalysisError, PlanError
         If there are not two inputs with a freedom each, or no such output.
     """
-    given = kind, output, pointing, made, slices_of_each, budget
-    source = StartPoints(mechanism, FREEDOMS, *given)
+    source = StartPoints(
+        mechanism, FREEDOMS, kind, output, pointing, made, slices_of_each, budget
+    )
     traced: list[SingularCurve] = []
     stray = [np.zeros((0, len(mechanism.variable_owners)))]
     for points in source.batches():

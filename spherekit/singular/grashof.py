@@ -70,8 +70,11 @@ def grashof(mechanism: Mechanism) -> Grashof | None:
     if places is None:
         return None
     axes = [list(of_link.values()) for of_link in link_axes(mechanism).values()]
-    name = class_of(*(_arc(*axes[k]) for k in places))
-    return Grashof(str(name), mechanism.links[places[1]], mechanism.links[places[3]])
+    return Grashof(
+        str(class_of(*(_arc(*axes[k]) for k in places))),
+        mechanism.links[places[1]],
+        mechanism.links[places[3]],
+    )
 
 
 def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:

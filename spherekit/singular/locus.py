@@ -373,8 +373,7 @@ def _slices(
         if not budget.goes_on(f"curves of {counted(len(left), 'slice')}"):
             return
         locked = solver.closure.locked(others, values[left])
-        first = np.stack([todo[k][0] for k in left])
-        curves = follow_arcs(locked, first, longest=LONGEST)
+        curves = follow_arcs(locked, np.stack([todo[k][0] for k in left]), longest=LONGEST)
         for k, curve in zip(left, curves, strict=True):
             todo[k] = todo[k][1:]
             if curve is not None:
@@ -435,7 +434,8 @@ def seeds(curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:
     def along(points: CurvePoints) -> tuple[Floats, Floats]:
         space = locus.space(points.values)
         measure = locus.measure(space)
-        ways = np.einsum("nvg,nv->ng", space.basis, points.tangents)
-        return measure.value, np.vecdot(measure.gradient, ways)
+        return measure.value, np.vecdot(
+            measure.gradient, np.einsum("nvg,nv->ng", space.basis, points.tangents)
+        )
 
     return locus.onto(curve.at(curve.locate(along).places).values)

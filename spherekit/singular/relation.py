@@ -64,8 +64,7 @@ class FourLinks:
     @property
     def poles(self) -> list[Pole]:
         """The poles of the links, each once: the output's and the input's first."""
-        pairs = map(self.ends, AXES)
-        return list(dict.fromkeys(pole_of(a, b) for a, b in pairs if a != b))
+        return list(dict.fromkeys(pole_of(a, b) for a, b in map(self.ends, AXES) if a != b))
 
 
 @dataclass(frozen=True)
@@ -178,8 +177,7 @@ def relation_of(
         third, sign, _ = third_axis(form, links)
         normal = _across(poles, out, third)
     c = dot(getattr(poles, out), normal)
-    d = sign * dot(poles.ir, normal)
-    return Relation(form, links, poles, (o, reference), c, d)
+    return Relation(form, links, poles, (o, reference), c, sign * dot(poles.ir, normal))
 
 
 def _across(poles: SixPoles, out: str, third: str) -> Floats:

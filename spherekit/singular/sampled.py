@@ -74,8 +74,9 @@ def _modes(
     }
     modes: dict[int, tuple[int, ...]] = dict.fromkeys(there, ())
     every = motion.values[:, variables].reshape(-1, k, len(variables))
-    statuses = motion.status.reshape(-1, k)
-    for mode, here, status in zip(tracer.assembly_modes, every, statuses, strict=True):
+    for mode, here, status in zip(
+        tracer.assembly_modes, every, motion.status.reshape(-1, k), strict=True
+    ):
         good = status == Status.OK
         values = here[good]
         alike = (
@@ -144,8 +145,9 @@ class SampledSingularities:
         self._driven = self.tracer.solver.single
         self.configurations: Configurations = self.tracer.configurations
         self.curves = [item.curve for item in self.configurations.curves]
-        named = [(links[o], links[s]) for o, s in outputs]
-        self.report = SingleFreedom(self.tracer, self.curves, named)
+        self.report = SingleFreedom(
+            self.tracer, self.curves, [(links[o], links[s]) for o, s in outputs]
+        )
         self._place(values[:, variables], assembly_mode)
         self.range: tuple[float, float] = tracer.range
         self._ways: dict[int, tuple[float, float]] | None = None
@@ -384,5 +386,6 @@ class SampledSingularities:
         places = places[np.argsort(places[:, 0])]
         after = np.searchsorted(places[:, 0], s)
         beside = np.pad(places[:, 1], 1, constant_values=np.nan)
-        here = curve.at(s).values[:, self._driven]
-        return np.fmin.reduce(np.abs(beside[[after, after + 1]] - here), axis=0)
+        return np.fmin.reduce(
+            np.abs(beside[[after, after + 1]] - curve.at(s).values[:, self._driven]), axis=0
+        )

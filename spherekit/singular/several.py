@@ -234,8 +234,9 @@ def by_motions(
     held, tree = _held(motion), space.tree
     inputs = space.basis[:, held]
     moving = output.equations(space.at) @ space.basis
-    seen = output.link, output.relative_to, output.pointing
-    transmission = Transmission(tree, tuple(held), *seen)
+    transmission = Transmission(
+        tree, tuple(held), output.link, output.relative_to, output.pointing
+    )
     vectors = space.at.vectors
     two = transmission.at(vectors, transmission.pointed(space.at.placed))
     determinant = np.linalg.det(inputs)
@@ -258,7 +259,6 @@ def by_motions(
     kind[(kind == RowType.REGULAR) & (crossed | beside)] = RowType.SELF_MOTION
     kind[~np.isfinite(two)] = RowType.UNKNOWN
     alone_singular = np.any(~(np.abs(np.stack(rates)) > ALONE * tolerance), axis=(0, 2))
-    singular = (kind > 0) & (kind <= RowType.III)
     return {
         "input_rate": rates[0],
         "output_rate": rates[1],
@@ -268,7 +268,9 @@ def by_motions(
         "type_one": np.where(np.isfinite(two), one, np.nan),
         "reciprocal_condition": condition,
         "type": kind,
-        "group": np.where(singular, np.where(alone_singular, 1, 2), 0).astype(np.int8),
+        "group": np.where(
+            (kind > 0) & (kind <= RowType.III), np.where(alone_singular, 1, 2), 0
+        ).astype(np.int8),
     }
 
 
@@ -344,8 +346,9 @@ def what_vanishes(
             elif not all_finite(u[row]):
                 phrases.append("pole axes not known")
             else:
-                least = np.min(np.abs([c[row], d[row]]))
-                phrases.append(f"motions alone: no c, d below {least:.1e}")
+                phrases.append(
+                    f"motions alone: no c, d below {np.min(np.abs([c[row], d[row]])):.1e}"
+                )
     return [" ".join(listed) for listed in words]
 
 
@@ -356,8 +359,7 @@ def _what_moves(motion: Motion, output: OutputStationary) -> str:
     equations = np.concatenate([at.jacobian[0], held, output.equations(at)[0]])
     _, _, right = np.linalg.svd(equations)
     speeds = np.linalg.norm(at.body_rates(right[-1:])[0], axis=1)
-    names = np.array(motion.mechanism.links)[speeds > VANISHES]
-    return f"{' '.join(names)} alone move"
+    return f"{' '.join(np.array(motion.mechanism.links)[speeds > VANISHES])} alone move"
 
 
 LocusName = Literal["I", "II", "self-motion"]
@@ -429,8 +431,9 @@ class SingularityReport:
         """
         part = None
         if kind != "self-motion":
-            links = output.link, output.relative_to
-            part = OutputPart.of(solver.mechanism, solver.assembly, *links)
+            part = OutputPart.of(
+                solver.mechanism, solver.assembly, output.link, output.relative_to
+            )
         way = output.way if part is None else part.way
         return SingularityReport(solver, replace(output, way=way), kind, part)
 
@@ -446,9 +449,11 @@ class SingularityReport:
 
     def _locus(self, kind: LocusName) -> SingularityLocus:
         driven = self.solver.driven if self.part is None else self.part.driven
-        rest = self.output if kind == "I" else InputsLocked(driven)
         return SingularityLocus(
-            self.solver.closure, len(self.solver.driven), rest, self.part
+            self.solver.closure,
+            len(self.solver.driven),
+            self.output if kind == "I" else InputsLocked(driven),
+            self.part,
         )
 
     def types(self, values: Floats) -> SmallIntegers:

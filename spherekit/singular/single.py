@@ -115,8 +115,9 @@ class SingleFreedom:
 
         That is the link whose poles with i and o span the surest plane on all curves.
         """
-        count = len(self.tracer.mechanism.links)
-        others = [k for k in range(count) if k not in links.different]
+        others = [
+            k for k in range(len(self.tracer.mechanism.links)) if k not in links.different
+        ]
         if links.o in (links.r, links.i) or (links.s == links.r and not others):
             return {}
         if links.s != links.r:
@@ -131,8 +132,9 @@ class SingleFreedom:
 
     def poles(self, output: int) -> list[Pole]:
         """Return the poles of an output's relations, each once."""
-        every = (links.poles for links in self.links[output].values())
-        return list(dict.fromkeys(chain(*every)))
+        return list(
+            dict.fromkeys(chain(*(links.poles for links in self.links[output].values())))
+        )
 
     def at(
         self, curve: int, s: Floats, output: int
@@ -150,8 +152,10 @@ class SingleFreedom:
 
     def _made(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
         """Return the relations of form i and, if there is one, form ii."""
-        forms = self.links[output].items()
-        return [relation_of(form, links, axes.__getitem__) for form, links in forms]
+        return [
+            relation_of(form, links, axes.__getitem__)
+            for form, links in self.links[output].items()
+        ]
 
     @cached_property
     def _every(self) -> list[SingularPoint]:
@@ -191,8 +195,9 @@ class SingleFreedom:
         resting = zeros[0] is None, zeros[1] is None
         if any(resting):
             none = nans(along.curve.nodes.values.shape[1])
-            whole = ((number, np.nan),)
-            return [SingularPoint(TYPES[resting], ends[1], whole, np.nan, none)]
+            return [
+                SingularPoint(TYPES[resting], ends[1], ((number, np.nan),), np.nan, none)
+            ]
         places = common_zeros(along, [pole_of(*pair) for pair in ends])
         (s, error, _), double = places[:3].tolist(), places[3:]
         types = [TYPES[moves] for moves in zip(*(~np.isnan(double)).tolist(), strict=True)]
@@ -240,8 +245,7 @@ class SingleFreedom:
                 continue
             axes, _ = along.axes(along.curve.s, self.poles(output))
             for relation in self._made(output, axes):
-                size = np.nan_to_num(np.hypot(relation.c, relation.d))
-                if np.median(size) < ALWAYS:
+                if np.median(np.nan_to_num(np.hypot(relation.c, relation.d))) < ALWAYS:
                     links = relation.links.different
                     are = "lie in one plane" if len(links) == 4 else "are one line"
                     notes.append(

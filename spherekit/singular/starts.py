@@ -209,6 +209,7 @@ def points_from(
     ways = [*(np.delete(every, free, 0) for free in range(len(every))), 0.0 * every[1:]]
     borders = np.array(ways)[np.arange(len(values)) % len(ways)]
     motion = locus.measure(locus.space(values)).motion
-    targets = np.vecdot(borders, values[:, None])
-    points = locus.correct(values, motion, borders, targets, most=LOCUS_STEPS)
+    points = locus.correct(
+        values, motion, borders, np.vecdot(borders, values[:, None]), most=LOCUS_STEPS
+    )
     return points.rows(points.good)

@@ -200,8 +200,9 @@ def tangent_space(
     condition = np.ones(n)
     if rank:
         condition = sizes[:, rank - 1] / np.maximum(sizes[:, 0], TINY)
-    oriented = rows == rank and like is None
-    return TangentSpace(at, tree, kept, basis, inverse, condition, oriented, whole)
+    return TangentSpace(
+        at, tree, kept, basis, inverse, condition, rows == rank and like is None, whole
+    )
 
 
 @dataclass(frozen=True)

@@ -100,8 +100,9 @@ class SingularSurface:
         borders = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
         made = self._found(*self._between(edges, 0.5), borders)
         every = np.ones(len(self.nodes), dtype=bool)
-        halved = self._divided(np.arange(len(edges)), made, every)
-        return replace(halved, side=0.5 * self.side)
+        return replace(
+            self._divided(np.arange(len(edges)), made, every), side=0.5 * self.side
+        )
 
     def reported(self) -> Self:
         """Return what is of the type, with inputs in their ranges, cut at their ends."""
@@ -131,8 +132,7 @@ class SingularSurface:
             beside[np.abs(away[:, held]) < LEVEL] = every[held]
         borders = np.stack([np.broadcast_to(every[column], guess.shape), beside], axis=1)
         guess[:, column] += less_periods(end - guess[:, column], self.periods[column])
-        made = self._found(guess, motions, away, borders)
-        return self._divided(which, made, inside)
+        return self._divided(which, self._found(guess, motions, away, borders), inside)
 
     @property
     def periods(self) -> Floats:
@@ -259,8 +259,7 @@ def singular_surface(
         If there are not three inputs with a freedom each, no such output, or type I of a
         direction is asked for: three inputs never leave it so along a surface only.
     """
-    given = kind, output, pointing, made, slices_of_each, budget
-    source = StartPoints(mechanism, 3, *given)
+    source = StartPoints(mechanism, 3, kind, output, pointing, made, slices_of_each, budget)
     budget = source.budget
     if halved:
         source.budget = budget.part(1.0 / (1.0 + HALVING * 4**halved))
