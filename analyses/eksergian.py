@@ -164,8 +164,6 @@ class Eksergian(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torque, of the links' inertia and of the loads."""
         solution, mechanism = self._found(batch), batch.mechanism
-        links = [mass.link for mass in mechanism.masses]
-        loads = [load.name for load in mechanism.loads]
         timed = row_columns(batch, timed=True)
         inertia, forces = solution.B_parts, solution.Q_parts[:, 0]
         return {
@@ -181,13 +179,13 @@ class Eksergian(AbstractAnalysis):
                 "status": solution.status,
             },
             "inertia": {
-                **repeated(row_columns(batch), links, "link"),
+                **repeated(row_columns(batch), [x.link for x in mechanism.masses], "link"),
                 "B": inertia.ravel(),
                 "dB_dq": solution.dB_parts.ravel(),
                 "status": of_parts(inertia, solution.status).ravel(),
             },
             "loads": {
-                **repeated(timed, loads, "load"),
+                **repeated(timed, [load.name for load in mechanism.loads], "load"),
                 "Q": forces.ravel(),
                 "power": solution.power.ravel(),
                 "status": of_parts(forces, solution.status).ravel(),

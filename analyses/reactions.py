@@ -162,20 +162,22 @@ class ReactionAnalysis(AbstractAnalysis):
                 "is_open": bool(np.any(result.is_open[:, k])),
                 "force_is_open": bool(np.any(result.open_forces[:, k])),
             }
-        bearings = {
-            _named(load, at): _peaks(
-                batch,
-                largest_couple_force_N=couple,
-                largest_radial_N=radial,
-                largest_axial_N=np.abs(axial),
-            )
-            for load, at, couple, radial, axial in _bearing_loads(batch.mechanism, result)
-        }
+
         more = result.lacking
         sliding = compress(batch.mechanism.links, np.any(result.slides, axis=0))
         figures = {
             "pairs": pairs,
-            "bearings": bearings,
+            "bearings": {
+                _named(load, at): _peaks(
+                    batch,
+                    largest_couple_force_N=couple,
+                    largest_radial_N=radial,
+                    largest_axial_N=np.abs(axial),
+                )
+                for load, at, couple, radial, axial in _bearing_loads(
+                    batch.mechanism, result
+                )
+            },
             "forces_need": {
                 "centres_of_mass": list(more.centres),
                 "distances_of_contacts": list(more.distances),

@@ -196,7 +196,6 @@ def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
     if torque is None:
         return []
     inputs = mechanism.input_pairs
-    taken = {load.name for load in mechanism.loads}
     if not isinstance(torque, Mapping):
         if len(inputs) > 1:
             raise SolveError(
@@ -213,7 +212,7 @@ def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
                 f"{choices(pair, inputs, 'Inputs')}"
             )
         name = DRIVE if len(inputs) == 1 else f"{DRIVE}_{pair}"
-        if name in taken:
+        if any(load.name == name for load in mechanism.loads):
             raise ModelError(
                 f'{mechanism.name}: a load is named "{name}", as that of the driving '
                 "torque is; give it another name"

@@ -292,8 +292,8 @@ class Roots:
     @classmethod
     def of(cls, M: Floats) -> "Roots":
         """Return the roots of M (n, m, m)."""
-        finite = all_finite(M, (1, 2))
-        squares, vectors = np.linalg.eigh(np.where(finite[:, None, None], M, 0.0))
+        finite = all_finite(M, (1, 2))[:, None, None]
+        squares, vectors = np.linalg.eigh(np.where(finite, M, 0.0))
         return cls(vectors, np.sqrt(np.where(squares > 0.0, squares, np.nan)))
 
     @property
@@ -448,8 +448,9 @@ class EquationOfMotion:
             return dynamics
         timing = Timing(t, speed, dynamics.change)
         driven = DrivenState(self.mechanism, motion, timing, np.zeros_like(speed))
-        good = all_finite(timing.ddq, 1)
-        carried, locked, _ = rubbed(driven, self.loads, good, roots.inverse)
+        carried, locked, _ = rubbed(
+            driven, self.loads, all_finite(timing.ddq, 1), roots.inverse
+        )
         status = np.where(locked, Status.NOT_CONVERGED, motion.status)
         return replace(
             dynamics,

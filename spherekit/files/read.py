@@ -153,8 +153,7 @@ def stated(document: Document) -> Mechanism:
         message = str(error).removeprefix(f"{document.data['name']}: ")
         keyed = _KEYED.fullmatch(message)
         if keyed:
-            parts = _PART.findall(keyed[1])
-            path = tuple(int(number) if number else name for name, number in parts)
+            path = tuple(int(k) if k else name for name, k in _PART.findall(keyed[1]))
             if path[0] in document.data:
                 raise document.fault(path, keyed[2]) from None
         raise document.fault((), message) from None
