@@ -152,19 +152,13 @@ def test_neither_frame_nor_ground_nor_order_matters(name):
     motion = PositionAnalysis(made, samples=3, assembly_mode=0).motion()
     values = motion.values[~motion.failed][:2]
     closure = Solver(made, plan_assembly(made, by_rank=True)).closure
-    at = closure.at(values)
-    placed, vectors = at.placed, at.vectors
-    output = made.outputs[0]
-    own = Transmission.of(made, output)
-    plain = own.at(vectors, own.pointed(placed))
+    at, own = closure.at(values), Transmission.of(made, made.outputs[0])
+    vectors, pointed = at.vectors, own.pointed(at.placed)
     turn = Rotation.random(random_state=1).as_matrix()
-    pointed = own.pointed(placed)
     again = own.at(3.0 * vectors @ turn.T, None if pointed is None else pointed @ turn.T)
-    assert np.max(np.abs(plain - again)) < 1e-13
-    other = replace(made, ground=made.links[-1])
-    moved = Transmission.of(other, output)
-    swapped = moved.at(vectors, None if pointed is None else pointed)
-    assert np.max(np.abs(plain - swapped)) < 1e-13
+    moved = Transmission.of(replace(made, ground=made.links[-1]), made.outputs[0])
+    for other in (again, moved.at(vectors, pointed)):
+        assert np.max(np.abs(own.at(vectors, pointed) - other)) < 1e-13
 
 
 def test_a_link_that_is_free_to_turn_about_what_it_points_at_counts_as_held():

@@ -16,7 +16,7 @@ the axes chosen come to depend on each other.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations, islice
+from itertools import chain, combinations, islice
 from operator import itemgetter
 from typing import Any
 
@@ -316,9 +316,8 @@ class MovingTerms:
         for link in sorted(self._wanted.links):
             parts |= {("w", link): self._w[link], ("dw", link): self._dw[link]}
         first, count = len(columns), len(signed)
-        for row in zip(*signed.values(), strict=True):
-            for item in row:
-                columns[len(columns), item] = len(columns)
+        for item in chain.from_iterable(zip(*signed.values(), strict=True)):
+            columns[len(columns), item] = len(columns)
         self.signed, self.signs = tuple(signed), slice(first, len(columns))
         self._ends = np.array(self.signed, dtype=np.intp).reshape(-1, 2).T
         spins: dict[Expr, int] = {}
