@@ -133,13 +133,8 @@ def _run(
     while True:
         pairs = coordinates_at(problem, values)
         started = time.perf_counter()
-        made, reused = compiled_equation(
-            mechanism,
-            min(tolerance, most),
-            problem.compact,
-            pairs,
-            values if pairs else None,
-        )
+        finest, held = min(tolerance, most), values if pairs else None
+        made, reused = compiled_equation(mechanism, finest, problem.compact, pairs, held)
         compiling += 0.0 if reused else time.perf_counter() - started
         places = [mechanism.angles[pair] for pair in pairs]
         fine, frame = made.tolerance <= LOOSEST, np.eye(equation.variables)[places]
