@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -115,7 +116,7 @@ class ComputedColumns:
             for turned, at in zip(self._turned, self.kernel.moving, strict=False):
                 signed = at.with_sign(whole)
                 signs = turned(signed[:3], rows, mode)
-                for k in np.flatnonzero(np.any(signs < 0, axis=1)).tolist():
+                for k in np.flatnonzero(np.any(signs < 0, axis=1)):
                     signed[:, k] *= signs[k]
             made = [whole[place] for place in places]
             if np.any(self._odd[rows]):
@@ -158,7 +159,6 @@ class LazyField:
     ) -> None:
         self._source, self._number, self._motion = source, number, motion
         self._places = source.kernel.moving[number].of
-        self._is_made = False
         wanted, rows, n = source.requests[number], source.doubtful, len(motion)
         self.largest = dict(zip(ERRORS, errors, strict=True))
         status = motion.status
@@ -186,25 +186,22 @@ class LazyField:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._field if name in self.KNOWN else self.made, name)
 
-    @property
+    @cached_property
     def made(self) -> PoleField:
         """All of it, as arrays."""
-        if not self._is_made:
-            self._is_made = True
-            n = len(self._field.status)
-            columns: list[tuple[LazyColumn, Floats]] = []
-            for name, places in self._places.items():
-                for of, place in places.items():
-                    made = np.empty((len(place), n))
-                    for k, out in enumerate(made):
-                        columns.append(
-                            (LazyColumn(self._source, (self._number, name, of, k), n), out)
-                        )
-                    getattr(self._field, name)[of] = made.T if len(made) > 1 else made[0]
-            put(columns, [(slice(0, n), 0)])
-            wanted = self._source.requests[self._number]
-            drawn = PlannedPoles(wanted.plan, self._motion)
-            self._field.planes.update({x: drawn.circles(x) for x in wanted.planes})
+        n = len(self._field.status)
+        columns: list[tuple[LazyColumn, Floats]] = []
+        for name, places in self._places.items():
+            for of, place in places.items():
+                made = np.empty((len(place), n))
+                for k, out in enumerate(made):
+                    key = self._number, name, of, k
+                    columns.append((LazyColumn(self._source, key, n), out))
+                getattr(self._field, name)[of] = made.T if len(made) > 1 else made[0]
+        put(columns, [(slice(0, n), 0)])
+        wanted = self._source.requests[self._number]
+        drawn = PlannedPoles(wanted.plan, self._motion)
+        self._field.planes.update({x: drawn.circles(x) for x in wanted.planes})
         return self._field
 
     def column(self, name: str, pole: Pole, k: int) -> LazyColumn | Floats:
