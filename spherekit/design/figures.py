@@ -304,7 +304,8 @@ class KernelFigures:
                 quantities = dict(zip(self.sample, sample, strict=True))
                 quantities |= zip(self.columns, outputs[kernel.reaches :], strict=True)
                 for made, expression in zip(values, self.expressions, strict=True):
-                    made[some] = expression.evaluate(quantities)
+                    given = {name: quantities[name] for name in expression.names}
+                    made[some] = expression.evaluate(given)
             values[:, ~closed] = np.nan
             closes = np.mean(closed[: len(self.samples.rows)], axis=0)
             chosen = np.flatnonzero(closes)
