@@ -92,11 +92,9 @@ def _outside(function: Callable[P, R]) -> Callable[P, R]:
 def _caller() -> str:
     """Return the name of the module that calls the function which asks for it."""
     frame = sys._getframe(2)
-    name: str = frame.f_globals.get("__name__", "")
-    while name in _PASSED_ON and frame.f_back is not None:
+    while frame.f_globals.get("__name__") in _PASSED_ON and frame.f_back is not None:
         frame = frame.f_back
-        name = frame.f_globals.get("__name__", "")
-    return name
+    return str(frame.f_globals.get("__name__", ""))
 
 
 def _is_inside(module: str) -> bool:

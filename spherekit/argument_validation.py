@@ -78,8 +78,7 @@ def checked(error: type[SpherekitError]) -> Callable[[Callable[P, R]], Callable[
                 kind = signature.parameters[name].kind
                 several = kind is inspect.Parameter.VAR_POSITIONAL
                 for item in value if several else (value,):
-                    complaint = fault_of(name, item, hints()[name])
-                    if complaint:
+                    if complaint := fault_of(name, item, hints()[name]):
                         raise error(f"{_called(function)}: {complaint}")
             return function(*args, **kwargs)
 
@@ -133,8 +132,7 @@ def check_fields(made: object, error: type[SpherekitError], where: str) -> None:
     """Raise an error unless every field of a dataclass has a value of its type."""
     kind: Any = type(made)
     for name, hint in _hints_of(kind).items():
-        fault = fault_of(name, getattr(made, name), hint)
-        if fault:
+        if fault := fault_of(name, getattr(made, name), hint):
             raise error(f"{where}: {fault}")
 
 
@@ -296,7 +294,6 @@ def read_as(hint: Any, value: Any, one: Callable[[Any, Any], Any], parts: Any) -
         return one(hint, value)
     items = parts(value)
     kinds = inner[:1] * len(items) if inner[1:] == (...,) else inner
-    if len(kinds) != len(items):
-        raise ValueError(value)
-    read = (read_as(*pair, one, parts) for pair in zip(kinds, items, strict=True))
-    return tuple(read)
+    return tuple(
+        read_as(kind, item, one, parts) for kind, item in zip(kinds, items, strict=True)
+    )

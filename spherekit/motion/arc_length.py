@@ -90,17 +90,15 @@ class _Nodes(CurvePoints):
         points = points.rows(some)
         equations = bordered(at.jacobian[some], points.tangents)
         inverse = left_inverse(equations)
-        condition = bordered_condition(equations, inverse)
         bends = at.states.curvatures[some], at.states.curvature_rates[some]
         margins, gradients = limits.margins(points.values, *bends)
-        approach = -np.einsum("nlv,nv->nl", gradients, points.tangents)
         return _Nodes(
             **vars(points),
             equations=equations,
             inverse=inverse,
-            reciprocal_condition=condition,
+            reciprocal_condition=bordered_condition(equations, inverse),
             margins=margins,
-            approach=approach,
+            approach=-np.einsum("nlv,nv->nl", gradients, points.tangents),
         )
 
 
@@ -227,7 +225,7 @@ def _started(closure: Closure, values: Floats, limits: Limits) -> _Nodes:
 def _motion(closure: Closure, values: Floats) -> Floats:
     """Return the unit vector (variables,) of the only motion, its largest part positive."""
     _, sizes, right = np.linalg.svd(closure.at(values[None]).jacobian[0])
-    sizes = np.append(sizes, np.zeros(max(0, len(right) - len(sizes))))
+    sizes = np.append(sizes, np.zeros(len(right) - len(sizes)))
     if sizes[-1] > MOVING * sizes[0]:
         raise SolveError(
             "the configuration to follow cannot move: the loops leave it no freedom"

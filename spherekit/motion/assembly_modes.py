@@ -166,8 +166,9 @@ class Solver:
     def trains(self) -> frozenset[int]:
         """The numbers of groups that are trains of wheels: inputs place their bodies."""
         train, numbers = self._train, set()
-        for number, group in enumerate(self.assembly.groups if train else ()):
-            assert train is not None
+        if train is None:
+            return frozenset()
+        for number, group in enumerate(self.assembly.groups):
             contacts = {pair for pair in group.pairs if not self.joints[pair].has_axis}
             placed = 1 + len(train_ways(group, train.followers)) == len(group.bodies)
             if placed and contacts and contacts <= {*train.contacts}:
@@ -243,7 +244,8 @@ class Solver:
             values, rotations, residual = at.values, at.placed, at.gap
             _mark(status, ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
             failed = ~assembled(status)
-            values[failed], rotations[failed], residual[failed] = np.nan, np.nan, np.nan
+            for part in (values, rotations, residual):
+                part[failed] = np.nan
             free = [v for v in self.angles if v not in self.driven]
             values[:, free] = wrap(values[:, free])
             return Evaluated(values, rotations, status, residual)
@@ -330,7 +332,7 @@ class Unwrapping:
         at = self.solver.moved(values, q)
         alone = len(self._driven) == 1
         passive = self._by_pieces(mode, at) if alone else self._in_order(at, last)
-        turns[:, sought] = passive[:, [self._angles.index(v) for v in sought]]
+        turns[:, sought] = passive[:, np.isin(self._angles, sought)]
         return turns
 
     def _by_pieces(self, mode: int, at: Floats) -> Floats:
@@ -522,8 +524,7 @@ def _place(
     missed = np.abs(wrap(np.array(every) - [said[name] for name in passive]))
     off = np.nan_to_num(np.max(missed, axis=1, initial=0.0), nan=np.inf)
     best = int(np.argmin(off))
-    others = np.delete(off, best)
-    if off[best] < FAR_FROM_NAMED and np.all(off[best] < CLEARLY * others):
+    if off[best] < min(FAR_FROM_NAMED, *CLEARLY * np.delete(off, best)):
         return best, ""
 
     def shown(names: Iterable[str], angles: Iterable[float]) -> list[str]:

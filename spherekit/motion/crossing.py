@@ -77,8 +77,7 @@ def crossing_near(closure: Closure, values: Floats) -> Crossing | None:
     count = len(values)
     rank = int(np.sum(sizes > NEARLY_NULL * sizes[0]))
     for freedoms in range(max(2, count - rank), 1, -1):
-        crossing = _located(closure, values, freedoms)
-        if crossing is not None:
+        if crossing := _located(closure, values, freedoms):
             return crossing
     return None
 
@@ -115,8 +114,7 @@ def ways_out(closure: Closure, values: Floats) -> Floats:
 
 def _spread(count: int) -> Floats:
     """Return unit vectors (n, count) spread over the sphere, the same ones every time."""
-    directions = np.random.default_rng(20240616).normal(size=(SPREAD, count))
-    return unit_rows(directions)
+    return unit_rows(np.random.default_rng(20240616).normal(size=(SPREAD, count)))
 
 
 def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
@@ -173,7 +171,7 @@ def _directions(forms: Floats) -> Floats | None:
     _, sizes, right = np.linalg.svd(forms[:, *upper])
     if sizes[0] < DEGENERATE or size not in (2, 3):
         return None
-    if int(np.sum(sizes > DEGENERATE * sizes[0])) != size - 1:
+    if np.sum(sizes > DEGENERATE * sizes[0]) != size - 1:
         return None
     kept = np.zeros((size - 1, size, size))
     kept[:, *upper] = right[: size - 1]
@@ -192,8 +190,7 @@ def _common(forms: Floats) -> Floats | None:
         slopes = np.einsum("fij,nj->nfi", forms, y)
         rest = np.append(np.sum(slopes * y[:, None], axis=2), np.zeros((len(y), 1)), axis=1)
         inverse = left_inverse(np.concatenate([2.0 * slopes, y[:, None]], axis=1))
-        y = y - (inverse @ rest[..., None])[..., 0]
-        y = unit_rows(y)
+        y = unit_rows(y - (inverse @ rest[..., None])[..., 0])
     points: list[Floats] = []
     for point, off, flat in zip(
         y, max_abs(rest, axis=1), np.linalg.norm(inverse, axis=(1, 2)), strict=True

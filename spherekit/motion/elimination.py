@@ -233,9 +233,9 @@ class Frames:
             ahead = self.group.ends[pair][0] == body
             further = sum(self.group.ends[pair]) - body
             one, other = self.of_pair(pair, body), self.of_pair(pair, further)
-            turn = one[:, None] @ (_TURN if ahead else np.swapaxes(_TURN, 1, 2))
-            turn = turn @ transpose(other)[:, None]
-            spread = np.einsum("n...i,nxik->n...xk", spread, turn)
+            turn = one[:, None] @ (_TURN if ahead else transpose(_TURN))
+            turned = turn @ transpose(other)[:, None]
+            spread = np.einsum("n...i,nxik->n...xk", spread, turned)
             body = further
         spread = np.einsum("n...i,ni->n...", spread, moving)
         within = [angle for angle in range(count) if order.pairs[angle] in way]
@@ -318,7 +318,7 @@ def solutions(
     `closure` is the group's own, with a single sample.
     The order is that of the angles and the same every time.
     """
-    distinct, words, problem = Distinct(closure), SEARCH.words, ""
+    distinct, words, method = Distinct(closure), SEARCH.words, None
     if has_elimination(group):
         near, real, problem = eliminated(group, closure)
         at = closure.solve(near, iterations=POLISHING_STEPS)
@@ -328,14 +328,12 @@ def solutions(
             problem = problem or "a real root led to no closed configuration"
         distinct.add(at.values[closed])
         words = f"{words} ({problem})"
-    if has_elimination(group) and not problem:
-        method = Method(f"elimination: all {orders_of(group)[0].roots} complex roots")
-    else:
+        if not problem:
+            method = Method(f"elimination: all {orders_of(group)[0].roots} complex roots")
+    if method is None:
         census = search(closure, distinct, given)
         method = Method(f"{words}: {census.words('modes')}", census.share)
-    values = distinct.values
-    values.sort(key=in_order)
-    return values, method
+    return sorted(distinct.values, key=in_order), method
 
 
 def in_order(mode: Floats) -> list[float]:
@@ -397,8 +395,8 @@ def assemblies(solver: Solver, q: Floats) -> Assemblies:
         signs = tuple(signs_at(solver, values) for values in there)
         return Assemblies(signs, there, (SEARCH,) * len(methods))
     every = chains(solver, q[None], 4 * MOST_ASSEMBLY_MODES, methods)
-    values = np.array([state.values[0] for _, state in every])
-    values = values.reshape(-1, len(solver.mechanism.variable_owners))
+    size = -1, len(solver.mechanism.variable_owners)
+    values = np.reshape([state.values[0] for _, state in every], size)
     return Assemblies(tuple(signs for signs, _ in every), values, tuple(methods))
 
 
@@ -409,7 +407,7 @@ def _modes_in_mesh(solver: Solver, meshes: GearPhases, q: Floats) -> Floats:
     locked = solver.closure.locked([*solver.driven, *meshes.variables], held)
     distinct = Distinct(locked)
     search(locked, distinct)
-    values = np.array(distinct.values).reshape(-1, len(solver.closure.tree.owners))
+    values = np.reshape(distinct.values, (-1, len(solver.closure.tree.owners)))
     return solver.moved(values, q[None])
 
 

@@ -114,10 +114,8 @@ def place_dyad(state: State, group: Group, sign: Floats | float) -> Floats:
     )
     grown = state.slack / np.maximum(sine, np.sqrt(REACH_SLACK))
     state.slack = np.minimum(grown, np.sqrt(REACH_SLACK))
-    n = len(state.values)
-    placed = np.broadcast_to(np.eye(3), (n, 3, 3, 3)).copy()
-    placed[:, 1], placed[:, 2] = near_turn, far_turn
-    state.merge(group, placed)
+    placed = np.broadcast_arrays(np.eye(3), near_turn, far_turn)
+    state.merge(group, np.stack(placed, axis=1))
     state.read_values(group)
     state.lost |= ~closes
     return sine

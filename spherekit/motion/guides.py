@@ -51,9 +51,9 @@ class ModeCurve:
 
     def predict(self, q: Floats) -> tuple[Floats, Floats]:
         """Return Hermite values (n, variables) at inputs q (n,), and the nodes' spread."""
-        k = np.clip(np.searchsorted(self.inputs, q) - 1, 0, max(len(self.inputs) - 2, 0))
         if len(self.inputs) == 1:
             return np.repeat(self.values, len(q), axis=0), np.zeros(len(q))
+        k = np.clip(np.searchsorted(self.inputs, q) - 1, 0, len(self.inputs) - 2)
         h = (self.inputs[k + 1] - self.inputs[k])[:, None]
         start, stop = ((self.values[end], self.slopes[end]) for end in (k, k + 1))
         out = cubic(start, stop, h, (q - self.inputs[k])[:, None] / h)
@@ -143,7 +143,7 @@ def _through(
     """Return the curves through nodes at which the input moves."""
     here, count = starts.values[:, driven], len(starts.values)
     goals = np.concatenate([np.minimum(low, here), np.maximum(high, here)])
-    both, trail = np.concatenate([starts.values, starts.values]), Trail()
+    both, trail = np.tile(starts.values, (2, 1)), Trail()
     _, status, tried = follow_inputs(closure, [driven], both, goals[:, None], trail)
     every = Nodes.joined([starts, *(made for _, made in trail)])
     ways = np.concatenate([np.arange(count), *(moved % count for moved, _ in trail)])
@@ -192,10 +192,8 @@ def sheets_through(
         arrived = why == Status.OK
         status[stop[once]] = why
         sheets[stop[once][arrived]] = reached.values[arrived]
-    shape = count, n, values.shape[1]
-    every = zip(
-        sheets[: count * n].reshape(shape),
-        status[: count * n].reshape(count, n),
-        strict=True,
-    )
-    return [ModeOverGrid(*part) if np.any(part[1] == Status.OK) else None for part in every]
+    parts = (part[: count * n].reshape(count, n, -1) for part in (sheets, status))
+    return [
+        ModeOverGrid(there, why[:, 0]) if np.any(why == Status.OK) else None
+        for there, why in zip(*parts, strict=True)
+    ]

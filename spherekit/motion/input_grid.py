@@ -110,8 +110,8 @@ def grid(inputs: Sequence[Input], samples: Sequence[int]) -> InputGrid:
         _spaced(item.start, item.stop, count)
         for item, count in zip(inputs, samples, strict=True)
     ]
-    mesh = np.meshgrid(*axes, indexing="ij")
-    return InputGrid(np.stack([axis.ravel() for axis in mesh], axis=1), tuple(samples))
+    mesh = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    return InputGrid(mesh.reshape(-1, len(inputs)), tuple(samples))
 
 
 def given_path(q: Floats, inputs: int) -> InputGrid:
@@ -130,9 +130,7 @@ def given_path(q: Floats, inputs: int) -> InputGrid:
             f"a path for {inputs} inputs is an array (samples, {inputs}), not {np.shape(q)}"
         )
     if not all_finite(path):
-        raise SolveError(
-            f"the path is not finite in row {int(np.argmin(np.isfinite(path).all(axis=1)))}"
-        )
+        raise SolveError(f"the path is not finite in row {np.argmin(all_finite(path, 1))}")
     return InputGrid(path, (len(path),))
 
 

@@ -109,8 +109,7 @@ class ModeCoalescence:
 
     def modes(self, part: int) -> int:
         """Return the number of complex modes that the function of a group is made of."""
-        counts = [self._count(earlier) for earlier in self._seen[part] if earlier < part]
-        return int(np.prod([*counts, self._count(part)]))
+        return int(np.prod([self._count(k) for k in (*self._seen[part], part)]))
 
     def __call__(self, part: int, q: Floats) -> Floats:
         """Return the function (n,) of group `part` at inputs q (n,) rad.
@@ -148,8 +147,8 @@ class ModeCoalescence:
         """
         state, ends = self.solver.start(q), self.solver.mechanism.ends
         within = [state.within[k][:, None].astype(complex) for k in sorted(state.within)]
-        every = self.solver.train_angles(q).items()
-        angles = {pair: angle[:, None] for pair, angle in every}
+        fixed = self.solver.train_angles(q)
+        angles = {pair: angle[:, None] for pair, angle in fixed.items()}
         for number, group in enumerate(self.groups[:part]):
             order = self._orders[number]
             if order is None:
@@ -307,5 +306,5 @@ def easiest_drive(solver: Solver) -> Solver:
             ways.append(Solver(mechanism, plan_assembly(mechanism)))
             costs.append(cost(ways[-1]))
     if np.min(costs) < np.inf:
-        return ways[int(np.argmin(costs))]
+        return ways[np.argmin(costs)]
     return next((way for way in ways if meetings_of(way)), solver)

@@ -181,8 +181,6 @@ def rank_mobility(tree: LoopTree, vectors: Floats, dependent: float = DEPENDENT)
     Singular values below the part `dependent` of the largest count as zero.
     """
     values = np.linalg.svd(tree.jacobian(vectors), compute_uv=False)
-    if values.shape[1] == 0:
-        return np.full(len(vectors), vectors.shape[1])
     return vectors.shape[1] - np.sum(values > dependent * values[:, :1], axis=1)
 
 
@@ -441,5 +439,6 @@ class Linearisation:
         """Return J' rates (n, equations), J' the change of J at rates (n, variables)."""
         turned = self.turned(self.body_rates(rates))
         bias = np.einsum("nij,nj->ni", self.tree.jacobian(turned), rates)
-        locks = 0 if self.locks is None else len(self.locks[0])
-        return np.pad(bias, ((0, 0), (0, locks))) if locks else bias
+        if self.locks is None:
+            return bias
+        return np.pad(bias, ((0, 0), (0, len(self.locks[0]))))

@@ -100,10 +100,10 @@ def _period(laps: Floats, ratios: Floats) -> float:
     """Return the growth (rad), in whole turns, of an input with which all wheels return."""
     turns = 1
     if np.any(np.isinf(laps) & (np.abs(ratios) > SAME_RATIO)):
-        return float(np.inf)
+        return np.inf
     for passed in TURN * ratios / laps:
         whole = Fraction(float(passed)).limit_denominator(MOST_TEETH)
-        if abs(float(whole) - passed) > SAME_RATIO:
-            return float(np.inf)
+        if abs(whole - passed) > SAME_RATIO:
+            return np.inf
         turns = lcm(turns, whole.denominator)
     return TURN * turns

@@ -226,8 +226,8 @@ class ModeSearch:
             moving = np.array(freedoms) == len(driven)
         made: list[ModeCurve] | list[ModeOverGrid | None]
         if len(driven) == 1:
-            given = values[moving], *self.input_grid.range
-            made = follow_each(solver.closure, driven[0], *given)
+            low, high = self.input_grid.range
+            made = follow_each(solver.closure, driven[0], values[moving], low, high)
         else:
             made = sheets_through(solver.closure, driven, self.input_grid, values[moving])
         guides = iter(made)
@@ -248,8 +248,8 @@ class ModeSearch:
             low, high = self.input_grid.range
             if guide.inputs[0] > high or guide.inputs[-1] < low:
                 return
-            middle = len(guide.values) // 2
-            values = guide.values[middle]  # no dead centre, as a pose may be
+            # no dead centre, as a pose may be
+            values = guide.values[len(guide.values) // 2]
         if guide is not None:
             number, signs = len(self.assembly_modes), signs_at(self.solver, values)
             determinants = tuple(group_signs(self.solver, values[None], 0.0)[0].tolist())
@@ -269,10 +269,8 @@ class ModeSearch:
         if all(
             group.is_dyad or number in solver.trains or has_elimination(group)
             for number, group in enumerate(self.groups)
-        ):
-            claim = self._eliminated()
-            if claim is not None:
-                return claim
+        ) and (claim := self._eliminated()):
+            return claim
         self.methods = [
             CLOSED_FORM if group.is_dyad else method or SEARCH
             for group, method in zip(self.groups, self.methods, strict=True)
@@ -308,9 +306,9 @@ class ModeSearch:
                 Guarantee.SAMPLED, f"modes at {self.probes} of the samples"
             )
             return claim if all_complete(self.methods) else None
-        low, high = self.input_grid.range
-        dead = input_turning_points(self.solver, low, high, MOST_COST, MOST_TIME)
-        step = (high - low) / PARTS
+        ends = self.input_grid.range
+        dead = input_turning_points(self.solver, *ends, MOST_COST, MOST_TIME)
+        step = float(np.ptp(ends)) / PARTS
         self._probe(dead.probes(step)[:, None])
         if not all_complete(self.methods):
             return None
@@ -436,8 +434,7 @@ def _why_nothing_closes(solver: Solver, input_grid: InputGrid) -> str:
         f"{pair} in [{low:.6g}, {high:.6g}] deg"
         for pair, low, high in zip(inputs, lows, highs, strict=True)
     )
-    rows = spread_rows(len(input_grid), PROBED_INPUTS)
-    state = solver.start(input_grid.q[rows])
+    state = solver.start(input_grid.q[spread_rows(len(input_grid), PROBED_INPUTS)])
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:
             pairs = ", ".join(solver.mechanism.names_of(group.pairs))

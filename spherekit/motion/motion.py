@@ -123,12 +123,10 @@ class Motion(ArrayRows):
 
     def __repr__(self) -> str:
         counts = Counter(Status(code).name for code in self.status.tolist())
-        statuses = (
-            ", ".join(f"{count} {name}" for name, count in counts.items()) or "no rows"
-        )
+        told = listing(f"{count} {name}" for name, count in counts.items()) or "no rows"
         return (
             f"<Motion of {self.mechanism.name}: {counted(self.samples, 'sample')} in "
-            f"{counted(len(self.assembly_modes), 'assembly mode')}; {statuses}>"
+            f"{counted(len(self.assembly_modes), 'assembly mode')}; {told}>"
         )
 
     def rows(self, chosen: slice | Array) -> Self:
@@ -266,7 +264,7 @@ class Motion(ArrayRows):
             return nans(len(self))
         with np.errstate(invalid="ignore", over="ignore"):
             bend = self.bend
-            root = np.sqrt(np.where(bend <= 0.5, 1.0 - 2.0 * bend, np.nan))
+            root = np.sqrt(np.maximum(1.0 - 2.0 * bend, 0.0))
             moved = self.sensitivity * self.gap * 2.0 / (1.0 + root)
         moved = np.where(bend <= 0.5, moved, np.inf)
         return np.where(self.failed, np.nan, 2.0 * EPS + moved)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.conventions import CLOSURE_TOLERANCE, EPS
+from spherekit.conventions import CLOSURE_TOLERANCE, EPS, counted
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import penetrates, rolled_lengths
 from spherekit.numeric.descent import descent
@@ -89,25 +89,25 @@ class SearchStatistics:
     @property
     def share(self) -> float:
         """Share of starts that must lead to what is missed with probability `DOUBT`."""
-        return float(1.0 - DOUBT ** (1.0 / max(self.starts, 1)))
+        return 1.0 - DOUBT ** (1.0 / max(self.starts, 1))
 
     def words(self, things: str) -> str:
         """Return what the search is worth, `things` what it closes on, in the plural."""
         made = f"{self.starts} random starts"
         if not self.closed:
             return f"{made}, none closed; {self._missed()}"
-        count = len(self.counts)
-        met = things.removesuffix("s") if count == 1 else things
-        made += f", {self.closed} closed on {count} {met}"
+        met = counted(len(self.counts), things.removesuffix("s"))
+        made += f", {self.closed} closed on {met}"
         least = min(self.counts.values())
         if least > 1:
             return f"{made}, on each at least {least} times; {self._missed()}"
         often = [*self.counts.values()]
         few, once = sum(count <= 1 for count in often), often.count(1)
-        made += (
-            f", on {few} of them at most once, so that about {once / self.closed:.1%} of "
+        return (
+            f"{made}, on {few} of them at most once, so that about "
+            f"{once / self.closed:.1%} of further ones would close on another; "
+            f"{self._missed()}"
         )
-        return f"{made}further ones would close on another; {self._missed()}"
 
     def _missed(self) -> str:
         return (
@@ -200,7 +200,7 @@ class Distinct:
                 loose[row] and self._loose == MOST_LOOSE
             ):
                 places[row] = len(self.values)
-                self._loose += int(loose[row])
+                self._loose += loose[row]
                 self.values.append(values[row])
                 self._poses.append(placed[row])
                 self._tolerances.append(tolerance[row])
