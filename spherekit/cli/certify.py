@@ -64,19 +64,17 @@ def execute(options: Namespace) -> int:
     """Prove what can be proven; 3 if that is not all."""
     from spherekit.errors import AnalysisError
     from spherekit.files.atomic import check_file, write_text
-    from spherekit.files.document import parse, read_text
-    from spherekit.files.library import find
-    from spherekit.files.read import angle_unit_of, read
+    from spherekit.files.document import parse
+    from spherekit.files.read import checked_document, read
     from spherekit.files.write import dumps
     from spherekit.planning.inputs import driven_at
     from spherekit.proof.construction import construct
     from spherekit.proof.gears import Written
 
-    path = find(options.file)
-    document, tolerance = parse(read_text(path), str(path)), options.tolerance
+    document, tolerance = checked_document(options.file), options.tolerance
     if options.lock:
         locked = with_locks(read(document), options.lock, options.file)
-        document = parse(dumps(locked, angle_unit_of(path)), str(path))
+        document = parse(dumps(locked, document.data["angle_unit"]), options.file)
         tolerance = max(tolerance, LOCKED)
     mechanism = driven_at(read(document), options.input)
     written = Written.of(mechanism, document, tolerance)

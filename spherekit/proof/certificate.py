@@ -269,10 +269,9 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
     again: the boxes are not in it.
     """
     written, made = curves.written, curves.construction
-    names = written.structure.pairs
     return {
         **heading("curves over a range", written),
-        "inputs": {names[made.pairs[curves.driven]]: curves.range_text},
+        "inputs": {written.structure.pairs[made.pairs[curves.driven]]: curves.range_text},
         "construction": construction_table(written, made),
         "input_turns_of_its_variable": made.laps,
         "wheels": _wheels(written, made),
@@ -332,7 +331,6 @@ def _wheels(written: Written, made: Construction) -> list[dict[str, Any]]:
     turns = {step.pairs: step.turns for step in made.steps}
     with bits(WHEEL_BITS):
         angles, off = _near(written.given([exact(0.0)])[1:])
-    rows = zip(structure.followers, angles, off, strict=True)
     return [
         {
             "pair": structure.pairs[pair],
@@ -340,7 +338,7 @@ def _wheels(written: Written, made: Construction) -> list[dict[str, Any]]:
             "at_zero_rad": angle,
             "off": spare,
         }
-        for pair, angle, spare in rows
+        for pair, angle, spare in zip(structure.followers, angles, off, strict=True)
     ]
 
 

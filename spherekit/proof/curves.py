@@ -167,9 +167,12 @@ class CertifiedCurves:
     @cached_property
     def still_at(self) -> list[float]:
         """Inputs (rad) in the range at which there are whole curves of modes."""
-        both = zip(self.chains, self.still, strict=True)
         kept: list[float] = []
-        for q in self._inputs_of(chain.pieces[0].centre for chain, still in both if still):
+        for q in self._inputs_of(
+            chain.pieces[0].centre
+            for chain, still in zip(self.chains, self.still, strict=True)
+            if still
+        ):
             if all(abs(wrap((q - other) / self.laps)) > 1e-9 / self.laps for other in kept):
                 kept.append(q)
         return kept
@@ -203,8 +206,9 @@ class CertifiedCurves:
         It is given at centres of pieces, at all stops, and at the crossings at the ends.
         """
         ways = []
-        parts = zip(self.chains, self.stopping, self.ends, self.still, strict=True)
-        for chain, (stopped, doubts), arms, still in parts:
+        for chain, (stopped, doubts), arms, still in zip(
+            self.chains, self.stopping, self.ends, self.still, strict=True
+        ):
             places = []
             for number, (piece, _) in enumerate(chain.links):
                 inner = [s.place for s in (*stopped, *doubts) if s.after == number]

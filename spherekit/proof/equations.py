@@ -107,7 +107,7 @@ class Equations:
         a, b = (self.frame(pair, step.link)[2] for pair in step.pairs)
         normal = np.cross(a, b)
         square = normal @ normal
-        sine = float(np.sqrt(lower(square)) * (1 - 8 * UNIT))
+        sine = np.sqrt(lower(square)) * (1 - 8 * UNIT)
         if not sine > SHORTEST:
             structure = self.written.structure
             raise PlanError(
@@ -116,8 +116,8 @@ class Equations:
                 "be proven of it"
             )
         rows = [v / square for v in (np.cross(b, normal), np.cross(normal, a), normal)]
-        two = zip(step.pairs, step.parents, strict=True)
-        return [self.frame(*both)[2] for both in two], rows, a @ b, sine
+        axes = [self.frame(*two)[2] for two in zip(step.pairs, step.parents, strict=True)]
+        return axes, rows, a @ b, sine
 
     def arrays(self, places: Sequence[Ball] | Array, order: int = 1) -> list[Array]:
         """Return f (k,), and its derivatives (k, v), (k, v, v), at balls of variables."""

@@ -93,8 +93,11 @@ def _folding(equations: Equations, number: int, step: Step) -> Folding | None:
         *(pairs[link] for link in second),
     ]
     written = equations.written
-    sides = zip(links, pairwise([hinges[-1], *hinges]), strict=True)
-    arcs = [arc for link, two in sides if (arc := _arc(written, link, *two)) is not None]
+    arcs = [
+        arc
+        for link, two in zip(links, pairwise([hinges[-1], *hinges]), strict=True)
+        if (arc := _arc(written, link, *two)) is not None
+    ]
     if len(arcs) < len(links):
         return None
     places = [hinges.index(joint.pairs[0]) for joint in joints]

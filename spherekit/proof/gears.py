@@ -35,7 +35,7 @@ from spherekit.files.read import read
 from spherekit.files.write import dumps
 from spherekit.model.gears import carrier_of, joints_of, link_axes
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Pair, PoseGeometry
+from spherekit.model.parts import PoseGeometry
 from spherekit.planning.inputs import driven_pairs
 from spherekit.planning.wheels import ONE_LINE, GearMesh, Way, back, on_carrier, wheel_train
 from spherekit.proof.balls import (
@@ -112,8 +112,11 @@ def structure_of(mechanism: Mechanism) -> Structure:
     for number, (pair, two) in enumerate(zip(mechanism.pairs, mechanism.ends, strict=True)):
         if pair.kind.has_axis:
             continue
-        profiles = zip(pair.links, pair.profiles or (), strict=True)
-        shaped = [link for link, profile in profiles if profile.round_axis is None]
+        shaped = [
+            link
+            for link, profile in zip(pair.links, pair.profiles or (), strict=True)
+            if profile.round_axis is None
+        ]
         if shaped:
             raise PlanError(
                 f"{mechanism.name}: pair {pair.name} is a contact whose profile on "
@@ -228,7 +231,7 @@ class Written:
         made = self.r_frames()
         frames = [made[name] for name in self.structure.pairs if name in made]
         for contact in self.structure.couplers:
-            touch = self._circles(self.mechanism.pairs[contact], made)
+            touch = self._touching(contact)
             # the angle of each pair is the azimuth of the contact about the centre
             sine, cosine = touch.arc.sin_cos()
             axes = exactly([0.0, 0.0, 1.0]), np.array([exact(0.0), sine, cosine])
@@ -342,9 +345,6 @@ class Written:
         table: Mapping[str, Any] = self.document.data["pairs"][pair]
         return table
 
-    def _touching(self, contact: int) -> Touching:
-        return self._circles(self.mechanism.pairs[contact], self.r_frames())
-
     def _starts(self, contact: int) -> Array:
         """Return the lengths (2,) rad along both circles at which a contact starts."""
         pair = self.mechanism.pairs[contact]
@@ -456,9 +456,11 @@ class Written:
         (s, c), (up, across) = (self.angle(number).sin_cos() for number in row)
         return np.array([c * across, s * across, up])
 
-    def _circles(self, pair: Pair, frames: Frames) -> Touching:
-        """Return the circles of a contact; `frames` are those of the R pairs."""
-        item, mechanism = self.item(pair.name), self.mechanism
+    def _touching(self, contact: int) -> Touching:
+        """Return the circles of a contact."""
+        mechanism, frames = self.mechanism, self.r_frames()
+        pair = mechanism.pairs[contact]
+        item = self.item(pair.name)
         sense = -1 if pair.contact == "external" else 1
 
         def axis(name: str, link: str) -> Vector:

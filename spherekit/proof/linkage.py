@@ -108,7 +108,7 @@ def _by_arc_length(path: Path, edges: Array, closed: bool) -> tuple[Curve, Ball]
                         "points more evenly"
                     )
                 on = series(*np.array([[low, 1, *[0] * (count - 2)]]).T)
-                arc = _length(path(on)[1]).item().integral()
+                arc = lengths(path(on)[1]).item().integral()
                 ahead, back = (
                     [x[k].mid() for k in range(count)] for x in (arc, arc.reversion())
                 )
@@ -131,7 +131,7 @@ def _by_arc_length(path: Path, edges: Array, closed: bool) -> tuple[Curve, Ball]
             s = s - exactly(np.floor(floats(coefficient(s, 0)) / near[-1])) * length
         panel = np.searchsorted(near[1:-1], floats(coefficient(s, 0)), side="right")
         point, rate = path(polyval(s - begun[panel], table[panel].T, tensor=False))
-        tangent = rate / _length(rate)[:, None]
+        tangent = rate / lengths(rate)[:, None]
         return np.stack([tangent, np.cross(point, tangent), point], axis=-1)
 
     return frame, exact(0.0) if closed else length
@@ -181,14 +181,14 @@ def _spline(path: SplinePath) -> Path:
             slope = np.diff(points, axis=0) / (high - low)
             points = points[:-1] + (u[:, None] - low) * slope
         (x,), (rate,) = points, degree * slope
-        size = _length(x)[:, None]
+        size = lengths(x)[:, None]
         point = x / size
         return point, (rate - np.sum(point * rate, axis=1, keepdims=True) * point) / size
 
     return at
 
 
-def _length(vectors: Array) -> Array:
+def lengths(vectors: Array) -> Array:
     """Return lengths (n,) of vectors (n, 3)."""
     return np.asarray(np.sqrt(np.sum(vectors * vectors, axis=1)))
 

@@ -250,8 +250,7 @@ class _Search:
     def excluded(self) -> tuple[int, Left]:
         """Return how many boxes of space were looked at, and those that may have roots."""
         count, still = self.equations.unknowns, [exact(0.0)] * len(self.driven)
-        low = [exact(FIRST)] * count + self.driven
-        ranges = Ranges(low, [2 * pi()] * count + still)
+        ranges = Ranges([exact(FIRST)] * count + self.driven, [2 * pi()] * count + still)
         return paved(self.equations, ranges, self._covers, self._take_real, MOST_BOXES)
 
     def _covers(self, centres: Floats, radii: Floats) -> Bools:

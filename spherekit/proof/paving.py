@@ -285,8 +285,7 @@ def input_map(
         )
     with bits(PRECISION):
         ends = [[*map(written.input_angle, two)] for two in range_texts]
-        low = [start for start, _ in ends]
-        ranges = Ranges(low, [end - start for start, end in ends])
+        ranges = Ranges([start for start, _ in ends], [end - start for start, end in ends])
         systems = systems_of(Equations(written, made))
         boxes, kinds, modes = _judged(systems, ranges, cell)
         centres, radii = ranges.centres(boxes), ranges.radii(boxes)

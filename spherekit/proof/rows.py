@@ -29,7 +29,14 @@ from spherekit.proof.balls import (
     pi,
     series,
 )
-from spherekit.proof.linkage import ROUNDING, Closed, Linkage, largest, turning_rates
+from spherekit.proof.linkage import (
+    ROUNDING,
+    Closed,
+    Linkage,
+    largest,
+    lengths,
+    turning_rates,
+)
 from spherekit.rates.request import PoleField, Request
 
 RADIUS = 1e-6
@@ -234,7 +241,8 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Array:
             )
         side = np.where(np.sum(floats(along) * toward, axis=1) < 0.0, -1.0, 1.0)
         sure = np.all(np.isfinite(toward), axis=1)
-        return _where(sure, along * (side / _lengths(along))[:, None])
+        # of the centres: a ball about 0 has no root
+        return _where(sure, along * (side / lengths(middles(along)))[:, None])
 
 
 def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleField:
@@ -278,7 +286,7 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
                 ("acceleration_coefficient", exact.dw),
             ):
                 v, given = _relative(w, pole), getattr(field, name)[pole]
-                along = np.where(blind, _lengths(v), np.sum(v * unit, axis=1))
+                along = np.where(blind, lengths(middles(v)), np.sum(v * unit, axis=1))
                 along = np.where(np.isnan(given), np.nan, floats(along))
                 made.setdefault(name, {})[pole] = along
             made["direction_dq"][pole] = np.where(
@@ -311,8 +319,3 @@ def _turn(exact: ExactRows, pole: Pole, unit: Array) -> Floats:
 
 def _relative(w: Array, pole: Pole) -> Array:
     return w[:, pole[1]] - w[:, pole[0]]
-
-
-def _lengths(vectors: Array) -> Array:
-    """Return lengths (n,) of the centres of vectors (n, 3): a ball about 0 has no root."""
-    return np.asarray(np.sqrt(np.sum(middles(vectors) ** 2, axis=1)))

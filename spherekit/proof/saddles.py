@@ -201,7 +201,7 @@ def _form(equations: Equations, place: Floats) -> "_Form":
     if not (told and np.max(np.abs(centre - place)) < FARTHEST):
         raise ZeroDivisionError
     frame, turned = form.frame.copy(), vectors[:, ::-1]
-    frame[:, :2] = frame[:, :2] @ turned
+    frame[:, :2] @= turned
     units = np.array([high, -low]) ** -0.5
     bent = turned.T @ floats(second[:-1, 1:, 1:]) @ turned
     lifted = np.abs(np.tensordot(frame[:, 2:].T, bent, 1))
@@ -253,11 +253,10 @@ class _Form:
         variables.
         """
         _, slopes, *bends = self.equations.arrays(places, order)
-        k, v = slopes.shape
-        square, right = np.zeros((v + 1, v + 1), object), np.zeros((v + 1, 3), object)
-        square[:k, :v], square[:k, v] = slopes, -exactly(self.missed)
-        square[k:, :v] = exactly(self.frame[:, :2].T)
-        right[:k, 0], right[k:, 1:] = -residual, np.eye(2, dtype=int)
+        (k, v), nothing = slopes.shape, np.zeros((2, 1))
+        missed, along = exactly(self.missed), exactly(self.frame[:, :2].T)
+        square = np.block([[slopes, -missed[:, None]], [along, nothing]])
+        right = np.block([[-residual[:, None], np.zeros((k, 2))], [nothing, np.eye(2)]])
         made = [solved(square, right)]
         for bent in bends:
             right = np.zeros((v + 1, 9), object)
@@ -314,7 +313,7 @@ class _Form:
                 return Saddle(*part, 0, 0.0, 0.0 * limits, signs, far, nowhere)
             level, steep = self._level(limits)
             least = min(lower(bend[0, 0]), lower(bend[1, 1]))
-            height, sign = upper(level), int(level > 0) - int(level < 0)
+            height, sign = upper(level), (level > 0) - (level < 0)
             gap = 2.0 * np.sqrt(2.0 * height / least)
             away = FAR * gap + 1e4 * steep / least + 1e-300
             slack, off = 2.001 * (height / away + 2.0 * steep) / away, 1.001 * steep / away

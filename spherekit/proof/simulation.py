@@ -264,7 +264,6 @@ class ExactSimulation:
         At times t (n,) s from 0 to the end; later ones count as the end. The variables are
         in rad, whole turns included.
         """
-        t = np.asarray(t, dtype=float)
         with self.arithmetic.within():
             times = np.where(t >= float(self.end), self.end, exactly(t))
             later = [float(step.start) for step in self._steps[1:]]
@@ -505,4 +504,4 @@ class ExactSimulation:
 
 
 def _size(balls: Any) -> float:
-    return float(np.max(np.abs(floats(balls)), initial=0.0))
+    return np.max(np.abs(floats(balls)), initial=0.0)

@@ -110,11 +110,10 @@ def _product_of_lines(
     made: Polynomials, generator: np.random.Generator
 ) -> tuple[Ends, Complexes]:
     """Return equations that lead from products of lines to a system, and where from."""
-
-    def random(count: int) -> Complexes:
-        return np.asarray(generator.normal(size=(2, count)).T @ (1.0, 1j))
-
-    roots = [[random(size - 1) for size in v.shape[1:]] for v in made.values]
+    roots = [
+        [generator.normal(size=(2, size - 1)).T @ (1.0, 1j) for size in v.shape[1:]]
+        for v in made.values
+    ]
     ends: Ends = []
     for row, goal in zip(roots, made.values, strict=True):
         lines = [np.atleast_1d(np.poly(values))[::-1] for values in row]
@@ -198,8 +197,7 @@ class System:
         near = roots_of_one(made) if len(self.unknowns) == 1 else self._near(given)
         roots, ended = polished(made, near)
         good, radius, unique, width, reach, rates = tubes(made, roots, half, moving, off)
-        whole = are_apart(roots, radius, ended, bound)
-        for k in np.flatnonzero(whole):
+        for k in np.flatnonzero(are_apart(roots, radius, ended, bound)):
             self.solved.append((given[k], roots.take(slice(k * bound, (k + 1) * bound))))
         del self.solved[:-MOST_KNOWN]
         real, off_circle = are_real(roots, radius, unique)
