@@ -109,20 +109,6 @@ def test_singularities_proven_are_those_that_a_run_reports(name, pair):
         assert np.all(np.abs(inputs - found) < 1e-7)
 
 
-def test_curves_of_a_geometry_that_folds_cross_there():
-    folding = sk.load("four_bar").with_sizes(
-        angle_unit="deg", arcs={"1": [60.0], "2": [20.0], "3": [70.0], "4": [30.0]}
-    )
-    curves = certified_curves(Written.of(folding), TURN)
-    assert curves.claim.guarantee is Guarantee.CERTIFIED
-    (crossed,) = curves.crossed
-    assert abs(np.sin(crossed)) < 1e-9
-    nearly = certified_curves(
-        Written.of(folding.with_sizes(angle_unit="deg", arcs={"4": [30.1]})), TURN
-    )
-    assert nearly.claim.guarantee is Guarantee.CERTIFIED and not nearly.saddles
-
-
 def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
     curves = over("four_bar", "41", TURN, tolerance=1e-7)
     assert curves.claim.guarantee is Guarantee.CERTIFIED

@@ -357,7 +357,7 @@ def map_certificate(boxes: InputMap) -> dict[str, Any]:
             {
                 "centre_rad": centre.tolist(),
                 "half_rad": half.tolist(),
-                "is": kinds[int(kind)],
+                "is": kinds[kind],
                 "modes": int(modes) if kind == REGULAR else None,
             }
             for centre, half, kind, modes in zip(

@@ -84,14 +84,14 @@ class Construction:
         return [step for step in self.steps if step.is_dyad]
 
     @cached_property
-    def placed(self) -> dict[int, tuple[int | None, Indices]]:
+    def placed(self) -> dict[int, tuple[int, Indices]]:
         """The link that each link is placed in, and the degrees in all variables there.
 
         A link put on two axes is placed in the last link that both ways to its parents
-        share.
+        share, and the root in itself.
         """
         every = np.arange(len(self.pairs))
-        placed: dict[int, tuple[int | None, Indices]] = {self.root: (None, 0 * every)}
+        placed: dict[int, tuple[int, Indices]] = {self.root: (self.root, 0 * every)}
         for step in self.steps:
             if step.is_dyad:
                 shared, *ways = _apart(placed, *step.parents)
@@ -141,13 +141,13 @@ class Construction:
 
 
 def _apart(
-    placed: Mapping[int, tuple[int | None, Indices]], one: int, other: int
+    placed: Mapping[int, tuple[int, Indices]], one: int, other: int
 ) -> tuple[int, list[int], list[int]]:
     """Return the last link that two ways share, and the links of each before it."""
     ways = []
     for link in (one, other):
         way = [link]
-        while (above := placed[way[-1]][0]) is not None:
+        while (above := placed[way[-1]][0]) != way[-1]:
             way.append(above)
         ways.append(way)
     first, second = ways
@@ -221,17 +221,13 @@ def _best(
     if any(one == other for one, other in joins.values()):
         return None
     roots = sorted(set(bodies), key=lambda body: body != bodies[ends[given[0]][0]])
-    orders = (
-        (root, order)
+    constructed = (
+        _constructed(ends, bodies, inputs, given, root, order)
         for root in roots
         for order in removals(joins, frozenset(bodies), root)
     )
-    constructed = (
-        _constructed(ends, bodies, inputs, given, root, order)
-        for root, order in islice(orders, MOST_ORDERS)
-    )
     return min(
-        (made for made in constructed if made is not None and made.bound),
+        (made for made in islice(constructed, MOST_ORDERS) if made and made.bound),
         key=lambda made: (len(wanted - {*made.pairs}), made.bound, np.sum(made.degrees)),
         default=None,
     )

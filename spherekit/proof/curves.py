@@ -66,7 +66,7 @@ class CertifiedCurves:
 
     def input_at(self, place: Floats) -> float:
         """Return the input (rad) at a place (v,)."""
-        return float(place[self.driven]) * self.laps
+        return place[self.driven] * self.laps
 
     @cached_property
     def stopping(self) -> list[Stops]:
@@ -185,7 +185,7 @@ class CertifiedCurves:
             turned -= period
         for candidate in (turned, turned - period):
             if self.low - 1e-9 <= candidate <= self.high + 1e-9:
-                return float(candidate)
+                return candidate
         return None
 
     @cached_property

@@ -138,10 +138,7 @@ class Equations:
         placed |= self._placed(places, order)[1]
         for step in self.construction.steps:
             above, _ = self.construction.placed[step.link]
-            if above is not None:
-                placed[step.link] = product(
-                    placed[above], placed[step.link], np.matmul, order
-                )
+            placed[step.link] = product(placed[above], placed[step.link], np.matmul, order)
         return placed
 
     def _placed(

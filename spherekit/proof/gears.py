@@ -250,13 +250,13 @@ class Written:
             constants = rows @ [values.get(pair, exact(0.0)) for pair in structure.pairs]
         else:
             constants = self._rolled() @ exactly([1.0, -1.0])
-        right = constants - rows[:, list(structure.inputs)] @ np.array(inputs)
+        right = constants - rows[:, structure.inputs] @ np.array(inputs)
         return [*inputs, *self._followed(rows, right[:, None])[:, 0]]
 
     def ratios(self) -> Array:
         """Return the rates (followers, inputs) of the angles that wheels fix."""
         rows = self._relations()
-        return self._followed(rows, -rows[:, list(self.structure.inputs)])
+        return self._followed(rows, -rows[:, self.structure.inputs])
 
     def exact_ratios(self) -> list[Fraction] | None:
         """Return the rates of followers by the only input, None unless all have teeth.
@@ -275,7 +275,7 @@ class Written:
 
     def _followed(self, rows: Array, right: Array) -> Array:
         """Return the angles that follow, or their rates, from the columns of `right`."""
-        return solved(rows[:, list(self.structure.followers)], right)
+        return solved(rows[:, self.structure.followers], right)
 
     def _relations(self) -> Array:
         """Return the factors (meshes, pairs) of sums of angles that stay the same."""

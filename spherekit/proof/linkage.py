@@ -143,7 +143,7 @@ def _reach(coefficients: list[Ball], digits: int) -> float:
     with np.errstate(divide="ignore"):
         logs = np.log(np.abs(floats(np.array(coefficients[-4:]))))
     logs = -(digits * np.log(2.0) + logs) / np.arange(count - 4, count)
-    return float(np.exp(np.min(logs)) * 0.9)
+    return np.exp(np.min(logs)) * 0.9
 
 
 def _wave(axes: Array, even: Array, odd: Array) -> Path:
@@ -168,7 +168,7 @@ def _wave(axes: Array, even: Array, odd: Array) -> Path:
 
 def _spline(path: SplinePath) -> Path:
     """Return the radial projection of a quintic spline in space, by de Boor's algorithm."""
-    degree, control = int(path.spline.k), exactly(path.spline.c)
+    degree, control = path.spline.k, exactly(path.spline.c)
     places: Floats = path.spline.t
 
     def at(u: Array) -> tuple[Array, Array]:
@@ -316,7 +316,7 @@ class Linkage:
         self.mechanism, ends = mechanism, mechanism.ends
         joints = _joints(mechanism, frames or declared_frames(mechanism))
         self._joints = [
-            (*joint, list(mechanism.variables_of(pair)), ends[pair][0])
+            (*joint, mechanism.variables_of(pair), ends[pair][0])
             for pair, joint in enumerate(joints)
         ]
         self._way = spanning(ends)
@@ -327,7 +327,7 @@ class Linkage:
             ways[child, pair] = 1.0 if ends[pair][0] == parent else -1.0
         one, other = np.array(ends)[self._chords].T
         passes = np.eye(len(joints))[self._chords] + ways[one] - ways[other]
-        owners = list(mechanism.variable_owners)
+        owners = mechanism.variable_owners
         # the sense in which the way to a link, or a loop, passes the pair of a variable
         self._ways, self._passes = ways[:, owners], passes[:, owners]
 

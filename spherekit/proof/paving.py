@@ -219,7 +219,7 @@ class InputMap:
 
     def _share(self, chosen: Bools) -> float:
         sizes = np.prod(self.radii, axis=1)
-        return float(np.sum(sizes[chosen]) / np.sum(sizes))
+        return np.sum(sizes[chosen]) / np.sum(sizes)
 
     @cached_property
     def counts(self) -> dict[int, float]:

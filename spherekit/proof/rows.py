@@ -83,6 +83,19 @@ class ExactRows:
     condition: Floats
     status: SmallIntegers
 
+    @property
+    def slopes(self) -> Array:
+        """`dw`, where it was asked for.
+
+        Raises
+        ------
+        ValueError
+            If the rows were made with order 1, without derivatives.
+        """
+        if self.dw is None:
+            raise ValueError("this needs rows of order 2 or 3")
+        return self.dw
+
 
 @checked(SolveError)
 def exact_rows(
@@ -220,18 +233,16 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Array:
     ValueError
         If the rows were made with order 1, without derivatives.
     """
-    if exact.dw is None:
-        raise ValueError("a direction needs rows of order 2 or 3")
     with exact.arithmetic.within(), np.errstate(all="ignore"):
+        moving, change = (_relative(w, pole) for w in (exact.w, exact.slopes))
         joined = exact.mechanism.pole_pairs.get((min(pole), max(pole)))
         if joined is not None:
             along = exact.axes[:, joined]
         else:
             floor = exact.arithmetic.eps * exact.condition
-            moving, change = (_relative(w, pole) for w in (exact.w, exact.dw))
             rate, bent = (
                 largest(v) / np.maximum(largest(w[:, pole].reshape(len(v), 6)), 1.0)
-                for v, w in ((moving, exact.w), (change, exact.dw))
+                for v, w in ((moving, exact.w), (change, exact.slopes))
             )
             turns = rate > DIRECTED * floor
             rests = ~(rate > ROUNDING * floor)
@@ -264,8 +275,6 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
         `planes` and the bounds of errors are NaN, as they belong to the way in which poles
         were found.
     """
-    if exact.dw is None:
-        raise ValueError("a field needs rows of order 2 or 3")
     made: dict[str, Any] = {"direction": {}, "direction_dq": {}}
     for name in (
         "angle",
@@ -283,7 +292,7 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
             made["direction"][pole] = floats(unit)
             for name, w in (
                 ("velocity_coefficient", exact.w),
-                ("acceleration_coefficient", exact.dw),
+                ("acceleration_coefficient", exact.slopes),
             ):
                 v, given = _relative(w, pole), getattr(field, name)[pole]
                 along = np.where(blind, lengths(middles(v)), np.sum(v * unit, axis=1))
@@ -292,7 +301,7 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
             made["direction_dq"][pole] = np.where(
                 np.isnan(field.direction_dq[pole]), np.nan, _turn(exact, pole, unit)
             )
-    for name, w in (("w", exact.w), ("dw", exact.dw)):
+    for name, w in (("w", exact.w), ("dw", exact.slopes)):
         made[name] = {
             link: np.where(np.isnan(given), np.nan, floats(w[:, link]))
             for link, given in getattr(field, name).items()
@@ -307,11 +316,10 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
 
 def _turn(exact: ExactRows, pole: Pole, unit: Array) -> Floats:
     """Return (n, 3) how a direction turns: carried by a link, or from v = r u."""
-    assert exact.dw is not None
     pairs, joined = exact.mechanism.pairs, exact.mechanism.pole_pairs.get(pole)
     if joined is not None and pairs[joined].kind.has_axis:
         return np.cross(floats(exact.w[:, exact.mechanism.ends[joined][0]]), floats(unit))
-    v, dv = _relative(exact.w, pole), _relative(exact.dw, pole)
+    v, dv = _relative(exact.w, pole), _relative(exact.slopes, pole)
     across = dv - np.sum(dv * unit, axis=1)[:, None] * unit
     with np.errstate(all="ignore"):
         return floats(across) / floats(np.sum(v * unit, axis=1))[:, None]

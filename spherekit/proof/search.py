@@ -53,7 +53,7 @@ class Search:
         if not tried:
             return out
         small = np.flatnonzero(~out & (np.max(radii, axis=1) < np.max(self._limits)))
-        _, near = self._tree.query(_turned(centres[small]), k=[*range(1, tried + 1)])
+        _, near = self._tree.query(_turned(centres[small]), k=range(1, tried + 1))
         sizes = np.einsum("nv,nkvw->nkw", radii[small], np.abs(self._frames[near]))
         inside = self._inside(near, centres[small, None], sizes * UP + 1e-13)
         out[small] = np.any(inside, axis=1)

@@ -77,10 +77,8 @@ def exact_inertia(exact: ExactRows) -> tuple[Array, Array]:
     ValueError
         If the rows were made with order 1, without derivatives.
     """
-    if exact.dw is None:
-        raise ValueError("inertia needs rows of order 2 or 3")
     with exact.arithmetic.within():
-        return inertia(exact.mechanism, exact.rotations, exact.w, exact.dw)
+        return inertia(exact.mechanism, exact.rotations, exact.w, exact.slopes)
 
 
 def inertia(
@@ -121,7 +119,7 @@ def _of_table(table: TorqueTable, t: Array, inside: float) -> Array:
     times, torques = exactly(table.times), exactly(table.torques)
     period = times[-1] - times[0]
     passed = np.floor((inside - table.times[0]) / float(period))
-    turn = int(passed) if table.periodic else 0
+    turn = passed if table.periodic else 0
     k = 1 + np.searchsorted(table.times[1:-1], inside - turn * float(period))
     slope = (torques[k] - torques[k - 1]) / (times[k] - times[k - 1])
     return torques[k - 1] + slope * (t - turn * period - times[k - 1])
@@ -492,7 +490,7 @@ class ExactSimulation:
             beyond = _value(floats(condition), self._grid[1:]) < 0.0
             if not np.any(beyond):
                 continue
-            first = int(np.argmax(beyond))
+            first = np.argmax(beyond)
             low, high = exactly(self._grid[first : first + 2])
             for _ in range(int(3.4 * self.arithmetic.digits) + 8):
                 middle = (low + high).mid() / 2

@@ -169,7 +169,7 @@ class System:
 
     def at(self, turns: Array) -> Polynomials:
         """Return the polynomials at cosines and sines (m, given, 2), each rounded once."""
-        real, rows = self.equations.real, list(self.rows)
+        real, rows = self.equations.real, self.rows
         made = [real.powers(row, self.unknowns, turns) for row in rows]
         largest = [max(np.max(np.abs(array), initial=0.0) for array in two) for two in made]
         error = real.error[rows] * np.max(self.degrees, axis=1, initial=1)
@@ -214,7 +214,7 @@ class System:
         at = circle([place for place, _ in self.solved])
         for place in start:
             gaps = np.sum((at - circle(place)) ** 2, axis=(1, 2)) if len(at) else [np.inf]
-            near = int(np.argmin(gaps))
+            near = np.argmin(gaps)
             if gaps[near] < NEAR:
                 place[:], roots = self.solved[near]
             else:
