@@ -86,6 +86,13 @@ def test_unreachable_samples_are_rows_with_a_reason():
     assert fine.drop(columns=["status"]).notna().all().all()
 
 
+def test_wrong_names_of_results(result):
+    with pytest.raises(sk.SpherekitError, match='did you mean "poles"'):
+        result.frame("pole")
+    with pytest.raises(sk.SpherekitError, match="has no table"):
+        result.frame("poles", "pols")
+
+
 def test_folders_that_cannot_be_written(result, tmp_path, capsys):
     (tmp_path / "taken").write_text("mine")
     with pytest.raises(OutputError, match="taken"):
