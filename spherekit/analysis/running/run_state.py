@@ -130,7 +130,8 @@ class RunState:
         but: Collection[Status] = (),
     ) -> None:
         """Count how often each code is there, but for some."""
-        for code, n in enumerate(np.bincount(status).tolist()):
+        for code in range(np.max(status, initial=-1) + 1):
+            n = int(np.count_nonzero(status == code))
             if n and code not in but:
                 self.counts[*key, Status(code).name] += often * n
 
