@@ -175,8 +175,9 @@ class SingularityLocus:
         _, sizes, right, finite = decomposed(small)
         last = self.motions - 1
         smallest = np.where(finite, sizes[:, last], np.nan)
-        motion = moving.along(right[:, last])
-        return Measure(self.rest, space, moving, small, smallest, motion)
+        return Measure(
+            self.rest, space, moving, small, smallest, moving.along(right[:, last])
+        )
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def onto(self, values: Floats) -> LocusPoints:
@@ -251,15 +252,15 @@ class SingularityLocus:
         space, moving, unit, off, shift, swing, equations = self._linearised(
             values, motions, borders, like
         )
-        miss = targets - np.einsum("nkv,nv->nk", borders, values + space.closing)
+        miss = targets - np.matvec(borders, values + space.closing)
         right = np.concatenate([-off - shift, np.zeros((len(off), 1)), miss], axis=1)
         finite = all_finite(equations, (1, 2))
         change = np.zeros((len(off), equations.shape[2]))
         inverse = np.linalg.pinv(equations[finite], rcond=REDUNDANT)
-        change[finite] = np.einsum("nij,nj->ni", inverse, right[finite])
+        change[finite] = np.matvec(inverse, right[finite])
         ways, turning = np.split(change, [self.freedoms], axis=1)
         turned = unit - motions + moving.along(turning)
-        turned += swing[..., -1] + np.einsum("nvg,ng->nv", swing[..., :-1], ways)
+        turned += swing[..., -1] + np.matvec(swing[..., :-1], ways)
         return np.concatenate([space.closing + space.along(ways), turned], axis=1)
 
     def _linearised(
@@ -273,19 +274,18 @@ class SingularityLocus:
         """
         space = self.space(values, like)
         moving = self.moving(space, like)
-        inside = unit_rows(np.einsum("nvg,nv->ng", moving.basis, motions))
+        inside = unit_rows(np.vecmat(motions, moving.basis))
         unit = moving.along(inside)
         rows = self.rest.equations(space.at)
         swing = np.einsum("ngvw,nw->nvg", moving.bends, unit)
         slopes = np.einsum("ngmv,nv->nmg", self.rest.changes(space), unit) + rows @ swing
         g, n = self.freedoms, len(values)
         top = np.concatenate([slopes[:, :, :g], rows @ moving.basis], axis=2)
-        along = np.concatenate([np.zeros((n, g)), inside], axis=1)[:, None]
+        along = np.pad(inside, ((0, 0), (g, 0)))[:, None]
         still = np.zeros((n, borders.shape[1], self.motions))
         low = np.concatenate([borders @ space.basis, still], axis=2)
         equations = np.concatenate([top, along, low], axis=1)
-        off = np.einsum("nmv,nv->nm", rows, unit)
-        return space, moving, unit, off, slopes[:, :, g], swing, equations
+        return space, moving, unit, np.matvec(rows, unit), slopes[..., g], swing, equations
 
     def _tangents(
         self, space: TangentSpace, moving: TangentSpace, swing: Floats, equations: Floats
@@ -434,8 +434,7 @@ def seeds(curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:
     def along(points: CurvePoints) -> tuple[Floats, Floats]:
         space = locus.space(points.values)
         measure = locus.measure(space)
-        return measure.value, np.vecdot(
-            measure.gradient, np.einsum("nvg,nv->ng", space.basis, points.tangents)
-        )
+        ways = np.vecmat(points.tangents, space.basis)
+        return measure.value, np.vecdot(measure.gradient, ways)
 
     return locus.onto(curve.at(curve.locate(along).places).values)

@@ -132,16 +132,13 @@ class OutputCoefficients:
     @property
     def triples(self) -> Floats:
         """(n, k) triple products of the u of any three inputs."""
-        threes = list(combinations(range(self.u.shape[1]), 3))
+        threes = np.array([*combinations(range(self.u.shape[1]), 3)], dtype=int)
         with np.errstate(invalid="ignore"):
-            return np.linalg.det(self.u[:, np.array(threes, dtype=int).reshape(-1, 3)])
+            return np.linalg.det(self.u[:, threes.reshape(-1, 3)])
 
 
 def coefficients(
-    motion: Motion,
-    output: OutputStationary,
-    by_rank: bool = False,
-    tolerance: float = SINGULAR,
+    motion: Motion, output: OutputStationary, by_rank: bool = False
 ) -> OutputCoefficients:
     """Return the coefficients of an output, and the type of every row of a motion.
 
@@ -153,8 +150,6 @@ def coefficients(
         Which link's rates count, from `spherekit.singular.stationarity.output_of`.
     by_rank
         That of `spherekit.planning.poles.plan`.
-    tolerance
-        Singular values below this count as zero.
     """
     links = (output.link, output.relative_to)
     held = _held(motion)
@@ -187,8 +182,7 @@ def coefficients(
             related.append((w, *_relation(four, direction)))
         w, c, d, u = (np.stack(parts, axis=1) for parts in zip(*related, strict=True))
         c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
-        measured = by_motions(motion, space, output, tolerance)
-    return OutputCoefficients(w, u, c, d, **measured)
+        return OutputCoefficients(w, u, c, d, **by_motions(motion, space, output))
 
 
 def _relation(four: FourLinks, direction: Callable[[Pole], Floats]) -> tuple[Floats, ...]:
@@ -225,10 +219,7 @@ def _held(motion: Motion) -> list[int]:
 
 
 def by_motions(
-    motion: Motion,
-    space: TangentSpace,
-    output: OutputStationary,
-    tolerance: float = SINGULAR,
+    motion: Motion, space: TangentSpace, output: OutputStationary
 ) -> dict[str, Any]:
     """Return those of `OutputCoefficients` that the motions that close the loops say."""
     held, tree = _held(motion), space.tree
@@ -244,21 +235,20 @@ def by_motions(
         determinant = np.abs(determinant)
     alone = adjugate(inputs)
     size = np.linalg.norm(alone, axis=1)
-    unique = size > tolerance * np.max(size, axis=1, keepdims=True)
+    unique = size > SINGULAR * np.max(size, axis=1, keepdims=True)
     turning = output.angular_velocity(space, space.basis @ alone)
     speed = np.linalg.norm(turning, axis=2, keepdims=True)
-    turns = speed > tolerance * size[..., None]
+    turns = speed > SINGULAR * size[..., None]
     size = np.where(unique, size, np.nan)
     rates = determinant[:, None] / size, np.linalg.norm(moving @ alone, axis=1) / size
-    one, beside = _type_one(inputs, moving, tolerance)
+    one, beside = _type_one(inputs, moving)
     condition = np.where(motion.failed, np.nan, space.reciprocal_condition)
-    first = one < tolerance
-    second = two < tolerance
-    crossed = condition < tolerance
-    kind = ((first & ~crossed) + 2 * second).astype(np.int8)
+    crossed = condition < SINGULAR
+    kind = ((one < SINGULAR) & ~crossed) + 2 * (two < SINGULAR)
     kind[(kind == RowType.REGULAR) & (crossed | beside)] = RowType.SELF_MOTION
     kind[~np.isfinite(two)] = RowType.UNKNOWN
-    alone_singular = np.any(~(np.abs(np.stack(rates)) > ALONE * tolerance), axis=(0, 2))
+    alone_singular = np.any(~(np.abs(rates) > ALONE * SINGULAR), axis=(0, 2))
+    group = np.isin(kind, np.arange(1, 4)) * (2 - alone_singular)
     return {
         "input_rate": rates[0],
         "output_rate": rates[1],
@@ -267,14 +257,12 @@ def by_motions(
         "hold": hold_of(tree, held, vectors)[0],
         "type_one": np.where(np.isfinite(two), one, np.nan),
         "reciprocal_condition": condition,
-        "type": kind,
-        "group": np.where(
-            (kind > 0) & (kind <= RowType.III), np.where(alone_singular, 1, 2), 0
-        ).astype(np.int8),
+        "type": kind.astype(np.int8),
+        "group": group.astype(np.int8),
     }
 
 
-def _type_one(inputs: Floats, output: Floats, tolerance: float) -> tuple[Floats, Bools]:
+def _type_one(inputs: Floats, output: Floats) -> tuple[Floats, Bools]:
     """Return `OutputCoefficients.type_one` (n,), and where there are self-motions (n,).
 
     From rates of g inputs (n, g, g) and of the output (n, m, g) in g motions. Of these an
@@ -282,7 +270,7 @@ def _type_one(inputs: Floats, output: Floats, tolerance: float) -> tuple[Floats,
     """
     both = np.concatenate([inputs, output], axis=1)
     left, sizes, _, _ = decomposed(both)
-    moves = sizes > tolerance
+    moves = sizes > SINGULAR
     basis = left[:, inputs.shape[1] :, : both.shape[2]] * moves[:, None]
     turns = np.linalg.svd(basis, compute_uv=False)
     turns = np.pad(turns, ((0, 0), (1, 0)), constant_values=1.0)
@@ -325,11 +313,10 @@ def what_vanishes(
     ]
     tiers = [first, [("{} along one line", both, parallel)]]
     if pointing is not None:
-        turned = motion.rotations[:, output.relative_to]
-        direction = np.einsum("nij,nj->ni", turned, pointing)
+        direction = np.matvec(motion.rotations[:, output.relative_to], pointing)
         off = np.linalg.norm(cross(u, direction[:, None]), axis=2)
         first.insert(2, ("u_{} along the direction", pairs, off))
-        flat = np.einsum("npi,ni->np", crossed, direction)
+        flat = np.matvec(crossed, direction)
         tiers.append([("{} coplanar with the direction", both, flat)])
     words: list[list[str]] = [[] for _ in c]
     for tier in tiers:
@@ -341,14 +328,13 @@ def what_vanishes(
         words[row] = [_what_moves(motion.rows(slice(row, row + 1)), output)]
     for row, phrases in enumerate(words):
         if not phrases:
+            least = np.min(np.abs([c[row], d[row]]))
+            why = f"motions alone: no c, d below {least:.1e}"
             if at.reciprocal_condition[row] < VANISHES:
-                phrases.append("the loops lose rank")
+                why = "the loops lose rank"
             elif not all_finite(u[row]):
-                phrases.append("pole axes not known")
-            else:
-                phrases.append(
-                    f"motions alone: no c, d below {np.min(np.abs([c[row], d[row]])):.1e}"
-                )
+                why = "pole axes not known"
+            phrases.append(why)
     return [" ".join(listed) for listed in words]
 
 
@@ -474,7 +460,7 @@ class SingularityReport:
     def inputs_of(self, values: Floats) -> Floats:
         """Return the inputs (n, g) of configurations (n, V), as in `SingularPoints`."""
         q = values[:, list(self.solver.driven)]
-        (low, high) = self.ranges
+        low, high = self.ranges
         return into_range(q, low, high, self.solver.periods)
 
     def points(self, nodes: LocusPoints) -> SingularPoints:
@@ -489,7 +475,7 @@ class SingularityReport:
         pointing = None
         if self.output.pointing is not None:
             pointing = orientation @ np.array(self.output.pointing)
-        moving = np.einsum("nmv,nv->nm", self.output.equations(at), motions)
+        moving = np.matvec(self.output.equations(at), motions)
         return SingularPoints(
             self.kind,
             self.types(values),

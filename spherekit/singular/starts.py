@@ -180,9 +180,8 @@ def closed_configurations(
     start[:, held] = random.uniform(first, last, (count, len(held)))
     meshes = solver.meshes
     if meshes is not None and meshes.all_known:
-        rolled = meshes.rolled(start[:, held])
-        held += list(meshes.variables)
-        start[:, list(meshes.variables)] = rolled
+        start[:, list(meshes.variables)] = meshes.rolled(start[:, held])
+        held += meshes.variables
     solution = solver.closure.solve(start, held, iterations=CLOSING_STEPS)
     return solution.values[solution.gap < CLOSURE_TOLERANCE]
 
@@ -193,7 +192,7 @@ def everywhere(view: SingularityReport) -> bool:
     What has no more freedoms than the locus has is not looked for on curves or surfaces.
     """
     values = closed_configurations(view.solver, PROBES, np.random.default_rng(SEED))
-    return bool(len(values)) and bool(np.all(view.is_own(view.types(values))))
+    return len(values) > 0 and bool(np.all(view.is_own(view.types(values))))
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
@@ -209,7 +208,6 @@ def points_from(
     ways = [*(np.delete(every, free, 0) for free in range(len(every))), 0.0 * every[1:]]
     borders = np.array(ways)[np.arange(len(values)) % len(ways)]
     motion = locus.measure(locus.space(values)).motion
-    points = locus.correct(
-        values, motion, borders, np.vecdot(borders, values[:, None]), most=LOCUS_STEPS
-    )
+    targets = np.matvec(borders, values)
+    points = locus.correct(values, motion, borders, targets, most=LOCUS_STEPS)
     return points.rows(points.good)

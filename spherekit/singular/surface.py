@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice, pairwise
+from itertools import chain, islice, pairwise
 from typing import Self
 
 import numpy as np
@@ -100,26 +100,25 @@ class SingularSurface:
         borders = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
         made = self._found(*self._between(edges, 0.5), borders)
         every = np.ones(len(self.nodes), dtype=bool)
-        return replace(
-            self._divided(np.arange(len(edges)), made, every), side=0.5 * self.side
-        )
+        mesh = self._divided(np.arange(len(edges)), made, every)
+        return replace(mesh, side=0.5 * self.side)
 
     def reported(self) -> Self:
         """Return what is of the type, with inputs in their ranges, cut at their ends."""
         mesh, none = self, np.zeros(0, dtype=np.intp)
         for number, (low, high) in enumerate(self.view.ranges.T):
             for end, way in ((low, 1.0), (high, -1.0)):
-                q = mesh.view.inputs_of(mesh.nodes.values)[:, number]
-                mesh = mesh._cut(number, way * (q - end), end)
+                mesh = mesh._cut(number, end, way)
         wanted = self.view.is_own(self.view.types(mesh.nodes.values))
         return mesh._divided(none, mesh.nodes.rows(none), wanted)
 
-    def _cut(self, number: int, beyond: Floats, end: float) -> Self:
-        """Return the part where an input is `beyond` (n,) an end of its range."""
+    def _cut(self, number: int, end: float, way: float) -> Self:
+        """Return the part where an input is on one side (1, -1) of an end of its range."""
+        beyond = way * (self.view.inputs_of(self.nodes.values)[:, number] - end)
         edges, _ = edges_of(self.triangles)
-        inside = np.asarray(in_range(beyond, 0.0, np.inf))
-        driven = self.view.solver.driven
+        inside = in_range(beyond, 0.0, np.inf)
         (which,) = np.nonzero(inside[edges[:, 0]] != inside[edges[:, 1]])
+        driven = self.view.solver.driven
         crossing, column = edges[which], driven[number]
         one, other = np.abs(beyond[crossing]).T
         guess, motions, away = self._between(crossing, (one / (one + other))[:, None])
@@ -143,19 +142,17 @@ class SingularSurface:
         self, edges: Indices, part: Floats | float
     ) -> tuple[Floats, Floats, Floats]:
         """Return values and motions (k, V) at a part (k, 1) along edges, and the ways."""
-        values = self.nodes.values
-        motions = self.nodes.motions
-        (one, other) = edges.T
-        away = less_periods(values[other] - values[one], self.periods)
-        sense = np.sign(np.vecdot(motions[one], motions[other]))[:, None]
-        turned = sense * motions[other] - motions[one]
-        return values[one] + part * away, motions[one] + part * turned, away
+        one, other = self.nodes.values[edges.T]
+        motion, turned = self.nodes.motions[edges.T]
+        away = less_periods(other - one, self.periods)
+        turned *= np.sign(np.vecdot(motion, turned))[:, None]
+        return one + part * away, motion + part * (turned - motion), away
 
     def _found(
         self, guess: Floats, motions: Floats, away: Floats, borders: Floats
     ) -> LocusPoints:
         """Return the locus near guesses, NaN where it is not between the ends of a way."""
-        targets = np.einsum("nkv,nv->nk", borders, guess)
+        targets = np.matvec(borders, guess)
         made = self.view.locus.correct(guess, motions, borders, targets)
         moved = np.linalg.norm(made.values - guess, axis=1)
         made.residual[~(moved < 0.5 * np.linalg.norm(away, axis=1))] = np.nan
@@ -203,7 +200,7 @@ def _parts(
     return [(top, *side) for side in pairwise(others)]
 
 
-HEIGHT = 0.5 * np.sqrt(3.0)
+HEIGHT = 0.75**0.5
 """Height of an equilateral triangle of side 1."""
 MERGED = 0.75
 """A vertex of the front this near to the ideal place, in sides, is taken for it."""
@@ -265,10 +262,9 @@ def singular_surface(
         source.budget = budget.part(1.0 / (1.0 + HALVING * 4**halved))
     front = _Front(source, side)
     irregular = front.grow_all()
-    none = source.view.locus.onto(np.zeros((0, len(front.periods))))
     mesh = SingularSurface(
         source.view,
-        LocusPoints.joined([none, *front.parts]),
+        front.nodes,
         np.array(front.triangles, dtype=np.intp).reshape(-1, 3),
         side,
         source.claim("surface"),
@@ -296,9 +292,7 @@ class _Front:
         self.view = source.view
         self.side = side
         self.periods = periods_of(self.view.locus.closure)
-        self.parts: list[LocusPoints] = []
-        self.values = np.zeros((0, len(self.periods)))
-        self.motions = np.zeros((0, len(self.periods)))
+        self.nodes = self.view.locus.onto(np.zeros((0, len(self.periods))))
         self.triangles: list[tuple[int, int, int]] = []
         self.inside: list[bool] = []
         self.open: dict[Edge, int] = {}
@@ -306,15 +300,11 @@ class _Front:
         self.ways: set[Edge] = set()
         self.queue: deque[Edge] = deque()
 
-    def away(self, origin: Floats, rows: Indices | slice | list[int]) -> Floats:
-        """Return vertices (n, V) as seen from a configuration, less whole periods."""
-        return less_periods(self.values[rows] - origin, self.periods)
-
     def near(self, values: Floats, motion: Floats, radius: float) -> Indices:
         """Return the vertices within a radius on the same sheet of the surface."""
-        distance = np.linalg.norm(self.away(values, slice(None)), axis=1)
-        same = np.abs(self.motions @ motion) > TURNED
-        return np.flatnonzero((distance < radius) & same)
+        away = less_periods(self.nodes.values - values, self.periods)
+        same = np.abs(self.nodes.motions @ motion) > TURNED
+        return np.flatnonzero((np.linalg.norm(away, axis=1) < radius) & same)
 
     def grow_all(self) -> int:
         """Mesh the surfaces through all seeds; return how many of these are irregular."""
@@ -331,7 +321,7 @@ class _Front:
 
     def _goes_on(self) -> bool:
         """Return whether there is room and time for one vertex more."""
-        budget, count = self.source.budget, len(self.values)
+        budget, count = self.source.budget, len(self.nodes)
         if count < MOST_VERTICES:
             return budget.goes_on(f"vertex {count} of a mesh")
         budget.note = f"stopped at {count} vertices"
@@ -343,20 +333,15 @@ class _Front:
         covered = len(self.near(seed.values[0], seed.motions[0], self.side))
         if crossed or covered or not self._goes_on():
             return False
-        corners = [self._add(seed)]
-        for way in (self.side, self.side * (0.5 + 1j * HEIGHT)):
-            (made,) = self._beside(corners[:1], [way])
-            if made is None:
-                return True
-            corners.append(self._add(made))
-        self.queue.clear()
-        a, b, c = corners
-        self._join(a, b, c)
+        first = self._add(seed)
+        beside = self._beside([first] * 2, [self.side, self.side * (0.5 + 1j * HEIGHT)])
+        corners = [*map(self._add, filter(None, beside))]
+        if len(corners) == 2:
+            self._join(first, *corners)
         while self.queue and self._goes_on():
             edge = self.queue.popleft()
             if self._grows(edge):
                 self._advance(edge)
-        self.ready.clear()
         return True
 
     def _grows(self, edge: Edge) -> bool:
@@ -364,14 +349,12 @@ class _Front:
         return edge in self.open and any(self.inside[vertex] for vertex in edge)
 
     def _add(self, point: LocusPoints) -> int:
-        self.parts.append(point)
-        self.values = np.concatenate([self.values, point.values])
-        self.motions = np.concatenate([self.motions, point.motions])
+        self.nodes = LocusPoints.joined([self.nodes, point])
         # The surface curves back over the end of a range between vertices beyond it.
         (low, high), room = self.view.ranges, BEYOND * self.side
         inside = in_range(self.view.inputs_of(point.values), low - room, high + room)
         self.inside.append(bool(np.all(inside)))
-        return len(self.values) - 1
+        return len(self.nodes) - 1
 
     def _join(self, a: int, b: int, c: int) -> None:
         """Add a triangle, turned like that on the other side of its edge from a to b."""
@@ -389,13 +372,12 @@ class _Front:
         self, bases: list[int], ways: Sequence[complex]
     ) -> list[LocusPoints | None]:
         """Return the locus where ways in the tangent planes at vertices lead."""
-        starts = LocusPoints.joined([self.parts[base] for base in bases])
-        tangents = starts.tangents
+        starts = self.nodes.rows(np.array(bases))
         parts = np.stack([np.real(ways), np.imag(ways)], axis=1)
-        guess = starts.values + np.einsum("nvk,nk->nv", tangents, parts)
-        turned = starts.motions + np.einsum("nvk,nk->nv", starts.turns, parts)
-        borders = np.swapaxes(tangents, 1, 2)
-        targets = np.einsum("nkv,nv->nk", borders, guess)
+        guess = starts.values + np.matvec(starts.tangents, parts)
+        turned = starts.motions + np.matvec(starts.turns, parts)
+        borders = np.swapaxes(starts.tangents, 1, 2)
+        targets = np.matvec(borders, guess)
         points = self.view.locus.correct(guess, turned, borders, targets)
         regular = points.good & ~(points.reciprocal_condition < FLAT)
         across = np.where(regular[:, None, None], borders @ points.tangents, 0.0)
@@ -410,16 +392,16 @@ class _Front:
 
     def _flat(self, base: int, rows: Indices | list[int]) -> list[complex]:
         """Return vertices in the tangent plane at another one."""
-        seen = self.away(self.values[base], rows) @ self.parts[base].tangents[0]
-        flat: list[complex] = (seen @ [1.0, 1j]).tolist()
-        return flat
+        away = self.nodes.values[rows] - self.nodes.values[base]
+        seen = less_periods(away, self.periods) @ self.nodes.tangents[base]
+        return [*map(complex, *seen.T)]
 
     def _ideal(self, edge: Edge) -> complex:
         """Return where a vertex makes the triangle on an edge's open side equilateral."""
         along, third = self._flat(edge[0], [edge[1], self.open[edge]])
         height = HEIGHT * self.side * along / abs(along)
         sense = -1j if _turn(0.0, along, third) > 0.0 else 1j
-        return complex(0.5 * along + height * sense)
+        return 0.5 * along + height * sense
 
     def _made(self, edge: Edge) -> LocusPoints | None:
         """Return the new vertex for an edge, made with those for the next in the queue.
@@ -439,13 +421,13 @@ class _Front:
         """Put a triangle on the open side of an edge, if one can be."""
         a, b = edge
         ideal = self._ideal(edge)
-        middle = self.parts[a].tangents[0] @ [ideal.real, ideal.imag]
-        around = self.near(self.values[a] + middle, self.motions[a], 2.5 * self.side)
+        middle = self.nodes.values[a] + self.nodes.tangents[a] @ [ideal.real, ideal.imag]
+        around = self.near(middle, self.nodes.motions[a], 2.5 * self.side)
         place = dict(zip(around.tolist(), self._flat(a, around), strict=True))
         place |= {a: 0.0, b: self._flat(a, [b])[0], -1: ideal}
-        walls = [wall for wall in self.open if wall[0] in place and wall[1] in place]
-        edges = {vertex for wall in walls for vertex in wall} - {a, b}
-        ranked = sorted((abs(place[k] - ideal) / self.side, k) for k in edges)
+        walls = [wall for wall in self.open if place.keys() >= {*wall}]
+        ends = {*chain(*walls)} - {a, b}
+        ranked = sorted((abs(place[k] - ideal) / self.side, k) for k in ends)
         near, far = (
             [k for away, k in ranked if away < room] for room in (MERGED, STRETCHED)
         )
@@ -454,8 +436,7 @@ class _Front:
             if vertex < 0:
                 if made is None:
                     continue
-                away = np.linalg.norm(self.away(made.values[0], around), axis=1)
-                if np.min(away, initial=np.inf) <= CROWDED * self.side:
+                if len(self.near(made.values[0], made.motions[0], CROWDED * self.side)):
                     continue
             if self._fits(edge, vertex, place, walls):
                 self._join(a, b, vertex if made is None else self._add(made))
@@ -476,17 +457,16 @@ class _Front:
             if abs(top - place[end]) > STRETCHED * self.side:
                 return False
             for one, other in walls:
-                if {end, vertex} & {one, other}:
-                    continue
-                if _cross(place[end], top, place[one], place[other]):
+                apart = {end, vertex}.isdisjoint((one, other))
+                if apart and _cross(place[end], top, place[one], place[other]):
                     return False
-        ends = {end for wall in walls for end in wall} - {*edge, vertex}
+        ends = {*chain(*walls)} - {*edge, vertex}
         return not any(_within(place[k], a, b, top) for k in ends)
 
 
 def _turn(a: complex, b: complex, c: complex) -> float:
     """Return the product of the sides from a to b and to c, positive to the left."""
-    return float(((b - a).conjugate() * (c - a)).imag)
+    return ((b - a).conjugate() * (c - a)).imag
 
 
 def _cross(a: complex, b: complex, c: complex, d: complex) -> bool:
