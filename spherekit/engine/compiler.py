@@ -49,15 +49,9 @@ def heyoka() -> ModuleType:
     return module
 
 
-_OPERATORS: Mapping[str, Callable[[Any, Any], Any]] = {
-    **OPERATORS,
-    "**": operator.pow,
-}
-
-
 def _lowered(items: Sequence[Expr], variables: Mapping[ExpressionNode, Any]) -> list[Any]:
     """Return heyoka's expressions; `variables` are those of terms that stand alone."""
-    module = heyoka()
+    module, operators = heyoka(), {**OPERATORS, "**": operator.pow}
 
     def apply(term: ExpressionNode, arguments: list[Any]) -> Any:
         if term.operation == "variable":
@@ -69,7 +63,7 @@ def _lowered(items: Sequence[Expr], variables: Mapping[ExpressionNode, Any]) -> 
             return module.select(module.gt(value, zero), one, least)
         if term.operation == "maximum":
             return module.select(module.gt(*arguments), *arguments)
-        made = _OPERATORS.get(term.operation) or getattr(module, term.operation)
+        made = operators.get(term.operation) or getattr(module, term.operation)
         return made(*arguments)
 
     return rewrite(items, module.expression, apply)

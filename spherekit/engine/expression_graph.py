@@ -81,10 +81,9 @@ def _quotient(a: Expr, b: Expr) -> Expr:
     return function("/", a, b)
 
 
-def _ordered(a: Expr, b: Expr) -> tuple[Expr, Expr]:
+def _ordered(a: Expr, b: Expr) -> list[Expr]:
     """Return the arguments of a sum or product in one order: numbers first, then by age."""
-    ages = [x.number if isinstance(x, ExpressionNode) else -1 for x in (a, b)]
-    return (a, b) if ages[0] <= ages[1] else (b, a)
+    return sorted((a, b), key=lambda x: x.number if isinstance(x, ExpressionNode) else -1)
 
 
 _Operation = Callable[[Any, Any], Expr]
@@ -181,19 +180,17 @@ def varies(item: Expr) -> bool:
 def in_order(items: Sequence[Expr]) -> Iterator[ExpressionNode]:
     """Yield each term that expressions consist of once, after its arguments."""
     done: set[ExpressionNode] = set()
-    stack: list[tuple[ExpressionNode, bool]] = []
-    for item in items:
-        stack.append((item, False))
-        while stack:
-            term, ready = stack.pop()
-            if not isinstance(term, ExpressionNode) or term in done:
-                continue
-            if ready or term.operation == "variable":
-                done.add(term)
-                yield term
-                continue
-            stack.append((term, True))
-            stack += [(argument, False) for argument in reversed(term.arguments)]
+    stack = [(item, False) for item in reversed(items)]
+    while stack:
+        term, ready = stack.pop()
+        if not isinstance(term, ExpressionNode) or term in done:
+            continue
+        if ready or term.operation == "variable":
+            done.add(term)
+            yield term
+            continue
+        stack.append((term, True))
+        stack += [(argument, False) for argument in reversed(term.arguments)]
 
 
 def rewrite(
@@ -463,8 +460,8 @@ def _printed(
     free, rows = list[str](), list[str]()
     for k, term in enumerate(order):
         parts = [called[item] for item in term.arguments]
-        done = dict.fromkeys(x for x in term.arguments if last[x] == k)
-        free += [called[item] for item in done if called[item] in rows]
+        done = dict.fromkeys(called[x] for x in term.arguments if last[x] == k)
+        free += [row for row in done if row in rows]
         if term not in called:
             if not free:
                 free.append(f"z{len(rows)}")

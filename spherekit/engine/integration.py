@@ -57,15 +57,14 @@ def first_missed(look: Look, steps: int) -> Floats:
     zeros = _zeros(value, shaped, even[:-1], even[1:])
     turns = _zeros(slope, np.diff(shaped, axis=1), even[:-2], even[2:])
     which, places = (np.concatenate(parts) for parts in zip(turns, zeros, strict=True))
-    if len(which):
-        order = np.lexsort((places, which))
-        which, places = which[order], places[order]
-        # Between two jumps, which need not be on either side of a place found.
-        pairs = np.flatnonzero(which[1:] == which[:-1])
-        which = np.append(which, which[pairs])
-        places = np.append(places, 0.5 * (places[pairs] + places[pairs + 1]))
-        owner, x = np.append(owner, which), np.append(x, places)
-        missed = np.append(missed, look(which, places)[0])
+    order = np.lexsort((places, which))
+    which, places = which[order], places[order]
+    # Between two jumps, which need not be on either side of a place found.
+    pairs = np.flatnonzero(which[1:] == which[:-1])
+    which = np.append(which, which[pairs])
+    places = np.append(places, 0.5 * (places[pairs] + places[pairs + 1]))
+    owner, x = np.append(owner, which), np.append(x, places)
+    missed = np.append(missed, look(which, places)[0])
     first = np.full(steps, np.inf)
     np.minimum.at(first, owner, np.where(missed <= 1.0, np.inf, x))
     return first
@@ -341,7 +340,7 @@ class Integration:
         """Return the parameters, 0 for those beyond the last that occurs."""
         given = integrator.parameters
         beyond = self.layout.side + len(self.sides) - len(given)
-        return np.append(given, np.zeros(beyond))
+        return np.pad(given, (0, beyond))
 
     def _go_back(self, integrator: Integrator, step: _Step) -> None:
         """Return to the start of a step."""

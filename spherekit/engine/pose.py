@@ -194,9 +194,8 @@ def size_of(item: Expr) -> Expr:
 def largest(items: Iterable[Expr]) -> Expr:
     """Return the largest of numbers and terms, none of which is negative."""
     items = list(items)
-    terms = dict.fromkeys(x for x in items if isinstance(x, ExpressionNode))
     most: Expr = max((x for x in items if not isinstance(x, ExpressionNode)), default=0.0)
-    for term in terms:
+    for term in dict.fromkeys(x for x in items if isinstance(x, ExpressionNode)):
         most = function("maximum", most, term) if most else term
     return most
 

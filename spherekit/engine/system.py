@@ -246,7 +246,6 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
     matrix = masses.matrix
     minors = cofactors(matrix)
     reciprocal = 1.0 / dot(matrix[0], minors[0])
-    changes = [dot(row, right) * reciprocal for row in minors]
     per_unit = constant(layout.unit + 1)
     back, square = per_unit * root * flow.scale, per_unit * per_unit
     powers = [dot(of_load, slow) * square for of_load in forces]
@@ -260,7 +259,7 @@ def several_freedoms(mechanism: Mechanism, values: Floats, held: Sequence[int]) 
         measure = measure * (1.0 / begun.item())
     return System(
         layout,
-        [*rates, *(change * back for change in changes), *powers],
+        [*rates, *(dot(row, right) * reciprocal * back for row in minors), *powers],
         flow.tau,
         measure,
         _events(layout, flow, measure, spread, held),

@@ -139,8 +139,8 @@ class FollowedRotation(Way):
         held = np.nan_to_num(self._held(marks), nan=np.inf)
         beside = np.pad(held, 1, constant_values=np.inf)
         low = np.flatnonzero((held <= beside[:-2]) & (held < beside[2:]))
-        before, after = marks[np.maximum(low - 1, 0)], marks[np.minimum(low + 1, MARKS - 1)]
-        places = least_within(self._held, before, after)
+        ends = marks[np.clip([low - 1, low + 1], 0, MARKS - 1)]
+        places = least_within(self._held, *ends)
         lost = places[~(self._held(places) > SINGULAR_RATIO)]
         apart = np.abs(lost[:, None] - np.array(self.leaps)) > LEAPS[-1]
         places = np.concatenate([self.leaps, lost[np.all(apart, axis=1)]])

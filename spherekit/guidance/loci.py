@@ -169,10 +169,11 @@ def _along(
     axis, ends = partial(axis_in, mechanism, joints), mechanism.ends
     owner = {link: k for k, links in enumerate(legs.values()) for link in links}
     elbows = [elbow for _, elbow, _ in legs]
-    along: dict[int, PairAxis] = {}
-    for k, leg in enumerate(legs):
-        every = zip(leg, ("base", "elbow", "tip"), strict=True)
-        along |= {pair: (kind, k, 1.0) for pair, kind in every}
+    along: dict[int, PairAxis] = {
+        pair: (kind, k, 1.0)
+        for k, leg in enumerate(legs)
+        for pair, kind in zip(leg, ("base", "elbow", "tip"), strict=True)
+    }
     hinged, about = set[int](), list[int]()
     for pair, (a, b) in enumerate(ends):
         holder, link = (a, b) if a in owner else (b, a)
@@ -372,7 +373,7 @@ class _Modes:
         elbows, _ = self.form.plane.elbows(normals, modes)
         apart = np.linalg.norm(cross(elbows[:, first], elbows[:, second]), axis=1)
         if np.nanmedian(apart) < ALONG:
-            names = " and ".join(self.form.inputs)
+            names = " and ".join(self.form.mechanism.input_pairs)
             return f"elbows of the legs of {names} along one line"
         return "the loops lose rank"
 

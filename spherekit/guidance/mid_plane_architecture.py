@@ -84,11 +84,6 @@ class MidPlaneArchitecture:
     along: tuple[PairAxis, ...]
     output: Output
 
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the driven pairs, first and second."""
-        return tuple(map(self.name_of, self.plane.driven))
-
     def name_of(self, leg: int) -> str:
         """Return the name of the pair of a leg at the base."""
         return self.mechanism.pairs[self.legs[leg][0]].name
@@ -169,8 +164,10 @@ class MidPlaneArchitecture:
         placed[:, 0] = np.eye(3)
         placed[:, self.effector] = self.orientations(normals)
         for link in {*(range(count) if links is None else links)} - {0, self.effector}:
-            pairs = [pair for pair, ends in enumerate(self.mechanism.ends) if link in ends]
-            pairs.sort(key=lambda pair: KINDS.index(self.along[pair][0]))
+            pairs = sorted(
+                (pair for pair, ends in enumerate(self.mechanism.ends) if link in ends),
+                key=lambda pair: KINDS.index(self.along[pair][0]),
+            )
             outer = pairs[0], pairs[-1]
             axes = (self.axis(pair, normals, elbows) for pair in outer)
             turned = self.frame @ frame_toward(*np.broadcast_arrays(*axes))

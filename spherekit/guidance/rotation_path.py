@@ -96,11 +96,10 @@ class Optimality:
         """The pseudo-inverse of J with its known rank, its null space, its flatness."""
         rank = self.values.shape[1] - self.target.freedoms
         left, sizes, right = np.linalg.svd(self.at.jacobian)
-        kept, flatness = sizes[:, :rank], np.ones(len(sizes))
+        kept = sizes[:, :rank]
         with np.errstate(all="ignore"):
             inverse = transpose(right[:, :rank]) / kept[:, None] @ transpose(left)[:, :rank]
-        if sizes.shape[1]:
-            flatness = kept[:, -1] / kept[:, 0]
+            flatness = np.min(kept / kept[:, :1], axis=1, initial=1.0)
         return inverse, transpose(right[:, rank:]), flatness
 
     @property
@@ -116,8 +115,7 @@ class Optimality:
     @cached_property
     def output_singular_value(self) -> Floats:
         """(n,) least size of an angular velocity by a free motion of unit length."""
-        sizes = np.linalg.svd(self.swing, compute_uv=False)
-        return np.asarray(sizes[:, self.target.freedoms - 1])
+        return np.asarray(np.linalg.svd(self.swing, compute_uv=False)[:, -1])
 
     @cached_property
     def system(self) -> Floats:
@@ -439,9 +437,8 @@ class Way:
                 return None
             node, steps = self._nodes(goal, at.ahead(np.array([way])))
             moved = max_abs(node.values - at.values)
-            if not node.holds[0] or steps[0, 0] > VERIFIED.correction * moved:
-                continue
-            if not node.condition[0] > LEAP_FROM * way:
+            steady = node.holds[0] and node.condition[0] > LEAP_FROM * way
+            if not steady or steps[0, 0] > VERIFIED.correction * moved:
                 continue
             places = at.theta + way * np.arange(0.2, 0.9, 0.2)
             both = Nodes.joined([at, node])

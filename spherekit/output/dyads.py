@@ -170,8 +170,7 @@ class Dyads:
 
     def is_coaxial(self, one: int, other: int, link: int) -> bool:
         """Return whether two pairs of a link have their axes on one line."""
-        arc = self._arc(link, one, other)
-        return min(arc, np.pi - arc) < COLLINEAR
+        return bool(np.sin(self._arc(link, one, other)) < COLLINEAR)
 
 
 def input_rates(tops: Floats, bottoms: Floats) -> tuple[Floats, Floats]:

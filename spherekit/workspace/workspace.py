@@ -95,7 +95,7 @@ def judge(
     with np.errstate(all="ignore"):
         rows = kinematics.at(_poses(kinematics, places), signs)
         inputs = rows.inputs
-        gone = np.where(np.isnan(inputs).any(axis=1), np.nan, 0.0)
+        gone = 0.0 * np.sum(inputs, axis=1)
         type_1, type_2 = np.min(rows.type_1, axis=1) + gone, rows.type_2 + gone
         return Judged(*left_of(bounds, rows), inputs, type_1, type_2)
 
@@ -131,8 +131,7 @@ def direction_workspaces(
             region = find_region(margins, goal)
         return region.points, region.values, region
 
-    every = _found_once(kinematics, bounds, modes, find)
-    return tuple(starmap(DirectionWorkspace, every))
+    return tuple(starmap(DirectionWorkspace, _found_once(kinematics, bounds, modes, find)))
 
 
 Found = TypeVar("Found")
@@ -175,8 +174,9 @@ def orientation_workspaces(
     def find(margins: Margins) -> tuple[Floats, Floats, Orientations]:
         return samples, margins(samples), find_orientations(margins, tolerance)
 
-    every = _found_once(kinematics, bounds, modes, find)
-    return tuple(starmap(OrientationWorkspace, every))
+    return tuple(
+        starmap(OrientationWorkspace, _found_once(kinematics, bounds, modes, find))
+    )
 
 
 def orientation_samples(count: int = SAMPLES) -> Floats:
@@ -188,17 +188,9 @@ def orientation_samples(count: int = SAMPLES) -> Floats:
     SO(3) (2022).
     """
     part = (np.arange(count) + 0.5) / count
-    one, other = 2.0 * np.pi * count * part / np.sqrt(2.0), 2.0 * np.pi * count * part / PSI
-    inner, outer = np.sqrt(part), np.sqrt(1.0 - part)
-    return np.stack(
-        [
-            inner * np.sin(one),
-            inner * np.cos(one),
-            outer * np.sin(other),
-            outer * np.cos(other),
-        ],
-        axis=1,
-    )
+    turned = 2.0 * np.pi * count * part / np.array([[np.sqrt(2.0)], [PSI]])
+    spirals = np.sqrt([part, 1.0 - part]) * [np.sin(turned), np.cos(turned)]
+    return np.hstack(np.moveaxis(spirals, 0, 2))
 
 
 def nearest_reachable(
