@@ -20,12 +20,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherekit.arrays import Bools, Floats, Indices, Integers
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, TURN, Status
 from spherekit.errors import SolveError
 from spherekit.motion.closure import Closure, newton
 from spherekit.motion.loops import Linearisation, left_inverse
-from spherekit.motion.turns import less_periods
+from spherekit.motion.turns import less_periods, whole_laps
 from spherekit.numeric.zeros import ArrayRows, Zeros, hermite, zeros
 from spherekit.sphere.paths import ArcLength, integrated
 from spherekit.sphere.rotation import all_finite, max_abs, nans, unit_rows
@@ -95,8 +95,7 @@ def curve_points(
     """
     at = closure.at(values)
     inverse = left_inverse(bordered(at.jacobian, borders))
-    tangents = inverse[:, :, -1]
-    tangents = unit_rows(tangents)
+    tangents = unit_rows(inverse[:, :, -1])
     bends = -np.einsum("nij,nj->ni", inverse[:, :, :-1], at.bias(tangents))
     bends -= np.sum(bends * tangents, axis=1, keepdims=True) * tangents
     return CurvePoints(values, tangents, bends, at.gap), at
@@ -112,7 +111,7 @@ def correct(
     """
 
     def change(here: Floats, rows: Indices) -> Floats:
-        miss = targets[rows] - np.sum(borders[rows] * here, axis=1)
+        miss = targets[rows] - np.vecdot(borders[rows], here)
         return bordered_step(closure.take(rows).at(here), borders[rows], miss)
 
     return newton(change, values, MOST_CORRECTIONS, CORRECTED)
@@ -130,13 +129,14 @@ def bordered_step(at: Linearisation, borders: Floats, miss: Floats) -> Floats:
 
 def between(starts: CurvePoints, stops: CurvePoints, along: Floats) -> Floats:
     """Return quintic Hermite values (n, variables) at parts (n,) of chords, 0 to 1."""
-    chords = np.linalg.norm(stops.values - starts.values, axis=1)
-    e = (stops.values - starts.values) / chords[:, None]
+    ways = stops.values - starts.values
+    chords = np.linalg.norm(ways, axis=1)
+    e = ways / chords[:, None]
 
     def end(points: CurvePoints) -> tuple[Floats, Floats, Floats]:
-        speed = np.sum(points.tangents * e, axis=1, keepdims=True)
-        swing = np.sum(points.bends * e, axis=1, keepdims=True)
+        speed = np.vecdot(points.tangents, e)[:, None]
         slope = points.tangents / speed
+        swing = np.vecdot(points.bends, e)[:, None]
         return points.values, slope, (points.bends - slope * swing) / speed**2
 
     return hermite(end(starts), end(stops), chords, along)
@@ -160,8 +160,7 @@ class Chords:
 
     def predict(self, which: Indices, along: Floats) -> Floats:
         """Return quintic Hermite values (n, variables) at parts of chords (n,), 0 to 1."""
-        nodes = self.nodes
-        return between(nodes.rows(which), nodes.rows(which + 1), along)
+        return between(self.nodes.rows(which), self.nodes.rows(which + 1), along)
 
     def beside(
         self, values: Floats, periods: Floats
@@ -171,19 +170,20 @@ class Chords:
         With the ways (m, variables) there from the chords' starts, less whole periods, and
         how far along the chords (m,) that is.
         """
-        starts, half = self.nodes.values[:-1], 0.5 * self.chords[:, None] * self.directions
-        hits = [(np.zeros(0, dtype=np.intp),) * 2 + (np.zeros((0, values.shape[1])),)]
-        for first in range(0, len(values), AT_ONCE):
-            some = np.asarray(values[first : first + AT_ONCE])
-            away = less_periods(some[:, None] - starts - half, periods) + half
-            along = np.sum(away * self.directions, axis=2)
+        half = 0.5 * np.diff(self.nodes.values, axis=0)
+        middles = self.nodes.values[:-1] + half
+        hits = []
+        for first in range(0, max(len(values), 1), AT_ONCE):
+            away = values[first : first + AT_ONCE, None] - middles
+            away = less_periods(away, periods) + half
+            along = np.vecdot(away, self.directions)
             off = max_abs(away - along[..., None] * self.directions, axis=2)
             near = off < BESIDE * self.chords + NEAR
             near &= np.abs(along / self.chords - 0.5) < 0.51
             which, chord = np.nonzero(near)
             hits.append((first + which, chord, away[which, chord]))
         row, number, way = (np.concatenate(part) for part in zip(*hits, strict=True))
-        along = np.sum(way * self.directions[number], axis=1)
+        along = np.vecdot(way, self.directions[number])
         return row, number, way, np.clip(along, 0.0, self.chords[number])
 
 
@@ -232,9 +232,10 @@ class ArcCurve(Chords):
 
     def _beside(self, which: Indices, way: Floats) -> CurvePoints:
         """Return the curve where its projection on the chord `which` (n,) is `way` (n,)."""
-        chords, e = self.chords[which], self.directions[which]
+        chords = self.chords[which]
+        e = self.directions[which]
         guess = self.predict(which, way / chords)
-        targets = np.sum(e * self.nodes.values[which], axis=1) + way
+        targets = np.vecdot(e, self.nodes.values[which]) + way
         values, _ = correct(self.closure, guess, e, targets)
         points, _ = curve_points(self.closure, values, e)
         miss = max_abs(values - guess, axis=1)
@@ -253,9 +254,9 @@ class ArcCurve(Chords):
     def _speed(self, u: Floats) -> Floats:
         """Return ds/du at u of any shape."""
         points, which = self._on(u.ravel())
-        cosine = np.sum(points.tangents * self.directions[which], axis=1)
+        cosine = np.vecdot(points.tangents, self.directions[which])
         if not all_finite(cosine):
-            lost = float(u.ravel()[~np.isfinite(cosine)][0])
+            lost = u.ravel()[~np.isfinite(cosine)][0]
             raise SolveError(
                 f"the configuration curve is lost at the length {lost:.6g} rad of its "
                 "chords: Newton's method does not close the loops between two nodes"
@@ -273,16 +274,15 @@ class ArcCurve(Chords):
         return self.table.at_edge(self.starts)
 
     @cached_property
-    def winding(self) -> Integers:
+    def winding(self) -> Floats:
         """The whole periods (variables,) of one lap, zero on an open curve."""
-        grown = self.closed * (self.nodes.values[-1] - self.nodes.values[0])
-        return np.round(grown / self.periods).astype(np.int64)
+        return np.round(self.rise / self.periods)
 
     @cached_property
     def rise(self) -> Floats:
         """Growth (variables,) of the variables in one lap (rad), zero on an open curve."""
-        finite = np.where(np.isfinite(self.periods), self.periods, 0.0)
-        return finite * self.winding
+        grown = self.closed * (self.nodes.values[-1] - self.nodes.values[0])
+        return whole_laps(grown, self.periods)
 
     def returns_after(self, variable: int, period: float) -> float:
         """Return the growth of a variable with which the curve's configurations return.
@@ -295,7 +295,7 @@ class ArcCurve(Chords):
         """
         if np.isfinite(period):
             return period
-        once = abs(float(self.rise[variable]))
+        once = abs(self.rise[variable])
         if once == 0.0:
             return TURN if self.closed and np.isnan(period) else np.inf
         return once
@@ -311,10 +311,9 @@ class ArcCurve(Chords):
         open one the points are NaN.
         """
         s = np.atleast_1d(np.asarray(s, dtype=float))
-        laps = np.floor(s / self.length) if self.closed else np.zeros_like(s)
+        laps = self.closed * np.floor(s / self.length)
         rest = s - laps * self.length
-        slack = 1e-12 * self.length
-        inside = (rest >= -slack) & (rest <= self.length + slack)
+        inside = np.abs(rest / self.length - 0.5) <= 0.5 + 1e-12
         points, _ = self._on(self.table.invert(np.where(inside, rest, 0.0)))
         points.values[:] += np.outer(laps, self.rise)
         return points.only(inside)
@@ -346,11 +345,12 @@ class ArcCurve(Chords):
         `period` is that of `periods` unless it is given. Double zeros are those at which
         the variable turns back. None if it stands still along the whole curve.
         """
-        period = float(self.periods[variable] if period is None else period)
+        period = self.periods[variable] if period is None else period
 
         def chord(points: CurvePoints) -> tuple[Floats, Floats]:
-            away, slope = points.values[:, variable] - value, points.tangents[:, variable]
-            return away * np.sinc(away / period), np.cos(np.pi / period * away) * slope
+            away = points.values[:, variable] - value
+            slope = np.cos(np.pi / period * away) * points.tangents[:, variable]
+            return away * np.sinc(away / period), slope
 
         return self.locate(chord, variable)
 
@@ -366,8 +366,7 @@ class ArcCurve(Chords):
 
     def passes(self, values: Floats) -> Bools:
         """Return which configurations (n, variables) are on this curve, as `find` does."""
-        row, _, _ = self._hits(values)
-        return np.isin(np.arange(len(values)), row)
+        return np.isin(np.arange(len(values)), self._hits(values)[0])
 
     def _hits(self, values: Floats) -> tuple[Indices, Indices, Floats]:
         """Return which configurations are on which chords, and where along these."""

@@ -39,7 +39,8 @@ def newton(
     that of the second by the first, 0 where one was enough: small both, they say that the
     start was near a solution.
     """
-    values, active = values.copy(), np.arange(len(values))
+    values = values.copy()
+    active = np.arange(len(values))
     sizes = np.zeros((2, len(values)))
     for taken in range(most):
         step = change(values[active], active)
@@ -76,7 +77,8 @@ class Closure:
 
     def take(self, rows: Indices) -> "Closure":
         """Return the closure of some samples only."""
-        leads, locks = self.leads, self.locks
+        leads = self.leads
+        locks = self.locks
         if leads is not None and len(leads[0]) > 1:
             leads = leads[0][rows], leads[1][rows]
         if locks is not None and len(locks[1]) > 1:
@@ -120,12 +122,13 @@ class Closure:
         self, values: Floats, held: Sequence[int], iterations: int, trust: float = 0.5
     ) -> tuple[Linearisation, Floats]:
         """Return what `solve` does, and the sizes of its steps, see `newton`."""
-        free = [v for v in range(values.shape[1]) if v not in held]
+        free = np.delete(np.arange(values.shape[1]), held)
         values = values.copy()
 
         def change(some: Floats, rows: Indices) -> Floats:
-            whole, step = values[rows], np.zeros_like(some)
+            whole = values[rows]
             whole[:, free] = some
+            step = np.zeros_like(some)
             at = self.take(rows).at(whole)
             open_ = at.gap > ROUNDED
             step[open_] = least_change(at.jacobian[open_][:, :, free], -at.residual[open_])
@@ -137,9 +140,7 @@ class Closure:
 
 def least_change(matrices: Floats, right: Floats) -> Floats:
     """Return the least x (n, k) with matrices (n, m, k) x = right (n, m)."""
-    if matrices.shape[1] == matrices.shape[2]:
-        try:
-            return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
-        except np.linalg.LinAlgError:
-            pass
-    return np.einsum("nij,nj->ni", np.linalg.pinv(matrices, rcond=REDUNDANT), right)
+    try:
+        return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
+    except np.linalg.LinAlgError:  # not square, or singular
+        return np.einsum("nij,nj->ni", np.linalg.pinv(matrices, rcond=REDUNDANT), right)

@@ -15,7 +15,7 @@ import numpy as np
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Integers
-from spherekit.conventions import TURN, Status, counted
+from spherekit.conventions import Status, counted
 from spherekit.errors import SolveError
 from spherekit.guarantee import Completeness, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
@@ -79,7 +79,7 @@ class Piece(NamedTuple):
 
 
 def monotone_pieces(
-    curve: ArcCurve, driven: int, low: float, high: float, period: float = TURN
+    curve: ArcCurve, driven: int, low: float, high: float, period: float
 ) -> list[Piece]:
     """Return the parts of a curve on which an input only rises or falls, in order.
 
@@ -90,9 +90,12 @@ def monotone_pieces(
     configurations return, infinite where only the curve itself can say so.
     """
     period = curve.returns_after(driven, period)
-    ends = (curve.at_input(driven, end, period) for end in (low, high))
-    zeros = [cut.places for cut in (curve.dead_points(driven), *ends)]
-    cuts = np.unique(np.concatenate(zeros))
+    zeros = (
+        curve.dead_points(driven),
+        curve.at_input(driven, low, period),
+        curve.at_input(driven, high, period),
+    )
+    cuts = np.unique(np.concatenate([zero.places for zero in zeros]))
     if curve.closed:
         cuts = cuts if len(cuts) else np.zeros(1)
         cuts = np.append(cuts, cuts[0] + curve.length)
@@ -102,14 +105,14 @@ def monotone_pieces(
     middles = curve.at(0.5 * (cuts[:-1] + cuts[1:])).values
     turned, which = turns_in_range(middles[:, driven], low, high, period)
     inside = in_range(turned, low, high)
-    turned, which = turned[inside], which[inside]
-    starts, stops, middles = cuts[:-1][which], cuts[1:][which], middles[which]
-    shifts = turned - middles[:, driven]
-    middles[:, driven] = turned
-    inputs = [curve.at(cut).values[:, driven] + shifts for cut in (starts, stops)]
-    numbers = starts, stops, shifts, np.minimum(*inputs), np.maximum(*inputs)
-    rows = zip(np.stack(numbers, axis=1).tolist(), middles, strict=True)
-    return [Piece(None, middle, *row) for row, middle in rows]
+    which = which[inside]
+    ends = cuts[[which, which + 1]]
+    middles = middles[which]
+    shifts = turned[inside] - middles[:, driven]
+    middles[:, driven] = turned[inside]
+    inputs = [curve.at(end).values[:, driven] + shifts for end in ends]
+    numbers = [*ends, shifts, np.minimum(*inputs), np.maximum(*inputs)]
+    return list(map(Piece, [None] * len(which), middles, *np.array(numbers).tolist()))
 
 
 class ConfigurationCurve(NamedTuple):
@@ -167,9 +170,7 @@ def configuration_curves(
         The mechanism, and its assembly modes over inputs from `low` to `high` (rad).
     """
     (period,) = solver.periods
-    longest = LONGEST
-    if period <= 2.0 * longest:
-        longest = max(longest, LAP * float(period))
+    longest = LONGEST if period > 2.0 * LONGEST else max(LONGEST, LAP * period)
     search = _CurveSearch(solver, low, high, longest)
     inputs = np.linspace(low, high, PROBED)
     for assembly_mode in assembly_modes:
@@ -219,15 +220,14 @@ def _assigned(
     pieces: Sequence[Piece],
 ) -> tuple[Piece, ...]:
     """Return pieces of a curve, each with the mode whose configuration its middle is."""
-    numbers: list[int | None] = [None] * len(pieces)
+    assigned = list(pieces)
     middles = np.array([piece.middle for piece in pieces])
     for assembly_mode in assembly_modes:
         there = solver.evaluate(assembly_mode, middles[:, [solver.single]]).values
         gap = max_abs(curve.wrapped(there - middles), axis=1)
         for row in np.flatnonzero(gap < SAME_CONFIGURATION):
-            numbers[row] = assembly_mode.number
-    every = zip(pieces, numbers, strict=True)
-    return tuple(piece._replace(assembly_mode=number) for piece, number in every)
+            assigned[row] = assigned[row]._replace(assembly_mode=assembly_mode.number)
+    return tuple(assigned)
 
 
 class _CurveSearch:
@@ -238,7 +238,9 @@ class _CurveSearch:
     """
 
     def __init__(self, solver: Solver, low: float, high: float, longest: float) -> None:
-        self.solver, self.low, self.high = solver, low, high
+        self.solver = solver
+        self.low = low
+        self.high = high
         self.longest = longest
         self.curves: list[ArcCurve] = []
         self.counted: list[tuple[float, int]] = []
@@ -251,7 +253,8 @@ class _CurveSearch:
             values = values[~curve.passes(values)]
         while len(values):
             middle = len(values) // 2
-            given, values = values[middle], np.delete(values, middle, axis=0)
+            given = values[middle]
+            values = np.delete(values, middle, axis=0)
             try:
                 curve = follow_arc(self.solver.closure, given, longest=self.longest)
             except SolveError as problem:
@@ -273,10 +276,11 @@ class _CurveSearch:
         for q in dead.probes(STEP):
             here = assemblies(drive, np.array([q]))
             if not here.is_complete:
-                words = "no elimination finds all modes at an input"
-                return Completeness(Guarantee.SAMPLED, words)
+                return Completeness(
+                    Guarantee.SAMPLED, "no elimination finds all modes at an input"
+                )
             if drive is self.solver:
-                self.counted.append((float(q), len(here.values)))
+                self.counted.append((q, len(here.values)))
             self.add(here.values)
         return dead.claim(STEP)
 
@@ -287,10 +291,11 @@ class _CurveSearch:
         how often they met the curves known before says what both may have missed.
         """
         if self.solver.meshes is not None and not self.solver.meshes.all_known:
-            words = "wheels in mesh as in the assembly modes given"
-            return Completeness(Guarantee.COMPONENT, words)
-        low, high = np.array([self.low]), np.array([self.high])
-        starts = random_starts(self.solver, low, high, seed=SEED + 1)
+            return Completeness(
+                Guarantee.COMPONENT, "wheels in mesh as in the assembly modes given"
+            )
+        low = np.array([self.low])
+        starts = random_starts(self.solver, low, np.array([self.high]), seed=SEED + 1)
         census = SearchStatistics(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
         working = ProgressReporter("searching the configuration curves")
         while census.goes_on and len(self.curves) < MOST_CURVES:
@@ -309,11 +314,10 @@ class _CurveSearch:
         Where the modes at an input are complete, at inputs spread over the range too.
         """
         if complete:
-            parts = (np.arange(CHECKED) + 0.5) / CHECKED
-            for q in self.low + parts * (self.high - self.low):
+            for q in np.linspace(self.low, self.high, 2 * CHECKED + 1)[1::2]:
                 here = assemblies(self.solver, np.array([q]))
                 if here.is_complete:
-                    self.counted.append((float(q), len(here.values)))
+                    self.counted.append((q, len(here.values)))
         lows, highs = np.array([(p.lowest, p.highest) for p in pieces]).reshape(-1, 2).T
         crossed = np.array([end[self.solver.single] for end in _crossing_ends(self.curves)])
         for q, modes in self.counted:

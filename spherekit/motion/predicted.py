@@ -10,9 +10,10 @@ from functools import cache
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import TURN, Status
 from spherekit.motion.motion import PositionAnalysis
+from spherekit.sphere.rotation import max_abs
 
 DEGREE = 7
 """Of the splines."""
@@ -40,16 +41,12 @@ def predictor(tracer: PositionAnalysis) -> Callable[[int, int, Floats], None] | 
     q = tracer.input_grid.q
     if not tracer.input_grid.is_path or not tracer.assembly_modes:
         return None
-    if len(q) <= FEWEST * DEGREE:
-        return None
-    step = float(np.max(np.abs(np.diff(q, axis=0))))
-    every = min(MOST, (len(q) - 1) // DEGREE)
-    if step > 0.0:
-        every = min(every, int(APART / step))
+    step = max(APART / MOST, max_abs(np.diff(q, axis=0)))
+    every = min(int(APART / step), (len(q) - 1) // DEGREE)
     if every < FEWEST:
         return None
     driven = list(tracer.solver.driven)
-    free = [v for v in range(len(tracer.mechanism.variable_owners)) if v not in driven]
+    free = np.delete(np.arange(len(tracer.mechanism.variable_owners)), driven)
     is_angle = np.isin(free, tracer.solver.angles)
 
     @cache
@@ -60,7 +57,8 @@ def predictor(tracer: PositionAnalysis) -> Callable[[int, int, Floats], None] | 
         out[:] = np.nan
         out[driven] = q[start:stop].T[:, None]
         for mode, first, last, spline in splines():
-            low, high = max(start, first), min(stop, last + 1)
+            low = max(start, first)
+            high = min(stop, last + 1)
             if low < high:
                 made = spline(np.arange(low, high, dtype=float)).T
                 angles = made[is_angle]
@@ -73,13 +71,14 @@ def predictor(tracer: PositionAnalysis) -> Callable[[int, int, Floats], None] | 
 
 
 def _splines(
-    tracer: PositionAnalysis, every: int, free: list[int], is_angle: Bools
+    tracer: PositionAnalysis, every: int, free: Indices, is_angle: Bools
 ) -> Iterator[tuple[int, int, int, Spline]]:
     """Yield splines by the number of the sample, with modes, first and last samples."""
     from scipy.interpolate import make_interp_spline
 
-    count, modes = len(tracer.input_grid), len(tracer.assembly_modes)
-    nodes = np.append(np.arange(0, count - 1, every), count - 1)
+    last = len(tracer.input_grid) - 1
+    modes = len(tracer.assembly_modes)
+    nodes = np.append(np.arange(0, last, every), last)
     values = np.empty((modes, len(nodes), len(free)))
     good = np.empty((modes, len(nodes)), dtype=bool)
     for start in range(0, len(nodes), PORTION):
@@ -89,10 +88,10 @@ def _splines(
         good[:, some] = (motion.status == Status.OK).reshape(modes, -1)
     for mode in range(modes):
         edges = np.flatnonzero(np.diff(good[mode], prepend=False, append=False))
-        for first, stop in edges.reshape(-1, 2).tolist():
+        for first, stop in edges.reshape(-1, 2):
             if stop - first <= DEGREE:
                 continue
-            along, at = values[mode, first:stop], nodes[first:stop]
+            along = values[mode, first:stop]
+            at = nodes[first:stop]
             along[:, is_angle] = np.unwrap(along[:, is_angle], axis=0)
-            spline = make_interp_spline(at.astype(float), along, k=DEGREE)
-            yield mode, int(at[0]), int(at[-1]), spline
+            yield mode, at[0], at[-1], make_interp_spline(at, along, k=DEGREE)

@@ -143,8 +143,10 @@ class Curves(ABC, Generic[Node]):
         n = len(self.start.values)
         self.at = self.start.rows(np.arange(n))
         self.end = np.full(n, GOING, dtype=np.int8)
-        self.closed, self.way = np.zeros(n, dtype=bool), np.zeros(n)
-        self._count, self._trail = np.zeros(n, dtype=np.intp), list[tuple[Indices, Node]]()
+        self.closed = np.zeros(n, dtype=bool)
+        self.way = np.zeros(n)
+        self._count = np.zeros(n, dtype=np.intp)
+        self._trail: list[tuple[Indices, Node]] = []
 
     @abstractmethod
     def steps_to(self, rows: Indices, at: Node, ways: Floats) -> tuple[Node, Bools, Floats]:
@@ -202,7 +204,8 @@ class Curves(ABC, Generic[Node]):
         new, holds, change = self.steps_to(rows, at, step)
         ends, closes = self._closing(rows, at, new, step, holds)
         self.reach(rows[closes], ends.rows(closes))
-        self.end[rows[closes]], self.closed[rows[closes]] = Status.OK, True
+        self.end[rows[closes]] = Status.OK
+        self.closed[rows[closes]] = True
         on = self.within(rows, step, new, holds & ~closes)
         self.reach(rows[on], new.rows(on))
         growth = np.clip(AIMED * self.tests.change / (change + 1e-300), 0.5, 2.0)
@@ -220,20 +223,20 @@ class Curves(ABC, Generic[Node]):
         self, rows: Indices, at: Node, new: Node, step: Floats, holds: Bools
     ) -> tuple[Node, Bools]:
         """Return starts, whole periods on, and which of the steps run through them."""
-        start, tests = self.start.rows(rows), self.tests
+        start = self.start.rows(rows)
         middle = 0.5 * (at.values + new.values)
         values = start.values + whole_laps(middle - start.values, self.periods)
         ends = self.again(start, at, values)
-        closes = holds & all_finite(ends.values, 1)
         way = np.sum(at.tangents * (values - at.values), axis=1)
         there = taylor(at.values, at.tangents, at.bends, way[:, None])
         miss = max_abs(values - there, axis=1)
-        closes &= self.way[rows] > 4.0 * NEARLY_THERE
-        closes &= (way > -NEARLY_THERE) & (way <= step) & (miss <= tests.correction * step)
+        closes = holds & all_finite(ends.values, 1) & (self.way[rows] > 4.0 * NEARLY_THERE)
+        closes &= (way > -NEARLY_THERE) & (way <= step)
+        closes &= miss <= self.tests.correction * step
         closes &= np.sum(start.tangents * at.tangents, axis=1) >= 0.8
         far = np.abs(way) > NEARLY_THERE
         closes &= far | (miss <= self.same)
-        (some,) = np.nonzero(closes & far)
+        some = np.flatnonzero(closes & far)
         if len(some):
             made, held, _ = self.steps_to(rows[some], at.rows(some), way[some])
             closes[some] = held & (max_abs(made.values - values[some], axis=1) <= self.same)
@@ -252,9 +255,9 @@ class Curves(ABC, Generic[Node]):
 
         Those whose middles (k, variables) lie where nodes at both ends predict them.
         """
-        chords, away = last.values - at.values, middles - at.values
+        chords = last.values - at.values
         with np.errstate(all="ignore"):  # of steps that do not hold
-            along = np.vecdot(away, chords) / np.vecdot(chords, chords)
+            along = np.vecdot(middles - at.values, chords) / np.vecdot(chords, chords)
             miss = max_abs(between(at, last, along) - middles, axis=1)
             holds = self.tests.predicted(miss, ways, rounding)
         return holds & np.all(good.reshape(-1, 2), axis=1)
@@ -286,29 +289,28 @@ class Limits:
 
         `stops` has the lowest and the highest value (rad) of variables by their numbers.
         """
-        contacts = dict(contact_tracks(closure.joints))
+        contacts = list(contact_tracks(closure.joints))
         ranges = [(variable, ends, Status.OK) for variable, ends in stops.items()]
         ranges += [
             (x.variable, (-x.start, x.curve.length - x.start), Status.OFF_PROFILE)
-            for tracks in contacts.values()
+            for _, tracks in contacts
             for x in tracks
             if not x.curve.closed
         ]
-        bounds = (
-            (variable, end, sense, status)
-            for variable, ends, status in ranges
-            for end, sense in zip(ends, (1.0, -1.0), strict=True)
+        return Limits(
+            tuple(
+                (variable, end, sense, status)
+                for variable, ends, status in ranges
+                for end, sense in zip(ends, (1.0, -1.0), strict=True)
+            ),
+            tuple((pair, tuple(x.variable for x in tracks)) for pair, tracks in contacts),
         )
-        along = (
-            (pair, tuple(x.variable for x in tracks)) for pair, tracks in contacts.items()
-        )
-        return Limits(tuple(bounds), tuple(along))
 
     @cached_property
     def statuses(self) -> tuple[Status, ...]:
         """What lies beyond each limit."""
-        beyond = [status for *_, status in self.bounds]
-        return (*beyond, *[Status.CURVATURE] * len(self.contacts))
+        beyond = tuple(status for *_, status in self.bounds)
+        return beyond + (Status.CURVATURE,) * len(self.contacts)
 
     def margins(
         self, values: Floats, bends: Floats, rates: Floats
@@ -352,9 +354,11 @@ LARGEST_MOVE = 0.5
 MOST_TRIED = 20000
 SMALLEST_STEP = 4e-13
 """A step below this means that the input has reached a dead centre (rad)."""
-NEARLY_FLAT, NEARLY_EQUAL, NEARLY_ENDED = 1e-3, 1e-3, 1e-6
-"""How near the last node is to a dead centre (relative singular value), to equal
-curvatures, and to the end of an open profile (rad), to name it as the reason."""
+NEARLY_FLAT = NEARLY_EQUAL = 1e-3
+"""How near the last node is to a dead centre (relative singular value), or to equal
+curvatures (rad), to name it as the reason."""
+NEARLY_ENDED = 1e-6
+"""The same of the end of an open profile (rad)."""
 
 
 @dataclass(frozen=True)
@@ -378,18 +382,16 @@ def nodes_at(at: Linearisation, driven: Sequence[int], direction: Floats) -> Nod
 
     `driven` are the variables of the inputs, `direction` (n, inputs) how those move.
     """
-    values = at.values
-    jacobian = at.jacobian
-    held = list(driven)
-    free = [v for v in range(values.shape[1]) if v not in driven]
-    square = jacobian[:, :, free]
-    slope, bend = np.zeros_like(values), np.zeros_like(values)
+    free = np.delete(np.arange(at.values.shape[1]), driven)
+    square = at.jacobian[:, :, free]
     inverse = left_inverse(square)
-    slope[:, held] = direction
-    moved = np.einsum("nij,nj->ni", jacobian[:, :, held], direction)
+    slope = np.zeros_like(at.values)
+    bend = slope.copy()
+    slope[:, driven] = direction
+    moved = np.einsum("nij,nj->ni", at.jacobian, slope)
     slope[:, free] = -np.einsum("nij,nj->ni", inverse, moved)
     bend[:, free] = -np.einsum("nij,nj->ni", inverse, at.bias(slope))
-    return Nodes(direction, values, slope, bend, determinant_sign(square))
+    return Nodes(direction, at.values, slope, bend, determinant_sign(square))
 
 
 def determinant_sign(matrices: Floats) -> Floats:
@@ -401,7 +403,7 @@ def determinant_sign(matrices: Floats) -> Floats:
 
 
 def _advanced(
-    closure: Closure, driven: list[int], at: Nodes, step: Floats, q: Floats
+    closure: Closure, driven: Sequence[int], at: Nodes, step: Floats, q: Floats
 ) -> tuple[Nodes, Bools, Bools]:
     """Return the nodes one step (n,) on towards inputs q (n, inputs).
 
@@ -411,14 +413,14 @@ def _advanced(
     rest = np.vecdot(q - here, at.direction)
     last = step >= rest * (1 - 1e-9)
     h = np.where(last, rest, step)[:, None]
-    guess = at.values + h * at.slope + 0.5 * h * h * at.bend
+    guess = taylor(at.values, at.slope, at.bend, h)
     guess[:, driven] = np.where(last[:, None], q, here + h * at.direction)
     finite = all_finite(guess, 1)  # a slope may be endless
-    guess = np.where(finite[:, None], guess, at.values)
-    moved = max_abs(guess - at.values, axis=1)
+    guess[~finite] = at.values[~finite]
     there, steps = closure.solving(guess, driven, iterations=6)
     holds = finite & (there.gap < CLOSURE_TOLERANCE)
-    holds &= VERIFIED.corrected(steps, np.minimum(LARGEST_MOVE, moved))
+    moved = np.minimum(LARGEST_MOVE, max_abs(guess - at.values, axis=1))
+    holds &= VERIFIED.corrected(steps, moved)
     new = nodes_at(there, driven, at.direction)
     holds &= (new.sign == at.sign) & all_finite(new.slope, 1)
     holds &= np.all(there.states.inside, axis=1)
@@ -429,9 +431,9 @@ def _advanced(
 def _longest(at: Nodes, step: Floats) -> Floats:
     """Return the steps (n,), at most as long as given, that bends allow."""
     bend = max_abs(at.bend, axis=1) + 1e-300
-    slope = max_abs(at.slope, axis=1)
     step = np.minimum(np.minimum(step, LARGEST_STEP), np.sqrt(2 * BEND / bend))
-    return np.fmax(np.minimum(step, NEARER * slope / bend), SMALLEST_STEP)
+    step = np.minimum(step, NEARER * max_abs(at.slope, axis=1) / bend)
+    return np.fmax(step, SMALLEST_STEP)
 
 
 def flat(at: Linearisation, driven: Sequence[int], least: float) -> Bools:
@@ -445,14 +447,14 @@ def flat(at: Linearisation, driven: Sequence[int], least: float) -> Bools:
 
 def _why_ended(closure: Closure, driven: Sequence[int], values: Floats) -> Status:
     """Return the status of the samples beyond the last node (1, variables) reached."""
-    there, limits = closure.at(values), Limits.of(closure, {})
-    bends = there.states.curvatures, there.states.curvature_rates
-    margins, _ = limits.margins(values, *bends)
-    for status, margin in zip(limits.statuses[::-1], margins[0, ::-1], strict=True):
+    there = closure.at(values)
+    states = there.states
+    limits = Limits.of(closure, {})
+    margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
+    for status, margin in zip(reversed(limits.statuses), reversed(margins[0]), strict=True):
         if margin < (NEARLY_EQUAL if status == Status.CURVATURE else NEARLY_ENDED):
             return status
-    ends = flat(there, driven, NEARLY_FLAT)[0]
-    return Status.OUT_OF_REACH if ends else Status.MODE_LOST
+    return Status.OUT_OF_REACH if flat(there, driven, NEARLY_FLAT) else Status.MODE_LOST
 
 
 Trail = list[tuple[Indices, Nodes]]
@@ -487,11 +489,12 @@ def follow_inputs(
         The last nodes (n), (n,) OK or why a way ended before its goal, and (n,) how many
         steps were tried on each, those that did not hold too.
     """
-    driven, way = list(driven), q - values[:, list(driven)]
+    way = q - values[:, driven]
     length = np.linalg.norm(way, axis=1)
     direction = way / np.maximum(length, 1e-300)[:, None]
     at = nodes_at(closure.at(values.copy()), driven, direction)
-    status, step = np.full(len(q), Status.OK, dtype=np.int8), np.full(len(q), np.inf)
+    status = np.full(len(q), Status.OK, dtype=np.int8)
+    step = np.full(len(q), np.inf)
     tried = np.zeros(len(q), dtype=np.intp)
     going = np.flatnonzero(length > 0.0)
     while len(going):
@@ -499,14 +502,16 @@ def follow_inputs(
         tried[going] += 1
         step[going] = _longest(here, step[going])
         new, holds, last = _advanced(closure, driven, here, step[going], q[going])
-        moved, new = going[holds], new.rows(holds)
+        moved = going[holds]
+        new = new.rows(holds)
         at.put(moved, new)
         if trail is not None:
             trail.append((moved, new))
-        there, least = holds & last, max_abs(here.values[:, driven], axis=1)
+        there = holds & last
         tired = ~there & (tried[going] == MOST_TRIED)
         status[going[tired]] = Status.MODE_LOST
-        stuck = ~holds & (step[going] <= 2 * SMALLEST_STEP * np.maximum(1.0, least))
+        least = np.maximum(1.0, max_abs(here.values[:, driven], axis=1))
+        stuck = ~holds & (step[going] <= 2 * SMALLEST_STEP * least)
         for row in going[stuck]:
             status[row] = _why_ended(closure, driven, at.values[row : row + 1])
         step[going] *= np.where(holds, 2.0, 0.5)

@@ -16,7 +16,6 @@ def into_range(
 
     Of several in the range the least. Shapes broadcast.
     """
-    q, low, high = np.asarray(q, dtype=float), np.asarray(low), np.asarray(high)
     returns = np.isfinite(period)
     period = np.where(returns, period, TURN)
     above = low + np.mod(q - low + ROUNDED, period) - ROUNDED
@@ -52,11 +51,10 @@ def turns_in_range(
     first = into_range(q, low, high, period)
     if not np.isfinite(period):
         return first, np.arange(len(first))
-    more = np.maximum(np.floor((high - first + ROUNDED) / period), 0.0)
-    whole = whole_periods(low, high, period)
-    laps = [np.arange(1 + min(k, whole - 1 if whole else k)) for k in more.tolist()]
-    which = np.repeat(np.arange(len(first)), [len(lap) for lap in laps])
-    return first[which] + period * np.concatenate([*laps, np.zeros(0)]), which
+    most = (whole_periods(low, high, period) or np.inf) - 1
+    more = np.clip(np.floor((high - first + ROUNDED) / period), 0.0, most)
+    which, laps = np.nonzero(np.arange(np.max(more, initial=0.0) + 1) <= more[:, None])
+    return first[which] + period * laps, which
 
 
 def whole_periods(low: float, high: float, period: float) -> int:
