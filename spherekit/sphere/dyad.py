@@ -38,10 +38,7 @@ class HalfAngle:
         )
 
     def __sub__(self, other: "HalfAngle") -> "HalfAngle":
-        return HalfAngle(
-            self.sine * other.cosine - self.cosine * other.sine,
-            self.cosine * other.cosine + self.sine * other.sine,
-        )
+        return self + HalfAngle(-1.0 * other.sine, other.cosine)
 
 
 def triple_square(near: HalfAngle, far: HalfAngle, more: Any, less: Any) -> Any:
@@ -56,7 +53,8 @@ def middle_axis(
 
     From |a + c|^2, |a - c|^2 and the root t of `triple_square`, of either sign.
     """
-    total, rest = near + far, near - far
+    total = near + far
+    rest = near - far
     return (
         2.0 * (total.cosine * rest.cosine) / more,
         -2.0 * (total.sine * rest.sine) / less,
@@ -72,9 +70,8 @@ def _over(arc: HalfAngle, more: Any, less: Any) -> Any:
     opposite. Of an arc that varies both are taken, each with the other's square as weight;
     the squares add up to 4.
     """
+    first = 0.5 * less - 2.0 * (arc.sine * arc.sine)
+    second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * more
     if isinstance(arc.sine, float):
-        if abs(arc.sine) < abs(arc.cosine):
-            return 0.5 * less - 2.0 * arc.sine**2
-        return 2.0 * arc.cosine**2 - 0.5 * more
-    one = 0.5 * less - 2.0 * (arc.sine * arc.sine)
-    return 0.25 * (one * more + (2.0 * (arc.cosine * arc.cosine) - 0.5 * more) * less)
+        return first if abs(arc.sine) < abs(arc.cosine) else second
+    return 0.25 * (first * more + second * less)

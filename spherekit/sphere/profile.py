@@ -72,14 +72,14 @@ class Curve:
         arcs = np.asarray(s, dtype=float)
         if self.backwards:
             arcs = (0.0 if self.closed else self.length) - arcs
-        length, slack = self.length, 4.0 * EPS * self.length
-        inside = finite = np.isfinite(arcs)
-        arcs = np.where(finite, arcs, np.nan)
+        inside = np.isfinite(arcs)
+        arcs = np.where(inside, arcs, np.nan)
         if self.closed:
-            arcs = np.mod(arcs, length)
+            arcs = np.mod(arcs, self.length)
         else:
-            inside = (arcs >= -slack) & (arcs <= length + slack)
-            arcs = np.clip(arcs, 0.0, length)
+            slack = 4.0 * EPS * self.length
+            inside = (arcs >= -slack) & (arcs <= self.length + slack)
+            arcs = np.clip(arcs, 0.0, self.length)
         return arcs if self.table is None else self.table.invert(arcs), inside
 
     def at(self, s: ArrayLike) -> CurvePoint:
@@ -87,7 +87,8 @@ class Curve:
         u, inside = self._parameter(s)
         frame, curvature, rate = self.path.frame(u)
         if self.backwards:
-            frame, curvature = frame * np.array([-1.0, -1.0, 1.0]), 0.0 - curvature
+            frame = frame * [-1.0, -1.0, 1.0]
+            curvature = 0.0 - curvature
         return CurvePoint(frame, curvature, rate, inside)
 
     def curvature_second(self, s: ArrayLike) -> Floats:
@@ -152,10 +153,11 @@ def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Cur
     )
     size = max(len(even), len(odd), 1)
     series = np.zeros((2, size))
-    series[0, : len(even)], series[1, : len(odd)] = even, odd
+    series[0, : len(even)] = even
+    series[1, : len(odd)] = odd
     if not all_finite(series):
         raise ValueError("the coefficients of the colatitude have to be finite")
-    path = FourierPath(axes_about(centre), series[0], series[1])
+    path = FourierPath(axes_about(centre), *series)
     check_colatitude(path)
     table = measure(path, azimuth_panels(size))
     return Curve(path, table, table.length, closed=True)

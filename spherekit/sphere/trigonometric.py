@@ -70,14 +70,15 @@ def eliminated_degree(involves: Bools) -> int:
     """
     if len(involves) == 1:
         return int(involves[0, 0])
-    first, x = involves[0], involves[:, 0].astype(int)
+    first = involves[0]
+    x = involves[:, 0].astype(int)
     if not np.all(involves[-2:, -1]):
         return 0
     if len(involves) == 2:
-        return 2 * int(np.sum(x))
+        return int(2 * np.sum(x))
     if first[2] or not first[1]:
         return 0
-    return 2 * _power(involves) * int(x[0]) + 4 * int(x[1] + x[2])
+    return int(2 * _power(involves) * x[0] + 4 * (x[1] + x[2]))
 
 
 def _power(involves: Bools) -> int:
@@ -103,11 +104,13 @@ def common_angles(equations: Numbers, involves: Bools) -> tuple[Complexes, str]:
         if problem:
             return np.empty((0, len(equations)), dtype=complex), problem
         away = np.abs(np.log(np.abs(roots)))
-        roots, away = roots[away < POLISHED], away[away < POLISHED]
+        roots = roots[away < POLISHED]
+        away = away[away < POLISHED]
         angles, good, flat = (x[0] for x in _next_to(equations[None], roots[None], 4))
         kept = np.flatnonzero(good)
         kept = kept[_are_new(angles[kept])]
-        angles, flat = angles[kept], flat[kept]
+        angles = angles[kept]
+        flat = flat[kept]
         turned = roots[:, None]
         with_roots = np.sum(np.abs(turned / roots - 1.0) < CLUSTER, axis=1)
         near = np.abs(turned / np.exp(1j * angles[:, 0]) - 1.0) < CLUSTER
@@ -172,8 +175,10 @@ def _next_to(
     `roots` are (n, k) of the first angle. With them whether they are solutions of their
     root, and where equations are flat.
     """
-    starts, (n, k) = _starts(equations, -1j * np.log(roots)), roots.shape
-    t, count = starts.shape[2], starts.shape[1] // max(k, 1)  # there may be no root
+    n, k = roots.shape
+    starts = _starts(equations, -1j * np.log(roots))
+    t = starts.shape[2]
+    count = starts.shape[1] // max(k, 1)  # there may be no root
     best = np.argsort(_residual(equations, starts).reshape(n, k, count), axis=2)
     chosen = best[:, :, :most, None]
     starts = np.take_along_axis(starts.reshape(n, k, count, t), chosen, axis=2)
@@ -246,7 +251,8 @@ def _roots(equations: Numbers, involves: Bools) -> tuple[Complexes, Floats, list
     over both zeros (1, C, S) of the form a in the second angle, times (a1^2 + a2^2) to the
     power of its degree in them, is the eliminant.
     """
-    degree, power = eliminated_degree(involves), _power(involves)
+    degree = eliminated_degree(involves)
+    power = _power(involves)
     count = OVERSAMPLING * degree
     places = OFFSET + 2 * np.pi * np.arange(count) / count
     first = np.broadcast_to(places, (len(equations), count))
