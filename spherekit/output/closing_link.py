@@ -44,8 +44,8 @@ class DyadsWithClosingLink:
     """A pointing mechanism of dyads and one bar.
 
     `pairs` are those of the link `bar`, `links` the links that it joins, `cosine` that of
-    its arc. `across` (2, 3) with the output's direction are the rows of a rotation: the
-    first turn about the direction is measured from them.
+    its arc. `frame` (3, 3) has two axes that the turn is measured from, and the output's
+    direction, as rows.
     """
 
     dyads: Dyads
@@ -54,24 +54,20 @@ class DyadsWithClosingLink:
     pairs: tuple[int, ...]
     links: tuple[int, ...]
     cosine: float
-    across: Floats
-    direction: Floats
+    frame: Floats
 
     def place(self, directions: Floats, turn: Floats, signs: Signs) -> PosedMode:
         """Return the dyads with the output pointing in directions (3, n) at turns (n,)."""
         one, other = _around(directions)
-        c, s = np.cos(turn), np.sin(turn)
-        x, y = one * c + other * s, other * c - one * s
-        columns = (
-            x * self.across[0][:, None, None]
-            + y * self.across[1][:, None, None]
-            + directions * self.direction[:, None, None]
-        )
+        c = np.cos(turn)
+        s = np.sin(turn)
+        axes = [one * c + other * s, other * c - one * s, directions]
+        columns = np.einsum("ai,ajn->ijn", self.frame, axes)
         return PosedMode(self.dyads, signs, {}, columns)
 
     def turn_of(self, directions: Floats, rotations: Floats) -> Floats:
         """Return the turns (n,) nearest to orientations (n, 3, 3) of the output link."""
-        first, second = (rotations @ self.across.T).T
+        first, second = (rotations @ self.frame[:2].T).T
         one, other = _around(directions)
         sine = dot(other, first) - dot(one, second)
         return np.arctan2(sine, dot(one, first) + dot(other, second))
@@ -135,28 +131,33 @@ class DyadsWithClosingLink:
 
         turns, _ = bracketed_zeros(gap, *ends)
         held = np.abs(gap(turns, np.arange(len(row)))) < CLOSED
-        row, turns = row[held], wrap(turns[held])
+        row = row[held]
+        turns = wrap(turns[held])
         order = np.lexsort((turns, row))
-        row, turns = row[order], turns[order]
-        new = np.ones(len(row), dtype=bool)
-        new[1:] = (row[1:] != row[:-1]) | (np.diff(turns) > SAME_TURN)
-        row, turns = row[new], turns[new]
+        row = row[order]
+        turns = turns[order]
+        new = np.diff(row, prepend=-1) > 0
+        new |= np.diff(turns, prepend=0.0) > SAME_TURN
+        row = row[new]
+        turns = turns[new]
         slope = self.slope(self.place(directions[:, row], turns, signs), directions[:, row])
         return row, turns, np.where(slope < 0.0, -1.0, 1.0)
 
     def _brackets(self, directions: Floats, signs: Signs) -> list[Array]:
         """Return rows, two turns with a root of f between, and f at these."""
-        n, spacing = directions.shape[1], 2.0 * np.pi / SAMPLES
+        n = directions.shape[1]
+        spacing = 2.0 * np.pi / SAMPLES
         row = np.repeat(np.arange(n), SAMPLES + 1)
         turn = np.tile(np.linspace(-np.pi, np.pi, SAMPLES + 1), n)
         placed = self.place(directions[:, row], turn, signs)
-        gap, tilt = self.gap(placed), self.slope(placed, directions[:, row])
-        turns_back = ((gap[:-1] <= 0.0) == (gap[1:] <= 0.0)) & (gap[:-1] * tilt[:-1] < 0.0)
-        turns_back &= gap[1:] * tilt[1:] > 0.0
+        gap = self.gap(placed)
+        tilt = self.slope(placed, directions[:, row])
+        rising = gap * tilt
+        turns_back = ~np.diff(gap <= 0.0) & (rising[:-1] < 0.0) & (rising[1:] > 0.0)
         reached = np.isfinite(gap)
-        odd = turns_back | (reached[:-1] != reached[1:])
-        odd = np.flatnonzero(odd & (row[:-1] == row[1:]))
-        start, some = turn[odd + ~reached[odd]], directions[:, row[odd]]
+        odd = np.flatnonzero((turns_back | np.diff(reached)) & (np.diff(row) == 0))
+        start = turn[odd + ~reached[odd]]
+        some = directions[:, row[odd]]
         alike = np.where(turns_back, tilt[:-1], np.nan)[odd]
 
         def unlike(at: Floats, which: Indices) -> Floats:
@@ -165,13 +166,14 @@ class DyadsWithClosingLink:
             turned = self.slope(placed, some[:, which]) * alike[which] <= 0.0
             return np.where(np.isfinite(self.gap(placed)) & ~turned, -1.0, 1.0)
 
-        one, way = np.ones(len(odd)), np.where(reached[odd], spacing, -spacing)
+        one = np.ones(len(odd))
+        way = np.where(reached[odd], spacing, -spacing)
         _, last = bracketed_zeros(unlike, start, start + way, -one, one)
-        row, turn = np.insert(row, odd + 1, row[odd]), np.insert(turn, odd + 1, last)
+        row = np.insert(row, odd + 1, row[odd])
+        turn = np.insert(turn, odd + 1, last)
         gap = np.insert(gap, odd + 1, self.gap(self.place(some, last, signs)))
-        crossed = (gap[:-1] >= 0.0) != (gap[1:] >= 0.0)
-        crossed &= np.isfinite(gap[:-1] + gap[1:]) & (row[:-1] == row[1:])
-        at = np.flatnonzero(crossed)
+        crossed = np.diff(gap >= 0.0) & np.isfinite(gap[:-1] + gap[1:])
+        at = np.flatnonzero(crossed & (np.diff(row) == 0))
         return [row[at], turn[at], turn[at + 1], gap[at], gap[at + 1]]
 
 
@@ -180,13 +182,15 @@ def turned(wrist: VirtualOutputChain, solver: Solver) -> DyadsWithClosingLink | 
 
     Of several bars, the one that leaves dyads which depend least on each other.
     """
-    made, output = wrist.mechanism, wrist.output
+    made = wrist.mechanism
+    direction = wrist.output.direction
     joints = revolutes(solver.joints)
-    if not wrist.points or output.direction is None or len(joints) < len(made.pairs):
+    if not wrist.points or direction is None or len(joints) < len(made.pairs):
         return None
-    held, bodies = (*wrist.pairs,), merged(made, wrist.pairs)
-    direction = np.array(output.direction)
-    across = frame_from(direction, perpendicular(direction)).T[:2]
+    held = wrist.pairs
+    bodies = merged(made, held)
+    axis = np.array(direction)
+    frame = frame_from(axis, perpendicular(axis)).T
     candidates = []
     for bar in range(len(made.links)):
         pairs = tuple(k for k, ends in enumerate(made.ends) if bar in ends)
@@ -202,9 +206,7 @@ def turned(wrist: VirtualOutputChain, solver: Solver) -> DyadsWithClosingLink | 
             links = tuple(sum(made.ends[pair]) - bar for pair in pairs)
             cosine = float(np.dot(*(dyads.axis_in(pair, bar) for pair in pairs)))
             candidates.append(
-                DyadsWithClosingLink(
-                    dyads, assembly, bar, pairs, links, cosine, across, direction
-                )
+                DyadsWithClosingLink(dyads, assembly, bar, pairs, links, cosine, frame)
             )
 
     def dependence(turned: DyadsWithClosingLink) -> int:

@@ -382,7 +382,7 @@ class InverseKinematics:
             values[:, self.driven],
             values,
             turned_links,
-            turned_links @ turned.direction,
+            turned_links @ turned.frame[2],
             tuple(signs[k] for k in order),
             np.zeros(len(given), dtype=bool),
         )
