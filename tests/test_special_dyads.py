@@ -114,5 +114,5 @@ def test_steps_of_following_end_the_search_of_modes(monkeypatch):
     few = PositionAnalysis(made, samples=3)
     assert 0 < len(few.assembly_modes) < len(every.assembly_modes)
     count = len(few.assembly_modes)
-    said = re.search(rf"stopped after (\d+) steps along {count} modes", few.search)
+    said = re.search(rf"stopped at {count} modes after (\d+) steps", few.search)
     assert said is not None and int(said[1]) > 10 * count

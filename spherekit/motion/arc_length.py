@@ -168,7 +168,7 @@ def _followed(
     given = periods, longest, LARGEST_STEP, closure.take(left), limits
     behind = _Arcs(turned.rows(left), *given)
     behind.follow(FIRST_STEP)
-    place = {int(row): k for k, row in enumerate(left)}
+    place = {row: k for k, row in enumerate(left.tolist())}
     return [_curve(ahead, behind, row, place.get(row)) for row in range(len(starts))]
 
 
@@ -197,7 +197,7 @@ def periods_of(closure: Closure) -> Floats:
 
 
 def _started(closure: Closure, values: Floats, limits: Limits) -> _Nodes:
-    """Return the node of a configuration, after closing it exactly."""
+    """Return the node of a configuration (variables,), after closing it exactly."""
     if not all_finite(values):
         raise SolveError("the configuration to follow has to be finite, but is not")
     gap = float(closure.at(values[None]).gap[0])
@@ -206,10 +206,9 @@ def _started(closure: Closure, values: Floats, limits: Limits) -> _Nodes:
             f"the configuration to follow does not close: its residual is {gap:.3g} rad, "
             f"but at most {CLOSED_START:g} is allowed; start from one that was solved for"
         )
-    border = _motion(closure, values)
-    target = np.array([border @ values])
-    values, _ = correct(closure, values[None], border[None], target)
-    points, at = curve_points(closure, values, border[None])
+    values, border = values[None], _motion(closure, values)[None]
+    values, _ = correct(closure, values, border, np.sum(border * values, axis=1))
+    points, at = curve_points(closure, values, border)
     node = _Nodes.of(at, points, limits)
     if not node.reciprocal_condition[0] > SINGULAR:
         raise SolveError(SINGULAR_START)

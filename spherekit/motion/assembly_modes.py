@@ -193,8 +193,9 @@ class Solver:
     def place(self, state: State, number: int, q: Floats) -> Linearisation:
         """Place a train of wheels, the group of a number, at inputs q (n, inputs)."""
         group, placed = self.assembly.groups[number], state.copy()
-        angles = self.train_angles(q)
-        turns = train_turns(group, state.within, state.ends, self.joints, angles)
+        turns = train_turns(
+            group, state.within, state.ends, self.joints, self.train_angles(q)
+        )
         every = [np.broadcast_to(turn, (len(q), 3, 3)) for turn in turns]
         placed.merge(group, np.stack(every, axis=1))
         placed.read_values(group)
@@ -330,8 +331,8 @@ class Unwrapping:
         if not set(sought) & set(wanted) or not len(values):
             return turns
         at = self.solver.moved(values, q)
-        alone = len(self._driven) == 1
-        passive = self._by_pieces(mode, at) if alone else self._in_order(at, last)
+        single = len(self._driven) == 1
+        passive = self._by_pieces(mode, at) if single else self._in_order(at, last)
         turns[:, sought] = passive[:, np.isin(self._angles, sought)]
         return turns
 

@@ -74,9 +74,8 @@ class Crossing(NamedTuple):
 def crossing_near(closure: Closure, values: Floats) -> Crossing | None:
     """Return the crossing beside a configuration (variables,), None if there is none."""
     _, sizes, _ = np.linalg.svd(closure.at(values[None]).jacobian[0])
-    count = len(values)
     rank = int(np.sum(sizes > NEARLY_NULL * sizes[0]))
-    for freedoms in range(max(2, count - rank), 1, -1):
+    for freedoms in range(max(2, len(values) - rank), 1, -1):
         if crossing := _located(closure, values, freedoms):
             return crossing
     return None
@@ -122,27 +121,27 @@ def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
     x, rank, error, settled = start.copy(), len(start) - freedoms, np.inf, False
     for turn in range(MOST_STEPS + 1):
         at = closure.at(x[None])
-        left, sizes, right = np.linalg.svd(at.jacobian[0])
+        jacobian, residual = at.jacobian[0], at.residual[0]
+        left, sizes, right = np.linalg.svd(jacobian)
         lost, null = left[:, rank:], right[rank:]
         bends = np.einsum("bma,ml,ka->lkb", jacobian_rates(closure, x), lost, null)
         if settled or turn == MOST_STEPS:
             break
-        matrix = np.concatenate([at.jacobian[0], bends.reshape(-1, len(x))])
-        rest = np.append(at.residual[0], lost.T @ at.jacobian[0] @ null.T)
+        matrix = np.concatenate([jacobian, bends.reshape(-1, len(x))])
+        rest = np.append(residual, lost.T @ jacobian @ null.T)
         step = np.linalg.lstsq(matrix, -rest, rcond=1e-12)[0]
         before, error = error, float(max_abs(step))
         x = x + step
         if not all_finite(x) or max_abs(x - start) > FAR:
             return None
         settled = error < 4.0 * EPS or (error < 1e-11 and error > 0.25 * before)
-    miss = float(max_abs(np.append(at.residual[0], sizes[rank:])))
+    miss = float(max_abs(np.append(residual, sizes[rank:])))
     if miss > MISSED or error > 1e-6:
         return None
     forms = bends @ null.T
     tangents = _directions(0.5 * (forms + np.swapaxes(forms, 1, 2)))
-    resolved = tangents is not None
     along = np.zeros((0, len(x))) if tangents is None else tangents @ null
-    return Crossing(x, freedoms, along, resolved, miss, error)
+    return Crossing(x, freedoms, along, tangents is not None, miss, error)
 
 
 def jacobian_rates(closure: Closure, values: Floats) -> Floats:

@@ -42,12 +42,12 @@ from spherekit.motion.closure import Closure
 from spherekit.motion.groups import (
     State,
     group_closure,
+    group_tree,
     group_variables,
     place_dyad,
 )
 from spherekit.motion.loops import (
     Linearisation,
-    LoopTree,
     condition,
     pair_angle,
     penetrates,
@@ -112,10 +112,10 @@ def eliminated(group: Group, closure: Closure) -> tuple[Floats, Bools, str]:
     states = closure.at(np.zeros((1, len(group.pairs)))).states
     frames = Frames(group, np.moveaxis(np.stack([states.first, states.second]), 1, 2))
     values, real = [np.empty((0, len(group.pairs)))], [np.empty(0, dtype=bool)]
-    orders, problem = orders_of(group), ""
-    if min(frames.sine(bar) for bar in bars_of(group)) < POINTLIKE:
-        orders, problem = (), "a link has an arc of about 0 or 180 deg"
-    for order in orders:
+    problem = "a link has an arc of about 0 or 180 deg"
+    if min(map(frames.sine, bars_of(group))) < POINTLIKE:
+        return values[0], real[0], problem
+    for order in orders_of(group):
         solved, problem = common_angles(frames.equations(order)[0], order.involves)
         imaginary = max_abs(solved.imag, axis=1)
         tried = imaginary < NEARLY_REAL
@@ -143,11 +143,11 @@ def bars_of(group: Group) -> dict[int, list[tuple[int, int]]]:
 class Order(NamedTuple):
     """A tree left by bars, in an order in which its angles can be eliminated.
 
-    `bodies` and `pairs` are those of the tree, the pair of the remaining angle first;
+    `root` is a body of the tree, `pairs` are its pairs, that of the remaining angle first;
     `bars` are the bodies whose arcs are the equations, `ways` the pairs that each spans.
     """
 
-    bodies: tuple[int, ...]
+    root: int
     pairs: tuple[int, ...]
     bars: tuple[int, ...]
     ways: tuple[tuple[int, ...], ...]
@@ -168,7 +168,7 @@ def orders_of(group: Group) -> tuple[Order, ...]:
     """Return the first orders of fewest solutions, the same ones every time."""
     orders, bars = [], bars_of(group)
     for out in combinations(bars, group.loops):
-        left = tuple(body for body in range(len(group.bodies)) if body not in out)
+        root = min({*range(len(group.bodies))} - {*out})
         pairs = [k for k, ends in enumerate(group.ends) if not {*out} & {*ends}]
         spans = {bar: [body for _, body in bars[bar]] for bar in out}
         if len(pairs) != len(out) or any({*out} & {*span} for span in spans.values()):
@@ -176,7 +176,7 @@ def orders_of(group: Group) -> tuple[Order, ...]:
         ways = {bar: _way(group, pairs, *span) for bar, span in spans.items()}
         for sequence in permutations(pairs):
             for taken in permutations(out):
-                order = Order(left, sequence, taken, tuple(ways[bar] for bar in taken))
+                order = Order(root, sequence, taken, tuple(ways[bar] for bar in taken))
                 # of the last two, one order is enough
                 if order.roots and taken[-2:] == tuple(sorted(taken[-2:])):
                     orders.append(order)
@@ -250,8 +250,8 @@ class Frames:
         """Return orientations (n, m, bodies, 3, 3) at angles (n, m, t) of the tree."""
         ends = self.group.ends
         placed = np.empty((*angles.shape[:2], len(self.group.bodies), 3, 3), angles.dtype)
-        placed[:, :, order.bodies[0]] = np.eye(3)
-        for pair, body, further in spanning(ends, order.bodies[:1], order.pairs):
+        placed[:, :, order.root] = np.eye(3)
+        for pair, body, further in spanning(ends, [order.root], order.pairs):
             sense = 1.0 if ends[pair][0] == body else -1.0
             angle = sense * angles[..., order.pairs.index(pair)]
             turn = np.tensordot(point(angle), _TURN, 1)
@@ -395,8 +395,9 @@ def assemblies(solver: Solver, q: Floats) -> Assemblies:
         signs = tuple(signs_at(solver, values) for values in there)
         return Assemblies(signs, there, (SEARCH,) * len(methods))
     every = chains(solver, q[None], 4 * MOST_ASSEMBLY_MODES, methods)
-    size = -1, len(solver.mechanism.variable_owners)
-    values = np.reshape([state.values[0] for _, state in every], size)
+    values = np.reshape(
+        [state.values[0] for _, state in every], (-1, len(solver.mechanism.variable_owners))
+    )
     return Assemblies(tuple(signs for signs, _ in every), values, tuple(methods))
 
 
@@ -444,23 +445,22 @@ def _grown(
 
     It is the group of that number; q (n, inputs) are the inputs.
     """
-    group = solver.assembly.groups[number]
+    group, grown = solver.assembly.groups[number], []
     if group.is_dyad or number in solver.trains:
-        signs = (1, -1) if group.is_dyad else (0,)
-        placed = [(sign, state.copy()) for sign in signs]
-        for sign, further in placed:
+        for sign in (1, -1) if group.is_dyad else (0,):
+            further = state.copy()
             if sign:
                 place_dyad(further, group, sign)
             else:
                 further.lost |= ~(solver.place(further, number, q).gap < CLOSURE_TOLERANCE)
-        closed = [(sign, further) for sign, further in placed if not np.all(further.lost)]
-        return closed, CLOSED_FORM
+            if not np.all(further.lost):
+                grown.append((sign, further))
+        return grown, CLOSED_FORM
     reference = solver.reference
     variables = group_variables(state, group)
     given = None if reference is None else reference[None, variables]
     closure = group_closure(state, group)
     configurations, method = solutions(group, closure, given)
-    grown = []
     if configurations:
         at = closure.solve(np.array(configurations))
         for row, values in enumerate(at.values):
@@ -484,13 +484,11 @@ def group_matrices(solver: Solver, at: Linearisation, number: int) -> Floats:
 
     A dyad's axes, the velocity equations of another group.
     """
-    group, owners = solver.assembly.groups[number], solver.mechanism.variable_owners
+    group = solver.assembly.groups[number]
     if group.is_dyad:
         return at.axes[:, list(group.pairs)]
     variables = [v for pair in group.pairs for v in solver.mechanism.variables_of(pair)]
-    places = tuple(group.pairs.index(owners[v]) for v in variables)
-    tree = LoopTree(len(group.bodies), group.ends, places)
-    return tree.jacobian(at.vectors[:, variables])
+    return group_tree(group, solver.joints).jacobian(at.vectors[:, variables])
 
 
 def group_signs(solver: Solver, values: Floats, least: float = FLAT_SIGN) -> SmallIntegers:

@@ -66,11 +66,6 @@ class State:
             self, within=dict(self.within), values=self.values.copy(), lost=self.lost.copy()
         )
 
-    def axis(self, pair: int, link: int, is_first: bool) -> Floats:
-        """Return the axis (n, 3) of an R pair in the axes of the body that holds `link`."""
-        joint = revolute(self.joints[pair])
-        return self.within[link] @ (joint.first if is_first else joint.second)[:, 2]
-
     def merge(self, group: Group, placed: Floats) -> None:
         """Make the group one body, its bodies placed (n, bodies, 3, 3) in the first."""
         for position, links in enumerate(group.bodies):
@@ -100,9 +95,10 @@ def place_dyad(state: State, group: Group, sign: Floats | float) -> Floats:
     near, middle, far = group.dyad_places
 
     def axis(which: int, body: int) -> Floats:
-        pair = group.pairs[which]
-        is_first = group.ends[which][0] == body
-        return state.axis(pair, state.ends[pair][0 if is_first else 1], is_first)
+        pair, side = group.pairs[which], group.ends[which].index(body)
+        joint = revolute(state.joints[pair])
+        frame = (joint.first, joint.second)[side]
+        return state.within[state.ends[pair][side]] @ frame[:, 2]
 
     near_turn, far_turn, sine, closes = close_dyad(
         axis(near, 0),
@@ -126,15 +122,21 @@ def group_variables(state: State, group: Group) -> list[int]:
     return [number for pair in group.pairs for number in state.variables[pair]]
 
 
+def group_tree(group: Group, joints: Sequence[Joint]) -> LoopTree:
+    """Return the tree and the loops of a group's bodies; `joints` are of all pairs."""
+    freedoms = [joints[pair].freedoms for pair in group.pairs]
+    owners = np.repeat(np.arange(len(freedoms)), freedoms).tolist()
+    return LoopTree(len(group.bodies), group.ends, tuple(owners))
+
+
 def group_closure(state: State, group: Group) -> Closure:
     """Return the closure of the group's bodies at the state's samples."""
-    owners = [k for k, pair in enumerate(group.pairs) for _ in state.variables[pair]]
     first, second = (
         np.stack([state.within[state.ends[pair][side]] for pair in group.pairs], axis=1)
         for side in (0, 1)
     )
-    tree = LoopTree(len(group.bodies), group.ends, tuple(owners))
-    return Closure(tree, tuple(state.joints[p] for p in group.pairs), (first, second))
+    joints = tuple(state.joints[pair] for pair in group.pairs)
+    return Closure(group_tree(group, state.joints), joints, (first, second))
 
 
 def place_group(state: State, group: Group, start: Floats) -> Linearisation:

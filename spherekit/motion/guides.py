@@ -187,11 +187,11 @@ def sheets_through(
         (once,) = np.nonzero(ways)
         once = once[np.unique(stop[once], return_index=True)[1]]
         left[once] = False
-        goals = input_grid.q[stop[once] % n]
-        reached, why, _ = follow_inputs(closure, driven, sheets[start[once]], goals)
-        arrived = why == Status.OK
-        status[stop[once]] = why
-        sheets[stop[once][arrived]] = reached.values[arrived]
+        to = stop[once]
+        goals = input_grid.q[to % n]
+        reached, status[to], _ = follow_inputs(closure, driven, sheets[start[once]], goals)
+        arrived = status[to] == Status.OK
+        sheets[to[arrived]] = reached.values[arrived]
     parts = (part[: count * n].reshape(count, n, -1) for part in (sheets, status))
     return [
         ModeOverGrid(there, why[:, 0]) if np.any(why == Status.OK) else None

@@ -40,14 +40,10 @@ class InputGrid:
     def neighbours(self) -> Indices:
         """Return (2 axes, n): the next and the previous sample along each axis, or -1."""
         padded = np.pad(np.arange(len(self)).reshape(self.shape), 1, constant_values=-1)
-        inside = (slice(1, -1),) * len(self.shape)
-        return np.stack(
-            [
-                np.roll(padded, shift, axis)[inside].ravel()
-                for axis in range(len(self.shape))
-                for shift in (-1, 1)
-            ]
-        )
+        axes = range(len(self.shape))
+        inside = (slice(1, -1),) * len(axes)
+        rolled = [np.roll(padded, shift, axis) for axis in axes for shift in (-1, 1)]
+        return np.stack([beside[inside].ravel() for beside in rolled])
 
     def nearest(self, q: Floats, count: int) -> Indices:
         """Return the rows of the `count` samples nearest to inputs q (inputs,)."""
@@ -87,19 +83,13 @@ def sampled(
         if len(samples) != len(inputs):
             raise SolveError(
                 f"{mechanism.name}: samples: {'x'.join(map(str, samples))} is of "
-                f"{counted(len(samples), 'input')}, but there "
-                f"{'is' if len(inputs) == 1 else 'are'} {counted(len(inputs), 'input')} "
-                f"({listing(i.pair for i in inputs)}); give one number for each, as 361 or "
-                "41x21"
+                f"{counted(len(samples), 'input')}, but it has "
+                f"{counted(len(inputs), 'input')} ({listing(i.pair for i in inputs)}); "
+                "give one number for each, as 361 or 41x21"
             )
         return grid(inputs, samples)
     if wants_grid:
         return grid(inputs, [samples] * len(inputs))
-    return straight(inputs, samples)
-
-
-def straight(inputs: Sequence[Input], samples: int) -> InputGrid:
-    """Return the straight path on which all inputs run through their ranges together."""
     columns = [_spaced(item.start, item.stop, samples) for item in inputs]
     return InputGrid(np.stack(columns, axis=1), (samples,))
 

@@ -19,7 +19,7 @@ is not. Driven at one pair a six-bar is two dyads, at another a triad.
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from itertools import pairwise
-from math import ceil
+from math import ceil, prod
 from typing import NamedTuple
 
 import numpy as np
@@ -63,7 +63,7 @@ def meetings_of(solver: Solver, most_cost: float = np.inf) -> "ModeCoalescence |
     ]
     if len(solver.driven) != 1 or not all(orders):
         return None
-    if np.prod([order[0].roots for order in orders]) > MOST_COMPLEX:
+    if prod(order[0].roots for order in orders) > MOST_COMPLEX:
         return None
     most = max((len(order[0].bars) for order in orders), default=0)
     if most > MOST_LOOPS and (len(groups) > 1 or COSTS[most] > most_cost):
@@ -96,8 +96,7 @@ class ModeCoalescence:
                     break
             self._seen[part] = self._dependence(part, determinants)
         self.cost = sum(
-            COSTS.get(group.loops, COSTS[2])
-            * float(np.prod([self._count(k) for k in seen]))
+            COSTS.get(group.loops, COSTS[2]) * prod(map(self._count, seen))
             for group, seen in zip(self.groups, self._seen, strict=True)
         )
         self._seen.append(every)
@@ -109,7 +108,7 @@ class ModeCoalescence:
 
     def modes(self, part: int) -> int:
         """Return the number of complex modes that the function of a group is made of."""
-        return int(np.prod([self._count(k) for k in (*self._seen[part], part)]))
+        return prod(map(self._count, (*self._seen[part], part)))
 
     def __call__(self, part: int, q: Floats) -> Floats:
         """Return the function (n,) of group `part` at inputs q (n,) rad.
@@ -150,20 +149,18 @@ class ModeCoalescence:
         fixed = self.solver.train_angles(q)
         angles = {pair: angle[:, None] for pair, angle in fixed.items()}
         for number, group in enumerate(self.groups[:part]):
-            order = self._orders[number]
+            order, step = self._orders[number], self._count(number)
             if order is None:
                 turns = train_turns(group, within, ends, self.solver.joints, angles)
-                for turn, members in zip(turns, group.bodies, strict=True):
-                    for link in members:
-                        within[link] = turn @ within[link]
-                continue
-            frames = Frames(group, self._sides(group.pairs, within))
-            placed = frames.placed(order, frames.solutions(order)[0])
-            placed, step = placed.reshape(len(q), -1, *placed.shape[2:]), order.roots
-            within = [np.repeat(turned, step, axis=1) for turned in within]
-            for body, members in enumerate(group.bodies):
-                for link in members if body else ():
-                    within[link] = placed[:, :, body] @ within[link]
+            else:
+                frames = Frames(group, self._sides(group.pairs, within))
+                placed = frames.placed(order, frames.solutions(order)[0])
+                placed = placed.reshape(len(q), -1, *placed.shape[2:])
+                turns = [placed[:, :, body] for body in range(placed.shape[2])]
+                within = [np.repeat(turned, step, axis=1) for turned in within]
+            for turn, members in zip(turns, group.bodies, strict=True):
+                for link in members:
+                    within[link] = turn @ within[link]
             if number not in self._seen[part]:
                 within = [turned[:, ::step] for turned in within]
         return within
@@ -182,12 +179,11 @@ class ModeCoalescence:
         """Return the earlier groups whose modes a group's determinants (n, modes) see."""
         counts = [self._count(number) for number in range(part + 1)]
         values = np.prod(determinants.reshape(len(TRIED), *counts), axis=-1)
-        size = max_abs(values)
         return frozenset(
             earlier
             for earlier in range(part)
             if counts[earlier] > 1
-            and not max_abs(np.diff(values, axis=1 + earlier)) < ALIKE * size
+            and not max_abs(np.diff(values, axis=1 + earlier)) < ALIKE * max_abs(values)
         )
 
 
@@ -215,9 +211,8 @@ class InputTurningPoints(NamedTuple):
 
     def gap(self, step: float) -> float:
         """Return the longest part (rad) without an input of `probes(step)`, 0 if none."""
-        widths = np.diff(self.doubtful, axis=1)[:, 0]
-        widths = widths[widths > 0.0]
-        return float(np.max(widths / np.ceil(widths / step), initial=0.0))
+        widths = np.diff(self.doubtful)
+        return float(np.max(widths / np.maximum(np.ceil(widths / step), 1.0), initial=0.0))
 
     def probes(self, step: float) -> Floats:
         """Return inputs (n,): one between two neighbours, and more in doubtful parts.
@@ -242,9 +237,8 @@ class InputTurningPoints(NamedTuple):
         if not gap:
             count = len(self.places)
             words = f"between the {count} inputs of the range at which they meet"
-            if count == 1:
-                words = "on both sides of the only input of the range at which they meet"
-            words = words if count else "which meet nowhere in the range"
+            if count < 2:
+                words = f"which meet {('nowhere', 'at one input')[count]} in the range"
             return Completeness(Guarantee.COMPLETE, f"all modes, {words}")
         words = f"all modes at {counted(len(self.probes(step)), 'input')}"
         if len(self.places):
@@ -278,11 +272,12 @@ def input_turning_points(
             working.tell(f"group {part + 1} of {len(meetings.groups)}".__str__)
             return meetings(part, q)
 
-        smooth = SMOOTH / meetings.modes(part)
-        per_group.append(crossings(function, low, high, most, smooth))
+        per_group.append(
+            crossings(function, low, high, most, SMOOTH / meetings.modes(part))
+        )
     places, doubtful = (np.concatenate(parts) for parts in zip(*per_group, strict=True))
-    order = np.argsort(doubtful[:, 0])
-    return InputTurningPoints(low, high, np.sort(places), doubtful[order])
+    doubtful = doubtful[np.argsort(doubtful[:, 0])]
+    return InputTurningPoints(low, high, np.sort(places), doubtful)
 
 
 def easiest_drive(solver: Solver) -> Solver:

@@ -56,12 +56,12 @@ class LoopTree:
     @cached_property
     def firsts(self) -> Indices:
         """The first body of each pair."""
-        return np.array([first for first, _ in self.ends], dtype=np.intp)
+        return np.array(self.ends, dtype=np.intp)[:, 0]
 
     @cached_property
     def seconds(self) -> Indices:
         """The second body of each pair."""
-        return np.array([second for _, second in self.ends], dtype=np.intp)
+        return np.array(self.ends, dtype=np.intp)[:, 1]
 
     @cached_property
     def placements(self) -> tuple[tuple[int, int, int], ...]:
@@ -156,7 +156,8 @@ def left_inverse(matrices: Floats) -> Floats:
 
     With more rows than columns the extra equations must agree with the others.
     """
-    if matrices.shape[1] == matrices.shape[2]:
+    n, rows, columns = matrices.shape
+    if rows == columns:
         try:
             return np.asarray(np.linalg.inv(matrices))
         except np.linalg.LinAlgError:
@@ -165,8 +166,8 @@ def left_inverse(matrices: Floats) -> Floats:
             inverse = nans(matrices.shape)
             inverse[regular] = np.linalg.inv(matrices[regular])
             return inverse
-    if matrices.shape[1] < matrices.shape[2]:
-        return nans((len(matrices), matrices.shape[2], matrices.shape[1]))
+    if rows < columns:
+        return nans((n, columns, rows))
     finite = all_finite(matrices, (1, 2))[:, None, None]
     left, sizes, right = np.linalg.svd(np.where(finite, matrices, 0.0), full_matrices=False)
     full = sizes[:, -1] > REDUNDANT * sizes[:, 0]
@@ -266,10 +267,10 @@ def _run(numbers: list[int]) -> Places:
     return slice(first, last) if last - first == len(numbers) else numbers
 
 
-def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:
+def pair_states(joints: tuple[Joint, ...], values: Floats) -> PairStates:
     """Return the states of pairs for variables (n, variables)."""
     n, parts = len(values), list[tuple[Places, PairStates]]()
-    for kind, members, pairs, variables in _by_kind(tuple(joints)):
+    for kind, members, pairs, variables in _by_kind(joints):
         given = values[:, variables].reshape(n, len(members), kind.freedoms)
         parts.append((pairs, kind.states(members, given)))
     if len(parts) == 1:
@@ -278,16 +279,6 @@ def pair_states(joints: Sequence[Joint], values: Floats) -> PairStates:
     for pairs, part in parts:
         states.put(pairs, part)
     return states
-
-
-def _of_variables(
-    joints: Sequence[Joint], n: int, of_kind: Callable[[Kind, Places], Floats]
-) -> Floats:
-    """Return vectors (n, variables, 3), for the pairs of each kind what a function says."""
-    vectors = np.empty((n, sum(joint.freedoms for joint in joints), 3))
-    for kind, _, pairs, variables in _by_kind(tuple(joints)):
-        vectors[:, variables] = of_kind(kind, pairs).reshape(vectors[:, variables].shape)
-    return vectors
 
 
 def penetrates(joints: Sequence[Joint], states: PairStates) -> Bools:
@@ -368,7 +359,7 @@ class Linearisation:
         The axis (R), the contact line (Cr), the normal of the contact plane (Cs).
         """
         axes = np.empty(self.frames.shape[:-1])
-        for kind, _, pairs, _ in _by_kind(tuple(self.joints)):
+        for kind, _, pairs, _ in _by_kind(self.joints):
             axes[:, pairs] = self.frames[..., kind.axis][:, pairs]
         return axes
 
@@ -376,11 +367,18 @@ class Linearisation:
     def vectors(self) -> Floats:
         """The variables' vectors (n, variables, 3) in the axes of body 0."""
         frames, curvatures = self.frames, self.states.curvatures
-        return _of_variables(
-            self.joints,
-            len(self),
-            lambda kind, pairs: kind.vectors(frames[:, pairs], curvatures[:, pairs]),
+        return self._of_variables(
+            lambda kind, pairs: kind.vectors(frames[:, pairs], curvatures[:, pairs])
         )
+
+    def _of_variables(self, of_kind: Callable[[Kind, Places], Floats]) -> Floats:
+        """Return vectors (n, variables, 3), for pairs of each kind what a function says."""
+        vectors = np.empty((*self.values.shape, 3))
+        for kind, _, pairs, variables in _by_kind(self.joints):
+            vectors[:, variables] = of_kind(kind, pairs).reshape(
+                vectors[:, variables].shape
+            )
+        return vectors
 
     @cached_property
     def residual(self) -> Floats:
@@ -423,12 +421,10 @@ class Linearisation:
         `first_w`, `second_w` (n, pairs, 3) are angular velocities in the axes of body 0.
         """
         frames, states = self.frames, self.states
-        return _of_variables(
-            self.joints,
-            len(self),
+        return self._of_variables(
             lambda kind, pairs: kind.rates(
                 frames[:, pairs], states.take(pairs), first_w[:, pairs], second_w[:, pairs]
-            ),
+            )
         )
 
     def turned(self, w: Floats) -> Floats:

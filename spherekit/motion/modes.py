@@ -123,16 +123,13 @@ class ModeSearch:
             self._add_reference()
             if search or not self.assembly_modes:
                 self.claim = self._all_modes()
-            freedoms = min(self._freedoms, default=len(solver.driven))
-            if not self.assembly_modes and freedoms != len(solver.driven):
-                raise self._other_rank(freedoms)
-        count, stopped = len(self.assembly_modes), ""
-        if count >= MOST_ASSEMBLY_MODES:
-            stopped = f"at {MOST_ASSEMBLY_MODES} modes"
-        if self._is_spent:
-            stopped = f"after {self._tried} steps along {counted(count, 'mode')}"
-        if stopped:
-            words = f"stopped {stopped}; there may be more"
+            if not self.assembly_modes:
+                self._check_rank(min(self._freedoms, default=len(solver.driven)))
+        if self._is_full:
+            words = (
+                f"stopped at {counted(len(self.assembly_modes), 'mode')} after "
+                f"{self._tried} steps along them; there may be more"
+            )
             self.claim = Completeness(Guarantee.SAMPLED, words)
         if not self.assembly_modes:
             raise SolveError(_why_nothing_closes(solver, input_grid))
@@ -154,20 +151,19 @@ class ModeSearch:
                 if any(group.redundant for group in self.groups):
                     closed = state.values[~state.lost]
                     some = closed[spread_rows(len(closed), RANKED)]
-                    freedoms = min(map(solver.freedoms, some))
-                    if freedoms != len(solver.driven):
-                        raise self._other_rank(freedoms)
+                    self._check_rank(min(map(solver.freedoms, some)))
         different = list(dict.fromkeys(signs))[:MOST_ASSEMBLY_MODES]
         self.assembly_modes = [AssemblyMode(k, one) for k, one in enumerate(different)]
 
-    def _other_rank(self, freedoms: int) -> PlanError:
-        """Return the error of a mechanism whose inputs are not its freedoms by rank."""
-        mechanism = self.solver.mechanism
-        return PlanError(
-            f"{mechanism.name}: mobility {freedoms} by rank with "
-            f"{graph_mobility(mechanism)} by the graph, but the number of inputs is "
-            f"{len(self.solver.driven)}; {inputs_to_declare(freedoms)}"
-        )
+    def _check_rank(self, freedoms: int) -> None:
+        """Raise an error unless a mechanism has an input for each freedom by rank."""
+        mechanism, inputs = self.solver.mechanism, len(self.solver.driven)
+        if freedoms != inputs:
+            raise PlanError(
+                f"{mechanism.name}: mobility {freedoms} by rank with "
+                f"{graph_mobility(mechanism)} by the graph, but the number of inputs is "
+                f"{inputs}; {inputs_to_declare(freedoms)}"
+            )
 
     def _probed(self) -> tuple[Floats, Completeness]:
         """Return the inputs (k, inputs) at which the modes of dyads are looked for."""
@@ -183,14 +179,10 @@ class ModeSearch:
         return dead.probes(step)[:, None], dead.claim(step)
 
     @property
-    def _is_spent(self) -> bool:
-        """Whether as many steps were made as may be; there is at least one mode then."""
-        return bool(self.assembly_modes) and self._tried > MOST_TRIED
-
-    @property
     def _is_full(self) -> bool:
         """Whether no further assembly mode is to be followed."""
-        return len(self.assembly_modes) >= MOST_ASSEMBLY_MODES or self._is_spent
+        count = len(self.assembly_modes)
+        return count >= MOST_ASSEMBLY_MODES or (count > 0 and self._tried > MOST_TRIED)
 
     def _add_reference(self) -> None:
         """Add the assembly mode of the reference pose, if there is one."""
@@ -208,7 +200,7 @@ class ModeSearch:
         if self._freedoms and self._freedoms[0] < len(held):
             # Where the pose given cannot move, a search of other modes takes long and is
             # not what was asked.
-            raise self._other_rank(self._freedoms[0])
+            self._check_rank(self._freedoms[0])
 
     def _guided(
         self, values: Floats
@@ -251,9 +243,11 @@ class ModeSearch:
             # no dead centre, as a pose may be
             values = guide.values[len(guide.values) // 2]
         if guide is not None:
-            number, signs = len(self.assembly_modes), signs_at(self.solver, values)
+            signs = signs_at(self.solver, values)
             determinants = tuple(group_signs(self.solver, values[None], 0.0)[0].tolist())
-            self.assembly_modes.append(AssemblyMode(number, signs, guide, determinants))
+            self.assembly_modes.append(
+                AssemblyMode(len(self.assembly_modes), signs, guide, determinants)
+            )
             self._working.tell(lambda: f"{len(self.assembly_modes)} followed")
             new = max(self.families, default=-1) + 1
             self.families.append(new if family is None else family)
@@ -293,10 +287,12 @@ class ModeSearch:
 
     def _scattered(self) -> Floats:
         """Return samples (k, inputs) spread over the input grid, its middle first."""
-        rows = np.zeros(len(PROBED), dtype=np.intp)
-        for axis, count in enumerate(self.input_grid.shape):
-            rows = rows * count + (np.roll(PROBED, 2 * axis) * count).astype(np.intp)
-        return self.input_grid.q[np.unique(rows)]
+        shape = self.input_grid.shape
+        places = [
+            (np.roll(PROBED, 2 * axis) * count).astype(np.intp)
+            for axis, count in enumerate(shape)
+        ]
+        return self.input_grid.q[np.unique(np.ravel_multi_index(places, shape))]
 
     def _eliminated(self) -> Completeness | None:
         """Find all modes at some inputs; return None if some may be missing there."""
@@ -447,11 +443,11 @@ def _why_nothing_closes(solver: Solver, input_grid: InputGrid) -> str:
                     f"reaches nowhere for inputs {degrees}; change the arcs of its "
                     "links or the range"
                 )
-    posed = isinstance(solver.mechanism.geometry, PoseGeometry)
-    cure = "the axes of its pose" if posed else "its arcs"
+    cure = "its arcs, profiles or the range, or give a reference pose"
+    if isinstance(solver.mechanism.geometry, PoseGeometry):
+        cure = "the axes of its pose, profiles or the range"
     return (
         f"{name}: no configuration was found for inputs {degrees}: the {group.kind} "
         f"of pairs {pairs} did not close from any start, or only with profiles that enter "
-        f"each other; change {cure}, profiles or the range"
-        f"{'' if posed else ', or give a reference pose'}"
+        f"each other; change {cure}"
     )

@@ -227,7 +227,7 @@ class Motion(ArrayRows):
         geometry, and for the numbers of the file, which float64 rounds.
         """
         rounding = EPS * (2.0 + self.linearisation.tree.longest_loop)
-        return np.nan_to_num(self.residual, nan=0.0) + rounding
+        return np.nan_to_num(self.residual) + rounding
 
     @property
     def bend(self) -> Floats:
@@ -464,14 +464,13 @@ class PositionAnalysis:
             If several inputs drive irreducible groups, whose modes are followed over
             given samples only: give them to the tracer as `path`.
         """
-        wanted = given_path(q, len(self.inputs)).q
         if any(isinstance(mode.guide, ModeOverGrid) for mode in self.assembly_modes):
             raise SolveError(
                 f"{self.mechanism.name}: with several inputs and irreducible groups the "
                 "motion is known at the samples of the tracer only; give these inputs as "
                 "its path"
             )
-        return self._at(wanted, None)
+        return self._at(given_path(q, len(self.inputs)).q, None)
 
     def given(self, values: Floats) -> Motion:
         """Return closed configurations (n, variables) as a motion; see `motion_of`."""
@@ -530,9 +529,8 @@ def trace(
 
     Parameters and errors are those of `PositionAnalysis`.
     """
-    mechanism = mechanism_of(mechanism)
     return PositionAnalysis(
-        mechanism, input_pair, assembly_mode, search, samples, grid, path
+        mechanism_of(mechanism), input_pair, assembly_mode, search, samples, grid, path
     ).motion()
 
 

@@ -95,23 +95,21 @@ class SearchStatistics:
         """Return what the search is worth, `things` what it closes on, in the plural."""
         made = f"{self.starts} random starts"
         if not self.closed:
-            return f"{made}, none closed; {self._missed()}"
-        met = counted(len(self.counts), things.removesuffix("s"))
-        made += f", {self.closed} closed on {met}"
-        least = min(self.counts.values())
-        if least > 1:
-            return f"{made}, on each at least {least} times; {self._missed()}"
-        often = [*self.counts.values()]
-        few, once = sum(count <= 1 for count in often), often.count(1)
+            made += ", none closed"
+        else:
+            often = [*self.counts.values()]
+            met = counted(len(often), things.removesuffix("s"))
+            made += f", {self.closed} closed on {met}, on "
+            if min(often) > 1:
+                made += f"each at least {min(often)} times"
+            else:
+                made += (
+                    f"{sum(count <= 1 for count in often)} of them at most once, so that "
+                    f"about {often.count(1) / self.closed:.1%} of further ones would close "
+                    "on another"
+                )
         return (
-            f"{made}, on {few} of them at most once, so that about "
-            f"{once / self.closed:.1%} of further ones would close on another; "
-            f"{self._missed()}"
-        )
-
-    def _missed(self) -> str:
-        return (
-            f"any that {self.share:.2%} of starts lead to would have been met with "
+            f"{made}; any that {self.share:.2%} of starts lead to would have been met with "
             f"{1.0 - DOUBT:.0%} probability"
         )
 
@@ -179,8 +177,6 @@ class Distinct:
         left out. Returns the place (n,) in `values` of each, -1 for those left out.
         """
         places = np.full(len(values), -1, dtype=np.intp)
-        if not len(values):
-            return places
         at = self.closure.at(values)
         placed, states = at.placed, at.states
         exists = np.all(states.inside, axis=1) & ~penetrates(self.closure.joints, states)
