@@ -256,10 +256,10 @@ class Dynamics(AbstractAnalysis):
     def findings(self, batch: Batch) -> Findings:
         """Return the largest torque at each input, and where that is."""
         solution, mechanism = self._found(batch), batch.mechanism
-        lost = np.count_nonzero(solution.status == Status.AT_SINGULARITY)
+        lost = solution.status == Status.AT_SINGULARITY
         figures = {
             "inputs": largest_torques(batch, solution.sure_torques, "largest_torque_Nm"),
-            "rows_at_singularities": int(lost),
+            "rows_at_singularities": int(np.count_nonzero(lost)),
             "masses": bool(mechanism.masses),
             "loads": bool(mechanism.loads),
         }

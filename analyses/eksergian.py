@@ -158,7 +158,7 @@ class Eksergian(AbstractAnalysis):
             link_rates=links,
             rotations=links,
             continued_values=pairs,
-            pair_rates=pairs | ({self.at} if self.at else set()),
+            pair_rates=(pairs | {self.at}) - {""},
         )
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
@@ -220,9 +220,7 @@ class Eksergian(AbstractAnalysis):
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the worse of both."""
         both = [item.figures for item in (before, now) if item.figures]
-        if not both:
-            return now
-        figures = max(both, key=lambda item: item["largest_conditioning"])
+        figures = max(both, key=lambda item: item["largest_conditioning"], default={})
         torques = [item["torque"] for item in both if "torque" in item]
         if torques:
             figures = {**figures, "torque": max(torques, key=lambda item: item[LARGEST])}

@@ -155,16 +155,15 @@ class ReactionAnalysis(AbstractAnalysis):
         result = self._found(batch)
         pairs: dict[str, Any] = {}
         for k, pair in enumerate(batch.mechanism.pairs):
-            lifted = np.count_nonzero(result.status[:, k] == Status.LIFT_OFF)
+            lifted = result.status[:, k] == Status.LIFT_OFF
             pairs[pair.name] = {
                 **_peaks(batch, largest_transverse_moment_Nm=result.across[:, k]),
-                "rows_that_lift_off": int(lifted),
+                "rows_that_lift_off": int(np.count_nonzero(lifted)),
                 "is_open": bool(np.any(result.is_open[:, k])),
                 "force_is_open": bool(np.any(result.open_forces[:, k])),
             }
-
         more = result.lacking
-        sliding = compress(batch.mechanism.links, np.any(result.slides, axis=0))
+        slides = np.any(result.slides, axis=0)
         figures = {
             "pairs": pairs,
             "bearings": {
@@ -190,7 +189,7 @@ class ReactionAnalysis(AbstractAnalysis):
                     if pair.rolls and pair.pressure_angle is None
                 ],
             },
-            "links_that_slide": [*sliding],
+            "links_that_slide": [*compress(batch.mechanism.links, slides)],
             "asks_for_forces": any(x.axial is not None for x in _placed(batch.mechanism)),
             "largest_unbalanced_Nm": _largest(result.unbalanced),
         }

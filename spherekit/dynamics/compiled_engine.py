@@ -102,16 +102,13 @@ def by_taylor_series(
     seconds = time.perf_counter() - started - compiling
     if run.end == "singularity":
         _need_crossing(problem, run)
-    report = EngineReport(
-        "compiled", reason, compiling, seconds, len(path.starts), forecast
-    )
     return Simulation(
         problem.equation,
         problem.driven,
         path,
         _events(problem, path, runs),
         _end(problem, path, run),
-        report,
+        EngineReport("compiled", reason, compiling, seconds, len(path.starts), forecast),
         tolerance=tolerance,
     )
 

@@ -427,7 +427,7 @@ def output_stiffness(
 
     Parameters
     ----------
-    found
+    solution
         Torques or holding torques, whose rates are used.
     link, relative_to
         Names of two links.

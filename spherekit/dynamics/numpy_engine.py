@@ -230,8 +230,8 @@ class Collocation:
         dynamics = self._dynamics(np.zeros(1), self.start[None])
         speed = float(np.linalg.norm(dynamics.speed)) / FIRST_ARC
         push = float(np.linalg.norm(dynamics.roots.solved(dynamics.push)))
-        pace = max(speed, (push / FIRST_ARC) ** 0.5, 1e-300)
-        return max(min(until, 1.0 / pace, 1.0), SHORTEST * until)
+        pace = max(speed, (push / FIRST_ARC) ** 0.5, 1.0)
+        return max(min(until, 1.0 / pace), SHORTEST * until)
 
     def _dynamics(self, t: Floats, states: Floats) -> Dynamics:
         """Return what acts at states, in the frame of the last step's end.
@@ -318,7 +318,8 @@ class Collocation:
     def _looked(self, step: Step, scale: Floats, tolerance: float) -> bool:
         """Return whether loads do within a step what its series say."""
         equation, momenta = self.equation, self.equation.momenta
-        if not equation.loads.watched:
+        loads = equation.loads
+        if not loads.watched:
             return True
         largest = max(scale[equation.variables], float(max_abs(step.state[momenta])))
         enough = MISSED * tolerance * TAIL * largest / step.length
@@ -329,8 +330,8 @@ class Collocation:
             frame = step.frames[nearest] if equation.freedoms == 1 else self.frame
             dynamics = equation.at(t, step.at(t), frame, self.problem.whole)
             missed = np.abs(dynamics.push - step.rate(t)[:, momenta])
-            loads, seen = equation.loads, (dynamics.motion, dynamics.speed, t)
-            return np.max(missed, axis=1) / enough, loads.evaluated(loads.steep, *seen)
+            steep = loads.evaluated(loads.steep, dynamics.motion, dynamics.speed, t)
+            return np.max(missed, axis=1) / enough, steep
 
         return bool(first_missed(look, 1)[0] > 1.0)
 

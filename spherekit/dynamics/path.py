@@ -31,8 +31,9 @@ NODES = 24
 GAUSS, _WEIGHTS = legendre.leggauss(NODES)
 """The nodes (N,) of a step in [-1, 1]."""
 
-TO_SERIES = (np.arange(NODES)[:, None] + 0.5) * _WEIGHTS
-TO_SERIES = TO_SERIES * legendre.legvander(GAUSS, NODES - 1).T
+TO_SERIES = (
+    (np.arange(NODES)[:, None] + 0.5) * _WEIGHTS * legendre.legvander(GAUSS, NODES - 1).T
+)
 """(N, N) turns values at the nodes into Legendre coefficients."""
 
 INTEGRAL = legendre.legvander(GAUSS, NODES) @ legendre.legint(TO_SERIES, lbnd=-1)
@@ -217,9 +218,8 @@ def through_steps(steps: Sequence[Step], turns: Floats, drift: float) -> StatePa
 
 
 def _in_step(step: Step, turns: Floats, t: Floats) -> Traced:
-    count = len(step.frames)
-    place = (t - step.start) / step.length * count
-    frames = step.frames[np.clip(place.astype(int), 0, count - 1)]
+    place = (t - step.start) / step.length * len(step.frames)
+    frames = np.take(step.frames, place.astype(int), axis=0, mode="clip")
     return Traced(step.at(t), step.rate(t), frames, np.tile(turns, (len(t), 1)))
 
 

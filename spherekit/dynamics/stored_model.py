@@ -156,7 +156,7 @@ class StoredHeading:
     def place(self, name: str) -> tuple[int, int]:
         """Return the group and the column of a function; `SolveError` if it has none."""
         if name not in self._places:
-            raise self.not_stored(f'"{name}"', name, self._places)
+            raise self.not_stored("", name, self._places)
         return self._places[name]
 
     @cached_property
@@ -235,15 +235,13 @@ class StoredHeading:
         for stored, sense in ((name, 1.0), ("/".join(reversed(name.split("/"))), -1.0)):
             if stored in self.poles:
                 return stored, sense
-        raise self.not_stored(f'pole "{name}"', name, self.poles, "; make the model anew")
+        raise self.not_stored("pole ", name, self.poles)
 
-    def not_stored(
-        self, what: str, name: str, stored: Collection[str], then: str = ""
-    ) -> SolveError:
+    def not_stored(self, what: str, name: str, stored: Collection[str]) -> SolveError:
         """Return the error of what the model has not."""
         return SolveError(
-            f"{self.mechanism}: {what} is not stored"
-            f"{choices(name, stored, 'Stored are')}{then}"
+            f'{self.mechanism}: {what}"{name}" is not stored'
+            f"{choices(name, stored, 'Stored are')}; make the model anew"
         )
 
     def within(self, x: float) -> tuple[float, int]:
@@ -260,7 +258,7 @@ class StoredHeading:
             laps = math.floor((x - low) / lap)
             return x - laps * lap, laps
         slack = SLACK * lap
-        if not self.periodic and low - slack <= x <= high + slack:
+        if low - slack <= x <= high + slack:
             return x, 0
         allowed = (
             "is finite" if self.periodic else f"lies within {low:.9g} to {high:.9g} rad"
@@ -302,9 +300,7 @@ def read_archive(
     where, (words, version, remedy) = repr(str(path)), kind
     try:
         with np.load(Path(path), allow_pickle=False) as archive:
-            header = None
-            if isinstance(archive, np.lib.npyio.NpzFile) and "header" in archive:
-                header = json.loads(str(archive["header"]))
+            header = json.loads(str(archive.get("header", "null")))
             if not isinstance(header, dict) or header.get("format") != words:
                 raise FileError(f"{where}: is not a {words}; {remedy}")
             if header.get("version") != version:

@@ -106,8 +106,8 @@ class Sampler:
 
     def heading(self, assembly_mode: int) -> StoredHeading:
         """Return the heading of a model of an assembly mode, without its functions."""
-        made, ends = self.mechanism, (self.low, self.high, self.rise)
-        low, high, rise = (tuple(numbers.tolist()) for numbers in ends)
+        made = self.mechanism
+        low, high, rise = (tuple(x.tolist()) for x in (self.low, self.high, self.rise))
         return StoredHeading(
             made.name,
             mechanism_hash(made),
@@ -284,14 +284,10 @@ class AlongCurve(Sampler):
                 "ask for fewer poles"
             )
         marks = {p: u * continued(u, home)[:, None] for p, u in senses.items()}
-        if self.periodic:
-            back = {p: float(u[0] @ u[-1]) for p, u in marks.items()}
-            if any(side < 0.0 for side in back.values()):
-                self.laps = 2
-                marks = {
-                    p: np.concatenate([u[:-1], u * np.sign(back[p])])
-                    for p, u in marks.items()
-                }
+        back = {p: np.sign(u[0] @ u[-1]) for p, u in marks.items()}
+        if self.periodic and -1.0 in back.values():
+            self.laps = 2
+            marks = {p: np.concatenate([u[:-1], u * back[p]]) for p, u in marks.items()}
         self.marks = marks
 
 
@@ -355,14 +351,13 @@ def _followed(tracer: PositionAnalysis) -> tuple[ArcCurve, Floats]:
     for variable, (least, most) in stops.items():
         value = motion.values[:, variable]
         usable &= (value > least) & (value < most)
-    good = np.flatnonzero(usable)
-    if not len(good):
+    if not np.any(usable):
         raise SolveError(
             f"{mechanism.name}: the assembly mode has no configuration within the joint "
             f"limits at any of {PROBED_INPUTS} inputs of its range; give another assembly "
             "mode or range"
         )
-    values = motion.values[good[0]]
+    values = motion.values[np.argmax(usable)]
     return follow_arc(tracer.solver.closure, values, stops), values
 
 

@@ -198,8 +198,8 @@ class StoredModel:
 
     def rate_derivative(self, name: str, x: Place) -> Place:
         """Return the acceleration coefficient of a pole, the derivative of `rate` by x."""
-        heading = self.heading
-        return self.value(heading.derivative(f"rate {heading.pole(name)[0]}"), x)
+        rate = f"rate {self.heading.pole(name)[0]}"
+        return self.value(self.heading.derivative(rate), x)
 
     def velocity(self, pole: str, q: ArrayLike) -> Floats:
         """Return angular velocities (..., m, 3) per unit rate of each input, over a box.
@@ -412,15 +412,11 @@ class StoredModel:
             cell = series.cell(q)
             if cell >= 0:
                 return cell
-        asked, spans = [], []
-        for pair, value, low, high in zip(
-            heading.by, q, heading.low, heading.high, strict=True
-        ):
-            asked.append(f"{pair} = {value:.9g}")
-            spans.append(f"{pair} {low:.6g} to {high:.6g}")
+        ranges = zip(heading.by, q, heading.low, heading.high, strict=True)
+        asked = (f"{by} = {x:.9g} ({low:.6g} to {high:.6g})" for by, x, low, high in ranges)
         raise SolveError(
             f"{heading.mechanism}: the model is asked for {listing(asked)} rad, which is "
-            f"not in its domain: {heading.covered:.3g} of the box {listing(spans)} rad. "
+            f"not in its domain: {heading.covered:.3g} of the box of these ranges. "
             f"Elsewhere assembly mode {heading.assembly_mode} does not exist or is near a "
             "singularity"
         )

@@ -223,9 +223,9 @@ def _masses(mechanism: Mechanism) -> tuple[dict[str, Inertia], bool]:
     return masses, True
 
 
-def spokes(joints: Floats) -> list[Floats]:
-    """Return lines (2, 3) from O to the axes (j, 3) of a link."""
-    return [np.stack([0.0 * joint, joint]) for joint in joints]
+def spokes(joints: Floats) -> Floats:
+    """Return lines (j, 2, 3) from O to the axes (j, 3) of a link."""
+    return np.stack([0.0 * joints, joints], axis=1)
 
 
 def _body(masses: Mapping[str, Inertia], link: str, turn: Floats) -> BodyInertia:

@@ -145,7 +145,7 @@ class CouplingTable:
         cells = np.clip(np.floor(filled).astype(np.int64), 0, last - 1)
         good &= self.sure[number, np.ravel_multi_index(tuple(cells.T), tuple(last))]
         coupled = self.blended(number, cells, filled - cells)
-        np.add(coupled.angles, turns @ self.rise[number], out=coupled.angles)
+        coupled.angles[:] += turns @ self.rise[number]
         for part in coupled:
             part[~good] = np.nan
         return coupled
@@ -195,9 +195,8 @@ def load_coupling(path: AnyPath) -> CouplingTable:
         If it cannot be read, or is no such table.
     """
 
-    def made(heading: dict[str, Any], arrays: dict[str, Array]) -> CouplingTable:
-        whole: dict[str, Any] = {name: heading[name] for name in WORDS} | arrays
-        return CouplingTable(**whole)
+    def made(heading: dict[str, Any], arrays: dict[str, Any]) -> CouplingTable:
+        return CouplingTable(**{name: heading[name] for name in WORDS}, **arrays)
 
     return read_archive(path, KIND, made)
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.conventions import listing
+from spherekit.conventions import TURN, listing
 from spherekit.dynamics.coordinates import by_variables
+from spherekit.dynamics.stored_samples import pole_name
 from spherekit.errors import SolveError
 from spherekit.exchange.coupling import CouplingTable
 from spherekit.files.read import AnyMechanism, mechanism_of
@@ -130,7 +131,7 @@ def _counts(mechanism: Mechanism, samples: int | Sequence[int] | None) -> tuple[
     return counts
 
 
-def _passive(mechanism: Mechanism, pairs: Sequence[str] | None) -> tuple[int, ...]:
+def _passive(mechanism: Mechanism, pairs: Sequence[str] | None) -> list[int]:
     """Return the numbers of the passive variables that are wanted."""
     driven = mechanism.input_pairs
     passive = [pair.name for pair in mechanism.pairs if pair.name not in driven]
@@ -146,15 +147,15 @@ def _passive(mechanism: Mechanism, pairs: Sequence[str] | None) -> tuple[int, ..
             f"{mechanism.name}: a coupling table has the variables of passive pairs, and "
             "all pairs are inputs, or none was named"
         )
-    return tuple(
+    return [
         v for name in named for v in mechanism.variables_of(mechanism.pair_number[name])
-    )
+    ]
 
 
 def _table(
     mechanism: Mechanism,
     assembly_mode: int | None,
-    chosen: tuple[int, ...],
+    columns: list[int],
     poles: tuple[Pole, ...],
     counts: tuple[int, ...],
     tolerance: float,
@@ -163,7 +164,7 @@ def _table(
     fine = tuple(PARTS * (count - 1) + 1 for count in counts)
     tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=fine)
     motion = going_on(tracer.motion(), tracer.solver)
-    good, columns = np.flatnonzero(~motion.failed), list(chosen)
+    good = np.flatnonzero(~motion.failed)
     parts = by_variables(tracer.solver.closure, motion.values[good], tracer.solver.driven)
     modes = [mode.number for mode in tracer.assembly_modes]
 
@@ -195,8 +196,8 @@ def _table(
         mechanism_sha256=mechanism_hash(mechanism),
         made_by=__version__,
         inputs=tracer.inputs,
-        variables=tuple(mechanism.variable_names[v] for v in chosen),
-        poles=tuple(f"{mechanism.links[b]}/{mechanism.links[a]}" for a, b in poles),
+        variables=tuple(mechanism.variable_names[v] for v in columns),
+        poles=tuple(pole_name(mechanism, pole) for pole in poles),
         modes=tuple(modes),
         tolerance=tolerance,
         start=q[0],
@@ -244,7 +245,7 @@ def _find_periods(table: CouplingTable, periods: Floats) -> None:
     """Say in a table after a turn of which inputs all returns."""
     shape = (len(table.modes), *table.count)
     for axis, lap in enumerate(table.step * (table.count - 1)):
-        if abs(lap - 2.0 * np.pi) > SAME:
+        if abs(lap - TURN) > SAME:
             continue
         grown, change = (
             np.diff(np.take(whole.reshape(*shape, -1), [0, -1], 1 + axis), axis=1 + axis)
@@ -252,7 +253,6 @@ def _find_periods(table: CouplingTable, periods: Floats) -> None:
         )
         grown = grown.reshape(len(table.modes), -1, len(periods))
         with np.errstate(invalid="ignore"):
-            turns = np.round(grown[:, 0] / periods) * periods
-        turns = np.where(np.isfinite(periods), turns, 0.0)
+            turns = np.nan_to_num(np.round(grown[:, 0] / periods) * periods)
         if max_abs(grown - turns[:, None]) < SAME and max_abs(change) < SAME:
             table.periodic[axis], table.rise[:, axis] = True, turns
