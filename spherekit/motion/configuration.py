@@ -196,8 +196,9 @@ def configuration_curves(
     search.count([part for one in parts for part in one], complete)
     if search.problems:
         failed = counted(len(search.problems), "check")
-        words = f"{failed} failed, the first: {search.problems[0]}"
-        claim = Completeness(Guarantee.SAMPLED, words)
+        claim = Completeness(
+            Guarantee.SAMPLED, f"{failed} failed, the first: {search.problems[0]}"
+        )
     inputs, counts = np.array(search.counted).reshape(-1, 2).T
     return Configurations(
         tuple(

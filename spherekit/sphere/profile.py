@@ -119,8 +119,12 @@ def circle(centre: ArrayLike, radius: float) -> Curve:
             "deg, both excluded"
         )
     sine = float(np.sin(radius))
-    path = CirclePath(axes_about(centre), sine, float(np.cos(radius)))
-    return Curve(path, None, 2.0 * np.pi * sine, closed=True)
+    return Curve(
+        CirclePath(axes_about(centre), sine, float(np.cos(radius))),
+        None,
+        2.0 * np.pi * sine,
+        closed=True,
+    )
 
 
 def great_circle(centre: ArrayLike) -> Curve:

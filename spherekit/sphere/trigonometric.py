@@ -116,7 +116,7 @@ def common_angles(equations: Numbers, involves: Bools) -> tuple[Complexes, str]:
         near = np.abs(turned / np.exp(1j * angles[:, 0]) - 1.0) < CLUSTER
         lost = (np.sum(near, axis=1) < with_roots) & ~np.any(near & flat, axis=1)
         if len(equations) == 3:
-            _, _, quadratics, _ = _forms(equations[None], -1j * np.log(roots[None]))
+            quadratics = _forms(equations[None], -1j * np.log(roots[None]))[2]
             size = np.linalg.norm(quadratics[0], axis=1) / np.linalg.norm(equations[0])
             lost |= size < UNDETERMINED
         unmatched = np.sum(lost & (away < NEAR_CIRCLE))
@@ -160,7 +160,7 @@ def _eliminate(
 ) -> None:
     """Set the solutions of some systems, from the best starts of each root, so many."""
     if len(rows):
-        roots, _, _ = _roots(equations[rows], involves)
+        roots = _roots(equations[rows], involves)[0]
         finite = np.all(np.isfinite(roots) & (roots != 0.0), axis=1)
         rows = rows[finite]
         solutions, good, _ = _next_to(equations[rows], roots[finite], most)
@@ -204,8 +204,9 @@ def point(angle: Numbers) -> Numbers:
 
 def _angle(points: Complexes) -> Complexes:
     """Return angles (...,) of points (..., 3) with any common factor."""
-    ahead = (points[..., 1] + 1j * points[..., 2]) / points[..., 0]
-    back = (points[..., 1] - 1j * points[..., 2]) / points[..., 0]
+    one, c, s = np.moveaxis(points, -1, 0)
+    ahead = (c + 1j * s) / one
+    back = (c - 1j * s) / one
     return np.where(np.abs(ahead) > np.abs(back), -1j * np.log(ahead), 1j * np.log(back))
 
 
@@ -269,11 +270,14 @@ def _roots(equations: Numbers, involves: Bools) -> tuple[Complexes, Floats, list
     held = max_abs(weight, axis=1) > (UNDETERMINED * size[:, 0]) ** 2
     held &= all_finite(samples, 1)
     many = (np.min(size, axis=1) < EMPTY) | ~(max_abs(samples, axis=1) > VANISHING * scale)
-    whys = [
-        "an equation of the elimination does not hold its angle",
-        "there are infinitely many complex solutions",
-    ]
-    problems = np.select([~held, many], whys, "").tolist()
+    problems = np.select(
+        [~held, many],
+        [
+            "an equation of the elimination does not hold its angle",
+            "there are infinitely many complex solutions",
+        ],
+        "",
+    ).tolist()
 
     spectrum = np.fft.fft(samples, axis=1) / count
     beyond = np.abs(spectrum[:, degree + 1 : count - degree])
@@ -292,9 +296,9 @@ def _starts(equations: Numbers, first: Complexes) -> Complexes:
     forms, seconds, _, _ = _forms(equations, first)
     better = np.argmax(np.linalg.norm(forms[..., 1:], axis=4), axis=3)[..., None, None]
     lasts = _angle(_zeros(np.take_along_axis(forms, better, axis=3)[..., 0, :])[0])
-    every = [np.broadcast_to(first[..., None, None], lasts.shape), lasts]
-    if equations.shape[1] == 3:
-        every.insert(1, np.broadcast_to(_angle(seconds)[..., None], lasts.shape))
+    every = np.broadcast_arrays(first[..., None, None], _angle(seconds)[..., None], lasts)
+    if equations.shape[1] == 2:
+        every = every[::2]
     return np.stack(every, axis=-1).reshape(len(first), prod(lasts.shape[1:]), len(every))
 
 
@@ -340,13 +344,13 @@ def determinants(equations: Numbers, angles: Complexes) -> Complexes:
 
 def _jets(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
     """Return values (n, m, t) of n systems at angles (n, m, t), and derivatives (.., t)."""
+    t = angles.shape[2]
     points = point(angles)
     rates = np.stack([0.0 * angles, -points[..., 2], points[..., 1]], axis=-1)
     both = np.stack([points, rates], axis=3)
     jets = np.einsum("nkx...,nmax->nmk...a", equations, both[:, :, 0])
-    for angle in range(1, angles.shape[2]):
+    for angle in range(1, t):
         jets = np.einsum("nmkx...,nmax->nmk...a", jets, both[:, :, angle])
-    t = angles.shape[2]
     columns = [jets[..., *turned] for turned in np.eye(t, dtype=int)]
     return jets[..., *[0] * t], np.stack(columns, axis=3)
 
