@@ -15,7 +15,7 @@ are counted at once by the pebble game for (3, 3)-sparse graphs (Jacobs and Hend
 them, and constraints point from the link whose pebble they hold to the other link.
 """
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -105,8 +105,7 @@ class Pebbles:
 
     def insert(self, a: int, b: int) -> bool:
         """Add one constraint between two bodies; False if it is redundant there."""
-        self.gather(a, FREEDOMS)
-        if self.free[a] < FREEDOMS or self.gather(b, 1, keep=[a]) < 1:
+        if self.gather(a, FREEDOMS) < FREEDOMS or not self.gather(b, 1, [a]):
             return False
         self.free[a] -= 1
         self.out[a].append(b)
@@ -129,9 +128,7 @@ class Pebbles:
     def rigid_part(self, a: int, b: int) -> set[int] | None:
         """Return the smallest rigid set of bodies with both, or None if there is none."""
         self.gather(a, FREEDOMS)
-        if self.gather(b, 1, keep=[a]) >= 1:
-            return None
-        return self.reach([a, b])
+        return None if self.gather(b, 1, [a]) else self.reach([a, b])
 
     def merge(self, part: set[int], into: int) -> None:
         """Make one body of a rigid part, its free pebbles gathered on `into`."""
@@ -192,12 +189,18 @@ def counted_freedom(
         that are not independent freedoms.
     """
     _check_connected(mechanism)
+    mobility = graph_mobility(mechanism)
     try:
         game = _play(mechanism)
-        _check_mobility(mechanism, driven)
+        if mobility != len(driven):
+            raise CountError(
+                f"{mechanism.name}: mobility 3(m - 1) - 2 n_R - 2 n_Cr - n_Cs = "
+                f"{mobility}, but the number of inputs is {len(driven)} "
+                f"({listing(mechanism.names_of(driven))}); {inputs_to_declare(mobility)}"
+            )
     except CountError:
         rolls = any(pair.rolls for pair in mechanism.pairs)
-        if (by_rank or rolls) and graph_mobility(mechanism) <= len(driven):
+        if (by_rank or rolls) and mobility <= len(driven):
             return merged(mechanism, locked), None
         raise
     if locked:
@@ -213,16 +216,6 @@ def _check_connected(mechanism: Mechanism) -> None:
         raise PlanError(
             f"{mechanism.name}: the graph is not connected: no pairs join the ground to "
             f"[{loose}]; add the missing pairs or remove these links"
-        )
-
-
-def _check_mobility(mechanism: Mechanism, driven: Sequence[int]) -> None:
-    mobility = graph_mobility(mechanism)
-    if mobility != len(driven):
-        raise CountError(
-            f"{mechanism.name}: mobility 3(m - 1) - 2 n_R - 2 n_Cr - n_Cs = {mobility}, "
-            f"but the number of inputs is {len(driven)} "
-            f"({listing(mechanism.names_of(driven))}); {inputs_to_declare(mobility)}"
         )
 
 
@@ -261,7 +254,7 @@ def _covered(
     mechanism: Mechanism,
     body: Sequence[int],
     pairs: Iterable[int],
-    meshes: Collection[int] = (),
+    meshes: frozenset[int] = frozenset(),
 ) -> tuple[Pebbles, bool]:
     """Return the game of bodies with the constraints of pairs; False if any is redundant.
 
@@ -283,8 +276,7 @@ def _locked(
     left = [k for k in range(len(mechanism.pairs)) if k not in locked]
     game, independent = _covered(mechanism, body, left)
     for number in left:
-        a, b = (body[link] for link in mechanism.ends[number])
-        part = game.rigid_part(a, b) if a != b else None
+        part = game.rigid_part(*(body[link] for link in mechanism.ends[number]))
         if part is not None:
             into = min(part)
             game.merge(part, into)
@@ -419,9 +411,9 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
 
 def split(
     mechanism: Mechanism,
-    bodies: tuple[int, ...],
+    bodies: Sequence[int],
     pairs: Iterable[int],
-    meshes: Collection[int] = (),
+    meshes: frozenset[int] = frozenset(),
 ) -> tuple[Group, ...]:
     """Return the groups of a structure without freedom, in solving order.
 
@@ -434,10 +426,9 @@ def split(
     CountError
         If the bodies that the pairs join could move, or are over-constrained.
     """
-    body_of = list(bodies)
     open_pairs = {n: mechanism.ends[n] for n in pairs}
     game, covered = _covered(mechanism, bodies, open_pairs, meshes)
-    joined = {body_of[link] for ends in open_pairs.values() for link in ends}
+    joined = {bodies[link] for link in chain(*open_pairs.values())}
     left = sum(game.free[body] for body in joined)
     if open_pairs and not (covered and left == FREEDOMS):
         raise CountError(
@@ -446,15 +437,14 @@ def split(
         )
     groups: list[Group] = []
     while open_pairs:
-        part = _smallest_part(game, open_pairs, body_of)
+        part = _smallest_part(game, open_pairs, bodies)
         # The body with the ground if there is one, else the largest, else the first.
-        base = min(part, key=lambda body: (body != body_of[0], -body_of.count(body), body))
-        inside = [n for n, ends in open_pairs.items() if {body_of[k] for k in ends} <= part]
-        groups.append(
-            _group(mechanism, body_of, base, inside, any(n in meshes for n in inside))
-        )
+        base = min(part, key=lambda body: (body != bodies[0], -bodies.count(body), body))
+        inside = [n for n, ends in open_pairs.items() if {bodies[k] for k in ends} <= part]
+        redundant = not meshes.isdisjoint(inside)
+        groups.append(_group(mechanism, bodies, base, inside, redundant))
         game.merge(part, base)
-        body_of = [base if body in part else body for body in body_of]
+        bodies = [base if body in part else body for body in bodies]
         open_pairs = {n: ends for n, ends in open_pairs.items() if n not in inside}
     return tuple(groups)
 
@@ -484,7 +474,7 @@ def _group(
 
 
 def _smallest_part(
-    game: Pebbles, open_pairs: dict[int, tuple[int, int]], body_of: list[int]
+    game: Pebbles, open_pairs: dict[int, tuple[int, int]], body_of: Sequence[int]
 ) -> set[int]:
     """Return the smallest rigid part with both bodies of a pair, the first of them."""
     parts = []

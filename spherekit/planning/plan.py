@@ -53,11 +53,10 @@ def steps_of(chain: Plan, game: Pebbles | None) -> list[Step]:
         else:
             steps.append(PrimaryPole(pole, number))
             _mark(partners, [pole])
-    every = combinations(chain.bodies, 2)
-    unknown = [pole for pole in every if pole[1] not in partners[pole[0]]]
+    unknown = [*combinations(chain.bodies, 2)]
     parts: dict[Pole, set[int]] = {}
     round_number = 0
-    while unknown:
+    while unknown := [pole for pole in unknown if pole[1] not in partners[pole[0]]]:
         round_number += 1
         new_steps: list[Step] = []
         for pole in unknown:
@@ -74,7 +73,6 @@ def steps_of(chain: Plan, game: Pebbles | None) -> list[Step]:
         for step in new_steps:
             _mark(partners, step.poles if isinstance(step, BlockPoles) else [step.pole])
         steps += new_steps
-        unknown = [pole for pole in unknown if pole[1] not in partners[pole[0]]]
     return steps
 
 
@@ -119,8 +117,8 @@ def _opened(
     def fewest_lines(pole: Pole) -> tuple[int, Pole]:
         return -len(partners[pole[0]] & partners[pole[1]]), pole
 
-    ordered = sorted(block.poles, key=fewest_lines)
-    tried = ordered[: max(1, MOST_TRIED // len(block.poles) ** 2)]
+    most = max(1, MOST_TRIED // len(block.poles) ** 2)
+    tried = sorted(block.poles, key=fewest_lines)[:most]
     return min(map(opened, tried), key=left_and_passes)
 
 
@@ -181,15 +179,16 @@ def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
     cost: dict[Pole, frozenset[Pole]] = {}
     sources: dict[Pole, Iterable[Pole]] = {}
     for step in whole.steps:
-        for pole in step.poles if isinstance(step, BlockPoles) else (step.pole,):
-            cost[pole], sources[pole] = frozenset(), ()
-            if isinstance(step, BlockPoles):
-                cost[pole] = frozenset([pole])
-                sources[pole] = [pole_of(*whole.ends[pair]) for pair in step.pairs]
-            elif isinstance(step, LinePole):
-                via, needed = _cheapest_lines(step, cost, whole.coaxial)
-                cost[pole] = needed | {pole}
-                sources[pole] = replace(step, via=via).sources
+        if isinstance(step, BlockPoles):
+            cost |= {pole: frozenset([pole]) for pole in step.poles}
+            primary = [pole_of(*whole.ends[pair]) for pair in step.pairs]
+            sources |= dict.fromkeys(step.poles, primary)
+        elif isinstance(step, LinePole):
+            via, needed = _cheapest_lines(step, cost, whole.coaxial)
+            cost[step.pole] = needed | {step.pole}
+            sources[step.pole] = replace(step, via=via).sources
+        else:
+            cost[step.pole], sources[step.pole] = frozenset(), ()
     kept: set[Pole] = set()
     stack = list(wanted)
     while stack:
@@ -270,12 +269,13 @@ def plan(
         If the number of inputs is not the mobility, a part is rigid or loose, a pole is
         unknown, or its links are joined by a locked input.
     """
-    if input_pair is not None:
-        number = mechanism.pair_number[mechanism.pair(input_pair).name]
-        if number not in driven_pairs(mechanism):
-            mechanism = mechanism.with_inputs(input_pair)
     driven = driven_pairs(mechanism)
-    moved = driven[0] if input_pair is None else mechanism.pair_number[input_pair]
+    moved = driven[0]
+    if input_pair is not None:
+        moved = mechanism.pair_number[mechanism.pair(input_pair).name]
+        if moved not in driven:
+            mechanism = mechanism.with_inputs(input_pair)
+            driven = driven_pairs(mechanism)
     locked = tuple(pair for pair in driven if pair != moved)
     body, game = counted_freedom(mechanism, driven, locked, by_rank)
     empty = Plan(mechanism, moved, locked, body, (), ())

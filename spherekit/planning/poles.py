@@ -134,8 +134,7 @@ class LinePole:
     @property
     def sources(self) -> tuple[Pole, ...]:
         """The poles that its lines are drawn through."""
-        i, j = self.pole
-        return tuple(source for k in self.via for source in (pole_of(i, k), pole_of(j, k)))
+        return tuple(pole_of(end, k) for k in self.via for end in self.pole)
 
 
 @dataclass(frozen=True)
@@ -195,9 +194,9 @@ class Plan:
 
     def _repr_html_(self) -> str:
         """Return the Table: for each pole the pass that finds it, x for a primary one."""
-        names, rows = _titled(self)
+        names, *rows = _titled(self)
         moving = self.mechanism.pairs[self.input].name
-        return html_table(["", *names], rows, f"{self.mechanism.name}, {moving} moves")
+        return html_table(names, rows, f"{self.mechanism.name}, {moving} moves")
 
     @cached_property
     def bodies(self) -> tuple[int, ...]:
@@ -264,9 +263,8 @@ def all_poles(count: int) -> tuple[Pole, ...]:
 def parse_pole(mechanism: Mechanism, text: str) -> Pole:
     """Return the pole that ``3/1``, ``coupler/ground`` or, where clear, ``31`` names."""
     number = mechanism.link_number
-    low, slash, high = text.partition("/")
-    splits = [(low, high)]
-    if not slash:
+    splits = [text.partition("/")[::2]]
+    if "/" not in text:
         splits = [(text[:cut], text[cut:]) for cut in range(1, len(text))]
     poles = {
         pole_of(number[a], number[b])
@@ -275,9 +273,7 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
     }
     if len(poles) == 1:
         return poles.pop()
-    every = [
-        f"{mechanism.links[j]}/{mechanism.links[i]}" for i, j in all_poles(len(number))
-    ]
+    every = ["/".join(links) for links in combinations(mechanism.links[::-1], 2)]
     why = "could be several poles" if poles else "is not a pole"
     raise PlanError(
         f'{mechanism.name}: "{text}" {why}{nearest(text, every) or "."} Write LINK/LINK '
@@ -285,17 +281,17 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
     )
 
 
-def _titled(plan: Plan) -> tuple[list[str], list[list[str]]]:
-    """Return the names of bodies, and the Table's rows, each after its name."""
-    names = [plan.name(body) for body in plan.bodies]
-    return names, [[name, *row] for name, row in zip(names, cells(plan), strict=True)]
+def _titled(plan: Plan) -> list[list[str]]:
+    """Return the names of bodies, and the Table's rows, all after names."""
+    names = ["", *map(plan.name, plan.bodies)]
+    rows = zip(names, [names[1:], *cells(plan)], strict=True)
+    return [[name, *row] for name, row in rows]
 
 
 @checked(PlanError)
 def as_text(plan: Plan) -> str:
     """Return the Table in aligned columns."""
-    names, titled = _titled(plan)
-    rows = [["", *names], *titled]
+    rows = _titled(plan)
     width = max(len(entry) for row in rows for entry in row)
     return "\n".join(
         "  ".join(entry.ljust(width) for entry in row).rstrip() for row in rows
@@ -304,7 +300,7 @@ def as_text(plan: Plan) -> str:
 
 def as_markdown(plan: Plan) -> str:
     """Return the Table as a Markdown table."""
-    names, rows = _titled(plan)
+    (_, *names), *rows = _titled(plan)
     lines = ["| | " + " | ".join(f"**{name}**" for name in names) + " |"]
     lines.append("|" + "---|" * (len(names) + 1))
     lines += [f"| **{name}** | " + " | ".join(row) + " |" for name, *row in rows]
@@ -326,12 +322,11 @@ def describe(plan: Plan, step: Step) -> str:
         mark = roman(step.round) or PRIMARY_MARK
         return f"{mark:4s} {pole_name(plan, step.pole)} = {line}{shared}"
     if isinstance(step, LinePole):
-        i, j = step.pole
         lines = [
-            f"{pole_name(plan, pole_of(i, k))} {pole_name(plan, pole_of(j, k))}"
+            " ".join(pole_name(plan, pole_of(end, k)) for end in step.pole)
             for k in step.via
         ]
-        lines += [f"contact {plan.mechanism.pairs[n].name}" for n in step.contacts]
+        lines += [f"contact {x}" for x in plan.mechanism.names_of(step.contacts)]
         return (
             f"{roman(step.round):4s} {pole_name(plan, step.pole)} case ({step.case}) = "
             + " x ".join(f"({line})" for line in lines)
@@ -343,7 +338,7 @@ def describe(plan: Plan, step: Step) -> str:
     poles = ", ".join(pole_name(plan, pole) for pole in first)
     line = (
         f"{roman(step.round) + '*':4s} {poles}: irreducible part of links "
-        f"{', '.join(plan.name(k) for k in step.links)}, by the {step.method}"
+        f"{', '.join(map(plan.name, step.links))}, by the {step.method}"
     )
     return "\n".join([line, *(describe(plan, inner) for inner in step.passes)])
 
@@ -353,38 +348,36 @@ def as_dict(plan: Plan) -> dict[str, Any]:
     pairs = plan.mechanism.pairs
 
     def named(pole: Pole) -> list[str]:
-        return [plan.name(pole[1]), plan.name(pole[0])]
+        return [plan.name(body) for body in pole[::-1]]
 
     def step_dict(step: Step) -> dict[str, Any]:
         if isinstance(step, BlockPoles):
             return {
                 "pass": step.round,
                 "case": "irreducible",
-                "poles": [named(pole) for pole in step.poles],
-                "links": [plan.name(k) for k in step.links],
-                "pairs": [pairs[n].name for n in step.pairs],
+                "poles": [*map(named, step.poles)],
+                "links": [*map(plan.name, step.links)],
+                "pairs": plan.mechanism.names_of(step.pairs),
                 "method": step.method,
                 "opening": None if step.opening is None else named(step.opening),
-                "passes": [step_dict(inner) for inner in step.passes],
+                "passes": [*map(step_dict, step.passes)],
             }
         facts = {"pass": step.round, "case": step.case, "pole": named(step.pole)}
         if not isinstance(step, LinePole):
             return facts | {"pair": pairs[step.pair].name}
-        i, j = step.pole
         lines: list[dict[str, Any]] = [
-            {"via": plan.name(k), "poles": [named(pole_of(i, k)), named(pole_of(j, k))]}
+            {"via": plan.name(k), "poles": [named(pole_of(end, k)) for end in step.pole]}
             for k in step.via
         ]
-        return facts | {
-            "lines": lines + [{"contact": pairs[n].name} for n in step.contacts]
-        }
+        contacts = plan.mechanism.names_of(step.contacts)
+        return facts | {"lines": lines + [{"contact": name} for name in contacts]}
 
     return {
         "mechanism": plan.mechanism.name,
-        "links": [plan.name(body) for body in plan.bodies],
+        "links": [*map(plan.name, plan.bodies)],
         "input": pairs[plan.input].name,
-        "locked": [pairs[pair].name for pair in plan.locked],
-        "requested": [named(pole) for pole in plan.requested],
+        "locked": plan.mechanism.names_of(plan.locked),
+        "requested": [*map(named, plan.requested)],
         "table": cells(plan),
-        "steps": [step_dict(step) for step in plan.steps],
+        "steps": [*map(step_dict, plan.steps)],
     }

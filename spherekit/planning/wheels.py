@@ -100,25 +100,26 @@ def least_rolled(
     steps: list[Floats] = []
     places = []
     for k, side in np.ndindex(*laps.shape):
-        lap = laps[k, side]
-        step = first @ to_angles[:, k] * (lap if side else -lap)
-        step[k] += 0.0 if side else lap
+        step = first @ to_angles[:, k] * (2 * side - 1)
+        step[k] += 1 - side
+        step *= laps[k, side]
         signed = (sense * earlier for earlier in (*steps, 0.0 * step) for sense in (1, -1))
         if all(max_abs(step - item) > SAME_LENGTH for item in signed):
             steps.append(step)
             places.append((k, side))
-    turns = np.zeros(laps.shape, dtype=np.int64)
-    if not steps:
-        return turns
     most = min(MOST_TURNS, int(0.5 * (MOST_ASSEMBLIES ** (1.0 / len(steps)) - 1.0)))
     if most < 1:
         return None
     counts = np.indices((2 * most + 1,) * len(steps)).reshape(len(steps), -1).T - most
-    rolled = put + counts @ np.array(steps)
-    keys = np.column_stack([np.sum(np.abs(rolled), axis=1), -rolled])
-    best = counts[np.lexsort(np.round(keys / SAME_LENGTH).T[::-1])[0]]
-    turns[*np.transpose(places)] = best
+    turns = np.zeros(laps.shape, dtype=np.int64)
+    turns[*np.transpose(places)] = counts[_least(put + counts @ np.array(steps))]
     return turns
+
+
+def _least(rolled: Floats) -> Any:
+    """Return which lengths (n, m) are the least in sum, then the greatest one by one."""
+    keys = np.column_stack([np.sum(np.abs(rolled), axis=1), -rolled])
+    return np.lexsort(np.round(keys / SAME_LENGTH).T[::-1])[0]
 
 
 SINGULAR = 1e-9
@@ -148,8 +149,7 @@ class GearTrain(NamedTuple):
     @property
     def numbers(self) -> list[float]:
         """The ratios and the offset of each follower."""
-        both = np.column_stack([self.ratios, self.offsets])
-        return list(both.ravel().tolist())
+        return list(np.column_stack([self.ratios, self.offsets]).ravel().tolist())
 
 
 RollingOnCarrier = tuple[GearMesh, Wheel, Wheel]
@@ -254,7 +254,8 @@ def wheel_train(
             for pair, factor in rolled_angles(contact).items():
                 rows[k, pair] = factor
                 first[k, pair] = factor * (pair in contact[0].turned[0])
-        followers = sorted({*np.flatnonzero(np.any(rows, axis=0)).tolist()} - {*driven})
+        related = np.flatnonzero(np.any(rows, axis=0))
+        followers = np.setdiff1d(related, driven).tolist()
         square = rows[:, followers]
         _, sizes, right = np.linalg.svd(square)
         rank = np.sum(sizes > SINGULAR * np.max(sizes, initial=0.0))
@@ -314,8 +315,7 @@ def _fixed(
             fits = tried[away < SAME_LENGTH]
             if not len(fits):
                 return None
-            rolled = np.round(np.abs(fits[:, 0] - by_angles[k] @ offsets) / SAME_LENGTH)
-            unrolled[k] = fits[np.lexsort([-fits[:, 0], rolled])[0]]
+            unrolled[k] = fits[_least(fits[:, :1] - by_angles[k] @ offsets)]
         lengths = unrolled[:, 0] - by_angles @ offsets
     return GearTrain(
         tuple(followers),
