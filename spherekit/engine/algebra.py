@@ -150,11 +150,8 @@ def _off(
     mechanism: Mechanism, design: DesignGeometry, link: str, pair: str, frame: Exprs
 ) -> Exprs:
     """Return the frame of a pair in a link whose sizes are not those of the pose."""
-    terms = {kind: design.get((kind, (link, pair))) for kind in ("arcs", "angles")}
-    if all(term is None for term in terms.values()):
-        return frame
     for kind, to, value, about in pose_sizes(mechanism, link):  # arcs before angles
-        term = terms[kind]
+        term = design.get((kind, (link, pair)))
         if to == pair and term is not None:
             frame = _about(about, term - value) @ frame
     return frame
@@ -173,19 +170,20 @@ def _in_link(
         return reference_frame(axes_from_sizes(sizes), pair).astype(object)
     place = sizes.axes.index(pair)
     leading = place or 1
-    if abs(np.sin(sizes.arcs[leading - 1])) < COLLINEAR:
+    reference = sizes.arcs[leading - 1]
+    if abs(np.sin(reference)) < COLLINEAR:
         raise EngineError(
             f"{mechanism.name}: links.{link}: the arc to {sizes.axes[leading]} is 0 or 180 "
             "deg, and where it opens its pair's zero jumps, so its sizes have no "
             "derivatives; vary another size, or compare with a file of an arc that is small"
         )
     key = link, sizes.axes[leading]
-    arc = design.get(("arcs", key), sizes.arcs[leading - 1])
+    arc = design.get(("arcs", key), reference)
     turn: Expr = 0.0
     if leading > 1:
         turn = design.get(("angles", key), sizes.angles[leading - 2])
     # Beyond half a turn the way to the other axis runs in the opposite direction.
-    sense = 1.0 if np.sin(sizes.arcs[leading - 1]) > 0.0 else -1.0
+    sense = 1.0 if np.sin(reference) > 0.0 else -1.0
     outward = vector([-1.0 * sine(turn), cosine(turn), 0.0])
     up = vector([0.0, 0.0, 1.0])
     if place == 0:

@@ -77,15 +77,16 @@ def _loops(mechanism: Mechanism, group: Group, closed: Sequence[int]) -> list[Wa
         if body[ends[pair][0]] != body[ends[pair][1]]:
             tree.append(pair)
     last = [
-        (second, [first], ends[second][0] == k) for k, (first, second) in leaves.items()
+        (second, [first], 1 if ends[second][0] == k else -1)
+        for k, (first, second) in leaves.items()
     ]
-    last += [(pair, [], True) for pair in inner if pair not in tree]
+    last += [(pair, [], 1) for pair in inner if pair not in tree]
     loops = []
-    for chord, more, ahead in last:
+    for chord, more, sense in last:
         pair, used = group.pairs[chord], [group.pairs[k] for k in (*tree, *more)]
-        start, end = mechanism.ends[pair][:: 1 if ahead else -1]
+        start, end = mechanism.ends[pair][::sense]
         back = _way(mechanism.ends, [*closed, *used], end, start)
-        loops.append((*back, (pair, 1 if ahead else -1)))
+        loops.append((*back, (pair, sense)))
     return loops
 
 

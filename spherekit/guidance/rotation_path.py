@@ -489,8 +489,8 @@ class Way:
 
 def _longest(at: Nodes) -> float:
     """Return the step that the bend of the way allows."""
-    bend = float(max_abs(np.nan_to_num(at.second))) + 1e-300
-    nearer = NEARER * float(max_abs(at.first)) / bend
+    bend: float = max_abs(np.nan_to_num(at.second)) + 1e-300
+    nearer: float = NEARER * max_abs(at.first) / bend
     step = min(LARGEST_STEP, (2.0 * BEND / bend) ** 0.5)
     return min(step, nearer) if nearer < SHORT else step
 

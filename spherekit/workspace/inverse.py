@@ -112,8 +112,9 @@ class _MidPlaneRows:
         self.normals, self.distance = self.form.normals_to(points)
 
     def cosine(self, one: int, other: int) -> Floats:
-        cosine = np.vecdot(self._axis(one), self._axis(other))
-        return np.broadcast_to(cosine, len(self.points))
+        elbows = self._elbows[0]
+        axes = (self.form.axis(pair, self.normals, elbows) for pair in (one, other))
+        return np.broadcast_to(np.vecdot(*axes), len(self.points))
 
     def angle(self, pair: int) -> Floats:
         ends, joint = self.form.mechanism.ends[pair], revolute(self.form.joints[pair])
@@ -157,10 +158,6 @@ class _MidPlaneRows:
     def _elbows(self) -> tuple[Floats, Floats]:
         return self.form.plane.elbows(self.normals, self.signs)
 
-    def _axis(self, pair: int) -> Floats:
-        """Return the axis (n or 1, 3) of a pair in mirror axes."""
-        return self.form.axis(pair, self.normals, self._elbows[0])
-
 
 class DyadKinematics(ClosedKinematics):
     """An output whose mechanism falls into dyads when it is held."""
@@ -173,32 +170,30 @@ class DyadKinematics(ClosedKinematics):
         super().__init__(kinematics.own, wrist.output, wrist.points)
         self.kinematics, self.modes = kinematics, kinematics.modes
         self.stands = kinematics.dyads.stands
-        self._own = {pair: self._same_axis(pair) for pair in wrist.pairs}
         self.legs = tuple(
             "leg of "
             + ", ".join(
-                self.name_of(self._own.get(pair, pair))
+                self.name_of(self._own(pair))
                 for pair in (stand.near, stand.middle, stand.far)
             )
             for stand in self.stands
         )
 
-    def _same_axis(self, made: int) -> int:
-        """Return the mechanism's own pair with the axis of one made for the output."""
-        mechanism, link = self.kinematics.mechanism, self.kinematics.wrist.link
-        axis = partial(axis_in, mechanism, self.kinematics.solver.joints, link=link)
-        if link in mechanism.ends[made]:
+    def _own(self, made: int) -> int:
+        """Return a pair, or for one made on the output link that with its axis there."""
+        solver, wrist = self.kinematics.solver, self.kinematics.wrist
+        axis = partial(axis_in, solver.mechanism, solver.joints, link=wrist.link)
+        if made == wrist.pairs[-1]:
             for pair, ends in enumerate(self.mechanism.ends):
-                if link in ends and arc(axis(pair), axis(made)) < COLLINEAR:
+                if wrist.link in ends and arc(axis(pair), axis(made)) < COLLINEAR:
                     return pair
         return made
 
     @property
     def spans(self) -> tuple[Span, ...]:
         """What limits the reach: the outer axes of every dyad."""
-        name = self._own
         return tuple(
-            (name.get(x.near, x.near), name.get(x.far, x.far), x.shortest, x.longest, True)
+            (self._own(x.near), self._own(x.far), x.shortest, x.longest, True)
             for x in self.stands
         )
 

@@ -291,9 +291,9 @@ def _on_way(outside: Floats, held: Floats, inside: Callable[[Floats], Bools]) ->
     """Return the quaternion on the way to `held` from which on all samples are inside."""
     low, high = 0.0, 1.0
     for _ in range(WAY_ROUNDS):
-        parts = np.linspace(low, high, WAY_SAMPLES)
-        places = unit_rows((1.0 - parts[:, None]) * outside + parts[:, None] * held)
-        last = int(np.flatnonzero(~inside(places))[-1])
-        low, high = float(parts[last]), float(parts[last + 1])
+        parts = np.linspace(low, high, WAY_SAMPLES)[:, None]
+        places = unit_rows((1.0 - parts) * outside + parts * held)
+        last = np.flatnonzero(~inside(places))[-1]
+        low, high = parts[last : last + 2, 0]
         held_there = places[last + 1]
     return held_there
