@@ -242,10 +242,17 @@ class Eksergian(AbstractAnalysis):
             curve("torque", label, "driving torque", values, "N m")
             for label, values in torques.items()
         ]
-        title, slope = "equivalent inertia", "derivative of the inertia"
-        B = "inertia", "B", title, "kg m2", solution.B, solution.B_parts
-        dB = "derivative", "dB/dq", slope, "kg m2/rad", solution.dB_dq, solution.dB_parts
-        for group, label, title, unit, whole, parts in (B, dB):
+        for group, label, title, unit, whole, parts in (
+            ("inertia", "B", "equivalent inertia", "kg m2", solution.B, solution.B_parts),
+            (
+                "derivative",
+                "dB/dq",
+                "derivative of the inertia",
+                "kg m2/rad",
+                solution.dB_dq,
+                solution.dB_parts,
+            ),
+        ):
             curves.append(curve(group, label, title, whole, unit, 0))
             for mass, part in zip(mechanism.masses, parts.T, strict=True):
                 number = mechanism.link_number[mass.link]

@@ -118,10 +118,10 @@ class InverseSolution(InputMotion):
     rounds: int = 0
 
     def __repr__(self) -> str:
-        modes = len(np.unique(self.assembly_mode))
         return (
             f"<InverseSolution of {self.mechanism.name}: {counted(len(self.t), 'row')} in "
-            f"{counted(modes, 'assembly mode')}, {np.count_nonzero(self.status)} failed>"
+            f"{counted(len(np.unique(self.assembly_mode)), 'assembly mode')}, "
+            f"{np.count_nonzero(self.status)} failed>"
         )
 
     @property
@@ -286,9 +286,9 @@ def _scheduled(mechanism: Mechanism, schedule: TimeScaling, t: Floats) -> Motion
     rows = schedule.at(t)
     tracer = PositionAnalysis(mechanism.with_inputs(*rows.names), follow=False)
     motion = tracer.given(schedule.rotation.at(rows.theta).values)
-    motion = replace(motion, inputs=rows.inputs, status=rows.status)
     timing = Timing(t, rows.rates, rows.accelerations)
-    return replace(going_on(motion, tracer.solver), timing=timing)
+    motion = replace(motion, inputs=rows.inputs, status=rows.status, timing=timing)
+    return going_on(motion, tracer.solver)
 
 
 def needed_torques(motion: Motion) -> InverseSolution:

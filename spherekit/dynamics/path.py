@@ -85,8 +85,7 @@ class Step:
     @cached_property
     def times(self) -> Floats:
         """(N + 2,) times of the nodes and both ends."""
-        x = np.concatenate([[-1.0], GAUSS, [1.0]])
-        return self.start + 0.5 * self.length * (x + 1.0)
+        return self.start + 0.5 * self.length * (np.array([-1.0, *GAUSS, 1.0]) + 1.0)
 
     def column(self, number: int, level: float = 0.0) -> Floats:
         """Return the series (N + 1,) of a state over a level."""
@@ -103,8 +102,7 @@ class Step:
     def passed(self, series: Floats) -> list[float]:
         """Return the times after the start at which a series (k,) changes its sign."""
         crossed = zeros(self._function(series), self.times)
-        later = crossed.places > self.start
-        return crossed.places[later & ~crossed.double].tolist()
+        return crossed.places[(crossed.places > self.start) & ~crossed.double].tolist()
 
     def stopped(self, mechanism: Mechanism, whole: Floats) -> Iterator[tuple[float, str]]:
         """Yield times at which pairs are first beyond a joint limit, and their names.
@@ -142,7 +140,7 @@ class Step:
         if not np.any(small):
             return None
         passed = self.passed(TO_SERIES @ orientation)
-        return min([*passed, float(self.times[1 + int(np.argmax(small))])])
+        return min([*passed, float(self.times[1 + np.argmax(small)])])
 
 
 @dataclass(frozen=True)

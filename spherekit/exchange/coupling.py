@@ -261,9 +261,9 @@ enum {{
     {guard}_INPUTS = {m},
     {guard}_VARIABLES = {k},
     {guard}_POLES = {p},
-    {guard}_MODES = {modes},
-    {guard}_NODES = {nodes},
-    {guard}_CELLS = {cells}
+    {guard}_MODES = {table.error.shape[0]},
+    {guard}_NODES = {table.angles.shape[1]},
+    {guard}_CELLS = {table.error.shape[1]}
 }};
 
 /* What {name}_at returns. */
@@ -288,13 +288,13 @@ static const int {name}_periodic[] = {{{periodic}}};
    derivative   of the coefficients by each input (1/rad)
    turning      angular velocities per unit rate of each input
    Any of the results may be a null pointer. */
-static int {name}_at(int mode, const double q[{m}], double angle[{k1}],
-                     double coefficient[{k1}][{m}], double derivative[{k1}][{m}][{m}],
+static int {name}_at(int mode, const double q[{m}], double angle[{k}],
+                     double coefficient[{k}][{m}], double derivative[{k}][{m}][{m}],
                      double turning[{p1}][{m}][3])
 {{
     int cell[{m}], number = -1, index = 0;
     double at[{m}], turns[{m}];
-    for (int k = 0; k < {modes}; ++k)
+    for (int k = 0; k < {guard}_MODES; ++k)
         if ({name}_mode[k] == mode)
             number = k;
     if (number < 0)
@@ -382,8 +382,7 @@ TURNING = """\
 
 def header(table: CouplingTable) -> str:
     """Return the text of a C header with a table and the function that reads it."""
-    name = re.sub(r"\W", "_", table.mechanism)
-    name = f"m_{name}" if name[0].isdigit() else name
+    name = re.sub(r"^(?=\d)", "m_", re.sub(r"\W", "_", table.mechanism))
     m, k, p = len(table.inputs), len(table.variables), len(table.poles)
     sizes = {"m": m, "k": k, "p": p, "name": name}
     arrays = {
@@ -403,11 +402,7 @@ def header(table: CouplingTable) -> str:
         variables=", ".join(table.variables),
         poles=", ".join(table.poles) or "none",
         guard=name.upper(),
-        k1=max(k, 1),
         p1=max(p, 1),
-        modes=len(table.modes),
-        nodes=len(table.nodes),
-        cells=table.sure.shape[1],
         enums=",".join(
             f"\n    {name}_{re.sub(r'[^A-Za-z0-9_]', '_', word)} = {k}"
             for k, word in enumerate(table.variables)
@@ -432,10 +427,10 @@ def _array(head: str, values: Array) -> str:
     return f"static const {head}{shape} = {{\n{lines}}};"
 
 
-def _braced(values: Array) -> str:
+def _braced(values: ArrayLike) -> str:
     """Return numbers of C; places without a mode are never read, and zero."""
     return json.dumps(np.nan_to_num(values).tolist()).replace("[", "{").replace("]", "}")
 
 
 def _row(values: ArrayLike) -> str:
-    return _braced(np.asarray(values))[1:-1]
+    return _braced(values)[1:-1]

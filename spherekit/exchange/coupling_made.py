@@ -188,8 +188,7 @@ def _table(
     }
     periods = np.array([p for joint in motion.joints for p in joint.periods])
     q = tracer.input_grid.q
-    every = np.arange(motion.samples).reshape(fine)
-    even = every[(slice(None, None, PARTS),) * len(fine)].ravel()
+    even = np.ravel_multi_index(tuple(PARTS * np.indices(counts)), fine).ravel()
     cells = len(modes), math.prod(n - 1 for n in counts)
     table = CouplingTable(
         mechanism=mechanism.name,
