@@ -39,11 +39,11 @@ def computed(
     with faults_of(analysis.name, "compute"):
         given = analysis.compute(batch)
     names = [table.name for table in tables]
-    if not isinstance(given, Mapping) or sorted(map(str, given)) != sorted(names):
-        what = listing(given) if isinstance(given, Mapping) else type(given).__name__
+    returned = _keys(given)
+    if sorted(returned) != sorted(names):
         raise PluginError(
-            f"{analysis.name}: compute returned {what or 'no tables'}, it has to return "
-            f"the declared tables by name: {listing(names)}"
+            f"{analysis.name}: compute returned {listing(returned) or 'no tables'}, it has "
+            f"to return the declared tables by name: {listing(names)}"
         )
     data: dict[str, TableData] = {}
     for table in tables:
@@ -59,12 +59,16 @@ def computed(
     return data
 
 
+def _keys(data: Any) -> list[str]:
+    """Return the keys of data, or what it is if it has none."""
+    return [*map(str, data)] if isinstance(data, Mapping) else [type(data).__name__]
+
+
 def _columns(where: str, table: Table, data: Any) -> dict[str, Array | Interleaved]:
     names = [column.name for column in table.columns]
-    if not isinstance(data, Mapping) or list(data) != names:
-        returned = list(data) if isinstance(data, Mapping) else f"a {type(data).__name__}"
+    if _keys(data) != names:
         raise PluginError(
-            f"{where} was declared with columns {names}, but compute returned {returned}"
+            f"{where} was declared with columns {names}, but compute returned {_keys(data)}"
         )
     made = {
         c.name: _typed(f"{where}: column {c.name}", c, data[c.name]) for c in table.columns

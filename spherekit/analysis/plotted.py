@@ -13,8 +13,7 @@ LONELY = {"curves": 16.0, "colours": 5.0}
 """Values so many times farther apart than the `INNER` ones leave the range: a curve that
 is cut can be followed, of colours the others would keep too few."""
 INNER = (0.1, 0.9)
-BEYOND = 1.0
-"""How far beyond these the range then reaches, over theirs."""
+"""Quantiles; the range then reaches as far beyond these as they are apart."""
 AROUND = 0.05
 """Half the range about what does not change, over its scale."""
 MARGIN = 0.05
@@ -58,8 +57,8 @@ def plotted_range(
         half = AROUND * max(abs(middle), scale) or 1.0
         return middle - half, middle + half
     inner, outer = np.quantile(finite, INNER)
-    if outer > inner and high - low > LONELY[shown_by] * (outer - inner):
-        reach = BEYOND * (outer - inner)
+    reach = outer - inner
+    if 0.0 < LONELY[shown_by] * reach < high - low:
         low = max(low, inner - reach)
         high = min(high, outer + reach)
     margin = MARGIN * (high - low) if shown_by == "curves" else 0.0
@@ -89,12 +88,10 @@ def broken(line: Floats, frame: Range, turn: float | None) -> Floats:
     jump by half a `turn` or more.
     """
     y = line[:, 1]
-    before = y[:-1]
-    after = y[1:]
-    low, high = frame
-    gap = ((before < low) & (after > high)) | ((before > high) & (after < low))
+    side = np.sign(y - np.clip(y, *frame))
+    gap = side[1:] * side[:-1] < 0.0
     if turn is not None:
-        gap |= np.abs(after - before) >= 0.5 * turn
+        gap |= np.abs(np.diff(y)) >= 0.5 * turn
     return parted(line, gap)
 
 
@@ -106,8 +103,8 @@ def cut(line: Floats, frame: Range) -> Floats:
         part = above[places] / (above[places] - above[places + 1])
         x = line[places, 0] + part * (line[places + 1, 0] - line[places, 0])
         line = np.insert(line, places + 1, np.stack([x, np.full_like(x, level)], 1), axis=0)
-    outside = ~((line[:, 1] >= frame[0]) & (line[:, 1] <= frame[1]))
-    return np.where(outside[:, None], np.nan, line)
+    y = line[:, 1:]
+    return np.where(y == np.clip(y, *frame), line, np.nan)
 
 
 WAYS = np.radians([45, 135, 0, -45, 90, -90, -135, 180])

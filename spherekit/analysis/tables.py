@@ -109,20 +109,24 @@ class Table:
         driven = mechanism.input_pairs
         owners = mechanism.names_of(mechanism.variable_owners)
         for column in self.columns:
-            named = [(column.name, column.meaning)]
+            named = {column.name: ""}
             if column.per_passive:
-                named = [
-                    (name, f"{column.meaning} {pair}")
+                named = {
+                    name: f" {pair}"
                     for name, pair in zip(mechanism.variable_names, owners, strict=True)
                     if pair not in driven
-                ]
+                }
             elif column.per_input and len(driven) > 1:
-                named = [
-                    (f"{column.name}_{pair}", f"{column.meaning} {pair}") for pair in driven
-                ]
+                named = {f"{column.name}_{pair}": f" {pair}" for pair in driven}
             columns += [
-                replace(column, name=n, meaning=m, per_input=False, per_passive=False)
-                for n, m in named
+                replace(
+                    column,
+                    name=name,
+                    meaning=column.meaning + pair,
+                    per_input=False,
+                    per_passive=False,
+                )
+                for name, pair in named.items()
             ]
         return replace(self, columns=tuple(columns))
 
@@ -172,9 +176,8 @@ class Table:
         if MODE_NAME not in self.columns:
             return data
         numbers, repeats = once(data[ASSEMBLY_MODE.name])
-        texts = np.array([names.get(k, "") for k in range(max(names, default=0) + 1)])
-        within = (numbers >= 0) & (numbers < len(texts))
-        words = np.where(within, texts[np.where(within, numbers, 0)], "")
+        modes, places = np.unique(numbers, return_inverse=True)
+        words = np.array([names.get(k, "") for k in modes.tolist()], str)[places]
         made = Interleaved([words] * repeats) if repeats > 1 else words
         return {c.name: made if c == MODE_NAME else data[c.name] for c in self.columns}
 

@@ -1,13 +1,13 @@
 """Sizes that make objectives small while conditions hold: search, then descent."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices
+from spherekit.arrays import Array, Floats
 from spherekit.conventions import Names, counted
 from spherekit.design.descent import (
     BESIDE,
@@ -133,12 +133,7 @@ def size(synthesis: Specification, starts: int = 12) -> Synthesis:
         begun: list[Start] = [(HeldMode(mode), place) for mode, place in front]
     else:
         varied = np.stack([rows[variable.name] for variable in sweep.variables])
-        begun = _spread(
-            lambda some: held_modes(made, varied[:, some], rows["mode"][some]),
-            places,
-            wanted[:, 0],
-            starts,
-        )
+        begun = _spread(made, varied, rows["mode"], places, wanted[:, 0], starts)
     ends = []
     for k, (mode, start) in enumerate(begun):
         ends.append(descent.down(mode, start))
@@ -220,20 +215,23 @@ Start = tuple[HeldMode, Floats]
 
 
 def _spread(
-    modes_of: Callable[[Indices], Sequence[HeldMode | None]],
+    evaluator: Evaluator,
+    varied: Floats,
+    modes: Array,
     places: Floats,
     wanted: Floats,
     count: int,
 ) -> list[Start]:
-    """Return the best rows that are not beside a better one of the same mode.
+    """Return the best rows, of modes that can be held, beside no better one of the mode.
 
-    `modes_of` gives the modes of some rows, None where one cannot be held.
+    Rows are of `varied` numbers (variables, rows) of the file.
     """
     chosen: list[Start] = []
     order = np.argsort(wanted, kind="stable")
     for first in range(0, len(order), AHEAD * count):
         rows = order[first : first + AHEAD * count]
-        for row, mode in zip(rows, modes_of(rows), strict=True):
+        held = held_modes(evaluator, varied[:, rows], modes[rows].tolist())
+        for row, mode in zip(rows, held, strict=True):
             if len(chosen) == count:
                 return chosen
             if mode is not None and not any(

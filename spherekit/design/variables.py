@@ -198,14 +198,14 @@ def quantities_of(mechanism: Mechanism) -> Names:
 
 
 OK = "OK"
-EIGHTH = (4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0)
+EIGHTH = (0.8, -0.2, 4.0 / 105.0, -1.0 / 280.0)
 """Weights of central differences of the eighth order, from the nearest on."""
 ONE_SIDED = (
     8.0,
     -14.0,
     56.0 / 3.0,
-    -35.0 / 2.0,
-    56.0 / 5.0,
+    -17.5,
+    11.2,
     -14.0 / 3.0,
     8.0 / 7.0,
     -0.125,
@@ -224,11 +224,10 @@ def slope_by(
     central or to one side, at which `read` raises no `SpherekitError` at any place; None
     without.
     """
-    near, onward = np.arange(1.0, len(EIGHTH) + 1.0), np.arange(1.0, len(ONE_SIDED) + 1.0)
-    both = np.concatenate([EIGHTH, np.negative(EIGHTH)])
-    central = np.concatenate([near, -near])
-    ahead, weights = np.append(0.0, onward), np.array([-np.sum(ONE_SIDED), *ONE_SIDED])
-    stencils = (central, both), (ahead, weights), (-ahead, -weights)
+    ahead, weights = np.arange(9.0), np.array([-np.sum(ONE_SIDED), *ONE_SIDED])
+    near = ahead[1:5]
+    central = np.concatenate([near, -near]), np.concatenate([EIGHTH, np.negative(EIGHTH)])
+    stencils = central, (ahead, weights), (-ahead, -weights)
     for step in steps:
         for places, weighing in stencils:
             total = np.zeros(())

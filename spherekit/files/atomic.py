@@ -146,24 +146,20 @@ def writing(path: AnyPath) -> Iterator[BinaryIO]:
     OutputError
         If it cannot be written; an older file is then unchanged.
     """
-    temporary: Path | None = None
-    try:
-        with _refusing(path, "written"):
-            target = Path(path).resolve()
-            _replaceable(target)
-            mark = os.urandom(4).hex()
-            unfinished = target.with_name(f".{target.name[:100]}.{mark}.part")
-            handle = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-            temporary = unfinished
+    with _refusing(path, "written"):
+        target = Path(path).resolve()
+        _replaceable(target)
+        unfinished = target.with_name(f".{target.name[:100]}.{os.urandom(4).hex()}.part")
+        handle = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        try:
             with open(handle, "wb") as stream:  # noqa: PTH123 (an open descriptor)
                 yield stream
                 stream.flush()
                 os.fsync(handle)
-            temporary.replace(target)
-    finally:
-        # After success the name is gone; after a fault or Ctrl-C the rest goes too.
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
+            unfinished.replace(target)
+        finally:
+            # After success the name is gone; after a fault or Ctrl-C the rest goes too.
+            unfinished.unlink(missing_ok=True)
 
 
 def refused(path: object, what: str, error: OSError | ValueError) -> OutputError:

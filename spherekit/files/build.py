@@ -119,8 +119,6 @@ def build(
         "links": links if isinstance(links, Mapping) else {link: {} for link in links},
         "pairs": {key: _pair(item) for key, item in pairs.items()},
         "inputs": _inputs(name, inputs),
-    }
-    more = {
         "outputs": outputs,
         "mass": mass,
         "loads": loads,
@@ -129,8 +127,8 @@ def build(
         "source": source,
         "user": user,
     }
-    data |= {key: table for key, table in more.items() if table is not None}
-    return read(Document(name, None, _plain(name, (), data)))
+    given = {key: table for key, table in data.items() if table is not None}
+    return read(Document(name, None, _plain(name, (), given)))
 
 
 def _pair(item: Any) -> Any:

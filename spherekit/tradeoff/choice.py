@@ -156,14 +156,13 @@ def _of_trades(
         {x.setting: x for x in record.settings if x.setting and x.counts}
         for record in trades
     ]
-    shared = {
-        setting: [others[setting] for others in counting]
+    measured = {
+        setting: (
+            sum(x[setting].total for x in counting),
+            max(x[setting].error for x in counting),
+        )
         for setting in counting[0]
         if all(setting in others for others in counting)
-    }
-    measured = {
-        setting: (sum(x.total for x in every), max(x.error for x in every))
-        for setting, every in shared.items()
     }
     good = {s: m for s, m in measured.items() if MARGIN * m[1] <= tolerance}
     of = f"of a {kind} trade of {listing(item.analysis for item in trades)}"

@@ -34,8 +34,9 @@ def input_timeline(inputs: Floats) -> tuple[str, int, bool]:
     """
     ticks = np.multiply.outer(SCALES, np.degrees(inputs))
     fits = max_abs(ticks - np.rint(ticks), axis=1) <= 1e-6
-    scale = SCALES[np.argmax(fits)] if np.any(fits) else SCALES[-1]
-    return INPUT if scale == 1 else f"{INPUT}_x{scale}", scale, bool(np.any(fits))
+    exact = bool(np.any(fits))
+    scale = SCALES[np.argmax(fits) if exact else -1]
+    return INPUT if scale == 1 else f"{INPUT}_x{scale}", scale, exact
 
 
 def input_ticks(inputs: Floats, scale: int) -> Integers:
@@ -45,10 +46,8 @@ def input_ticks(inputs: Floats, scale: int) -> Integers:
 
 def input_scale(name: str) -> int | None:
     """Return the scale of a timeline made here, or None for another timeline."""
-    if name == INPUT:
-        return 1
-    scale = name.removeprefix(f"{INPUT}_x")
-    return int(scale) if scale != name and scale.isdigit() else None
+    scale = re.fullmatch(rf"{INPUT}(?:_x(\d+))?", name)
+    return int(scale[1] or 1) if scale else None
 
 
 TURN_SECONDS = 12.0

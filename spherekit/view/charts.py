@@ -180,7 +180,7 @@ class Chart:
         body = colours.heat_of(shown, low, high)
         body[~np.isfinite(shown)] = colours.BACKGROUND
         picture[:, : len(across)] = body
-        scale = colours.heat(np.linspace(1.0, 0.0, len(down)))
+        scale = colours.heat_of(np.linspace(1.0, 0.0, len(down)))
         picture[:, -round(BAR[1]) :] = scale[:, None]
         yield "map", rr.Image(picture)
         words = [
@@ -341,7 +341,7 @@ def _upright(x: Floats) -> Floats:
 
 def horizontal_scale(low: float, high: float, label: str) -> Stills:
     """Yield a scale of colours from left to right, `WIDTH` long, with its words."""
-    scale = colours.heat(np.linspace(0.0, 1.0, round(WIDTH)))
+    scale = colours.heat_of(np.linspace(0.0, 1.0, round(WIDTH)))
     yield "bar", rr.Image(np.tile(scale, (24, 1, 1)))
     words = [(WIDTH * part, 26.0, text) for part, text in side("", (low, high))[1]]
     yield "words", _words([*words, (0.5 * WIDTH, -44.0, label)])

@@ -48,17 +48,12 @@ HEAT: tuple[Colour, ...] = (
 """From low to high; the map viridis of S. van der Walt and N. Smith (2015), in five."""
 
 
-def heat(parts: Floats) -> NDArray[np.uint8]:
-    """Return the colours (..., 3) of values (...) between 0 and 1."""
+def heat_of(values: Floats, low: float = 0.0, high: float = 1.0) -> NDArray[np.uint8]:
+    """Return the colours (..., 3) of values (...) on a scale from low to high."""
+    parts = (np.nan_to_num(values) - low) / (high - low if high > low else 1.0)
     places = np.linspace(0.0, 1.0, len(HEAT))
     columns = [np.interp(parts, places, channel) for channel in np.transpose(HEAT)]
     return np.round(np.stack(columns, axis=-1)).astype(np.uint8)
-
-
-def heat_of(values: Floats, low: float, high: float) -> NDArray[np.uint8]:
-    """Return the colours (..., 3) of values (...) on a scale from low to high."""
-    parts = (np.nan_to_num(values) - low) / (high - low if high > low else 1.0)
-    return heat(np.clip(parts, 0.0, 1.0))
 
 
 def tone(number: int) -> Colour:
@@ -76,7 +71,7 @@ def of_series(link: int | None, used: Sequence[Colour]) -> Colour:
     if link is not None:
         return link_colour(link)
     left = [colour for colour in LINKS[1:] if colour not in used]
-    return left[0] if left else LINKS[1 + len(used) % (len(LINKS) - 1)]
+    return left[0] if left else link_colour(len(used) + 1)
 
 
 def shaded(colour: Colour, step: int) -> Colour:

@@ -82,7 +82,6 @@ PLACES = 9
 """Inputs tried, evenly over their ranges, where the first ones do not close."""
 ZERO_ARC = np.radians(9.0)
 """Radius of the arc that shows how far a pair is from its zero."""
-ZERO_TONE = 0
 
 
 def preview(mechanism: Mechanism, path: Path | str) -> str:
@@ -161,9 +160,9 @@ def _zeros(motion: Motion, row: int) -> list[Primitive]:
         fan = np.cos(ZERO_ARC) * axis + np.sin(ZERO_ARC) * around
         marks = []
         if name in mechanism.input_pairs:
-            marks = [Mark(f"{np.degrees(value):.4g}\u00b0", fan[len(fan) // 2], ZERO_TONE)]
+            marks = [Mark(f"{np.degrees(value):.4g}\u00b0", fan[len(fan) // 2])]
         lines = [np.stack([axis, fan[0]]), fan]
-        parts.append(SphereCurves(f"zero/{name}", name, lines, ZERO_TONE, marks))
+        parts.append(SphereCurves(f"zero/{name}", name, lines, marks=marks))
     return parts
 
 
