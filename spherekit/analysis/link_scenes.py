@@ -159,5 +159,5 @@ def great_arc(a: Floats, b: Floats) -> Floats:
     if np.linalg.norm(np.cross(a, b)) < 1e-12:
         return np.array([a, b])
     angle = arc(a, b)
-    t = np.linspace(0.0, angle, max(2, int(np.ceil(angle / CURVE_STEP)) + 1))[:, None]
+    t = np.linspace(0.0, angle, int(np.ceil(angle / CURVE_STEP)) + 1)[:, None]
     return np.cos(t) * a + np.sin(t) * frame_toward(a, b)[:, 0]

@@ -23,12 +23,12 @@ _added: dict[str, type[AbstractAnalysis]] = {}
 @contextmanager
 def registered(*classes: type[AbstractAnalysis]) -> Iterator[None]:
     """Make analyses known for the length of a `with` block, for notebooks and tests."""
-    names = [cls.name for cls in classes]
-    _added.update(zip(names, classes, strict=True))
+    given = {cls.name: cls for cls in classes}
+    _added.update(given)
     try:
         yield
     finally:
-        for name in names:
+        for name in given:
             _added.pop(name, None)
 
 
@@ -98,13 +98,12 @@ def load(name: str) -> type[AbstractAnalysis]:
         raise AnalysisError(
             f'no analysis is named "{name}"{choices(name, names(), "Installed")}'
         )
-    if len(entries) > 1:
-        origins = listing(_origin(entry) for entry in entries)
+    entry, *others = entries
+    if others:
         raise PluginError(
-            f"analysis {name}: given by several distributions ({origins}); uninstall "
-            "all but one"
+            f"analysis {name}: given by several distributions ({origin_of(name)}); "
+            "uninstall all but one"
         )
-    (entry,) = entries
     try:
         cls = entry.load()
     except (Exception, SystemExit) as problem:

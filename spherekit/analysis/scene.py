@@ -464,15 +464,16 @@ def _in_degrees(shown: Any, along: Floats) -> Any:
 
 def _degrees(unit: str) -> tuple[float, str]:
     """Return by what numbers of a unit are multiplied for people, and their unit then."""
-    if unit not in IN_DEGREES:
-        return 1.0, unit
-    return float(np.degrees(1.0)), IN_DEGREES[unit]
+    return (np.degrees(1.0), IN_DEGREES[unit]) if unit in IN_DEGREES else (1.0, unit)
 
 
 def rows_of(primitive: Primitive) -> Facts:
     """Return the fields of a primitive that have a row for each sample, by name."""
-    fields = {name: getattr(primitive, name) for name in ROWS.get(type(primitive), ())}
-    return {name: rows for name, rows in fields.items() if rows is not None}
+    return {
+        name: rows
+        for name in ROWS.get(type(primitive), ())
+        if (rows := getattr(primitive, name)) is not None
+    }
 
 
 @checked_class(OutputError)

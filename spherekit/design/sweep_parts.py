@@ -183,11 +183,10 @@ class SweepResult:
         return made
 
     def __repr__(self) -> str:
-        space = self.sweep.space
         where = f", in {self.folder}" if self.folder else ""
         return (
             f"SweepResult({self.sweep.mechanism.name}, "
-            f"{counted(space.count, 'design')}{where})"
+            f"{counted(self.sweep.space.count, 'design')}{where})"
         )
 
 

@@ -91,10 +91,9 @@ class Synthesis:
         from spherekit.analysis.frames import frame_of
 
         sweep = self.synthesis.sweep
-        names = [variable.name for variable in sweep.variables]
         columns = {"mode": np.array(self.modes, object)}
         columns |= dict(zip(self.headings, self.objectives.T, strict=True))
-        columns |= dict(zip(names, self.values.T, strict=True))
+        columns |= dict(zip([x.name for x in sweep.variables], self.values.T, strict=True))
         return frame_of(columns | dict(self.figures), {"units": sweep.units()})
 
     @property

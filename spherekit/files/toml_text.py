@@ -7,15 +7,17 @@ from typing import Any
 
 _WIDTH = 88
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-_ESCAPES = {
-    '"': '\\"',
-    "\\": "\\\\",
-    "\n": "\\n",
-    "\t": "\\t",
-    "\r": "\\r",
-    "\b": "\\b",
-    "\f": "\\f",
-}
+_ESCAPES = {k: f"\\u{k:04x}" for k in (*range(32), 127)} | str.maketrans(
+    {
+        '"': '\\"',
+        "\\": "\\\\",
+        "\n": "\\n",
+        "\t": "\\t",
+        "\r": "\\r",
+        "\b": "\\b",
+        "\f": "\\f",
+    }
+)
 
 
 class Literal(str):
@@ -77,9 +79,4 @@ def value_text(value: object) -> str:
 
 
 def _string(text: str) -> str:
-    inner = "".join(
-        _ESCAPES.get(letter)
-        or (letter if letter >= " " and letter != "\x7f" else f"\\u{ord(letter):04x}")
-        for letter in text
-    )
-    return f'"{inner}"'
+    return f'"{text.translate(_ESCAPES)}"'

@@ -27,7 +27,6 @@ from spherekit.design.sweep import (
 )
 from spherekit.design.sweep_parts import SweepResult, run_sweep
 from spherekit.design.synthesis import Synthesis, size
-from spherekit.design.varied import DEG
 from spherekit.errors import DesignError
 from spherekit.files.document import Document, parse, read_text
 from spherekit.files.library import find, is_study, named_in
@@ -36,6 +35,7 @@ from spherekit.files.schema import check
 from spherekit.files.study import Subject, study_of
 from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.parts import in_radians
 from spherekit.planning.inputs import driven_at
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ def sweep_of(
     if samples is not None:
         study = replace(study, samples=samples, path=None)
     document = _document(study.mechanism, subject if source is None else source)
-    radians = DEG if document.data["angle_unit"] == "deg" else 1.0
+    unit = in_radians(1.0, document.data["angle_unit"])
     merits: dict[str, FigureOfMerit] = {}
     for analysis in analyses:
         offered = analysis.merits(study.mechanism)
@@ -159,7 +159,7 @@ def sweep_of(
                 f"{study.mechanism.name}; say what is wanted by reduce, or ask for tables"
             )
         merits |= {merit.name: merit for merit in offered}
-    merits |= {m.name: m for m in (parse_merit(text, radians) for text in reduce)}
+    merits |= {m.name: m for m in (parse_merit(text, unit) for text in reduce)}
     if tables and not analyses:
         raise DesignError(
             f"{study.mechanism.name}: tables are those of analyses: say of which"
@@ -272,8 +272,7 @@ def specification_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Sp
     variations = [between(key, *map(float, ends)) for key, ends in data["vary"].items()]
     figures = [f"{name}={text}" for name, text in data.get("figures", {}).items()]
     subject = named_in(data["mechanism"], Path(path).parent)
-    degrees = document_of(subject).data["angle_unit"] == "deg"
-    missed = _missed(document, data.get("match"), degrees)
+    missed = _missed(document, data.get("match"), in_radians(1.0, angle_unit_of(subject)))
     sweep = sweep_of(
         subject,
         DesignSpace.of(variations, designs, "sobol", seed),
@@ -286,7 +285,7 @@ def specification_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Sp
     return Specification(sweep, objectives, tuple(missed))
 
 
-def _missed(document: Document, match: Facts | None, degrees: bool) -> dict[str, str]:
+def _missed(document: Document, match: Facts | None, unit: float) -> dict[str, str]:
     """Return the figures that say by how much each precision point is missed."""
     if match is None:
         return {}
@@ -302,7 +301,6 @@ def _missed(document: Document, match: Facts | None, degrees: bool) -> dict[str,
     for k, (place, value) in enumerate(zip(inputs, values, strict=True)):
         name = f"missed_{k + 1}"
         if quantity.startswith(("theta_", "transmission_angle_")):
-            unit = DEG if degrees else 1.0
             off = f"{quantity} - ({value * unit!r})"
             miss = f"{1.0 / unit!r}*atan2(sin({off}), cos({off}))"
         else:

@@ -24,7 +24,7 @@ from spherekit.analysis.tables import (
 )
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Integers, SmallIntegers
-from spherekit.conventions import Facts, Names, Status, counted, listing, nearest
+from spherekit.conventions import Facts, Names, Status, counted, listing
 from spherekit.dynamics.start import into_range, reaching, traced
 from spherekit.engine.fields import evaluate as evaluate_poles
 from spherekit.engine.fields import vouched_field
@@ -144,9 +144,8 @@ class Kinematics:
             If there is none of this name, or the pair has two.
         """
         names = self.mechanism.variable_names
-        if name in names:
-            return self._motion.values[:, names.index(name)]
-        return self._motion.values[:, self._variable(name)]
+        number = names.index(name) if name in names else self._variable(name)
+        return self._motion.values[:, number]
 
     @checked(SolveError)
     def variable_coefficient(self, pair: str, moving: str | None = None) -> Floats:
@@ -237,12 +236,10 @@ class Kinematics:
             return inputs.index(name)
         if name is None and len(inputs) == 1:
             return 0
-        why = (
-            "say which input moves"
-            if name is None
-            else f'"{name}" is not an input{nearest(name, inputs)}'
+        raise SolveError(
+            f"{self.mechanism.name}: moving is {name!r}: say which input moves; inputs: "
+            f"{listing(inputs)}"
         )
-        raise SolveError(f"{self.mechanism.name}: moving: {why}; inputs: {listing(inputs)}")
 
 
 @checked(SolveError)
@@ -313,7 +310,7 @@ def _ready(
         else tuple(dict.fromkeys(parse_pole(mechanism, text) for text in poles))
     )
     names = tuple(_name(mechanism, pole) for pole in wanted)
-    pairs = frozenset(pair.name for pair in mechanism.pairs)
+    pairs = frozenset(mechanism.pair_number)
     needs = Needs(
         directions=frozenset(wanted),
         rates=frozenset(wanted),
@@ -417,5 +414,4 @@ def _one_row(
 
 
 def _name(mechanism: Mechanism, pole: Pole) -> str:
-    low, high = (mechanism.links[k] for k in pole)
-    return f"{high}/{low}"
+    return "/".join(mechanism.links[k] for k in reversed(pole))

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from spherekit.argument_validation import checked
-from spherekit.conventions import AnyPath, Names, counted, listing
+from spherekit.conventions import AnyPath, Facts, Names, counted, listing
 from spherekit.dynamics.tabulate import reduced_grid_model, reduced_model
 from spherekit.errors import OutputError, PlanError
 from spherekit.exchange.coupling import CouplingTable, header, write_csv, write_npz
@@ -112,15 +112,16 @@ def export(
     """
     target = Path(path)
     kind = _kind(target, to)
-    given = {
+    options = {
         "poles": poles,
         "tolerance": tolerance,
         "pairs": pairs,
         "samples": samples,
         "at": at,
     }
-    for name, value in given.items():
-        if value is not None and kind not in OWN[name]:
+    given: Facts = {name: x for name, x in options.items() if x is not None}
+    for name in given:
+        if kind not in OWN[name]:
             raise OutputError(
                 f"export: {name} does nothing but for {' or '.join(OWN[name])}; this is "
                 f"{kind}"
@@ -132,18 +133,11 @@ def export(
         )
     mode = assembly_mode or 0
     if kind == "model":
-        return _functions(made, target, mode, poles, tolerance)
+        return _functions(made, target, mode, given)
     if kind == "mjcf":
         return _mujoco(made, target, mode, at)
     if kind == "coupling":
-        table = coupling_table(
-            made,
-            assembly_mode=assembly_mode,
-            pairs=pairs,
-            poles=poles or (),
-            samples=samples,
-            tolerance=1e-6 if tolerance is None else tolerance,
-        )
+        table = coupling_table(made, assembly_mode=assembly_mode, **given)
         return _coupling(table, target)
     dump(made, target)
     return Exported(target, "a mechanism file")
@@ -186,25 +180,15 @@ def _coupling(table: CouplingTable, target: Path) -> Exported:
 
 
 def _functions(
-    mechanism: Mechanism,
-    target: Path,
-    assembly_mode: int,
-    poles: Sequence[str] | None,
-    tolerance: float | None,
+    mechanism: Mechanism, target: Path, assembly_mode: int, given: Facts
 ) -> Exported:
     notes = []
     if mechanism.outputs:
         notes.append(f"outputs left out: {listing(x.name for x in mechanism.outputs)}")
     if not mechanism.masses:
         notes.append("no inertia: the mechanism has no masses")
-    several = len(mechanism.inputs) > 1
-    tabulated: Any = reduced_grid_model if several else reduced_model
-    model = tabulated(
-        mechanism,
-        assembly_mode=assembly_mode,
-        poles=poles or () if several else poles,
-        tolerance=(1e-11 if several else 1e-13) if tolerance is None else tolerance,
-    )
+    tabulated: Any = reduced_grid_model if len(mechanism.inputs) > 1 else reduced_model
+    model = tabulated(mechanism, assembly_mode=assembly_mode, **given)
     if model.heading.covered < 1.0:
         notes.append(
             f"known in {model.heading.covered:.3g} of the box of the inputs' ranges; "
@@ -225,10 +209,9 @@ def _mujoco(
     at: float | Sequence[float] | None,
 ) -> Exported:
     made, values = posed(mechanism, assembly_mode, at)
+    inputs = {name: values[made.angles[name]] for name in made.input_pairs}
     where = listing(
-        f"{item.pair} = {values[made.angles[item.pair]]:.6g} rad "
-        f"({np.degrees(values[made.angles[item.pair]]):.6g} deg)"
-        for item in made.inputs
+        f"{name} = {q:.6g} rad ({np.degrees(q):.6g} deg)" for name, q in inputs.items()
     )
     model = MujocoModel(made, values)
     write_text(target, model.text)

@@ -67,7 +67,6 @@ def choose(
     """
     check_tolerance(study.mechanism.name, tolerance)
     trades = list(stored)
-    kind = "stored"
     plans = []
     if study.start is None:
         course = course_of(study)
@@ -77,13 +76,12 @@ def choose(
                 if not analysis.trades and reads_poles(plan):
                     plans.append(plan)
     if not stored and study.count >= WORTH:
-        kind = "short"
         for plan in plans:
             with suppress(AnalysisError, PluginError):
                 if plan.requests[0].poles:
                     trades.append(trade(study, plan.analyses[0], **SHORT))
     setting, predicted, why = (
-        _of_trades(trades, tolerance, kind)
+        _of_trades(trades, tolerance, "stored" if stored else "short")
         if trades
         else (ORDINARY, np.nan, f"fewer than {WORTH} samples: no trade was made")
     )

@@ -178,6 +178,7 @@ class Layout:
 
     def _space(self, page: Page, title: str) -> rrb.Spatial3DView:
         here = (None, page)
+        position, target, up = self.sight
         solids = [path for owner, path in self.solids if owner in here]
         return rrb.Spatial3DView(
             origin=self.root,
@@ -185,7 +186,9 @@ class Layout:
             name=title,
             background=colours.BACKGROUND,
             line_grid=False,
-            eye_controls=_eye(*map(tuple, self.sight)),
+            eye_controls=rrb.EyeControls3D(
+                position=position, look_target=target, eye_up=up
+            ),
             overrides={path: [how] for owner, path, how in self.overrides if owner in here},
         )
 
@@ -216,10 +219,6 @@ class Layout:
         return rrb.Grid(*views, grid_columns=1 if len(views) < 3 else 2, name="Compare")
 
 
-def _eye(position: Any, target: Any, up: Any) -> rrb.EyeControls3D:
-    return rrb.EyeControls3D(position=position, look_target=target, eye_up=up)
-
-
 def space(path: str, name: str) -> rrb.View:
     """Return the view of a space of its own."""
     return rrb.Spatial3DView(
@@ -227,7 +226,9 @@ def space(path: str, name: str) -> rrb.View:
         name=name,
         background=colours.BACKGROUND,
         line_grid=False,
-        eye_controls=_eye(SPACE_EYE, (0, 0, -0.15), (0, 0, 1)),
+        eye_controls=rrb.EyeControls3D(
+            position=SPACE_EYE, look_target=(0, 0, -0.15), eye_up=(0, 0, 1)
+        ),
     )
 
 

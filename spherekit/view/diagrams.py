@@ -49,14 +49,13 @@ def moving(item: Diagram) -> Iterator[Moving]:
     count = seen.sum(axis=1)
     tints = np.array([colours.tone(tone) for tone in item.tones], np.uint8)
     places = _placed(item, item.places)
-    names = np.tile(item.names, (n, 1))
     shades = np.broadcast_to(tints, (n, k, 3))[seen]
     middles = placed_labels(item.names, np.where(seen[..., None], places, np.nan), LETTER)
     points = rr.Points2D.columns(positions=places[seen], colors=shades)
     yield "points", points.partition(count)
     labels = rr.Points2D.columns(
         positions=middles[seen] - [0.0, charts.LABEL],
-        labels=names[seen].tolist(),
+        labels=np.tile(item.names, (n, 1))[seen].tolist(),
         colors=shades,
     )
     yield "names", labels.partition(count)

@@ -261,8 +261,7 @@ def _speaks_http2(host: str, port: int) -> bool:
 
 def _reason(error: BaseException) -> str:
     """Return the innermost words of an error, in one line."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[-1] if lines else type(error).__name__
+    return (str(error).strip() or type(error).__name__).splitlines()[-1].strip()
 
 
 Still = tuple[str, rr.AsComponents]
@@ -296,8 +295,11 @@ class Outputs:
 
     def cost(self, finished: bool) -> dict[str, int]:
         """Return entities and rows logged, and the bytes of a file that is finished."""
-        files = [place.path for place in self.places if isinstance(place, FileOutput)]
-        whole = sum(path.stat().st_size for path in files) if finished else 0
+        whole = sum(
+            place.path.stat().st_size
+            for place in self.places
+            if finished and isinstance(place, FileOutput)
+        )
         return {"entities": len(self.entities), "rows": self.rows, "bytes": whole}
 
     def open(self) -> None:

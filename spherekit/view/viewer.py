@@ -73,9 +73,8 @@ def open_viewer(recording: Path | str) -> str:
 
 def has_display() -> bool:
     """Return whether a window can be opened."""
-    if sys.platform in ("win32", "darwin"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    displays = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
+    return sys.platform in ("win32", "darwin") or any(displays)
 
 
 PLACES = 9
@@ -158,9 +157,8 @@ def _zeros(motion: Motion, row: int) -> list[Primitive]:
         turn = np.linspace(-value, 0.0, int(abs(value) / 0.05) + 2)[:, None]
         around = np.cos(turn) * x + np.sin(turn) * y
         fan = np.cos(ZERO_ARC) * axis + np.sin(ZERO_ARC) * around
-        marks = []
-        if name in mechanism.input_pairs:
-            marks = [Mark(f"{np.degrees(value):.4g}\u00b0", fan[len(fan) // 2])]
+        middle = Mark(f"{np.degrees(value):.4g}\u00b0", fan[len(fan) // 2])
+        marks = [middle] if name in mechanism.input_pairs else []
         lines = [np.stack([axis, fan[0]]), fan]
         parts.append(SphereCurves(f"zero/{name}", name, lines, marks=marks))
     return parts
@@ -169,7 +167,7 @@ def _zeros(motion: Motion, row: int) -> list[Primitive]:
 def _sizes(motion: Motion, row: int, note: str) -> Text:
     """Return the arcs of links and the angles of pairs as Markdown."""
     mechanism = motion.mechanism
-    lines = [f"# {mechanism.name}", "", *([note, ""] if note else [])]
+    lines = [f"# {mechanism.name}", "", note, ""]
     lines += ["| link | arcs between its axes, deg |", "|---|---|"]
     for link, places in link_axes(mechanism).items():
         sizes = [
@@ -222,9 +220,8 @@ def served(recording: Path | str) -> Iterator[str]:
     """Serve a recording within the context, and give the address of its page."""
     path = recording_at(recording)
     page, data = free_ports(2)
-    words = [str(path.resolve()), "--serve-web", "--bind", HOST]
-    words += ["--web-viewer-port", str(page), "--port", str(data)]
-    with program(*words) as process:
+    ports = "--web-viewer-port", str(page), "--port", str(data)
+    with program(str(path.resolve()), "--serve-web", "--bind", HOST, *ports) as process:
         if not listens(process, page):
             raise OutputError(
                 f"the viewer's web page did not answer at http://{HOST}:{page}/; "
