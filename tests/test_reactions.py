@@ -8,6 +8,7 @@ import pytest
 from newton_euler import loaded, newton_euler, row_of
 
 import spherekit as sk
+from spherekit.cli.main import main
 from spherekit.conventions import Status
 from spherekit.dynamics.inverse import holding_torques, output_stiffness
 from spherekit.dynamics.reactions import reactions
@@ -108,8 +109,6 @@ def test_outputs_yield_by_what_a_moment_does_to_the_inputs():
 
 
 def test_redundant_constraints_are_named_and_left_open(capsys):
-    from spherekit.cli.main import main
-
     assert main(["run", "bevel_differential", "-a", "reactions", "--samples", "3"]) == 0
     said = capsys.readouterr()
     assert "redundant constraints leave open" in said.out

@@ -116,15 +116,10 @@ def test_laps_only_add_whole_turns(models):
         assert np.allclose(model.value("theta_21", np.array([x])), x, rtol=1e-14)
 
 
-def rocker(four_bar):
-    links = four_bar.geometry.links
-    arcs = {"1": 60.0, "2": 55.0, "3": 70.0, "4": 40.0}
-    sizes = {n: replace(links[n], arcs=(np.deg2rad(a),)) for n, a in arcs.items()}
-    return replace(four_bar, geometry=replace(four_bar.geometry, links=sizes))
-
-
 def test_without_a_crank_the_coordinate_is_the_arc_length(four_bar):
-    mechanism = rocker(four_bar)
+    links, arcs = four_bar.geometry.links, {"1": 60.0, "2": 55.0, "3": 70.0, "4": 40.0}
+    sizes = {n: replace(links[n], arcs=(np.deg2rad(a),)) for n, a in arcs.items()}
+    mechanism = replace(four_bar, geometry=replace(four_bar.geometry, links=sizes))
     model = reduced_model(mechanism)
     assert (model.heading.by, model.heading.periodic) == (("s",), True)
     assert model.error < 1e-12
@@ -163,26 +158,30 @@ def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
         return tmp_path / name
 
     header = json.loads(str(arrays["header"]))
-    other = written("version.npz", header=np.array(json.dumps({**header, "version": 1})))
-    with pytest.raises(FileError, match="has version 1 of the format, and spherekit"):
-        load_reduced(other)
-    series = arrays["coefficients_0"].copy()
+    older = np.array(json.dumps({**header, "version": 1}))
+    series, few = arrays["coefficients_0"].copy(), arrays["coefficients_1"][..., :3]
     series[3, 2, 8] = np.nan
-    with pytest.raises(FileError, match='"B" has coefficients that are not finite'):
-        load_reduced(written("nan.npz", coefficients_0=series))
-    with pytest.raises(FileError, match="columns for 5 functions"):
-        few = arrays["coefficients_1"][..., :3]
-        load_reduced(written("columns.npz", coefficients_1=few))
+    np.savez(tmp_path / "foreign.npz", a=np.zeros(3))
+    for path, fault in (
+        (
+            written("version.npz", header=older),
+            "has version 1 of the format, and spherekit",
+        ),
+        (
+            written("nan.npz", coefficients_0=series),
+            '"B" has coefficients that are not fin',
+        ),
+        (written("columns.npz", coefficients_1=few), "columns for 5 functions"),
+        (tmp_path / "foreign.npz", "is not a spherekit reduced model"),
+        (tmp_path / "absent.npz", "cannot be read: No such file"),
+    ):
+        with pytest.raises(FileError, match=fault):
+            load_reduced(path)
     whole = good.read_bytes()
     for part in (0, 100, len(whole) // 2, len(whole) - 30):
         (tmp_path / "cut.npz").write_bytes(whole[:part])
         with pytest.raises(FileError, match="make it anew"):
             load_reduced(tmp_path / "cut.npz")
-    np.savez(tmp_path / "foreign.npz", a=np.zeros(3))
-    with pytest.raises(FileError, match="is not a spherekit reduced model"):
-        load_reduced(tmp_path / "foreign.npz")
-    with pytest.raises(FileError, match="cannot be read: No such file"):
-        load_reduced(tmp_path / "absent.npz")
 
 
 def test_a_stored_model_needs_numpy_only(models, tmp_path):
@@ -190,8 +189,7 @@ def test_a_stored_model_needs_numpy_only(models, tmp_path):
     code = """import sys; from spherekit.dynamics.tabulated import load_reduced
 print(load_reduced(sys.argv[1]).torque(0.3, 1.0, 0.2, 0.1), *sys.modules)"""
     command = [sys.executable, "-c", code, str(tmp_path / "model.npz")]
-    out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    torque, *modules = out.split()
+    torque, *modules = subprocess.check_output(command, text=True).split()
     assert float(torque) == models[0].torque(0.3, 1.0, 0.2, 0.1)
     own = {"spherekit.model.mechanism", "spherekit.motion", "spherekit.files"}
     assert not own & {*modules}
