@@ -95,7 +95,7 @@ def marked(function: Callable[P, R]) -> Callable[P, R]:
 
 def judges(function: object) -> bool:
     """Return whether a function judges what it is called with."""
-    return _MARK in getattr(function, "__dict__", ())
+    return hasattr(function, _MARK)
 
 
 def checked_class(
@@ -259,16 +259,15 @@ def in_words(hint: Any, style: Style = _PYTHON) -> str:
         return style.choice(inner)
     if origin is Callable:
         return "a function"
-    said = [in_words(part, style) for part in inner if part is not ...]
+    said = [in_words(part, style) for part in _parts(inner) if part is not ...]
     if origin in (Union, UnionType):
-        said = [in_words(part, style) for part in _parts(inner)]
         return " or ".join(dict.fromkeys(filter(None, said)))
     if origin is tuple and inner[1:] != (...,):
         return style.items(said)
     if origin in (Sequence, Iterable, tuple):
         return style.many.format(*said)
     if origin in (Mapping, dict):
-        return f"a mapping of {said[0]} to {said[1]}"
+        return f"a mapping of {' to '.join(said)}"
     if origin in (list, set, frozenset):
         return f"a {origin.__name__}, each {said[0]}"
     if origin is type:

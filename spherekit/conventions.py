@@ -108,7 +108,7 @@ def choices(word: object, allowed: Collection[str], what: str, most: int = 12) -
 
 def counted(number: object, noun: str) -> str:
     """Return a number with its noun, ``1 row`` or ``2 rows``; grids are ``41x21 rows``."""
-    return f"{number} {noun}" if str(number) == "1" else f"{number} {noun}s"
+    return f"{number} {noun}{'' if str(number) == '1' else 's'}"
 
 
 Facts = dict[str, Any]
@@ -148,8 +148,7 @@ def without_numbers(text: str) -> str:
 def numbered(word: str, numbers: Iterable[object]) -> str:
     """Return a word with what it counts: ``assembly mode 0``, ``assembly modes 0, 1``."""
     every = list(numbers)
-    plural = "es" if word.endswith("h") else "s"
-    return f"{word}{'' if len(every) == 1 else plural} {listing(every)}"
+    return f"{word}{'' if len(every) == 1 else 's'} {listing(every)}"
 
 
 def with_units(names: Iterable[str], units: Mapping[str, str]) -> list[str]:

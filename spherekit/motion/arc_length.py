@@ -141,8 +141,7 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
     limits, begun = Limits.of(closure, {}), dict[int, _Nodes]()
     for number, values in enumerate(starts):
         with suppress(SolveError):
-            one = closure.take(np.array([number]))
-            begun[number] = _started(one, values, limits)
+            begun[number] = _started(closure.take(np.array([number])), values, limits)
     those = closure.take(np.array([*begun], dtype=np.intp))
     made = _followed(those, list(begun.values()), limits, longest)
     for number, curve in zip(begun, made, strict=True):
@@ -187,8 +186,7 @@ def _curve(ahead: "_Arcs", behind: "_Arcs", row: int, other: int | None) -> ArcC
             "the configuration to follow has its limits on both sides; widen the "
             "joint limits"
         )
-    closure = ahead.closure.take(np.array([row]))
-    return ArcCurve(nodes, closure, ahead.periods, closed, ends)
+    return ArcCurve(nodes, ahead.closure.take(np.array([row])), ahead.periods, closed, ends)
 
 
 def periods_of(closure: Closure) -> Floats:

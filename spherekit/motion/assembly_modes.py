@@ -124,6 +124,9 @@ class Solver:
         self.driven = tuple(
             number for pair in assembly.inputs for number in mechanism.variables_of(pair)
         )
+        self.anchor = np.zeros(len(self.driven))
+        if self.reference is not None:
+            self.anchor = self.reference[list(self.driven)]
 
     @property
     def single(self) -> int:
@@ -138,7 +141,7 @@ class Solver:
     @cached_property
     def meshes(self) -> GearPhases | None:
         """How far wheels have rolled at inputs, None without rolling contacts."""
-        return meshes_of(self.closure, self.driven, self.reference, self._train)
+        return meshes_of(self.closure, self.anchor, self._train)
 
     @cached_property
     def unwrapping(self) -> "Unwrapping":
@@ -297,11 +300,9 @@ class Unwrapping:
     """The turns of passive pairs of one mechanism, mode by mode."""
 
     def __init__(self, solver: "Solver") -> None:
-        self.solver, reference = solver, solver.reference
+        self.solver, self.anchor = solver, solver.anchor
         self._closure, self._driven = solver.closure, list(solver.driven)
         self._angles = sorted({*solver.angles} - {*solver.driven})
-        anchor = np.zeros(len(self._driven))
-        self.anchor = anchor if reference is None else reference[self._driven]
         self._pieces: dict[int, list[Callable[[Floats], Floats]]] = {}
 
     def turns(

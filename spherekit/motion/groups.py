@@ -80,9 +80,9 @@ class State:
                 continue
             a, b = self.ends[pair]
             joint = revolute(self.joints[pair])
-            one = self.within[a] @ joint.first
-            other = self.within[b] @ joint.second
-            self.values[:, self.variables[pair][0]] = pair_angle(one, other)
+            self.values[:, self.variables[pair][0]] = pair_angle(
+                self.within[a] @ joint.first, self.within[b] @ joint.second
+            )
 
 
 def place_dyad(state: State, group: Group, sign: Floats | float) -> Floats:

@@ -126,8 +126,8 @@ class ModeCoalescence:
         with np.errstate(all="ignore"):
             within = self._placed(len(self.groups), q[None])
             one, other = self._sides(range(len(self.solver.joints)), within)
-            cosine, sine = (np.sum(one[..., k] * other[..., 0], axis=-1) for k in (0, 1))
-            return -1j * np.log(cosine + 1j * sine).T
+            turning = (one[..., 0] + 1j * one[..., 1]) * other[..., 0]
+            return -1j * np.log(np.sum(turning, axis=-1)).T
 
     def _determinants(self, part: int, q: Floats) -> Complexes:
         """Return the determinants (n, modes) of a group at inputs q (n, k)."""

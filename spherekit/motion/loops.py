@@ -85,7 +85,7 @@ class LoopTree:
     def chords(self) -> tuple[int, ...]:
         """The pairs that close a loop each."""
         tree = {pair for pair, _, _ in self.placements}
-        return tuple(pair for pair in range(len(self.ends)) if pair not in tree)
+        return tuple(sorted({*range(len(self.ends))} - tree))
 
     @cached_property
     def closing(self) -> Indices:
@@ -239,8 +239,11 @@ def contact_tracks(joints: Sequence[Joint]) -> Iterator[tuple[int, tuple[Track, 
 
 def rolled_lengths(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:
     """Return the variables that say how far wheels have rolled, with their joints."""
-    every = numbered(joints)
-    return [(at + variable, joint) for _, at, joint in every for variable in joint.rolled]
+    return [
+        (at + variable, joint)
+        for _, at, joint in numbered(joints)
+        for variable in joint.rolled
+    ]
 
 
 Places = slice | list[int]

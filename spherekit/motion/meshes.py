@@ -8,7 +8,6 @@ the inputs to a contact, its length is a linear function of them, known also whe
 rest of the mechanism does not close.
 """
 
-from collections.abc import Sequence
 from fractions import Fraction
 from math import lcm
 from typing import NamedTuple
@@ -58,26 +57,22 @@ class GearPhases(NamedTuple):
 
 
 def meshes_of(
-    closure: Closure,
-    driven: Sequence[int],
-    reference: Floats | None,
-    train: GearTrain | None,
+    closure: Closure, anchor: Floats, train: GearTrain | None
 ) -> GearPhases | None:
     """Return what is known of the lengths rolled, None where no contact rolls.
 
-    `driven` are the variables of the inputs, `reference` (variables,) those of a reference
-    pose, `train` what is known of wheels that follow the inputs.
+    `anchor` (k,) rad are the inputs from which they go on, `train` is what is known of
+    wheels that follow the inputs.
     """
     rolling = [variable for variable, _ in rolled_lengths(closure.joints)]
     if not rolling:
         return None
-    anchor = np.zeros(len(driven)) if reference is None else reference[list(driven)]
     if train is None:
-        none, unknown = np.zeros((0, len(driven))), nans(len(driven))
-        return GearPhases((), anchor, none[:, 0], none, unknown, False)
+        none = np.zeros((0, len(anchor)))
+        return GearPhases((), anchor, none[:, 0], none, nans(len(anchor)), False)
     variables = [v for v in rolling if closure.tree.owners[v] in train.contacts]
     ratios, all_known = train.length_ratios, len(variables) == len(rolling)
-    periods = np.full(len(driven), np.inf)
+    periods = np.full(len(anchor), np.inf)
     if all_known:
         laps = periods_of(closure)[variables]
         periods = np.array([_period(laps, ratio) for ratio in ratios.T])

@@ -381,8 +381,6 @@ class ModeSearch:
 
     def _go_beyond(self) -> None:
         """Follow the curves of modes that end within the range to further modes."""
-        if len(self.solver.driven) > 1:
-            return
         for assembly_mode in self.assembly_modes[self._followed :]:
             self._followed += 1
             guide = assembly_mode.guide

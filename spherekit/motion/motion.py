@@ -285,11 +285,6 @@ class Motion(ArrayRows):
         return ~assembled(self.status)
 
 
-def samples_in_block(assembly_modes: int) -> int:
-    """Return the samples of which so many modes together have about `BLOCK` rows."""
-    return max(1, BLOCK // max(1, assembly_modes))
-
-
 def motion_of(solver: Solver, values: Floats) -> Motion:
     """Return closed configurations (n, V) as a motion of one nameless assembly mode.
 
@@ -498,7 +493,7 @@ class PositionAnalysis:
     @property
     def block(self) -> int:
         """Samples in a block of about `BLOCK` rows of all assembly modes together."""
-        return samples_in_block(len(self.assembly_modes))
+        return max(1, BLOCK // max(1, len(self.assembly_modes)))
 
     def motion(self) -> Motion:
         """Return the motion at all samples."""
