@@ -42,6 +42,7 @@ _SIMPLE: Mapping[Any, tuple[tuple[type, ...], str]] = {
 }
 
 
+_UNIONS = (Union, UnionType)
 _HOLDERS: Mapping[Any, Any] = {
     tuple: (tuple, list, np.ndarray),
     Sequence: (Sequence, np.ndarray),
@@ -170,7 +171,7 @@ def _choices(hint: Any) -> list[str]:
     """Return the words that a type allows, if it allows no other text."""
     if get_origin(hint) is Literal:
         return [word for word in get_args(hint) if isinstance(word, str)]
-    if get_origin(hint) in (Union, UnionType):
+    if get_origin(hint) in _UNIONS:
         inner = get_args(hint)
         return [] if str in inner else [word for part in inner for word in _choices(part)]
     return []
@@ -193,7 +194,7 @@ def _fits(value: Any, hint: Any) -> bool:
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Literal:
         return any(type(value) is type(choice) and value == choice for choice in inner)
-    if origin in (Union, UnionType):
+    if origin in _UNIONS:
         return any(_fits(value, part) for part in _parts(inner))
     if origin in _HOLDERS:
         if isinstance(value, str | bytes) or not isinstance(value, _HOLDERS[origin]):
@@ -260,7 +261,7 @@ def in_words(hint: Any, style: Style = _PYTHON) -> str:
     if origin is Callable:
         return "a function"
     said = [in_words(part, style) for part in _parts(inner) if part is not ...]
-    if origin in (Union, UnionType):
+    if origin in _UNIONS:
         return " or ".join(dict.fromkeys(filter(None, said)))
     if origin is tuple and inner[1:] != (...,):
         return style.items(said)
@@ -284,7 +285,7 @@ def read_as(hint: Any, value: Any, one: Callable[[Any, Any], Any], parts: Any) -
     both raise `ValueError`, as this does, where that is not possible.
     """
     origin, inner = get_origin(hint), get_args(hint)
-    if origin in (Union, UnionType):
+    if origin in _UNIONS:
         for kind in inner:
             with contextlib.suppress(ValueError):
                 return read_as(kind, value, one, parts)

@@ -47,7 +47,7 @@ class State:
         n = len(q)
         unturned = np.broadcast_to(np.eye(3), (n, 3, 3))
         within = dict.fromkeys(range(len(mechanism.links)), unturned)
-        variables = tuple(mechanism.variables_of(k) for k in range(len(joints)))
+        variables = tuple(map(mechanism.variables_of, range(len(joints))))
         values = nans((n, len(mechanism.variable_owners)))
         for driven, column in zip(assembly.inputs, q.T, strict=True):
             values[:, variables[driven][0]] = column

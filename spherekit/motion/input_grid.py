@@ -115,7 +115,7 @@ def given_path(q: Floats, inputs: int) -> InputGrid:
     path = np.atleast_1d(np.asarray(q, dtype=float))
     if path.ndim == 1:
         path = path[:, None]
-    if path.ndim != 2 or path.shape[1] != inputs or not len(path):
+    if path.shape[1:] != (inputs,) or not len(path):
         raise SolveError(
             f"a path for {inputs} inputs is an array (samples, {inputs}), not {np.shape(q)}"
         )

@@ -167,13 +167,12 @@ class ModeCoalescence:
 
     def _sides(self, pairs: Iterable[int], within: Sequence[Complexes]) -> Complexes:
         """Return the frames (2, pairs, n, 3, 3) of pairs in all modes, one by one."""
-        sides: list[list[Complexes]] = [[], []]
+        sides = []
         for pair in pairs:
             joint = revolute(self.solver.joints[pair])
-            links = self.solver.mechanism.ends[pair]
-            for side, frame in enumerate((joint.first, joint.second)):
-                sides[side].append(within[links[side]] @ frame)
-        return np.array(sides).reshape(2, len(sides[0]), -1, 3, 3)
+            a, b = self.solver.mechanism.ends[pair]
+            sides.append((within[a] @ joint.first, within[b] @ joint.second))
+        return np.swapaxes(np.reshape(sides, (len(sides), 2, -1, 3, 3)), 0, 1)
 
     def _dependence(self, part: int, determinants: Complexes) -> frozenset[int]:
         """Return the earlier groups whose modes a group's determinants (n, modes) see."""

@@ -7,6 +7,7 @@ by a search; each new one is followed as far as it goes, and beyond where its cu
 in the range.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -175,7 +176,7 @@ class ModeSearch:
             q = grid.q[spread_rows(len(grid), PROBED_INPUTS)]
             return q, Completeness(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")
         dead = input_turning_points(self.solver, *grid.range, MOST_COST, MOST_TIME)
-        step = float(np.ptp(grid.q)) / (PROBED_INPUTS - 1)
+        step = np.ptp(grid.q) / (PROBED_INPUTS - 1)
         return dead.probes(step)[:, None], dead.claim(step)
 
     @property
@@ -216,10 +217,10 @@ class ModeSearch:
             freedoms = [solver.freedoms(one) for one in values]
             self._freedoms += freedoms
             moving = np.array(freedoms) == len(driven)
-        made: list[ModeCurve] | list[ModeOverGrid | None]
+        made: Sequence[ModeCurve | ModeOverGrid | None]
         if len(driven) == 1:
-            low, high = self.input_grid.range
-            made = follow_each(solver.closure, driven[0], values[moving], low, high)
+            ends = self.input_grid.range
+            made = follow_each(solver.closure, driven[0], values[moving], *ends)
         else:
             made = sheets_through(solver.closure, driven, self.input_grid, values[moving])
         guides = iter(made)
@@ -304,7 +305,7 @@ class ModeSearch:
             return claim if all_complete(self.methods) else None
         ends = self.input_grid.range
         dead = input_turning_points(self.solver, *ends, MOST_COST, MOST_TIME)
-        step = float(np.ptp(ends)) / PARTS
+        step = (ends[1] - ends[0]) / PARTS
         self._probe(dead.probes(step)[:, None])
         if not all_complete(self.methods):
             return None
