@@ -26,7 +26,6 @@ from spherekit.plugin import (
     counted,
     link_bodies,
     listing,
-    numbered,
 )
 from spherekit.plugin.rotations import wrap
 from spherekit.plugin.singularities import (
@@ -110,7 +109,7 @@ class OneInput:
     def points(self) -> Row:
         """The main table: points on curves, where curves cross, then whole curves."""
         sampled = self.sampled
-        claim = sampled.configurations.guarantee.value
+        certain = {"double": "no", "guarantee": sampled.configurations.guarantee.value}
         rows: list[Row] = []
         for point in (*sampled.report.points, *sampled.report.crossings):
             rows += self._rows(point)
@@ -129,8 +128,7 @@ class OneInput:
                     "note": f"at rest on the whole of curve {whole.curve}",
                 }
             )
-        listed = [{"double": "no", "guarantee": claim, **row} for row in rows]
-        return SINGULARITIES.stacked(self.batch.mechanism, listed)
+        return SINGULARITIES.stacked(self.batch.mechanism, [certain | row for row in rows])
 
     def _rows(self, point: SingularPoint) -> list[Row]:
         """Return a row for each input of the range at which a singularity is met."""
@@ -189,10 +187,9 @@ class OneInput:
         rows: list[Row] = []
         for (output, form), columns in sampled.measures().items():
             rates = columns["output_rate"], columns["input_rate"]
-            finite = np.isfinite(rates[1])
-            rest = [np.abs(rate) < RESTS for rate in rates]
+            still, held = (np.abs(rate) < RESTS for rate in rates)
             kinds = np.select(
-                [sampled.crossed, ~finite, rest[0] & rest[1], *rest],
+                [sampled.crossed, np.isnan(rates[1]), still & held, still, held],
                 ["III", "", SELF_MOTION, "I", "II"],
                 "regular",
             )
@@ -227,7 +224,7 @@ class OneInput:
         sampled, points, names = self.sampled, self.points, self.names
         report, configurations = sampled.report, sampled.configurations
         inside = points["inside"] == "yes"
-        count = len(sampled.curves)
+        curves = counted(len(sampled.curves), "configuration curve")
         here, beyond = (
             dict(sorted(Counter(points["kind"][some].tolist()).items()))
             for some in (inside, ~inside)
@@ -236,7 +233,7 @@ class OneInput:
         figures: dict[str, Any] = {
             "singularities": here,
             "outside": beyond,
-            "configuration_curves": count,
+            "configuration_curves": len(sampled.curves),
             "guarantee": str(configurations.claim),
             "checks_failed": list(configurations.mismatches),
             "notes": [*report.gaps, *report.notes],
@@ -258,18 +255,13 @@ class OneInput:
         pair = self.batch.moving_inputs[0]
         warnings += coming_near(misses, points, names, self.near, pair)
         counts = _in_words(here) or "no singularities"
-        elsewhere = _in_words(beyond)
-        if sampled.is_simulation:
-            counts += " passed" + f", {elsewhere} elsewhere" * bool(beyond)
-        elif beyond:
-            counts += f" in the range of the input, {elsewhere} outside"
+        counts += " passed" if sampled.is_simulation else " in the range of the input"
+        if beyond:
+            counts += f", {_in_words(beyond)} outside"
         links = sampled.tracer.mechanism.links
-        all_links = len(links) == len(self.batch.mechanism.links)
-        remarks = [
-            f"{counts} on {counted(count, 'configuration curve')}"
-            + ("" if all_links else f" of the links {listing(links)}")
-            + f"; {configurations.claim}"
-        ]
+        if len(links) < len(self.batch.mechanism.links):
+            curves += f" of the links {listing(links)}"
+        remarks = [f"{counts} on {curves}; {configurations.claim}"]
         made = grashof(self.batch.mechanism)
         if made is not None:
             figures["grashof"] = made.name
@@ -297,10 +289,10 @@ class OneInput:
         points = self.points
         mode = str(int(self.batch.assembly_mode[rows.start]))
         here = np.array([mode in m.split("+") for m in points["assembly_mode"]], bool)
+        here &= np.isfinite(points["q"])
         parts: list[Primitive] = []
         for kind in dict.fromkeys(points["kind"][here].tolist()):
-            q = np.unique(points["q"][here & (points["kind"] == kind)])
-            q = q[np.isfinite(q), None]
+            q = np.unique(points["q"][here & (points["kind"] == kind)])[:, None]
             parts.append(InputMarks(f"marks/{kind}", f"type {kind}", q, TONES[kind]))
         return parts
 
@@ -329,15 +321,14 @@ class OneInput:
 
         Singularities are marked.
         """
-        batch = self.batch
-        sampled = self.sampled
+        batch, sampled = self.batch, self.sampled
         name = self.names[output]
         numbers = range(len(sampled.curves))
-        at = np.stack([batch.q, np.full(len(batch), np.nan)], axis=1)
+        at = np.full((len(batch), 2), np.nan)
         for number in numbers:
-            (here,) = np.nonzero(sampled.curve == number)
+            here = sampled.curve == number
+            at[here, 0] = batch.q[here]
             at[here, 1] = self._places(number, output, sampled.s[here])[:, 1]
-        at[np.isnan(at[:, 1])] = np.nan
         met = [
             (point.type, self._places(point.curve, output, np.array([point.s]))[0])
             for point in sampled.report.points
@@ -364,12 +355,12 @@ class OneInput:
         sampled, every = self.sampled, self.points
         points = {k: v[np.isfinite(every["s"])] for k, v in every.items()}
         outputs = [self.names.index(name) for name in points["output"]]
-        places = list(zip(points["curve"].tolist(), points["s"].tolist(), strict=True))
+        places = [points["curve"].tolist(), points["s"]]
         six = [
-            sampled.report.at(curve, np.array([s]), output)[2][-1].poles
-            for (curve, s), output in zip(places, outputs, strict=True)
+            sampled.report.at(curve, s[None], output)[2][-1].poles
+            for curve, s, output in zip(*places, outputs, strict=True)
         ]
-        turned = np.stack([sampled.configuration(*place) for place in places])
+        turned = np.stack([*map(sampled.configuration, *places)])
         coincide = [COINCIDE["I" if kind == "I" else "II"] for kind in points["kind"]]
         parts: list[Primitive] = [*link_bodies(sampled.tracer.mechanism, turned)]
         for name in AXES:
@@ -383,16 +374,13 @@ class OneInput:
             )
             parts.append(GreatCircle(f"plane/{k}", f"plane of {which}", normals))
         told = ("kind", "condition", "assembly_mode", "q", "output")
-        shown = {**points, "q": [f"{q:.4f}" for q in np.degrees(points["q"])]}
-        rows = zip(*(shown[name] for name in told), strict=True)
+        points["q"] = np.array([f"{q:.4f}" for q in np.degrees(points["q"])])
+        rows = zip(*(points[name] for name in told), strict=True)
         lines = [f"| {k} | {' | '.join(texts)} |" for k, texts in enumerate(rows)]
-        coinciding = []
-        for note in dict.fromkeys(filter(None, points["note"].tolist())):
-            numbers = np.flatnonzero(points["note"] == note).tolist()
-            coinciding.append(f"- {numbered('sample', numbers)}: {note}")
-        words = "\n".join([GALLERY, *lines, "", "What coincides:", "", *coinciding])
+        notes = [f"- sample {k}: {note}" for k, note in enumerate(points["note"]) if note]
+        words = "\n".join([GALLERY, *lines, "", "What coincides:", "", *notes])
         parts.append(Text("list", "Singularities", words))
-        over = Axis("singularity", "", np.arange(len(places), dtype=float))
+        over = Axis("singularity", "", np.arange(float(len(six))))
         return Scene("Singularities", tuple(parts), (over,))
 
 

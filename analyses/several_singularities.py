@@ -252,10 +252,10 @@ class SeveralInputs:
         for output in batch.mechanism.outputs:
             name = named(batch.mechanism, output)
             loci = self.loci[output.name]
-            always = [str(locus.kind) for locus in loci if locus.everywhere]
+            always = [locus.kind for locus in loci if locus.everywhere]
             told = [f"{of_type(kind)} in every configuration" for kind in always]
             figures[name] = {"everywhere": sorted(always)}
-            everywhere |= set(always)
+            everywhere.update(always)
             for locus in loci:
                 if not locus.everywhere:
                     counts, words = _in_words(locus)
@@ -286,15 +286,16 @@ class SeveralInputs:
         if self.input_grid is None and len(batch.mechanism.inputs) > MOST_INPUTS:
             remarks.append(f"no aspects: {no_aspects(batch.mechanism)}")
         if parts is not None:
-            figures["aspects"] = [int(size) for size in parts.sizes]
+            figures["aspects"] = parts.sizes.tolist()
             figures["aspects_guarantee"] = parts.guarantee
             figures["singular_on_lattice"] = parts.singular
             if parts.note or not (len(parts.sizes) or everywhere):
-                words = (
+                remarks.append(
                     f"{counted(len(parts.sizes), 'aspect')}; "
                     f"{counted(parts.singular, 'configuration')} met are singular"
+                    + f"; {parts.note}"
+                    * bool(parts.note)
                 )
-                remarks.append("; ".join(filter(None, [words, parts.note])))
         return Findings(figures, tuple(warnings), tuple(remarks))
 
     @property
@@ -394,9 +395,9 @@ class SeveralInputs:
                 curves = [
                     locus
                     for locus in self.loci[output.name]
-                    if isinstance(locus, SingularCurves)
+                    if isinstance(locus, SingularCurves) and locus.curves
                 ]
-                if any(of_type.curves for of_type in curves):
+                if curves:
                     parts.append(self._plane(output, curves, rows))
                     parts += self._on_sphere(output, curves)
             parts += relation_plots(self.relation, len(self.batch), rows)
@@ -452,9 +453,7 @@ def _marks(places: Floats) -> list[Mark]:
 
 
 def _directions(points: SingularPoints) -> Floats:
-    if points.pointing is not None:
-        return points.pointing
-    return points.orientation[:, :, 2]
+    return points.orientation[:, :, 2] if points.pointing is None else points.pointing
 
 
 def _claimed(claim: Completeness) -> Row:
@@ -465,9 +464,8 @@ def _claimed(claim: Completeness) -> Row:
 def _in_words(locus: Locus) -> tuple[dict[str, Any], str]:
     """Return what is found of a type, as figures and in words."""
     if isinstance(locus, SingularSurface):
-        what = "surface"
-        count = len(locus.points.values)
-        irregular = locus.irregular
+        what, irregular = "surface", locus.irregular
+        count = len(locus.nodes)
         figures = {"vertices": count, "irregular": irregular, "claim": locus.guarantee}
         words = f"{count} vertices of surfaces {of_type(locus.kind)}"
     else:
@@ -489,8 +487,8 @@ def _throughout(batch: Batch, rows: OutputCoefficients) -> dict[str, list[int]]:
     """Return by type which assembly modes are singular in every row that is known."""
     modes: dict[str, list[int]] = {}
     for number, in_mode in batch.assembly_mode_rows().items():
-        kinds = set(rows.type[in_mode].tolist()) - {int(RowType.UNKNOWN)}
-        if len(kinds) == 1 and kinds != {int(RowType.REGULAR)}:
+        kinds = set(rows.type[in_mode].tolist()) - {RowType.UNKNOWN}
+        if len(kinds) == 1 and kinds != {RowType.REGULAR}:
             modes.setdefault(RowType(kinds.pop()).label, []).append(number)
     return modes
 
@@ -498,5 +496,5 @@ def _throughout(batch: Batch, rows: OutputCoefficients) -> dict[str, list[int]]:
 def named(mechanism: Mechanism, output: Output) -> str:
     """Return the links of an output, with its name where another one has these too."""
     links = f"{output.link}/{output.relative_to}"
-    alike = [o for o in mechanism.outputs if f"{o.link}/{o.relative_to}" == links]
-    return links if len(alike) == 1 else f"{links} {output.name}"
+    every = [f"{o.link}/{o.relative_to}" for o in mechanism.outputs]
+    return links if every.count(links) == 1 else f"{links} {output.name}"

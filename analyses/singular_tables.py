@@ -98,12 +98,7 @@ ASPECTS = Table(
         INPUTS,
         Column("sign_II", "", "sign of the determinant of type II", "integer"),
         Column("sign_I", "", "sign of the determinant of type I", "integer"),
-        Column(
-            "assembly_modes",
-            "",
-            "assembly modes of one input in the part",
-            "integer",
-        ),
+        Column("assembly_modes", "", "assembly modes of one input in the part", "integer"),
     ),
 )
 
@@ -152,9 +147,7 @@ def configuration_columns(
     ]
     if solver.assembly.has_closed_form and part is None:
         modes = batch.motion.assembly_modes
-        of_modes = np.array([mode.signs for mode in modes]).reshape(
-            len(modes), signs.shape[1]
-        )
+        of_modes = np.reshape([mode.signs for mode in modes], (-1, signs.shape[1]))
         alike = np.all((signs[:, None] == of_modes) | (signs[:, None] == 0), axis=2)
         numbers = np.array([str(mode.number) for mode in modes])
         columns["assembly_mode"] = ["+".join(numbers[row]) for row in alike]
@@ -195,8 +188,7 @@ def plane(
     """
     every = [*(curve.points for curve in curves), *spanned] or [np.zeros((1, 2))]
     points = np.concatenate(every)
-    ends = np.transpose([np.nanmin(points, axis=0), np.nanmax(points, axis=0)]).tolist()
-    x, y = map(tuple, ends)
+    x, y = zip(np.nanmin(points, axis=0), np.nanmax(points, axis=0), strict=True)
     return Portrait(
         path, label, rows[:, 0], rows[:, 1], *axes, x, y, "rad", "rad", curves, marks
     )
@@ -216,8 +208,7 @@ def relation_plots(relation: Row, count: int, rows: slice) -> list[Primitive]:
             path = f"plots/{form}/{output.replace('/', '_')}/{end}"
             if np.any(np.isfinite(values)):
                 label = f"{words}{by}, output {output}"
-                group = f"{group}, form {form}"
-                parts[path] = Series(path, label, group, values, unit)
+                parts[path] = Series(path, label, f"{group}, form {form}", values, unit)
     return [*parts.values()]
 
 

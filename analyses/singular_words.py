@@ -1,6 +1,7 @@
 """What is said of the singularities of a mechanism with one input, in a few lines."""
 
 from collections.abc import Iterable, Mapping
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -37,18 +38,15 @@ def places(points: Row, output: str, input_pair: str) -> list[str]:
     shown = (points["output"] == output) & (points["inside"] == "yes")
     for kind, meaning in MEANING:
         here = shown & (points["kind"] == kind)
-        if not np.any(here):
-            continue
-        what = f"{words_of(kind)} of {output}"
         at = np.degrees(points["q"][here])
-        if not np.all(np.isfinite(at)):
-            lines.append(f"{what}, {meaning}: everywhere on a curve")
-            continue
-        told = "; ".join(
-            f"{_angles(values)} deg" + (f" in {modes}" if modes else "")
-            for modes, values in _by_modes(at, points["assembly_mode"][here]).items()
-        )
-        lines.append(f"{what}, {meaning}: at {input_pair} = {told}")
+        where = "everywhere on a curve"
+        if np.all(np.isfinite(at)):
+            where = f"at {input_pair} = " + "; ".join(
+                f"{_angles(values)} deg" + (f" in {modes}" if modes else "")
+                for modes, values in _by_modes(at, points["assembly_mode"][here]).items()
+            )
+        if len(at):
+            lines.append(f"{words_of(kind)} of {output}, {meaning}: {where}")
     return lines
 
 
@@ -82,16 +80,15 @@ def _degrees(value: float) -> str:
 
 def swings(sampled: SampledSingularities, names: list[str]) -> list[str]:
     """Return how far each output turns on the configuration curves, curves alike in one."""
-    lines: dict[tuple[str, str], list[int]] = {}
-    for number in range(len(sampled.curves)):
-        for output, name in enumerate(names):
-            words = _turning(sampled, number, output)
-            lines.setdefault((name, words), []).append(number)
+    lines: dict[str, list[int]] = {}
     every = len(sampled.curves)
+    for number, (output, name) in product(range(every), enumerate(names)):
+        words = f"{name} {_turning(sampled, number, output)}"
+        lines.setdefault(words, []).append(number)
     return [
-        f"{name} {words}"
+        words
         + ("" if len(curves) == every else f" on {numbered('configuration curve', curves)}")
-        for (name, words), curves in lines.items()
+        for words, curves in lines.items()
     ]
 
 
@@ -122,9 +119,9 @@ def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
     if swing == "0":
         return "rests" + (f" at {_degrees(high)} deg" if variable is not None else "")
     input_ends = curve.at(s[[0, -1]]).values[:, sampled.tracer.solver.single]
-    input_turns = float(np.ptp(input_ends)) / (2.0 * np.pi)
+    input_turns = np.ptp(input_ends) / (2.0 * np.pi)
     if left and input_turns > 1.0 and not reverses:
-        ratio = _degrees(float(np.degrees(np.ptp(along))) / input_turns)
+        ratio = _degrees(np.degrees(np.ptp(along)) / input_turns)
         return f"turns in one sense, by {ratio} deg in a turn of the input"
     if variable is None:
         to_and_fro = "to and fro " if reverses else ""
@@ -163,7 +160,7 @@ def coming_near(
     lines = []
     for kind, output in dict.fromkeys((miss.type, miss.output) for miss in misses):
         name = names[output]
-        met = _met(points, kind, names[output])
+        met = _met(points, kind, name)
         beside = [
             (miss, modes)
             for miss in misses

@@ -86,8 +86,8 @@ def zeros(function: Function, grid: Floats) -> Zeros:
     tops, _ = bracketed_zeros(lambda x, _: function(x)[1], a, b, falls, rises)
     top_value, _ = function(tops)
     apart = np.abs(top_value) > floor
-    sides = (a, tops, fa, top_value), (tops, b, top_value, fb)
-    parts += [np.stack(side)[:, apart] for side in sides]
+    sides = np.stack([(a, tops, fa, top_value), (tops, b, top_value, fb)])
+    parts += [*sides[:, :, apart]]
     tops = tops[~apart]
     a, b, fa, fb = np.concatenate(parts, axis=1)
 

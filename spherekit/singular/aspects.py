@@ -82,12 +82,11 @@ class Aspects:
     @property
     def guarantee(self) -> str:
         """What the labels guarantee, in words."""
-        words = (
+        return (
             "configurations of one aspect are joined by verified steps; two aspects of the "
             "same signs may be one that the samples do not join, and parts between the "
             "samples are not seen"
-        )
-        return "; ".join(filter(None, [words, self.note]))
+        ) + (f"; {self.note}" if self.note else "")
 
 
 def aspects(
@@ -133,7 +132,7 @@ def aspects(
             f"{mechanism.name}: the output has {rest.count} freedoms: {count} inputs can "
             "always move while it rests: no aspect is free of type I; leave that out"
         )
-    counts = list(samples) if isinstance(samples, Sequence) else [samples] * count
+    counts = samples if isinstance(samples, Sequence) else [samples] * count
     input_grid = grids.grid(mechanism.inputs, counts)
     budget = budget or TimeLimit()
     spread = _Spread(solver, input_grid, rest, "I" in free_of, budget)
@@ -195,7 +194,7 @@ class _Spread:
     ) -> None:
         self.budget = budget
         self.solver, self.input_grid = solver, input_grid
-        self.beside = beside = input_grid.neighbours()
+        self.beside = input_grid.neighbours()
         self.driven = list(solver.driven)
         self.periods = periods_of(solver.closure)
         self.output = output
@@ -205,7 +204,7 @@ class _Spread:
             np.zeros((0, len(self.periods))), np.zeros(0, dtype=np.intp)
         )
         self.at = np.full((len(input_grid), 1), -1)
-        self.done = np.zeros((0, len(beside)), dtype=bool)
+        self.done = np.zeros((0, len(self.beside)), dtype=bool)
         self.joined = [np.zeros((0, 2), dtype=np.intp)]
 
     def _judged(self, values: Floats, row: Indices) -> _Nodes:
@@ -226,7 +225,7 @@ class _Spread:
                 inverse = nans(slope.shape + (count,))
                 good = least > SINGULAR
                 inverse[good] = np.linalg.inv(space.basis[good][:, self.driven])
-                slope = np.einsum("ng,ngi->ni", measure.gradient, inverse)
+                slope = np.vecmat(measure.gradient, inverse)
         return _Nodes(values, row, least > SINGULAR, signs, one, slope)
 
     def add(self, values: Floats, row: Indices) -> Indices:
@@ -257,8 +256,8 @@ class _Spread:
         while walked < len(self.nodes) < MOST_CONFIGURATIONS:
             if not self.budget.goes_on(f"configuration {walked + 1} of aspects"):
                 return
-            new = np.arange(walked, len(self.nodes))
-            new, walked = new[self.nodes.regular[new]], len(self.nodes)
+            new = walked + np.flatnonzero(self.nodes.regular[walked:])
+            walked = len(self.nodes)
             for sense in (0, 1):
                 start, way = np.nonzero(~self.done[new, sense::2])
                 self._walk(new[start], 2 * way + sense)
@@ -269,18 +268,17 @@ class _Spread:
         start, way, stop = (part[stop >= 0] for part in (start, way, stop))
         values = self.nodes.values[start]
         goal = self.input_grid.q[stop]
-        goal = goal + TURN * np.round((values[:, self.driven] - goal) / TURN)
+        goal += TURN * np.round((values[:, self.driven] - goal) / TURN)
         reached, status, _ = follow_inputs(self.solver.closure, self.driven, values, goal)
-        arrived = reached.values
         good = status == Status.OK
-        there = self.add(arrived[good], stop[good])
+        there = self.add(reached.values[good], stop[good])
         # From there the same way leads back: ways are in pairs, there and back.
         self.done[there, way[good] ^ 1] = True
         ends = np.stack([start[good], there], axis=1)
         clear = np.all(self.nodes.regular[ends], axis=1)
         if self.divides:  # nothing singular that divides is between, by cubics
-            moved = (arrived - values)[good][:, self.driven]
-            slope = np.einsum("nei,ni->ne", self.nodes.slope[ends], moved)
+            moved = (reached.values - values)[good][:, self.driven]
+            slope = np.matvec(self.nodes.slope[ends], moved)
             value = self.nodes.one[ends]
             signs = np.sign(np.append(value, value + slope * [1.0, -1.0] / 3.0, axis=1))
             clear &= (signs[:, 0] != 0.0) & np.all(signs == signs[:, :1], axis=1)
@@ -289,8 +287,8 @@ class _Spread:
     def labelled(self, free_of: tuple[LocusName, ...]) -> Aspects:
         """Return the regular configurations with their aspects."""
         kept = np.flatnonzero(self.nodes.regular)
-        nodes, n = self.nodes.rows(kept), len(kept)
-        label = labels(n, np.searchsorted(kept, np.concatenate(self.joined)))
+        nodes = self.nodes.rows(kept)
+        label = labels(len(kept), np.searchsorted(kept, np.concatenate(self.joined)))
         sizes = np.bincount(label)
         order = np.argsort(-sizes, kind="stable")
         label, sizes = np.argsort(order)[label], sizes[order]
@@ -308,7 +306,7 @@ class _Spread:
             _signs(nodes.one * self.signed, label, sizes),
             modes,
             free_of,
-            len(self.nodes) - n,
+            len(self.nodes) - len(kept),
             self.budget.note,
         )
 

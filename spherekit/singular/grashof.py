@@ -29,6 +29,7 @@ from spherekit.numeric.minima import minima
 from spherekit.rates.transmission import SINGULAR
 from spherekit.singular.relation import Type
 from spherekit.singular.sampled import SampledSingularities
+from spherekit.sphere.rotation import arc
 
 FOLDS = 1e-9
 """Sums of arcs (rad) below this are zero: the links can lie in one great circle."""
@@ -69,12 +70,9 @@ def grashof(mechanism: Mechanism) -> Grashof | None:
     places = four_bar_links(mechanism)
     if places is None:
         return None
-    axes = [list(of_link.values()) for of_link in link_axes(mechanism).values()]
-    return Grashof(
-        str(class_of(*(_arc(*axes[k]) for k in places))),
-        mechanism.links[places[1]],
-        mechanism.links[places[3]],
-    )
+    axes = [of_link.values() for of_link in link_axes(mechanism).values()]
+    name = str(class_of(*(arc(*axes[k]) for k in places)))
+    return Grashof(name, mechanism.links[places[1]], mechanism.links[places[3]])
 
 
 def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
@@ -94,10 +92,6 @@ def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
         sum(links) - fixed for links in ends if fixed in links and moved not in links
     )
     return fixed, moved, 6 - fixed - moved - output, output
-
-
-def _arc(one: Floats, other: Floats) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other))
 
 
 def class_of(g: ArrayLike, a: ArrayLike, h: ArrayLike, b: ArrayLike) -> NDArray[np.str_]:
@@ -197,9 +191,8 @@ def least_transmission(
         candidates = [*zip(places, curve.at(places).values, strict=True)]
         for s, values in [*candidates, *sampled.crossing_ends(number)]:
             (angle,) = sampled.transmission_angles(values[None])[output]
-            size = float(angle) if not angle <= SINGULAR else 0.0
-            met = _met(sampled, number, float(s), values)
-            every += [(size, q, modes) for q, modes in met]
+            size = 0.0 if angle <= SINGULAR else float(angle)
+            every += [(size, *met) for met in _met(sampled, number, float(s), values)]
     if not every or not np.isfinite(every[0][0]):
         return None
     least, q, _ = min(every, key=lambda candidate: candidate[0])
@@ -238,7 +231,7 @@ def local_least(
         squares = squares[lap]
     ends, inward = _ends(sampled, number)
     there = square(ends)
-    least = (there <= square(inward)) & (there <= limit**2)
+    least = there <= np.minimum(square(inward), limit**2)
     squares = np.append(squares, there[least])
     return np.append(places, ends[least]), np.sqrt(squares)
 
@@ -247,8 +240,8 @@ def _ends(sampled: SampledSingularities, number: int) -> tuple[Floats, Floats]:
     """Return where the range or a curve ends, and places a little inward (k,)."""
     curve = sampled.curves[number]
     pieces = sampled.configurations.curves[number].pieces
-    ends = np.array([(piece.start, piece.stop) for piece in pieces]).reshape(-1, 2)
-    shifts = np.reshape([piece.shift for piece in pieces], (-1, 1))
+    rows = [(piece.start, piece.stop, piece.shift) for piece in pieces]
+    ends, shifts = np.split(np.reshape(rows, (-1, 3)), [2], axis=1)
     turned = curve.at(ends.ravel()).values[:, sampled.tracer.solver.single]
     q = turned.reshape(ends.shape) + shifts
     taken = np.zeros(ends.shape, dtype=bool)

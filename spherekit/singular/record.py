@@ -98,8 +98,8 @@ def _sine(said: str, relation: Relation) -> Floats:
     poles = relation.poles
     if "=" in said:
         one, other = (side.split() for side in said.split("="))
-        (first, sure) = poles.plane(one)
-        (second, also) = poles.plane(other)
+        first, sure = poles.plane(one)
+        second, also = poles.plane(other)
         sine = np.linalg.norm(cross(first, second), axis=-1)
         both = _out_of_plane(poles.stacked([*one, *other]))
         return np.where(np.minimum(sure, also) < TOLERANCE, both, sine)
@@ -155,10 +155,9 @@ def conditions(
         parts = said.split(", ")
         residual = np.max([_sine(part, relation) for part in parts], axis=0)
         words = " and ".join(_words(part, links, names) for part in parts)
-        for row in np.flatnonzero(residual <= UNDECIDED * allowed):
-            size = float(residual[row])
-            certain = bool(residual[row] <= allowed[row])
-            rows[row].append(Holding(label, words, size, certain))
+        for row, (size, most) in enumerate(zip(residual.tolist(), allowed, strict=True)):
+            if size <= UNDECIDED * most:
+                rows[row].append(Holding(label, words, size, bool(size <= most)))
     return [tuple(sorted(row, key=lambda holding: not holding.certain)) for row in rows]
 
 
@@ -226,7 +225,7 @@ def judged(
     told = {kind for kind in types if kind}
     held = {kind: conditions(relation, names, kind, allowed) for kind in told}
     links, other = relation.links, pole_of(*relation.output)
-    gaps = relation.residual(*rates)
+    sizes = np.transpose([relation.c, relation.d, relation.residual(*rates)]).tolist()
     out = []
     for k, (kind, given) in enumerate(zip(types, facts, strict=True)):
         fact = Type.III if given == Type.SELF_MOTION else given
@@ -236,9 +235,9 @@ def judged(
             if resting[a, b][k] and (a, b) != other
         ]
         said = "" if kind == fact else _disagreement(kind, fact, links, still)
-        c, d, gap = (float(size[k]) for size in (relation.c, relation.d, gaps))
-        held_here = held[kind][k] if kind else ()
-        out.append(RelationAt(relation.form, c, d, gap, kind, held_here, said))
+        holding = held[kind][k] if kind else ()
+        c, d, gap = sizes[k]
+        out.append(RelationAt(relation.form, c, d, gap, kind, holding, said))
     return out
 
 

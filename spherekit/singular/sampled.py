@@ -78,13 +78,12 @@ def _modes(
         tracer.assembly_modes, every, motion.status.reshape(-1, k), strict=True
     ):
         good = status == Status.OK
-        values = here[good]
         alike = (
             number
             for number, of_part in there.items()
-            if max_abs(wrap(of_part[good] - values)) < SAME_CONFIGURATION
+            if max_abs(wrap((of_part - here)[good])) < SAME_CONFIGURATION
         )
-        number = next(alike, None) if len(values) else None
+        number = next(alike, None) if np.any(good) else None
         if number is None:
             return None
         modes[number] += (mode.number,)
@@ -173,10 +172,7 @@ class SampledSingularities:
             away = np.where(curve < 0, max_abs(wrapped, axis=1), np.inf)
             status[away < NEAR_CROSSING] = Status.AT_SINGULARITY
             crossed |= (away < AT_CROSSING) & (crossing.crossing is not None)
-        self.curve = curve
-        self.s = s
-        self.status = status
-        self.crossed = crossed
+        self.curve, self.s, self.status, self.crossed = curve, s, status, crossed
 
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
         """Return the numbers of all assembly modes on pieces of curves."""
@@ -223,7 +219,7 @@ class SampledSingularities:
         number, s = place
         if self._ways is None or number not in self._ways:
             return self._ways is None
-        (low, high) = self._ways[number]
+        low, high = self._ways[number]
         curve = self.curves[number]
         lap = curve.length if curve.closed else np.inf
         return bool((s - low + TOUCHES) % lap <= high - low + 2.0 * TOUCHES)
@@ -251,9 +247,8 @@ class SampledSingularities:
 
     def whole_range(self, curve: int) -> int:
         """Return of how many whole periods of a curve the range is, 0 if of no number."""
-        if self.is_simulation:
-            return 0
-        return whole_periods(*self.range, self._period(curve))
+        period = self._period(curve)
+        return 0 if self.is_simulation else whole_periods(*self.range, period)
 
     def _period(self, curve: int) -> float:
         """Return the growth of the input with which a curve's configurations return."""
@@ -321,11 +316,10 @@ class SampledSingularities:
                 if sum(not links.isdisjoint(output) for links in map(set, group.bodies)) > 1
             )
             dyad = next(joining, None)
-            if dyad is None or not dyad.is_dyad:
-                angles.append(nans(len(values)))
-                continue
-            near, middle, far = (axes[:, dyad.pairs[place]] for place in dyad.dyad_places)
-            angle = arc(cross(near, middle), cross(middle, far))
+            angle = nans(len(values))
+            if dyad is not None and dyad.is_dyad:
+                near, middle, far = (axes[:, dyad.pairs[k]] for k in dyad.dyad_places)
+                angle = arc(cross(near, middle), cross(middle, far))
             angles.append(np.minimum(angle, np.pi - angle))
         return angles
 
@@ -353,7 +347,7 @@ class SampledSingularities:
     def configuration(self, curve: int, s: float) -> Floats:
         """Return the orientations (links, 3, 3) of all links at a place of a curve."""
         arc = self.curves[curve]
-        return arc.closure.at(arc.at([s]).values).placed[0]
+        return arc.closure.at(arc.at(s).values).placed[0]
 
     def crossing_ends(self, curve: int) -> list[tuple[float, Floats]]:
         """Return where a curve ends at crossings: s, and the crossing (variables,).
@@ -385,7 +379,5 @@ class SampledSingularities:
             places = np.concatenate([places - lap, places, places + lap])
         places = places[np.argsort(places[:, 0])]
         after = np.searchsorted(places[:, 0], s)
-        beside = np.pad(places[:, 1], 1, constant_values=np.nan)
-        return np.fmin.reduce(
-            np.abs(beside[[after, after + 1]] - curve.at(s).values[:, self._driven]), axis=0
-        )
+        beside = np.pad(places[:, 1], 1, constant_values=np.nan)[[after, after + 1]]
+        return np.fmin.reduce(np.abs(beside - curve.at(s).values[:, self._driven]))
