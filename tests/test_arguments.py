@@ -198,14 +198,9 @@ def test_what_the_types_allow_passes():
     assert asked(count=3, size=2) == 3
     for numbers in (1, 0.5, [1, 2], [[1.0], [2.0]], np.eye(3), None):
         assert asked(3, numbers=numbers) == 3
-    for wrong in (
-        {"count": 3.0},
-        {"count": True},
-        {"count": 3, "size": "2"},
-        {"count": 3, "numbers": "a"},
-    ):
+    for wrong in ([3.0], [True], [3, "2"], [3, 2.0, False, None, None, "a"]):
         with pytest.raises(SpherekitError):
-            asked(**wrong)
+            asked(*wrong)
     with pytest.raises(SpherekitError, match="asked: missing a required argument: 'count'"):
         asked()
     with pytest.raises(SpherekitError, match=r'asked: no argument is "cnt"; did you mean'):
@@ -221,9 +216,8 @@ def test_names_are_those_of_the_library_to_help_and_to_pickle():
     assert inertia.__doc__ == ours.__doc__ and inertia.__name__ == ours.__name__
     assert judges(inertia) and not judges(ours)
     assert pickle.loads(pickle.dumps(inertia)) is inertia
-    assert list(inspect.signature(LockedInputSection).parameters) == list(
-        LockedInputSection.__dataclass_fields__
-    )
+    parameters = inspect.signature(LockedInputSection).parameters
+    assert [*parameters] == [*LockedInputSection.__dataclass_fields__]
 
 
 CALLS = """
