@@ -267,9 +267,10 @@ class Dynamics(AbstractAnalysis):
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger torques of both."""
-        both = before.figures["inputs"], now.figures["inputs"]
         lost = sum(item.figures["rows_at_singularities"] for item in (before, now))
-        largest = largest_of(*both, "largest_torque_Nm")
+        largest = largest_of(
+            before.figures["inputs"], now.figures["inputs"], "largest_torque_Nm"
+        )
         return _said({**now.figures, "inputs": largest, "rows_at_singularities": lost})
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:

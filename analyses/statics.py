@@ -192,8 +192,8 @@ class Statics(AbstractAnalysis):
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger torques of both."""
-        both = before.figures["inputs"], now.figures["inputs"]
-        return _said(largest_of(*both, LARGEST), now.figures["loads"])
+        largest = largest_of(before.figures["inputs"], now.figures["inputs"], LARGEST)
+        return _said(largest, now.figures["loads"])
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of holding torques, mechanical advantage and stiffness."""

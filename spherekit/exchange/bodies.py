@@ -207,8 +207,9 @@ Inertia = tuple[Any, float | None, Any]
 
 def _masses(mechanism: Mechanism) -> tuple[dict[str, Inertia], bool]:
     """Return the inertia of links, made up where no moving link has any."""
-    masses: dict[str, Inertia]
-    masses = {m.link: (m.tensor, m.mass, m.centre) for m in mechanism.masses}
+    masses: dict[str, Inertia] = {
+        m.link: (m.tensor, m.mass, m.centre) for m in mechanism.masses
+    }
     if any(np.any(m[0]) for link, m in masses.items() if link != mechanism.ground):
         return masses, False
     for link, shape in zip(mechanism.links, link_shapes(mechanism), strict=True):
