@@ -186,7 +186,7 @@ class Integrator:
         }
 
     def _note(self, which: int) -> Callable[[Any, Any, int], None]:
-        return lambda _, when, sense: self.seen.append((which, float(when)))
+        return lambda _, when, sense: self.seen.append((which, when))
 
     def _flip(self, event: EventFunction, which: int) -> Callable[[Any, int], bool]:
         def turn(running: Any, sense: int) -> bool:
@@ -222,13 +222,13 @@ class Integrator:
         outcome, length = self.adaptive.step(max_delta_t=longest, write_tc=True)
         code = int(outcome)
         if code in self.outcomes:
-            return self.outcomes[code], float(length)
+            return self.outcomes[code], length
         if code >= 0:
-            return "switch", float(length)
+            return "switch", length
         which = self.terminal[-code - 1]
         if self.events[which].kind != "switch":
             self.seen.append((which, self.time))
-        return "event", float(length)
+        return "event", length
 
     @property
     def coefficients(self) -> Floats:

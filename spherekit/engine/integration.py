@@ -248,7 +248,7 @@ class Integration:
         self.turning = np.isin(np.arange(self.count), [*mechanism.angles.values()])
         self.stops = [v for stop in mechanism.joint_limits for v in (stop.low, stop.high)]
         self.sides = np.zeros(len(equation.layout.conditions))
-        self.first = np.array([*values, *(momenta / self.unit), *np.zeros(len(self.work))])
+        self.first = np.concatenate([values, momenta / self.unit, np.zeros_like(self.work)])
         self.stretches: list[Stretch] = []
         self.longest = np.inf
         """Longest step that is tried, where longer ones missed what a load does."""

@@ -165,11 +165,11 @@ def carried_vectors(
             one, other = (part.vector for part in around)
             carried[owned[0]] = UnitTwist(one + other, ends[0], slide=cross(one, other))
         else:
-            near = int(placed[ends[0]].depth > placed[ends[1]].depth)
+            near = placed[ends[0]].depth > placed[ends[1]].depth
             tangent, _, point = _axes(sides[near], placed[ends[near]], variables)
             lines[pair] = UnitTwist(point, ends[near], slide=tangent)
             carried[owned[0]] = _rolling(sides, sides[near].curvature, lines[pair])
-    return [carried[v] for v in sorted(carried)], lines
+    return [*carried.values()], lines
 
 
 def along_ways(tree: LoopTree, parts: Sequence[Exprs]) -> list[Exprs]:

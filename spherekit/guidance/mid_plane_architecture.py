@@ -259,11 +259,10 @@ class MidPlaneArchitecture:
                 f"modes: found {signs.tolist()}, needs 1 or -1 for each of "
                 f"{len(self.legs)} legs"
             )
-        start, stop = upward(unit(start)), upward(unit(stop))
-        self.check_reach(start)
-        self.check_reach(stop)
-        first, second = self.orientations(np.stack([start, stop]))
-        return self.rotation_about(start, *turn_to(first, second), signs)
+        ends = np.stack([upward(unit(normal)) for normal in (start, stop)])
+        for normal in ends:
+            self.check_reach(normal)
+        return self.rotation_about(ends[0], *turn_to(*self.orientations(ends)), signs)
 
     def rotation_about(
         self, start: Floats, axis: Floats, angle: float, modes: Floats
