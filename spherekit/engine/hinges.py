@@ -82,10 +82,9 @@ class EquivalentLinkage:
 
     def values(self, given: Floats) -> Floats:
         """Return its variables (n, v) from those of the given mechanism (n, w)."""
-        columns = (
-            turn.scale * given[:, turn.variable] + turn.offset for turn in self.turns
+        return np.column_stack(
+            [turn.scale * given[:, turn.variable] + turn.offset for turn in self.turns]
         )
-        return np.column_stack([*columns])
 
     def pairs(self, given: Mapping[int, Expr]) -> TurningPairs:
         """Return the pairs of the mechanism with terms for some of the `numbers`."""
@@ -102,8 +101,7 @@ class EquivalentLinkage:
         followers = {}
         if self.train is not None:
             rows = np.array([*angles], dtype=object).reshape(len(self.train.followers), -1)
-            for pair, row in zip(self.train.followers, rows, strict=True):
-                followers[pair] = row.tolist()
+            followers = dict(zip(self.train.followers, rows.tolist(), strict=True))
         return TurningPairs(tuple(chains), {}, followers)
 
 

@@ -46,17 +46,16 @@ def with_columns(
     """
     if not profiles:
         return values
-    count, width = len(values), len(PARTS)
-    made = np.empty((count + width * len(profiles), values.shape[1]), dtype=values.dtype)
+    count, n = values.shape
+    made = np.empty((count + len(PARTS) * len(profiles), n), dtype=values.dtype)
     made[:count] = values
-    for k, profile in enumerate(profiles):
-        rows = slice(count + width * k, count + width * (k + 1))
+    columns = made[count:].reshape(len(profiles), len(PARTS), n)
+    for profile, rows in zip(profiles, columns, strict=True):
         _, at, start = profile.track
         place = (values if base is None else base)[at]
-        made[rows] = profile.series.at(place + start)
+        rows[:] = profile.series.at(place + start)
         if base is not None:
-            slopes = profile.series.slopes(place + start).astype(values.dtype)
-            made[rows] += slopes * (values[at] - place.astype(values.dtype))
+            rows += profile.series.slopes(place + start) * (values[at] - place)
     return made
 
 

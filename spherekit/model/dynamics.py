@@ -93,7 +93,7 @@ def uniform_arc(
     is at radius sin(a/2) / (a/2) along e.
     """
     frame = axes_frame(first, second)
-    length = float(np.arctan2(second @ frame[:, 1], second @ first))
+    length = np.arctan2(second @ frame[:, 1], second @ first)
     half = length / 2
     middle = np.cos(half) * frame[:, 2] + np.sin(half) * frame[:, 1]
     across = np.cos(half) * frame[:, 1] - np.sin(half) * frame[:, 2]
@@ -159,11 +159,9 @@ class Bearings(BearingFriction):
         with the force through it (..., 3) N, this for their sum; without, they are those
         of the couple alone. Along the axis they are NaN where `axial` is not said.
         """
-        bent = np.stack(
-            [moments[..., 1], -moments[..., 0], np.zeros(moments.shape[:-1])], axis=-1
-        )
+        bent = moments[..., [1, 0, 2]] * [1.0, -1.0, 0.0]
         first, *rest = self.positions
-        pull = np.zeros_like(bent) if forces is None else forces * [1.0, 1.0, 0.0]
+        pull = 0.0 * bent if forces is None else forces * [1.0, 1.0, 0.0]
         if rest:
             (second,) = rest
             span = second - first
@@ -345,12 +343,10 @@ class Gravity(Load):
     def components(self, mechanism: Loaded) -> Components:
         weights = []
         for mass in mechanism.masses:
-            if mass.link == mechanism.ground:
-                continue
-            assert mass.mass is not None and mass.centre is not None
-            x, y, z = (mass.mass * float(part) for part in self.acceleration)
-            at = vector_of(mass.centre)
-            weights.append(LinkMoment(mass.link, (x, y, z), "ground", at))
+            if mass.link != mechanism.ground:
+                weight = vector_of(mass.mass * part for part in self.acceleration)
+                at = vector_of(mass.centre)
+                weights.append(LinkMoment(mass.link, weight, "ground", at))
         return acting(mechanism, "1", moments=tuple(weights))
 
 
@@ -487,10 +483,9 @@ def _on_link(
     texts: Expressions,
     arm: Vector | None,
 ) -> Components:
-    moments = (LinkMoment(load.link, axis, load.axes, arm) for axis in _UNITS)
     return tuple(
-        acting(mechanism, text, moments=(moment,))[0]
-        for text, moment in zip(texts, moments, strict=True)
+        acting(mechanism, text, moments=(LinkMoment(load.link, axis, load.axes, arm),))[0]
+        for text, axis in zip(texts, _UNITS, strict=True)
     )
 
 
@@ -537,7 +532,7 @@ def check_mass(mass: Mass) -> None:
     need_finite(f"{key}.centre", mass.centre)
     moved = tensor - moments_of_point(mass.mass, np.array(mass.centre))
     about = f" about the centre of mass ({mass.mass:g} kg at {list(mass.centre)} m)"
-    _need_moments(key, moved, MOMENT_TOLERANCE * float(max_abs(tensor)), about)
+    _need_moments(key, moved, MOMENT_TOLERANCE * max_abs(tensor), about)
 
 
 def check_tensor(key: str, tensor: Floats) -> None:
@@ -552,7 +547,7 @@ def check_tensor(key: str, tensor: Floats) -> None:
     if tensor.shape != (3, 3):
         raise ModelError(f"{key}: has the shape {tensor.shape}, needs (3, 3)")
     need_finite(key, tensor.ravel())
-    largest = float(max_abs(tensor))
+    largest = max_abs(tensor)
     for i, j in np.argwhere(np.abs(tensor - tensor.T) > ASYMMETRY * largest):
         raise ModelError(
             f"{key}: not symmetric: row {i + 1}, column {j + 1} has {tensor[i, j]}, "
@@ -562,7 +557,7 @@ def check_tensor(key: str, tensor: Floats) -> None:
 
 
 def _need_moments(key: str, tensor: Floats, slack: float, about: str) -> None:
-    small, middle, large = map(float, np.linalg.eigvalsh(tensor))
+    small, middle, large = np.linalg.eigvalsh(tensor)
     excess = large - middle - small
     if small < -slack:
         what = f"smallest principal moment{about} is {small:.6g} kg m2; none is below 0"

@@ -4,7 +4,7 @@ import ast
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
 from itertools import combinations
@@ -73,7 +73,9 @@ ON_ARRAYS: Mapping[str, Callable[..., Any]] = MappingProxyType(
 FUNCTIONS: Mapping[str, tuple[int, int | None]] = MappingProxyType(
     {
         **{name: (1, 1) for name in ON_ARRAYS if name.isalnum() and name != "negative"},
-        **{"atan2": (2, 2), "min": (2, None), "max": (2, None)},
+        "atan2": (2, 2),
+        "min": (2, None),
+        "max": (2, None),
     }
 )
 """Fewest and most arguments of each function; `log` is the natural logarithm."""
@@ -167,9 +169,8 @@ class Expression:
             return np.array(np.broadcast_to(value, shape))
 
 
-def load_names(pairs: Iterable[str]) -> Names:
+def load_names(pairs: Collection[str]) -> Names:
     """Return the names a load may use, given the names of the R pairs."""
-    pairs = list(pairs)
     return ("t", *(f"{kind}_{pair}" for kind in ("theta", "dtheta") for pair in pairs))
 
 
@@ -260,8 +261,8 @@ def _tree(item: ast.expr, names: Names, margin: int, depth: int = 1) -> Node:
     raise _fault(column, f"{ast.unparse(item)} {what}", "constants have to be finite")
 
 
-def _number(value: object, column: int) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
+def _number(value: Any, column: int) -> float:
+    if type(value) not in (int, float):
         raise _fault(column, f"found {value!r}, which is not a real number")
     if value > sys.float_info.max:
         raise _fault(column, "found a number too large for a float64")

@@ -181,7 +181,7 @@ def arc_pole(first: Vector, second: Vector) -> Vector:
         If the two are equal or opposite, so that many great circles join them.
     """
     pole = cross(np.array(first), np.array(second))
-    length = float(np.linalg.norm(pole))
+    length = np.linalg.norm(pole)
     if length < COLLINEAR:
         which = "equal" if np.dot(first, second) > 0 else "opposite"
         raise ModelError(
@@ -204,9 +204,9 @@ def frames_of_sizes(pairs: Sequence[Pair], geometry: SizeGeometry) -> tuple[Fram
     first, second = {}, {}
     for pair in pairs:
         if pair.kind.has_axis:
-            zero = about_z(geometry.zeros.get(pair.name, 0.0))
-            first[pair.name] = reference_frame(axes[pair.links[0]], pair.name) @ zero
-            second[pair.name] = reference_frame(axes[pair.links[1]], pair.name)
+            near, far = (reference_frame(axes[link], pair.name) for link in pair.links)
+            first[pair.name] = near @ about_z(geometry.zeros.get(pair.name, 0.0))
+            second[pair.name] = far
     return first, second
 
 
@@ -307,7 +307,7 @@ def pitch_angles(
     ratio = teeth[1] / teeth[0]
     first = math.atan2(math.sin(shaft_angle), ratio + sense * math.cos(shaft_angle))
     second = shaft_angle - sense * first
-    if not (0.0 < first < math.pi and 0.0 < second < math.pi):
+    if not 0.0 < min(first, second) <= max(first, second) < math.pi:
         raise ModelError(
             f"gears with {teeth[0]} and {teeth[1]} teeth have no pitch cones that touch in "
             f"{contact} contact at a shaft angle of {math.degrees(shaft_angle):.6g} deg"
@@ -550,7 +550,7 @@ def lengths_at(wheels: Sequence["Wheel"], turns: Sequence[Floats]) -> list[float
     radius, beyond = (wheel.radius for wheel in wheels)
     centre, beside = (x @ wheel.centre for wheel, x in zip(wheels, turns, strict=True))
     across = beside - (centre @ beside) * centre
-    size = float(np.linalg.norm(across))
+    size = np.linalg.norm(across)
     if size < COLLINEAR:
         raise ModelError("both wheels turn about one line, so they touch everywhere")
     sense = np.sign(np.sin(radius - beyond))
@@ -587,5 +587,5 @@ class Wheel(NamedTuple):
     def length(self, direction: Floats) -> float:
         """Return the length (rad) where the contact lies in a direction (3,)."""
         side = cross(self.centre, self.ahead)
-        azimuth = float(np.arctan2(side @ direction, self.ahead @ direction))
-        return float(np.sin(self.radius)) * azimuth - self.start
+        azimuth = np.arctan2(side @ direction, self.ahead @ direction)
+        return float(np.sin(self.radius) * azimuth - self.start)

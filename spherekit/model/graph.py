@@ -36,7 +36,7 @@ def joined(count: int, couples: Iterable[tuple[int, int]]) -> list[int]:
     """Return for each of so many things the smallest of those that couples join it to."""
     owner = list(range(count))
     for couple in couples:
-        low, high = sorted((owner[couple[0]], owner[couple[1]]))
+        low, high = sorted(owner[k] for k in couple)
         owner = [low if label == high else label for label in owner]
     return owner
 

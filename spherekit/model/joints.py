@@ -139,15 +139,12 @@ class Joint(ABC):
         made = PairStates.blank(len(values), len(joints))
         finite = values if all_finite(values) else np.nan_to_num(values)
         for k, joint in enumerate(joints):
-            one, other = (
-                track.curve.at(finite[:, k, track.variable] + track.start)
-                for track in joint.tracks
-            )
-            made.first[:, k], made.second[:, k] = one.frame, other.frame
-            for side, point in enumerate((one, other)):
+            for side, track in enumerate(joint.tracks):
+                point = track.curve.at(finite[:, k, track.variable] + track.start)
+                (made.first, made.second)[side][:, k] = point.frame
                 made.curvatures[:, k, side] = point.curvature
                 made.curvature_rates[:, k, side] = point.curvature_rate
-            made.inside[:, k] = one.inside & other.inside
+                made.inside[:, k] &= point.inside
         return made
 
     @staticmethod

@@ -65,12 +65,11 @@ class Called:
         """
         states = (values["t"], values[f"theta_{self.pair}"], values[f"dtheta_{self.pair}"])
         torques = []
-        for state in zip(*(x.tolist() for x in np.broadcast_arrays(*states)), strict=True):
-            torque = self.function(*state)
+        for t, q, dq in np.transpose(np.broadcast_arrays(*states)).tolist():
+            torque = self.function(t, q, dq)
             try:
                 torques.append(float(torque))
             except (TypeError, ValueError):
-                t, q, dq = state
                 raise ModelError(
                     f"the torque at pair {self.pair}: the function returned {torque!r} at "
                     f"t = {t:g}, q = {q:g}, dq = {dq:g}; it has to return a number (N m)"

@@ -294,7 +294,7 @@ def _sum(one: Mass, other: Mass) -> Mass:
     if None not in (one.mass, other.mass, one.centre, other.centre):
         weights = np.array([one.mass, other.mass])
         mass = float(np.sum(weights))
-        centre = vector_of(weights @ np.array([one.centre, other.centre]) / (mass or 1.0))
+        centre = vector_of(weights @ np.array([one.centre, other.centre]) / mass)
     return Mass(one.link, tensor_of(np.add(one.tensor, other.tensor)), mass, centre)
 
 

@@ -122,7 +122,7 @@ class Mechanism:
     def ends(self) -> tuple[tuple[int, int], ...]:
         """The two link numbers of every pair, in the order of `pairs`."""
         number = self.link_number
-        return tuple((number[p.links[0]], number[p.links[1]]) for p in self.pairs)
+        return tuple((number[a], number[b]) for a, b in (p.links for p in self.pairs))
 
     @cached_property
     def variable_owners(self) -> tuple[int, ...]:
@@ -145,9 +145,11 @@ class Mechanism:
     @cached_property
     def angles(self) -> Mapping[str, int]:
         """The numbers of the variables that are angles about fixed axes, by R pair."""
-        owners = enumerate(self.variable_owners)
-        owned = ((self.pairs[owner], variable) for variable, owner in owners)
-        return {pair.name: variable for pair, variable in owned if pair.kind.has_axis}
+        return {
+            self.pairs[owner].name: variable
+            for variable, owner in enumerate(self.variable_owners)
+            if self.pairs[owner].kind.has_axis
+        }
 
     @property
     def has_contacts(self) -> bool:
