@@ -115,12 +115,10 @@ def test_the_assembly_does_not_depend_on_where_the_range_starts(tmp_path, teeth,
     motion = sk.trace(made, samples=(span[1] - span[0]) // 5 + 1)
     q = motion.q / DEGREE
     held = ~motion.failed
-    assert (
-        np.max(turned(angle_of(motion, "right") - right_crank(q, teeth) * DEGREE)[held])
-        < 1e-9
-    )
+    right = right_crank(q, teeth)
+    assert np.max(turned(angle_of(motion, "right") - right * DEGREE)[held]) < 1e-9
     found = held.reshape(len(motion.assembly_modes), -1).sum(axis=0)
-    margin = closes(q, right_crank(q, teeth))[: motion.samples]
+    margin = closes(q, right)[: motion.samples]
     assert np.any(margin > 0.02)
     assert np.all(found[margin > 1e-6] == 2)
     assert not np.any(found[margin < -1e-6])
@@ -151,28 +149,16 @@ def test_a_reference_pose_says_the_phase_and_nothing_else_does(tmp_path):
     sizes = five_bar(tmp_path, teeth, (59, 61))
     there = PositionAnalysis(sizes, samples=3).motion()
     names = [pair.name for pair in sizes.pairs]
-    axes = {
-        name: tuple(map(float, axis))
-        for name, axis in zip(names, there.axes[1], strict=True)
-        if name != "mesh"
-    }
-    left, right = axes["left"], axes["right"]
-    circles = tuple(
-        Profile("circle", axis, radius)
-        for axis, radius in zip((left, right), radii, strict=True)
-    )
+    axes = dict(zip(names, map(tuple, there.axes[1].tolist()), strict=True))
+    del axes["mesh"]
+    rounds = zip((axes["left"], axes["right"]), radii, strict=True)
+    circles = tuple(Profile("circle", *of) for of in rounds)
     ends = {"left": "12", "right": "15", "32": "23", "43": "34", "54": "45"}
-    made = sk.Mechanism(
-        "posed",
-        "1",
-        tuple("12345"),
-        (
-            *(Pair(name, "R", tuple(links)) for name, links in ends.items()),
-            Pair("mesh", "Cr", ("2", "5"), circles),
-        ),
-        PoseGeometry(axes, {"left": 60.0 * DEGREE}),
-        inputs=(Input("left", 0.0, 1.0),),
-    )
+    pairs = [Pair(name, "R", tuple(links)) for name, links in ends.items()]
+    pairs = (*pairs, Pair("mesh", "Cr", ("2", "5"), circles))
+    posed = PoseGeometry(axes, {"left": 60.0 * DEGREE})
+    inputs = (Input("left", 0.0, 1.0),)
+    made = sk.Mechanism("posed", "1", tuple("12345"), pairs, posed, inputs)
     for low, high in ((410.0, 440.0), (-8220.0, -8200.0)):
         span = Input("left", low * DEGREE, high * DEGREE)
         motion = PositionAnalysis(replace(made, inputs=(span,)), samples=41).motion()
