@@ -140,7 +140,7 @@ def inverses(first: Complexes) -> tuple[Complexes, Bools]:
 
 def applied(matrices: Array, vectors: Array) -> Array:
     """Return products (n, i) of matrices (n, i, j) and vectors (n, j)."""
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
+    return np.matvec(matrices, vectors)
 
 
 def _rounding(made: Polynomials, rows: Indices) -> Floats:

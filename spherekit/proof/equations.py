@@ -70,7 +70,7 @@ class Equations:
 
     def __init__(self, written: Written, construction: Construction) -> None:
         self.written, self.construction = written, construction
-        self.unknowns = construction.unknowns
+        self.unknowns, self.degrees = construction.unknowns, construction.degrees
         self.variables = len(construction.pairs)
         self.frames = written.frames()
         # the angles (rad) at an input of 0 of pairs that turn with its variable
@@ -80,7 +80,7 @@ class Equations:
             self.offsets = dict(zip(written.structure.followers, angles, strict=True))
         steps = construction.steps
         self.turning = {x.link: self._turning(x) for x in steps if not x.is_dyad}
-        self.putting = {x.link: self._putting(x) for x in steps if x.is_dyad}
+        self.putting = {x.link: self._putting(x) for x in construction.equations}
 
     def frame(self, pair: int, link: int) -> Frame:
         """Return the frame of a pair in one of its links."""
@@ -121,12 +121,9 @@ class Equations:
 
     def arrays(self, places: Sequence[Ball] | Array, order: int = 1) -> list[Array]:
         """Return f (k,), and its derivatives (k, v), (k, v, v), at balls of variables."""
-        jets, _ = self._placed(places, order)
-        arrays = [
-            np.full((len(jets), *[self.variables] * power), exact(0.0))
-            for power in range(order + 1)
-        ]
-        for k, jet in enumerate(jets):
+        shape = [len(self.degrees), *[self.variables] * order]
+        arrays = [np.full(shape[: k + 1], exact(0.0)) for k in range(order + 1)]
+        for k, jet in enumerate(self._placed(places, order)[0]):
             for key, entry in jet.items():
                 array = arrays[len(key)]
                 array[(k, *key)] = array[(k, *key[::-1])] = entry
@@ -134,8 +131,8 @@ class Equations:
 
     def orientations(self, places: Sequence[Ball], order: int = 0) -> dict[int, Jet]:
         """Return the jets of all links' orientations in the root, at balls of variables."""
-        placed: dict[int, Jet] = {self.construction.root: {(): exactly(np.eye(3))}}
-        placed |= self._placed(places, order)[1]
+        _, placed = self._placed(places, order)
+        placed[self.construction.root] = {(): exactly(np.eye(3))}
         for step in self.construction.steps:
             above, _ = self.construction.placed[step.link]
             placed[step.link] = product(placed[above], placed[step.link], np.matmul, order)
@@ -144,7 +141,7 @@ class Equations:
     def _placed(
         self, places: Sequence[Ball] | Array, order: int
     ) -> tuple[list[Jet], dict[int, Jet]]:
-        """Return the jets of f, and of links' orientations in the link that `ranks` say."""
+        """Return the jets of f, and of links' orientations in links of `Construction`."""
         values: list[Jet] = []
         local: dict[int, Jet] = {}
 
@@ -161,11 +158,8 @@ class Equations:
                 local[step.link] = {k: x for k, x in turned.items() if len(k) <= order}
                 continue
             axes, rows, cosine, _ = self.putting[step.link]
-            _, *ways = self.construction.apart(step)
-            one, other = map(along, ways, axes)
-            value = dict(product(one, other, np.dot, order))
-            value[()] = value[()] - cosine
-            values.append(value)
+            one, other = map(along, self.construction.apart(step)[1:], axes)
+            values.append(product(one, other, np.dot, order, {(): -cosine}))
             both = one, other, product(one, other, _cross, order)
             placed: Jet = {}
             for jet, row in zip(both, rows, strict=True):
@@ -179,29 +173,20 @@ class Equations:
 
         All derivatives of order k are at most that times the k-th power of `degrees`.
         """
-        factors: dict[int, float] = {}
+        factors = dict.fromkeys(self.turning, 1.0)
         products = []
-        for step in self.construction.steps:
-            factors[step.link] = 1.0
-            if step.is_dyad:
-                _, *ways = self.construction.apart(step)
-                one, other = (prod(factors[link] for link in way) for way in ways)
-                sums = (one + other + one * other) * (1 + 16 * UNIT)
-                factors[step.link] = sums / self.putting[step.link][-1]
-                products.append(one * other)
+        for step in self.construction.equations:
+            _, *ways = self.construction.apart(step)
+            one, other = (prod(factors[link] for link in way) for way in ways)
+            sums = (one + other + one * other) * (1 + 16 * UNIT)
+            factors[step.link] = sums / self.putting[step.link][-1]
+            products.append(one * other)
         return np.array(products) * (1 + 64 * UNIT)
-
-    @cached_property
-    def degrees(self) -> Floats:
-        """The degrees (equations, variables) of the construction as floats."""
-        return self.construction.degrees.astype(float)
 
     @cached_property
     def real(self) -> Harmonics:
         """The same equations at real angles by their coefficients, in float64."""
-        return Harmonics(
-            self.construction.degrees, lambda angles: self.arrays(angles, 0)[0]
-        )
+        return Harmonics(self.degrees, lambda angles: self.arrays(angles, 0)[0])
 
 
 def _cross(a: Vector, b: Vector) -> Vector:
@@ -215,5 +200,5 @@ def _turned(parts: Array, places: Sequence[Ball] | Array, step: Step) -> Jet:
     sine, cosine = (places[step.variable] * step.turns).sin_cos()
     still, even, odd = parts
     one, along = even * cosine + odd * sine, odd * cosine - even * sine
-    once: tuple[int, ...] = (step.variable,)
-    return {(): still + one, once: along * step.turns, 2 * once: -one * step.turns**2}
+    j, turns = step.variable, step.turns
+    return {(): still + one, (j,): along * turns, (j, j): -one * turns**2}

@@ -141,9 +141,8 @@ def _reach(coefficients: list[Ball], digits: int) -> float:
     """Return how far from its centre a series has all digits, from its last terms."""
     count = len(coefficients)
     with np.errstate(divide="ignore"):
-        logs = np.log(np.abs(floats(np.array(coefficients[-4:]))))
-    logs = -(digits * np.log(2.0) + logs) / np.arange(count - 4, count)
-    return np.exp(np.min(logs)) * 0.9
+        sizes = 2.0**digits * np.abs(floats(coefficients[-4:]))
+        return 0.9 * np.min(sizes ** (-1.0 / np.arange(count - 4, count)))
 
 
 def _wave(axes: Array, even: Array, odd: Array) -> Path:
@@ -257,10 +256,9 @@ def _touching(curves: Sequence[Curve], s: Array) -> Array:
 def _vectors(turn: Turn, values: Array) -> Array:
     """Return the vectors (n, m, 3) of a pair's variables in the first link's axes."""
     vectors = []
-    for column in range(values.shape[1]):
-        moving = values.copy()
-        moving[:, column] = series(values[:, column], exactly(np.ones(len(values))))
-        vectors.append(turning_rates(turn(moving), 1)[0])
+    for way in exactly(np.eye(values.shape[1])):
+        moving = series(values, np.broadcast_to(way, values.shape))
+        vectors += turning_rates(turn(moving), 1)
     return np.stack(vectors, axis=1)
 
 
@@ -320,7 +318,7 @@ class Linkage:
             for pair, joint in enumerate(joints)
         ]
         self._way = spanning(ends)
-        self._chords = sorted({*range(len(joints))} - {pair for pair, _, _ in self._way})
+        self._chords = np.setdiff1d(range(len(joints)), [pair for pair, *_ in self._way])
         ways = np.zeros((len(mechanism.links), len(joints)))
         for pair, parent, child in self._way:
             ways[child] = ways[parent]
@@ -342,19 +340,19 @@ class Linkage:
             turn = turns[pair]
             if self.mechanism.ends[pair][0] == child:
                 turn = turn.swapaxes(1, 2)
-            placed[child] = turn if parent == 0 else placed[parent] @ turn
+            placed[child] = placed[parent] @ turn
         gaps = [exactly(np.zeros((len(values), 0)))]
         for pair in self._chords:
             a, b = self.mechanism.ends[pair]
             gaps.append(skew_part(placed[a] @ turns[pair] @ placed[b].swapaxes(1, 2)))
-        links = [placed[link] for link in range(len(placed))]
-        return np.stack(links, axis=1), np.concatenate(gaps, axis=1)
+        links = np.stack([placed[link] for link in range(len(placed))], axis=1)
+        return links, np.concatenate(gaps, axis=1)
 
     def axes(self, values: Array, placed: Array) -> Array:
         """Return (n, pairs, 3): the axis of each R pair, the contact point of others."""
         return np.stack(
             [
-                (placed[:, link] @ axis(values[:, columns])[..., None])[..., 0]
+                np.matvec(placed[:, link], axis(values[:, columns]))
                 for _, axis, columns, link in self._joints
             ],
             axis=1,
@@ -385,9 +383,7 @@ class Linkage:
     def jacobian(self, vectors: Array) -> Array:
         """Return (n, 3 loops, variables): gaps change by it times the variables' rates."""
         moved = self._passes[:, None] * vectors.swapaxes(1, 2)[:, None]
-        return np.asarray(
-            moved.reshape(len(vectors), 3 * len(self._passes), vectors.shape[1])
-        )
+        return moved.reshape(len(vectors), -1, vectors.shape[1])
 
     def closed(self, start: Array, held: Sequence[int], eps: float) -> Closed:
         """Return the solutions nearest to starts (k, variables), some of which are held.
@@ -404,7 +400,7 @@ class Linkage:
             placed, gaps = self.place(values)
             jacobian = self.jacobian(self.vectors(values, placed))
             inverse, condition = left_inverse(jacobian[:, :, free])
-            change = -(inverse @ gaps[..., None])[..., 0]
+            change = -np.matvec(inverse, gaps)
             size = largest(change)
             rounding = ROUNDING * eps * condition
             sizes.append(size)
@@ -415,10 +411,8 @@ class Linkage:
             if len(sizes) > STEPS or not np.any(going):
                 break
             last = size
-            moved = np.where(going[:, None], change, exactly(0.0))
-            values[:, free] = middles(values[:, free] + moved)
-        first, second = sizes[0], sizes[:2][-1]
-        wild = (second > rounding) & (second > CONTRACTION * first)
+            values[:, free] = middles(values[:, free] + np.where(going[:, None], change, 0))
+        wild = sizes[:2][-1] > np.maximum(rounding, CONTRACTION * sizes[0])
         off = largest(gaps), largest(values - start)
         return Closed(values, free, inverse, condition, *off, wild, status)
 
@@ -430,11 +424,11 @@ class Linkage:
         same matrix.
         """
         coefficients = [at.values, *exactly(np.zeros((order, *at.values.shape)))]
-        coefficients[1][:, moved] = exactly(np.ones(len(at.values)))
+        coefficients[1][:, moved] = exact(1.0)
         for power in range(1, order + 1):
             _, gaps = self.place(series(*coefficients[: power + 1]))
-            open_ = coefficient(gaps, power)[..., None]
-            coefficients[power][:, at.free] = -(at.inverse @ open_)[..., 0]
+            open_ = coefficient(gaps, power)
+            coefficients[power][:, at.free] = -np.matvec(at.inverse, open_)
         return coefficients
 
 
@@ -448,11 +442,11 @@ def turning_rates(placed: Array, order: int) -> list[Array]:
     parts = [coefficient(placed, power) for power in range(order + 1)]
     rates = []
     for power in range(order):
-        spin = sum(
+        spins = [
             (k + 1) * parts[k + 1] @ parts[power - k].swapaxes(-1, -2)
             for k in range(power + 1)
-        )
-        rates.append(factorial(power) * skew_part(np.asarray(spin)))
+        ]
+        rates.append(factorial(power) * skew_part(np.sum(spins, axis=0)))
     return rates
 
 
@@ -482,7 +476,6 @@ def left_inverse(matrices: Array) -> tuple[Array, Floats]:
                 continue
         made = np.reshape(inverse.entries(), (k, m))
         size = np.linalg.norm(floats(given)) * np.linalg.norm(floats(made))
-        size = np.maximum(size, 1.0)
         if size * 2.0**-bits < SINGULAR:
-            inverses[row], condition[row] = made, size
+            inverses[row], condition[row] = made, np.maximum(size, 1.0)
     return inverses, condition

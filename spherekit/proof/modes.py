@@ -277,7 +277,7 @@ class _Search:
 def _place(root: Root) -> tuple[float, ...]:
     """Return where a root comes in the order: real ones first, by their angles."""
     middles = [complex(ball) for ball in root.centre]
-    wrapped = [float(np.round(np.remainder(m.real + np.pi, TURN), 9)) for m in middles]
+    wrapped = [np.round(np.remainder(m.real + np.pi, TURN), 9) for m in middles]
     return (not root.real, *wrapped, *(m.imag for m in middles))
 
 

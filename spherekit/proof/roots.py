@@ -123,7 +123,7 @@ def _certified(
 def _around(angle: Ball, radius: float, real: bool) -> Ball:
     """Return the ball of an angle's solution, of real numbers where it is real."""
     if real:
-        return wide(angle.real, radius)
+        return wide(angle, radius)
     return complex_ball(wide(angle.real, radius), wide(angle.imag, radius))
 
 

@@ -172,16 +172,18 @@ def exact_rows_by_input(
         solution = linkage.closed(start, held, arithmetic.eps)
         status = _judged(chosen, solution)
         placed, _ = linkage.place(solution.values)
+        axes = linkage.axes(solution.values, placed)
         made = []
         for pair in driven:
             (moved,) = mechanism.variables_of(pair)
             way = linkage.motion(solution, moved, order)
             w = turning_rates(linkage.place(series(*way))[0], order)
-            axes = linkage.axes(solution.values, placed)
-            values = solution.values, way[1], placed, axes, *w
-            entries: list[Any] = [_where(status == Status.OK, balls) for balls in values]
-            entries += [*[None] * (3 - order), solution.distance, solution.residual]
-            entries += [solution.condition, status]
+            balls = solution.values, way[1], placed, axes, *w
+            entries: list[Any] = [
+                *(_where(status == Status.OK, values) for values in balls),
+                *[None] * (3 - order),
+                *(solution.distance, solution.residual, solution.condition, status),
+            ]
             made.append(ExactRows(arithmetic, mechanism, pair, *entries))
     return tuple(made)
 
@@ -235,7 +237,7 @@ def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Array:
     """
     with exact.arithmetic.within(), np.errstate(all="ignore"):
         moving, change = (_relative(w, pole) for w in (exact.w, exact.slopes))
-        joined = exact.mechanism.pole_pairs.get((min(pole), max(pole)))
+        joined = exact.mechanism.pole_pairs.get(pole)
         if joined is not None:
             along = exact.axes[:, joined]
         else:
@@ -275,36 +277,30 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
         `planes` and the bounds of errors are NaN, as they belong to the way in which poles
         were found.
     """
-    made: dict[str, Any] = {"direction": {}, "direction_dq": {}}
-    for name in (
-        "angle",
-        "planes",
-        "error",
-        "velocity_coefficient_error",
-        "acceleration_coefficient_error",
-    ):
-        given = getattr(field, name)
-        made[name] = {pole: np.full_like(x, np.nan) for pole, x in given.items()}
+    unknown = (
+        *("angle", "planes", "error"),
+        *("velocity_coefficient_error", "acceleration_coefficient_error"),
+    )
+    made: dict[str, Any] = {
+        name: dict.fromkeys(getattr(field, name), np.nan) for name in unknown
+    }
     with exact.arithmetic.within():
-        for pole in wanted.poles:
-            unit = exact_direction(exact, pole, field.direction[pole])
-            blind = ~np.all(np.isfinite(floats(unit)), axis=1)
-            made["direction"][pole] = floats(unit)
-            for name, w in (
-                ("velocity_coefficient", exact.w),
-                ("acceleration_coefficient", exact.slopes),
-            ):
-                v, given = _relative(w, pole), getattr(field, name)[pole]
-                along = np.where(blind, lengths(middles(v)), np.sum(v * unit, axis=1))
-                along = np.where(np.isnan(given), np.nan, floats(along))
-                made.setdefault(name, {})[pole] = along
-            made["direction_dq"][pole] = np.where(
-                np.isnan(field.direction_dq[pole]), np.nan, _turn(exact, pole, unit)
-            )
-    for name, w in (("w", exact.w), ("dw", exact.slopes)):
+        units = {
+            pole: exact_direction(exact, pole, field.direction[pole])
+            for pole in wanted.poles
+        }
+        made["direction"] = units
+        made["direction_dq"] = {pole: _turn(exact, pole, units[pole]) for pole in units}
+        for name, rate, w in (
+            ("velocity_coefficient", "w", exact.w),
+            ("acceleration_coefficient", "dw", exact.slopes),
+        ):
+            made[name] = {pole: _along(_relative(w, pole), units[pole]) for pole in units}
+            made[rate] = {link: w[:, link] for link in getattr(field, rate)}
+    for name, numbers in made.items():
         made[name] = {
-            link: np.where(np.isnan(given), np.nan, floats(w[:, link]))
-            for link, given in getattr(field, name).items()
+            key: np.where(np.isnan(getattr(field, name)[key]), np.nan, floats(x))
+            for key, x in numbers.items()
         }
     status, *codes = (
         np.where(exact.status == Status.OK, given, exact.status).astype(np.int8)
@@ -312,6 +308,12 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
     )
     made["pole_status"] = dict(zip(wanted.poles, codes, strict=True))
     return replace(field, status=status, **made)
+
+
+def _along(v: Array, unit: Array) -> Array:
+    """Return components (n,) of vectors along directions, lengths where these are NaN."""
+    blind = ~np.all(np.isfinite(floats(unit)), axis=1)
+    return np.where(blind, lengths(middles(v)), np.sum(v * unit, axis=1))
 
 
 def _turn(exact: ExactRows, pole: Pole, unit: Array) -> Floats:

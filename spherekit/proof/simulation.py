@@ -19,7 +19,7 @@ sign of a condition, which is held on the side it is said to be on.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -55,15 +55,13 @@ class Moving:
 
     `values` (n, variables) rad, whole turns included; `rates` (n, variables) and `w`
     (n, links, 3), in ground axes, per unit rate of the coordinate; `rotations`
-    (n, links, 3, 3); `speed` (n,) the rate of the coordinate by time; `t` (n,) s.
+    (n, links, 3, 3).
     """
 
     values: Array
     rates: Array
     w: Array
     rotations: Array
-    speed: Array
-    t: Array
 
 
 def exact_inertia(exact: ExactRows) -> tuple[Array, Array]:
@@ -109,7 +107,7 @@ def knots(parts: Sequence[Component], until: float) -> list[Ball]:
             farthest = until + np.max(np.abs(table.times))
             turns = int(farthest / float(period)) + 1 if table.periodic else 0
             for turn in range(-turns, turns + 1):
-                every += [*middles(times + turn * period)]
+                every.extend(middles(times + turn * period))
     inside = {float(t): t for t in every if 0.0 < float(t) < until}
     return sorted(inside.values(), key=float)
 
@@ -256,8 +254,8 @@ class ExactSimulation:
             self._grid = np.linspace(-1.0, 1.0, GRID * count + 1)
             self._run(driven, q, dq)
 
-    def at(self, t: Floats) -> tuple[Array, Array, Array]:
-        """Return the variables and two derivatives by time, balls (n, variables).
+    def at(self, t: Floats) -> Array:
+        """Return the variables and two derivatives by time, balls (3, n, variables).
 
         At times t (n,) s from 0 to the end; later ones count as the end. The variables are
         in rad, whole turns included.
@@ -266,13 +264,12 @@ class ExactSimulation:
             times = np.where(t >= float(self.end), self.end, exactly(t))
             later = [float(step.start) for step in self._steps[1:]]
             owner = np.searchsorted(later, t, side="right")
-            count = len(self.mechanism.variable_owners)
-            states: Array = np.empty((3, len(t), count), dtype=object)
+            shape = 3, len(t), len(self.mechanism.variable_owners)
+            states: Array = np.empty(shape, dtype=object)
             for number in np.unique(owner):
                 rows = owner == number
                 states[:, rows] = self._states(self._steps[number], times[rows])
-        values, rates, second = states
-        return values, rates, second
+        return states
 
     def _states(self, step: _Step, t: Array) -> list[Array]:
         """Return the variables and their two derivatives by time within a step."""
@@ -280,33 +277,36 @@ class ExactSimulation:
         closed = self._closed(t, c, step.along)
         values, first, second = self._linkage.motion(closed, step.along, 2)
         placed, _ = self._linkage.place(series(values, first, second))
-        (w, dw), placed = turning_rates(placed, 2), coefficient(placed, 0)
+        w, dw = turning_rates(placed, 2)
+        placed = coefficient(placed, 0)
         B, dB = inertia(self.mechanism, placed, w, dw)
         speed = p / np.sqrt(B)
-        moving = Moving(values, first, w, placed, speed, t)
-        push, _ = self._force(moving, step.sides, float(step.start + step.length / 2))
+        inside = float(step.start + step.length / 2)
+        moving = Moving(values, first, w, placed)
+        push, _ = self._force(moving, speed, t, step.sides, inside)
         change = (push - dB * speed * speed / 2) / B
         second = first * change[:, None] + 2 * second * (speed * speed)[:, None]
         return [values, first * speed[:, None], second]
 
     def _force(
-        self, moving: Moving, sides: Sides, inside: float
+        self, moving: Moving, speed: Array, t: Array, sides: Sides, inside: float
     ) -> tuple[Array, list[Array]]:
         """Return the generalised force of the loads (n,), and the switches' conditions.
 
-        These are in the order in which expressions are evaluated; numbers in these are the
-        float64 they are. `inside` is a time (s) between the knots about the rows.
+        `speed` (n,) is the rate of the coordinate by time, `t` (n,) s. Conditions are in
+        the order in which expressions are evaluated; numbers in these are the float64 they
+        are. `inside` is a time (s) between the knots about the rows.
         """
         variables, conditions = self.mechanism.angles, list[Array]()
-        total = exactly(np.zeros(len(moving.t)))
+        total = exactly(np.zeros(len(t)))
 
         def named(name: str) -> Any:
             kind, _, pair = name.partition("_")
             if kind == "t":
-                return moving.t
+                return t
             if kind == "theta":
                 return moving.values[:, variables[pair]]
-            return moving.rates[:, variables[pair]] * moving.speed
+            return moving.rates[:, variables[pair]] * speed
 
         def side(condition: Array) -> Any:
             """Return the side of the next condition (n,)."""
@@ -331,7 +331,7 @@ class ExactSimulation:
 
         for part in self._parts:
             if isinstance(part.magnitude, TorqueTable):
-                magnitude = _of_table(part.magnitude, moving.t, inside)
+                magnitude = _of_table(part.magnitude, t, inside)
             else:
                 magnitude = fold(expression_of(part.magnitude).root, exact, named, applied)
             rates = [moving.rates[:, variables[part.pair]]] if part.pair else []
@@ -359,7 +359,7 @@ class ExactSimulation:
             )
         return closed
 
-    def _moving(self, values: Array, along: int, t: Array) -> tuple[Moving, Array, Array]:
+    def _moving(self, values: Array, along: int) -> tuple[Moving, Array, Array]:
         """Return rates and inertia by a coordinate, and a step that closes the loops."""
         linkage = self._linkage
         free = [v for v in range(values.shape[1]) if v != along]
@@ -369,16 +369,16 @@ class ExactSimulation:
         inverse, _ = left_inverse(jacobian[:, :, free])
         rates, miss = exactly(np.zeros((2, *values.shape)))
         rates[:, along] = exact(1.0)
-        rates[:, free] = -(inverse @ jacobian[:, :, along, None])[..., 0]
-        miss[:, free] = -(inverse @ gaps[..., None])[..., 0]
+        rates[:, free] = -np.matvec(inverse, jacobian[:, :, along])
+        miss[:, free] = -np.matvec(inverse, gaps)
         w = linkage.velocities(vectors, rates)
         B, _ = inertia(self.mechanism, placed, w, w)
-        return Moving(values, rates, w, placed, t, t), np.sqrt(B), miss
+        return Moving(values, rates, w, placed), np.sqrt(B), miss
 
     def _run(self, driven: int, q: float, dq: float) -> None:
-        start, along = exactly(np.zeros(1)), driven
-        values = self._closed(start, exactly([q]), driven).values
-        moving, size, _ = self._moving(values, driven, start)
+        along = driven
+        values = self._closed(exactly([0.0]), exactly([q]), driven).values
+        moving, size, _ = self._moving(values, driven)
         p = size[0] * dq
         targets = [*knots(self._parts, self.until), exact(self.until)]
         sides: Sides = None
@@ -416,7 +416,7 @@ class ExactSimulation:
             there = (step.start + step.length * (x + 1) / 2).mid()
             self.end = targets.pop(0) if whole else there
             values = self._closed(np.array([self.end]), c, along).values
-            moving, *_ = self._moving(values, along, start)
+            moving, *_ = self._moving(values, along)
             sides, flipped = step.sides.copy(), switch
             if switch == -1:
                 self.kind = "joint_limit"
@@ -441,14 +441,13 @@ class ExactSimulation:
         push: Array | None = None
         last = np.inf
         for sweep in range(1, SWEEPS + 1):
-            moving, size, miss = self._moving(values, along, t)
+            moving, size, miss = self._moving(values, along)
             push = size * speed if push is None else push
             speed = push / size
-            moving = replace(moving, speed=speed)
             if sides is None:
-                _, seen = self._force(moving, None, inside)
+                _, seen = self._force(moving, speed, t, None, inside)
                 sides = np.array([np.sign(float(x[0])) or 1.0 for x in seen])
-            load, conditions = self._force(moving, sides, inside)
+            load, conditions = self._force(moving, speed, t, sides, inside)
             drive = load / size
             there = middles(c + half * (self._integrals @ speed))
             pushed = middles(p + half * (self._integrals @ drive))

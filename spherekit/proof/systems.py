@@ -135,8 +135,8 @@ def _at(
     """Return values (n, k), derivatives by z (n, k, k), and by t (n, k)."""
     here, first = (points.derivatives(ends, order) for order in (0, 1))
     parts = np.stack([1.0 - t, t], axis=1)
-    values = applied(here, parts)
-    return values, np.einsum("nkle,ne->nkl", first, parts), here[..., 1] - here[..., 0]
+    slopes = np.einsum("nkle,ne->nkl", first, parts)
+    return applied(here, parts), slopes, here[..., 1] - here[..., 0]
 
 
 def _solved(matrices: Complexes, right: Complexes) -> Complexes:
@@ -162,8 +162,7 @@ class System:
     ) -> None:
         self.equations, self.rows, self.unknowns = equations, rows, unknowns
         self.given = [v for v in range(equations.variables) if v not in unknowns]
-        degrees = equations.construction.degrees
-        self.degrees = degrees[np.ix_(rows, [*unknowns, *self.given])]
+        self.degrees = equations.degrees[np.ix_(rows, [*unknowns, *self.given])]
         self.bound = permanent(2 * self.degrees[:, : len(unknowns)])
         self.solved: list[tuple[Floats, ChartRoots]] = []
 
@@ -186,9 +185,8 @@ class System:
         which roots are real. Then what `_angles` says of them. Boxes have their centres,
         turns and half widths.
         """
-        bound, eye = self.bound, np.eye(centres.shape[1])
-        eye = np.broadcast_to(eye, (*centres.shape, len(eye)))
-        inputs = centres, turns, eye, 0.0 * centres
+        bound, still = self.bound, 0.0 * centres
+        inputs = centres, turns, still[..., None] + np.eye(centres.shape[1]), still
         given, turns, moving, off = (
             np.concatenate([modes[name], values], axis=1)[:, self.given]
             for name, values in zip(("angle", "turn", "rates", "off"), inputs, strict=True)
