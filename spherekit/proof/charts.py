@@ -110,8 +110,8 @@ def values_at(
     made: Polynomials, roots: ChartRoots
 ) -> tuple[Complexes, Complexes, Complexes]:
     """Return P (n, k), its derivatives by z (n, k, k) and by the inputs (n, k, inputs)."""
-    here, first = (roots.derivatives(made.values, order) for order in (0, 1))
-    return here, first, roots.derivatives(made.slopes)
+    first = roots.derivatives(made.values, 1)
+    return roots.derivatives(made.values), first, roots.derivatives(made.slopes)
 
 
 def polished(made: Polynomials, roots: ChartRoots) -> tuple[ChartRoots, Bools]:
@@ -146,9 +146,9 @@ def applied(matrices: Array, vectors: Array) -> Array:
 def _rounding(made: Polynomials, rows: Indices) -> Floats:
     """Return by how much values (n, k) are off by coefficients and sums of them."""
     sizes = [np.abs(array).reshape(len(array), -1) for array in made.values]
-    count = np.array([array.shape[1] for array in sizes])
+    count = [array.shape[1] for array in sizes]
     total = np.stack([np.sum(array, axis=1) for array in sizes], axis=1)
-    return np.asarray(count * (made.error + 4 * ROUNDING * total)[rows])
+    return np.multiply(count, made.error + 4 * ROUNDING * total)[rows]
 
 
 def _changes(
@@ -253,5 +253,4 @@ def are_real(roots: ChartRoots, radius: Floats, unique: Floats) -> tuple[Bools, 
     r = radius[:, None] * UP + 1e-14
     mirrored = r / ((size - r) * size) + np.abs(size - 1.0 / size) + 1e-14
     real = np.all((size > 2 * r) & (mirrored * UP < unique[:, None]), axis=1)
-    off = np.any(np.abs(size - 1.0) > r, axis=1)
-    return np.asarray(real), np.asarray(off)
+    return real, np.any(np.abs(size - 1.0) > r, axis=1)

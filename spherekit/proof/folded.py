@@ -72,7 +72,7 @@ def completed(
     (values,), around = equations.arrays(balls, 0), balls.copy()
     around[free] += wide(0.0, BALL)
     over = equations.arrays(around)[1][np.ix_(rows, free)]
-    return around if zero_within(values[rows][:, None], over) < BALL else None
+    return around if zero_within(values[rows], over) < BALL else None
 
 
 def _folding(equations: Equations, number: int, step: Step) -> Folding | None:

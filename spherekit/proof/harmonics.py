@@ -69,9 +69,8 @@ class Harmonics:
         Coefficients (n, sizes) of the powers from the lowest on, and their derivatives
         (n, given, sizes) by all others, in order, at cosines and sines (n, given, 2).
         """
-        left: Array = self.coefficients[k]
-        others = [j for j in range(left.ndim) if j not in unknowns]
-        left = left.transpose([*unknowns, *others])
+        others = [j for j in range(self.degrees.shape[1]) if j not in unknowns]
+        left = self.coefficients[k].transpose([*unknowns, *others])
         parts = _summed(left, _waves(given, self.waves, 1))
         made = np.moveaxis(np.broadcast_to(parts, (*parts.shape[:-1], len(given))), -1, 0)
         return made[:, 0], made[:, 2 ** np.arange(len(others))]
@@ -113,17 +112,17 @@ def _coefficients(
     `at` has the values of all equations in balls where each angle is so many parts of so
     many of a turn. Float64 values of this one are off by at most the second number.
     """
-    places = np.ndindex(*sides)
-    balls = np.array([at(tuple(zip(place, sides, strict=True)))[k] for place in places])
+    balls = np.empty(sides, dtype=object)
+    for place in np.ndindex(*sides):
+        balls[place] = at(tuple(zip(place, sides, strict=True)))[k]
     sums = middles(balls)
-    open_ = max(map(upper, balls - sums))
-    sums = sums.reshape(sides)
+    open_ = max(map(upper, (balls - sums).flat))
     for axis, side in enumerate(sides):
         # rows are those of the waves 0 to m, -m to -1
         rows = np.array(library().acb_mat.dft(side).tolist()) / exact(side).sqrt()
         waves = np.roll(rows, side // 2, axis=0)
         sums = np.moveaxis(np.tensordot(waves, sums, (1, axis)), 0, axis)
-    coefficients = np.frompyfunc(complex, 1, 1)(sums).astype(complex)
+    coefficients = sums.astype(complex)
     missed = sum(map(upper, (sums - np.frompyfunc(complex_ball, 1, 1)(coefficients)).flat))
     steps = sum(side + 2 + 8 * (side // 2) for side in sides if side > 1)
     rounded = 2.0 * steps * UNIT * np.sum(np.abs(coefficients))

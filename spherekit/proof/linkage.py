@@ -141,8 +141,9 @@ def _reach(coefficients: list[Ball], digits: int) -> float:
     """Return how far from its centre a series has all digits, from its last terms."""
     count = len(coefficients)
     with np.errstate(divide="ignore"):
-        sizes = 2.0**digits * np.abs(floats(coefficients[-4:]))
-        return 0.9 * np.min(sizes ** (-1.0 / np.arange(count - 4, count)))
+        logs = np.log(np.abs(floats(np.array(coefficients[-4:]))))
+    logs = -(digits * np.log(2.0) + logs) / np.arange(count - 4, count)
+    return np.exp(np.min(logs)) * 0.9
 
 
 def _wave(axes: Array, even: Array, odd: Array) -> Path:

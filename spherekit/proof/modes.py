@@ -152,8 +152,7 @@ def certified_modes(written: Written, inputs: Sequence[str]) -> CertifiedModes:
     """
     made = construct(written.structure)
     if not made.unknowns:
-        only = [Root((), 0.0, 0.0, True)]
-        return CertifiedModes(written, made, inputs, only, PRECISIONS[0])
+        return CertifiedModes(written, made, inputs, [Root((), 0, 0, True)], PRECISIONS[0])
     near: list[Sequence[complex]] = []
     systems: Sequence[System] = ()
     for precision in PRECISIONS:
@@ -244,7 +243,7 @@ class _Search:
         if any(root.leads_to(near) for root in self.roots):
             return
         root = root_near(self.equations, self.driven, near)
-        if root is not None and all(root.apart(other) for other in self.roots):
+        if root and all(root.apart(other) for other in self.roots):
             self.roots.append(root)
 
     def excluded(self) -> tuple[int, Left]:
@@ -277,7 +276,7 @@ class _Search:
 def _place(root: Root) -> tuple[float, ...]:
     """Return where a root comes in the order: real ones first, by their angles."""
     middles = [complex(ball) for ball in root.centre]
-    wrapped = [np.round(np.remainder(m.real + np.pi, TURN), 9) for m in middles]
+    wrapped = [round((m.real + np.pi) % TURN, 9) for m in middles]
     return (not root.real, *wrapped, *(m.imag for m in middles))
 
 

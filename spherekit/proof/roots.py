@@ -82,7 +82,7 @@ def root_near(
     with suppress(ZeroDivisionError):
         for _ in range(STEPS):
             values, first = _at(equations, x, driven)
-            change = (_inverse_near(first) @ values)[:, 0]
+            change = _inverse_near(first) @ values
             x = middles(x - change)
             size = max(map(upper, change))
             if size < 2.0 ** (-precision() / 2):
@@ -98,9 +98,9 @@ def root_near(
 
 
 def _at(equations: Equations, x: Array, driven: Sequence[Ball]) -> tuple[Array, Array]:
-    """Return F (k, 1) and F' (k, k) at balls of the unknowns."""
+    """Return F (k,) and F' (k, k) at balls of the unknowns."""
     values, slopes = equations.arrays([*x, *driven])
-    return values[:, None], slopes[:, : equations.unknowns]
+    return values, slopes[:, : equations.unknowns]
 
 
 def _certified(
@@ -110,9 +110,9 @@ def _certified(
     degrees = equations.degrees[:, : equations.unknowns]
     growth = np.exp(degrees @ [upper(ball.imag) for ball in x])
     second = equations.bound * growth * np.sum(degrees, axis=1) ** 2
-    rows = np.vectorize(upper)(_inverse_near(first))
     # where derivatives may have changed by a fifth
-    unique = min(WIDEST, 0.2 / float(np.max(rows @ second)))
+    rows = np.vectorize(upper)(_inverse_near(first))
+    unique = min(WIDEST, 0.2 / np.max(rows @ second))
     around = np.array([_around(angle, unique, False) for angle in x])
     off = zero_within(values, _at(equations, around, driven)[1])
     radius = min(max(MARGIN * off, 1e-300), unique)
@@ -135,7 +135,7 @@ def zero_within(values: Array, over: Array) -> float:
     """
     try:
         near = _inverse_near(over)
-        return max(map(upper, solved(near @ over, near @ values).flat))
+        return max(map(upper, solved(near @ over, near @ values[:, None]).flat))
     except ZeroDivisionError:
         return np.inf
 

@@ -302,4 +302,4 @@ def _angles(
     off = 0.5 * w**2 / (1.0 - w) + width[:, None] / size
     off = 1.05 * off + np.abs(size - 1.0) + 1e-15 * applied(np.abs(rates), half) + 1e-13
     off = np.where(w < 0.5, off, np.inf)
-    return np.asarray(sense * np.angle(roots.z)), rates.real, off
+    return sense * np.angle(roots.z), rates.real, off
