@@ -126,8 +126,6 @@ def test_the_equations_of_every_pair(name):
     made = motion.mechanism
     over_constrained = name == "planetary_bevel"
     closed = 1e-14 if over_constrained else 1e-45
-    step = 2.0**-50
-    held = len(motion.assembly.inputs)
     for column, driven in enumerate(motion.assembly.inputs[:2]):
         found = sk.exact_rows(motion, chosen, driven, FIFTY)
         assert np.all(found.status == Status.OK)
@@ -144,24 +142,17 @@ def test_the_equations_of_every_pair(name):
         shifted = []
         for sense in (1.0, -1.0):
             inputs = motion.inputs.copy()
-            inputs[:, column] += (
-                sense * step * 2.0 ** np.ceil(np.log2(np.abs(inputs).max()))
-            )
+            inputs[:, column] += sense * 2.0 ** np.ceil(np.log2(np.abs(inputs).max()) - 50)
             moved = sk.exact_rows(replace(motion, inputs=inputs), chosen, driven, FIFTY)
             shifted.append((inputs[chosen][:, column], moved))
         (high, ahead), (low, behind) = shifted
         width = exactly(high) - exactly(low)
         slope = (ahead.w - behind.w) / width[:, None, None]
-        scale = found.condition.max() ** 4
-        assert np.max(np.abs(slope - found.dw)) < (
-            1e-12 if over_constrained else 1e-24 * scale
-        )
+        slack = 1e-12 if over_constrained else 1e-24 * found.condition.max() ** 4
+        assert np.max(np.abs(slope - found.dw)) < slack
         turn = (ahead.rotations - behind.rotations) / width[:, None, None, None]
         spin = turn @ np.swapaxes(found.rotations, -1, -2)
-        assert np.max(np.abs(spin[..., 2, 1] - found.w[..., 0])) < (
-            1e-12 if over_constrained else 1e-24 * scale
-        )
-    assert held == len(made.inputs)
+        assert np.max(np.abs(spin[..., 2, 1] - found.w[..., 0])) < slack
 
 
 def test_a_shaped_cam_touches_its_roller():
@@ -235,12 +226,8 @@ def test_what_has_failed_or_is_not_near_has_no_reference():
 
 def no_crank():
     """A four-bar whose input comes to a dead centre, and the input there."""
-    made = sk.load("four_bar").with_inputs("41")
-    limits = sk.trace(made, samples=361)
-    good = limits.inputs[limits.status == Status.OK, 0]
-    assert len(good) < len(limits)
-    low, high = float(np.max(good)), float(np.max(good)) + 0.02
-    tracer = PositionAnalysis(made)
+    tracer = PositionAnalysis(sk.load("four_bar").with_inputs("41"))
+    low, high = np.radians([312.5, 314.5])
     for _ in range(60):
         middle = 0.5 * (low + high)
         inside = tracer.at(np.array([middle])).status[0] == Status.OK
@@ -257,9 +244,8 @@ def test_near_a_dead_centre_the_reference_is_right_or_missing():
     found = sk.exact_rows(motion, chosen, motion.assembly.inputs[0], FIFTY)
     good = found.status == Status.OK
     assert np.sum(good) >= 8
-    assert np.all(
-        np.diff(found.condition[good & (motion.assembly_mode[chosen] == 0)]) > 0.0
-    )
+    first = good & (motion.assembly_mode[chosen] == 0)
+    assert np.all(np.diff(found.condition[first]) > 0.0)
     gap = np.abs(motion.values[: motion.samples] - motion.values[motion.samples :])
     gap = np.tile(np.max(gap, axis=1), 2)[chosen]
     assert np.all(found.distance[good] < 0.2 * gap[good])
@@ -333,13 +319,10 @@ def test_fields_and_motions_of_reference_values(name):
             apart = np.linalg.norm(given.direction[pole] - found.direction[pole], axis=1)
             bound = given.error[pole]
             assert np.all((apart <= bound) | np.isnan(apart))
-            assert np.all(
-                np.abs(given.velocity_coefficient[pole] - found.velocity_coefficient[pole])[
-                    known
-                ]
-                < slack[known]
-            )
-            along = found.velocity_coefficient[pole][:, None] * found.direction[pole]
+            rate = found.velocity_coefficient[pole]
+            off = np.abs(given.velocity_coefficient[pole] - rate)
+            assert np.all(off[known] < slack[known])
+            along = rate[:, None] * found.direction[pole]
             moving = np.isfinite(along[:, 0])
             v = floats(exact.w[:, pole[1]] - exact.w[:, pole[0]])
             assert np.allclose(along[moving], v[moving], rtol=0.0, atol=1e-15)
@@ -355,18 +338,17 @@ def test_inertia_and_its_derivative():
     """Against float64, and the derivative against a difference of inputs 2^-50 apart."""
     motion = traced("four_bar")
     chosen = some(motion, 2)
-    B, dB = exact_inertia(sk.exact_rows(motion, chosen, 0, FIFTY))
+
+    def inertia(step):
+        moved = replace(motion, inputs=motion.inputs + step)
+        return exact_inertia(sk.exact_rows(moved, chosen, 0, FIFTY))
+
+    B, dB = inertia(0.0)
     frame = sk.run(sk.load("four_bar"), "eksergian", samples=5).frame()
     for numbers, name in ((B, "B"), (dB, "dB_dq")):
         given = frame[name].to_numpy()[chosen]
         assert np.max(np.abs(floats(numbers) - given)) < 1e-14
-    ahead, behind = (
-        exact_inertia(
-            sk.exact_rows(replace(motion, inputs=motion.inputs + step), chosen, 0, FIFTY)
-        )
-        for step in (2.0**-48, -(2.0**-48))
-    )
-    slope = (ahead[0] - behind[0]) / (2 * mp.mpf(2) ** -48)
+    slope = (inertia(2.0**-48)[0] - inertia(-(2.0**-48))[0]) * 2.0**47
     assert np.max(np.abs(slope - dB)) < 1e-25
 
 

@@ -25,13 +25,9 @@ def tripod(plate):
     sin(tip) sin(plate) cos(D): at zero D is a double root.
     """
     text = 'format = 1\nname = "tripod"\nangle_unit = "deg"\nground = "base"\n'
-    links = [
-        "base",
-        "plate",
-        *(f"{part}{leg}" for leg in "abc" for part in ("crank", "bar")),
-    ]
-    text += "".join(f"[links.{link}]\n" for link in links)
+    text += "[links.base]\n[links.plate]\n"
     for leg, longitude in zip("abc", (0, 120, 240), strict=True):
+        text += f"[links.crank{leg}]\n[links.bar{leg}]\n"
         for name, one, other, angle in (
             (f"base_{leg}", "base", f"crank{leg}", BASE),
             (f"tip_{leg}", f"crank{leg}", f"bar{leg}", TIP),
@@ -102,9 +98,8 @@ JOINTS = {"a": "12", "b": "14", "c": "16", "d": "23", "e": "25", "f": "34", "h":
 
 def two_dyads(ground, crank, turn, coupler, rocker):
     """Two four-bars side by side on one crank."""
-    text = TWO_DYADS.format(
-        ground=ground, crank=crank, turn=turn, coupler=coupler, rocker=rocker
-    )
+    sizes = {"coupler": coupler, "rocker": rocker}
+    text = TWO_DYADS.format(ground=ground, crank=crank, turn=turn, **sizes)
     for name, (one, other) in JOINTS.items():
         text += f'[pairs.{name}]\ntype = "R"\nlinks = ["{one}", "{other}"]\n'
     return written_of(text + "[inputs.a]\nfrom = 0\nto = 360\n")

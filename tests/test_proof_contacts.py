@@ -16,7 +16,8 @@ import spherekit as sk
 from spherekit.analysis.proven_poles import check_provable, prove_poles
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, PlanError
-from spherekit.proof.balls import middle
+from spherekit.numeric.crossings import wrap
+from spherekit.proof.balls import floats, middle
 from spherekit.proof.certificate import modes_certificate
 from spherekit.proof.gears import Written
 from spherekit.proof.modes import certified_modes
@@ -53,9 +54,8 @@ def bars(internal=""):
     for name, link in (("a", "1"), ("b", "1"), ("c", "2")):
         sense = -1 if name == internal else 1
         arc = abs(BARS[name][2] + sense * PLATE[name][2])
-        more += (
-            f'[links.bar_{name}]\naxes = ["{name}_{link}", "{name}_3"]\narcs = [{arc}]\n'
-        )
+        more += f'[links.bar_{name}]\naxes = ["{name}_{link}", "{name}_3"]\n'
+        more += f"arcs = [{arc}]\n"
         for end in (link, "3"):
             more += f'[pairs.{name}_{end}]\ntype = "R"\nlinks = ["{end}", "bar_{name}"]\n'
     (a1, _, _), (b1, b2, _), (c1, _, _) = BARS.values()
@@ -102,14 +102,9 @@ def test_a_plate_on_three_discs_has_the_modes_of_the_same_plate_on_three_bars(in
 def agrees(modes, values):
     """Whether columns of a table of the motion are those of a proven mode."""
     columns = modes.written.motion_columns()
-    for angles in modes.angles():
-        gaps = [
-            middle(ball) - factor * values[name]
-            for ball, (name, factor) in zip(angles, columns, strict=True)
-        ]
-        if np.max(np.abs(np.remainder(np.array(gaps) + np.pi, 2 * np.pi) - np.pi)) < 1e-9:
-            return True
-    return False
+    given = [factor * values[name] for name, factor in columns]
+    gaps = wrap(floats(np.array(modes.angles())) - given)
+    return np.any(np.max(np.abs(gaps), axis=1) < 1e-9)
 
 
 def compared(mechanism, texts, count):
@@ -149,9 +144,8 @@ def geared(teeth):
     text = Written.of(sk.load("five_bar")).document.text
     head, _, rest = text.partition("[inputs.51]")
     _, _, outputs = rest.partition("[outputs")
-    mesh = (
-        f'[pairs.mesh]\ntype = "Cr"\nlinks = ["2", "5"]\naxes = ["21", "51"]\n{teeth}\n\n'
-    )
+    mesh = '[pairs.mesh]\ntype = "Cr"\nlinks = ["2", "5"]\naxes = ["21", "51"]\n'
+    mesh += f"{teeth}\n\n"
     return head.replace("[inputs.21]", mesh + "[inputs.21]") + "[outputs" + outputs
 
 
@@ -203,9 +197,7 @@ def test_other_contacts_are_refused():
         with pytest.raises(PlanError, match=words):
             Written.of(sk.load(name))
     text = plate().replace('type = "Cs"\nlinks = ["2"', 'type = "Cr"\nlinks = ["2"')
-    with pytest.raises(
-        PlanError, match=r"pair c is a rolling contact, and no link carries"
-    ):
+    with pytest.raises(PlanError, match="pair c is a rolling contact, and no link carries"):
         written_of(text)
     with pytest.raises(AnalysisError, match="-a poles"):
         check_provable(sk.load("four_bar"), ["statics"], whole=True)

@@ -18,6 +18,7 @@ from spherekit.cli.main import main
 from spherekit.files.read import loads
 from spherekit.guarantee import Guarantee
 from spherekit.model.parts import Input
+from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import driven_at
 from spherekit.proof.along import rates
 from spherekit.proof.balls import bits, circle, exact
@@ -186,7 +187,7 @@ def test_the_input_is_clear_of_singularities_as_far_as_is_said():
     found = singularities(curves)
     frame = sk.run(mechanism, "singularities", samples=3).frame("singularities")
     for q in np.radians([-100.0, 77.7]):
-        gaps = np.abs(np.remainder(frame["q"].to_numpy() - q + np.pi, 2 * np.pi) - np.pi)
+        gaps = np.abs(wrap(frame["q"].to_numpy() - q))
         assert np.min(gaps) - 1e-6 < found.clearance(q) <= np.min(gaps)
     part = singularities(over(mechanism, ends=("70", "80")))
     assert part.clearance(np.radians(71.0)) <= np.radians(1.0)

@@ -384,7 +384,7 @@ class Linkage:
     def jacobian(self, vectors: Array) -> Array:
         """Return (n, 3 loops, variables): gaps change by it times the variables' rates."""
         moved = self._passes[:, None] * vectors.swapaxes(1, 2)[:, None]
-        return moved.reshape(len(vectors), -1, vectors.shape[1])
+        return moved.reshape(len(vectors), 3 * len(self._passes), vectors.shape[1])
 
     def closed(self, start: Array, held: Sequence[int], eps: float) -> Closed:
         """Return the solutions nearest to starts (k, variables), some of which are held.
