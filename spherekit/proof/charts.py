@@ -119,23 +119,22 @@ def polished(made: Polynomials, roots: ChartRoots) -> tuple[ChartRoots, Bools]:
     good = np.ones(len(roots.z), dtype=bool)
     for _ in range(NEWTON_STEPS):
         values, first, _ = values_at(made, roots)
-        inverse, regular = inverses(first)
-        change = applied(inverse, values)
+        change = applied(inverses(first), values)
         size = np.max(np.abs(change), axis=1, initial=0.0)
-        good &= regular & (size < 1.0)
+        good &= size < 1.0
         roots = roots.moved(np.where(good[:, None], roots.z - change, roots.z))
         if np.max(size[good], initial=0.0) < STILL:
             break
     return roots, good & (size < 1e-9)
 
 
-def inverses(first: Complexes) -> tuple[Complexes, Bools]:
-    """Return inverses (n, k, k), zero where there are none, and which there are."""
+def inverses(first: Complexes) -> Complexes:
+    """Return inverses (n, k, k), NaN where there are none."""
     regular = np.all(np.isfinite(first), axis=(1, 2))
     regular &= np.abs(np.linalg.det(np.where(regular[:, None, None], first, 0))) > 0.0
-    out = np.zeros_like(first)
+    out = np.full_like(first, np.nan)
     out[regular] = np.linalg.inv(first[regular])
-    return out, regular & np.all(np.isfinite(out), axis=(1, 2))
+    return out
 
 
 def applied(matrices: Array, vectors: Array) -> Array:
@@ -194,7 +193,7 @@ def tubes(
     count = roots.z.shape[1]
     half, stray, moving = (box[roots.row] for box in (half, off, moving))
     values, first, by_given = values_at(made, roots)
-    inverse, regular = inverses(first)
+    inverse = inverses(first)
     size, pull = np.abs(inverse), inverse @ by_given
     rates = -pull @ moving
     moved = applied(np.abs(rates), half) * UP
@@ -216,7 +215,7 @@ def tubes(
     radius, width = (
         np.max(bound, axis=1) / (1.0 - slack) * UP for bound in (start, strays)
     )
-    good = regular & (slack < 1.0) & (np.max(moved, axis=1) + width < wide)
+    good = (slack < 1.0) & (np.max(moved, axis=1) + width < wide)
     return good, radius, wide, width, (moved + width[:, None]) * UP, rates
 
 

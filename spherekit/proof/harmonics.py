@@ -17,7 +17,6 @@ from spherekit.arrays import Array, Complexes, Floats, Indices
 from spherekit.proof.balls import (
     UNIT,
     Ball,
-    complex_ball,
     exact,
     library,
     middles,
@@ -123,7 +122,7 @@ def _coefficients(
         waves = np.roll(rows, side // 2, axis=0)
         sums = np.moveaxis(np.tensordot(waves, sums, (1, axis)), 0, axis)
     coefficients = sums.astype(complex)
-    missed = sum(map(upper, (sums - np.frompyfunc(complex_ball, 1, 1)(coefficients)).flat))
+    missed = sum(map(upper, (sums - coefficients).flat))
     steps = sum(side + 2 + 8 * (side // 2) for side in sides if side > 1)
     rounded = 2.0 * steps * UNIT * np.sum(np.abs(coefficients))
     return coefficients, 1.001 * (open_ * prod(map(_norm, sides)) + missed) + rounded

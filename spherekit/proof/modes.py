@@ -19,7 +19,7 @@ from spherekit.proof.balls import (
     bits,
     circle,
     exact,
-    middle,
+    floats,
     pi,
 )
 from spherekit.proof.construction import Construction, construct
@@ -233,7 +233,7 @@ class _Search:
     @cached_property
     def real_by_systems(self) -> tuple[int, Sequence[System]]:
         """The number of real roots, -1 if not proven, and the systems that show it."""
-        place = np.array([[middle(ball) for ball in self.driven]])
+        place = floats(np.array([self.driven]))
         systems = systems_of(self.equations)
         good, modes = counted(systems, place, self.turns[None], 0.0 * place)
         return int(modes[0]) if good[0] else -1, systems
@@ -257,7 +257,7 @@ class _Search:
         count = self.equations.unknowns
         balls = (
             Zone(
-                np.array([*map(middle, root.centre)]),
+                floats(np.array(root.centre)),
                 np.eye(count),
                 np.full(count, root.unique),
             )

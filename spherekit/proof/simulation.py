@@ -474,10 +474,8 @@ class ExactSimulation:
         self, conditions: Sequence[Array], sides: Floats, values: Array
     ) -> list[tuple[int, Array]]:
         """Return the series of conditions and joint limits, positive where they hold."""
-        signed = [
-            (number, condition * (side * np.ones(self._count)))
-            for number, (condition, side) in enumerate(zip(conditions, sides, strict=True))
-        ]
+        held = zip(conditions, sides, strict=True)
+        signed = list(enumerate(x * (side * np.ones(self._count)) for x, side in held))
         for stop in self.mechanism.joint_limits:
             value = values[:, self.mechanism.angles[stop.pair]]
             signed += [(-1, value - stop.low), (-1, stop.high - value)]

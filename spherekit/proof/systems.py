@@ -84,12 +84,12 @@ def solutions(made: Polynomials, seed: int) -> ChartRoots:
         there, ahead = t[going], start
         for part in (0.5, 1.0):
             _, first, by_t = _at(ends, ahead, there)
-            there, way = t[going] + part * length, _solved(first, by_t)
+            there, way = t[going] + part * length, applied(inverses(first), by_t)
             ahead = replace(start, z=start.z - part * length[:, None] * way)
         size, off = 1.0 + np.max(np.abs(ahead.z), axis=1), []
         for _ in range(3):
             values, first, _ = _at(ends, ahead, there)
-            change = _solved(first, values)
+            change = applied(inverses(first), values)
             ahead = replace(ahead, z=ahead.z - change)
             off.append(np.nan_to_num(np.max(np.abs(change), axis=1), nan=np.inf) / size)
         good = (off[0] < TRUSTED) & (off[-1] < 1e-8)
@@ -137,12 +137,6 @@ def _at(
     parts = np.stack([1.0 - t, t], axis=1)
     slopes = np.einsum("nkle,ne->nkl", first, parts)
     return applied(here, parts), slopes, here[..., 1] - here[..., 0]
-
-
-def _solved(matrices: Complexes, right: Complexes) -> Complexes:
-    """Return solutions (n, k), NaN where a matrix is singular."""
-    inverse, regular = inverses(matrices)
-    return np.where(regular[:, None], applied(inverse, right), np.nan)
 
 
 NEAR = 1.0
@@ -225,7 +219,7 @@ class System:
         )
         _, first, by_given = values_at(self.at(circle(start)), roots)
         ways = wrap(given - start)[roots.row]
-        rates = -inverses(first)[0] @ by_given
+        rates = np.nan_to_num(-inverses(first) @ by_given)
         return roots.moved(roots.z + applied(rates, ways))
 
     def _found(self, made: Polynomials) -> ChartRoots:
