@@ -209,30 +209,26 @@ class System:
             near = np.argmin(gaps)
             if gaps[near] < NEAR:
                 place[:], roots = self.solved[near]
+                origins.append(roots.points)
             else:
-                roots = self._found(self.at(circle(place)[None]))
-            origins.append(roots)
-        roots = ChartRoots(
-            np.concatenate([origin.z for origin in origins]),
-            np.concatenate([origin.inverse for origin in origins]),
-            np.repeat(np.arange(len(given)), self.bound),
-        )
+                origins.append(self._found(self.at(circle(place)[None])))
+        row = np.repeat(np.arange(len(given)), self.bound)
+        roots = ChartRoots.of(np.concatenate(origins), row)
         _, first, by_given = values_at(self.at(circle(start)), roots)
         ways = wrap(given - start)[roots.row]
         rates = np.nan_to_num(-inverses(first) @ by_given)
         return roots.moved(roots.z + applied(rates, ways))
 
-    def _found(self, made: Polynomials) -> ChartRoots:
-        """Return all roots at what is given, zeros if some are lost."""
+    def _found(self, made: Polynomials) -> Complexes:
+        """Return all roots at what is given as points, zeros if some are lost."""
         for seed in range(SEEDS):
             roots, good = polished(made, solutions(made, seed))
             roots = roots.take(good)
             (gap,) = roots.gaps(len(roots.z))
             roots = roots.take(~np.any(np.tril(gap < 1e-7, -1), axis=1))
             if len(roots.z) == self.bound:
-                return roots
-        nothing = np.zeros((self.bound, len(self.unknowns)), dtype=complex)
-        return ChartRoots.of(nothing, np.zeros(self.bound, dtype=np.intp))
+                return roots.points
+        return np.zeros((self.bound, len(self.unknowns)), dtype=complex)
 
 
 def systems_of(equations: Equations) -> list[System]:
