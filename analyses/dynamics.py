@@ -231,7 +231,7 @@ class Dynamics(AbstractAnalysis):
                 **input_columns(mechanism, solution.torques, "tau"),
                 **input_columns(mechanism, solution.Q_all, "Q"),
                 "kinetic_energy": solution.kinetic,
-                "power": np.sum(solution.torques * batch.input_rates, axis=1),
+                "power": np.vecdot(solution.torques, batch.input_rates),
                 "residual": batch.residual,
                 "status": solution.status,
             },
@@ -284,7 +284,7 @@ class Dynamics(AbstractAnalysis):
             for k, other in enumerate(inputs[i:], i):
                 label, entry = f"M {one} {other}", solution.M[:, i, k]
                 curves.append(curve("inertia", label, "inertia matrix", entry, "kg m2"))
-        power = np.sum(solution.torques * batch.input_rates, axis=1)
+        power = np.vecdot(solution.torques, batch.input_rates)
         curves.append(curve("power", "driving torques", "power", power, "W"))
         for k, load in enumerate(batch.mechanism.loads):
             curves.append(curve("power", load.name, "power", solution.power[:, k], "W"))

@@ -381,7 +381,7 @@ class Batch:
         vector = self._motion.vectors[:, number]
         w = self._found(moved).w
         along = np.sum((w[second] - w[first]) * vector, axis=1)
-        return along / np.sum(vector * vector, axis=1)
+        return along / np.vecdot(vector, vector)
 
     def _check(self, read: str, need: str, name: str | None = None) -> None:
         """Refuse what was not declared: a need, or a name in it."""

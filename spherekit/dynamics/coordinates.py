@@ -179,7 +179,7 @@ def continued(tangents: Floats, along: Floats) -> Floats:
     each further one to the side of the one before.
     """
     before = np.concatenate([along[None], tangents[:-1]])
-    sides = np.sum(before * tangents, axis=1)
+    sides = np.vecdot(before, tangents)
     return np.asarray(np.cumprod(np.where(sides < 0.0, -1.0, 1.0)))
 
 

@@ -360,7 +360,7 @@ class Simulation:
         return Checks(
             energy=float(max_abs(balance - balance[0])),
             energy_scale=float(max(np.max(kinetic), max_abs(work))),
-            power=float(max_abs(np.sum(momenta * missed, axis=1))),
+            power=float(max_abs(np.vecdot(momenta, missed))),
             momentum=float(np.max(push * steps) / np.nanmax(sizes)),
             closure=max(path.drift, float(np.max(closed.gap))),
             error=self.error,

@@ -227,7 +227,7 @@ class AlongCurve(Sampler):
             return by_variables(self.closure, values, self.driven)
         points = self.curve.at(x)
         motion = by_arc_length(self.closure, points.values)
-        return motion.turned(np.sign(np.sum(motion.rates[:, 0] * points.tangents, axis=1)))
+        return motion.turned(np.sign(np.vecdot(motion.rates[:, 0], points.tangents)))
 
     def _directions(self, x: Floats, motion: CoordinateMotion) -> dict[Pole, Floats]:
         """Return the unit vectors (n, 3) of the poles, in the sense that was noted."""
@@ -237,7 +237,7 @@ class AlongCurve(Sampler):
             nearest %= MARKS * self.laps
         for pole, unit in units.items():
             if pole in self.marks:
-                side = np.sum(unit * self.marks[pole][nearest], axis=1)
+                side = np.vecdot(unit, self.marks[pole][nearest])
                 unit[side < 0.0] *= -1.0
         return units
 
@@ -277,7 +277,7 @@ class AlongCurve(Sampler):
         motion = self._motion(self.lap * np.arange(MARKS + 1) / MARKS)
         home = np.sum(self._as_motion(motion).frames[0, :, :, 2], axis=0)
         senses = {p: u for p, u in self._lines(motion).items() if p not in primary}
-        steps = [np.abs(np.sum(u[1:] * u[:-1], axis=1)) for u in senses.values()]
+        steps = [np.abs(np.vecdot(u[1:], u[:-1])) for u in senses.values()]
         if np.min(steps, initial=1.0) < 0.7:
             raise SolveError(
                 f"{self.mechanism.name}: a pole axis turns too fast to be followed; "
@@ -366,7 +366,7 @@ def _of_pole(motion: CoordinateMotion, pole: Pole, unit: Floats) -> Floats:
     first, second = pole
     w = motion.w[:, 0, second] - motion.w[:, 0, first]
     dw = motion.dw[:, 0, 0, second] - motion.dw[:, 0, 0, first]
-    return np.column_stack([unit, np.sum(w * unit, axis=1), np.sum(dw * unit, axis=1)])
+    return np.column_stack([unit, np.vecdot(w, unit), np.vecdot(dw, unit)])
 
 
 def pole_name(mechanism: Mechanism, pole: Pole) -> str:

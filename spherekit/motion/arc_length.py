@@ -205,7 +205,7 @@ def _started(closure: Closure, values: Floats, limits: Limits) -> _Nodes:
             f"but at most {CLOSED_START:g} is allowed; start from one that was solved for"
         )
     values, border = values[None], _motion(closure, values)[None]
-    values, _ = correct(closure, values, border, np.sum(border * values, axis=1))
+    values, _ = correct(closure, values, border, np.vecdot(border, values))
     points, at = curve_points(closure, values, border)
     node = _Nodes.of(at, points, limits)
     if not node.reciprocal_condition[0] > SINGULAR:
@@ -266,7 +266,7 @@ class _Arcs(Curves[_Nodes]):
         parts = ways[:, None] * STEP_PARTS
         guess = taylor(at.values, at.tangents, at.bends, parts)
         borders = np.repeat(at.tangents, 2, axis=0)
-        targets = np.sum(at.tangents * at.values, axis=1)[:, None] + parts
+        targets = np.vecdot(at.tangents, at.values)[:, None] + parts
         values, steps = correct(closure, guess, borders, targets.ravel())
         good = all_finite(values, 1)
         good &= self.tests.corrected(steps, np.repeat(ways, 2))
@@ -275,7 +275,7 @@ class _Arcs(Curves[_Nodes]):
         good &= points.residual < CLOSURE_TOLERANCE
         change = bordered(there.jacobian, borders) - np.repeat(at.equations, 2, axis=0)
         moved = np.linalg.norm(np.repeat(at.inverse, 2, axis=0) @ change, axis=(1, 2))
-        good &= self.tests.regular(moved, np.sum(points.tangents * borders, axis=1))
+        good &= self.tests.regular(moved, np.vecdot(points.tangents, borders))
         last = _Nodes.of(there, points, self.limits, slice(1, None, 2))
         rounding = 8.0 * EPS / at.reciprocal_condition
         holds = self.judged(at, last, values[::2], ways, good, rounding)

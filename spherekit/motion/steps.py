@@ -233,7 +233,7 @@ class Curves(ABC, Generic[Node]):
         closes = holds & all_finite(ends.values, 1) & (self.way[rows] > 4.0 * NEARLY_THERE)
         closes &= (way > -NEARLY_THERE) & (way <= step)
         closes &= miss <= self.tests.correction * step
-        closes &= np.sum(start.tangents * at.tangents, axis=1) >= 0.8
+        closes &= np.vecdot(start.tangents, at.tangents) >= 0.8
         far = np.abs(way) > NEARLY_THERE
         closes &= far | (miss <= self.same)
         some = np.flatnonzero(closes & far)

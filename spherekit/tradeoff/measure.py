@@ -274,7 +274,7 @@ def _toward(
     made = tuple(field.made for field in fields)
     for field, other in zip(made, reference, strict=True):
         for pole, u in field.direction.items():
-            along = np.sum(u * other.direction[pole][rows], axis=1)
+            along = np.vecdot(u, other.direction[pole][rows])
             turn_round(field, pole, np.where(along < 0.0, -1.0, 1.0))
     return made
 

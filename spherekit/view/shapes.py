@@ -40,7 +40,7 @@ def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
     summed = np.zeros_like(vertices)
     for k in range(3):
         corner = triangles[:, k]
-        against = np.sum(summed[corner] * flat, axis=1) < 0.0
+        against = np.vecdot(summed[corner], flat) < 0.0
         np.add.at(summed, corner, np.where(against[:, None], -flat, flat))
     length = np.linalg.norm(summed, axis=1, keepdims=True)
     unit = summed / np.where(length > 0.0, length, 1.0)

@@ -218,8 +218,8 @@ class Seen:
 
 def _along(one: Floats, two: Floats) -> Bools:
     """Return which directions (..., 3) do not reverse from one to the other."""
-    sizes = np.sum(one * one, axis=-1) * np.sum(two * two, axis=-1)
-    return np.sum(one * two, axis=-1) >= ASIDE * np.sqrt(sizes)
+    sizes = np.vecdot(one, one) * np.vecdot(two, two)
+    return np.vecdot(one, two) >= ASIDE * np.sqrt(sizes)
 
 
 def _gaps(moving: MovingTerms, spins: Floats) -> Indices:
