@@ -217,11 +217,15 @@ class Dynamics(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torques, of the inertia matrix and of the loads."""
-        solution, mechanism = self._found(batch), batch.mechanism
-        inputs, loads = batch.moving_inputs, [load.name for load in mechanism.loads]
-        m, timed = len(inputs), row_columns(batch, timed=True)
+        solution = self._found(batch)
+        mechanism = batch.mechanism
+        inputs = batch.moving_inputs
+        loads = [load.name for load in mechanism.loads]
+        m = len(inputs)
+        timed = row_columns(batch, timed=True)
         rows, columns = np.triu_indices(m)
-        entries, slopes = solution.M[:, rows, columns], solution.dM[:, rows, columns]
+        entries = solution.M[:, rows, columns]
+        slopes = solution.dM[:, rows, columns]
         forces = np.swapaxes(solution.Q_parts, 1, 2)
         return {
             "dynamics": {
@@ -255,7 +259,8 @@ class Dynamics(AbstractAnalysis):
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest torque at each input, and where that is."""
-        solution, mechanism = self._found(batch), batch.mechanism
+        solution = self._found(batch)
+        mechanism = batch.mechanism
         lost = solution.status == Status.AT_SINGULARITY
         figures = {
             "inputs": largest_torques(batch, solution.sure_torques, "largest_torque_Nm"),
@@ -275,14 +280,16 @@ class Dynamics(AbstractAnalysis):
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of torques, of the entries of the inertia matrix and of power."""
-        solution, inputs = self._found(batch), batch.moving_inputs
+        solution = self._found(batch)
+        inputs = batch.moving_inputs
         curves = [
             curve("torque", f"at {name}", "driving torques", solution.torques[:, k], "N m")
             for k, name in enumerate(inputs)
         ]
         for i, one in enumerate(inputs):
             for k, other in enumerate(inputs[i:], i):
-                label, entry = f"M {one} {other}", solution.M[:, i, k]
+                label = f"M {one} {other}"
+                entry = solution.M[:, i, k]
                 curves.append(curve("inertia", label, "inertia matrix", entry, "kg m2"))
         power = np.vecdot(solution.torques, batch.input_rates)
         curves.append(curve("power", "driving torques", "power", power, "W"))

@@ -163,9 +163,11 @@ class Eksergian(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torque, of the links' inertia and of the loads."""
-        solution, mechanism = self._found(batch), batch.mechanism
+        solution = self._found(batch)
+        mechanism = batch.mechanism
         timed = row_columns(batch, timed=True)
-        inertia, forces = solution.B_parts, solution.Q_parts[:, 0]
+        inertia = solution.B_parts
+        forces = solution.Q_parts[:, 0]
         return {
             "eksergian": {
                 **timed,
@@ -231,7 +233,8 @@ class Eksergian(AbstractAnalysis):
 
         With the phase portrait, where the samples are times.
         """
-        solution, mechanism = self._found(batch), batch.mechanism
+        solution = self._found(batch)
+        mechanism = batch.mechanism
         torques = {"tau": self._at(batch, solution.tau)}
         if batch.timed:
             torques["B ddq"] = solution.B * batch.ddq
@@ -296,7 +299,8 @@ def _solution(batch: Batch) -> InverseSolution:
     """
     if Loads(batch.mechanism).rubbing:
         return needed_torques(as_loads_see(batch))
-    status, lost = batch.status.copy(), ~(batch.rates_loss() < USABLE_RATES)
+    status = batch.status.copy()
+    lost = ~(batch.rates_loss() < USABLE_RATES)
     status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
     timing = Timing(batch.t, batch.input_rates, batch.input_accelerations)
     rows = batch.sample, batch.assembly_mode, batch.inputs, batch.residual
@@ -305,8 +309,11 @@ def _solution(batch: Batch) -> InverseSolution:
 
 def _motion(batch: Batch) -> CoordinateMotion:
     """Return what a batch has of a motion by the input; the rest is NaN."""
-    mechanism, needs, n = batch.mechanism, batch.needs, len(batch)
-    variables, links = len(mechanism.variable_names), len(mechanism.links)
+    mechanism = batch.mechanism
+    needs = batch.needs
+    n = len(batch)
+    variables = len(mechanism.variable_names)
+    links = len(mechanism.links)
     values, rates, second = np.full((3, n, variables), np.nan)
     for pair in needs.continued_values:
         number = mechanism.angles[pair]

@@ -198,7 +198,9 @@ class EquivalentRotation(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of the rotation and of its schedule."""
         result = self._found(batch)
-        mechanism, at, rows = batch.mechanism, result.samples, result.rows
+        mechanism = batch.mechanism
+        at = result.samples
+        rows = result.rows
         azimuth, tilt, torsion = tilt_torsion(at.orientation).T
         first = {
             "sample": np.arange(len(at.theta)),
@@ -307,7 +309,8 @@ class EquivalentRotation(AbstractAnalysis):
         return batch.once("found", lambda: self._rotation(batch))
 
     def _rotation(self, batch: Batch) -> FoundRotation:
-        mechanism, inputs = batch.mechanism, batch.moving_inputs
+        mechanism = batch.mechanism
+        inputs = batch.moving_inputs
         output = chosen_output(mechanism, self.output or None)
         try:
             form = mid_plane_form(mechanism, output.name)
@@ -329,7 +332,8 @@ class EquivalentRotation(AbstractAnalysis):
                     f"theta: {max(self.theta):g} deg is beyond the rotation, whose angle "
                     f"is {np.degrees(turn.angle):.9g} deg"
                 )
-        schedule, unscheduled = None, ""
+        schedule = None
+        unscheduled = ""
         speed, acceleration = (
             np.radians(limit or np.inf) for limit in (self.speed, self.acceleration)
         )
@@ -358,7 +362,8 @@ class EquivalentRotation(AbstractAnalysis):
 
 def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]:
     """Yield what is not as it was asked for; `failed` are rows of the samples."""
-    turn, at = result.turn, result.samples
+    turn = result.turn
+    at = result.samples
     orientation_error = _largest(at.orientation_error)
     if turn.end != Status.OK:
         dead = dead_centre(turn)

@@ -224,7 +224,9 @@ class ConfigurationsOfPoses:
 
     def rows(self) -> dict[str, list[Row]]:
         """Return the rows of tables: configurations, and variables of pairs."""
-        mechanism, solver, rows = self.mechanism, self.solver, self.found
+        mechanism = self.mechanism
+        solver = self.solver
+        rows = self.found
         directions = self.poses[rows.pose] if solver.points else None
         rates: Row = {}
         for k, axis in enumerate("xyz"):
@@ -259,7 +261,9 @@ class ConfigurationsOfPoses:
 
     def findings(self) -> Findings:
         """Return how many poses have how many solutions, and how well they close."""
-        rows, count, solutions = self.found, len(self.poses), self.solutions
+        rows = self.found
+        count = len(self.poses)
+        solutions = self.solutions
         some = np.isin(rows.pose, np.linspace(0, count - 1, CHECKED).astype(int))
         gaps = self.solver.residual(rows.values[some & (rows.status == Status.OK)])
         figures: Row = _about(self.solver) | {
@@ -276,7 +280,8 @@ class ConfigurationsOfPoses:
             },
             "largest_closure_residual_rad": float(np.max(gaps)) if len(gaps) else None,
         }
-        none, out = np.sum(solutions == 0), np.sum(~rows.solved)
+        none = np.sum(solutions == 0)
+        out = np.sum(~rows.solved)
         singular = np.sum(rows.status == Status.AT_SINGULARITY)
         warnings = []
         if none:
@@ -319,7 +324,10 @@ class ConfigurationsOfPoses:
 
     def pages(self) -> tuple[Scene, ...]:
         """Return the poses on the sphere by number of solutions, and by worst measure."""
-        mechanism, rows, poses, solver = self.mechanism, self.found, self.poses, self.solver
+        mechanism = self.mechanism
+        rows = self.found
+        poses = self.poses
+        solver = self.solver
         places = poses if solver.points else poses[:, :, 2]
 
         def painted(name: str, values: Floats, unit: str) -> SphereMap:
@@ -376,7 +384,8 @@ class PosesAtInputs:
 
     def findings(self) -> Findings:
         """Return how many inputs have how many poses, and these if they are few."""
-        table, count = self.found, len(self.inputs)
+        table = self.found
+        count = len(self.inputs)
         solved = table["status"] != Status.OUT_OF_REACH
         number = np.bincount(table["pose"][solved], minlength=count)
         figures = _about(self.solver) | {

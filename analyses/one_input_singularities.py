@@ -132,7 +132,8 @@ class OneInput:
 
     def _rows(self, point: SingularPoint) -> list[Row]:
         """Return a row for each input of the range at which a singularity is met."""
-        sampled, ends = self.sampled, point.places
+        sampled = self.sampled
+        ends = point.places
         part = None if sampled.tracer is self.batch.tracer else sampled.tracer
         crossed = point.type is Type.III
         relations = [at for at in point.relations if crossed or at.agrees]
@@ -181,7 +182,8 @@ class OneInput:
     @cached_property
     def relation(self) -> Row:
         """C y' = d q' and nearness of every row, by output and form."""
-        batch, sampled = self.batch, self.sampled
+        batch = self.batch
+        sampled = self.sampled
         sigma, reciprocal_condition = sampled.singular_values()
         status = np.where(batch.status == Status.OK, sampled.status, batch.status)
         rows: list[Row] = []
@@ -221,8 +223,11 @@ class OneInput:
 
     def findings(self) -> Findings:
         """Return how many singularities there are, and where a mode comes near one."""
-        sampled, points, names = self.sampled, self.points, self.names
-        report, configurations = sampled.report, sampled.configurations
+        sampled = self.sampled
+        points = self.points
+        names = self.names
+        report = sampled.report
+        configurations = sampled.configurations
         inside = points["inside"] == "yes"
         curves = counted(len(sampled.curves), "configuration curve")
         here, beyond = (
@@ -299,7 +304,8 @@ class OneInput:
     @cached_property
     def drawn(self) -> dict[tuple[int, int], Floats]:
         """Inputs and outputs (`DRAWN`, 2) at even places, by curve and output."""
-        lines, sampled = {}, self.sampled
+        lines = {}
+        sampled = self.sampled
         for number, curve in enumerate(sampled.curves):
             s = np.linspace(0.0, curve.length * (1.0 - 1e-12), DRAWN)
             for output in range(len(self.names)):
@@ -321,7 +327,8 @@ class OneInput:
 
         Singularities are marked.
         """
-        batch, sampled = self.batch, self.sampled
+        batch = self.batch
+        sampled = self.sampled
         name = self.names[output]
         numbers = range(len(sampled.curves))
         at = np.full((len(batch), 2), np.nan)
@@ -352,7 +359,8 @@ class OneInput:
 
     def _gallery(self) -> Scene:
         """Return a page on which row k is singularity k, with what coincides there."""
-        sampled, every = self.sampled, self.points
+        sampled = self.sampled
+        every = self.points
         points = {k: v[np.isfinite(every["s"])] for k, v in every.items()}
         outputs = [self.names.index(name) for name in points["output"]]
         places = [points["curve"].tolist(), points["s"]]

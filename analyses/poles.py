@@ -45,7 +45,8 @@ from spherekit.plugin.rotations import link_axes, quaternion
 
 REACH = 2.5
 """What of the chart is seen: tan xi and tan zeta up to this."""
-PAIR_TONE, POLE_TONE = 0, 2
+PAIR_TONE = 0
+POLE_TONE = 2
 
 
 def chart(
@@ -66,7 +67,8 @@ def chart(
     """
     ground = link_axes(mechanism)[mechanism.links[0]]
     x = int(np.argmax(np.abs(np.sum([*ground.values(), np.zeros(3)], axis=0))))
-    y, z = (x + 1) % 3, (x + 2) % 3
+    y = (x + 1) % 3
+    z = (x + 2) % 3
     with np.errstate(divide="ignore", invalid="ignore"):
         places = directions[..., [y, z]] / directions[..., [x]]
     places = np.where(np.isfinite(places), places, np.nan)
@@ -107,10 +109,12 @@ def construction(batch: Batch, row: int) -> Scene:
 
     Poles appear as they are found, with the two great circles that give each.
     """
-    mechanism, plan = batch.mechanism, batch.plans[0]
+    mechanism = batch.mechanism
+    plan = batch.plans[0]
     axes = [x for x in plan.steps if isinstance(x, PrimaryPole) and not x.round]
     primary = [step.pole for step in axes]
-    words, every = [f"{len(primary)} axes of pairs are known"], list(plan.rounds)
+    words = [f"{len(primary)} axes of pairs are known"]
+    every = list(plan.rounds)
     made: list[tuple[Sequence[Pole], bool]] = [(primary, False)]
     for step in plan.steps:
         if step in axes:
@@ -314,9 +318,11 @@ class Poles(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the table `poles`."""
-        poles, inputs = self.poles(batch.mechanism), range(len(batch.moving_inputs))
+        poles = self.poles(batch.mechanism)
+        inputs = range(len(batch.moving_inputs))
         wanted = [(*pole, moved) for moved in inputs for pole in poles]
-        of, made = batch.of_poles(wanted), dict[str, Any](batch.pole_columns(wanted))
+        of = batch.of_poles(wanted)
+        made = dict[str, Any](batch.pole_columns(wanted))
         made["q"] = batch.interleaved([batch.inputs[:, moved] for *_, moved in wanted])
         made |= {f"du{axis}_dq": of("direction_dq", c) for c, axis in enumerate("xyz")}
         numbers = (
@@ -346,14 +352,17 @@ class Poles(AbstractAnalysis):
 
     def _parts(self, batch: Batch, rows: slice, moved: int) -> Iterator[Primitive]:
         """Yield what is seen of one assembly mode while one input moves."""
-        mechanism, pair = batch.mechanism, batch.moving_inputs[moved]
+        mechanism = batch.mechanism
+        pair = batch.moving_inputs[moved]
         several = len(batch.moving_inputs) > 1
         home, alone, title = (
             (f"{pair}/", f" by {pair}", f"{pair} moves: ") if several else ("", "", "")
         )
-        primary, shown = mechanism.pole_pairs, self.shown(mechanism)
+        primary = mechanism.pole_pairs
+        shown = self.shown(mechanism)
         driven = pole_of(*mechanism.ends[mechanism.pair_number[pair]])
-        body, wanted = batch.plans[moved].body, self.poles(mechanism)
+        body = batch.plans[moved].body
+        wanted = self.poles(mechanism)
         many = len(wanted) > MANY
         brief = all(len(name) == 1 for name in mechanism.links)
         for pole in wanted:

@@ -96,7 +96,8 @@ def read_poses(
             f"{where}: columns: {listing(columns)} are those of a file; poses and "
             "window say the names themselves, such as poses=azimuth=10+tilt=20"
         )
-    units, shape = dict[str, str](), None
+    units = dict[str, str]()
+    shape = None
     places: Sequence[str] = ()
     where = f"{where}: {file or told[0]}"
     try:
@@ -140,7 +141,8 @@ def _of_file(
     solver: OutputKinematics, where: str, path: Path, wanted: Names
 ) -> tuple[Names, Floats, dict[str, str], Sequence[str]]:
     """Return names, rows, units, "" where none is said, and where each row is."""
-    header, kinds = columns_of(path), _kinds(solver)
+    header = columns_of(path)
+    kinds = _kinds(solver)
     prefixed = {f"q_{name}": name for name in kinds[-1]}
     columns = {prefixed.get(name, name): written for name, written in header.items()}
     missing = [name for name in wanted if name not in columns]
@@ -200,7 +202,8 @@ def _posed(
     """Return the poses of rows (n, names), refusing those that are none."""
     why = f"has {WANTING}"
     if names == MATRIX:
-        why, made = "is not a rotation matrix", rows.reshape(-1, 3, 3)
+        why = "is not a rotation matrix"
+        made = rows.reshape(-1, 3, 3)
         gap = np.abs(made @ np.swapaxes(made, 1, 2) - np.eye(3)).max(axis=(1, 2))
         made[~((gap < NOT_ROTATION) & (np.linalg.det(made) > 0.0))] = np.nan
     else:
@@ -328,7 +331,8 @@ def forward_rows(mechanism: Mechanism, solver: OutputKinematics, inputs: Floats)
     none = np.setdiff1d(np.arange(len(inputs)), solutions.row)
     every = np.concatenate([solutions.row, none])
     order = np.argsort(every, kind="stable")
-    pose, at = every[order], np.where(order < len(solutions.row), order, -1)
+    pose = every[order]
+    at = np.where(order < len(solutions.row), order, -1)
 
     def filled(values: Floats) -> Floats:
         return np.concatenate([values, np.full((1, *values.shape[1:]), np.nan)])[at]
@@ -343,7 +347,8 @@ def forward_rows(mechanism: Mechanism, solver: OutputKinematics, inputs: Floats)
         off = np.abs(wrap(rows.values - solutions.values[rows.pose])).max(axis=1)
         same = np.flatnonzero(off < SAME_VALUES)
         working[rows.pose[same]] = rows.mode[same]
-    places, moved = filled(poses), dict[str, Any]()
+    places = filled(poses)
+    moved = dict[str, Any]()
     if solver.form is not None:
         turns = filled(solver.turns(solutions.values))
         moved = mirror_rates(mechanism, solver.form, places, turns)
@@ -364,9 +369,11 @@ def forward_rows(mechanism: Mechanism, solver: OutputKinematics, inputs: Floats)
 def pose_columns(solver: OutputKinematics, poses: Floats) -> Row:
     """Return the columns of poses; NaN for NaN."""
     if solver.points:
-        angles, places = azimuth_tilt(poses), poses
+        angles = azimuth_tilt(poses)
+        places = poses
     else:
-        angles, places = tilt_torsion(poses), quaternion(poses)
+        angles = tilt_torsion(poses)
+        places = quaternion(poses)
     return {
         **place_columns(places, solver.form),
         **dict(zip(("azimuth", "tilt", "torsion"), angles.T, strict=False)),

@@ -204,10 +204,12 @@ class ReactionAnalysis(AbstractAnalysis):
         result = self._found(batch)
         curves = []
         for k, pair in enumerate(batch.mechanism.pairs):
-            title, moment = "moment across the axis", result.across[:, k]
+            title = "moment across the axis"
+            moment = result.across[:, k]
             curves.append(curve("transverse_moment", pair.name, title, moment, "N m"))
             if not pair.kind.has_axis:
-                title, moment = "push of contacts, times the radius", result.push[:, k]
+                title = "push of contacts, times the radius"
+                moment = result.push[:, k]
                 curves.append(curve("contact_torque", pair.name, title, moment, "N m"))
         for load, at, couple, radial, axial in _bearing_loads(batch.mechanism, result):
             label = _named(load, at)
@@ -247,7 +249,8 @@ def _named(load: Bearings, at: float) -> str:
 
 
 def _bearing_rows(batch: Batch, result: Reactions) -> TableData:
-    bearings, n = _bearing_loads(batch.mechanism, result), len(batch)
+    bearings = _bearing_loads(batch.mechanism, result)
+    n = len(batch)
     pairs = [load.pair for load, *_ in bearings]
     numbers = [batch.mechanism.pair_number[pair] for pair in pairs]
     timed = row_columns(batch, timed=True)

@@ -33,7 +33,8 @@ from spherekit.plugin.rotations import (
 
 DRAWN = 181
 """Points with which the whole rotation is drawn."""
-PATH_TONE, LOST_TONE = 0, 2
+PATH_TONE = 0
+LOST_TONE = 2
 PLANE_TONES = {0: 1, -1: 4}
 ENDS = (0, "start"), (-1, "end")
 
@@ -63,7 +64,8 @@ class FoundRotation:
 
         The words stand beside both.
         """
-        samples, rows = self.samples, self.rows
+        samples = self.samples
+        rows = self.rows
         lost = np.array(self.turn.crossings)[:, None]
         errors = "error of orientation about the fixed axis"
         parts: list[Primitive] = [
@@ -87,7 +89,8 @@ class FoundRotation:
         )
         if rows is None:
             return (page,)
-        step, ddq = rows.t[-1] / (len(rows.t) - 1), rows.accelerations
+        step = rows.t[-1] / (len(rows.t) - 1)
+        ddq = rows.accelerations
         words += f"\n\nRow k of this page is at k x {step:.6g} s."
         timed = (
             *self._stage(self.turn.at(rows.theta)),
@@ -110,7 +113,8 @@ class FoundRotation:
 
     def _stage(self, samples: RotationSamples) -> Iterator[Primitive]:
         """Yield the links, the axis, arcs of the output, and mid-planes."""
-        mechanism, placed = self.mechanism, self.place(samples.values)
+        mechanism = self.mechanism
+        placed = self.place(samples.values)
         base = placed[:, mechanism.link_number[self.output.relative_to]]
         yield from link_bodies(mechanism, placed)
         yield Arrow("axis", "axis of the rotation", base @ self.turn.axis, False)
@@ -129,7 +133,8 @@ class FoundRotation:
                 label = f"arc of {name}"
                 yield SphereCurves(f"arc/{name}", label, [path], PATH_TONE, marks)
         if len(lost):
-            name, tips = "type II singularity", lost @ next(iter(directions.values()))
+            name = "type II singularity"
+            tips = lost @ next(iter(directions.values()))
             marks = [Mark(name, tip, LOST_TONE) for tip in _finite(tips)]
             yield SphereCurves("lost", name, [], LOST_TONE, marks)
         if self.form is not None:
@@ -137,7 +142,8 @@ class FoundRotation:
             moving = np.matvec(base @ self.form.frame, normals)
             finite = _finite(moving)
             for k, name in ENDS if len(finite) else ():
-                circle, label = [_circle(finite[k])], f"mid-plane, {name}"
+                circle = [_circle(finite[k])]
+                label = f"mid-plane, {name}"
                 yield SphereCurves(f"mid_plane/{name}", label, circle, PLANE_TONES[k])
             yield GreatCircle("mid_plane/now", "mid-plane", moving)
 

@@ -174,7 +174,8 @@ class SensitivityAnalysis(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return derivatives and tolerances of the rows of a batch."""
         made = self._found(batch)
-        names, keys = made.sensitivity.quantities, made.sensitivity.keys
+        names = made.sensitivity.quantities
+        keys = made.sensitivity.keys
         status = batch.status.copy()
         lost = ~np.all(np.isfinite(made.gradients), axis=(0, 1))
         status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
@@ -228,7 +229,9 @@ class SensitivityAnalysis(AbstractAnalysis):
     def findings(self, batch: Batch) -> Findings:
         """Return the largest spread of each quantity, and what makes most of it."""
         made = self._found(batch)
-        sensitivity, off, figures = made.sensitivity, made.tolerances, {}
+        sensitivity = made.sensitivity
+        off = made.tolerances
+        figures = {}
         for k, (name, spread) in enumerate(
             zip(sensitivity.quantities, off["spread"], strict=True)
         ):
@@ -285,14 +288,17 @@ class SensitivityAnalysis(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return the spread of each quantity, and the derivatives that make most of it."""
         made = self._found(batch)
-        keys, curves = made.sensitivity.keys, []
+        keys = made.sensitivity.keys
+        curves = []
         squares = made.shares * made.tolerances["spread"] ** 2
         for name, spread in zip(
             made.sensitivity.quantities, made.tolerances["spread"], strict=True
         ):
-            title, unit = f"spread of {name}", ""
+            title = f"spread of {name}"
+            unit = ""
             if _is_angle(name):
-                title, unit = "standard deviation", "rad"
+                title = "standard deviation"
+                unit = "rad"
             curves.append(curve("spread", name, title, spread, unit))
         scenes = []
         for mode, rows in batch.assembly_mode_rows().items():
@@ -358,7 +364,8 @@ def _otherwise(largest: Mapping[str, Any], name: str) -> str:
     """Return what the draws say where the first order is not enough."""
     if "drawn" not in largest:
         return ""
-    drawn, lost = largest["drawn"], largest["lost"]
+    drawn = largest["drawn"]
+    lost = largest["lost"]
     if abs(drawn - largest["spread"]) < BEYOND * largest["spread"] and not lost:
         return ""
     if lost == 1.0:

@@ -149,7 +149,8 @@ class SeveralInputs:
         parts: list[Row] = []
         for output in self.batch.mechanism.outputs:
             met = np.zeros((0, len(self.batch.mechanism.variable_names)))
-            number, name = 0, named(self.batch.mechanism, output)
+            number = 0
+            name = named(self.batch.mechanism, output)
             for locus in self.loci[output.name]:
                 if locus.everywhere:
                     told = {"kind": locus.kind, "inside": "yes", "residual": 0.0}
@@ -177,7 +178,8 @@ class SeveralInputs:
         return SINGULARITIES.stacked(self.batch.mechanism, parts)
 
     def _rows(self, points: SingularPoints, output: Output, claim: Completeness) -> Row:
-        batch, mechanism = self.batch, self.batch.mechanism
+        batch = self.batch
+        mechanism = self.batch.mechanism
         number = mechanism.link_number
         rest = output_of(mechanism, output.name)
         links = number[output.link], number[output.relative_to]
@@ -230,7 +232,8 @@ class SeveralInputs:
     @property
     def aspects(self) -> Row:
         """The configurations over an input grid, with the number of their aspect."""
-        parts, mechanism = self._found[1], self.batch.mechanism
+        parts = self._found[1]
+        mechanism = self.batch.mechanism
         if parts is None:
             return ASPECTS.stacked(mechanism)
         rows = {
@@ -244,7 +247,8 @@ class SeveralInputs:
 
     def findings(self) -> Findings:
         """Return curves, aspects and claims, and where rows come near a type."""
-        batch, parts = self.batch, self._found[1]
+        batch = self.batch
+        parts = self._found[1]
         figures: dict[str, Any] = {"slices": self.at_slices}
         warnings: list[str] = []
         remarks: list[str] = []
@@ -322,7 +326,8 @@ class SeveralInputs:
             sought = [(kind, name) for name in names for kind in KINDS]
             apart = (name for name in names if not moved_by_all(mechanism, name))
             sought += [(SELF_MOTION, name) for name in apart]
-        slices, made = self.at_slices, None
+        slices = self.at_slices
+        made = None
         if slices and sought:
             share = budget.part(FOR_SLICES, "slices")
             made = cut(solver_of(mechanism), ranges_of(mechanism), slices, share)
@@ -359,7 +364,8 @@ class SeveralInputs:
     @cached_property
     def coefficients(self) -> dict[str, OutputCoefficients]:
         """The rows as each output sees them, by its name."""
-        tracer, mechanism = self.batch.tracer, self.batch.mechanism
+        tracer = self.batch.tracer
+        mechanism = self.batch.mechanism
         return {
             output.name: coefficients(
                 self.batch.motion, output_of(mechanism, output.name), tracer.by_rank
@@ -369,7 +375,8 @@ class SeveralInputs:
 
     def scenes(self) -> tuple[Scene, ...]:
         """Return plots of each mode, curves in the plane of inputs and on the sphere."""
-        pages, outputs = [], self.batch.mechanism.outputs
+        pages = []
+        outputs = self.batch.mechanism.outputs
         surfaces = tuple(
             Surface(
                 f"plots/surface/{output.name}/{mesh.kind}",
@@ -464,12 +471,14 @@ def _claimed(claim: Completeness) -> Row:
 def _in_words(locus: Locus) -> tuple[dict[str, Any], str]:
     """Return what is found of a type, as figures and in words."""
     if isinstance(locus, SingularSurface):
-        what, irregular = "surface", locus.irregular
+        what = "surface"
+        irregular = locus.irregular
         count = len(locus.nodes)
         figures = {"vertices": count, "irregular": irregular, "claim": locus.guarantee}
         words = f"{count} vertices of surfaces {of_type(locus.kind)}"
     else:
-        what, irregular = "curve", len(locus.stray)
+        what = "curve"
+        irregular = len(locus.stray)
         count = sum(bool(np.any(curve.points.inside)) for curve in locus.curves)
         beyond = len(locus.curves) - count
         figures = {"curves": count, "curves_outside": beyond, "claim": str(locus.claim)}

@@ -127,7 +127,8 @@ def configuration_columns(
     are those of a part, its tracer is given; groups of the rest have the sign ``*``.
     """
     tracer = part or batch.tracer
-    mechanism, solver = tracer.mechanism, tracer.solver
+    mechanism = tracer.mechanism
+    solver = tracer.solver
     angles = set(mechanism.angles.values())
     columns: dict[str, Any] = {
         name: wrap(values[:, v]) if v in angles else values[:, v]

@@ -89,7 +89,8 @@ class SingularityAnalysis(AbstractAnalysis):
         """Return the relative motions wanted, as numbers of links."""
         if self.output:
             return tuple(ordered_pole(mechanism, text) for text in self.output)
-        number, ends = mechanism.link_number, mechanism.ends
+        number = mechanism.link_number
+        ends = mechanism.ends
         declared = dict.fromkeys(
             (number[output.link], number[output.relative_to])
             for output in mechanism.outputs

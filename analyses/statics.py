@@ -142,9 +142,12 @@ class Statics(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torques and of the outputs."""
-        solution, mechanism = self._found(batch), batch.mechanism
-        common, outputs = row_columns(batch), self._outputs(batch)
-        held, n = list(outputs.values()), len(batch)
+        solution = self._found(batch)
+        mechanism = batch.mechanism
+        common = row_columns(batch)
+        outputs = self._outputs(batch)
+        held = list(outputs.values())
+        n = len(batch)
         advantages = _beside([x.advantage for x in held], solution.torques.shape)
         sizes = _beside([x.stiffness for x in held], (n, 3))
         axes = _beside([x.axes for x in held], (n, 3, 3))
@@ -174,7 +177,8 @@ class Statics(AbstractAnalysis):
         )
 
     def _outputs(self, batch: Batch) -> Mapping[str, Stiffness]:
-        solution, drives = self._found(batch), self._each(batch.mechanism)
+        solution = self._found(batch)
+        drives = self._each(batch.mechanism)
         return batch.once(
             "outputs",
             lambda: {
@@ -187,7 +191,8 @@ class Statics(AbstractAnalysis):
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest holding torque at each input."""
-        torques, loads = self._found(batch).sure_torques, bool(batch.mechanism.loads)
+        torques = self._found(batch).sure_torques
+        loads = bool(batch.mechanism.loads)
         return _said(largest_torques(batch, torques, LARGEST) if loads else {}, loads)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
@@ -204,12 +209,14 @@ class Statics(AbstractAnalysis):
         ]
         for output, held in self._outputs(batch).items():
             for k, name in enumerate(batch.moving_inputs):
-                label, values = f"{output} by {name}", held.advantage[:, k]
+                label = f"{output} by {name}"
+                values = held.advantage[:, k]
                 curves.append(curve("advantage", label, "mechanical advantage", values))
             for k, word in enumerate(("least", "middle", "largest")):
                 values = held.stiffness[:, k]
                 if np.any(np.isfinite(values)):
-                    label, title = f"{output}, {word}", "principal stiffness"
+                    label = f"{output}, {word}"
+                    title = "principal stiffness"
                     curves.append(curve("stiffness", label, title, values, "N m/rad"))
         return plotted(batch, curves)
 

@@ -64,7 +64,9 @@ from .equivalent_rotation import DIRECTION, MIRROR, MODE, PLACE, place_columns
 from .pose_lists import read_poses
 from .posed_workspace import nearest_at, read_apart, read_limit, shown
 
-ROWS, COLUMNS, TORSIONS = 24, 48, 36
+ROWS = 24
+COLUMNS = 48
+TORSIONS = 36
 """Tilts, azimuths and torsions at which orientations are drawn."""
 COARSE = 1e-2
 """Relative error of the volume of a set of orientations, if nothing else is asked for."""
@@ -167,7 +169,8 @@ class Reached:
         parts: list[tuple[str, int, float, tuple[int, ...], Floats]]
         if isinstance(item, DirectionWorkspace):
             region = item.region
-            error, parts = region.error, [("whole", 0, region.area, (), np.full(3, np.nan))]
+            error = region.error
+            parts = [("whole", 0, region.area, (), np.full(3, np.nan))]
             for k, part in enumerate(region.components):
                 parts.append(("component", k, part.area, part.boundaries, part.place))
             for k, part in enumerate(region.gaps):
@@ -176,7 +179,8 @@ class Reached:
                 )
         else:
             whole = item.orientations
-            error, parts = whole.error, [("whole", 0, whole.volume, (), whole.place)]
+            error = whole.error
+            parts = [("whole", 0, whole.volume, (), whole.place)]
         kinds, numbers, sizes, curves, at = zip(*parts, strict=True)
         places = np.array(at)
         return {
@@ -250,14 +254,17 @@ class Reached:
         And what to warn of, and what to say.
         """
         figures: list[Row] = []
-        warnings, said = list[str](), list[str]()
+        warnings = list[str]()
+        said = list[str]()
         if not len(self.poses):
             warnings.append("pose: the mechanism does not close at these inputs")
         for place in self.poses:
             told: dict[tuple[bool, str], list[str]] = {}
             for item in self.workspaces:
-                here, label = self.judge(item, place[None]), label_of(item.signs)
-                limit, is_inside = self.names[int(here.limiting[0])], bool(here.inside[0])
+                here = self.judge(item, place[None])
+                label = label_of(item.signs)
+                limit = self.names[int(here.limiting[0])]
+                is_inside = bool(here.inside[0])
                 row: Row = {
                     "pose": place.tolist(),
                     "working_mode": label,
@@ -285,7 +292,8 @@ class Reached:
                 figures.append(row)
                 told.setdefault((is_inside, text), []).append(label)
             for (is_inside, text), labels in told.items():
-                state, modes = "inside" if is_inside else "outside", ", ".join(labels)
+                state = "inside" if is_inside else "outside"
+                modes = ", ".join(labels)
                 words = f"pose {shown(place)} is {state} in mode {modes}, {text}"
                 (said if is_inside else warnings).append(words)
         return figures, warnings, said
@@ -304,7 +312,8 @@ class Reached:
 
     def _of_directions(self, item: DirectionWorkspace, mode: str) -> list[Scene]:
         """Return the page of the margin and that of the singularity measures."""
-        places, triangles = item.region.surface_points, item.region.surface_triangles
+        places = item.region.surface_points
+        triangles = item.region.surface_triangles
         border = *self._curves(item.region), self._words(item)
         if not len(triangles):
             return [Scene(f"Workspace{mode}", border)]
@@ -366,7 +375,8 @@ class Reached:
         """Return the border by the limits that end it, each named on its longest arc."""
         curves: list[Primitive] = []
         for tone, (number, arcs) in enumerate(arcs_of(region).items(), 1):
-            name, longest = self.names[number], max(arcs, key=len)
+            name = self.names[number]
+            longest = max(arcs, key=len)
             mark = Mark(name.partition(" (")[0], longest[len(longest) // 2], tone)
             path = f"workspace/border/{number + 1}"
             curves.append(SphereCurves(path, name, arcs, tone, [mark]))

@@ -160,7 +160,8 @@ def fault_of(name: str, value: Any, hint: Any) -> str:
         hint_of = nearest(value, allowed) or ";"
         words = listing(f'"{word}"' for word in allowed)
         return f'{name} "{value}" is not known{hint_of} allowed: {words}'
-    shown, words = repr(value), in_words(hint)
+    shown = repr(value)
+    words = in_words(hint)
     shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
     if isinstance(value, str | os.PathLike) and "Mechanism" in words:
         words += "; spherekit.load reads it by its name or path"
@@ -191,7 +192,8 @@ def _fits(value: Any, hint: Any) -> bool:
         types, _ = _SIMPLE[hint]
         of_truth = isinstance(value, bool | np.bool_)
         return isinstance(value, types) and of_truth == (hint is bool)
-    origin, inner = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     if origin is Literal:
         return any(type(value) is type(choice) and value == choice for choice in inner)
     if origin in _UNIONS:
@@ -255,7 +257,8 @@ def in_words(hint: Any, style: Style = _PYTHON) -> str:
         return "texts" if _is_text(hint) else "numbers"
     if hint in style.simple:
         return style.simple[hint]
-    origin, inner = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     if origin is Literal:
         return style.choice(inner)
     if origin is Callable:
@@ -284,7 +287,8 @@ def read_as(hint: Any, value: Any, one: Callable[[Any, Any], Any], parts: Any) -
     `one` reads a value as a simple type or a choice, `parts` gives the items of several;
     both raise `ValueError`, as this does, where that is not possible.
     """
-    origin, inner = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     if origin in _UNIONS:
         for kind in inner:
             with contextlib.suppress(ValueError):

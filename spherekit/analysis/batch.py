@@ -252,7 +252,9 @@ class Batch:
 
         Which sample, mode, links and moving input; axis, coefficients, residual, status.
         """
-        of, links, pairs = self.of_poles(poles), self.mechanism.links, self.moving_inputs
+        of = self.of_poles(poles)
+        links = self.mechanism.links
+        pairs = self.moving_inputs
         words = {
             "link": [links[j] for _, j, _ in poles],
             "relative_to": [links[i] for i, *_ in poles],

@@ -145,7 +145,10 @@ def parse_merit(text: str, radians: float) -> FigureOfMerit:
             f"least=min(transmission_angle_43); reductions: {listing(REDUCTIONS)}"
         )
     name, reduction, expression = match.groups()
-    table, only, place, texts = None, "", "", list[str]()
+    table = None
+    only = ""
+    place = ""
+    texts = list[str]()
     if rows := _TABLE.fullmatch(expression):
         table, only, expression = rows.groups()
     point: tuple[float, ...] = ()

@@ -56,7 +56,9 @@ def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
     FileError
         If it cannot be read, or a cell is not a finite number, with line or row.
     """
-    cells, word, first = _frame(path)[list(names)], "line", 2
+    cells = _frame(path)[list(names)]
+    word = "line"
+    first = 2
     units = cells.attrs.get("units", {})
     if path.suffix == PARQUET:
         word = "row"

@@ -38,7 +38,9 @@ PROVES = "poles"
 NEAR = 1e-6
 """A proven configuration farther (rad) from that of the run is another one."""
 
-HOLDS, EXCEEDED, OPEN = "holds", "exceeded", "open"
+HOLDS = "holds"
+EXCEEDED = "exceeded"
+OPEN = "open"
 
 FINDINGS = {
     "bounds of axes": "error_bound_is",

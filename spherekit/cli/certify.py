@@ -71,7 +71,8 @@ def execute(options: Namespace) -> int:
     from spherekit.proof.construction import construct
     from spherekit.proof.gears import Written
 
-    document, tolerance = checked_document(options.file), options.tolerance
+    document = checked_document(options.file)
+    tolerance = options.tolerance
     if options.lock:
         locked = with_locks(read(document), options.lock, options.file)
         document = parse(dumps(locked, document.data["angle_unit"]), options.file)

@@ -115,7 +115,8 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
 
 
 def _tell(facts: Facts, links: int) -> None:
-    inputs, at_once = facts["inputs"], facts["at_once"]
+    inputs = facts["inputs"]
+    at_once = facts["at_once"]
     print(
         f"{facts['mechanism']}, {numbered('input', inputs)}, "
         f"analyses: {', '.join(facts['analyses'])}"

@@ -246,7 +246,8 @@ def _declare(place: Any, entry: Sequence[str]) -> None:
         form["required"] = True
     named = names or re.sub(r"\W.*", "", first)
     flags = named.split(", ") if "-" in named else [named.lower()]
-    argument, words = place.add_argument(*flags, **form), SUGGEST.get(first)
+    argument = place.add_argument(*flags, **form)
+    words = SUGGEST.get(first)
     if words:
         argument.completer = lambda prefix, parsed_args, **_: words(prefix, parsed_args)
 

@@ -14,7 +14,10 @@ from typing import Any
 
 from spherekit.cli.stopping import signal_of, stoppable
 
-BAD_INPUT, FAILED_SAMPLES, FAILED_ANALYSIS, STOPPED = 1, 3, 4, 128
+BAD_INPUT = 1
+FAILED_SAMPLES = 3
+FAILED_ANALYSIS = 4
+STOPPED = 128
 """Exit statuses; of a command that was stopped, the number of the signal is added."""
 
 LEAST_SPACE = 500_000_000

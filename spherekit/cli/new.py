@@ -32,7 +32,8 @@ examples:
 """
 
 TEMPLATES = Path(__file__).parent / "templates"
-SUFFIX, MADE = ".toml", ".in"
+SUFFIX = ".toml"
+MADE = ".in"
 _NAME = re.compile(r"^\s*name\s*=.*$", re.M)
 
 
@@ -73,9 +74,11 @@ def _check_name(what: str, name: str) -> None:
     from spherekit.errors import OutputError
 
     better = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
-    pattern, takes = NAME_PATTERN.pattern, "letters, digits and underscores"
+    pattern = NAME_PATTERN.pattern
+    takes = "letters, digits and underscores"
     if what == "analysis":
-        pattern, better = r"[a-z][a-z0-9_]*", better.lower().strip("_0123456789")
+        pattern = r"[a-z][a-z0-9_]*"
+        better = better.lower().strip("_0123456789")
         takes = "lower-case letters, digits and underscores, a letter first"
     if not re.fullmatch(pattern, name) or len(name) > MAX_NAME_LENGTH:
         raise OutputError(

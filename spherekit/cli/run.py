@@ -139,7 +139,8 @@ def _executed(
 
     with _recorder(options, study) as recorder:
         collector = Collector(recorder) if options.figures else None
-        chosen, engine = _accuracy(study, analyses, options), options.engine
+        chosen = _accuracy(study, analyses, options)
+        engine = options.engine
         if chosen and chosen["setting"].tolerance is not None:  # of a simulation
             study = replace(study, tolerance=chosen["setting"].tolerance)
             engine = chosen["setting"].integrator
@@ -204,7 +205,8 @@ def _prove(options: Namespace, study: "Study", result: "RunResult") -> int:
     proven = prove_poles(study.mechanism, motion, poles)
     print(proven, file=sys.stderr if options.json else sys.stdout)
     if study.folder:
-        formats, hash_ = FORMATS.get(options.format), result.summary["mechanism_hash"]
+        formats = FORMATS.get(options.format)
+        hash_ = result.summary["mechanism_hash"]
         names = proven.write(study.folder, study.degrees, formats, hash_)
         print(f"proven poles in {', '.join(names)}", file=sys.stderr)
     return proven.exceeded

@@ -52,7 +52,8 @@ def report(summary: Any) -> str:
 
 def _asked(summary: Any) -> str:
     """Return over what a mechanism was gone through, and its mobility."""
-    mobility, count = summary["mobility"], len(summary["assembly_modes"])
+    mobility = summary["mobility"]
+    count = len(summary["assembly_modes"])
     names = numbered("input", summary["inputs"])
     if not count:
         return (
@@ -123,7 +124,8 @@ def by_equal_counts(assembly_modes: Sequence[Any]) -> Lines:
 
 def spent(cost: Any) -> Lines:
     """Return what a run has cost in lines for people."""
-    seconds, whole = cost["seconds"], sum(cost["seconds"].values())
+    seconds = cost["seconds"]
+    whole = sum(cost["seconds"].values())
     stages = ", ".join(
         f"{name} {duration(took)}" for name, took in seconds.items() if took > 0.005 * whole
     )
@@ -157,7 +159,8 @@ def duration(seconds: float) -> str:
 
 def accuracy_line(choice: Any) -> str:
     """Return which setting was taken for a tolerance, and what it reached."""
-    error, reached = choice["predicted_error"], choice["achieved_error"]
+    error = choice["predicted_error"]
+    reached = choice["achieved_error"]
     predicted = "" if error is None else f", predicted error {error:.1e}"
     line = (
         f"tolerance {choice['tolerance']:g}: {choice['setting']} "
@@ -179,7 +182,8 @@ def progress() -> Callable[[int, int], None]:
 
     And how long the others will take, by those done since it was told first.
     """
-    working, first = ProgressReporter("computing"), list[tuple[float, int]]()
+    working = ProgressReporter("computing")
+    first = list[tuple[float, int]]()
 
     def tell(done: int, total: int) -> None:
         now = time.monotonic()

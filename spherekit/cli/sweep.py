@@ -141,7 +141,8 @@ def _reasons(failed: Any) -> Lines:
     ranked = sorted(groups, key=len, reverse=True)
     lines = []
     for rows in ranked[:REASONS]:
-        first, designs = rows.iloc[0], numbered("design", rows["design"])
+        first = rows.iloc[0]
+        designs = numbered("design", rows["design"])
         of_first = f"of {first['design']} " if rows["reason"].nunique() > 1 else ""
         lines.append(f"  {first['status']}, {designs}: {of_first}{first['reason']}")
     if len(ranked) > REASONS:

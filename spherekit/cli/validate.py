@@ -95,7 +95,8 @@ def check(name: str, locks: Sequence[str] | None = None) -> Facts:
 
 def line(facts: Facts) -> str:
     """Return one line that says what a good file holds."""
-    mobility, study = facts["mobility"], facts.get("study")
+    mobility = facts["mobility"]
+    study = facts.get("study")
     rank = facts.get("rank_mobility", mobility)
     by_rank = f" by the graph and {rank} by rank" if rank != mobility else ""
     heading = f"{study}: ok, study of {facts['name']}" if study else f"{facts['name']}: ok"

@@ -32,7 +32,9 @@ from spherekit.sphere.rotation import all_finite, max_abs, nans
 Parts = tuple[Floats, Floats, Floats, Floats]
 """Values (k,), gradients (k, n), limits' values (m,) and gradients (m, n) at a place."""
 
-FIRST, LONGEST, SHORTEST = 0.05, 0.25, 1e-9
+FIRST = 0.05
+LONGEST = 0.25
+SHORTEST = 1e-9
 """Longest step along an axis: of the first step, of any, and where a descent ends."""
 SERIOUS = 0.1
 """Part of the decrease that the planes promise from which a step is taken."""
@@ -69,7 +71,8 @@ class HeldMode:
             signs = np.array([1.0 if letter == "+" else -1.0 for letter in self.label])
             return np.repeat(signs[:, None], count, axis=1)
         newton, begun, configurations = self.followed
-        closes, profiles = np.flatnonzero(all_finite(configurations, 0)), None
+        closes = np.flatnonzero(all_finite(configurations, 0))
+        profiles = None
         sizes = begun.sizes[:, None], design.sizes[:, None]
         if begun.profiles is not None:
             profiles = begun.profiles.towards((design.values - begun.values)[:, None])
@@ -163,7 +166,8 @@ def least_greatest(
         return x, np.inf
     now = np.max(begun[0])
     allowed = np.maximum(begun[2], 0.0)
-    looked, radius = [(x, begun)], FIRST
+    looked = [(x, begun)]
+    radius = FIRST
     for _ in range(MOST_STEPS):
         step, promised = _step(looked, x, now, allowed, radius)
         if promised < enough and radius <= FIRST * 1e-2:
@@ -174,7 +178,9 @@ def least_greatest(
             looked.append((tried, there))
             value = np.max(there[0])
             if now - value >= SERIOUS * promised and np.all(there[2] <= allowed):
-                x, now, radius = tried, value, min(2.0 * radius, LONGEST)
+                x = tried
+                now = value
+                radius = min(2.0 * radius, LONGEST)
                 continue
         radius *= 0.5
         if radius < SHORTEST:
@@ -193,7 +199,8 @@ def _step(
     """Return the step (n,) that planes promise most of, and how much."""
     from scipy.optimize import linprog
 
-    planes, right = [], []
+    planes = []
+    right = []
     for place, (values, gradients, limits, by_limits) in looked:
         # A limit that bends is met with room, as much as the step promises.
         for at, slopes, most, room in (
@@ -202,7 +209,8 @@ def _step(
         ):
             planes.append(np.column_stack([slopes, np.full(len(at), -room)]))
             right.append(most - np.minimum(at + slopes @ (x - place), most))
-    low, high = np.maximum(-radius, -x), np.minimum(radius, 1.0 - x)
+    low = np.maximum(-radius, -x)
+    high = np.minimum(radius, 1.0 - x)
     result = linprog(
         np.append(np.zeros_like(x), 1.0),
         A_ub=np.vstack(planes),
@@ -249,7 +257,8 @@ class FigureGradients:
         design = self.evaluator.varied.design_at(values)
         if design is None:
             return figures, gradients, 0.0
-        samples, places = of.rows.T, mode.places(design, len(of.rows))
+        samples = of.rows.T
+        places = mode.places(design, len(of.rows))
         closed, made, changes = design.at(
             self._kernel, samples, places, places.T, self._turns(design, places)
         )
@@ -273,7 +282,8 @@ class FigureGradients:
 
     def _share(self, kind: str, value: Floats, figure: float) -> Floats:
         """Return the share (n,) of each value in the derivative of a figure."""
-        share, closed = np.zeros(len(value)), np.isfinite(value)
+        share = np.zeros(len(value))
+        closed = np.isfinite(value)
         if not np.any(closed):
             return share
         if kind in ("mean", "sum", "at", "rms"):
@@ -290,7 +300,8 @@ class FigureGradients:
 
     def _turns(self, design: DesignAt, places: Floats) -> Floats:
         """Return the turns (pairs, n), rad, at samples and points."""
-        kernel, evaluator = self._kernel, self.evaluator
+        kernel = self._kernel
+        evaluator = self.evaluator
         if kernel.closed_form:
             prepared = kernel.prepare(design.sizes[:, None])
             return evaluator.turns(kernel, prepared, places[:, 0].tolist())[:, :, 0]
@@ -399,7 +410,8 @@ class Descent:
                 made = self._function(np.concatenate([values, figures])[:, None])
             every = made.reshape(len(by_x) + 1, -1)
             partial = np.where(np.isnan(every[1:]), 0.0, every[1:])
-            gradients, k = partial.T @ by_x, self._wanted
+            gradients = partial.T @ by_x
+            k = self._wanted
             parts = every[0, :k], gradients[:k], every[0, k:], gradients[k:]
             self._last = {key: (parts, closes, figures)}
         return self._last[key]

@@ -79,7 +79,8 @@ def _along(angles: Angles, n: int, q: Floats) -> tuple[Floats, Floats]:
 
     And by how much they grow (pairs, k - 1, n) to the next.
     """
-    who, rows = np.tile(np.arange(n), len(q)), np.repeat(q, n, axis=0)
+    who = np.tile(np.arange(n), len(q))
+    rows = np.repeat(q, n, axis=0)
     at = angles(who, rows)
     steps = _grown(angles, who[n:], (rows[:-n], rows[n:]), (at[:, :-n], at[:, n:]))
     return at.reshape(len(at), -1, n), steps.reshape(len(at), -1, n)
@@ -160,7 +161,8 @@ def _begun(angles: Angles, who: Indices, ends: Floats, last: Floats) -> Floats:
     It has the `last` at the second of two inputs (2,), and is not at the first.
     """
     open_, closed = (np.full((len(who), 1), end) for end in ends)
-    at, first = closed, last
+    at = closed
+    first = last
     for _ in range(EDGE):
         between = 0.5 * (open_ + at)
         here = angles(who, between)
@@ -201,10 +203,13 @@ def turns_along_several(
     return turns
 
 
-PART, FOLLOWED, SINGLY = 16384, 768, 16
+PART = 16384
+FOLLOWED = 768
+SINGLY = 16
 """Designs in a part: in closed form, followed, and one by one."""
 
-FEWEST, PARTS = 256, 8
+FEWEST = 256
+PARTS = 8
 """Designs that are followed in a part at least, and parts that are made of more."""
 
 HELD = 2**24
@@ -213,7 +218,8 @@ HELD = 2**24
 ON_THE_WAY = 2**25
 """Variables of all solutions of designs that are followed together, at all samples."""
 
-COMPLETE, SAMPLED = Guarantee.COMPLETE.value, Guarantee.SAMPLED.value
+COMPLETE = Guarantee.COMPLETE.value
+SAMPLED = Guarantee.SAMPLED.value
 
 SAME_INPUT = 1e-9
 """Inputs (rad) that differ by less are those of one sample."""
@@ -339,7 +345,8 @@ class Evaluator:
         names = self.figures.names
         sizes, reason = self.varied.sizes(values)
         self._judge_arcs(values, reason)
-        singly, possible = np.flatnonzero(reason == UNLIKE), np.flatnonzero(reason == OK)
+        singly = np.flatnonzero(reason == UNLIKE)
+        possible = np.flatnonzero(reason == OK)
         lacking = np.flatnonzero((reason != OK) & (reason != UNLIKE))
         parts = [Evaluated.of(lacking, names, status=IMPOSSIBLE, reason=reason[lacking])]
         if len(possible):
@@ -354,7 +361,8 @@ class Evaluator:
 
     def _judge_arcs(self, values: Floats, reason: NDArray[np.object_]) -> None:
         """Say of designs (variables, n) which arcs are impossible."""
-        geometry, scales = self.mechanism.geometry, self.varied.scale
+        geometry = self.mechanism.geometry
+        scales = self.varied.scale
         for variable, given, scale in zip(self.variables, values, scales, strict=True):
             match variable.slot:
                 case ("arcs", (link, _)) if isinstance(geometry, SizeGeometry):
@@ -373,7 +381,8 @@ class Evaluator:
 
     def _modes(self, kernel: DesignKernel, sizes: Floats) -> Evaluated:
         """Return designs (variables, n) of a kernel in all their modes."""
-        parts, prepared = [], kernel.prepare(sizes)
+        parts = []
+        prepared = kernel.prepare(sizes)
         shape = len(kernel.places), len(self.figures.rows), sizes.shape[1]
         for signs in product((1.0, -1.0), repeat=len(kernel.places)):
             label = "".join("+" if sign > 0 else "-" for sign in signs)
@@ -418,7 +427,8 @@ class Evaluator:
 
         With the variables (v, samples and points, modes), NaN where a mode does not close.
         """
-        lattice, points = self.samples.lattice, self.figures.points
+        lattice = self.samples.lattice
+        points = self.figures.points
         if lattice.is_path:
             tracer = PositionAnalysis(mechanism, self.inputs, path=lattice.q)
         else:
@@ -445,10 +455,13 @@ class Evaluator:
 
         In rad, of designs prepared (k, n), all groups being dyads.
         """
-        rows, count, n = self.figures.rows, len(self.inputs), prepared.shape[1]
+        rows = self.figures.rows
+        count = len(self.inputs)
+        n = prepared.shape[1]
         if not kernel.turning:
             return np.zeros((0, len(rows), n))
-        first, function = rows.shape[1] + len(signs), kernel.angles
+        first = rows.shape[1] + len(signs)
+        function = kernel.angles
         last = first + len(kernel.turning)
 
         def angles(who: Indices, q: Floats) -> Floats:
@@ -464,7 +477,8 @@ class Evaluator:
                 parts.append(np.where(closed, outputs[kernel.reaches :], np.nan))
             return np.concatenate(parts, axis=1)
 
-        q, contacts = rows[:, :count], self.varied.contacts
+        q = rows[:, :count]
+        contacts = self.varied.contacts
         returns = contacts is None or contacts.train is None
         with np.errstate(all="ignore"):
             if count == 1:
@@ -509,7 +523,8 @@ class Evaluator:
         One input is followed as it grows; several from sample to neighbouring sample, so
         that points are samples.
         """
-        lattice, k = self.samples.lattice, len(self.inputs)
+        lattice = self.samples.lattice
+        k = len(self.inputs)
         if k == 1:
             q, place = np.unique(self.figures.rows[:, 0], return_inverse=True)
             return InputGrid(q[:, None], (len(q),)), place
@@ -549,7 +564,8 @@ class Evaluator:
             closed=next(iter(motion.values[~motion.failed]), None),
         )
         kernel = DesignKernel(terms, self.figures.columns, compiled=False)
-        modes, claim = tracer.assembly_modes, tracer.claim.guarantee.value
+        modes = tracer.assembly_modes
+        claim = tracer.claim.guarantee.value
         made = self.figures.of(
             kernel,
             kernel.prepare(np.empty((0, len(modes)))),

@@ -164,7 +164,8 @@ class Evaluated(ArrayRows):
         def each(item: Any, kind: type = object) -> Array:
             return np.broadcast_to(np.asarray(item, kind), len(numbers))
 
-        shares, words = each(closes, float), (each(status), each(reason), each(claim))
+        shares = each(closes, float)
+        words = (each(status), each(reason), each(claim))
         return Evaluated(numbers, each(mode), shares, *words, merits)
 
     @staticmethod
@@ -339,7 +340,8 @@ def reduced(kind: str, q: Floats, values: Floats, returns: bool = False) -> Floa
             return np.fmax.reduce(values) - np.fmin.reduce(values)
         finite = np.isfinite(values)
         part = values * values if kind == "rms" else values
-        total, count = np.sum(part, axis=0, where=finite), np.sum(finite, axis=0)
+        total = np.sum(part, axis=0, where=finite)
+        count = np.sum(finite, axis=0)
         if kind == "sum":
             return np.where(count > 0, total, np.nan)
         return np.sqrt(total / count) if kind == "rms" else np.asarray(total / count)
@@ -355,10 +357,12 @@ def widest_swings(angles: Floats, returns: bool) -> tuple[Floats, Indices, Indic
     again = np.where(meets & np.any(np.isnan(angles), axis=0), angles, np.nan)
     every = np.concatenate([angles, again]) if returns else angles
     steps = wrap(np.diff(every, axis=0, prepend=np.nan)).T
-    starts, piece = np.flatnonzero(np.isnan(steps)), np.cumsum(np.isnan(steps)) - 1
+    starts = np.flatnonzero(np.isnan(steps))
+    piece = np.cumsum(np.isnan(steps)) - 1
     reached = np.cumsum(np.nan_to_num(steps), axis=1).ravel()
     sides = [x.reduceat(reached, starts) for x in (np.minimum, np.maximum)]
-    swings, columns = sides[1] - sides[0], starts // len(every)
+    swings = sides[1] - sides[0]
+    columns = starts // len(every)
     order = np.lexsort((-swings, columns))
     widest = order[np.searchsorted(columns, np.arange(angles.shape[1]))]
     ends = [np.flatnonzero(reached == side[piece]) for side in sides]

@@ -24,13 +24,15 @@ from spherekit.sphere.rotation import all_finite, max_abs
 
 SOON = 2.0**-8
 """Part of a way at which it is looked at first, for its direction."""
-LEAST, MOST = 2.0**-20, 600
+LEAST = 2.0**-20
+MOST = 600
 """The least step, as a part of a way, and most of them."""
 NEAR = 0.3
 """Most (rad) by which a prediction may be off, off the real axis."""
 CONTRACTS = 0.2
 """Newton's second step is at most this part of the first there."""
-SHORT, LONG = 0.125, 0.03125
+SHORT = 0.125
+LONG = 0.03125
 """Newton's steps on the real axis are at most this part of the one before, the first of
 how far a configuration is foreseen (Kantorovich 1948): on ways of small deviations, on
 others."""
@@ -219,7 +221,8 @@ def start_set(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
     some inputs, from where these leave the real axis.
     """
     structure = kernel.terms.structure
-    mechanism, groups = structure.mechanism, structure.assembly.groups
+    mechanism = structure.mechanism
+    groups = structure.assembly.groups
     if not all(group.is_dyad or has_elimination(group) for group in groups):
         return None
     roots = prod(orders_of(group)[0].roots for group in groups)
@@ -232,7 +235,8 @@ def start_set(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
     there = np.mean(ends, axis=1)[:, None] + 0.7j
     here = np.random.default_rng(20).uniform(*np.sort(ends, axis=1).T)[:, None]
     # Newton's first step takes pairs that follow the inputs to their places.
-    start, column = np.zeros((kernel.variables, 1)), sizes[:, None]
+    start = np.zeros((kernel.variables, 1))
+    column = sizes[:, None]
     start[kernel.driven] = here
     with np.errstate(all="ignore"):
         step = kernel.at(start, kernel.prepare(column)).step

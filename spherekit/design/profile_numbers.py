@@ -76,7 +76,8 @@ class ProfileNumbers:
         drawn = [self._tracks(self.values + deviation) for deviation in deviations.T]
 
         def profiles(now: Floats, rows: Indices, ahead: Floats) -> Floats:
-            there, draws = nans((9 * len(self.tracks), len(rows))), rows % len(drawn)
+            there = nans((9 * len(self.tracks), len(rows)))
+            draws = rows % len(drawn)
             order = np.argsort(draws, kind="stable")
             for some in np.split(order, np.flatnonzero(np.diff(draws[order])) + 1):
                 tracks = drawn[draws[some[0]]] if len(some) else None
@@ -187,9 +188,11 @@ def varied(profile: Profile, backwards: bool, change: Floats) -> Varied:
         )
     centre = np.array(profile.centre), change[:3]
     if profile.round_axis is not None:
-        radius, longer = 0.5 * np.pi, 0.0
+        radius = 0.5 * np.pi
+        longer = 0.0
         if profile.radius is not None:
-            radius, longer = profile.radius, change[3]
+            radius = profile.radius
+            longer = change[3]
         return varied_round(centre, ([radius], [longer]), backwards=backwards)
     cosines, sines = np.split(change[3:], [len(profile.cosines)])
     return varied_round(
@@ -213,7 +216,8 @@ def _nearest(
 
     By least squares, from how far their frames turn from each other.
     """
-    columns, turned = [], np.zeros(3)
+    columns = []
+    turned = np.zeros(3)
     for track, curve, sign in zip(tracks, curves, (1.0, -1.0), strict=True):
         start = np.array([track.start])
         there = track.curve.at(start)
@@ -221,7 +225,8 @@ def _nearest(
         columns.append(sign * (normal + there.curvature[0] * point))
         if curve is not None:
             change = curve(start)[:, 0]
-            leaning, running = -change[3:6] @ normal, change[3:6] @ tangent
+            leaning = -change[3:6] @ normal
+            running = change[3:6] @ tangent
             swinging = change[:3] @ normal
             turned += sign * (leaning * tangent + running * normal + swinging * point)
     return np.linalg.lstsq(np.stack(columns, axis=1), -turned, rcond=None)[0]
@@ -251,7 +256,8 @@ def _between(one: Floats, other: Floats, part: Floats) -> Floats:
     """Return columns (9 profiles, n) at parts (n,) between two: frames stay frames."""
     made = one + part * (other - one)
     for k in range(0, len(made), 9):
-        tangent, point = made[k : k + 3], made[k + 3 : k + 6]
+        tangent = made[k : k + 3]
+        point = made[k + 3 : k + 6]
         point /= np.linalg.norm(point, axis=0)
         tangent -= np.sum(tangent * point, axis=0) * point
         tangent /= np.linalg.norm(tangent, axis=0)

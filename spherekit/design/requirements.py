@@ -86,7 +86,8 @@ class Specification:
         rows, objectives = self.rows_of(
             self.sweep.rows(designs, np.arange(designs.shape[1]))
         )
-        here, missed = rows["mode"] == mode, np.zeros(len(objectives))
+        here = rows["mode"] == mode
+        missed = np.zeros(len(objectives))
         for condition in self.sweep.conditions:
             less, more = condition.sides(rows)
             missed += np.maximum(np.nan_to_num(less - more, nan=np.inf), 0.0)
@@ -96,7 +97,9 @@ class Specification:
         """Return what keeps designs from being good, in words, by some of the first."""
         designs = self.sweep.space.designs(0, LOOKED_AT)
         rows = self.with_match(self.sweep.rows(designs, np.arange(designs.shape[1])))
-        status, words, n = rows["status"], [], designs.shape[1]
+        status = rows["status"]
+        words = []
+        n = designs.shape[1]
         if never := np.sum(status == NEVER_CLOSES):
             words.append(f"{never} of {n} close at no sample")
         others = rows["reason"][(status != OK) & (status != NEVER_CLOSES)]

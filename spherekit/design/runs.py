@@ -26,7 +26,8 @@ from spherekit.sphere.rotation import max_abs, nans
 if TYPE_CHECKING:
     import pandas as pd
 
-WORKING, OF_RUN = "working", "run"
+WORKING = "working"
+OF_RUN = "run"
 """Before the names of modes that are not the assembly modes of the kernel."""
 ASSEMBLY = "assembly_mode"
 MODES = (ASSEMBLY, "working_mode")
@@ -144,7 +145,8 @@ class DesignRuns:
         made = self._with_figures(rows, [WHOLE] * count, {})
         if not np.all(rows.status == OK):
             return made
-        status, reason = np.repeat(why.status, count), np.repeat(why.reason, count)
+        status = np.repeat(why.status, count)
+        reason = np.repeat(why.reason, count)
         return replace(made, status=status, reason=reason)
 
     def _joined(self, rows: Evaluated | None, run: RunResult) -> Evaluated:
@@ -157,7 +159,8 @@ class DesignRuns:
         modes = sorted(shown, key=lambda mode: mode[1]) or [WHOLE]
         words = str(run.summary.get("search", ""))
         claim = words.partition(":")[0] if MOTION in run.results and ":" in words else ""
-        labels, place = [number for _, number in modes], dict[int, Mode]()
+        labels = [number for _, number in modes]
+        place = dict[int, Mode]()
         if rows is not None:
             every = {mode: self._place(rows, mode, assembled) for mode in modes}
             place = {row: mode for mode, row in every.items() if row is not None}

@@ -111,7 +111,8 @@ class Sensitivity:
         for pair, table in self.document.data["pairs"].items():
             for link, profile in table.get("profiles", {}).items():
                 for name in ("radius", "cosines", "sines"):
-                    key, number = f"pairs.{pair}.profiles.{link}.{name}", profile.get(name)
+                    key = f"pairs.{pair}.profiles.{link}.{name}"
+                    number = profile.get(name)
                     if isinstance(number, list):
                         made += [f"{key}.{k}" for k in range(len(number))]
                     elif number is not None:
@@ -217,7 +218,8 @@ class Sensitivity:
     @cached_property
     def links(self) -> frozenset[int]:
         """The numbers of the links on which quantities depend, or whose sizes are named."""
-        pairs, names = self.mechanism.pairs, self.mechanism.links
+        pairs = self.mechanism.pairs
+        names = self.mechanism.links
         made = {
             f"{kind}_{pair.name}": pair.links
             for kind in ("theta", "rate", "transmission_angle")
@@ -284,7 +286,8 @@ class Sensitivity:
         """
         if any(name.startswith("torque") for name in self.quantities):
             need_tabulated(self.mechanism, samples[:, -1])
-        design, places = self._design, self._placed(values).T
+        design = self._design
+        places = self._placed(values).T
         return design.at(self._gradient, samples.T, places, values)[1:]
 
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
@@ -301,12 +304,14 @@ class Sensitivity:
         -----
         Followed from each configuration by Newton's method; NaN where none is there.
         """
-        draws, design = deviations.shape[1], self._design
+        draws = deviations.shape[1]
+        design = self._design
         sizes, _ = self._varied.sizes(design.values[:, None] + deviations)
         given = design.profiles
         profiles = None if given is None else given.towards(deviations)
         together = max(1, TOGETHER // draws)
-        made, working = [], ProgressReporter(f"{self.mechanism.name}: deviating mechanisms")
+        made = []
+        working = ProgressReporter(f"{self.mechanism.name}: deviating mechanisms")
         for k in range(0, len(samples), together):
             working.tell(f"configuration {k + 1} of {len(samples)}".__str__)
             some = slice(k, k + together)
@@ -317,7 +322,8 @@ class Sensitivity:
         self, samples: Floats, values: Floats, of_draws: Floats, profiles: Profiles | None
     ) -> Floats:
         """Return the quantities (c, n, draws) of mechanisms with sizes (k, draws)."""
-        n, draws = len(samples), of_draws.shape[1]
+        n = len(samples)
+        draws = of_draws.shape[1]
         start = np.repeat(self._placed(values).T, draws, axis=1)
         sizes = np.tile(of_draws, n)
         away = sizes - self._design.sizes[:, None]

@@ -142,7 +142,8 @@ class DesignSpace:
 
     def designs(self, start: int, stop: int) -> Floats:
         """Return the designs from one number to before another, (variables, n)."""
-        made, unit = [], self._unit(start, min(stop, self.count))
+        made = []
+        unit = self._unit(start, min(stop, self.count))
         for varied, share in zip(self.variations, unit, strict=True):
             if varied.values is None:
                 made.append(varied.low + (varied.high - varied.low) * share)
@@ -253,7 +254,8 @@ GONE_THROUGH = (
 )
 """What of a study says which numbers its runs have."""
 
-DESIGNS, TABLES = "designs", "tables"
+DESIGNS = "designs"
+TABLES = "tables"
 """Folders of the table of designs, where there are others, and of these."""
 
 
@@ -428,7 +430,8 @@ class Sweep:
         start = number * self.part_size
         designs = self.space.designs(start, start + self.part_size)
         rows = np.flatnonzero(self._hold(self._numbers(designs), designs.shape[1]))
-        designs, rows = designs[:, rows], start + rows
+        designs = designs[:, rows]
+        rows = start + rows
         evaluator = self.evaluator
         if not isinstance(evaluator, DesignRuns):
             return self._meeting(self.rows(designs, rows))
@@ -515,7 +518,8 @@ class Sweep:
         """Write a part, and return its number."""
         path = self.path_of(folder, number)
         make_folder(path.parent)
-        rows, place = Counter[str](), Path(folder) / TABLES
+        rows = Counter[str]()
+        place = Path(folder) / TABLES
         with part_tables(place, path.name, self.degrees, rows) as take:
             columns = self.part(number, take)
         write_columns(path, columns, {"units": self.units(), TABLES: rows})

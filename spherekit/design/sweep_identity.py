@@ -36,7 +36,8 @@ def working_folder(place: Path, definition: Facts) -> Iterator[str]:
         If there are parts of another sweep, parts made by other code, or what no sweep
         has made.
     """
-    path, work = place / DEFINITION, place / WORK
+    path = place / DEFINITION
+    work = place / WORK
     patterns = (DEFINITION, "designs", "tables", "tables/*", *PARTS)
     links = (x.name for pattern in patterns for x in place.glob(pattern) if x.is_symlink())
     others = [*links, *foreign(work, MADE, ANY)]

@@ -80,10 +80,12 @@ def _in_processes(
     DesignError
         If all processes end before any part is made.
     """
-    context, left = get_context("spawn"), set(numbers)
+    context = get_context("spawn")
+    left = set(numbers)
     while left:
         there, here = context.Pipe(duplex=False)
-        given, made = (there, sweep, folder), set[int]()
+        given = (there, sweep, folder)
+        made = set[int]()
         pool = ProcessPoolExecutor(min(workers, len(left)), context, _begin, given)
         try:
             with _deaf():

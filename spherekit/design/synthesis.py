@@ -122,10 +122,12 @@ def size(synthesis: Specification, starts: int = 12) -> Synthesis:
     EngineError
         If there is no kernel of the mechanism's designs.
     """
-    sweep, made = synthesis.sweep, _evaluator(synthesis)
+    sweep = synthesis.sweep
+    made = _evaluator(synthesis)
     working = ProgressReporter(f"{sweep.mechanism.name}: synthesis")
     rows, wanted, feasible = _looked_at(synthesis, MOST * starts, working)
-    descent, several = Descent(synthesis, rows, wanted), len(synthesis.minimise) > 1
+    descent = Descent(synthesis, rows, wanted)
+    several = len(synthesis.minimise) > 1
     places = descent.places
     if several:
         front = front_of(synthesis, rows["mode"], places, wanted, FRONT * starts, working)
@@ -164,7 +166,8 @@ def size(synthesis: Specification, starts: int = 12) -> Synthesis:
 
 def _evaluator(synthesis: Specification) -> Evaluator:
     """Return what has the gradients; `DesignError` where there is no kernel."""
-    sweep, made = synthesis.sweep, synthesis.sweep.evaluator
+    sweep = synthesis.sweep
+    made = synthesis.sweep.evaluator
     if not isinstance(made, Evaluator) or not made.has_gradients:
         raise DesignError(
             f"{sweep.mechanism.name}: synthesis follows gradients by numbers that kernels "
@@ -186,7 +189,8 @@ def _looked_at(
 ) -> tuple[Columns, Floats, int]:
     """Return the best rows of the sweep, their objectives, and how many meet conditions."""
     sweep = synthesis.sweep
-    parts, feasible = [], 0
+    parts = []
+    feasible = 0
     for number in range(sweep.parts):
         rows, wanted = synthesis.rows_of(sweep.part(number))
         feasible += len(wanted)

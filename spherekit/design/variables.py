@@ -224,7 +224,8 @@ def slope_by(
     central or to one side, at which `read` raises no `SpherekitError` at any place; None
     without.
     """
-    ahead, weights = np.arange(9.0), np.array([-np.sum(ONE_SIDED), *ONE_SIDED])
+    ahead = np.arange(9.0)
+    weights = np.array([-np.sum(ONE_SIDED), *ONE_SIDED])
     near = ahead[1:5]
     central = np.concatenate([near, -near]), np.concatenate([EIGHTH, np.negative(EIGHTH)])
     stencils = central, (ahead, weights), (-ahead, -weights)

@@ -145,7 +145,8 @@ class VariedMechanism:
 
     def terms(self, closed_form: bool | None = None) -> VariedTerms:
         """Return what kernels of all designs are written in."""
-        contacts, first = self.contacts, self._contacts
+        contacts = self.contacts
+        first = self._contacts
         acting = [k - first for k in self.differing if k >= first]
         if contacts is not None:
             names = {k: f"turned_{k}" for k in self.of_contacts}
@@ -158,7 +159,8 @@ class VariedMechanism:
                 acting,
             )
         slots = {v.name: v.slot for v in self.variables if v.slot is not None}
-        profiled, mechanism = self.is_profiled, self.mechanism
+        profiled = self.is_profiled
+        mechanism = self.mechanism
         return VariedTerms(
             mechanism,
             self.inputs,
@@ -317,7 +319,8 @@ class VariedMechanism:
 
         def read(beside: Floats) -> Floats:
             # Of angles whole turns do not matter: wheels are put together by them.
-            away, of_angles = self._differing(beside) - begun, len(self.of_contacts)
+            away = self._differing(beside) - begun
+            of_angles = len(self.of_contacts)
             away[:of_angles] = wrap(away[:of_angles])
             return away
 

@@ -98,7 +98,8 @@ def by_taylor_series(
     if status != Status.OK:
         raise cannot_leave(problem, STATUS_MEANING[status])
     runs, frames, compiling = _run(problem, motion, tolerance)
-    path, run = through_runs(runs, frames), runs[-1]
+    path = through_runs(runs, frames)
+    run = runs[-1]
     seconds = time.perf_counter() - started - compiling
     if run.end == "singularity":
         _need_crossing(problem, run)
@@ -120,7 +121,8 @@ def _run(
 
     With their frames, and what compiling took (s).
     """
-    equation, mechanism = problem.equation, problem.equation.mechanism
+    equation = problem.equation
+    mechanism = problem.equation.mechanism
     runs: list[Run] = []
     framed: list[Frames] = []
     values, turns = problem.values, problem.turns
@@ -253,7 +255,8 @@ def _end(problem: Problem, path: StatePath, run: Run) -> SimulationEnd:
         return SimulationEnd(kind, run.time, words)
     traced = path.at(np.array([run.time]))
     if run.end == "joint_limit":
-        place, mechanism = run.passages[-1][2], problem.equation.mechanism
+        place = run.passages[-1][2]
+        mechanism = problem.equation.mechanism
         name = mechanism.pairs[mechanism.variable_owners[place]].name
         return stop_end(run.time, name, float(traced.values[0, place]))
     if run.end == "not_finite" and _has_value(

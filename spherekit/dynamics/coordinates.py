@@ -56,7 +56,8 @@ class CoordinateMotion(ArrayRows):
 
     def turned(self, signs: Floats) -> "CoordinateMotion":
         """Return the same with the coordinates' sense reversed where signs (n,) are -1."""
-        rates, w = self.rates * signs[:, None, None], self.w * signs[:, None, None, None]
+        rates = self.rates * signs[:, None, None]
+        w = self.w * signs[:, None, None, None]
         return replace(self, rates=rates, w=w)
 
 

@@ -79,7 +79,8 @@ class Loads:
         """
         for given in part.moments:
             link = self.mechanism.link_number[given.link]
-            turn, along = rotations[:, link], np.array(given.direction)
+            turn = rotations[:, link]
+            along = np.array(given.direction)
             if given.axes == "link":
                 along = turn @ along
             if given.arm is None:
@@ -117,8 +118,10 @@ class Loads:
 
         For the same as `magnitudes`.
         """
-        names, angles = {"t": t}, self.mechanism.angles
-        values, rates = motion.values, rates_by_time(motion, speed)
+        names = {"t": t}
+        angles = self.mechanism.angles
+        values = motion.values
+        rates = rates_by_time(motion, speed)
         for pair, k in angles.items():
             names |= {f"theta_{pair}": values[:, k], f"dtheta_{pair}": rates[:, k]}
         for pair in {self.components[k].pair for k in self.rubbing} - {*angles}:
@@ -376,7 +379,8 @@ def without_centre(mechanism: Mechanism) -> list[str]:
 
 def _force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     """Return the components of forces that moments do not say: 3, 4 and 5 are x, y, z."""
-    loads, columns = mechanism.loads, []
+    loads = mechanism.loads
+    columns = []
     floating = {x.pair for x in loads if isinstance(x, Bearings) and x.floats}
     rubs = {load.pair for load in loads if isinstance(load, ContactFriction)}
     for number, pair in enumerate(mechanism.pairs):
@@ -422,7 +426,9 @@ def balanced(driven: DrivenState, forces: bool) -> NewtonEuler:
     Teeth press on the side on which they turn the wheels, and that follows from the
     solution: so it is solved again where they were taken to press on the other.
     """
-    mechanism, motion, timing = driven.mechanism, driven.motion, driven.timing
+    mechanism = driven.mechanism
+    motion = driven.motion
+    timing = driven.timing
     loads, about = applied(driven)
     needed = accelerating(mechanism, motion, timing.ddq)
     needed += gyroscopic(mechanism, motion, timing.dq)
@@ -465,7 +471,8 @@ def _of_inertia(mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats)
     wrenches = np.zeros((*vectors.shape[:2], 6))
     for mass in mechanism.masses:
         link = mechanism.link_number[mass.link]
-        turn, vector = motion.rotations[:, link], vectors[:, link]
+        turn = motion.rotations[:, link]
+        vector = vectors[:, link]
         tensor = turn @ mass.tensor @ transpose(turn)
         wrenches[:, link, :3] = (tensor @ vector[..., None])[..., 0]
         if mass.mass is not None and mass.centre is not None:
@@ -478,7 +485,9 @@ def applied(driven: DrivenState) -> tuple[Floats, Floats]:
 
     Those of the drives are among the torques.
     """
-    mechanism, motion, timing = driven.mechanism, driven.motion, driven.timing
+    mechanism = driven.mechanism
+    motion = driven.motion
+    timing = driven.timing
     loads = Loads(mechanism)
     magnitudes = loads.magnitudes(motion, timing.dq, timing.t, driven.carried)
     wrenches = np.zeros((len(timing.t), len(mechanism.links), 6))

@@ -192,14 +192,16 @@ def _checked(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
             f"{made_for:g} rad, so in shorter ones"
         )
         report = replace(tight.engine, reason=why, forecast=simulation.engine.forecast)
-        simulation, made_for = replace(tight, engine=report), tighter
+        simulation = replace(tight, engine=report)
+        made_for = tighter
 
 
 def _difference(one: Simulation, other: Simulation) -> float:
     """Return the largest difference (rad) of a variable, infinite if the ends differ."""
     if one.end.kind != other.end.kind:
         return np.inf
-    last, path = min(one.end.t, other.end.t), one.path
+    last = min(one.end.t, other.end.t)
+    path = one.path
     t = np.append(path.starts, path.starts + 0.4 * path.lengths)
     t = np.append(t[t < last], last)
     return float(max_abs(one.at(t).values - other.at(t).values))
@@ -243,7 +245,8 @@ def _cheaper(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
             now = {"numpy": left, "compiled": compiling + left / QUICKER}
             forecast = forecast or now
             if now["compiled"] < left:
-                why, forecast = EXPECTED.format(**now), now
+                why = EXPECTED.format(**now)
+                forecast = now
         if why:
             tell(f"compiling the equation of motion, about {compiling:.0f} s", compiling)
             simulation = by_taylor_series(problem, tolerance, why, forecast)
@@ -265,7 +268,8 @@ def _cheaper(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
 PLACES = 8
 """Places in each step at which contacts are looked at."""
 
-PULLS, FIRST = 1e-9, 8
+PULLS = 1e-9
+FIRST = 8
 """A contact pulls where it does so by more than this part of the largest reaction until
 then, and in so many first steps."""
 

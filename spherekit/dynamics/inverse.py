@@ -68,7 +68,8 @@ def judged(
     `status` is that of the rates, on which inertia depends: that stays where a load of
     `forces` (n, m, loads) is no number, or bearings are `locked`, and so do other loads.
     """
-    rated, status = status == Status.OK, status.copy()
+    rated = status == Status.OK
+    status = status.copy()
     status[rated & locked] = Status.NOT_CONVERGED
     with np.errstate(over="ignore", invalid="ignore"):
         powers = np.einsum("ni,nil->nl", rates, forces)
@@ -300,7 +301,9 @@ def needed_torques(motion: Motion) -> InverseSolution:
         Of all inputs, with its timing; its angles are those that loads see.
     """
     assert motion.timing is not None
-    mechanism, timing, status = motion.mechanism, motion.timing, motion.status.copy()
+    mechanism = motion.mechanism
+    timing = motion.timing
+    status = motion.status.copy()
     numbers = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     coordinates = by_variables(Closure.of(mechanism, motion.joints), motion.values, numbers)
     flat = ~(determined(coordinates.rates) >= DEAD_CENTRE)
@@ -313,7 +316,8 @@ def needed_torques(motion: Motion) -> InverseSolution:
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     of = mechanism, rows, timing, coordinates, status
-    solution, loads = balancing(*of), Loads(mechanism)
+    solution = balancing(*of)
+    loads = Loads(mechanism)
     if loads.rubbing:
         good = all_finite(solution.torques, 1)
         every = DrivenState(mechanism, coordinates, timing, solution.torques)
@@ -448,7 +452,8 @@ def output_stiffness(
     good = solution.rate_status == Status.OK
     w[~good] = np.nan
     compliance = np.einsum("nia,nib,i->nab", w, w, 1.0 / stiffness)
-    values, vectors = nans((len(w), 3)), nans((len(w), 3, 3))
+    values = nans((len(w), 3))
+    vectors = nans((len(w), 3, 3))
     values[good], turned = np.linalg.eigh(compliance[good])
     vectors[good] = np.swapaxes(turned, 1, 2)
     values[values < RIGID * values[:, -1:]] = 0.0

@@ -72,12 +72,15 @@ DIFFERENCE = 1e-7
 CONTINUED = 12
 """Coefficients of the last step that are continued as the first guess of the next."""
 
-SAFETY, GROWTH, SHRINKAGE = 0.8, 1.4, 0.35
+SAFETY = 0.8
+GROWTH = 1.4
+SHRINKAGE = 0.35
 
 FLAT = 0.2
 """Part of the later coefficients that the last ones are at least where rates have noise."""
 
-CREEPING, CREPT = 50, 1e-4
+CREEPING = 50
+CREPT = 1e-4
 """Noise ends a simulation after so many steps in a row of less than this part of it."""
 
 TAIL = 4 * NODES - 2
@@ -179,8 +182,11 @@ class Collocation:
 
     def _integrate(self) -> Generator[float, None, SimulationEnd]:
         """Yield the time after each step; return the end."""
-        problem, equation = self.problem, self.equation
-        t, state, before = 0.0, self.start, None
+        problem = self.problem
+        equation = self.equation
+        t = 0.0
+        state = self.start
+        before = None
         length = self._first_length()
         for target in problem.targets:
             while t < target:
@@ -212,7 +218,8 @@ class Collocation:
                 stopped = self._accept(step, rates, orientation)
                 if stopped is not None:
                     return stopped
-                t, before = target if tried == left else step.stop, step
+                t = target if tried == left else step.stop
+                before = step
                 state = self._closed(step.end)
                 if equation.freedoms == 1:
                     self.frame = rates[-1]
@@ -240,7 +247,8 @@ class Collocation:
         limit where sets of configurations cross, those of closed ones go on smoothly along
         the set.
         """
-        equation, variables = self.equation, self.equation.variables
+        equation = self.equation
+        variables = self.equation.variables
         if self.problem.passes and all_finite(states):
             closed = equation.nearest_closed(states[:, :variables])
             states = np.concatenate([closed, states[:, variables:]], axis=1)
@@ -276,7 +284,9 @@ class Collocation:
         states = state + integral @ rates
         tolerance = min(self.tolerance, FINEST) if self.fine else self.tolerance
         enough = max(0.05 * tolerance, 8 * EPS)
-        change, error, settled = np.inf, np.inf, False
+        change = np.inf
+        error = np.inf
+        settled = False
         for count in range(1, MOST_ITERATIONS + 1):
             last = change
             dynamics = self._dynamics(t, states)
@@ -308,7 +318,8 @@ class Collocation:
         self, t: Floats, states: Floats, rates: Floats, length: float, scale: Floats
     ) -> Floats:
         """Return what turns misses (N,) of the momentum into corrections."""
-        place, other = self.equation.variables, states.copy()
+        place = self.equation.variables
+        other = states.copy()
         shift = DIFFERENCE * scale[place]
         other[:, place] += shift
         slope = (self.equation.rates(self._dynamics(t, other)) - rates)[:, place] / shift
@@ -317,7 +328,8 @@ class Collocation:
 
     def _looked(self, step: Step, scale: Floats, tolerance: float) -> bool:
         """Return whether loads do within a step what its series say."""
-        equation, momenta = self.equation, self.equation.momenta
+        equation = self.equation
+        momenta = self.equation.momenta
         loads = equation.loads
         if not loads.watched:
             return True
@@ -395,7 +407,8 @@ class Collocation:
         self, step: Step, rates: Floats, orientation: Floats
     ) -> Iterator[tuple[float, EventKind | Literal["singularity"], str]]:
         """Yield what happens within a step, where at one time, what ends it first."""
-        mechanism, driven = self.equation.mechanism, list(self.problem.driven)
+        mechanism = self.equation.mechanism
+        driven = list(self.problem.driven)
         for t, pair in step.stopped(mechanism, self.problem.whole):
             yield t, "joint_limit", pair
         size, side = self._sense(orientation)
@@ -422,7 +435,8 @@ class Collocation:
 
     def _stuck(self, step: Step, error: float, last: Dynamics) -> SimulationEnd:
         """Return why no step however short can be taken from the start of one."""
-        equation, t = self.equation, step.start
+        equation = self.equation
+        t = step.start
         for code, (kind, words) in NOWHERE.items():
             if np.any(last.motion.status == code):
                 return SimulationEnd(kind, t, words)

@@ -239,10 +239,12 @@ def on_curve(equation: CompiledEquation, sense: float) -> Frames:
 
 def in_coordinates(equation: EquationOfMotion, frame: Floats) -> Frames:
     """Return those of several freedoms: a frame (m, variables), momenta from rates."""
-    root, momenta = np.sqrt(mass_size(equation.mechanism)), equation.momenta
+    root = np.sqrt(mass_size(equation.mechanism))
+    momenta = equation.momenta
 
     def framed(states: Floats, changes: Floats) -> Floats:
-        u, change = states[:, momenta] / root, changes[:, momenta] / root
+        u = states[:, momenta] / root
+        change = changes[:, momenta] / root
         motion = equation.motion(states[:, : equation.variables], frame, order=2)
         masses = inertia(equation.mechanism, motion)
         roots = Roots.of(masses.M)

@@ -127,8 +127,10 @@ class Reactions(JointReactions):
         turned = nans(vectors.shape[:2])
         numbers = [mechanism.pair_number[pair] for pair in mechanism.angles]
         turned[:, numbers] = self.torques.values[:, [*mechanism.angles.values()]]
-        cos, sin = np.cos(turned), np.sin(turned)
-        x, y = vectors[..., 0], vectors[..., 1]
+        cos = np.cos(turned)
+        sin = np.sin(turned)
+        x = vectors[..., 0]
+        y = vectors[..., 1]
         return np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
 
 
@@ -141,7 +143,8 @@ def reactions(motion: Motion) -> Reactions:
     since the torques of these are known: what is left over checks both.
     """
     torques = needed_torques(motion)
-    mechanism, timing = motion.mechanism, motion.timing
+    mechanism = motion.mechanism
+    timing = motion.timing
     assert timing is not None
     driven = DrivenState(
         mechanism, torques.motion, timing, torques.torques, torques.carried

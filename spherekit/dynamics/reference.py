@@ -45,7 +45,8 @@ def reference_simulation(
     EngineError
         If the motion ends at a singularity, or changes too fast.
     """
-    mechanism, start = mechanism_of(mechanism), Start.of(start)
+    mechanism = mechanism_of(mechanism)
+    start = Start.of(start)
     simulation = simulate(
         mechanism,
         start,
@@ -78,7 +79,8 @@ def refined(
         If the simulation ended in a way that depends on tolerances, or no step of the
         reference is short enough.
     """
-    mechanism, end = simulation.mechanism, simulation.end
+    mechanism = simulation.mechanism
+    end = simulation.end
     if end.kind not in ENDS:
         raise EngineError(
             f"{mechanism.name}: the simulation ended at {end.t:.6g} s ({end.message}); a "

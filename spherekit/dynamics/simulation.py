@@ -301,10 +301,13 @@ class Simulation:
         SolveError
             If a time lies outside.
         """
-        equation, driven = self.equation, list(self.driven)
+        equation = self.equation
+        driven = list(self.driven)
         times = np.atleast_1d(np.asarray(t, dtype=float))
         traced, dynamics = self._at(times, second=True)
-        motion, masses, speed = dynamics.motion, dynamics.masses, dynamics.speed
+        motion = dynamics.motion
+        masses = dynamics.masses
+        speed = dynamics.speed
         assert masses is not None
         bend = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
         rates = rates_by_time(motion, speed)
@@ -340,8 +343,10 @@ class Simulation:
     @cached_property
     def checks(self) -> Checks:
         """The balance of energy and power, closure, and the error if it was asked for."""
-        path, equation = self.path, self.equation
-        starts, lengths = path.starts[path.chosen], path.lengths[path.chosen]
+        path = self.path
+        equation = self.equation
+        starts = path.starts[path.chosen]
+        lengths = path.lengths[path.chosen]
         # Not at the ends of steps, where loads may jump.
         t = np.concatenate([starts + x * lengths for x in (0.03, 0.35, 0.7)])
         t = np.append(np.minimum(t, self.end.t), self.end.t)
@@ -368,7 +373,8 @@ class Simulation:
 
     def _at(self, t: Floats, second: bool = False) -> tuple[Traced, Dynamics]:
         """Return the states of the dense output, and forces there."""
-        low, high = self.start, self.end.t
+        low = self.start
+        high = self.end.t
         slack = 1e-12 * max(abs(high), 1.0)
         if not np.all((t >= low - slack) & (t <= high + slack)):
             raise SolveError(
@@ -391,7 +397,8 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     With D the step, q_1 = q_0 + q'_0 D, and q_{i+1} = (D^2 Q - 1/2 dB/dq (q_i - q_{i-1})^2)
     / B + 2 q_i - q_{i-1}, where Q is taken at q_i and (q_i - q_{i-1}) / D.
     """
-    started, count = time.perf_counter(), _steps(problem, step)
+    started = time.perf_counter()
+    count = _steps(problem, step)
     (driven,), equation, values = problem.driven, problem.equation, problem.values
     closure = equation.closure
     change = float(problem.speed[0] * problem.frame[0, driven]) * step
@@ -402,9 +409,11 @@ def by_differences(problem: Problem, step: float) -> Simulation:
     while True:
         motion = by_variables(closure, values[None], [driven])
         masses = inertia(equation.mechanism, motion)
-        B, dB = masses.B.item(), masses.dB.item()
+        B = masses.B.item()
+        dB = masses.dB.item()
         seen = replace(motion, values=motion.values + problem.whole)
-        number, speed = len(states), change / step
+        number = len(states)
+        speed = change / step
         t = number * step
         forces = equation.loads.parts(seen, np.array([[speed]]), np.array([t]))[0, 0]
         states.append(np.concatenate([values, [np.sqrt(B) * speed], work]))

@@ -233,7 +233,8 @@ def _closed(
     closure: Closure, mechanism: Mechanism, values: Sequence[float]
 ) -> tuple[Floats, Floats]:
     """Return the closed configuration, and the whole turns that it is less (variables,)."""
-    name, given = mechanism.name, np.array(values, dtype=float)
+    name = mechanism.name
+    given = np.array(values, dtype=float)
     count = len(closure.tree.owners)
     if given.shape != (count,) or not all_finite(given):
         raise SolveError(
@@ -241,7 +242,8 @@ def _closed(
             "variable"
         )
     _need_digits(name, given)
-    angles, turns = [*mechanism.angles.values()], np.zeros(count)
+    angles = [*mechanism.angles.values()]
+    turns = np.zeros(count)
     turns[angles], given[angles] = whole_turns(given[angles]), reduced(given[angles])
     solution = closure.solve(given[None])
     moved = float(max_abs(solution.values[0] - given))
@@ -317,8 +319,10 @@ def _configuration(
             f"{name}: no configuration of assembly mode {assembly_mode} at q = {where} rad "
             f"({status.name}): {STATUS_MEANING[status]}"
         )
-    number, solver = motion.assembly_modes[row].number, tracer.solver
-    values, driven = motion.values[row].copy(), list(solver.driven)
+    number = motion.assembly_modes[row].number
+    solver = tracer.solver
+    values = motion.values[row].copy()
+    driven = list(solver.driven)
     turns = solver.unwrapping.turns(number, values[None], q[None], solver.angles)[0]
     values[driven], turns[driven] = reduced(q), whole_turns(q)
     return values, turns

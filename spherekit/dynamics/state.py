@@ -249,10 +249,13 @@ def _solved(still: Floats, change: Floats, factors: Floats) -> tuple[Floats, Boo
     def load(friction: Floats) -> Floats:
         return np.sum(np.linalg.norm(at(friction), axis=3), axis=2)
 
-    friction, one = np.zeros_like(factors), np.eye(factors.shape[1])
+    friction = np.zeros_like(factors)
+    one = np.eye(factors.shape[1])
     carried = load(friction)
     for rounds in count(1):
-        before, plain, forces = carried, factors * carried, at(friction)
+        before = carried
+        plain = factors * carried
+        forces = at(friction)
         strengths = np.linalg.norm(forces, axis=3, keepdims=True)
         with np.errstate(invalid="ignore", divide="ignore"):
             along = np.nan_to_num(forces / strengths)

@@ -185,7 +185,8 @@ class StoredHeading:
     @cached_property
     def forces(self) -> list[list[Expr]]:
         """The generalised forces of each load by each coordinate, in terms."""
-        names, m = load_names(self.angles), len(self.by)
+        names = load_names(self.angles)
+        m = len(self.by)
         rates, time = self.motion[:m], self.motion[2 * m]
 
         def named(name: str) -> Expr:

@@ -159,7 +159,9 @@ class LazyField:
     ) -> None:
         self._source, self._number, self._motion = source, number, motion
         self._places = source.kernel.moving[number].of
-        wanted, rows, n = source.requests[number], source.doubtful, len(motion)
+        wanted = source.requests[number]
+        rows = source.doubtful
+        n = len(motion)
         self.largest = dict(zip(ERRORS, errors, strict=True))
         status = motion.status
         by_equations = np.zeros(n, dtype=bool)

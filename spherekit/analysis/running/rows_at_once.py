@@ -233,7 +233,9 @@ def _gaps(moving: MovingTerms, spins: Floats) -> Indices:
     high = np.max(spins, axis=1)
     least = moving.relative(low, high)
     most = moving.relative(high, low)
-    across, one, other = least * most, least * least, most * most
+    across = least * most
+    one = least * least
+    other = most * most
     inner = np.where(across > 0.0, np.minimum(one, other), across)
     size = np.sum(np.maximum(one, other), axis=1)
     if np.all(np.sum(inner, axis=1) >= ASIDE * size):

@@ -32,8 +32,13 @@ BOUNDS = {
 }
 """What the summary calls the largest of bounds of poles."""
 
-MODE, POLES, FAILED, ROWS = "mode", "poles", "failed", "rows"
-JUDGED, BY_EQUATIONS, BY_KERNEL = "judged", "by_equations", "by_kernel"
+MODE = "mode"
+POLES = "poles"
+FAILED = "failed"
+ROWS = "rows"
+JUDGED = "judged"
+BY_EQUATIONS = "by_equations"
+BY_KERNEL = "by_kernel"
 """What is counted: rows by `MODE` and status, `POLES` by status, rows of tables by
 analysis, table and status where they `FAILED`, `ROWS` of tables, and rows of fields that
 were judged, solved by the velocity equations, and given by a kernel."""
