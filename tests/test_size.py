@@ -14,15 +14,15 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 581_858,
-    "code lines": 45_713,
+    "nodes": 559_923,
+    "code lines": 45_106,
     "files": 325,
     "classes": 463,
     "dataclasses": 290,
     "functions of 60 lines": 10,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
-LINES = {"tests": 30_808, "benchmarks": 4_466}
+LINES = {"tests": 30_404, "benchmarks": 4_466}
 """Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 

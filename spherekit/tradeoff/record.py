@@ -331,7 +331,7 @@ def _heading(trade: Trade) -> str:
         return f"{what}: parameters of its own, against {trade.reference}"
     orders = "rates and derivatives" if trade.derivatives else "rates, no derivatives"
     return (
-        f"{what}: {trade.samples} samples, {orders}; times scaled from {trade.checked}, "
+        f"{what}: {trade.samples} samples, {orders}; times by {trade.checked} of them, "
         f"errors at {trade.rows} rows against {trade.reference}"
     )
 
