@@ -15,7 +15,7 @@ from math import prod
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
-from spherekit.engine.design_kernel import At, PathKernel
+from spherekit.engine.design_kernel import NewtonStep, PathKernel
 from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.elimination import has_elimination, orders_of
 from spherekit.motion.input_turning_points import ModeCoalescence
@@ -58,7 +58,7 @@ Profiles = Callable[[Floats, Indices, Floats], Floats]
 
 NaN where there is no design."""
 
-Equations = Callable[[Array, Indices], At]
+Equations = Callable[[Array, Indices], NewtonStep]
 """The closure equations at variables (v, m) of rows (m,)."""
 
 HELD = np.zeros((0, 1)), np.zeros((0, 1))
@@ -102,7 +102,7 @@ def tracked(
         )
         prepared = kernel.prepare(one + (other - one) * t)
 
-        def equations(values: Array, some: Indices) -> At:
+        def equations(values: Array, some: Indices) -> NewtonStep:
             rest = prepared[:, some]
             if profiles is not None:
                 rest = np.concatenate([profiles(values, rows[some], t[some]), rest])
@@ -117,9 +117,9 @@ def tracked(
         soon = start[:, rows]
         driven, every = kernel.driven[: len(q[0])], np.arange(len(rows))
         soon[driven], equations = at(rows, np.full(len(rows), SOON))
-        begun = equations(soon, every)
-        slopes[:, :, rows] = (soon + begun.step - start[:, rows]) / SOON
-        side[rows] = np.sign(begun.determinant.real)
+        first_step, determinant, _ = equations(soon, every)
+        slopes[:, :, rows] = (soon + first_step - start[:, rows]) / SOON
+        side[rows] = np.sign(determinant.real)
         for _ in range(MOST):
             if not len(rows):
                 break
@@ -127,15 +127,15 @@ def tracked(
             guess = _foreseen(places[:, rows], now[:, rows], slopes[:, :, rows], there)
             guess[driven], equations = at(rows, there)
             every = np.arange(len(rows))
-            made = guess + equations(guess, every).step
-            after = equations(made, every)
-            first, second = max_abs(made - guess, 0), max_abs(after.step, 0)
+            made = guess + equations(guess, every)[0]
+            further, determinant, _ = equations(made, every)
+            first, second = max_abs(made - guess, 0), max_abs(further, 0)
             good = (first < NEAR) & (second <= np.maximum(contracts * first, STILL))
             if real:
                 foreseen = max_abs(guess - now[:, rows], 0)
                 good &= first <= np.maximum(contracts * foreseen, NEARLY)
-                good &= np.sign(after.determinant) == side[rows]
-            onward, ahead = rows[good], (made + after.step)[:, good]
+                good &= np.sign(determinant) == side[rows]
+            onward, ahead = rows[good], (made + further)[:, good]
             slopes[0][:, onward] = slopes[1][:, onward]
             slopes[1][:, onward] = (ahead - now[:, onward]) / (
                 there[good] - places[2, onward]
@@ -168,13 +168,13 @@ def settled(equations: Equations, values: Array) -> tuple[Array, Bools]:
     left = np.arange(values.shape[1])
     with np.errstate(all="ignore"):
         for _ in range(POLISHING):
-            at = equations(made[:, left], left)
-            made[:, left] += at.step
+            moved, _, opened = equations(made[:, left], left)
+            made[:, left] += moved
             # Sines of complex angles grow, and with them the rounding of what they give.
             far = max_abs(made[:, left].imag, 0)
             reach = np.exp(2.0 * far)
-            done = (max_abs(at.step, 0) < CONVERGED * reach) & (far < FARTHEST)
-            closed[left] = done & (np.abs(at.open) < (CLOSED * reach) ** 2)
+            done = (max_abs(moved, 0) < CONVERGED * reach) & (far < FARTHEST)
+            closed[left] = done & (np.abs(opened) < (CLOSED * reach) ** 2)
             left = np.flatnonzero(~closed)
             if not len(left):
                 break
@@ -239,7 +239,7 @@ def start_set(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
     column = sizes[:, None]
     start[kernel.driven] = here
     with np.errstate(all="ignore"):
-        step = kernel.at(start, kernel.prepare(column)).step
+        step = kernel.at(start, kernel.prepare(column))[0]
     following = [v for v in solver.driven if v not in kernel.driven]
     start[following] += step[following]
     driven = start[list(solver.driven)]

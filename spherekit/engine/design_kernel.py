@@ -12,7 +12,6 @@ analytic, and off the real axis their solutions neither meet nor vanish.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -220,16 +219,9 @@ def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], TermFunction]:
     return tuple(both), array_function(arcs, terms.sizes)
 
 
-@dataclass(frozen=True)
-class At:
-    """Equations at n places: Newton's `step` (variables, n), the inputs held.
-
-    `determinant` (n,) of the equations, `open` (n,) the square of how far loops are open.
-    """
-
-    step: Array
-    determinant: Array
-    open: Array
+NewtonStep = tuple[Array, Array, Array]
+"""Newton's step (variables, n) at n places, the inputs held, the determinant (n,) of the
+equations, and the square (n,) of how far loops are open."""
 
 
 class PathKernel:
@@ -237,7 +229,7 @@ class PathKernel:
 
     `terms` are of variables, not of signs. `prepare` takes the sizes (sizes, n) to what is
     the same at all samples of a design, `at` the variables, the columns of profiles that
-    are handed in, and these to `At`. `driven` are the variables of the inputs.
+    are handed in, and these to `NewtonStep`. `driven` are the variables of the inputs.
     """
 
     def __init__(self, terms: VariedTerms, compiled: bool = True) -> None:
@@ -272,10 +264,10 @@ class PathKernel:
                 labels[k] = np.where(positive, "+", "-")
         return ["".join(column) for column in labels.T]
 
-    def at(self, values: Array, prepared: Floats) -> At:
+    def at(self, values: Array, prepared: Floats) -> NewtonStep:
         """Return what the equations are at values (variables, n) and prepared (k, n)."""
         if np.iscomplexobj(values):
             columns = self._complex(values, prepared)
         else:
             columns = self._real(np.concatenate([values, prepared]))
-        return At(columns[: self.variables], columns[-2], columns[-1])
+        return columns[: self.variables], columns[-2], columns[-1]
