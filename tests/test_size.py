@@ -14,11 +14,11 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 559_923,
-    "code lines": 45_106,
+    "nodes": 559_920,
+    "code lines": 45_102,
     "files": 325,
-    "classes": 463,
-    "dataclasses": 290,
+    "classes": 462,
+    "dataclasses": 289,
     "functions of 60 lines": 10,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
