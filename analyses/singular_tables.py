@@ -148,7 +148,7 @@ def configuration_columns(
     ]
     if solver.assembly.has_closed_form and part is None:
         modes = batch.motion.assembly_modes
-        of_modes = np.reshape([mode.signs for mode in modes], (-1, signs.shape[1]))
+        of_modes = np.reshape([x.signs for x in modes], (len(modes), signs.shape[1]))
         alike = np.all((signs[:, None] == of_modes) | (signs[:, None] == 0), axis=2)
         numbers = np.array([str(mode.number) for mode in modes])
         columns["assembly_mode"] = ["+".join(numbers[row]) for row in alike]

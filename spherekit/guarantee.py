@@ -80,11 +80,7 @@ class TimeLimit:
         self.tell(doing)
         if self.taken < self.seconds:
             return True
-        if self.seconds:
-            ended = f"stopped after {self.seconds:.3g} s of processor time"
-        else:
-            ended = "no processor time was left"
-        self.note = f"{ended} before {doing}"
+        self.note = f"stopped after {self.seconds:.3g} s of processor time before {doing}"
         return False
 
     def tell(self, doing: str) -> None:

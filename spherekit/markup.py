@@ -28,6 +28,4 @@ def html_list(title: str, lines: Sequence[str]) -> str:
 
 def shown(value: Any) -> str:
     """Return a value of a table as text, numbers with six digits."""
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    return str(value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

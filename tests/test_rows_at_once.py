@@ -60,6 +60,11 @@ def test_random_mechanisms():
     assert len(shares) >= 5 and np.mean(shares) > 0.2
 
 
+def test_a_pivot_that_is_zero_as_a_term_is_no_traceback():
+    """By the numbers of its rows this chain has one."""
+    assert sk.run(random_mechanism(112)[1], "poles", samples=3).failures == {}
+
+
 @pytest.mark.parametrize("seed", [3, 11])
 def test_contacts_of_any_profile(seed):
     """Chains of turning, rolling and sliding pairs, with circles, series and points."""

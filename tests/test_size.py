@@ -14,8 +14,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 559_920,
-    "code lines": 45_102,
+    "nodes": 559_909,
+    "code lines": 45_101,
     "files": 325,
     "classes": 462,
     "dataclasses": 289,

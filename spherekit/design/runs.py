@@ -242,9 +242,9 @@ class DesignRuns:
         place = f"q_{merit.place}"
         chosen = present.index(place) if place in present else 0
         returns = len(q) > 0 and return_by_turns(q[0], q[-1])
-        here = np.flatnonzero(
-            max_abs(q - merit.point, axis=1) < 1e-9 if merit.point else np.ones(len(q))
-        )
+        here = np.ones(len(q), bool)
+        if merit.point:
+            here = max_abs(q - merit.point, axis=1) < 1e-9
         return reduced(merit.reduction, q[here, chosen], values[here, None], returns).item()
 
 

@@ -8,6 +8,7 @@ which is measured: every way in which loops can stay open is gone by a small ste
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache, cached_property
 from typing import Any, Literal
 
@@ -304,7 +305,9 @@ def row_kernel(
     wanted = [(item.plan.input, item.poles, sorted(item.links)) for item in requests]
     key = repr(("rows", wanted, pivots, engine))
     given = motion, requests, pivots, engine
-    return COMPILED.get(motion.mechanism, key, lambda: RowKernel(*given))
+    with suppress(ZeroDivisionError):  # a pivot that is zero as a term, not by its numbers
+        return COMPILED.get(motion.mechanism, key, lambda: RowKernel(*given))
+    return None
 
 
 def _pivots(motion: Motion) -> Sequence[Pivot] | None:

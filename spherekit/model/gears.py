@@ -183,10 +183,9 @@ def arc_pole(first: Vector, second: Vector) -> Vector:
     pole = cross(np.array(first), np.array(second))
     length = np.linalg.norm(pole)
     if length < COLLINEAR:
-        which = "equal" if np.dot(first, second) > 0 else "opposite"
         raise ModelError(
-            f"the two directions are {which}: they define no arc; give two directions "
-            "that the arc passes through, neither equal nor opposite"
+            "the two directions are equal or opposite: they define no arc; give two that "
+            "the arc passes through"
         )
     return vector_of(pole / length)
 

@@ -211,7 +211,8 @@ class InputTurningPoints(NamedTuple):
     def gap(self, step: float) -> float:
         """Return the longest part (rad) without an input of `probes(step)`, 0 if none."""
         widths = np.diff(self.doubtful)
-        return float(np.max(widths / np.maximum(np.ceil(widths / step), 1.0), initial=0.0))
+        widths = widths[widths > 0.0]
+        return float(np.max(widths / np.ceil(widths / step), initial=0.0))
 
     def probes(self, step: float) -> Floats:
         """Return inputs (n,): one between two neighbours, and more in doubtful parts.

@@ -260,6 +260,7 @@ class ExactSimulation:
         At times t (n,) s from 0 to the end; later ones count as the end. The variables are
         in rad, whole turns included.
         """
+        t = np.asarray(t, dtype=float)
         with self.arithmetic.within():
             times = np.where(t >= float(self.end), self.end, exactly(t))
             later = [float(step.start) for step in self._steps[1:]]
