@@ -63,7 +63,5 @@ def execute(options: Namespace) -> int:
             print("\n" * (number > 0) + heading)
         print(as_markdown(input_plan) if options.markdown else as_text(input_plan))
         if options.steps:
-            print()
-            for step in input_plan.steps:
-                print(describe(input_plan, step))
+            print("", *(describe(input_plan, step) for step in input_plan.steps), sep="\n")
     return 0

@@ -103,6 +103,8 @@ def execute(options: Namespace) -> int:
     study = _wanted(options)
     analyses = chosen(study, options.analysis or ())
     _check_effect(study, options)
+    if options.figures:
+        import spherekit.figures.sdk  # noqa: F401  a missing library is told before the run
     if options.prove:
         from spherekit.analysis.proven_poles import check_provable
 

@@ -35,8 +35,9 @@ def draw_certified_map(
             if len(centres):
                 colour = COLOURS.get(kind, SHADES[k % len(SHADES)])
                 corners = centres[:, None] + half[:, None] * CORNERS
-                look: style.Look = {"color": colour, "linewidth": 0.1, "label": kind}
-                axes.add_collection(PolyCollection(corners, **look))
+                axes.add_collection(
+                    PolyCollection(corners, color=colour, linewidth=0.1, label=kind)
+                )
         axes.autoscale_view()
         first, second = (f"input {name}, deg" for name in names)
         axes.set(aspect="equal", xlabel=first, ylabel=second)

@@ -252,7 +252,7 @@ class CertifiedCurves:
         """What is guaranteed, and what that rests on."""
         pieces = sum(len(chain.pieces) for chain in self.chains)
         rests = (
-            f"{len(self.chains)} curves of {pieces} pieces with one arc each, "
+            f"{counted(len(self.chains), 'curve')} of {pieces} pieces with one arc each, "
             f"{self.boxes} boxes{_met(self.saddles)}"
         )
         parts = self.undecided
