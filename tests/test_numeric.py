@@ -6,7 +6,7 @@ import pytest
 from spherekit.numeric.cells import local_polynomials
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.numeric.crossings import bracketed_zeros
-from spherekit.numeric.descent import descent
+from spherekit.numeric.minima import descent
 from spherekit.numeric.zeros import zeros
 
 

@@ -14,9 +14,9 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 559_909,
-    "code lines": 45_101,
-    "files": 325,
+    "nodes": 559_907,
+    "code lines": 45_100,
+    "files": 323,
     "classes": 462,
     "dataclasses": 289,
     "functions of 60 lines": 10,

@@ -8,8 +8,8 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from spherekit.analysis.arguments import given_in
-from spherekit.analysis.class_check import fault_of_class
 from spherekit.analysis.contract import AbstractAnalysis
+from spherekit.analysis.declared import fault_of_class
 from spherekit.analysis.faults import LOG, described, faults_of
 from spherekit.conventions import Names, choices, listing
 from spherekit.errors import AnalysisError, PluginError

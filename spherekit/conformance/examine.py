@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from spherekit.analysis.batch import Needs
-from spherekit.analysis.class_check import fault_of_class
 from spherekit.analysis.computed import findings_of, scenes_of
 from spherekit.analysis.contract import AbstractAnalysis, Findings
-from spherekit.analysis.declared import declared
+from spherekit.analysis.declared import declared, fault_of_class
 from spherekit.analysis.execution import Execution
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.registry import create, load, origin_of

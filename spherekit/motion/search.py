@@ -15,7 +15,7 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import CLOSURE_TOLERANCE, EPS, counted
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import penetrates, rolled_lengths
-from spherekit.numeric.descent import descent
+from spherekit.numeric.minima import descent
 from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import max_abs
 

@@ -16,7 +16,7 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import EPS
 from spherekit.numeric.chebyshev import real_zeros
 from spherekit.numeric.crossings import bracketed_zeros
-from spherekit.numeric.descent import descent
+from spherekit.numeric.minima import descent
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.region.mesh import Evaluator, active, chosen, least
 from spherekit.sphere.rotation import arc, cross, max_abs, nans, unit_rows

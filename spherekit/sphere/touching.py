@@ -3,7 +3,7 @@
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.numeric.descent import descent
+from spherekit.numeric.minima import descent
 from spherekit.sphere.profile import Curve
 from spherekit.sphere.rotation import rotation_vector, transpose
 
