@@ -324,7 +324,7 @@ class Reached:
         best = np.nanargmax(judged.margin)
         words = f"farthest inside, {np.degrees(judged.margin[best]):.3g} deg"
         mark = Mark(words, vertices[best])
-        deepest = SphereCurves("workspace/deepest", "farthest inside", (), 0, [mark])
+        deepest = SphereCurves("workspace/deepest", words, (), 0, [mark])
         return [
             Scene(
                 f"{title}{mode}",

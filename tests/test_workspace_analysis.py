@@ -337,8 +337,9 @@ def test_pages_show_map_border_and_areas():
         assert shown.triangles.max() < len(shown.vertices) == len(shown.values)
         used = shown.values[np.unique(shown.triangles)]
         assert used.min() >= 0.0 and used.max() <= np.pi / 2
-        borders = [part for part in parts if isinstance(part, SphereCurves) if part.curves]
+        *borders, deepest = [part for part in parts if isinstance(part, SphereCurves)]
         assert len(borders) == len({part.tone for part in borders}) == 3
+        assert deepest.label == deepest.marks[0].label  # named once in legends of figures
         (words,) = [part.markdown for part in parts if isinstance(part, Text)]
         assert "bounded by" in words and "type II at least 15 deg away" in words
     singular = next(p for p in watcher.pages["Singularity"] if isinstance(p, SphereMap))
