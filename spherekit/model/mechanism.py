@@ -94,9 +94,8 @@ class Mechanism:
     user: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.ground in self.links:
-            rest = tuple(name for name in self.links if name != self.ground)
-            object.__setattr__(self, "links", (self.ground, *rest))
+        links = sorted(self.links, key=lambda name: name != self.ground)
+        object.__setattr__(self, "links", tuple(links))
         _check(self)
 
     @cached_property
