@@ -108,8 +108,7 @@ def execute(options: Namespace) -> int:
     if options.prove:
         from spherekit.analysis.proven_poles import check_provable
 
-        names = [analysis.name for analysis in analyses]
-        check_provable(study.mechanism, names, not options.only_needed)
+        check_provable(study.mechanism, [x.name for x in analyses], not options.only_needed)
     made = None
     if study.folder:
         check_folder(study.folder)
@@ -207,9 +206,10 @@ def _prove(options: Namespace, study: "Study", result: "RunResult") -> int:
     proven = prove_poles(study.mechanism, motion, poles)
     print(proven, file=sys.stderr if options.json else sys.stdout)
     if study.folder:
-        formats = FORMATS.get(options.format)
         hash_ = result.summary["mechanism_hash"]
-        names = proven.write(study.folder, study.degrees, formats, hash_)
+        names = proven.write(
+            study.folder, study.degrees, FORMATS.get(options.format), hash_
+        )
         print(f"proven poles in {', '.join(names)}", file=sys.stderr)
     return proven.exceeded
 
@@ -263,19 +263,18 @@ def _check_effect(study: "Study", options: Namespace) -> None:
     """
     from spherekit.errors import AnalysisError
 
-    recorded = _records(options, study)
     folder = "a folder: give that of the run with -o"
-    tables = "tables: write them with -o DIR"
     simulation = "a simulation: give --start"
     recording = "a recording: give --save, --serve, --connect or --view"
     without = [
         (study.folder, options.resume, "--resume", folder),
         (study.folder, options.restart, "--restart", folder),
-        (study.folder, options.format, "--format", tables),
+        (study.folder, options.format, "--format", "tables: write them with -o DIR"),
+        (options.format != "csv", options.prove, "--prove", "Parquet files to read"),
         (study.folder, options.figures, "--figures", folder),
         (study.start, options.engine != "auto", "--engine", simulation),
         (study.start, options.crossings, "--crossings", simulation),
-        (recorded, options.log_every is not None, "--log-every", recording),
+        (_records(options, study), options.log_every is not None, "--log-every", recording),
     ]
     for needed, given, flag, hint in without:
         if given and not needed:
