@@ -35,10 +35,13 @@ def check_file(text):
         assert loads(dumps(made)) == made
 
 
-@settings(max_examples=150)
-@given(files)
-def test_damaged_mechanism_files(case):
-    check_file(case[1])
+TEXTS = st.text(max_size=60) | st.text(alphabet="[]{}\"=.#\n\\'ab1 ", max_size=40)
+
+
+@settings(max_examples=300)
+@given(files.map(lambda case: case[1]) | TEXTS)
+def test_damaged_mechanism_files(text):
+    check_file(text)
 
 
 @pytest.mark.long
@@ -46,12 +49,6 @@ def test_damaged_mechanism_files(case):
 @given(files)
 def test_many_damaged_mechanism_files(case):
     check_file(case[1])
-
-
-@settings(max_examples=150)
-@given(st.text(max_size=60) | st.text(alphabet="[]{}\"=.#\n\\'ab1 ", max_size=40))
-def test_texts_of_any_kind(text):
-    check_file(text)
 
 
 @settings(max_examples=100)
@@ -103,15 +100,9 @@ def check_expression(text):
             assert not np.isfinite(array)
 
 
-@settings(max_examples=300)
-@given(expressions)
+@settings(max_examples=600)
+@given(expressions | st.text(max_size=30))
 def test_expressions_of_loads(text):
-    check_expression(text)
-
-
-@settings(max_examples=300)
-@given(st.text(max_size=30))
-def test_texts_as_expressions(text):
     check_expression(text)
 
 
