@@ -75,7 +75,3 @@ class EngineError(SpherekitError):
 
     def __str__(self) -> str:
         return "; ".join(filter(None, self.args))
-
-
-class EngineMissing(EngineError):
-    """heyoka is not installed, so nothing can be compiled."""

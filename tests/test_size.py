@@ -14,10 +14,10 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 559_907,
-    "code lines": 45_100,
+    "nodes": 559_873,
+    "code lines": 45_094,
     "files": 323,
-    "classes": 462,
+    "classes": 460,
     "dataclasses": 289,
     "functions of 60 lines": 10,
 }

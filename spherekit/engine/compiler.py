@@ -17,7 +17,7 @@ from spherekit.engine.expression_graph import (
     TermFunction,
     rewrite,
 )
-from spherekit.errors import EngineMissing
+from spherekit.errors import EngineError
 
 MOST_SWITCHES = 100_000
 """A run in which more events than this occur ends: its switches chatter."""
@@ -33,13 +33,13 @@ def heyoka() -> ModuleType:
 
     Raises
     ------
-    EngineMissing
+    EngineError
         If it is not installed.
     """
     try:
         import heyoka as loaded
     except ImportError as problem:
-        raise EngineMissing(
+        raise EngineError(
             f"the compiled engine needs heyoka, which does not import ({problem}); "
             'install it with pip install "spherekit-mechanisms[compiled]" (Linux) or '
             "conda-forge",

@@ -154,9 +154,8 @@ def kernel(
     ------
     EngineError
         If the engine does not know the mechanism's pairs or groups, or where a closed
-        form is wanted and there is none.
-    EngineMissing
-        If ``"compiled"`` is asked for and heyoka is not installed.
+        form is wanted and there is none, or if ``"compiled"`` is asked for and heyoka is
+        not installed.
     """
     taken = _engine(mechanism, engine)
     if derivatives not in range(MOST_DERIVATIVES + 1):

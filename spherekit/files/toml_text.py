@@ -5,6 +5,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from spherekit.files.document import LiteralNumber
+
 _WIDTH = 88
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _ESCAPES = {k: f"\\u{k:04x}" for k in (*range(32), 127)} | str.maketrans(
@@ -18,12 +20,6 @@ _ESCAPES = {k: f"\\u{k:04x}" for k in (*range(32), 127)} | str.maketrans(
         "\f": "\\f",
     }
 )
-
-
-class Literal(str):
-    """Text that stands in the file as it is: a number already spelt out."""
-
-    __slots__ = ()
 
 
 def assignment(key: str, value: object) -> str:
@@ -60,8 +56,8 @@ def value_text(value: object) -> str:
     TypeError
         If TOML has no such value.
     """
-    if isinstance(value, Literal):
-        return str(value)
+    if isinstance(value, LiteralNumber):
+        return value.text
     if isinstance(value, str):
         return _string(value)
     if isinstance(value, int):  # true and false too

@@ -17,7 +17,6 @@ import numpy as np
 from spherekit.conventions import EPS
 from spherekit.files.document import Document, KeyPath, LiteralNumber, Table
 from spherekit.files.schema import Kind, Leaves, walked
-from spherekit.files.toml_text import Literal
 from spherekit.model.dynamics import JointLimit, Mass
 from spherekit.model.parts import (
     AngleUnit,
@@ -217,7 +216,7 @@ def converted(document: Document, data: Table, kind: Kind = "mechanism") -> Any:
 def in_file(data: Table, unit: AngleUnit) -> Any:
     """Return data of the model as a mechanism file has them, angles as its numbers."""
 
-    def angle(_: KeyPath, number: float) -> Literal:
-        return Literal(to_text(number, unit))
+    def angle(_: KeyPath, number: float) -> LiteralNumber:
+        return LiteralNumber(to_text(number, unit))
 
     return walked(data, {"angle": angle, "rate": angle})
