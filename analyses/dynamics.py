@@ -6,7 +6,7 @@ What the analyses whose tables have rows at every sample share: columns and plot
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,11 +152,11 @@ class Dynamics(AbstractAnalysis):
     inputs beside these.
     """
 
-    name: ClassVar[str] = "dynamics"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "inertia matrix, loads and driving torques of all inputs"
-    rowwise: ClassVar[bool] = True
-    tables: ClassVar[tuple[Table, ...]] = (
+    name = "dynamics"
+    version = "1"
+    summary = "inertia matrix, loads and driving torques of all inputs"
+    rowwise = True
+    tables = (
         Table(
             "dynamics",
             "one row per sample and assembly mode",

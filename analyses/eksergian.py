@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -67,14 +67,12 @@ class Eksergian(AbstractAnalysis):
     them. `at` is the pair where the torque acts; by default the input.
     """
 
-    name: ClassVar[str] = "eksergian"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "equivalent inertia, loads and driving torque of the input"
-    cites: ClassVar[tuple[str, ...]] = (
-        "R. Di Gregorio, Mechanism and Machine Theory 2024, 105720, eqs. (9) to (21)",
-    )
-    rowwise: ClassVar[bool] = True
-    tables: ClassVar[tuple[Table, ...]] = (
+    name = "eksergian"
+    version = "1"
+    summary = "equivalent inertia, loads and driving torque of the input"
+    cites = ("R. Di Gregorio, Mechanism and Machine Theory 2024, 105720, eqs. (9) to (21)",)
+    rowwise = True
+    tables = (
         Table(
             "eksergian",
             "one row per sample and assembly mode",

@@ -5,7 +5,7 @@ Columns that say a pose of an output and its working mode.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,15 +114,15 @@ class EquivalentRotation(AbstractAnalysis):
     row for each cycle instead, and takes a whole number of them.
     """
 
-    name: ClassVar[str] = "equivalent_rotation"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "rotation about a fixed axis between two poses, in time"
-    cites: ClassVar[tuple[str, ...]] = (
+    name = "equivalent_rotation"
+    version = "1"
+    summary = "rotation about a fixed axis between two poses, in time"
+    cites = (
         "Z. Chen et al., Motion characteristics analysis of a novel spherical two-degree-"
         "of-freedom parallel mechanism, 2021, doi 10.21203/rs.3.rs-258461",
     )
-    reads_samples: ClassVar[bool] = False
-    tables: ClassVar[tuple[Table, ...]] = (
+    reads_samples = False
+    tables = (
         Table(
             "equivalent_rotation",
             "one row per angle of the rotation",

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,6 @@ from spherekit.plugin import (
     Scene,
     SphereMap,
     Status,
-    Table,
     TableData,
     Text,
     counted,
@@ -92,14 +91,12 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     rows out of reach for which the nearest reachable pose is looked for.
     """
 
-    name: ClassVar[str] = "inverse_kinematics"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "inputs of poses of an output in every mode, and back"
-    cites: ClassVar[tuple[str, ...]] = (
-        "C. Gosselin and J. Angeles, IEEE Trans. Robotics and Automation 6(3), 1990",
-    )
-    reads_samples: ClassVar[bool] = False
-    tables: ClassVar[tuple[Table, ...]] = (INVERSE, FORWARD, PAIRS)
+    name = "inverse_kinematics"
+    version = "1"
+    summary = "inputs of poses of an output in every mode, and back"
+    cites = ("C. Gosselin and J. Angeles, IEEE Trans. Robotics and Automation 6(3), 1990",)
+    reads_samples = False
+    tables = (INVERSE, FORWARD, PAIRS)
 
     poses: tuple[str, ...] = ()
     columns: tuple[str, ...] = ()

@@ -5,7 +5,7 @@ What the analysis `poles` shows beside its plots: the lecture's chart, axodes, s
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -170,15 +170,15 @@ class Poles(AbstractAnalysis):
     the poles whose axodes are drawn: the cones that roll on each other.
     """
 
-    name: ClassVar[str] = "poles"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "pole axes and velocity coefficients of all pairs of links"
-    cites: ClassVar[tuple[str, ...]] = (
+    name = "poles"
+    version = "1"
+    summary = "pole axes and velocity coefficients of all pairs of links"
+    cites = (
         "R. Di Gregorio, Proc. IMechE C 225(9), 2011, 2062-2075",
         "R. Di Gregorio, Mechanism and Machine Theory 2024, 105720, eqs. (3), (5), (8)",
     )
-    rowwise: ClassVar[bool] = True
-    tables: ClassVar[tuple[Table, ...]] = (
+    rowwise = True
+    tables = (
         Table(
             "poles",
             "one row per sample, assembly mode, moving input and pair of links",

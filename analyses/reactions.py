@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import compress
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -51,11 +51,11 @@ class ReactionAnalysis(AbstractAnalysis):
     the centre, and what bearings carry, as far as the file determines them.
     """
 
-    name: ClassVar[str] = "reactions"
-    version: ClassVar[str] = "2"
-    summary: ClassVar[str] = "what the pairs and bearings carry, and contacts that lift off"
-    rowwise: ClassVar[bool] = True
-    tables: ClassVar[tuple[Table, ...]] = (
+    name = "reactions"
+    version = "2"
+    summary = "what the pairs and bearings carry, and contacts that lift off"
+    rowwise = True
+    tables = (
         Table(
             "reactions",
             "one row per sample, assembly mode and pair",

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,15 +71,15 @@ class SensitivityAnalysis(AbstractAnalysis):
     the first order, at each row; 0 for none.
     """
 
-    name: ClassVar[str] = "sensitivity"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "derivatives by sizes, and tolerances of sizes"
-    cites: ClassVar[tuple[str, ...]] = (
+    name = "sensitivity"
+    version = "1"
+    summary = "derivatives by sizes, and tolerances of sizes"
+    cites = (
         "derived in docs/sensitivity.md: the velocity equations of the loops, with the "
         "rate at which a size opens them on their right side",
     )
-    rowwise: ClassVar[bool] = True
-    tables: ClassVar[tuple[Table, ...]] = (
+    rowwise = True
+    tables = (
         Table(
             "sensitivity",
             "one row per sample, assembly mode, quantity and size",
@@ -126,7 +126,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         ),
     )
 
-    trades: ClassVar[tuple[Sweep, ...]] = (
+    trades = (
         Sweep(
             "draws",
             (16, 64, 256, 1024, 8192),

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from spherekit.plugin import (
     Needs,
     Scene,
     Sweep,
-    Table,
     TableData,
 )
 from spherekit.plugin.designs import FigureOfMerit, middle_pairs
@@ -62,16 +61,16 @@ class SingularityAnalysis(AbstractAnalysis):
     processor time with what it has.
     """
 
-    name: ClassVar[str] = "singularities"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "singularities of types I, II, III, and how near they are"
-    cites: ClassVar[tuple[str, ...]] = (
+    name = "singularities"
+    version = "1"
+    summary = "singularities of types I, II, III, and how near they are"
+    cites = (
         "R. Di Gregorio, Proc. IMechE C 227(8), 2013, 1830-1840",
         "R. Di Gregorio, J. Mechanisms and Robotics 7(3), 2015, 031008",
     )
-    tables: ClassVar[tuple[Table, ...]] = (SINGULARITIES, RELATION, ASPECTS)
+    tables = (SINGULARITIES, RELATION, ASPECTS)
 
-    trades: ClassVar[tuple[Sweep, ...]] = (
+    trades = (
         _found_with("samples", (31, 91, 181, 361, 1441), "one"),
         _found_with("slices", (3, 6, 12, 24), "several"),
         _found_with("mesh", (20.0, 10.0, 5.0, 2.5), "several"),

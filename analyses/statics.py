@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,11 +66,11 @@ class Statics(AbstractAnalysis):
     `time` (s) is when loads that depend on it are taken.
     """
 
-    name: ClassVar[str] = "statics"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "holding torques, mechanical advantage, stiffness of outputs"
-    rowwise: ClassVar[bool] = True
-    tables: ClassVar[tuple[Table, ...]] = (
+    name = "statics"
+    version = "1"
+    summary = "holding torques, mechanical advantage, stiffness of outputs"
+    rowwise = True
+    tables = (
         Table(
             "statics",
             "one row per sample and assembly mode",

@@ -6,7 +6,7 @@ What the analysis `workspace` shows: borders, margins and turns on the sphere.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -443,15 +443,15 @@ class WorkspaceAnalysis(AbstractAnalysis):
     phi, gamma; or all driven pairs.
     """
 
-    name: ClassVar[str] = "workspace"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "what an output reaches under constraints, with its area"
-    cites: ClassVar[tuple[str, ...]] = (
+    name = "workspace"
+    version = "1"
+    summary = "what an output reaches under constraints, with its area"
+    cites = (
         "C. Gosselin and J. Angeles, IEEE Trans. Robotics and Automation 6(3), 1990",
         "Z. Chen et al., 2021, doi 10.21203/rs.3.rs-258461",
     )
-    reads_samples: ClassVar[bool] = False
-    tables: ClassVar[tuple[Table, ...]] = (
+    reads_samples = False
+    tables = (
         Table(
             "workspace",
             "one row per mode and sample, inside and outside",
@@ -497,7 +497,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
         ),
     )
 
-    trades: ClassVar[tuple[Sweep, ...]] = (
+    trades = (
         Sweep(
             "tolerance",
             (1e-2, 1e-3, 1e-4, 1e-5),

@@ -14,8 +14,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 559_873,
-    "code lines": 45_094,
+    "nodes": 559_348,
+    "code lines": 45_092,
     "files": 323,
     "classes": 460,
     "dataclasses": 289,

@@ -293,9 +293,9 @@ class BrokenAnalysis(AbstractAnalysis):
 
     name: str  # type: ignore[misc]
     why: str
-    version: ClassVar[str] = ""
-    summary: ClassVar[str] = ""
-    tables: ClassVar[tuple[Table, ...]] = ()
+    version = ""
+    summary = ""
+    tables = ()
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Raise `PluginError` with what is wrong."""

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from spherekit.analysis.running.verify import GOLDEN, in_many_digits
 from spherekit.analysis.tables import Column, Table, Tables, arrays
 from spherekit.argument_validation import check_fields
 from spherekit.arrays import Array, Floats, Indices
-from spherekit.conventions import EPS, TURN, Names, Status
+from spherekit.conventions import EPS, TURN, Status
 from spherekit.dynamics.forward import LEAST, simulate
 from spherekit.dynamics.reference import refined
 from spherekit.engine.fields import evaluate
@@ -54,7 +53,7 @@ class Effort:
     `rounds` for its time, and after `guarantee` seconds no round begins.
     """
 
-    unused: ClassVar[Names] = ("tolerance", "verify", "degrees")
+    unused = ("tolerance", "verify", "degrees")
 
     settings: Sequence[Setting] | None = None
     checked: int | None = None
