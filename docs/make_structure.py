@@ -21,7 +21,10 @@ BEFORE = "69ef465c"
 
 
 def packages(root: Path) -> nx.DiGraph:
-    """Return packages with their nodes of the syntax tree, and the imports between them."""
+    """Return packages with their nodes of the syntax tree, and the imports between them.
+
+    Imports and docstrings are not counted.
+    """
     graph, sizes = nx.DiGraph(), Counter()
     for path in [*(root / "spherekit").rglob("*.py"), *(root / "analyses").glob("*.py")]:
         parts = path.relative_to(root).parts
@@ -29,6 +32,8 @@ def packages(root: Path) -> nx.DiGraph:
         tree = ast.parse(path.read_text(encoding="utf-8"))
         for node in ast.walk(tree):
             sizes[of] += not isinstance(node, ast.Import | ast.ImportFrom | ast.alias)
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                sizes[of] -= 2
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(
                 "spherekit."
             ):
@@ -37,6 +42,7 @@ def packages(root: Path) -> nx.DiGraph:
                     graph.add_edge(of, name)
     graph.remove_nodes_from(["spherekit"])  # errors and constants, for everyone
     nx.set_node_attributes(graph, {name: sizes[name] for name in graph}, "nodes")
+    graph.graph["nodes"] = sum(sizes.values())
     return graph
 
 
@@ -70,7 +76,7 @@ def draw(ax: plt.Axes, graph: nx.DiGraph, title: str) -> None:
         box = {"boxstyle": "round,pad=0.35", "facecolor": shade, "edgecolor": "0.35"}
         label = f"{name}\n{size / 1000:.0f} k"
         ax.text(x, y, label, ha="center", va="center", fontsize=7.5, bbox=box)
-    total = sum(size for _, size in graph.nodes(data="nodes"))
+    total = graph.graph["nodes"]
     several = [" + ".join(members) for members in inside if len(members) > 1]
     circles = f"; in circles: {', '.join(several)}" if several else ""
     ax.set_title(f"{title}: {len(graph)} packages, {total / 1000:.0f} k nodes{circles}")
