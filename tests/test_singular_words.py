@@ -4,6 +4,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
+from spherekit.conformance.variants import renamed
+from spherekit.plugin.singularities import ordered_pole
 
 NAME = "singularities"
 
@@ -83,3 +85,9 @@ def test_a_cone_that_never_returns_turns_by_its_ratio():
     (line,) = (x for x in said.splitlines() if "turns in one sense" in x)
     assert line.endswith("deg in a turn of the input")
     assert abs(float(line.split(" deg")[0].split()[-1]) - turned) < 1e-3
+
+
+def test_links_whose_names_begin_alike_are_told_apart():
+    made = renamed(sk.load("four_bar"), {"1": "1", "2": "2", "3": "3", "4": "11"})
+    assert ordered_pole(made, "11/1") == ordered_pole(made, (3, "1")) == (3, 0)
+    assert ordered_pole(made, "1/11") == (0, 3)

@@ -242,7 +242,7 @@ class StoredHeading:
         """Return the error of what the model has not."""
         return SolveError(
             f'{self.mechanism}: {what}"{name}" is not stored'
-            f"{choices(name, stored, 'Stored are')}; make the model anew"
+            f"{choices(name, stored, 'Stored are')}"
         )
 
     def within(self, x: float) -> tuple[float, int]:

@@ -228,8 +228,7 @@ class SingleFreedom:
         still = {pole: there.speeds(pole)[0] <= AT_REST * there.rounding for pole in poles}
         for relation in self._made(output, units):
             errors = np.max([bounds[pole] for pole in relation.links.poles], axis=0)
-            ends = relation.output, self.input
-            rates = _rate(there, units, ends[0]), _rate(there, units, ends[1])
+            rates = _rate(there, units, relation.output), _rate(there, units, self.input)
             forms.append(judged(relation, names, rates, errors, facts, still))
         return list(zip(*forms, strict=True))
 
@@ -340,9 +339,10 @@ def ordered_pole(
     names = mechanism.links
     if isinstance(pole, str):
         a, b = parse_pole(mechanism, pole)
-        return (a, b) if names[a] + names[b] == pole.replace("/", "") else (b, a)
+        ahead = names[a] + names[b], f"{names[a]}/{names[b]}"
+        return (a, b) if pole in ahead else (b, a)
     words = [names[k] if isinstance(k, int) and 0 <= k < len(names) else k for k in pole]
-    return ordered_pole(mechanism, "/".join(str(word) for word in words))
+    return ordered_pole(mechanism, "/".join(map(str, words)))
 
 
 def common_zeros(along: AlongCurve, poles: Sequence[Pole]) -> Floats:
