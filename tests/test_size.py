@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 559_348,
+    "nodes": 559_346,
     "code lines": 45_092,
     "files": 323,
     "classes": 460,
