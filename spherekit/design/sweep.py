@@ -155,13 +155,13 @@ class DesignSpace:
 
     def _unit(self, start: int, stop: int) -> Floats:
         """Return points of the unit cube (variables, n)."""
-        from scipy.stats import qmc
-
         size = len(self.variations)
         if self.scheme == "grid":
             shape = [len(varied.values or ()) for varied in self.variations]
             places = np.unravel_index(np.arange(start, stop), shape)
             return (np.array(places) + 0.5) / np.reshape(shape, (-1, 1))
+        from scipy.stats import qmc
+
         if self.scheme == "sobol":
             sobol = qmc.Sobol(size, scramble=True, rng=self.seed)
             if start:
