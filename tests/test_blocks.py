@@ -179,6 +179,8 @@ def test_findings_of_blocks_are_joined():
     assert result.summary["analyses"][0]["findings"] == {"rows": 10}
     result = sk.run(made, [Counting(joins=False), "poles"], samples=25, block=4)
     assert "define joined()" in result.failures["counting"]
+    reached = result.summary["errors_reached"]["largest_closure_residual_rad"]
+    assert reached == result.frame("motion")["residual"].max()
     assert len(result.frame("poles")) == 25 * 2 * 6
 
 

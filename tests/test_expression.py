@@ -63,6 +63,8 @@ def test_values(text):
 def test_names_used_and_missing():
     assert parse("sin(theta_21) + pi*t", NAMES).names == {"theta_21", "t"}
     assert parse("5", NAMES).names == frozenset()
+    (divisor,) = parse("t/theta_21", NAMES).steep  # where values change all at once
+    assert divisor.names == {"theta_21"}
     result = parse("5", NAMES).evaluate({"t": np.zeros((4, 2))})
     assert result.shape == (4, 2) and (result == 5.0).all()
     assert parse("5", NAMES).evaluate({}).shape == ()

@@ -1,6 +1,7 @@
 """Folders of results: only what runs have made there is replaced or removed."""
 
 import argparse
+import re
 import tomllib
 from pathlib import Path
 
@@ -263,7 +264,8 @@ def test_a_bit_that_changes_is_told_or_changes_no_number(stored, tmp_path):
     path, read = stored(tmp_path)
     data, whole, told = path.read_bytes(), read(), 0
     random = np.random.default_rng(7)
-    for place in random.integers(len(data), size=30):
+    named = [x.start() for x in re.finditer(b"velocity_coefficient", data)]
+    for place in [*random.integers(len(data), size=30), *named]:
         changed = bytearray(data)
         changed[place] ^= 1 << int(random.integers(8))
         path.write_bytes(changed)

@@ -1,11 +1,12 @@
 """Imported mechanisms against MuJoCo's own kinematics and hand-written files."""
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import HERE, TABLES, check_call
+from refusals import HERE, TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -27,16 +28,7 @@ GEARED = ("bevel_differential", "bevel_pair", "planetary_bevel", "rolling_cones"
 WRIST = (HERE / "files" / "wrist.xml").read_text(encoding="utf-8")
 
 URDF = (HERE / "files" / "two_inputs.urdf").read_text(encoding="utf-8")
-LOOPS = {
-    "two link1": '<loop_joint name="tip" type="spherical"><link1 link="left_rod" '
-    'xyz="0 0 0.1"/><link1 link="tool" xyz="0 0 -0.1"/></loop_joint>',
-    "origins": '<loop_joint name="tip" type="revolute"><parent link="left_rod"/>'
-    '<child link="tool"/><parent_origin xyz="0 0 0.1"/><child_origin xyz="0 0 -0.1"/>'
-    '<axis xyz="0 0 -1"/></loop_joint>',
-    "URDF+": '<loop name="tip" type="continuous"><predecessor link="left_rod">'
-    '<origin xyz="0 0 0.1" rpy="0 1.5707963267948966 0"/></predecessor><successor '
-    'link="tool"><origin xyz="0 0 -0.1"/></successor><axis xyz="1 0 0"/></loop>',
-}
+LOOPS = tomllib.loads(text_of("import_loops"))
 
 
 def written(tmp_path, text, name="model.xml"):
@@ -168,13 +160,7 @@ def _power(mechanism, values, placed):
     return found
 
 
-GEARS = """
-<mujoco><worldbody>
-  <body name="one"><joint name="one" axis="0 0 1"/><geom size=".1" pos=".1 0 1"/></body>
-  <body name="two"><joint name="two" axis="{axis}"/><geom size=".1" pos="1 0 .1"/></body>
-</worldbody><equality><joint joint1="two" joint2="one" polycoef="0 {ratio} {bent} 0 0"/>
-</equality><actuator><motor joint="one"/></actuator></mujoco>
-"""
+GEARS = (HERE / "files" / "import_gears.xml").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("ratio", [-0.5, 0.5, 3.0, -1.0])
@@ -230,13 +216,8 @@ def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
     made = found.mechanism
     assert [item.pair for item in made.inputs] == ["left_axle", "right_axle"]
     assert made.links == ("base", "left", "left_rod", "right", "hand")
-    assert {pair.name for pair in made.pairs} == {
-        "left_axle",
-        "left_elbow",
-        "right_axle",
-        "pivot",
-        "tip",
-    }
+    pairs = {"left_axle", "left_elbow", "right_axle", "pivot", "tip"}
+    assert {pair.name for pair in made.pairs} == pairs
     assert np.abs(made.geometry.axes["tip"]) == pytest.approx([0.0, 0.0, 1.0])
     assert made.masses[0].tensor[0] == pytest.approx((1e-4 + 0.2 * 0.0029, 0.0, 0.0))
     assert loads(found.text).pairs == made.pairs

@@ -1,13 +1,16 @@
 """A locked pair makes one link of two: poses, inertia and loads as with it held."""
 
+import json
+
 import numpy as np
 import pytest
 from example_mechanisms import posed
 from newton_euler import heavy
-from refusals import TABLES, check_call
+from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.files.read import loads
 from spherekit.model.study import ConstantSpeed
 from spherekit.motion.motion import PositionAnalysis
 
@@ -80,6 +83,8 @@ def test_a_pair_between_moving_links_and_one_beside_a_contact():
     motion = sk.trace(single, samples=5)
     carrier = motion.values[:, single.angles["carrier_axle"]]
     assert carrier == pytest.approx(0.5 * motion.q, abs=1e-12)
+    wheels = loads(text_of("geared_five_bar_wheels").format(20, 30, 0, 360))
+    assert "5" in sk.lock(wheels, {"54": 20.0}, angle_unit="deg").links  # it has a contact
 
 
 def test_commands_lock(tmp_path, capsys):
@@ -95,6 +100,11 @@ def test_commands_lock(tmp_path, capsys):
         "[lock]\n51 = 80.0\n[analyses.poles]\n"
     )
     assert [item.pair for item in sk.load_study(study).mechanism.inputs] == ["21"]
+    pytest.importorskip("flint")
+    proven = tmp_path / "x.json"
+    assert main(["certify", *held, "--at", "40", "-o", str(proven)]) == 0
+    # The sizes of the link that two become are rounded to the file's digits.
+    assert json.loads(proven.read_text())["tolerance_rad"] == 1e-14
 
 
 @pytest.mark.parametrize("call", TABLES["locks"])

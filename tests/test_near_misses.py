@@ -78,9 +78,10 @@ def test_a_range_that_ends_before_a_dead_centre_is_nearest_at_its_end(low, high,
     assert abs(miss["velocity_coefficient"] - abs(there)) < 1e-9
 
 
-@pytest.mark.parametrize("samples", [4, 5, 181])
-def test_the_least_transmission_angle_is_between_samples_too(samples):
-    turned = Input("21", np.radians(33.0), np.radians(393.0))
+@pytest.mark.parametrize("samples, start", [(4, 180.0), (5, 33.0), (181, 33.0)])
+def test_the_least_transmission_angle_is_between_samples_too(samples, start):
+    """And where the curve begins, in the middle of the range."""
+    turned = Input("21", *np.radians([start, start + 360.0]))
     made = replace(sk.load("four_bar"), inputs=(turned,))
     g, a, h, b = np.radians([60.0, 20.0, 70.0, 40.0])
     cosine = (np.cos(g - a) - np.cos(h) * np.cos(b)) / (np.sin(h) * np.sin(b))

@@ -41,16 +41,29 @@ def test_both_shafts_are_there_together_and_elsewhere_off_by_the_ratio(
     assert np.abs((off + 180.0) % 360.0 - 180.0).max() < 1e-10
 
 
+def test_a_whole_turn_of_a_wheel_in_its_start_does_not_count():
+    """It is 1.5 turns of the pinion; wheels are put together as they have rolled least."""
+    shafts, q, ahead = np.radians(75.0), np.linspace(0.0, 9.0, 7), []
+    lap = 360.0 * np.sin(np.arctan2(np.sin(shafts), 20 / 30 + np.cos(shafts)))
+    for start in (50.0, 50.0 + lap, 50.0 - 2.0 * lap):
+        of = OUTSIDE | {"teeth": [20, 30], "phase": f"start = [20.0, {start}]"}
+        made = loads(GEARS.format(links='["base", "wheel"]', driven="wheel_shaft", **of))
+        ahead.append(sk.trace(made, path=q).values[:, made.angles["pinion_shaft"]])
+    assert np.abs(np.sin(0.5 * (np.array(ahead) - ahead[0]))).max() < 1e-12
+
+
 def test_the_proof_knows_the_phase():
     pytest.importorskip("flint")
     said = "phase = { wheel_shaft = -7.0, pinion_shaft = 30.0 }"
     links = '["base", "wheel"]'
-    text = GEARS.format(links=links, **OUTSIDE, phase=said, driven="pinion_shaft")
-    document = parse(text, "gears")
-    with bits(80):
-        written = Written.of(read(document), document)
-        _, wheel = written.given([written.input_angle("90")])
-        assert np.degrees(middle(wheel)) == pytest.approx(-7.0 - 0.5 * 60.0, abs=1e-10)
+    gears = GEARS.format(links=links, **OUTSIDE, phase=said, driven="pinion_shaft")
+    posed = text_of("posed_geared_five_bar").format(20, 40, 0.0, 360.0)
+    for text, expected in ((gears, -7.0 - 0.5 * 60.0), (posed, -31.0 - 0.5 * 69.5)):
+        document = parse(text, "gears")
+        with bits(80):
+            written = Written.of(read(document), document)
+            _, wheel = written.given([written.input_angle("90")])
+            assert np.degrees(middle(wheel)) == pytest.approx(expected, abs=1e-10)
 
 
 @pytest.mark.parametrize(

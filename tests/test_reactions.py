@@ -86,6 +86,11 @@ def test_a_contact_presses_away_from_the_side_of_the_first_body(torque):
     assert np.linalg.norm(force) == pytest.approx(abs(found.push[0, contact]))
     # The follower turns about its pivot: what presses it balances its torque there.
     assert presses == (found.status[0, contact] == Status.OK)
+    # In the other mode it is the other way round, in a run of several blocks too.
+    run = sk.run(made, "reactions", samples=7, block=3)
+    modes = run.frame("reactions").query("status == 'LIFT_OFF'")["assembly_mode"]
+    facts = run.summary["analyses"][0]["findings"]["pairs"]["contact"]
+    assert {*modes} == {int(presses)} and facts["rows_that_lift_off"] == 7
 
 
 def test_outputs_yield_by_what_a_moment_does_to_the_inputs():
@@ -106,6 +111,15 @@ def test_outputs_yield_by_what_a_moment_does_to_the_inputs():
         [gap[2, 1] - gap[1, 2], gap[0, 2] - gap[2, 0], gap[1, 0] - gap[0, 1]]
     )
     assert moved == pytest.approx(moment / stiffness, rel=1e-4, abs=1e-13)
+
+
+def test_an_output_on_a_crank_is_held_by_its_input_alone():
+    made = sk.load("five_bar")
+    crank = replace(made.outputs[0], name="crank", link="2", direction=None)
+    made = replace(made, outputs=(*made.outputs, crank))
+    rows = sk.run(made, "statics", samples=3).frame("statics", "outputs")
+    rows = rows.query("output == 'crank' and status == 'OK'")
+    assert np.allclose(rows[["advantage_21", "advantage_51"]], [1.0, np.inf]) and len(rows)
 
 
 def test_redundant_constraints_are_named_and_left_open(capsys):

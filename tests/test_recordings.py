@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.analysis.plotted import plotted_range
-from spherekit.analysis.scene import Diagram, Trace
+from spherekit.analysis.scene import Axis, Diagram, InputMarks, Series, Trace
 from spherekit.cli.main import main
 from spherekit.cli.view import find_recording
 from spherekit.errors import OutputError, SolveError
-from spherekit.view.charts import FRAME_HEIGHT, gridded, ticks, written
+from spherekit.view.charts import FRAME_HEIGHT, Chart, gridded, ticks, written
 from spherekit.view.colours import HEAT, heat_of
 from spherekit.view.pictures import check_picture, check_version
 from spherekit.view.rerun_view import RerunRecorder
@@ -96,6 +96,11 @@ def test_ticks_are_round_and_colours_go_from_first_to_last():
     ):
         step, values = ticks(low, high, degrees)
         assert [written(value, step) for value in values] == expected
+    over = (Axis("input", "deg", np.linspace(0.0, 90.0, 7)),)
+    chart, marks = Chart("c", over), InputMarks("m", "m", np.array([[-30.0], [45.0]]))
+    chart.add("c", Series("c", "c", "c", np.arange(7.0)), over)
+    (line,) = dict(chart.drawn([marks]))["marks/0"].strips.as_arrow_array().to_pylist()
+    assert line[0][0] == pytest.approx(0.5 * chart.width)  # that at 45 deg alone
     low, high = heat_of(np.array([2.0, 5.0]), 2.0, 5.0).tolist()
     assert (tuple(low), tuple(high)) == (HEAT[0], HEAT[-1])
 

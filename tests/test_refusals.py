@@ -41,26 +41,9 @@ MECHANISMS = (
 )
 STUDIES = "study.study", "constant.study", "table.study", "timed.study"
 CALLED = (
-    find_region,
-    *(
-        PositionAnalysis,
-        SingleFreedom,
-        Tabulated,
-        aspects,
-        between,
-        built,
-        inverse_dynamics,
-    ),
-    *(
-        MujocoModel,
-        output_of,
-        reduced_model,
-        replace,
-        simulate,
-        singular_curves,
-        singular_surface,
-    ),
-    *(trade, two_four_bars),
+    *(MujocoModel, PositionAnalysis, SingleFreedom, Tabulated, aspects, between, built),
+    *(find_region, inverse_dynamics, output_of, reduced_model, replace, simulate),
+    *(singular_curves, singular_surface, trade, two_four_bars),
 )
 NAMES = {each.__name__: each for each in CALLED} | {
     **{"sk": sk, "np": np, "LINKS": LINKS, "NAN": float("nan")},

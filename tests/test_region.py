@@ -278,6 +278,13 @@ def test_turns_by_at_most_an_angle(angle):
     exact = 8.0 * np.pi * (angle - np.sin(angle))
     found = find_orientations(lambda q: 2.0 * q[:, 3:] ** 2 - 1.0 - np.cos(angle), 5e-3)
     assert abs(found.volume - exact) <= found.error <= 5e-3 * found.volume
+
+    def undefined_outside(q):
+        """One margin more, which is not known where the other is negative."""
+        margin = 2.0 * q[:, 3:] ** 2 - 1.0 - np.cos(angle)
+        return np.hstack([margin, np.where(margin < 0.0, np.nan, 3.0)])
+
+    assert find_orientations(undefined_outside, 5e-3).volume == found.volume
     low = np.cos(0.25 * angle)
     found = find_orientations(lambda q: from_quaternion(q)[:, 2, 2:] - low, 3e-2)
     assert abs(found.volume - 4.0 * np.pi**2 * (1.0 - low)) <= 0.3 * found.error

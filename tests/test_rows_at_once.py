@@ -6,6 +6,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 from random_mechanisms import random_mechanism, shaped_mechanism
+from refusals import text_of
 from same_rows import both_ways, differences
 from special_mechanisms import special_mechanism
 
@@ -18,6 +19,7 @@ from spherekit.conventions import Status
 from spherekit.engine.compiler import available
 from spherekit.engine.fields import evaluate
 from spherekit.errors import SpherekitError
+from spherekit.files.read import loads
 from spherekit.model.study import Study
 from spherekit.numeric.unread import LazyColumn
 from spherekit.planning.poles import all_poles
@@ -64,6 +66,9 @@ def test_random_mechanisms():
 def test_contacts_of_any_profile(seed):
     """Chains of turning, rolling and sliding pairs, with circles, series and points."""
     assert compared(shaped_mechanism(seed), samples=5) > 0.4
+    sides = {"links": '["base", "wheel"]', "driven": "pinion_shaft", "contact": "external"}
+    begun = text_of("gears").format(teeth=[20, 40], phase="start = [20, 50]", **sides)
+    assert compared(loads(begun), samples=5) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -90,7 +95,10 @@ def test_directions_reverse_within_blocks(name, monkeypatch):
         return turned[-1]
 
     monkeypatch.setattr(rows_at_once, "signs_at_stops", counted)
-    assert compared(sk.load(name), samples=300) > 0.7
+    monkeypatch.setattr(rows_at_once, "JUDGED", 1)
+    for size in (rows_at_once.SLICE, 1):  # within a slice, and from one to the next
+        monkeypatch.setattr(rows_at_once, "SLICE", size)
+        assert compared(sk.load(name), samples=300) > 0.7
     signs = [item(None, slice(None), None) for item in turned]
     assert sum(np.count_nonzero(np.diff(item)) for item in signs) > 10
 

@@ -332,19 +332,21 @@ def test_derivatives_by_masses_and_loads_are_those_of_differences():
 
 
 def test_each_number_may_have_a_deviation_of_its_own():
-    by = "by=links.crank.arc+links.rocker.arc+loads.coil.stiffness"
-    own = "deviations=links.rocker.arc:0.02+loads.coil.stiffness:0.3"
+    by = "by=links.crank.arc+links.rocker.arc+loads.coil.stiffness+loads.coil.rest"
+    own = "deviations=links.rocker.arc:0.02+loads.coil.stiffness:0.3+loads.coil.rest:2"
     run = sk.run(acted_on(), f"sensitivity:of=torque,{by},{own},draws=512", samples=5)
     table = run.frame("sensitivity")
     rows = run.frame("sensitivity", "tolerances")
-    own = (np.radians(0.1), np.radians(0.02), 0.3)
+    own = (*np.radians([0.1, 0.02]), 0.3, np.radians(2.0))
     sizes = dict(zip(by[3:].split("+"), own, strict=True))
     parts = table["derivative"] * table["size"].map(sizes).astype(float)
     spread = (parts**2).groupby([table["assembly_mode"], table["sample"]]).sum() ** 0.5
     assert np.allclose(rows["spread"], spread.to_numpy(), rtol=1e-12)
     assert np.allclose(rows["drawn_spread"], rows["spread"], rtol=0.1)
-    said = run.summary["remarks"]
-    assert "but links.rocker.arc by 0.02, loads.coil.stiffness by 0.3" in said[-1]
+    alone = (
+        "but links.rocker.arc by 0.02, loads.coil.stiffness by 0.3, loads.coil.rest by 2"
+    )
+    assert alone in run.summary["remarks"][-1]
 
 
 POSED = text_of("posed")

@@ -10,12 +10,8 @@ from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.posed import posed
 
 LOADED = {
-    "stephenson": 1e-6,
-    "universal_joint": 1e-6,
-    "roller_cam": 2e-3,
-    "planetary_bevel": 1e-6,
-    "double_butterfly": 1e-4,
-    "three_rrr": 1e-4,
+    **dict.fromkeys(("stephenson", "universal_joint", "planetary_bevel"), 1e-6),
+    **{"roller_cam": 2e-3, "double_butterfly": 1e-4, "three_rrr": 1e-4},
 }
 """Shipped mechanisms, and how far (rad) MuJoCo may be off."""
 

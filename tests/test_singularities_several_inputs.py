@@ -30,6 +30,7 @@ def test_points_of_singular_curves_say_why_they_are_singular(five_bar):
     assert frame.residual.max() < 1e-12
     one, two = (set(frame[frame.kind == kind].condition) for kind in ("I", "II"))
     assert two == {"c_21=0 c_51=0 u of 21, 51 coincide"}
+    assert set(frame[frame.signs == "0"].assembly_mode) == {"0+1"}  # where both meet
     assert one <= {"u_21 along the direction", "d_51=0"}
 
 

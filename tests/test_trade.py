@@ -1,16 +1,20 @@
 """Speed against accuracy: reported errors against 50 digits, and what is recommended."""
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
+from common import Asking
 
 import spherekit as sk
+from spherekit.analysis.contract import Sweep
 from spherekit.analysis.registry import create
 from spherekit.analysis.running.evaluation import Setting
 from spherekit.analysis.running.sampling import course_of
+from spherekit.analysis.tables import Column, Table
 from spherekit.cli.main import main
 from spherekit.conventions import EPS, Status
 from spherekit.errors import AnalysisError, SolveError
@@ -212,6 +216,25 @@ def test_an_analysis_trades_its_own_parameters():
     assert not any(each.missing for each in found.settings)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Beside(Asking):
+    """A place next below zero, or at zero."""
+
+    name: ClassVar = "beside"
+    reads_samples: ClassVar = False
+    tables: ClassVar = (Table("beside", "", (Column("x", "rad", ""),)),)
+    trades: ClassVar = (Sweep("off", (1e-17, 0.0), "beside", "x", (), places=True),)
+    off: float = 0.0
+
+    def compute(self, batch):
+        return {"beside": {"x": np.array([-self.off])}}
+
+
+def test_a_place_next_below_a_turn_is_next_to_zero():
+    (each,) = trade(sk.load("four_bar"), Beside(), rounds=1).settings
+    assert each.error < 1e-15 and not each.missing
+
+
 @pytest.mark.slow
 def test_places_of_singularities_are_compared_with_the_nearest():
     found = trade(sk.load("four_bar"), "singularities", rounds=1)
@@ -269,6 +292,10 @@ def test_a_run_takes_a_stored_trade(capsys, stored):
     assert found["setting"] == again.cheapest(1e-5).name
     assert "stored trade of poles" in found["why"] and found["met"]
     assert found["achieved_error"] <= 1e-5 and found["check_rows"] == 61
+    tight = 2.0 * again.cheapest(1e-5).error  # which is met without the margin of 4 only
+    assert main([*given[:-4], repr(tight), *given[-3:]]) == 0
+    found = json.loads(capsys.readouterr().out)["accuracy"]
+    assert "no setting" in found["why"] or 4.0 * found["predicted_error"] <= tight
     written = json.loads((Path(stored) / "trade.json").read_text())
     for each, row in zip(again.settings, written["settings"], strict=True):
         for key in ("name", "missing", "reason", *([] if each.reason else COUNTED)):

@@ -17,6 +17,7 @@ import spherekit as sk
 from spherekit.conventions import Status
 from spherekit.dynamics.inverse import inverse_dynamics
 from spherekit.dynamics.start import prepare
+from spherekit.files.read import loads
 from spherekit.guarantee import Guarantee
 from spherekit.model.dynamics import Mass
 from spherekit.model.gears import pitch_angles
@@ -60,6 +61,9 @@ def test_wheels_of_an_irrational_ratio_never_return(tmp_path):
     unrolled = motion.values[ok, mesh] + np.sin(57.0 * DEGREE) * motion.q[ok]
     assert np.ptp(unrolled) < 1e-9
     assert np.max(np.unique(motion.sample[ok], return_counts=True)[1]) == 2
+    # Teeth 17 : 23 and 19 : 31 are back together after 23 times 31 turns.
+    three = PositionAnalysis(loads(text_of("three_wheels")), samples=1)
+    assert three.solver.periods[0] == pytest.approx(23 * 31 * 2.0 * np.pi)
 
 
 def right_crank(q, teeth):
