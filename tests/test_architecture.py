@@ -8,17 +8,14 @@ import subprocess
 import sys
 import tomllib
 from dataclasses import fields
-from pathlib import Path
 
 import pytest
 from public_packages import PUBLIC
+from sources import ANALYSES, FILES, PACKAGE, ROOT, nodes_of, tree_of
 
 import spherekit
 from spherekit.analysis.execution import Execution
 from spherekit.model.study import Study
-
-ROOT = Path(__file__).parent.parent
-PACKAGE = ROOT / "spherekit"
 
 LAYERS = """
 arrays errors conventions guarantee version progress > api_validation argument_validation
@@ -63,12 +60,6 @@ HOME_OF = {
 
 
 @functools.cache
-def tree_of(path):
-    """Return the syntax tree of a file, parsed once for all tests."""
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
-@functools.cache
 def imports(path):
     """Return the modules a file imports, and whether at run time (not type checking).
 
@@ -110,8 +101,6 @@ PROOF_MAY_IMPORT = {
 """What proofs and reference values share with the solvers that they check: data, what a
 profile through points declares."""
 
-FILES = sorted(PACKAGE.rglob("*.py"))
-
 
 def test_dependencies_point_one_way():
     level = {name: k for k, part in enumerate(LAYERS.split(">")) for name in part.split()}
@@ -133,7 +122,7 @@ def test_dependencies_point_one_way():
 
 def test_reference_values_share_data_only_with_what_they_check():
     for path in sorted((PACKAGE / "proof").glob("*.py")):
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             if isinstance(node, ast.ImportFrom) and node.module.startswith("spherekit."):
                 allowed = PROOF_MAY_IMPORT.get(part_of(node.module))
                 names = {alias.name for alias in node.names}
@@ -141,7 +130,7 @@ def test_reference_values_share_data_only_with_what_they_check():
 
 
 def test_plugins_use_the_public_contract_only():
-    for path in sorted((ROOT / "analyses").glob("*.py")):
+    for path in ANALYSES:
         for module, _ in imports(path):
             if module.split(".")[0] == "spherekit":
                 inside = module in PUBLIC and f"{module}.".startswith("spherekit.plugin.")
@@ -187,9 +176,8 @@ def test_public_names_resolve(package):
 
 def test_public_functions_have_no_catch_all_keywords_and_are_described():
     for path in FILES:
-        tree = tree_of(path)
-        assert ast.get_docstring(tree) or path.name == "__init__.py", path
-        for node in ast.walk(tree):
+        assert ast.get_docstring(tree_of(path)) or path.name == "__init__.py", path
+        for node in nodes_of(path):
             if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
                 named = any("takes(" in ast.unparse(each) for each in node.decorator_list)
                 assert node.args.kwarg is None or named, f"{path.name}: {node.name}(**...)"
@@ -212,7 +200,7 @@ def test_what_carries_a_run_takes_few_parameters():
     too_many = []
     for part in ("analysis", "tradeoff", "cli"):
         for path in sorted((PACKAGE / part).rglob("*.py")):
-            for node in ast.walk(tree_of(path)):
+            for node in nodes_of(path):
                 if isinstance(node, ast.FunctionDef):
                     named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
                     count = sum(each.arg not in ("self", "cls") for each in named)
@@ -249,8 +237,8 @@ def test_only_these_classes_are_inherited_from():
     """Each is abstract, or bears rows or errors of several kinds; all others are final."""
     classes = {
         node.name: [ast.unparse(base).split("[")[0].split(".")[-1] for base in node.bases]
-        for path in (*FILES, *(ROOT / "analyses").glob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for path in (*FILES, *ANALYSES)
+        for node in nodes_of(path)
         if isinstance(node, ast.ClassDef)
     }
     inherited = {base for bases in classes.values() for base in bases if base in classes}

@@ -24,6 +24,7 @@ from spherekit.analysis.tables import INPUTS, MODE_NAME
 from spherekit.cli.grammar import COMMANDS, parser
 from spherekit.cli.main import main
 from spherekit.engine.row_quantities import row_quantities
+from spherekit.files.schema import schema
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -140,36 +141,29 @@ def pattern(shown):
     return re.compile("".join(lines))
 
 
-@pytest.mark.parametrize("page", pages_with("sh"))
-def test_commands_are_understood(page):
-    for block in blocks(page, "sh"):
-        for line in block.splitlines():
+def test_commands_are_understood():
+    for page, text in PAGES.items():
+        for line in "".join(blocks(page, "sh")).splitlines():
             program, *arguments = shlex.split(line.split(" #")[0]) or [""]
             if Path(program).name == "spherekit":
-                parser().parse_args(arguments)
-
-
-def test_inline_commands_are_understood():
-    for page, text in PAGES.items():
+                parser().parse_args(arguments), page
         prose = BLOCK.sub("", text)
         for line in re.findall(r"`(spherekit (?:run|plan|explain|view) [^`\n]+)`", prose):
             if "..." not in line:
                 parser().parse_args(shlex.split(line)[1:]), page
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_links_resolve(page):
-    home = ROOT if page in ("README.md", "CONTRIBUTING.md") else (DOCS / page).parent
-    for target in re.findall(r"\]\(([^)\s]+)\)", BLOCK.sub("", PAGES[page])):
-        if re.match(r"[a-z]+:", target):
-            continue
-        name, _, anchor = target.partition("#")
-        path = (home / name).resolve() if name else home / Path(page).name
-        if MADE in path.parents:
-            continue  # the build of the site checks these
-        assert path.exists(), target
-        if anchor:
-            assert anchor in anchors(path.read_text(encoding="utf-8")), target
+def test_links_resolve():
+    for page, text in PAGES.items():
+        home = ROOT if page in ("README.md", "CONTRIBUTING.md") else (DOCS / page).parent
+        for target in re.findall(r"\]\(([^)\s]+)\)", BLOCK.sub("", text)):
+            name, _, anchor = target.partition("#")
+            path = (home / name).resolve() if name else home / Path(page).name
+            if re.match(r"[a-z]+:", target) or MADE in path.parents:
+                continue  # the build of the site checks what is made
+            assert path.exists(), f"{page}: {target}"
+            if anchor:
+                assert anchor in anchors(path.read_text(encoding="utf-8")), target
 
 
 def anchors(text):
@@ -182,7 +176,7 @@ def test_key_reference_is_current():
     made = runpy.run_path(str(DOCS / "make_reference.py"))["page"]()
     assert made == PAGES["reference.md"], "run: python docs/make_reference.py"
     for kind in ("mechanism", "study", "synthesis"):
-        for key in sk_schema(kind)["properties"]:
+        for key in schema(kind)["properties"]:
             assert f"`{key}`" in made
 
 
@@ -198,12 +192,6 @@ def test_figures_of_benchmarks_name_their_commit():
     for section in sections:
         named = re.search(r"^Taken at commit [0-9a-f]{8,}\.$", section, re.M)
         assert named or "\n|" not in section, section[:60]
-
-
-def sk_schema(kind):
-    from spherekit.files.schema import schema
-
-    return schema(kind)
 
 
 def test_plugin_tutorial_is_a_distribution_that_works(folder):
@@ -330,7 +318,7 @@ def declared():
         names |= {table.name for table in load(name).tables}
         names |= {f"{name}_{table.name}" for table in load(name).tables}
     for kind in ("mechanism", "study", "synthesis"):
-        text = json.dumps(sk_schema(kind))
+        text = json.dumps(schema(kind))
         names |= set(re.findall(r'"(\w+)"', text))
     for mechanism in ("four_bar", "five_bar"):
         names |= set(row_quantities(sk.load(mechanism)))

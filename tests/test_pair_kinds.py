@@ -2,14 +2,12 @@
 
 import ast
 import re
-from pathlib import Path
 
 import pytest
+from sources import ANALYSES, FILES, ROOT, nodes_of, tree_of
 
 from spherekit.model.joints import KINDS
 
-ROOT = Path(__file__).parent.parent
-FILES = sorted([*(ROOT / "spherekit").rglob("*.py"), *(ROOT / "analyses").rglob("*.py")])
 MOST = 8
 TYPES = {*KINDS, "P"}
 """The types of pairs that files know; P is an R pair by its arc."""
@@ -17,12 +15,12 @@ PROFILES = {"circle", "great_circle", "points", "fourier"}
 PAGE = ROOT / "docs" / "architecture.md"
 
 
-def joint_classes(trees):
+def joint_classes():
     """Return the names of all classes that derive, over any steps, from a joint."""
     bases = {
         node.name: {ast.unparse(base).split(".")[-1] for base in node.bases}
-        for tree in trees
-        for node in ast.walk(tree)
+        for path in (*FILES, *ANALYSES)
+        for node in nodes_of(path)
         if isinstance(node, ast.ClassDef)
     }
     found = {kind.__name__ for kind in KINDS.values()}
@@ -32,7 +30,7 @@ def joint_classes(trees):
     return found
 
 
-def asks(tree, classes):
+def asks(path, classes):
     """Return the lines of a module that depend on the kind of a pair or of a profile."""
 
     def held(nodes, named=()):
@@ -46,13 +44,13 @@ def asks(tree, classes):
 
     constants = {
         target.id
-        for node in tree.body
+        for node in tree_of(path).body
         if isinstance(node, ast.Assign) and held([node.value])
         for target in node.targets
         if isinstance(target, ast.Name)
     }
     lines = set()
-    for node in ast.walk(tree):
+    for node in nodes_of(path):
         match node:
             case ast.Call(
                 ast.Name("isinstance" | "issubclass") | ast.Attribute("register")
@@ -80,12 +78,11 @@ def asks(tree, classes):
 
 @pytest.mark.slow
 def test_files_that_branch_on_the_kind_of_a_pair_are_few_and_listed():
-    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
-    classes = joint_classes(trees.values())
+    classes = joint_classes()
     asking = {
         path.relative_to(ROOT).as_posix(): sorted(lines)
-        for path, tree in trees.items()
-        if (lines := asks(tree, classes))
+        for path in (*FILES, *ANALYSES)
+        if (lines := asks(path, classes))
     }
     assert len(asking) <= MOST, asking
     text = PAGE.read_text(encoding="utf-8")

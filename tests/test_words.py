@@ -3,15 +3,14 @@
 import ast
 import json
 import re
-from pathlib import Path
 
 import pytest
+from sources import ANALYSES, FILES, PACKAGE, ROOT, nodes_of
 
 from spherekit.analysis.registry import load as analysis_of
 from spherekit.analysis.registry import names
 from spherekit.files.read import load
 
-ROOT = Path(__file__).parent.parent
 PAGES = [
     ROOT / "README.md",
     *(
@@ -19,10 +18,6 @@ PAGES = [
         for page in sorted((ROOT / "docs").rglob("*.md"))
         if "generated" not in page.parts
     ),
-]
-SOURCES = [
-    *sorted((ROOT / "spherekit").rglob("*.py")),
-    *sorted((ROOT / "analyses").glob("*.py")),
 ]
 KEYS = {
     *("branch", "branches", "moved", "rate", "rate_dq", "flatness", "lattice", "show"),
@@ -62,15 +57,14 @@ def retired(text):
 
 def messages(path):
     """Return the texts of a module that are no docstrings, with their lines."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
     docs = {
         id(node.value)
-        for node in ast.walk(tree)
+        for node in nodes_of(path)
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
     }
     return [
         (node.lineno, node.value)
-        for node in ast.walk(tree)
+        for node in nodes_of(path)
         if isinstance(node, ast.Constant)
         and isinstance(node.value, str)
         and id(node) not in docs
@@ -82,16 +76,20 @@ def test_retired_words_are_told_apart():
     assert not retired("a branching point, there is no pose, a *branch* is a piece of it")
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
-def test_messages(path):
-    wrong = [(line, text) for line, text in messages(path) if retired(text)]
-    assert not wrong
+def test_messages_and_pages():
+    said = {path: messages(path) for path in (*FILES, *ANALYSES)}
+    said |= {page: enumerate(page.read_text("utf-8").splitlines(), 1) for page in PAGES}
+    assert not [
+        f"{path.relative_to(ROOT)}:{line}: {text}"
+        for path, texts in said.items()
+        for line, text in texts
+        if retired(text)
+    ]
 
 
 def locals_of(path):
     """Return the names that the functions of a module bind, each with its line."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
+    for node in nodes_of(path):
         if isinstance(node, ast.arg):
             yield node.arg, node.lineno
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
@@ -101,20 +99,14 @@ def locals_of(path):
 def test_locals_are_called_by_nouns_of_the_field():
     there = [
         f"{path.relative_to(ROOT)}:{line}: {name}"
-        for path in SOURCES
+        for path in (*FILES, *ANALYSES)
         for name, line in locals_of(path)
         if name in VAGUE
     ]
     assert not there
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
-def test_pages(path):
-    lines = path.read_text(encoding="utf-8").splitlines()
-    assert not [(k, line) for k, line in enumerate(lines, 1) if retired(line)]
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "spherekit").rglob("*.schema.json")))
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.schema.json")))
 def test_keys_of_files(path):
     def keys(node):
         if isinstance(node, dict):
