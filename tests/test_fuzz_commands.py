@@ -6,15 +6,21 @@ import warnings
 
 import pytest
 from hypothesis import given, settings
-from strategies import FILES, commands, damaged
+from hypothesis import strategies as st
+from strategies import EFFORT, FILES, commands, damaged
 
 from spherekit.cli.main import main
 
 STATUSES = {0, 1, 2, 3, 4}
+DAMAGED = ("four_bar.toml", "stephenson_output.study.toml")
 
 
-def check_command(folder, words, text):
+@pytest.mark.slow
+@settings(max_examples=60 * EFFORT)
+@given(commands(), st.sampled_from(DAMAGED).flatmap(damaged))
+def test_command_lines(tmp_path_factory, words, text):
     """Run a command in this process; only what the grammar refuses leaves by SystemExit."""
+    folder = tmp_path_factory.getbasetemp()
     for name in ("damaged.toml", "damaged.study.toml"):
         (folder / name).write_text(text, encoding="utf-8", errors="replace", newline="")
     paths = {
@@ -38,20 +44,6 @@ def check_command(folder, words, text):
     assert "Traceback" not in err.getvalue() and "Warning" not in err.getvalue()
     if status == 1:
         assert err.getvalue().startswith("spherekit: ")
-
-
-@pytest.mark.slow
-@settings(max_examples=60)
-@given(words=commands(), text=damaged("four_bar.toml"))
-def test_command_lines(tmp_path_factory, words, text):
-    check_command(tmp_path_factory.getbasetemp(), words, text)
-
-
-@pytest.mark.long
-@settings(max_examples=3000)
-@given(words=commands(), text=damaged("stephenson_output.study.toml"))
-def test_many_command_lines(tmp_path_factory, words, text):
-    check_command(tmp_path_factory.getbasetemp(), words, text)
 
 
 def test_what_is_no_recording_is_not_shown(tmp_path, capsys):

@@ -4,11 +4,10 @@ import re
 import warnings
 
 import numpy as np
-import pytest
 from common import as_floats
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import FILES, expressions, files, is_toml
+from strategies import EFFORT, FILES, expressions, files, is_toml
 
 from spherekit.errors import EngineError, FileError, ModelError, SpherekitError
 from spherekit.files.read import load, loads
@@ -19,7 +18,12 @@ from spherekit.model.expression import load_names, parse
 PLACED = re.compile(r"damaged\.toml(:\d+)?: \S")
 
 
-def check_file(text):
+TEXTS = st.text(max_size=60) | st.text(alphabet="[]{}\"=.#\n\\'ab1 ", max_size=40)
+
+
+@settings(max_examples=200 * EFFORT)
+@given(files | TEXTS)
+def test_damaged_mechanism_files(text):
     """Read a text; what is refused names file and line, what is read can be written."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -33,22 +37,6 @@ def check_file(text):
             return
         assert is_toml(text.replace("\r\n", "\n").removeprefix("\ufeff"))
         assert loads(dumps(made)) == made
-
-
-TEXTS = st.text(max_size=60) | st.text(alphabet="[]{}\"=.#\n\\'ab1 ", max_size=40)
-
-
-@settings(max_examples=300)
-@given(files.map(lambda case: case[1]) | TEXTS)
-def test_damaged_mechanism_files(text):
-    check_file(text)
-
-
-@pytest.mark.long
-@settings(max_examples=10000)
-@given(files)
-def test_many_damaged_mechanism_files(case):
-    check_file(case[1])
 
 
 @settings(max_examples=100)
@@ -66,9 +54,9 @@ def test_bytes_of_any_kind(tmp_path_factory, data, start):
 
 @settings(max_examples=60)
 @given(files)
-def test_damaged_study_files(tmp_path_factory, case):
+def test_damaged_study_files(tmp_path_factory, text):
     path = tmp_path_factory.getbasetemp() / "damaged.study.toml"
-    path.write_text(case[1], encoding="utf-8", errors="surrogatepass", newline="")
+    path.write_text(text, encoding="utf-8", errors="surrogatepass", newline="")
     try:
         load_study(str(path))
     except SpherekitError as error:
@@ -79,7 +67,9 @@ def test_every_shipped_file_is_where_damage_starts():
     assert len(FILES) > 20 and {"four_bar.toml", "stephenson_output.study.toml"} <= {*FILES}
 
 
-def check_expression(text):
+@settings(max_examples=400 * EFFORT)
+@given(expressions | st.text(max_size=30))
+def test_expressions_of_loads(text):
     names = load_names(["a", "b"])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -98,16 +88,3 @@ def check_expression(text):
             assert np.isclose(value, array, rtol=1e-9, atol=1e-12, equal_nan=True)
         except (ValueError, ArithmeticError, EngineError):
             assert not np.isfinite(array)
-
-
-@settings(max_examples=600)
-@given(expressions | st.text(max_size=30))
-def test_expressions_of_loads(text):
-    check_expression(text)
-
-
-@pytest.mark.long
-@settings(max_examples=20000)
-@given(expressions)
-def test_many_expressions_of_loads(text):
-    check_expression(text)
