@@ -12,18 +12,14 @@
 """
 
 import numpy as np
-from exact_four_bar import FourBar, four_bar
-from numpy.typing import NDArray
+from exact_four_bar import four_bar
 from scipy.integrate import dblquad
 
-Floats = NDArray[np.float64]
-Arcs = tuple[float, float, float, float]
-
-FOUR_BAR_ARCS: Arcs = (np.pi / 3, np.pi / 9, 7 * np.pi / 18, 2 * np.pi / 9)
+FOUR_BAR_ARCS = (np.pi / 3, np.pi / 9, 7 * np.pi / 18, 2 * np.pi / 9)
 """The numerical example of [1], Table 1: 60, 20, 70 and 40 degrees."""
 
 
-def four_bar_angles(theta21: Floats, arcs: Arcs, mode: int) -> Floats:
+def four_bar_angles(theta21, arcs, mode):
     """Return theta41 (n,) rad by eq. (25) of [1]; `mode` is its p, 0 or 1.
 
     NaN where the four-bar does not close.
@@ -31,23 +27,23 @@ def four_bar_angles(theta21: Floats, arcs: Arcs, mode: int) -> Floats:
     return _four_bar(theta21, arcs, mode).theta
 
 
-def _four_bar(theta21: Floats, arcs: Arcs, mode: int) -> FourBar:
+def _four_bar(theta21, arcs, mode):
     with np.errstate(invalid="ignore"):
         return four_bar(arcs, theta21, mode, np)
 
 
-def _rows(vector: tuple[Floats, ...], like: Floats) -> Floats:
+def _rows(vector, like):
     """Return vectors (n, 3) of three components, of which some are the same in all rows."""
     return np.stack(np.broadcast_arrays(*vector, like)[:3], axis=-1)
 
 
-def four_bar_axes(theta21: Floats, arcs: Arcs, mode: int) -> dict[str, Floats]:
+def four_bar_axes(theta21, arcs, mode):
     """Return the axes u (n, 3) of the pairs 41, 21, 32 and 43, eqs. (22a), (22b)."""
     u = _four_bar(theta21, arcs, mode).u
     return {name: _rows(axis, theta21) for name, axis in u.items()}
 
 
-def four_bar_frames(theta21: Floats, arcs: Arcs, mode: int) -> dict[int, Floats]:
+def four_bar_frames(theta21, arcs, mode):
     """Return the frames (n, 3, 3) of the links, columns i_j, j_j, k_j, by eq. (22).
 
     Link j lies along its arc from k_j towards j_j, link 1 from k_1 towards j_1.
@@ -59,13 +55,13 @@ def four_bar_frames(theta21: Floats, arcs: Arcs, mode: int) -> dict[int, Floats]
     }
 
 
-def four_bar_poles(theta21: Floats, arcs: Arcs, mode: int) -> dict[str, Floats]:
+def four_bar_poles(theta21, arcs, mode):
     """Return the secondary pole axes u (n, 3) 31 and 42, by eq. (22e)."""
     lines = _four_bar(theta21, arcs, mode).poles()
     return {name: _rows(u, theta21) for name, u in zip(("31", "42"), lines, strict=True)}
 
 
-def four_bar_coefficients(theta21: Floats, arcs: Arcs, mode: int) -> tuple[Floats, Floats]:
+def four_bar_coefficients(theta21, arcs, mode):
     """Return the velocity coefficients w31/w21 and w41/w21 (n,), eqs. (26a), (26b).
 
     The first belongs to the pole 31 in the sense of `four_bar_poles`; NaN or noise where
@@ -81,7 +77,7 @@ SMALLEST_ANGLE = np.deg2rad(10.0)
 """The numerical example of [2]: the arcs B1B6 and B1B2, and the least angle B1 to B3."""
 
 
-def mid_plane_area() -> float:
+def mid_plane_area():
     """Return the area (sr) of [2]'s workspace on one side of the plane z = 0.
 
     The normal n of the mid-plane has n . B1 = -s1, n . B6 = -s6, and P is the mirror image
@@ -91,9 +87,8 @@ def mid_plane_area() -> float:
     half = 0.5 * MID_PLANE_BASE
     low, high = np.sin(0.5 * SMALLEST_ANGLE), np.sin(MID_PLANE_LEG)
 
-    def density(one: float, other: float) -> float:
+    def density(one, other):
         x, y = (one + other) / (2.0 * np.cos(half)), (one - other) / (2.0 * np.sin(half))
         return float(4.0 * x / np.sqrt(1.0 - x * x - y * y) / np.sin(2.0 * half))
 
-    area, _ = dblquad(density, low, high, low, high, epsabs=1e-13, epsrel=1e-13)
-    return float(area)
+    return dblquad(density, low, high, low, high, epsabs=1e-13, epsrel=1e-13)[0]

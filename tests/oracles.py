@@ -15,19 +15,28 @@ def revolute_frames(mechanism):
     return np.array(first), np.array(second)
 
 
+def velocity_equations(ends, axes, types=None, held=()):
+    """Return the matrix that takes the rates of all links to what pairs do not allow.
+
+    w_b - w_a has no component across a pair's axis, of a Cs pair along its normal, and of
+    a pair that is held none at all.
+    """
+    count, rows = 1 + max(max(pair) for pair in ends), []
+    for k, ((a, b), u) in enumerate(zip(ends, axes, strict=True)):
+        across = u[None] if types and types[k] == "Cs" else np.eye(3) - np.outer(u, u)
+        across = np.eye(3) if k in held else across
+        rows.append(np.zeros((len(across), 3 * count)))
+        rows[-1][:, 3 * b : 3 * b + 3], rows[-1][:, 3 * a : 3 * a + 3] = across, -across
+    return np.vstack(rows)
+
+
 def null_space(count, ends, axes, types=None):
     """Return link rates (count, 3) with |w| = 1 in all, and the relative gap.
 
-    The velocity equations themselves: w_b - w_a has no component across the pair's axis,
-    of a Cs pair along its normal. One link fixed, singular value decomposition; the gap is
-    the second smallest singular value over the largest.
+    One link fixed, singular value decomposition; the gap is the second smallest singular
+    value over the largest.
     """
-    rows = []
-    for kind, (a, b), u in zip(types or ["R"] * len(ends), ends, axes, strict=True):
-        across = u[None] if kind == "Cs" else np.eye(3) - np.outer(u, u)
-        rows.append(np.zeros((len(across), 3 * count)))
-        rows[-1][:, 3 * b : 3 * b + 3], rows[-1][:, 3 * a : 3 * a + 3] = across, -across
-    _, values, right = np.linalg.svd(np.vstack(rows)[:, 3:])
+    _, values, right = np.linalg.svd(velocity_equations(ends, axes, types)[:, 3:])
     size = 3 * count - 3
     w = np.vstack([np.zeros(3), right[size - 1].reshape(-1, 3)])
     return w, values[size - 2] / values[0]
@@ -45,29 +54,15 @@ def closure_gap(mechanism, rotations, frames):
     return worst
 
 
-def misfits(ends, axes, locked):
-    """Return the matrix that takes the rates of all links to what pairs do not allow.
-
-    An R pair (one with an axis) allows a rate about it, a locked one none.
-    """
-    count = 1 + max(max(pair) for pair in ends)
-    rows = np.zeros((3 * len(ends), 3 * count))
-    for k, ((a, b), axis) in enumerate(zip(ends, axes, strict=True)):
-        own = np.eye(3) - (0.0 if k in locked else np.outer(axis, axis))
-        rows[3 * k : 3 * k + 3, 3 * b : 3 * b + 3] = own
-        rows[3 * k : 3 * k + 3, 3 * a : 3 * a + 3] -= own
-    return rows
-
-
 def least_misfit(ends, axes, locked, link, of, direction=None):
     """Return the least misfit for a unit rate of a link relative to another.
 
-    All pairs locked it is 1. From link rates: the rows of the inverse of `misfits` that
-    the link's rate has, by singular values; turning about a direction does not count.
+    All pairs locked it is 1. From link rates: the rows of the inverse of the equations
+    that the link's rate has, by singular values; turning about a direction does not count.
     """
 
     def turned(held):
-        rows = misfits(ends, axes, held)
+        rows = velocity_equations(ends, axes, held=held)
         kept = [k for k in range(rows.shape[1]) if k // 3 != of]
         _left, sizes, right = np.linalg.svd(rows[:, kept], full_matrices=False)
         own = [kept.index(3 * link + k) for k in range(3)]
@@ -93,21 +88,13 @@ def locked_rates(motion, row, moved):
     the rate of every input given, by least squares.
     """
     rates = moved if isinstance(moved, dict) else {moved: 1.0}
-    made = motion.mechanism
-    count = len(made.links)
-    rows, right = [], []
-    for k, (pair, (a, b)) in enumerate(zip(made.pairs, made.ends, strict=True)):
-        u = motion.axes[row, k]
-        across = u[None] if pair.type == "Cs" else np.eye(3) - np.outer(u, u)
-        value = np.zeros(len(across))
-        if k in motion.assembly.inputs:
-            across, value = np.eye(3), rates.get(k, 0.0) * u
-        block = np.zeros((len(across), 3 * count))
-        block[:, 3 * b : 3 * b + 3] = across
-        block[:, 3 * a : 3 * a + 3] = -across
-        rows.append(block)
-        right.append(value)
-    matrix = np.vstack(rows)[:, 3:]
+    made, axes = motion.mechanism, motion.axes[row]
+    types, held = [pair.type for pair in made.pairs], motion.assembly.inputs
+    matrix = velocity_equations(made.ends, axes, types, held)[:, 3:]
+    right = [
+        rates.get(k, 0.0) * axes[k] if k in held else np.zeros(1 if kind == "Cs" else 3)
+        for k, kind in enumerate(types)
+    ]
     values = np.linalg.svd(matrix, compute_uv=False)
     found = np.linalg.lstsq(matrix, np.concatenate(right), rcond=None)[0]
     return np.vstack([np.zeros(3), found.reshape(-1, 3)]), values[-1] / values[0]

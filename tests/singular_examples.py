@@ -1,23 +1,8 @@
-"""What tests of singularities share: four-bars of the source, and what is read of them."""
-
-from dataclasses import replace
+"""What tests of singularities share: closed forms of four-bars, and what is read."""
 
 import numpy as np
 
-from spherekit import load
 from spherekit.singular.locus import solver_of
-
-SOURCE = load("four_bar")
-
-
-def four_bar(arcs, made=SOURCE):
-    """Return the four-bar of the source with these arcs (rad)."""
-    links = {
-        link: replace(size, arcs=(float(arc),))
-        for (link, size), arc in zip(sorted(made.geometry.links.items()), arcs, strict=True)
-    }
-    return replace(made, geometry=replace(made.geometry, links=links), loads=())
-
 
 ROCKER = np.radians([100.0, 50.0, 70.0, 40.0])
 

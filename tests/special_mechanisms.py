@@ -11,7 +11,6 @@ import numpy as np
 
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Pair, SizeGeometry
-from spherekit.sphere.rotation import Floats
 
 KINDS = (
     "right angles",
@@ -26,7 +25,7 @@ KINDS = (
 FOUR_BAR = (("41", 1, 4), ("21", 1, 2), ("32", 2, 3), ("43", 3, 4))
 
 
-def special_mechanism(seed: int) -> tuple[str, Mechanism, Floats]:
+def special_mechanism(seed):
     """Return the family and the mechanism of a seed, and inputs (n, 1) in rising order."""
     random = np.random.default_rng(seed)
     kind = KINDS[random.integers(len(KINDS))]
@@ -45,7 +44,7 @@ def special_mechanism(seed: int) -> tuple[str, Mechanism, Floats]:
     return f"{bars}, {kind}", made, np.radians(_inputs(random))[:, None]
 
 
-def _arcs(random: np.random.Generator, kind: str) -> list[float]:
+def _arcs(random, kind):
     a, b, c = (float(5 * random.integers(4, 32)) for _ in range(3))
     if kind == "right angles":
         return [90.0] * 4
@@ -66,22 +65,22 @@ def _arcs(random: np.random.Generator, kind: str) -> list[float]:
     return [a, b, c, d]
 
 
-def _inputs(random: np.random.Generator) -> Floats:
+def _inputs(random):
     """Return inputs, degrees: near multiples of 90, multiples of 15, and any."""
     near = [90.0 * random.integers(0, 5) + _tiny(random, 0, 9) for _ in range(8)]
     round_ = [15.0 * random.integers(0, 25) for _ in range(4)]
     return np.unique([*near, *round_, *random.uniform(0.0, 360.0, 4)])
 
 
-def _tiny(random: np.random.Generator, low: int, high: int) -> float:
+def _tiny(random, low, high):
     return float(random.choice([-1.0, 1.0]) * 10.0 ** -random.integers(low, high + 1))
 
 
-def _decimal(angle: float) -> float:
+def _decimal(angle):
     return float(f"{angle:.12f}")
 
 
-def _four_bar(arcs: list[float]) -> Mechanism:
+def _four_bar(arcs):
     links = {
         str(k + 1): LinkSizes(axes, (float(np.radians(arc)),))
         for k, (axes, arc) in enumerate(
@@ -93,11 +92,8 @@ def _four_bar(arcs: list[float]) -> Mechanism:
     return Mechanism("special", "1", tuple(links), pairs, SizeGeometry(links), drives)
 
 
-def _with_dyad(
-    random: np.random.Generator, made: Mechanism, sizes: list[float]
-) -> Mechanism:
+def _with_dyad(random, made, sizes):
     """Return the mechanism with two more links between two of it, of special sizes."""
-    assert isinstance(made.geometry, SizeGeometry)
     links = dict(made.geometry.links)
     one, other = (str(k) for k in random.choice(made.links, 2, replace=False))
     first, second = str(len(links) + 1), str(len(links) + 2)

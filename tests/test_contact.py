@@ -1,6 +1,5 @@
 """Rolling and sliding contact: cams as four-bars, gears, exact derivatives."""
 
-import importlib.util
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,9 +53,8 @@ def test_gears_of_a_train_turn_about_coaxial_pairs(tmp_path, capsys):
     assert np.max(np.abs(np.abs(here.velocity_coefficient("out/case")) - wheel)) < 1e-13
     sk.dump(made, tmp_path / "again.toml")
     assert sk.load(tmp_path / "again.toml") == made
-    if importlib.util.find_spec("flint"):
-        assert main(["certify", str(path)]) == 0
-        assert f"arm_shaft turns {arm:+.10f}" in capsys.readouterr().out
+    assert main(["certify", str(path)]) == 0
+    assert f"arm_shaft turns {arm:+.10f}" in capsys.readouterr().out
     path.write_text(HUMPAGE.replace("arcs = [0.0, 180.0]", "arcs = [10.0, 180.0]"))
     with pytest.raises(sk.SpherekitError, match="nor does a pair coaxial"):
         sk.load(path)
@@ -105,24 +103,11 @@ def test_redundant_constraints_are_named_and_rigid_wheels_refused():
         sk.trace(replace(made, pairs=pairs))
 
 
-def test_roller_larger_than_a_concave_cam_admits_has_a_status():
-    """A cam with a waist: a small roller reaches its bottom, a large one does not."""
-    waisted = Profile("fourier", (0.0, 0.0, 1.0), cosines=(25 * DEGREE, 0.0, 9 * DEGREE))
-    counts = {}
-    for radius in (2.0, 30.0):
-        made = cam(GROUND, waisted, Profile("circle", at(ARM), radius * DEGREE))
-        motion = sk.trace(made, samples=181, search=False)
-        counts[radius] = int(np.sum(motion.status == sk.Status.CURVATURE))
-        if radius == 30.0:
-            assert np.all(np.isnan(motion.rotations[motion.status == sk.Status.CURVATURE]))
-    assert counts[2.0] < counts[30.0] and counts[30.0] > 0
-
-
 def test_running_off_an_open_profile_has_a_status():
     """An arc of the shaped cam alone: the follower loses it where it ends."""
     whole = cam(GROUND, SHAPE, Profile("circle", at(ARM), ROLLER))
-    motion = sk.trace(whole, samples=361, search=False)
-    open_motion = sk.trace(open_cam(), samples=361, search=False)
+    motion = sk.trace(whole, samples=73, search=False)
+    open_motion = sk.trace(open_cam(), samples=73, search=False)
     assert np.any(open_motion.status == sk.Status.OK)
     assert np.any(open_motion.status == sk.Status.OFF_PROFILE)
     for row in np.flatnonzero(open_motion.status == sk.Status.OK):

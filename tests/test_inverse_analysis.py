@@ -169,15 +169,19 @@ def test_all_ways_to_say_an_orientation(tmp_path):
 
 
 def test_own_tables_are_read_again(tmp_path):
-    """A Parquet table says its units; its inputs lead back to its poses."""
+    """By the units in Parquet, beside CSV or in its header; inputs lead back to poses."""
     result, _ = found_in(
         "five_bar", window="azimuth:10:50:3+tilt:60:70:2", working_mode="+-"
     )
-    result.write(tmp_path)
-    path = tmp_path / "inverse_kinematics.parquet"
-    again, _ = found_in("five_bar", file=path, columns="azimuth+tilt", working_mode="+-")
-    one, other = (each.frame()[["q_21", "q_51"]].to_numpy() for each in (result, again))
-    assert np.max(np.abs(one - other)) < 1e-14
+    for degrees in (False, True):
+        result.write(tmp_path / str(degrees), degrees=degrees)
+    path = tmp_path / "False" / "inverse_kinematics.parquet"
+    alone = (tmp_path / "True" / "inverse_kinematics.csv").rename(tmp_path / "alone.csv")
+    for file in (path, path.with_suffix(".csv"), alone):
+        asked = {"file": file, "columns": "azimuth+tilt", "working_mode": "+-"}
+        again, _ = found_in("five_bar", **asked)
+        one, other = (each.frame()[["q_21", "q_51"]].to_numpy() for each in (result, again))
+        assert np.max(np.abs(one - other)) < (1e-14 if file == path else 1e-12)
     back, findings = found_in("five_bar", file=path, columns="21+51")
     assert findings["inputs"] == len(one)
     table = back.frame("inverse_kinematics", "forward")

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from singular_examples import findings_of, four_bar
+from example_mechanisms import four_bar
+from singular_examples import findings_of
 
 import spherekit as sk
 from spherekit.model.parts import Input

@@ -53,7 +53,6 @@ def test_a_whole_turn_of_a_wheel_in_its_start_does_not_count():
 
 
 def test_the_proof_knows_the_phase():
-    pytest.importorskip("flint")
     said = "phase = { wheel_shaft = -7.0, pinion_shaft = 30.0 }"
     links = '["base", "wheel"]'
     gears = GEARS.format(links=links, **OUTSIDE, phase=said, driven="pinion_shaft")

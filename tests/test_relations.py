@@ -252,27 +252,6 @@ def test_relations_of_singularities_are_coefficients():
     same(ratio[table["form"] == "i"], poles["velocity_coefficient"], abs=1e-11)
 
 
-def test_spreads_are_of_the_derivatives_and_these_of_the_values():
-    run = sk.run("four_bar", "sensitivity:draws=0", samples=7)
-    rows, spreads = run.frame(), run.frame("sensitivity", "tolerances")
-    by_size = rows.pivot_table("derivative", ["assembly_mode", "sample"], "size")
-    spreads = spreads.set_index(["assembly_mode", "sample"])
-    deviation = np.radians(0.1)
-    spread = deviation * np.sqrt((by_size**2).sum(axis=1))
-    same(spreads["spread"], spread)
-    same(spreads["worst"], 3.0 * deviation * by_size.abs().sum(axis=1))
-    share = (deviation * by_size.abs().max(axis=1) / spread) ** 2
-    same(spreads["share"], share)
-    more, less = (
-        sk.load("four_bar").with_sizes(
-            angle_unit="rad", arcs={"3": np.radians(70.0) + step}
-        )
-        for step in (1e-5, -1e-5)
-    )
-    more, less = (sk.run(x, samples=7).frame("motion")["theta_41"] for x in (more, less))
-    same(rows[rows["size"] == "links.3.arc"]["derivative"], (more - less) / 2e-5, abs=1e-7)
-
-
 def test_sensitivities_and_evaluations_keep_to_that_sign():
     wanted = "of=velocity_coefficient_5_1+acceleration_coefficient_5_1"
     keys = f"sensitivity:{wanted},by=links.2.arc,draws=0"

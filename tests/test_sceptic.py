@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from sceptic import commands, dynamics, modes, outputs, singular  # noqa: F401
+from sceptic import commands, dynamics, modes, singular  # noqa: F401
 from sceptic.evidence import CHECKS, Evidence, Kind, Notes
 from sceptic.suspects import KINDS, Suspect, random_suspect, shipped_suspects
 

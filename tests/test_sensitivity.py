@@ -131,8 +131,11 @@ def test_the_analysis_conforms_and_says_what_matters():
     for _, row in rows.iterrows():
         own = table[table["sample"] == row["sample"]]
         own = own[own["assembly_mode"] == row["assembly_mode"]]
-        spread = np.radians(0.1) * np.sqrt(np.sum(own["derivative"] ** 2))
+        parts = np.radians(0.1) * own["derivative"].abs()
+        spread = np.sqrt(np.sum(parts**2))
         assert row["spread"] == pytest.approx(spread, rel=1e-12)
+        assert row["worst"] == pytest.approx(3.0 * np.sum(parts), rel=1e-12)
+        assert row["share"] == pytest.approx(np.max(parts / spread) ** 2, rel=1e-12)
         largest = own.loc[own["derivative"].abs().idxmax(), "size"]
         assert largest in row["matters_most"].split("+")
         assert row["drawn_spread"] == pytest.approx(spread, rel=0.1)

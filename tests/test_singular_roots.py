@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from example_mechanisms import four_bar
 from refusals import text_of
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from singular_examples import ROCKER, axes_at, findings_of, four_bar, in_line
+from singular_examples import ROCKER, axes_at, findings_of, in_line
 
 import spherekit as sk
 from spherekit import progress

@@ -5,7 +5,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
-from singular_examples import four_bar
+from example_mechanisms import four_bar
 
 from spherekit.conventions import Status
 from spherekit.engine.fields import evaluate

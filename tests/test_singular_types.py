@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from chains import any_inputs, joints, mechanism, random_axes, random_chain
 from common import bare
+from example_mechanisms import four_bar
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
-from singular_examples import four_bar
 
 import spherekit as sk
 from spherekit.model.parts import Input, Output

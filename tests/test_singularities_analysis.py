@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 from chains import mechanism
 from common import Listener
-from example_mechanisms import dixon
-from singular_examples import ROCKER, findings_of, four_bar, in_line
+from example_mechanisms import dixon, four_bar
+from singular_examples import ROCKER, findings_of, in_line
 
 import spherekit as sk
 from spherekit.analysis.scene import Portrait, Text

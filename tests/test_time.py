@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from common import Asking
 from refusals import text_of
+from test_view import columns
 
 import spherekit as sk
 from spherekit.analysis.batch import Needs
@@ -23,6 +24,7 @@ from spherekit.errors import AnalysisError, FileError
 from spherekit.files.study import load_study
 from spherekit.model.dynamics import JointLimit
 from spherekit.model.study import ConstantSpeed, Start
+from spherekit.view.rerun_view import RerunRecorder
 
 HEAD = text_of("timed.study")
 LAWS = {
@@ -235,30 +237,9 @@ def test_flags_say_the_same_as_a_study(tmp_path, study, capsys):
 
 
 def recorded(path, analyses=("poles:only=31", "eksergian"), **options):
-    pytest.importorskip("rerun", reason="the viewer extra is not installed")
-    from spherekit.view.rerun_view import RerunRecorder
-
     with RerunRecorder("four bar", path=path) as recorder:
         sk.run(sk.load("four_bar"), list(analyses), recorder=recorder, **options)
     return path
-
-
-def columns(path, static=False):
-    from rerun.chunk import RrdReader
-
-    found = {}
-    for chunk in RrdReader(str(path)).stream():
-        if chunk.is_static != static:
-            continue
-        batch = chunk.to_record_batch()
-        for name in batch.schema.names:
-            if name != "rerun.controls.RowId":
-                column = batch.column(name)
-                if name == "time":
-                    column = column.cast("int64")
-                key = chunk.entity_path, name
-                found.setdefault(key, []).extend(column.to_pylist())
-    return found
 
 
 def test_recordings_have_a_timeline_of_time(tmp_path):

@@ -103,22 +103,3 @@ def test_every_column_of_every_analysis_has_a_unit_that_is_one():
                         continue
                     words = unit.replace("/", " ").replace("deg", "rad").split()
                     assert words and set(words) <= known, (name, column)
-
-
-def test_poses_of_a_csv_table_have_the_unit_beside_it(tmp_path):
-    """Angles of a table that a run wrote are read in its own unit, not taken for deg."""
-    mechanism = sk.load("five_bar")
-    first = sk.run(mechanism, "inverse_kinematics:poses=azimuth=40+tilt=65", samples=2)
-    wanted = first.frame()[["working_mode", "q_21", "q_51"]]
-    for degrees in (False, True):
-        folder = tmp_path / str(degrees)
-        first.write(folder, degrees=degrees, formats=("csv",))
-        path = folder / "inverse_kinematics.csv"
-        if degrees:  # the header alone says it
-            path = path.rename(tmp_path / "alone.csv")
-        request = f"inverse_kinematics:file={path},columns=azimuth+tilt"
-        again = sk.run(mechanism, request, samples=2).frame()
-        again = again[again["pose"] == 0][["working_mode", "q_21", "q_51"]]
-        assert list(again["working_mode"]) == list(wanted["working_mode"])
-        one, other = (f[["q_21", "q_51"]].to_numpy() for f in (again, wanted))
-        assert np.max(np.abs(one - other)) < 1e-12

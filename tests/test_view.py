@@ -9,15 +9,11 @@ import numpy as np
 import pytest
 from closed_forms import (
     FOUR_BAR_ARCS,
-    Arcs,
     four_bar_angles,
     four_bar_coefficients,
     four_bar_frames,
     four_bar_poles,
 )
-
-pytest.importorskip("rerun", reason="the viewer extra is not installed")
-
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
@@ -39,7 +35,7 @@ INPUTS = np.radians(SAMPLES)
 FOUR_BAR = sk.load("four_bar")
 SERIES = "plots/velocity/4_1"
 PLOTTED = ("plots/velocity/3_1", SERIES, "plots/acceleration/4_1")
-NO_CRANK: Arcs = (np.pi / 3, np.radians(50), np.radians(38), np.radians(50))
+NO_CRANK = (np.pi / 3, np.radians(50), np.radians(38), np.radians(50))
 """Closes on part of the turn only."""
 
 
@@ -98,18 +94,19 @@ def record(path, blocks=1, arcs=FOUR_BAR_ARCS, **places):
     return path
 
 
-def columns(path):
-    """Return the rows of every component that moves, and of the timelines."""
-    found: dict[tuple[str, str], list[object]] = {}
-    chunks = [chunk for chunk in RrdReader(path).stream() if not chunk.is_static]
+def columns(path, static=False):
+    """Return the rows of every component that moves, or stays, and of the timelines."""
+    found = {}
+    chunks = [chunk for chunk in RrdReader(path).stream() if chunk.is_static == static]
     batches = [(chunk.entity_path, chunk.to_record_batch()) for chunk in chunks]
-    for entity, batch in sorted(
-        batches, key=lambda item: (item[0], item[1].column("sample")[0].as_py())
-    ):
+    if not static:
+        batches.sort(key=lambda item: (item[0], item[1].column("sample")[0].as_py()))
+    for entity, batch in batches:
         for name in batch.schema.names:
             if name != "rerun.controls.RowId":
-                rows = batch.column(name).to_pylist()
-                found.setdefault((entity, name), []).extend(rows)
+                rows = batch.column(name)
+                rows = rows.cast("int64") if name == "time" else rows
+                found.setdefault((entity, name), []).extend(rows.to_pylist())
     return found
 
 

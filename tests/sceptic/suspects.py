@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from chains import EIGHT_BARS, grown, mechanism, random_axes, vector, with_contacts
 from random_mechanisms import random_mechanism
+from special_mechanisms import special_mechanism
 
 import spherekit as sk
 from spherekit.files.library import shipped
 from spherekit.model.dynamics import Mass
 from spherekit.model.parts import (
     Input,
-    LinkSizes,
     Output,
     Pair,
     PoseGeometry,
@@ -24,10 +24,6 @@ from spherekit.planning.inputs import driven_at
 TURN = 2.0 * np.pi
 RANGES = ((0.0, TURN), (-np.pi, np.pi), (0.0, 2.0 * TURN), (-0.7, 1.9), (-TURN, TURN))
 """Ranges of inputs (rad), two of them of more than one turn."""
-SPECIAL = (30.0, 45.0, 60.0, 90.0, 90.0, 120.0, 135.0)
-"""Arcs (deg) of special geometry."""
-OFF = (0.0, 0.0, 1e-3, 1e-6, 1e-9, 1e-12)
-"""By how much (rad) arcs of special geometry miss what they should be."""
 TEETH = ((20, 40), (30, 30), (18, 36), (17, 23), (40, 20))
 
 
@@ -76,54 +72,20 @@ def with_masses(random, made):
     return replace(made, masses=tuple(masses))
 
 
-def _special_arcs(random):
-    """Return four arcs (deg) of a loop: equal, right, a kite, a parallelogram, any."""
-    a, b, c, d = (float(x) for x in random.choice(SPECIAL, 4))
-    ways = ([a] * 4, [a, b, a, b], [a, b, b, a], [a, a, b, b], [a, b, c, d], [90.0] * 4)
-    arcs = list(ways[random.integers(len(ways))])
-    off = np.degrees(random.choice(OFF))
-    arcs[random.integers(4)] += float(off)
-    return arcs
-
-
 def _range(random):
     return RANGES[random.integers(len(RANGES))]
 
 
-def _four_bar(random):
-    arcs = np.radians(_special_arcs(random)).tolist()
-    ends = {"21": "12", "32": "23", "43": "34", "41": "14"}
-    axes = {"1": ("21", "41"), "2": ("21", "32"), "3": ("32", "43"), "4": ("41", "43")}
-    sizes = {
-        link: LinkSizes(own, (arc,))
-        for (link, own), arc in zip(axes.items(), arcs, strict=True)
-    }
-    driven = "21" if random.random() < 0.7 else "41"
-    pairs = tuple(Pair(name, "R", tuple(links)) for name, links in ends.items())
-    inputs = (Input(driven, *_range(random)),)
-    return sk.Mechanism("made", "1", tuple("1234"), pairs, SizeGeometry(sizes), inputs)
+def _special(links):
+    """Return what draws a mechanism of so many links and of special geometry."""
 
+    def drawn(random):
+        while True:
+            _, made, _ = special_mechanism(int(random.integers(1 << 30)))
+            if len(made.links) == links:
+                return _driven_anywhere(random, made)
 
-def _six_bar(random):
-    """Return a four-bar with a dyad, all by sizes, many of them special."""
-    base = _four_bar(random)
-    assert isinstance(base.geometry, SizeGeometry)
-    sizes = dict(base.geometry.links)
-    stands = random.permutation(["1", "2", "3", "4"])[:2].tolist()
-    arcs = np.radians(random.choice(SPECIAL, 4)).tolist()
-    for link, name, arc in zip(stands, ("p5", "p6"), arcs[:2], strict=True):
-        own = sizes[link]
-        angle = np.radians(float(random.choice([0.0, 90.0, 180.0, 37.0])))
-        sizes[link] = LinkSizes((*own.axes, name), (*own.arcs, arc), (float(angle),))
-    sizes["5"] = LinkSizes(("p5", "p56"), (arcs[2],))
-    sizes["6"] = LinkSizes(("p6", "p56"), (arcs[3],))
-    more = {"p5": (stands[0], "5"), "p56": ("5", "6"), "p6": (stands[1], "6")}
-    return replace(
-        base,
-        links=(*base.links, "5", "6"),
-        pairs=(*base.pairs, *(Pair(name, "R", ends) for name, ends in more.items())),
-        geometry=SizeGeometry(sizes),
-    )
+    return drawn
 
 
 def _geared(random):
@@ -235,10 +197,10 @@ def _eight_bar(random):
 
 
 KINDS = {
-    "four-bar of special arcs": _four_bar,
+    "four-bar of special arcs": _special(4),
     "geared five-bar": _geared,
     "two inputs": lambda random: _legs(random, 2),
-    "six-bar of special arcs": _six_bar,
+    "six-bar of special arcs": _special(6),
     "cams": _cams,
     "dyads and triads": _grown,
     "any graph": _any,
