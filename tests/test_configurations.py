@@ -122,7 +122,7 @@ def test_curves_do_not_depend_on_the_pair_that_finds_them():
 
 @pytest.mark.parametrize(
     ("chain", "seed", "inputs"),
-    [pytest.param(STEPHENSON, 11, 50, marks=pytest.mark.many)]
+    [pytest.param(STEPHENSON, 11, 20, marks=pytest.mark.many)]
     + [pytest.param(WATT, 12, 50, marks=pytest.mark.many)]
     + [pytest.param(x, k, 50, marks=pytest.mark.long) for k, x in enumerate(EIGHT_BARS)],
 )

@@ -166,7 +166,7 @@ def test_every_pole_of_a_plan_is_found_once():
 
 def test_said_otherwise_it_is_the_same():
     random = np.random.default_rng(5)
-    for made in mechanisms(range(400, 420)):
+    for made in mechanisms(range(400, 410)):
         check_same(made, random.permutation(len(made.links) - 1).tolist())
 
 

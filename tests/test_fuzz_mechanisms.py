@@ -43,20 +43,16 @@ def test_what_a_sweep_found_once(seed):
 
 
 def test_families_and_seeds_repeat():
-    made = [random_mechanism(seed) for seed in range(40)]
+    made = [random_mechanism(seed) for seed in range(20)]
     assert {family for family, _ in made} == set(FAMILIES)
-    assert made == [random_mechanism(seed) for seed in range(40)]
+    assert made == [random_mechanism(seed) for seed in range(20)]
 
 
 def test_a_short_range_is_searched_too():
     """In a range below 1e-4 rad no input was probed, so no other mode was found."""
-    made = next(
-        mechanism
-        for family, mechanism in map(random_mechanism, range(1000))
-        if (family, len(mechanism.links), len(mechanism.inputs)) == ("triads", 8, 1)
-        and mechanism.inputs[0].stop == 1e-6
-        and not plan_assembly(mechanism).has_closed_form
-    )
+    family, made = random_mechanism(58)
+    assert (family, made.inputs[0].stop) == ("triads", 1e-6)
+    assert not plan_assembly(made).has_closed_form
     motion, field = field_of(made, samples=3)
     assert len(motion.assembly_modes) > 1
     assert np.any(field.status == Status.OK)

@@ -3,10 +3,10 @@
 import numpy as np
 from chains import EIGHT_BARS, mechanism, random_axes
 from common import field_of
+from example_mechanisms import four_bar
 from oracles import null_space, off_axis
 from refusals import text_of
 from scipy.optimize import brentq
-from singular_examples import four_bar as four_bar_of
 
 import spherekit as sk
 from spherekit.engine.fields import evaluate
@@ -44,7 +44,7 @@ def test_coefficient_where_the_published_formula_is_indeterminate():
 
     A drag-link four-bar (ground 15, then 60, 55, 70 degrees) passes there twice a turn.
     """
-    made = four_bar_of(np.radians([15.0, 60.0, 55.0, 70.0]))
+    made = four_bar(np.radians([15.0, 60.0, 55.0, 70.0]))
     tracer = PositionAnalysis(made)
     poles = all_poles(4)
     asked = request(tracer.mechanism, "21", poles, poles)
@@ -70,7 +70,7 @@ def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
     """Many passes over random axes multiply rounding; the equations do not."""
     random = np.random.default_rng(5)
     taken = 0
-    for chain in (*EIGHT_BARS, *[EIGHT_BARS[4]] * 16):
+    for chain in (*EIGHT_BARS, *[EIGHT_BARS[4]] * 6):
         made = mechanism(chain, random_axes(random, 10))
         motion, field = field_of(made, samples=3, search=False)
         w, gap = null_space(8, made.ends, motion.axes[1])
@@ -89,7 +89,7 @@ def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
             rate = abs(field.velocity_coefficient[i, j][1])
             bound = field.velocity_coefficient_error[i, j][1] + 1e-12 / (gap * driven)
             assert abs(rate - size / driven) < bound * (1.0 + rate), (i, j)
-    assert 2 <= taken <= 14 + len(EIGHT_BARS)
+    assert 2 <= taken <= 4 + len(EIGHT_BARS)
 
 
 def test_links_that_rest_for_a_moment_are_known_as_well_as_others():

@@ -7,9 +7,6 @@ import random
 
 import numpy as np
 import pytest
-
-pytest.importorskip("flint")
-
 from proof_checker import check, recorded, refuse
 from refusals import written_of
 

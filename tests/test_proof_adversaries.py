@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-from refusals import text_of, written_of
-
-pytest.importorskip("flint")
-
 from proof_checker import check, recorded
+from refusals import text_of, written_of
 
 from spherekit.guarantee import Guarantee
 from spherekit.proof.balls import bits, exact, middle, pi

@@ -3,11 +3,8 @@
 import copy
 
 import pytest
-from refusals import text_of
-
-pytest.importorskip("flint")
-
 from proof_checker import Refused, check, recorded, refuse
+from refusals import text_of
 from test_proof_geared import PLANET, geared
 from test_wheels import FIVE_BAR
 

@@ -6,11 +6,8 @@ import re
 
 import numpy as np
 import pytest
-from refusals import text_of, written_of
-
-pytest.importorskip("flint")
-
 from proof_checker import check, recorded
+from refusals import text_of, written_of
 
 import spherekit as sk
 from spherekit.analysis.proven_poles import check_provable, prove_poles

@@ -5,9 +5,6 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-
-pytest.importorskip("flint")
-
 from refusals import written_of
 from test_proof_adversaries import FOUR_BAR, two_dyads
 from test_proof_range import check_counts
@@ -104,7 +101,7 @@ def test_curves_of_two_loops_cross_once_in_each_mode_of_the_other():
     assert curves.claim.guarantee is Guarantee.CERTIFIED
     assert [saddle.level for saddle in curves.saddles] == [0, 0]
     assert np.ptp(curves.crossed) < 1e-9
-    check_counts(curves, curves.intervals)
+    check_counts(curves, curves.intervals[:2])
 
 
 def test_the_input_is_clear_of_crossings_as_far_as_is_said():

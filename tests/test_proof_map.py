@@ -5,8 +5,6 @@ import json
 import numpy as np
 import pytest
 
-pytest.importorskip("flint")
-
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.proof.gears import Written

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("flint")
-
 import spherekit as sk
 from spherekit.analysis.frames import read_parquet
 from spherekit.analysis.proven_poles import prove_poles

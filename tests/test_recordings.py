@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 from common import Listener
 from refusals import text_of
-
-pytest.importorskip("rerun", reason="the viewer extra is not installed")
-
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 

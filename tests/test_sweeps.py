@@ -372,7 +372,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.many
+@pytest.mark.slow
 @pytest.mark.parametrize("always", [False, True])
 def test_parts_of_a_process_that_is_killed_are_made_again(always, tmp_path):
     """By another one; where none makes any, the sweep ends in words."""
