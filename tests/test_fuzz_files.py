@@ -16,8 +16,6 @@ from spherekit.files.write import dumps
 from spherekit.model.expression import load_names, parse
 
 PLACED = re.compile(r"damaged\.toml(:\d+)?: \S")
-
-
 TEXTS = st.text(max_size=60) | st.text(alphabet="[]{}\"=.#\n\\'ab1 ", max_size=40)
 
 

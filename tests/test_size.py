@@ -20,7 +20,7 @@ REACHED = {
     "functions of 60 lines": 10,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
-LINES = {"tests": 29_945, "benchmarks": 4_466}
+LINES = {"tests": 29_950, "benchmarks": 4_466}
 """Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 
@@ -31,8 +31,7 @@ def modules():
     for folder, package in FOLDERS.items():
         for path in sorted((ROOT / folder).rglob("*.py")):
             parts = (package, *path.relative_to(ROOT / folder).with_suffix("").parts)
-            name = ".".join(parts).removesuffix(".__init__")
-            found[name] = path
+            found[".".join(parts).removesuffix(".__init__")] = path
     return found
 
 
