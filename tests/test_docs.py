@@ -31,10 +31,7 @@ DOCS = ROOT / "docs"
 MECHANISMS = ROOT / "mechanisms"
 MADE = DOCS / "generated"
 PAGES = {
-    **{
-        name: (ROOT / name).read_text(encoding="utf-8")
-        for name in ("README.md", "CONTRIBUTING.md")
-    },
+    **{x: (ROOT / x).read_text(encoding="utf-8") for x in ("README.md", "CONTRIBUTING.md")},
     **{
         path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8")
         for path in sorted(DOCS.rglob("*.md"))

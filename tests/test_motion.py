@@ -16,12 +16,8 @@ from spherekit.motion.guides import follow_each
 from spherekit.motion.motion import PositionAnalysis
 
 SHIPPED = (
-    "four_bar",
-    "universal_joint",
-    "watt",
-    "stephenson",
-    "double_butterfly",
-    "single_flier",
+    *("four_bar", "universal_joint", "watt", "stephenson"),
+    *("double_butterfly", "single_flier"),
 )
 
 

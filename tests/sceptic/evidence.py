@@ -19,12 +19,8 @@ from spherekit.conventions import DEFAULT_SAMPLES
 from spherekit.motion.motion import PositionAnalysis
 
 ANALYSES = (
-    "poles",
-    "singularities",
-    "eksergian",
-    "inverse_kinematics",
-    "workspace",
-    "equivalent_rotation",
+    *("poles", "singularities", "eksergian"),
+    *("inverse_kinematics", "workspace", "equivalent_rotation"),
 )
 
 SECONDS = 8.0
