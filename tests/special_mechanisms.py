@@ -34,7 +34,7 @@ def special_mechanism(seed):
     near = random.random() < 0.5
     if near:
         which = random.integers(4)
-        arcs[which] = _decimal(arcs[which] + _tiny(random, 3, 12))
+        arcs[which] = float(f"{arcs[which] + _tiny(random, 3, 12):.12f}")
     made = _four_bar(arcs)
     for _ in range(dyads):
         made = _with_dyad(random, made, sorted({90.0, *arcs}))
@@ -74,10 +74,6 @@ def _inputs(random):
 
 def _tiny(random, low, high):
     return float(random.choice([-1.0, 1.0]) * 10.0 ** -random.integers(low, high + 1))
-
-
-def _decimal(angle):
-    return float(f"{angle:.12f}")
 
 
 def _four_bar(arcs):

@@ -93,15 +93,12 @@ def turning(motion, row):
     mechanism = motion.mechanism
     held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     free = [v for v in range(motion.values.shape[1]) if v not in held]
-    jacobian = _closure(motion).at(motion.values[row : row + 1]).jacobian[0][:, free]
+    closure = Closure.of(mechanism, motion.joints)
+    jacobian = closure.at(motion.values[row : row + 1]).jacobian[0][:, free]
     sizes = np.linalg.svd(jacobian, compute_uv=False)
     if jacobian.shape[0] != jacobian.shape[1] or not sizes.size:
         return 1.0, 1.0
     return np.sign(np.linalg.det(jacobian)), sizes[-1] / sizes[0]
-
-
-def _closure(motion):
-    return Closure.of(motion.mechanism, motion.joints)
 
 
 def walked(motion, row, steps=40):
@@ -109,7 +106,7 @@ def walked(motion, row, steps=40):
 
     Euler's steps and Newton's corrections with the inputs held, written here.
     """
-    mechanism, closure = motion.mechanism, _closure(motion)
+    mechanism, closure = motion.mechanism, Closure.of(motion.mechanism, motion.joints)
     held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     free = [v for v in range(motion.values.shape[1]) if v not in held]
     values = motion.values[row].copy()
@@ -146,14 +143,9 @@ def check_one_mode(motion):
         assert turning(motion, row)[0] == turning(motion, row + 1)[0]
 
 
-def mechanisms(seeds):
-    """Return random mechanisms."""
-    return [made for _, made in map(random_mechanism, seeds)]
-
-
 def test_every_pole_of_a_plan_is_found_once():
     checked = 0
-    for made in mechanisms(range(90)):
+    for _, made in map(random_mechanism, range(90)):
         try:
             found = plans(made)
         except PlanError:
@@ -166,12 +158,12 @@ def test_every_pole_of_a_plan_is_found_once():
 
 def test_said_otherwise_it_is_the_same():
     random = np.random.default_rng(5)
-    for made in mechanisms(range(400, 410)):
+    for _, made in map(random_mechanism, range(400, 410)):
         check_same(made, random.permutation(len(made.links) - 1).tolist())
 
 
 def check_no_jumps(seeds, span):
-    for made in mechanisms(seeds):
+    for _, made in map(random_mechanism, seeds):
         wide = tuple(Input(item.pair, -span, span) for item in made.inputs)
         try:
             motion, _ = fields(replace(made, inputs=wide), samples=9)
