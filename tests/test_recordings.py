@@ -67,6 +67,9 @@ def test_cursors_and_legends_of_plots_say_what_the_table_says(tmp_path):
             y = -np.array(curve[0])[:, 1]
             assert np.corrcoef(y, rate)[0, 1] == pytest.approx(1.0, abs=1e-9)
             assert np.all((y < 0.0) & (y > -FRAME_HEIGHT))
+    with RerunRecorder("four_bar", path=path) as recorder:
+        sk.run("four_bar", "poles:only=31", duration=2.0, samples=9, recorder=recorder)
+        assert recorder._charts.layout.step == 0.25  # s, from one sample to the next
 
 
 def test_over_a_grid_series_are_maps_of_the_inputs(tmp_path):
