@@ -1,5 +1,7 @@
 """Assembly modes: those of a run, of the configuration curves, and at one input alone."""
 
+from dataclasses import replace
+
 import numpy as np
 from independent import lacking
 from sceptic.evidence import Kind, check
@@ -7,6 +9,7 @@ from sceptic.evidence import Kind, check
 from spherekit.conventions import Status
 from spherekit.guarantee import Completeness, Guarantee
 from spherekit.motion.elimination import assemblies
+from spherekit.motion.motion import PositionAnalysis
 
 SAME = 1e-6
 """Links whose orientations differ by less are in one configuration."""
@@ -95,3 +98,27 @@ def run_and_forward(evidence, notes):
         alone = placed(tracer, here.values)
         run = "a run", placed(tracer, values), tracer.claim
         compare(notes, place_of(q), ("forward kinematics", alone, claim), run)
+
+
+@check("whole turns", "a range a whole turn on has the same modes, without wheels in mesh")
+def whole_turns(evidence, notes):
+    """Compare the rows of samples with those of the range moved by a turn."""
+    if any(pair.type == "Cr" for pair in evidence.mechanism.pairs):
+        return
+    motion, tracer = evidence.motion, evidence.tracer
+    samples = asked_inputs(evidence, 3)
+    moved = tuple(
+        replace(item, start=item.start + 2.0 * np.pi, stop=item.stop + 2.0 * np.pi)
+        for item in tracer.mechanism.inputs
+    )
+    again = PositionAnalysis(
+        replace(tracer.mechanism, inputs=moved), samples=evidence.samples
+    )
+    other = again.motion()
+    for sample in samples:
+        q, values = at_sample(evidence, sample)
+        chosen = (other.sample == sample) & (other.status == Status.OK)
+        assert motion.samples == other.samples
+        alone = "a run a turn on", placed(tracer, other.values[chosen]), again.claim
+        run = "a run", placed(tracer, values), tracer.claim
+        compare(notes, place_of(q), alone, run)
