@@ -176,8 +176,8 @@ class Table:
         if MODE_NAME not in self.columns:
             return data
         numbers, repeats = once(data[ASSEMBLY_MODE.name])
-        modes, places = np.unique(numbers, return_inverse=True)
-        words = np.array([names.get(k, "") for k in modes.tolist()], str)[places]
+        texts = [names.get(k, "") for k in range(np.max(numbers, initial=-1) + 1)]
+        words = np.array(texts, str)[numbers]
         made = Interleaved([words] * repeats) if repeats > 1 else words
         return {c.name: made if c == MODE_NAME else data[c.name] for c in self.columns}
 

@@ -11,7 +11,7 @@ and intermediate values do not leave the cache.
 import math
 import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import reduce
+from functools import lru_cache, reduce
 from itertools import count
 from typing import Any
 from weakref import WeakValueDictionary
@@ -388,19 +388,23 @@ FloatFunction = Callable[[Sequence[float]], list[float]]
 def array_function(
     outputs: Sequence[Expr], inputs: Sequence[ExpressionNode], number: type[Any] = float
 ) -> TermFunction:
-    """Return expressions as a function of arrays; `number` is the type computed with."""
-    made, rows = _printed(outputs, inputs, lambda x: np.array(x, dtype=number), vars(np))
+    """Return expressions as a function of arrays.
+
+    It computes with the type of what it is given, if that has more digits than `number`.
+    """
+    made, rows, numbers = _printed(outputs, inputs, vars(np))
+    constants = lru_cache(2)(lambda kind: [*np.array(numbers, dtype=kind)[:, None]])
 
     def at(given: Array, out: Array | None = None) -> Array:
-        count = given.shape[1]
+        kind, count = np.result_type(given, number), given.shape[1]
         if out is None:
-            out = np.empty((len(outputs), count), dtype=number)
-        work = np.empty((rows, min(count, BLOCK)), dtype=number)
+            out = np.empty((len(outputs), count), dtype=kind)
+        work = np.empty((rows, min(count, BLOCK)), dtype=kind)
         with np.errstate(all="ignore"):
             for start in range(0, count, BLOCK):
                 block = slice(start, start + BLOCK)
                 spare = work[:, : count - start]
-                made([*given[:, block], *out[:, block], *spare])
+                made([*constants(kind), *given[:, block], *out[:, block], *spare])
         return out
 
     return at
@@ -421,20 +425,19 @@ def float_function(
         "maximum": lambda a, b: a if a >= b or a != a else b,
         "sign": lambda a: np.sign(a).item(),
     }
-    return _printed(outputs, inputs, float, names)[0]
+    return _printed(outputs, inputs, names)[0]
 
 
 def _printed(
     outputs: Sequence[Expr],
     inputs: Sequence[ExpressionNode],
-    number: Callable[[float], Any],
     names: Mapping[str, Any],
-) -> tuple[Callable[..., Any], int]:
-    """Return expressions as a Python function, and how many rows they need in between.
+) -> tuple[Callable[..., Any], int, Sequence[float]]:
+    """Return expressions as a Python function, rows that they need in between, and numbers.
 
     It is given the inputs and returns the outputs; with the `names` of NumPy it is given
-    these and the rows in between as well. Such a row is free again after the last step that
-    reads it.
+    the numbers before, these and the rows in between as well. Such a row is free again
+    after the last step that reads it.
     """
     in_place, lines = "add" in names, list[str]()
     order = [term for term in in_order(outputs) if term.operation != "variable"]
@@ -471,8 +474,9 @@ def _printed(
     for item, result in zip(outputs, results, strict=True):
         if called[item] != result:
             write("positive", [called[item]], result)
-    every = [*given, *results, *rows] if in_place else given
+    constants = map(called.__getitem__, numbers)
+    every = [*constants, *given, *results, *rows] if in_place else given
     body = [f"[{', '.join(every)}] = given", *lines, f"return [{', '.join(results)}]"]
-    scope = {**names, **{called[x]: number(x) for x in numbers}}
+    scope = {**names, **{called[x]: x for x in numbers}}
     exec("\n    ".join(["def made(given):", *body]), scope)
-    return scope["made"], len(rows)
+    return scope["made"], len(rows), [*numbers]

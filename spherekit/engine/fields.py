@@ -157,6 +157,7 @@ class _Rows:
         self.sure = self._vouched() & ~motion.failed & (engine != "extended")
         self.wide = ~self.sure & ~motion.failed
         if np.any(self.wide):
+            kernel = row_kernel(motion, [wanted], "numpy") or kernel
             self._widen(kernel, np.flatnonzero(self.wide))
         # Axes of pairs that are one but for rounding differ by that.
         pairs, rounded = axis_pairs(wanted.plan), wanted.plan.rounded_axes

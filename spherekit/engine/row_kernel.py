@@ -30,7 +30,6 @@ from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
     FloatFunction,
-    TermFunction,
     float_function,
     substituted,
     symbols,
@@ -87,7 +86,6 @@ class ColumnFunction:
         given: Sequence[ExpressionNode],
         profiles: Sequence[ProfileSide],
         compiled: bool = False,
-        number: type[Any] = float,
     ) -> None:
         outputs: list[Expr] = []
         self.places: dict[Any, slice] = {}
@@ -96,7 +94,7 @@ class ColumnFunction:
             outputs += items
         self.width, self._profiles = len(outputs), profiles
         given = [*given, *(term for profile in profiles for term in profile.terms)]
-        self.function = term_function(outputs, given, compiled, number)
+        self.function = term_function(outputs, given, compiled)
 
     def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return all columns (width, n) of variables (variables, n)."""
@@ -180,12 +178,9 @@ class RowKernel:
         return None
 
     def _made(
-        self,
-        parts: Mapping[Any, Sequence[Expr]],
-        compiled: bool = False,
-        number: type[Any] = float,
+        self, parts: Mapping[Any, Sequence[Expr]], compiled: bool = False
     ) -> ColumnFunction:
-        return ColumnFunction(parts, self._variables, self._profiles, compiled, number)
+        return ColumnFunction(parts, self._variables, self._profiles, compiled)
 
     @property
     def _deciding(self) -> dict[Any, Sequence[Expr]]:
@@ -235,38 +230,32 @@ class RowKernel:
         """Those `free`, by a step of Newton's method closer to where loops close."""
         return self._made({"free": self._rows.closer}, self.in_threads)
 
-    @property
-    def _aside(self) -> dict[Any, Sequence[Expr]]:
-        rows, first = self._rows, self.moving[0]
-        return {
-            "shape": [rows.flatness, rows.bend, sum(curved(rows), 0.0)],
-            "turns": rows.turns,
-            "inverse": [*rows.inverse[rows.free].flat],
-            "left": [first.part, first.over, first.over_bent, first.fast, first.swings],
-        }
-
     @cached_property
     def aside(self) -> ColumnFunction:
         """What else decides about a row, of the first input."""
-        return self._made(self._aside)
-
-    @cached_property
-    def _wide(self) -> tuple[TermFunction, ...]:
-        """A step of Newton's method, all columns and those aside, and complex columns."""
-        closer, columns = {"free": self._rows.closer}, {"columns": self._columns}
-        wide = (self._made(part, number=quad()) for part in (closer, columns, self._aside))
-        made = *wide, self._made(columns, number=complex)
-        return tuple(item.function for item in made)
+        rows, first = self._rows, self.moving[0]
+        return self._made(
+            {
+                "shape": [rows.flatness, rows.bend, sum(curved(rows), 0.0)],
+                "turns": rows.turns,
+                "inverse": [*rows.inverse[rows.free].flat],
+                "left": [first.part, first.over, first.over_bent, first.fast, first.swings],
+            }
+        )
 
     def wide(self, values: Floats) -> WideRows:
-        """Return rows of nearly closed variables (variables, n) by quad precision."""
+        """Return rows of nearly closed variables (variables, n) by quad precision.
+
+        Only arrays have it, not what is compiled.
+        """
         starts = range(0, values.shape[1], WIDE_PIECE)
         parts = (self._piece(values[:, k : k + WIDE_PIECE]) for k in starts)
         columns, aside, spread, closed = map(np.hstack, zip(*parts, strict=True))
         return columns, aside, spread, closed
 
     def _piece(self, values: Floats) -> WideRows:
-        free, (closer, whole, aside, slopes) = list(self.free), self._wide
+        free = list(self.free)
+        closer, whole, aside = (x.function for x in (self.closer, self.whole, self.aside))
         start = values.astype(quad())
         x = start.copy()
         for _ in range(STEPS):
@@ -286,7 +275,7 @@ class RowKernel:
         x, spread = x.astype(float).astype(complex), np.zeros_like(columns)
         for way in inverse.swapaxes(0, 1):
             x.imag[free] = SMALL * way
-            spread += np.abs(slopes(with_columns(x, self._profiles, x.real)).imag) / SMALL
+            spread += np.abs(whole(with_columns(x, self._profiles, x.real)).imag) / SMALL
         return columns, others, spread, closed
 
 

@@ -1,7 +1,7 @@
 """Pieces of work done in turn, the next while the last is made use of."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 from spherekit.resources import usable_cores
@@ -21,13 +21,12 @@ def in_turn(
         yield from map(make, items)
         return
     with ThreadPoolExecutor(1) as thread:
-        following: Future[Made] | None = None
-        for item in items:
-            made = [] if following is None else [following.result()]
-            following = thread.submit(make, item)
-            yield from made
-        if following is not None:
-            yield following.result()
+        futures = (thread.submit(make, item) for item in items)
+        following = next(futures, None)
+        while following:
+            made = following.result()
+            following = next(futures, None)
+            yield made
 
 
 def each_at_once(
@@ -35,18 +34,9 @@ def each_at_once(
 ) -> list[Made]:
     """Return what is made of each item, with `threads` on all cores.
 
-    Every core has its items from the start: threads that take them one by one wait for
-    each other more often. They are of use where calls without the interpreter are long.
+    They are of use where calls without the interpreter are long.
     """
-    cores = min(usable_cores(), len(items)) if threads else 1
-    if cores < 2:
+    if not threads:
         return list(map(make, items))
-    made: list[Made] = []
-    with ThreadPoolExecutor(cores) as pool:
-        shares = [
-            items[len(items) * k // cores : len(items) * (k + 1) // cores]
-            for k in range(cores)
-        ]
-        for some in pool.map(lambda share: list(map(make, share)), shares):
-            made += some
-    return made
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        return list(pool.map(make, items))

@@ -55,6 +55,8 @@ FEWEST = 1 << 14
 """With fewer rows than this a kernel is not made."""
 MANY = 1 << 19
 """From so many rows on it is compiled, where heyoka is installed."""
+FEW = 256
+"""Rows that are compared one by one, where the box of all does not say enough."""
 REFERENCES = 64
 """Samples of which the kernel learns in which order variables are eliminated."""
 BYTES = 1 << 27
@@ -85,7 +87,9 @@ class Rows:
         self.closure = np.empty((2, n))
         self.vouched = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
-        self.values = nans((len(tracer.mechanism.variable_owners), n))
+        # What has no closed form is predicted, or not known.
+        blank = np.empty if kernel.has_closed_form else nans
+        self.values = blank((len(tracer.mechanism.variable_owners), n))
         self._deciding = kernel.by_inputs if kernel.has_closed_form else kernel.judging
         # So many that little is left to do between.
         size = max(1, round(JUDGED / (self._deciding.width * SLICE))) * SLICE
@@ -115,7 +119,7 @@ class Rows:
         """Fill a slice; return what is seen of it if all of its rows are vouched for."""
         mode, rows = part
         deciding = self._deciding
-        numbers = np.r_[rows]
+        numbers = np.arange(rows.start, rows.stop)
         q = self._q[:, rows]
         by_form = self.kernel.has_closed_form
         signs = self._tracer.assembly_modes[mode].signs
@@ -227,7 +231,7 @@ def _gaps(moving: MovingTerms, spins: Floats) -> Indices:
 
     By how links turn (k, n), of which least and largest say most often that none does: no
     product of two in a box falls below the one of its corners, and no size exceeds the
-    other.
+    other. Else both halves are looked at.
     """
     low = np.min(spins, axis=1)
     high = np.max(spins, axis=1)
@@ -240,6 +244,11 @@ def _gaps(moving: MovingTerms, spins: Floats) -> Indices:
     size = np.sum(np.maximum(one, other), axis=1)
     if np.all(np.sum(inner, axis=1) >= ASIDE * size):
         return NONE
+    half = spins.shape[1] // 2
+    if half > FEW:
+        return np.append(
+            _gaps(moving, spins[:, : half + 1]), _gaps(moving, spins[:, half:]) + half
+        )
     v = np.moveaxis(moving.relative(spins), 1, 2)
     return np.flatnonzero(~np.all(_along(v[:, :-1], v[:, 1:]), axis=0))
 
@@ -263,8 +272,8 @@ def stops_of(
     for mode, of_mode in enumerate(held):
         rows = np.flatnonzero(of_mode)
         if len(rows):
-            by_itself = careful[mode, rows]
-            at = np.flatnonzero(by_itself[:-1] | by_itself[1:])
+            late = np.flatnonzero(careful[mode, rows])
+            at = np.setdiff1d([late - 1, late], [-1, len(rows) - 1])
             rows += mode * len(of_mode)
             every = np.concatenate([*gaps[mode], [rows[at], rows[at + 1]]], axis=1)
             some = np.unique(np.concatenate([rows[[0, -1]], every.ravel()]))
@@ -293,6 +302,7 @@ class BatchRunner:
     predicted: Callable[[int, int, Floats], None] | None
     recorded: bool
     looks_ahead: bool
+    timed: bool
     unread: dict[
         int, tuple[Bools, Bools, Indices, Sequence[Mapping[int, Stops]], Floats]
     ] = field(default_factory=dict, repr=False)
@@ -305,11 +315,12 @@ class BatchRunner:
         requests: Sequence[Request],
         recorded: bool,
         looks_ahead: bool = False,
+        timed: bool = True,
     ) -> "BatchRunner | None":
         """Return it, None where rows are few, no poles asked or the terms do not hold.
 
         Where it `looks_ahead`, a block is found while the one before is made use of; the
-        tracer is then for it alone.
+        tracer is then for it alone. Motions are `timed` where that is asked.
         """
         tracer = course.tracer
         rows = len(course) * len(tracer.assembly_modes)
@@ -322,7 +333,7 @@ class BatchRunner:
         if made is None or not made.vouches:
             return None
         predicted = None if made.has_closed_form else predictor(tracer)
-        return cls(course, requests, made, predicted, recorded, looks_ahead)
+        return cls(course, requests, made, predicted, recorded, looks_ahead, timed)
 
     @property
     def block(self) -> int:
@@ -374,7 +385,7 @@ class BatchRunner:
 
     def motion_at(self, samples: Indices) -> Motion:
         """Return the motion at some samples, by their numbers in rising order."""
-        timing = self.course.timing
+        timing = self.course.timing if self.timed else None
         tracer = self.course.tracer
         modes = len(tracer.assembly_modes)
         count = len(samples)
@@ -402,7 +413,7 @@ class BatchRunner:
             inputs=q.T,
             values=rows.values.T,
             status=rows.status,
-            residual=rows.closure[0],
+            residual=rows.closure[0].copy(),
             is_path=tracer.input_grid.is_path,
             timing=None if timing is None else timing.rows(samples).repeated(modes),
         )

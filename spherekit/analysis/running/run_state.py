@@ -96,10 +96,10 @@ class RunState:
     ) -> None:
         """Count a block."""
         status = run_status(motion, fields)
-        for mode in motion.assembly_modes:
-            self._count(
-                (MODE, str(mode.number)), status[motion.assembly_mode == mode.number]
-            )
+        for mode, of_mode in zip(
+            motion.assembly_modes, status.reshape(-1, motion.samples), strict=True
+        ):
+            self._count((MODE, str(mode.number)), of_mode)
         self._note(RESIDUAL, motion.residual)
         closed = motion.status == Status.OK
         self._note(OFF, motion.configuration_error[closed])
@@ -118,8 +118,8 @@ class RunState:
             for name, largest in BOUNDS.items():
                 self._note(largest, np.array([errors[name]]))
             self.counts[JUDGED,] += len(poles.by_equations)
-            self.counts[BY_EQUATIONS,] += int(np.sum(poles.by_equations))
-            self.counts[BY_KERNEL,] += int(np.sum(poles.by_kernel))
+            self.counts[BY_EQUATIONS,] += int(np.count_nonzero(poles.by_equations))
+            self.counts[BY_KERNEL,] += int(np.count_nonzero(poles.by_kernel))
         if self.rank is None and np.any(closed):
             closure = tracer.solver.closure
             vectors = closure.at(motion.values[[np.argmax(closed)]]).vectors
@@ -142,9 +142,11 @@ class RunState:
 
     def _note(self, name: str, values: Floats) -> None:
         """Keep the largest finite number; what is infinite counts as none."""
-        largest = float(np.max(values, initial=-np.inf, where=np.isfinite(values)))
+        largest = np.max(values, initial=-np.inf)
+        if not np.isfinite(largest):
+            largest = np.max(values, initial=-np.inf, where=np.isfinite(values))
         if np.isfinite(largest):
-            self.largest[name] = max(self.largest.get(name, largest), largest)
+            self.largest[name] = float(max(self.largest.get(name, largest), largest))
 
     def add_rows(
         self, name: str, table: Table, data: TableData, batch: Batch | None = None

@@ -118,7 +118,7 @@ class RunPlan:
     def angles(self, motion: Motion, last: LastAngles) -> Angles:
         """Return the variables that go on, by pair, at a block of the source."""
         names = frozenset[str]().union(*(needs.continued_values for needs in self.needs))
-        return self.course.angles(motion, sorted(names), last)
+        return self.course.angles(motion, sorted(names), last) if names else {}
 
     def batch(
         self,
@@ -296,7 +296,16 @@ def job_of(
     if setting == ORDINARY:
         moving = [item for item in wanted if item.poles]
         ahead = not together.tracer
-        source = BatchRunner.of(course, moving, all_links, ahead) or course
+        source = (
+            BatchRunner.of(
+                course,
+                moving,
+                all_links,
+                ahead,
+                together.time or all_links or course.timed,
+            )
+            or course
+        )
     whole = [x.name for x in analyses if x.name not in refused and x.at_once]
     if whole:
         block = len(course)
