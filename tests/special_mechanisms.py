@@ -13,13 +13,8 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input, LinkSizes, Pair, SizeGeometry
 
 KINDS = (
-    "right angles",
-    "rhombus",
-    "parallelogram",
-    "kite",
-    "folding",
-    "supplementary",
-    "some right angles",
+    *("right angles", "rhombus", "parallelogram", "kite"),
+    *("folding", "supplementary", "some right angles"),
 )
 
 FOUR_BAR = (("41", 1, 4), ("21", 1, 2), ("32", 2, 3), ("43", 3, 4))
