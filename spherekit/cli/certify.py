@@ -65,7 +65,7 @@ def execute(options: Namespace) -> int:
     from spherekit.errors import AnalysisError
     from spherekit.files.atomic import check_file, write_text
     from spherekit.files.document import parse
-    from spherekit.files.read import checked_document, read
+    from spherekit.files.read import checked_document, stated
     from spherekit.files.write import dumps
     from spherekit.planning.inputs import driven_at
     from spherekit.proof.construction import construct
@@ -74,10 +74,10 @@ def execute(options: Namespace) -> int:
     document = checked_document(options.file)
     tolerance = options.tolerance
     if options.lock:
-        locked = with_locks(read(document), options.lock, options.file)
+        locked = with_locks(stated(document), options.lock, options.file)
         document = parse(dumps(locked, document.data["angle_unit"]), options.file)
         tolerance = max(tolerance, LOCKED)
-    mechanism = driven_at(read(document), options.input)
+    mechanism = driven_at(stated(document), options.input)
     written = Written.of(mechanism, document, tolerance)
     at = options.at is not None
     if at and options.range:

@@ -95,9 +95,9 @@ class Step:
 
     def _function(self, series: Floats) -> Function:
         """Return what a Legendre series (k,) over the step says, with its slope."""
-        value = legendre.Legendre(series, (self.start, self.stop))
-        slope = value.deriv()
-        return lambda t: (value(t), slope(t))
+        slope = legendre.legder(series) * 2.0 / self.length
+        both = np.stack([series, np.append(slope, 0.0)], axis=1)
+        return lambda t: tuple(self.summed(both, t).T)
 
     def passed(self, series: Floats) -> list[float]:
         """Return the times after the start at which a series (k,) changes its sign."""

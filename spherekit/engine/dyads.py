@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from threading import RLock
 from typing import Any, TypeVar
-from weakref import finalize, ref
 
 import numpy as np
 
@@ -27,7 +26,6 @@ from spherekit.engine.kinematics import Structure
 from spherekit.engine.pose import GROUND, LinkOrientation, place_by_variables
 from spherekit.engine.turns import Entries, turning_pairs
 from spherekit.errors import EngineError
-from spherekit.files.write import canonical_text
 from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Assembly, Group
@@ -46,7 +44,7 @@ class Cache:
 
     def get(self, mechanism: Mechanism, request: str, make: Callable[[], Made]) -> Made:
         """Return what was made before for this content and request, or make it now."""
-        key = _key(mechanism, request)
+        key = mechanism.content, request
         with self._making:
             made: Made = self._kept.pop(key) if key in self._kept else make()
             self._kept[key] = made
@@ -56,24 +54,11 @@ class Cache:
 
     def known(self, mechanism: Mechanism, request: str) -> bool:
         """Return whether something was made before for this content and request."""
-        return _key(mechanism, request) in self._kept
+        return (mechanism.content, request) in self._kept
 
     def clear(self) -> None:
         """Forget everything."""
         self._kept.clear()
-
-
-def _key(mechanism: Mechanism, request: str) -> tuple[str, str]:
-    record = _TEXTS.get(id(mechanism))
-    if record is None or record[0]() is not mechanism:
-        text = canonical_text(replace(mechanism, user={}, source=None), "rad")
-        record = _TEXTS[id(mechanism)] = ref(mechanism), text
-        finalize(mechanism, _TEXTS.pop, id(mechanism), None).atexit = False
-    return record[1], request
-
-
-_TEXTS: dict[int, tuple[ref[Mechanism], str]] = {}
-"""The contents of mechanisms that are alive, by their identity."""
 
 
 COMPILED = Cache()

@@ -34,8 +34,8 @@ from spherekit.engine.system import (
 )
 from spherekit.engine.turns import turning_pairs
 from spherekit.errors import EngineError
-from spherekit.model.dynamics import JointLimit
-from spherekit.model.load import BearingFriction, TorqueTable
+from spherekit.model.dynamics import JointLimit, PairTorque
+from spherekit.model.load import BearingFriction, TorqueTable, not_written
 from spherekit.model.mechanism import Mechanism
 
 LOOSEST = 1e-12
@@ -167,6 +167,8 @@ def compiling_time(
 def _need_written(mechanism: Mechanism) -> None:
     """Raise `EngineError` where a load is no expression of the state."""
     for load in mechanism.loads:
+        if isinstance(load, PairTorque) and callable(load.torque):
+            raise EngineError(not_written(load.pair))
         if isinstance(load, BearingFriction) and load.grip > 0.0:
             raise EngineError(
                 f"{mechanism.name}: the friction of loads.{load.name} follows from the "

@@ -4,12 +4,14 @@ Which output of a mechanism is meant.
 """
 
 import math
+import sys
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked
@@ -107,6 +109,12 @@ class Mechanism:
     def pair_number(self) -> Mapping[str, int]:
         """Position of each pair in `pairs`, by name."""
         return {pair.name: number for number, pair in enumerate(self.pairs)}
+
+    @cached_property
+    def content(self) -> str:
+        """All but where it comes from and the user's data; equal where these are."""
+        with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
+            return repr([getattr(self, part.name) for part in fields(self)[:-2]])
 
     @property
     def input_pairs(self) -> tuple[str, ...]:

@@ -98,9 +98,9 @@ def _waves(turns: Floats, most: int, order: int) -> Complexes:
     up = [z]
     while len(up) < most:
         up.append(up[-1] * z)
-    waves = np.stack([*(wave.conj() for wave in up[::-1]), np.ones(z.shape), *up], axis=1)
-    factor = 1j * np.arange(-len(up), len(up) + 1)[:, None]
-    return np.stack([waves * factor**power for power in range(order + 1)], axis=1)
+    waves = np.array([*(wave.conj() for wave in up[::-1]), np.ones(z.shape), *up])
+    factors = np.vander(1j * np.arange(-len(up), len(up) + 1), order + 1, increasing=True)
+    return waves.swapaxes(0, 1)[:, None] * factors.T[..., None]
 
 
 def _coefficients(

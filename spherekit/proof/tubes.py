@@ -14,7 +14,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from spherekit.arrays import Bools, Floats
 from spherekit.numeric.crossings import wrap
@@ -165,7 +164,8 @@ class Test:
         self.error = equations.real.error + 4.0 * ROUNDING * self.constant
         self.degrees = equations.degrees @ np.abs(frame) * UP
         self.bent = np.tensordot(inverse, frame.T @ curvatures @ frame, 1)
-        self._miss = np.abs(inverse @ values) + self.size @ self.error
+        self._ahead, self._bent = np.eye(1, len(frame))[0], np.abs(self.bent)
+        self._miss = np.max(np.abs(inverse @ values) + self.size @ self.error)
         self._slopes = np.abs(
             inverse @ (slopes @ frame) - np.eye(len(inverse), len(frame), 1)
         )
@@ -174,26 +174,26 @@ class Test:
         """Return bounds (..., k, v) of Y F' less (0, 1) within a reach (..., v)."""
         sums = reach @ self.degrees.T
         beyond = 0.5 * self.constant * sums**2 + self.error * (1.0 + sums)
-        bent = (reach[..., None, None, :] @ np.abs(self.bent))[..., 0, :]
+        bent = (reach[..., None, None, :] @ self._bent)[..., 0, :]
         return (self._slopes + bent + self.size @ (beyond[..., None] * self.degrees)) * UP
 
-    def arc(self, half: ArrayLike, radius: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    def arc(
+        self, half: Floats | float, radius: Floats | float
+    ) -> tuple[Floats, Floats, Floats]:
         """Return how far off the axis F is 0 where |s| <= half, if |y| <= radius there.
 
         That is if the sums of the rows of 1 - Y F' N, which come next, are below 1. The
         last is a bound of y'.
         """
-        half, radius = np.broadcast_arrays(half, radius)
-        reach = np.repeat(radius[..., None], self.degrees.shape[1], axis=-1)
-        reach[..., 0] = half
+        outer, ahead = np.multiply.outer, self._ahead
+        reach = outer(outer((1.0, 0.0), half), ahead) + outer(radius, 1.0 - ahead)
         change = self.change(reach)
-        rows = np.max(np.sum(change[..., 1:], axis=-1), axis=-1) * UP
+        rows = change[0, ..., 1:].sum(axis=-1).max(axis=-1) * UP
         spare = np.maximum(1.0 - rows, 1e-300)
-        across = np.max(change[..., 0], axis=-1) / spare * UP
+        across, middle = change[..., 0].max(axis=-1) / spare * UP
         # a bound of y' is convex in s
-        reach[..., 0] = 0.0
-        mean = 0.5 * across + 0.5 * np.max(self.change(reach)[..., 0], axis=-1) / spare * UP
-        return (np.max(self._miss) / spare + half * mean) * UP, rows, across
+        mean = 0.5 * across + 0.5 * middle
+        return (self._miss / spare + half * mean) * UP, rows, across
 
 
 def corrected(
@@ -205,12 +205,13 @@ def corrected(
     """
     place = place.copy()
     for _ in range(STEPS):
-        (values,), (slopes,) = equations.real.derivatives(circle(place[None]), 1)
+        turns = np.stack([np.cos(place), np.sin(place)], axis=-1)
+        (values,), (slopes,) = equations.real.derivatives(turns[None], 1)
         change, *_ = np.linalg.lstsq(slopes[:, :moved], -values, rcond=1e-13)
         place[:moved] += change
         size = np.max(np.abs(change))
         if not size < 1.0:
             return None
-        if size < 1e-14:
+        if size < 1e-11:
             break
     return place if np.max(np.abs(values)) < 1e-10 else None
