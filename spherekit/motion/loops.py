@@ -166,7 +166,7 @@ def left_inverse(matrices: Floats) -> Floats:
             inverse = nans(matrices.shape)
             inverse[regular] = np.linalg.inv(matrices[regular])
             return inverse
-    if rows < columns:
+    if rows < columns or not columns:
         return nans((n, columns, rows))
     finite = all_finite(matrices, (1, 2))[:, None, None]
     left, sizes, right = np.linalg.svd(np.where(finite, matrices, 0.0), full_matrices=False)

@@ -27,9 +27,9 @@ from spherekit.arrays import Floats
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.closure import Closure
-from spherekit.motion.loops import LoopTree
+from spherekit.motion.loops import LoopTree, left_inverse
 from spherekit.planning.inputs import driven_pairs
-from spherekit.sphere.rotation import all_finite, nans
+from spherekit.sphere.rotation import all_finite, max_abs, nans
 
 SINGULAR = 1e-6
 """A configuration whose transmission is less is at a singularity of type II: the output is
@@ -92,6 +92,7 @@ class Transmission:
             return None
         return placed[:, self.link] @ np.array(self.direction)
 
+    @np.errstate(over="ignore")
     def at(self, vectors: Floats, directions: Floats | None = None) -> Floats:
         """Return the transmission (n,), from 0 at a singularity of type II to 1.
 
@@ -110,21 +111,21 @@ class Transmission:
             finite &= all_finite(directions, 1)
         rows = np.flatnonzero(finite)
         owners = [self.tree.owners[v] for v in passive(self.tree, self.driven)]
-        if not owners:
-            transmission[rows] = 1.0
-            return transmission
         for start in range(0, len(rows), ROWS):
             some = rows[start : start + ROWS]
             columns, loops = passive_equations(self.tree, self.driven, vectors[some])
+            lacking = max(0, len(owners) - loops.shape[1])
+            loops = np.pad(loops, ((0, 0), (0, lacking), (0, 0)))
             way = self._way[owners] * columns
             if directions is not None:
                 axes = directions[some][:, :, None]
                 way -= axes * np.sum(axes * way, axis=1, keepdims=True)
-            gives = _by_singular_values(way, loops)
-            with np.errstate(over="ignore"):
-                size = np.linalg.norm(gives, 2, axis=(1, 2))
-                part = size**2 / (self._way @ self._way)
-                transmission[some] = 1.0 / np.sqrt(1.0 + part)
+            inverse = left_inverse(loops)
+            gives = way @ inverse
+            weak = ~(max_abs(inverse, (1, 2)) < LOOSE)
+            gives[weak] = _by_singular_values(way[weak], loops[weak])
+            size = np.linalg.norm(gives, 2, axis=(1, 2))
+            transmission[some] = 1.0 / np.sqrt(1.0 + size**2 / (self._way @ self._way))
         return transmission
 
     @cached_property
@@ -190,15 +191,12 @@ def _units(tree: LoopTree, vectors: Floats) -> Floats:
 
 
 def _by_singular_values(way: Floats, loops: Floats) -> Floats:
-    """Return `way` times the pseudo-inverse of `loops`, (n, 3, equations or more).
+    """Return `way` times the pseudo-inverse of `loops`, (n, 3, equations).
 
     Motions that rounding alone holds, or nothing, are as good as infinite where the output
     moves in them, and do not count where it rests.
     """
-    n, equations, free = loops.shape
-    whole = np.zeros((n, max(equations, free), free))
-    whole[:, :equations] = loops
-    left, sizes, right = np.linalg.svd(whole, full_matrices=False)
+    left, sizes, right = np.linalg.svd(loops, full_matrices=False)
     moved = way @ np.swapaxes(right, 1, 2)
     still = (sizes < 1.0 / LOOSE) & (np.linalg.norm(moved, axis=1) < STILL)
     by = np.where(still, 0.0, 1.0 / np.maximum(sizes, 1e-300))
