@@ -18,17 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spherekit.analysis.rows import typed
-from spherekit.analysis.tables import (
-    CHUNK,
-    FILE_SIZE,
-    TYPES,
-    Format,
-    Table,
-    TableArrays,
-)
+from spherekit.analysis.rows import JoinedBlocks, typed
+from spherekit.analysis.tables import CHUNK, FILE_SIZE, TYPES, Format, Table, TableArrays
 from spherekit.arrays import Array
-from spherekit.conventions import Status
+from spherekit.conventions import Lines, Status
 from spherekit.errors import FileError
 from spherekit.files.atomic import make_folder, writing
 
@@ -62,24 +55,40 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
             columns[column.name] = pd.Categorical.from_codes(values, pd.Index(STATUSES))
         elif column.unit_in(degrees) != column.unit:
             columns[column.name] = np.degrees(values)
-    return frame_of(
-        columns,
-        {"units": {column.name: column.stated_unit(degrees) for column in table.columns}},
-    )
+    units = {column.name: column.stated_unit(degrees) for column in table.columns}
+    return frame_of(columns, {"units": units}, not isinstance(data, JoinedBlocks))
 
 
-def frame_of(columns: Mapping[str, Any], notes: Mapping[str, Any]) -> "pd.DataFrame":
+def frame_of(
+    columns: Mapping[str, Any], notes: Mapping[str, Any], copy: bool = True
+) -> "pd.DataFrame":
     """Return columns as a frame, texts as categories, with notes in its `attrs`."""
     import pandas as pd
 
-    frame = pd.DataFrame(
-        {
-            name: pd.Categorical(values) if values.dtype.kind in "OU" else values
-            for name, values in columns.items()
-        }
-    )
+    made = {
+        name: _categories(x) if x.dtype.kind in "OU" else x for name, x in columns.items()
+    }
+    frame = pd.DataFrame(made, copy=copy)
     frame.attrs.update(notes)
     return frame
+
+
+def _categories(texts: Array) -> "pd.Categorical[Any]":
+    """Return texts as categories, told apart letter by letter: strings take longer."""
+    import pandas as pd
+
+    if texts.dtype.kind == "O":
+        return pd.Categorical(texts)
+    codes = np.zeros(len(texts), dtype=np.int64)
+    letters = np.ascontiguousarray(texts).view(np.uint32)
+    for column in letters.reshape(len(texts), texts.itemsize // 4).T:
+        if np.any(column != column[:1]):
+            here, kinds = pd.factorize(column)
+            codes, _ = pd.factorize(codes * len(kinds) + here)
+    first = np.flatnonzero(np.diff(np.maximum.accumulate(codes), prepend=-1))
+    words: Lines = texts[first].tolist()
+    places = np.argsort(np.argsort(words))
+    return pd.Categorical.from_codes(places[codes], pd.Index(sorted(words), dtype=str))
 
 
 def _arrow(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":

@@ -42,7 +42,7 @@ class InMemory:
 
 
 class JoinedBlocks(Mapping[str, Array]):
-    """The columns of blocks, joined when they are first read.
+    """The columns of blocks, joined when they are first read, or anew for many at once.
 
     By assembly mode, then sample, where rows belong to these.
     """
@@ -54,8 +54,8 @@ class JoinedBlocks(Mapping[str, Array]):
         self._made: dict[str, Array] = {}
         self._spans: list[list[Span]] = []
 
-    def join(self, names: Iterable[str]) -> None:
-        """Put together the columns of these names: several at less cost than each."""
+    def join(self, names: Iterable[str]) -> dict[str, Array]:
+        """Return columns put together anew: several at less cost than each."""
         if not self._spans:  # where rows belong; samples of a block follow the others'
             parts = []
             for number, block in enumerate(self._blocks):
@@ -70,20 +70,20 @@ class JoinedBlocks(Mapping[str, Array]):
                 first += rows.stop - rows.start
         made: dict[str, Array] = {}
         for name in names:
-            if name not in self._made:
-                columns = [block[name] for block in self._blocks]
-                made[name] = np.empty(
-                    sum(map(len, columns)),
-                    dtype=self._types[name] or np.result_type(*(x.dtype for x in columns)),
-                )
+            columns = [block[name] for block in self._blocks]
+            made[name] = np.empty(
+                sum(map(len, columns)),
+                dtype=self._types[name] or np.result_type(*(x.dtype for x in columns)),
+            )
         for block, spans in zip(self._blocks, self._spans, strict=True):
-            put([(block.pop(name), out) for name, out in made.items()], spans)
-        self._made |= made
+            put([(block[name], out) for name, out in made.items()], spans)
+        return made
 
     def __getitem__(self, name: str) -> Array:
         if name not in self._types:
             raise KeyError(name)
-        self.join([name])
+        if name not in self._made:
+            self._made |= self.join([name])
         return self._made[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -93,8 +93,7 @@ class JoinedBlocks(Mapping[str, Array]):
         return len(self._types)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        self.join(self)
-        return dict, (self._made,)
+        return dict, (self.join(self),)
 
 
 def in_modes(
@@ -128,7 +127,7 @@ def in_modes(
 def typed(table: Table, data: TableArrays) -> dict[str, Array]:
     """Return columns in the type of their kind; text stays as it is."""
     if isinstance(data, JoinedBlocks):
-        data.join(column.name for column in table.columns)
+        data = data.join(data)
     return {c.name: np.asarray(data[c.name], TYPES.get(c.kind)) for c in table.columns}
 
 

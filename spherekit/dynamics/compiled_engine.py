@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import STATUS_MEANING, TURN, Status
+from spherekit.conventions import STATUS_MEANING, TURN, Names, Status
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
     inertia_matrix,
@@ -174,7 +174,7 @@ def _run(
     return runs, framed, compiling
 
 
-def coordinates_at(problem: Problem, values: Floats) -> tuple[str, ...]:
+def coordinates_at(problem: Problem, values: Floats) -> Names:
     """Return R pairs whose variables say how all others move; none of one freedom.
 
     The inputs, if they say it well enough, else R pairs whose variables do best.

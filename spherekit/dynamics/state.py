@@ -38,7 +38,7 @@ from itertools import count
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.conventions import Status, listing
+from spherekit.conventions import Names, Status, listing
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
     Inertia,
@@ -80,9 +80,9 @@ class IndeterminateForces:
     that repeat each other leave more open.
     """
 
-    centres: tuple[str, ...] = ()
-    distances: tuple[str, ...] = ()
-    floating: tuple[str, ...] = ()
+    centres: Names = ()
+    distances: Names = ()
+    floating: Names = ()
     enough: bool = True
 
     @property

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from spherekit.arrays import Array
-from spherekit.conventions import AnyPath, choices
+from spherekit.conventions import AnyPath, Names, choices
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -63,8 +63,8 @@ class StoredLoad:
     """
 
     name: str
-    works_on: tuple[str, ...]
-    components: tuple[str, ...] = ()
+    works_on: Names
+    components: Names = ()
     times: tuple[float, ...] = ()
     torques: tuple[float, ...] = ()
     repeats: bool = False
@@ -98,12 +98,12 @@ class StoredHeading:
     mechanism_sha256: str
     made_by: str
     assembly_mode: int
-    variables: tuple[str, ...]
-    angles: tuple[str, ...]
-    poles: tuple[str, ...]
+    variables: Names
+    angles: Names
+    poles: Names
     loads: tuple[StoredLoad, ...]
-    inputs: tuple[str, ...]
-    by: tuple[str, ...]
+    inputs: Names
+    by: Names
     low: tuple[float, ...]
     high: tuple[float, ...]
     rise: tuple[float, ...] = ()

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
-from spherekit.conventions import AnyPath, Facts, Status, choices, listing
+from spherekit.conventions import AnyPath, Facts, Names, Status, choices, listing
 from spherekit.dynamics.stored_model import (
     SLACK,
     StoredFunction,
@@ -316,7 +316,7 @@ class StoredModel:
         return made[0] if heading.alone else np.array(made)
 
     @cached_property
-    def _singles(self) -> dict[tuple[str, ...], Single]:
+    def _singles(self) -> dict[Names, Single]:
         """Functions at single places by their names, once asked for."""
         return {}
 
@@ -483,7 +483,7 @@ def _series(
     return TensorChebyshev(low, high, cells[0], cells[1], series)
 
 
-def _names(heading: StoredHeading) -> tuple[str, ...]:
+def _names(heading: StoredHeading) -> Names:
     """Return the names of a group's arrays, the coefficients last."""
     if heading.alone:
         return "edges", "coefficients"

@@ -27,22 +27,11 @@ from spherekit.conventions import EPS, EQUAL_CURVATURE
 from spherekit.engine.algebra import Exprs, cross, vector_sum
 from spherekit.engine.expression_graph import Expr, ExpressionNode, dot
 from spherekit.engine.kinematics import VelocityEquations
-from spherekit.engine.pose import (
-    along_ways,
-    largest,
-    place_by_variables,
-    root,
-    size_of,
-)
+from spherekit.engine.pose import along_ways, largest, place_by_variables, root, size_of
 from spherekit.engine.turns import turning_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Pole
-from spherekit.rates.request import (
-    SIGNED,
-    TURN_KNOWN,
-    Request,
-    axis_pairs,
-)
+from spherekit.rates.request import SIGNED, TURN_KNOWN, Request, axis_pairs
 
 REPEATED = 1e-9
 """Equations that are left smaller than this throughout repeat others."""

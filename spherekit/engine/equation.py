@@ -132,10 +132,7 @@ def compiled_equation(
 
 
 def compiling_time(
-    mechanism: Mechanism,
-    tolerance: float,
-    compact: bool,
-    coordinates: Sequence[str] = (),
+    mechanism: Mechanism, tolerance: float, compact: bool, coordinates: Sequence[str] = ()
 ) -> float:
     """Return about how long `compiled_equation` will take (s), 0 where it is kept.
 
@@ -178,10 +175,7 @@ def _need_written(mechanism: Mechanism) -> None:
 
 
 def _request(
-    mechanism: Mechanism,
-    tolerance: float,
-    compact: bool,
-    coordinates: Sequence[str],
+    mechanism: Mechanism, tolerance: float, compact: bool, coordinates: Sequence[str]
 ) -> tuple[Mechanism, float, str]:
     """Return what `_common` does, the tolerance of a step, and what is asked for."""
     step = min(tolerance, COARSEST if coordinates else LOOSEST)
@@ -211,10 +205,7 @@ def _common(mechanism: Mechanism, coordinates: Sequence[str]) -> Mechanism:
 
 
 def _compile(
-    mechanism: Mechanism,
-    system: System,
-    tolerance: float,
-    compact: bool,
+    mechanism: Mechanism, system: System, tolerance: float, compact: bool
 ) -> CompiledEquation:
     layout = system.layout
     equations = [*zip(layout.state, system.changes, strict=True)]

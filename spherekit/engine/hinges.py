@@ -30,11 +30,7 @@ from spherekit.model.gears import joints_of
 from spherekit.model.locking import sizes_by_frames
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Pair
-from spherekit.planning.wheels import (
-    ONE_LINE,
-    GearTrain,
-    wheel_train,
-)
+from spherekit.planning.wheels import ONE_LINE, GearTrain, wheel_train
 from spherekit.sphere.rotation import euler_zyz
 
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Array
-from spherekit.conventions import listing
+from spherekit.conventions import Names, listing
 from spherekit.engine.algebra import cross
 from spherekit.engine.compiler import available
 from spherekit.engine.dyads import COMPILED
@@ -56,8 +56,8 @@ class Kernel:
     `function`.
     """
 
-    inputs: tuple[str, ...]
-    columns: tuple[str, ...]
+    inputs: Names
+    columns: Names
     places: Mapping[str, Mapping[Any, int | slice]]
     engine: Literal["numpy", "compiled"]
     function: TermFunction
@@ -253,9 +253,7 @@ def _scale(flow: CoordinateRates, coordinate: Coordinate) -> Expr:
 
 
 def _rates(
-    flow: CoordinateRates,
-    scale: Expr,
-    variables: Sequence[ExpressionNode],
+    flow: CoordinateRates, scale: Expr, variables: Sequence[ExpressionNode]
 ) -> dict[ExpressionNode, Expr]:
     """Return the rates by the coordinate of what all terms are made of: u' = w x u."""
     rates = [tau * scale for tau in flow.tau[0]]

@@ -31,13 +31,7 @@ from itertools import combinations
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.engine.algebra import (
-    Exprs,
-    constants,
-    cross,
-    vector,
-    vector_sum,
-)
+from spherekit.engine.algebra import Exprs, constants, cross, vector, vector_sum
 from spherekit.engine.expression_graph import (
     WITHOUT_EXPRESSIONS,
     Expr,
@@ -365,10 +359,7 @@ class InputMoments:
     """
 
     def __init__(
-        self,
-        flow: CoordinateRates,
-        tensors: Mapping[int, Entries],
-        unit: float = 0.0,
+        self, flow: CoordinateRates, tensors: Mapping[int, Entries], unit: float = 0.0
     ) -> None:
         self.flow = flow
         # Entries near 0 are made exact zeros, so they need a size near one.

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import listing, nearest
+from spherekit.conventions import Names, listing, nearest
 from spherekit.engine.algebra import cross
 from spherekit.engine.dyads import angle_of, place_by_inputs
 from spherekit.engine.expression_graph import (
@@ -27,11 +27,7 @@ from spherekit.engine.expression_graph import (
     sign_of,
     symbols,
 )
-from spherekit.engine.kinematics import (
-    CoordinateRates,
-    InputMoments,
-    Structure,
-)
+from spherekit.engine.kinematics import CoordinateRates, InputMoments, Structure
 from spherekit.engine.loads import LoadState, forces_of
 from spherekit.engine.pose import LinkOrientation
 from spherekit.engine.turns import TurningPairs
@@ -81,7 +77,7 @@ def numbers_of(actions: Actions) -> list[float]:
     return numbers
 
 
-def sample_names(inputs: Sequence[str]) -> tuple[str, ...]:
+def sample_names(inputs: Sequence[str]) -> Names:
     """Return what a sample is: angles (rad) of inputs, rates, accelerations, the time.
 
     ``q``, ``dq``, ``ddq`` and ``t``; with several inputs ``q_PAIR`` of each, and so on.
@@ -387,11 +383,11 @@ class VariedTerms:
         return function("atan2", function("sqrt", sine), function("sqrt", cosine))
 
 
-def middle_pairs(mechanism: Mechanism) -> tuple[str, ...]:
+def middle_pairs(mechanism: Mechanism) -> Names:
     """Return the pairs with a ``transmission_angle``: those in the middle of dyads."""
     return _middles(mechanism, plan_assembly(mechanism))
 
 
-def _middles(mechanism: Mechanism, assembly: Assembly) -> tuple[str, ...]:
+def _middles(mechanism: Mechanism, assembly: Assembly) -> Names:
     dyads = (group for group in assembly.groups if group.is_dyad)
     return tuple(mechanism.names_of(group.middle for group in dyads))

@@ -55,11 +55,7 @@ from spherekit.engine.expression_graph import (
     symbols,
     varies,
 )
-from spherekit.engine.kinematics import (
-    CoordinateRates,
-    InputMoments,
-    Structure,
-)
+from spherekit.engine.kinematics import CoordinateRates, InputMoments, Structure
 from spherekit.engine.loads import LoadState, generalised_forces
 from spherekit.model.load import TorqueTable
 from spherekit.model.mechanism import Mechanism

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from spherekit.analysis.frames import frame_of
 from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Bools, Floats, Integers
-from spherekit.conventions import AnyPath, counted, listing
+from spherekit.conventions import AnyPath, Names, counted, listing
 from spherekit.dynamics.stored_model import read_archive, write_archive
 from spherekit.errors import FileError, SolveError
 from spherekit.files.atomic import write_text
@@ -69,9 +69,9 @@ class CouplingTable:
     mechanism: str
     mechanism_sha256: str
     made_by: str
-    inputs: tuple[str, ...]
-    variables: tuple[str, ...]
-    poles: tuple[str, ...]
+    inputs: Names
+    variables: Names
+    poles: Names
     modes: tuple[int, ...]
     tolerance: float
     start: Floats

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from spherekit.argument_validation import checked
-from spherekit.conventions import AnyPath
+from spherekit.conventions import AnyPath, Names
 from spherekit.errors import FileError
 from spherekit.exchange.from_foreign import ForeignTables
 from spherekit.exchange.mujoco_file import ForeignModel
@@ -25,7 +25,7 @@ class Imported(NamedTuple):
 
     mechanism: Mechanism
     text: str
-    notes: tuple[str, ...]
+    notes: Names
 
     def save(self, path: AnyPath) -> None:
         """Write the mechanism file.

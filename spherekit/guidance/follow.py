@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
-from spherekit.conventions import EPS, SINGULAR_RATIO, USABLE_DIRECTION, Status
+from spherekit.conventions import EPS, SINGULAR_RATIO, USABLE_DIRECTION, Names, Status
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.guidance.rotation_path import (
@@ -118,7 +118,7 @@ class FollowedRotation(Way):
 
     transmission: Transmission
     driven: list[int]
-    inputs: tuple[str, ...]
+    inputs: Names
     angle: float
     nodes: Nodes
     end: Status

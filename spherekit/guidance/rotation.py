@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
-from spherekit.conventions import Status, listing, nearest
+from spherekit.conventions import Names, Status, listing, nearest
 from spherekit.errors import SolveError
 from spherekit.guidance.follow import RotationSamples, within
 from spherekit.model.study import Cycloidal, Law, Polynomial
@@ -40,7 +40,7 @@ class FixedAxisRotation(Protocol):
         """The whole angle (rad), 0 or more."""
 
     @property
-    def inputs(self) -> tuple[str, ...]:
+    def inputs(self) -> Names:
         """Names of the driven pairs."""
 
     @property
@@ -114,7 +114,7 @@ class Trajectory:
     `RotationSamples`.
     """
 
-    names: tuple[str, ...]
+    names: Names
     t: Floats
     theta: Floats
     inputs: Floats

@@ -9,6 +9,7 @@ about the centre of the sphere.
 from collections.abc import Sequence
 
 from spherekit.arrays import Floats
+from spherekit.conventions import Names
 from spherekit.model.expression import Expression
 from spherekit.model.load import Component, TorqueTable
 from spherekit.model.mechanism import Mechanism
@@ -31,7 +32,7 @@ def acting_links(mechanism: Mechanism) -> frozenset[int]:
     return frozenset(mechanism.link_number[name] for name in names)
 
 
-def wound_pairs(mechanism: Mechanism) -> tuple[str, ...]:
+def wound_pairs(mechanism: Mechanism) -> Names:
     """Return the R pairs whose variable loads depend on, in order; turns may count."""
     used = _names(mechanism)
     return tuple(name for name in mechanism.angles if f"theta_{name}" in used)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.conventions import listing
+from spherekit.conventions import Names, listing
 from spherekit.errors import ModelError
 from spherekit.model.dynamics import Mass, tensor_of
 from spherekit.model.gears import frames_of_sizes, pair_frames
@@ -115,7 +115,7 @@ def turned_vector(turn: Floats, vector: ArrayLike) -> Vector:
     return vector_of(turn @ np.array(vector, dtype=float))
 
 
-def _turned_texts(turn: Floats, texts: tuple[str, ...]) -> tuple[str, ...]:
+def _turned_texts(turn: Floats, texts: Names) -> Names:
     """Return the expressions of a vector's components in turned axes."""
     sums = (
         [f"({part!r})*({text})" for part, text in zip(row, texts, strict=True) if part]

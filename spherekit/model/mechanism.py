@@ -18,6 +18,7 @@ from spherekit.argument_validation import checked
 from spherekit.conventions import (
     MAX_NAME_LENGTH,
     NAME_PATTERN,
+    Names,
     choices,
     counted,
     listing,
@@ -83,7 +84,7 @@ class Mechanism:
 
     name: str
     ground: str
-    links: tuple[str, ...]
+    links: Names
     pairs: tuple[Pair, ...]
     geometry: SizeGeometry | PoseGeometry
     inputs: tuple[Input, ...] = ()
@@ -117,7 +118,7 @@ class Mechanism:
             return repr([getattr(self, part.name) for part in fields(self)[:-2]])
 
     @property
-    def input_pairs(self) -> tuple[str, ...]:
+    def input_pairs(self) -> Names:
         """Names of the driven pairs, in the order of `inputs`."""
         return tuple(item.pair for item in self.inputs)
 
@@ -141,7 +142,7 @@ class Mechanism:
         )
 
     @cached_property
-    def variable_names(self) -> tuple[str, ...]:
+    def variable_names(self) -> Names:
         """``theta_PAIR`` (R), ``s_PAIR`` (Cr), ``s_PAIR_LINK`` for both links (Cs)."""
         return tuple(
             name

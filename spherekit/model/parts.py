@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherekit.conventions import choices, counted
+from spherekit.conventions import Names, choices, counted
 from spherekit.errors import ModelError
 from spherekit.model.joints import KINDS, Ends, Kind, Links, Numbers, PairType
 
@@ -168,10 +168,10 @@ class LinkSizes:
     around its great circle, to an axis on the other side of the first one.
     """
 
-    axes: tuple[str, ...]
+    axes: Names
     arcs: Numbers = ()
     angles: Numbers = ()
-    unpaired: tuple[str, ...] = ()
+    unpaired: Names = ()
     signed: bool = False
 
 

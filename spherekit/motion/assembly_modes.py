@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
-from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Status, listing
+from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Names, Status, listing
 from spherekit.model.gears import joints_in_pose
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
@@ -484,7 +484,7 @@ def _mark(status: SmallIntegers, where: Bools, code: Status) -> None:
 
 def named(
     solver: Solver, assembly_modes: Sequence[AssemblyMode]
-) -> tuple[tuple[AssemblyMode, ...], tuple[str, ...]]:
+) -> tuple[tuple[AssemblyMode, ...], Names]:
     """Return assembly modes with the names that the file gives them, and what fails.
 
     A name goes to the mode that comes nearest to its configuration at the inputs of this.

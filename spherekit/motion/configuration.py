@@ -15,7 +15,7 @@ import numpy as np
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Integers
-from spherekit.conventions import Status, counted
+from spherekit.conventions import Names, Status, counted
 from spherekit.errors import SolveError
 from spherekit.guarantee import Completeness, Guarantee
 from spherekit.motion.arc_curve import ArcCurve
@@ -147,7 +147,7 @@ class Configurations(NamedTuple):
     drive: str
     inputs: Floats
     counts: Integers
-    mismatches: tuple[str, ...]
+    mismatches: Names
 
     @property
     def guarantee(self) -> Guarantee:

@@ -17,7 +17,15 @@ import numpy as np
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Bools, Floats, Indices, Integers, SmallIntegers
-from spherekit.conventions import DEFAULT_SAMPLES, EPS, TURN, Status, counted, listing
+from spherekit.conventions import (
+    DEFAULT_SAMPLES,
+    EPS,
+    TURN,
+    Names,
+    Status,
+    counted,
+    listing,
+)
 from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import Joint
@@ -415,7 +423,7 @@ class PositionAnalysis:
         return tuple(there.assembly_modes)
 
     @property
-    def inputs(self) -> tuple[str, ...]:
+    def inputs(self) -> Names:
         """Names of the driven pairs."""
         return self.mechanism.input_pairs
 

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Floats, SmallIntegers
-from spherekit.conventions import Status
+from spherekit.conventions import Names, Status
 from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import revolutes
@@ -87,7 +87,7 @@ class Inverse:
     slope: Floats | None = None
 
     @property
-    def labels(self) -> tuple[str, ...]:
+    def labels(self) -> Names:
         """The signs of the modes as text, ``+-+``."""
         return tuple(map(label_of, self.modes))
 
@@ -184,7 +184,7 @@ class InverseKinematics:
         return self.dyads is not None
 
     @property
-    def legs(self) -> tuple[str, ...]:
+    def legs(self) -> Names:
         """The groups in solving order, each by its kind and the names of its pairs.
 
         A bar whose arc gives the turn of the output about its direction comes last.

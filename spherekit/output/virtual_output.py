@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherekit.conventions import counted
+from spherekit.conventions import Names, counted
 from spherekit.errors import PlanError
 from spherekit.model.gears import pair_frames
 from spherekit.model.locking import sizes_by_frames
@@ -131,9 +131,7 @@ def _other_way(mechanism: Mechanism, output: Output, count: int) -> str:
     return ""
 
 
-def _unused(
-    taken: "tuple[str, ...] | Mapping[str, int]", names: tuple[str, ...]
-) -> list[str]:
+def _unused(taken: "Names | Mapping[str, int]", names: Names) -> list[str]:
     """Return names that are not taken, with underscores if need be."""
     unused = []
     for name in names:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
-from spherekit.conventions import Status, listing, nearest
+from spherekit.conventions import Names, Status, listing, nearest
 from spherekit.errors import AnalysisError
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture, axis_in
 from spherekit.model.dynamics import JointLimit
@@ -124,7 +124,7 @@ class InverseRows(ArrayRows):
     type_2: Floats
     rates: Floats
     values: Floats
-    limits: tuple[str, ...]
+    limits: Names
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -261,7 +261,7 @@ class OutputKinematics:
     """
 
     modes: tuple[Signs, ...] = ()
-    legs: tuple[str, ...] = ()
+    legs: Names = ()
     form: MidPlaneArchitecture | None = None
     solved_by = "graph"
 
@@ -269,7 +269,7 @@ class OutputKinematics:
         self.mechanism, self.output, self.points = mechanism, output, points
 
     @property
-    def labels(self) -> tuple[str, ...]:
+    def labels(self) -> Names:
         """Labels of the working modes."""
         return tuple(map(label_of, self.modes))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from spherekit.analysis.tables import INPUTS, Column, Table, TableArrays, input_columns
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import TURN, Status
+from spherekit.conventions import TURN, Names, Status
 from spherekit.dynamics.forward import need_allowed, simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.start import drives
@@ -177,7 +177,7 @@ class Sampling:
         )
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def warnings(self) -> Names:
         """What is to be heeded of names of modes, and in the rows of a simulation."""
         missed = self.simulation.missed if self.simulation is not None else None
         return self.tracer.unnamed + (() if missed is None else (missed,))
@@ -289,9 +289,7 @@ def check_time(study: Study) -> None:
         raise study.fault(*fault)
 
 
-def _time_faults(
-    study: Study, mechanism: Mechanism
-) -> Iterator[tuple[tuple[str, ...], str]]:
+def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, str]]:
     """Yield what is wrong with how time is given, by the keys of a study that say it."""
     inputs = mechanism.input_pairs
     start, duration, torque = study.start, study.duration, study.driving_torque
