@@ -12,8 +12,8 @@ from sources import ROOT, nodes_of
 
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 559_346,
-    "code lines": 45_092,
+    "nodes": 559_274,
+    "code lines": 45_084,
     "files": 323,
     "classes": 460,
     "dataclasses": 289,
