@@ -40,6 +40,9 @@ FLATTER = 0.2
 """Three variables that are this much flatter than the best ones may still be chosen first,
 where fewer loops have them."""
 
+FILL = 4
+"""A place that is filled costs so many products: others have to be done for it later."""
+
 Pivot = tuple[int, list[int]]
 """A loop, and the variables that it gives, at most three."""
 
@@ -69,20 +72,26 @@ def pivots_of(jacobians: Floats, free: Sequence[int]) -> list[Pivot] | None:
 def _most_regular(
     left: Floats, loops: Sequence[int], columns: Sequence[int]
 ) -> Pivot | None:
-    """Return the pivot whose axes depend least on each other, wherever they do most."""
+    """Return the pivot whose axes depend least on each other, wherever they do most.
+
+    Of many, one that takes few products and fills few places.
+    """
     rated: list[tuple[float, int, Pivot]] = []
-    for loop in loops:
+    there = np.any(left[:, loops], axis=(0, 2))
+    for loop, here in zip(loops, there, strict=True):
         rows = left[:, loop]
         sizes = np.linalg.svd(rows[:, :, columns], compute_uv=False)
         rank = np.sum(np.max(sizes, axis=0) > REPEATED)
-        used = [c for c in columns if np.any(rows[:, :, c])]
+        used = [c for c in columns if here[c]]
         for chosen in map(list, combinations(used, rank)) if rank else ():
             block = rows[:, :, chosen]
             spread = np.prod(np.linalg.norm(block, axis=1), axis=1)
             flat = np.prod(np.linalg.svd(block, compute_uv=False), axis=1)
             flat = np.min(flat / np.maximum(spread, 1e-300))
-            users = np.any(left[:, loops][..., chosen], axis=(0, 2, 3))
-            rated.append((flat, -np.sum(users), (loop, chosen)))
+            more = [c for c in used if c not in chosen]
+            users = there[np.any(there[:, chosen], axis=1)]
+            cost = FILL * np.sum(~users[:, more]) + (len(users) - 1) * (1 + len(more))
+            rated.append((flat, -cost, (loop, chosen)))
     most = max((flat for flat, _, _ in rated), default=0.0)
     if not most > 0.0:
         return None
