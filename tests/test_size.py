@@ -12,8 +12,8 @@ from sources import ROOT, nodes_of
 
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 559_274,
-    "code lines": 45_084,
+    "nodes": 559_230,
+    "code lines": 45_087,
     "files": 323,
     "classes": 460,
     "dataclasses": 289,

@@ -42,7 +42,7 @@ from spherekit.sphere.rotation import from_quaternion
 SIZES = (1, 4)
 """Samples in a block that are tried against all at once."""
 
-TURN = np.asarray(from_quaternion(np.array([[0.1, -0.7, 0.5, 0.5]]))[0])
+TURN = from_quaternion(np.array([[0.1, -0.7, 0.5, 0.5]]))[0]
 """By which mechanisms are turned."""
 
 FIRST = ("installed", "metadata", "needs", "runs", "reads", "inputs", "tables", "findings")

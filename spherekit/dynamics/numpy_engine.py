@@ -324,7 +324,7 @@ class Collocation:
         other[:, place] += shift
         slope = (self.equation.rates(self._dynamics(t, other)) - rates)[:, place] / shift
         slope[~np.isfinite(slope)] = 0.0
-        return np.asarray(np.linalg.inv(np.eye(NODES) - 0.5 * length * INTEGRAL * slope))
+        return np.linalg.inv(np.eye(NODES) - 0.5 * length * INTEGRAL * slope)
 
     def _looked(self, step: Step, scale: Floats, tolerance: float) -> bool:
         """Return whether loads do within a step what its series say."""

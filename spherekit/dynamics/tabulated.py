@@ -169,7 +169,7 @@ class StoredModel:
         """Return the accelerations (m,) of the inputs (rad/s2) under torques (m,) there."""
         needed = self.torque(q, dq, np.zeros(np.shape(q)), t)
         left = np.atleast_1d(np.asarray(torques) - needed)
-        return np.asarray(np.linalg.solve(np.atleast_2d(self.inertia(q)), left))
+        return np.linalg.solve(np.atleast_2d(self.inertia(q)), left)
 
     def status(self, q: ArrayLike) -> SmallIntegers:
         """Return (n,) of places: OK, or OUT_OF_REACH outside the domain."""

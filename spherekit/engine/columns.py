@@ -381,7 +381,7 @@ class MovingTerms:
         """
         off = self._off_w[i] + self._off_w[j]
         changed = self._off_dw[i] + self._off_dw[j] + off
-        v, dv = (np.asarray(rates[j] - rates[i]) for rates in (self._w, self._dw))
+        v, dv = (rates[j] - rates[i] for rates in (self._w, self._dw))
         return v, dv, off, changed, self._swings[i] + self._swings[j]
 
     def _across(self, i: int, j: int) -> tuple[list[Expr], dict[str, Iterable[Expr]]]:

@@ -99,9 +99,7 @@ def place_by_inputs(
     ground = within[0]
     if ground.depth:
         back = constants(ground.within.T) @ ground.basis.T
-        within = [
-            replace(x, basis=np.asarray(back @ x.basis), depth=x.depth + 1) for x in within
-        ]
+        within = [replace(x, basis=back @ x.basis, depth=x.depth + 1) for x in within]
         within[0] = GROUND
     return within, squares
 
@@ -134,7 +132,7 @@ def _close(
         ends = (link.direction(axis) for link, axis in sides)
         onto = _frame(first if body == 1 else second, reached) @ _inverse(*ends)
         for link in group.bodies[body]:
-            turned = np.asarray(onto @ within[link].basis)
+            turned = onto @ within[link].basis
             within[link] = replace(within[link], basis=turned, depth=depth)
     return square
 

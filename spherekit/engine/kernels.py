@@ -274,7 +274,7 @@ def _poles(flow: CoordinateRates, scale: Expr, poles: Sequence[Pole]) -> Iterato
     for pole in poles:
         variable = mechanism.angle_between(*pole)
         if variable is None:
-            turning = np.asarray(flow.w[0][pole[1]] - flow.w[0][pole[0]])
+            turning = flow.w[0][pole[1]] - flow.w[0][pole[0]]
             rate = function("sqrt", dot(turning, turning))
             unit = turning * (1.0 / rate)
         else:

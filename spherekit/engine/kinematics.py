@@ -312,7 +312,7 @@ class CoordinateRates(VelocityEquations):
                 )
                 for basis in bases
             )
-            made[pair] = np.asarray(one - other)
+            made[pair] = one - other
         return made
 
     def answers(self, misfits: Mapping[int, Exprs]) -> list[Expr]:

@@ -130,7 +130,7 @@ class UnitTwist:
     def change(self, w: Exprs, rate: Expr) -> Exprs:
         """Return the rate (3,) of the vector while the link turns and the variable runs."""
         turned = cross(w, self.vector)
-        return turned if self.slide is None else np.asarray(turned + self.slide * rate)
+        return turned if self.slide is None else turned + self.slide * rate
 
 
 def carried_vectors(
@@ -212,10 +212,10 @@ def _rolling(
     one, other = sides
     relative, slope = one.curvature - other.curvature, one.slope - other.slope
     return UnitTwist(
-        np.asarray(line.vector * relative),
+        line.vector * relative,
         line.link,
         size_of(relative),
-        np.asarray(line.slide * relative + line.vector * slope),
+        line.slide * relative + line.vector * slope,
         root(relative * relative + slope * slope),
         2.0 * size_of(slope) + size_of(relative) * root(1.0 + curvature * curvature),
         sides,
@@ -237,10 +237,10 @@ def _sliding(
     _, normal, point = _axes(side, placed, variables)
     k, slope = side.curvature, size_of(side.slope)
     return UnitTwist(
-        np.asarray((normal + point * k) * sense),
+        (normal + point * k) * sense,
         link,
         root(1.0 + k * k),
-        np.asarray(point * (sense * side.slope)),
+        point * (sense * side.slope),
         slope,
         slope,
         (side,),

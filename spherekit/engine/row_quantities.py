@@ -309,12 +309,12 @@ class VariedTerms:
         rates = [rate * share for rate in flow.tau[moving]]
         w = [spin * share for spin in flow.w[moving]]
         variable = mechanism.angle_between(link, other)
-        turning = np.asarray(w[link] - w[other])
+        turning = w[link] - w[other]
         if variable is None:
             size = function("sqrt", dot(turning, turning))
             if kind == "velocity":
                 return size
-            along = np.asarray(turning * (1.0 / size))
+            along = turning * (1.0 / size)
         else:
             first, _ = mechanism.ends[mechanism.variable_owners[variable]]
             if kind == "velocity":
@@ -322,7 +322,7 @@ class VariedTerms:
             along = flow.vectors[variable]
         # A unit axis turns at right angles to itself.
         turned = flow.bias(rates, w)
-        return dot(np.asarray(turned[link] - turned[other]), along)
+        return dot(turned[link] - turned[other], along)
 
     def torque(self, moving: int) -> Expr:
         """Return the torque of an input: what links resist less what loads do."""

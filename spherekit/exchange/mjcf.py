@@ -335,7 +335,7 @@ class MujocoModel:
 
     def _turn(self, link: str) -> Floats:
         number = self.mechanism.link_number.get(link)
-        return np.eye(3) if number is None else np.asarray(self.made.rotations[number])
+        return np.eye(3) if number is None else self.made.rotations[number]
 
     def _turned(self, body: Element, rotation: Floats) -> None:
         x, y, z, w = quaternion(rotation[None])[0]

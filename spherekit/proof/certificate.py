@@ -184,7 +184,7 @@ def _angular_velocities(equations: Equations, places: Sequence[Ball], driven: in
         if parts and link < structure.bodies:
             spin = sum(parts) @ jet[()].T
             velocities[link] = spin[2, 1], spin[0, 2], spin[1, 0]
-    return np.asarray(velocities @ placed[0][()])
+    return velocities @ placed[0][()]
 
 
 FORMAT = 1

@@ -192,7 +192,7 @@ class Equations:
 def _cross(a: Vector, b: Vector) -> Vector:
     """Return the vector product; NumPy's takes ten times as long for two vectors."""
     up, down = [1, 2, 0], [2, 0, 1]
-    return np.asarray(a[up] * b[down] - a[down] * b[up])
+    return a[up] * b[down] - a[down] * b[up]
 
 
 def _turned(parts: Array, places: Sequence[Ball] | Array, step: Step) -> Jet:

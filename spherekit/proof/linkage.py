@@ -190,7 +190,7 @@ def _spline(path: SplinePath) -> Path:
 
 def lengths(vectors: Array) -> Array:
     """Return lengths (n,) of vectors (n, 3)."""
-    return np.asarray(np.sqrt(np.sum(vectors * vectors, axis=1)))
+    return np.sqrt(np.sum(vectors * vectors, axis=1))
 
 
 TOUCHING_STEPS = 60

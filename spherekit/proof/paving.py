@@ -58,7 +58,7 @@ def apart(values: Floats, slopes: Floats, radii: Floats, bent: Floats) -> Bools:
     reach = np.einsum("nwv,nv->nw", np.abs(weights @ slopes), radii)
     reach += np.einsum("nwk,nk->nw", np.abs(weights), bent + ROUNDING * size)
     sums = np.abs(np.einsum("nwk,nk->nw", weights, values))
-    return np.asarray(np.any(sums > reach * UP, axis=1))
+    return np.any(sums > reach * UP, axis=1)
 
 
 CHUNK = 4000
@@ -87,12 +87,12 @@ class Ranges:
 
     def radii(self, boxes: Integers) -> Floats:
         """Return half widths (n, variables) about the centres, rounded up."""
-        return np.asarray(self._widest * np.exp2(-1.0 - boxes[0]) + self._off)
+        return self._widest * np.exp2(-1.0 - boxes[0]) + self._off
 
     def centres(self, boxes: Integers) -> Floats:
         """Return float64 numbers (n, variables) next to the centres."""
         levels, places = boxes
-        return np.asarray(self.start + self.extent * (places + 0.5) * np.exp2(-levels))
+        return self.start + self.extent * (places + 0.5) * np.exp2(-levels)
 
     def turns(self, boxes: Integers) -> Floats:
         """Return cosines and sines (n, variables, 2) of these, each rounded once.

@@ -36,7 +36,7 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 def dot(a: Floats, b: Floats) -> Floats:
     """Return a . b (..., n) for arrays (..., 3, n)."""
-    return np.asarray(np.einsum("...in,...in->...n", a, b))
+    return np.einsum("...in,...in->...n", a, b)
 
 
 def norm(a: Floats) -> Floats:
