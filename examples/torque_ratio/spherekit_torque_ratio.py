@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, final
+from typing import final
 
 import numpy as np
 
@@ -35,11 +35,11 @@ class TorqueRatio(AbstractAnalysis):
     `link` is its name; by default the link of the mechanism's first output.
     """
 
-    name: ClassVar[str] = "torque_ratio"
-    version: ClassVar[str] = "1"
-    summary: ClassVar[str] = "torque on a link over torque of the input"
-    rowwise: ClassVar[bool] = True
-    tables: ClassVar[tuple[Table, ...]] = (
+    name = "torque_ratio"
+    version = "1"
+    summary = "torque on a link over torque of the input"
+    rowwise = True
+    tables = (
         Table(
             "torque_ratio",
             "one row per sample and assembly mode",
