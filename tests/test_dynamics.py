@@ -267,16 +267,19 @@ def test_both_engines_tell_curves_that_avoid_each_other_from_crossing_ones(
         assert on.end.kind == "time" and crossed == (end == "singularity")
 
 
-@pytest.mark.parametrize(("noise", "end"), [(1e-7, "time"), (1e-2, "too_fast")])
+@pytest.mark.parametrize(
+    ("noise", "end"),
+    [(1e-7, "time"), pytest.param(1e-2, "too_fast", marks=pytest.mark.slow)],
+)
 def test_a_torque_with_noise_is_followed_or_ends_with_a_word(noise, end):
     """Steps are as long as the tolerance allows; where they cannot, it does not go on."""
 
     def torque(t, q, dq):
         return 5.0 - 2.0 * dq + noise * np.sin(1e9 * q)
 
-    found = simulate(MADE, START, 2.0, torque=torque, tolerance=1e-8)
+    found = simulate(MADE, START, 0.4, torque=torque, tolerance=1e-8)
     assert found.end.kind == end and ("noise" in found.end.message) == (end == "too_fast")
-    smooth = simulate(MADE, START, 2.0, torque=lambda t, q, dq: 5.0 - 2.0 * dq)
+    smooth = simulate(MADE, START, 0.4, torque=lambda t, q, dq: 5.0 - 2.0 * dq)
     t = found.end.t
     assert abs(found.at([t]).q[0] - smooth.at([t]).q[0]) < 1e-8
 

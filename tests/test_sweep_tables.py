@@ -28,7 +28,7 @@ CASES = [
         "four_bar",
         {"links.2.arc": [20.0, 200.0, 45.0], "links.4.arc": [40.0, 179.0]},
         ["poles", "singularities", "eksergian"],
-        13,
+        7,
     ),
     ("stephenson", {"links.2.arc": [15.0, 60.0]}, ["poles"], 9),
     ("shaped_cam", {"pairs.contact.profiles.cam.cosines.1": [4.0, 3.5]}, ["poles"], 7),
