@@ -39,6 +39,8 @@ def test_frame_is_tidy_and_complete(result):
     assert set(frame["status"]) == {"OK"}
     length = np.sqrt(frame["ux"] ** 2 + frame["uy"] ** 2 + frame["uz"] ** 2)
     assert np.max(np.abs(length - 1.0)) < 1e-14
+    frame.loc[:, "ux"] = 9.0
+    assert result.frame()["ux"].max() <= 1.0  # frames are their own
     motion = result.frame("motion")
     assert len(motion) == 37 * 2
     assert [c for c in motion.columns if c.startswith("theta_")] == [
