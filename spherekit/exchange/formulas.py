@@ -1,0 +1,408 @@
+"""The explicit formulas of a mechanism, as data that sources in any language are made of.
+
+Positions follow from the signs of dyads where every group is one, or wheels and circles do;
+then nothing is iterated. Elsewhere the variables of all pairs are arguments, and a step of
+Newton's method brings them nearer to where loops close.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.conventions import Names, listing, nearest
+from spherekit.design.variables import check_variables, design_variable
+from spherekit.design.varied import VariedMechanism
+from spherekit.engine.expression_graph import (
+    Expr,
+    ExpressionNode,
+    array_function,
+    dot,
+    function,
+    in_order,
+    substituted,
+    symbols,
+)
+from spherekit.engine.hinges import hinged
+from spherekit.engine.row_quantities import VariedTerms, row_quantities
+from spherekit.engine.turns import ProfileSide, turning_pairs
+from spherekit.errors import DesignError, EngineError, SpherekitError
+from spherekit.files.read import AnyMechanism, mechanism_of
+from spherekit.files.write import document_of
+from spherekit.model.mechanism import Mechanism
+from spherekit.motion.motion import Motion, PositionAnalysis
+from spherekit.planning.inputs import driven_at, driven_pairs
+
+CLOSURE = "closure_"
+"""Of closed forms: the squares that are negative where a dyad does not close."""
+SAMPLES = 61
+"""Places on the way through the inputs at which a mode is looked for."""
+
+
+class Argument(NamedTuple):
+    """A number that a source is given: its unit, and its value in the file (rad, SI).
+
+    `key` is that of the file, where it has one.
+    """
+
+    name: str
+    unit: str
+    value: float
+    key: str = ""
+
+
+class Mode(NamedTuple):
+    """An assembly mode: the inputs `at` (rad) which it is known, and its places there.
+
+    `values` are the signs of dyads, or the variables (rad) of all pairs.
+    """
+
+    number: int
+    name: str
+    at: tuple[float, ...]
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Formulas:
+    """What a source computes, and of what.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism, driven at its inputs.
+    motion
+        The inputs (rad) and, where results follow from them, their rates and accelerations,
+        the time, turns of passive pairs and torques of tables.
+    places
+        Names of the signs of dyads, or of the variables of all pairs.
+    sizes
+        What is varied.
+    modes
+        The assembly modes.
+    results
+        The unit of each result, by name.
+    outputs
+        The results as terms.
+    step
+        Without a closed form: all variables after a step of Newton's method, and how far
+        (rad) loops were open before.
+    variables
+        The terms that the motion, the places and the sizes are.
+    profiles
+        Those of which columns are read at variables.
+    """
+
+    mechanism: Mechanism
+    motion: tuple[Argument, ...]
+    places: Names
+    sizes: tuple[Argument, ...]
+    modes: tuple[Mode, ...]
+    results: dict[str, str]
+    outputs: tuple[Expr, ...]
+    step: tuple[Expr, ...]
+    variables: tuple[tuple[ExpressionNode, ...], ...]
+    profiles: tuple[ProfileSide, ...]
+
+    def __repr__(self) -> str:
+        how = "Newton's method" if self.step else "closed form"
+        return (
+            f"<Formulas of {self.mechanism.name}: {len(self.results)} results by {how}, "
+            f"{self.operations} operations>"
+        )
+
+    @property
+    def operations(self) -> int:
+        """How many operations the results take."""
+        return sum(term.operation != "variable" for term in in_order(self.outputs))
+
+    def at(self, motion: Floats, places: Floats, sizes: Floats | None = None) -> Floats:
+        """Return the results (results, n) at motions (k, n), by NumPy; see `Formulas`.
+
+        By default with the sizes of the file; NaN where the mode does not close.
+        """
+        return self._read(self.outputs, motion, places, sizes)
+
+    def stepped(
+        self, motion: Floats, places: Floats, sizes: Floats | None = None
+    ) -> Floats:
+        """Return the `step` (variables + 1, n), by NumPy."""
+        return self._read(self.step, motion, places, sizes)
+
+    def _read(
+        self, items: Sequence[Expr], motion: Floats, places: Floats, sizes: Floats | None
+    ) -> Floats:
+        if sizes is None:
+            sizes = np.array([size.value for size in self.sizes])[:, None]
+        n = np.shape(motion)[1]
+        given = [np.broadcast_to(x, (len(x), n)) for x in (motion, places, sizes)]
+        columns = []
+        for profile in self.profiles:
+            s = given[1][profile.track.variable] + profile.track.start
+            last = profile.series.slopes(s)[-1:]
+            columns += [profile.series.at(s), last]
+        terms = [x for kind in self.variables for x in kind]
+        terms += [x for y in self.profiles for x in (*y.terms, y.last)]
+        return array_function(items, terms)(np.concatenate([*given, *columns]))
+
+
+def formulas(
+    mechanism: AnyMechanism,
+    quantities: Sequence[str] | None = None,
+    vary: Sequence[str] = (),
+    input_pair: str | Sequence[str] | None = None,
+) -> Formulas:
+    """Return the formulas of quantities of a mechanism.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, the name of a shipped one, or the path of a file.
+    quantities
+        Names of `row_quantities`, or patterns of such (``"theta_*"``); by default angles,
+        coefficients of links against the ground, transmission angles, and with masses the
+        inertia, its derivative and the driving torque.
+    vary
+        Keys of the file, such as ``"links.2.arc"``, whose numbers are arguments.
+    input_pair
+        The driven pairs, by default those of the mechanism.
+
+    Raises
+    ------
+    EngineError
+        If there is no such quantity, or the engine does not know the mechanism's groups.
+    DesignError
+        If a number cannot be varied so.
+    SolveError, PlanError
+        If the mechanism cannot be assembled, or has not one freedom for each input.
+    """
+    made = driven_at(mechanism_of(mechanism), input_pair)
+    document = document_of(mechanism)
+    variables = tuple(design_variable(document, key) for key in vary)
+    check_variables(document, variables)
+    inputs = tuple(made.names_of(driven_pairs(made)))
+    wanted = _wanted(made, inputs, quantities)
+    contacts = hinged(made, inputs)
+    of_masses = any(_reads_masses(name) for name in wanted)
+    varied = VariedMechanism(
+        document, made, variables, inputs, contacts, of_masses and bool(vary)
+    )
+    terms = _terms(varied)
+    sizes = symbols(variable.name for variable in variables)
+    known = _numbers(varied, terms, sizes)
+    wanted = _there(terms, wanted, quantities is None)
+    outputs = [
+        terms.squares[int(name.removeprefix(CLOSURE)) - 1]
+        if name.startswith(CLOSURE)
+        else terms.quantity(name)
+        for name in wanted
+    ]
+    step: list[Expr] = []
+    if not terms.closed_form:
+        step = _step(terms)
+    driven = dict(zip(_driven_places(terms), terms.sample, strict=False))
+    outputs, step = (substituted(items, known | driven) for items in (outputs, step))
+    units = row_quantities(made)
+    results = {name: units.get(name, "") for name in wanted}
+    motion, of_motion = _motion(terms, outputs)
+    used = {x for x in in_order([*outputs, *step]) if x.operation == "variable"}
+    profiles = [x for x in terms.structure.pairs.handed_in if used & {*x.terms, x.last}]
+    return Formulas(
+        made,
+        motion,
+        tuple(place.arguments[0] for place in terms.places),
+        tuple(
+            Argument(v.name, _unit_of(v.is_angle), float(value * scale), v.key)
+            for v, value, scale in zip(variables, varied.values, varied.scale, strict=True)
+        ),
+        tuple(_modes(varied, terms)),
+        results,
+        tuple(outputs),
+        tuple(step),
+        (of_motion, tuple(terms.places), tuple(sizes)),
+        tuple(profiles),
+    )
+
+
+def _unit_of(is_angle: bool) -> str:
+    return "rad" if is_angle else "as in the file"
+
+
+def _terms(varied: VariedMechanism) -> VariedTerms:
+    """Return what a mechanism is written in, circles in contact as links or ratios."""
+    if varied.contacts is not None:
+        return varied.terms()
+    if varied.is_profiled and not varied.variables:
+        mechanism = varied.mechanism
+        pairs = turning_pairs(mechanism, any_profile=True)
+        return VariedTerms(mechanism, varied.inputs, (), lambda _: pairs, False)
+    return varied.terms()
+
+
+def _wanted(
+    mechanism: Mechanism, inputs: Names, quantities: Sequence[str] | None
+) -> list[str]:
+    """Return the names that are asked for; which there are `_there` says."""
+    every = row_quantities(mechanism)
+    if quantities is not None:
+        wanted = []
+        for name in quantities:
+            found = [x for x in every if fnmatchcase(x, name)]
+            if not found and not name.startswith(CLOSURE):
+                raise EngineError(
+                    f'{mechanism.name}: "{name}" is no quantity of a configuration'
+                    f"{nearest(name, every) or '.'} Quantities: {listing(every)}"
+                )
+            wanted += found or [name]
+        return list(dict.fromkeys(wanted))
+    ground = mechanism.links[mechanism.link(mechanism.ground)]
+    links = [link for link in mechanism.links if link != ground]
+    stems = [
+        *(f"theta_{pair}" for pair in mechanism.angles if pair not in inputs),
+        *(
+            f"{kind}_coefficient_{link}_{ground}"
+            for kind in ("velocity", "acceleration")
+            for link in links
+        ),
+        "transmission_angle_*",
+        "B",
+        "B_*",
+        "dB_dq",
+        "torque",
+    ]
+    ends = ("", "_by_*")
+    return [
+        name
+        for stem in stems
+        for name in every
+        if any(fnmatchcase(name, stem + end) for end in ends)
+        and not name.startswith("B_torque")
+    ]
+
+
+def _reads_masses(name: str) -> bool:
+    return not name.startswith(("theta_", "rate_", "velocity_", "acceleration_"))
+
+
+def _there(terms: VariedTerms, wanted: Sequence[str], by_default: bool) -> list[str]:
+    """Return the names of quantities that there are; raise for those asked for."""
+    there = []
+    for name in wanted:
+        if name.startswith(CLOSURE):
+            number = name.removeprefix(CLOSURE)
+            if not (number.isdigit() and 1 <= int(number) <= len(terms.squares)):
+                raise EngineError(
+                    f"{terms.mechanism.name}: {name}: there are "
+                    f"{listing(f'{CLOSURE}{k + 1}' for k in range(len(terms.squares)))}"
+                )
+        elif by_default:
+            try:
+                terms.quantity(name)
+            except SpherekitError:
+                continue
+        there.append(name)
+    return there
+
+
+def _driven_places(terms: VariedTerms) -> list[ExpressionNode]:
+    """Return the places that the inputs are, none of signs."""
+    if terms.closed_form:
+        return []
+    return [terms.places[v] for v in terms.structure.inputs]
+
+
+def _step(terms: VariedTerms) -> list[Expr]:
+    """Return all variables after a step of Newton's method, and how far loops are open."""
+    flow, places = terms.flow, terms.places
+    change = flow.answers(flow.misfits)
+    after = [
+        x if x is not place else place + dx
+        for place, x, dx in zip(places, terms.variables, change, strict=True)
+    ]
+    return [*after, function("sqrt", flow.openness)]
+
+
+def _motion(
+    terms: VariedTerms, outputs: Sequence[Expr]
+) -> tuple[tuple[Argument, ...], tuple[ExpressionNode, ...]]:
+    """Return the inputs and what else of a motion results follow from."""
+    inputs = terms.inputs
+    units = [unit for unit in ("rad", "rad/s", "rad/s2") for _ in inputs] + ["s"]
+    every = dict(zip(terms.sample, units, strict=True))
+    every |= dict.fromkeys(terms.turns.values(), "rad")
+    every |= dict.fromkeys(terms.tables.values(), "N m")
+    used = {x for x in in_order(outputs) if x.operation == "variable"}
+    used |= {*terms.sample[: len(inputs)]}
+    kept = {term: unit for term, unit in every.items() if term in used}
+    made = tuple(Argument(x.arguments[0], unit, 0.0) for x, unit in kept.items())
+    return made, tuple(kept)
+
+
+def _numbers(
+    varied: VariedMechanism, terms: VariedTerms, sizes: Sequence[ExpressionNode]
+) -> dict[ExpressionNode, Expr]:
+    """Return what the numbers of kernels that follow the file's are, by the `sizes`.
+
+    Raises
+    ------
+    DesignError
+        If they do not follow in proportion.
+    """
+    numbers = terms.sizes[len(varied.sized) :]
+    if not len(varied.differing):
+        return {}
+    steady = varied.steady
+    for variable, slope in zip(varied.variables, steady, strict=True):
+        if slope is None:
+            raise DesignError(
+                f"{varied.document.name}: {variable.key}: what the formulas hold does not "
+                "change in proportion to it; vary another number, or one that it is "
+                "multiplied by alone"
+            )
+    begun = varied._stated[varied.differing]
+    slopes = np.stack([x for x in steady if x is not None], axis=1) / varied.scale
+    starts = begun - slopes @ (varied.scale * varied.values)
+    return {
+        number: dot([*row.tolist(), 1.0], [*sizes, start])
+        for number, row, start in zip(numbers, slopes, starts.tolist(), strict=True)
+    }
+
+
+def _modes(varied: VariedMechanism, terms: VariedTerms) -> Iterator[Mode]:
+    """Yield the assembly modes, where they are found on the way through the inputs."""
+    tracer = PositionAnalysis(varied.mechanism, samples=SAMPLES)
+    motion = tracer.motion()
+    for mode in tracer.assembly_modes:
+        here = motion.rows((motion.assembly_mode == mode.number) & ~motion.failed)
+        if not len(here):
+            continue
+        row = here.rows(slice(len(here) // 2, len(here) // 2 + 1))
+        places = _places(varied, terms, row)
+        at = tuple(row.inputs[0].tolist())
+        yield Mode(mode.number, mode.title, at, tuple(places))
+
+
+def _places(varied: VariedMechanism, terms: VariedTerms, row: Motion) -> list[float]:
+    values = row.values
+    if varied.contacts is not None:
+        values = varied.contacts.values(values)
+    if not terms.closed_form:
+        made: list[float] = values[0].tolist()
+        return made
+    pairs = [pair for pair in terms.mechanism.angles if pair not in terms.inputs]
+    given = [*terms.sample[: len(terms.inputs)], *terms.places, *terms.sizes]
+    angles = array_function([terms.angle(pair) for pair in pairs], given)
+    signs = np.array([*product((1.0, -1.0), repeat=len(terms.places))]).T
+    n = signs.shape[1]
+    fixed = np.concatenate([row.inputs[0], varied.nominal])[:, None] * np.ones(n)
+    q, sizes = np.split(fixed, [len(terms.inputs)])
+    found = angles(np.concatenate([q, signs, sizes]))
+    variables = [terms.mechanism.angles[pair] for pair in pairs]
+    apart = np.cos(found - values[0, variables][:, None])
+    best = int(np.nanargmin(np.sum(1.0 - apart, axis=0))) if pairs else 0
+    made = signs[:, best].tolist()
+    return made
