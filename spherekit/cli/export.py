@@ -11,13 +11,19 @@ PAGE = (
     + """
 FILE
     path or shipped name
---to {model,mjcf,coupling} !
-    model: its functions for use without it (.npz); mjcf: a MuJoCo model; coupling: a
-    table for controllers (.csv, .npz or .h)
+--to {c,cpp,js,python,julia,casadi,model,mjcf,coupling} !
+    c, cpp, js, python, julia, casadi: its formulas as source; model: its functions for
+    use without it (.npz); mjcf: a MuJoCo model; coupling: a table for controllers (.csv,
+    .npz or .h)
 -o, --output X
-    file to write (default: NAME.npz, NAME.xml, NAME.csv)
+    file to write (default: NAME.c, NAME.npz and so on)
+--quantities [NAME ...]
+    sources: what they compute, names or patterns such as theta_* (default: angles,
+    coefficients of links, transmission angles, inertia and driving torque)
+--vary [KEY ...]
+    sources: numbers of the file that are arguments, such as links.2.arc
 --assembly-mode N-or-NAME
-    assembly mode, by number or name (default: 0; coupling: all)
+    assembly mode, by number or name (default: 0; sources and coupling: all)
 --poles [POLE ...]
     model, coupling: only these poles, as 3/1 (default: all; coupling, and model of
     several inputs: none)
@@ -33,6 +39,8 @@ FILE
     way through their ranges)
 
 examples:
+  # the formulas of all angles and coefficients as C, a size being an argument
+  spherekit export four_bar --to c --vary links.2.arc
   # functions for use without the mechanism
   spherekit export four_bar --to model -o four_bar.npz
   # a MuJoCo model, posed at 30 deg
@@ -49,10 +57,11 @@ def execute(options: Namespace) -> int:
     from spherekit.files.units import to_radians
     from spherekit.front.export import SUFFIXES, export
 
-    mechanism = with_locks(load(options.file), options.lock, options.file)
+    stated = load(options.file)
+    mechanism = with_locks(stated, options.lock, options.file)
     unit = angle_unit_of(options.file)
     made = export(
-        mechanism,
+        options.file if mechanism is stated else mechanism,
         options.output or f"{mechanism.name}{SUFFIXES[options.to][0]}",
         to=options.to,
         input_pair=options.input,
@@ -61,6 +70,8 @@ def execute(options: Namespace) -> int:
         pairs=options.pairs,
         samples=options.samples,
         tolerance=options.tol,
+        quantities=options.quantities,
+        vary=options.vary,
         at=options.at and tuple(to_radians(angle, unit) for angle in options.at),
     )
     note(options, *(f"{made.path}: {text}" for text in (made.holds, *made.notes)))

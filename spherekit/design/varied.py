@@ -308,11 +308,15 @@ class VariedMechanism:
             if not self._whole and variable.path[0] not in ACTIONS:
                 made.append(np.zeros(len(self.differing)))
                 continue
-            designs = [self.values, *(design for design, _ in self._tried)]
-            here, *others = (self._slope(design, k) for design in designs)
+            here, *others = self.tried_slopes(k)
             same = all(np.allclose(here, x, rtol=STEADY, atol=0.0) for x in others)
             made.append(here if others and same else None)
         return made
+
+    def tried_slopes(self, k: int) -> list[Floats]:
+        """Return the derivatives (k,) by a variable, here and at designs beside this."""
+        designs = [self.values, *(design for design, _ in self._tried)]
+        return [self._slope(design, k) for design in designs]
 
     def _slope(self, values: Floats, k: int) -> Floats:
         """Return the derivatives of the numbers by one of the values (variables,)."""

@@ -49,13 +49,15 @@ def actions_of(mechanism: Mechanism) -> Actions:
     return tuple(tensors), tuple(load.components(mechanism) for load in mechanism.loads)
 
 
-def with_other_numbers(part: Any, change: Callable[[float], Any]) -> Any:
+def with_other_numbers(part: Any, change: Callable[[Any], Any]) -> Any:
     """Return the same form with other numbers or terms, asked for in one order.
 
     With 0 for every number it is equal for mechanisms that differ in these alone.
     """
     if isinstance(part, tuple):
         return tuple(with_other_numbers(item, change) for item in part)
+    if isinstance(part, ExpressionNode):
+        return change(part)
     if isinstance(part, int | float):
         return change(float(part))
     parts: dict[str, Any] = {}

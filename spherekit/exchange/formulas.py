@@ -6,6 +6,7 @@ Newton's method brings them nearer to where loops close.
 """
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import product
@@ -16,7 +17,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import Names, listing, nearest
 from spherekit.design.variables import check_variables, design_variable
-from spherekit.design.varied import VariedMechanism
+from spherekit.design.varied import STEADY, VariedMechanism
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -28,9 +29,15 @@ from spherekit.engine.expression_graph import (
     symbols,
 )
 from spherekit.engine.hinges import hinged
-from spherekit.engine.row_quantities import VariedTerms, row_quantities
+from spherekit.engine.row_quantities import (
+    VariedTerms,
+    actions_of,
+    numbers_of,
+    row_quantities,
+)
 from spherekit.engine.turns import ProfileSide, turning_pairs
 from spherekit.errors import DesignError, EngineError, SpherekitError
+from spherekit.exchange.varied_masses import masses_in_terms
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
@@ -155,6 +162,7 @@ def formulas(
     quantities: Sequence[str] | None = None,
     vary: Sequence[str] = (),
     input_pair: str | Sequence[str] | None = None,
+    assembly_mode: int | str | None = None,
 ) -> Formulas:
     """Return the formulas of quantities of a mechanism.
 
@@ -170,6 +178,8 @@ def formulas(
         Keys of the file, such as ``"links.2.arc"``, whose numbers are arguments.
     input_pair
         The driven pairs, by default those of the mechanism.
+    assembly_mode
+        The only assembly mode to be named, by default all.
 
     Raises
     ------
@@ -219,7 +229,7 @@ def formulas(
             Argument(v.name, _unit_of(v.is_angle), float(value * scale), v.key)
             for v, value, scale in zip(variables, varied.values, varied.scale, strict=True)
         ),
-        tuple(_modes(varied, terms)),
+        tuple(_modes(varied, terms, assembly_mode)),
         results,
         tuple(outputs),
         tuple(step),
@@ -350,31 +360,57 @@ def _numbers(
     Raises
     ------
     DesignError
-        If they do not follow in proportion.
+        If they follow in no form that is known, or nothing varies.
     """
     numbers = terms.sizes[len(varied.sized) :]
-    if not len(varied.differing):
+    if not len(numbers):
         return {}
-    steady = varied.steady
-    for variable, slope in zip(varied.variables, steady, strict=True):
-        if slope is None:
+    document, variables = varied.document, varied.variables
+    if not varied.varies:
+        raise DesignError(
+            f"{document.name}: the file allows no other "
+            f"{listing(variable.key for variable in variables)}: it follows from other "
+            "numbers; vary these"
+        )
+    masses = masses_in_terms(
+        document,
+        terms.mechanism,
+        terms.structure.pairs,
+        {v.path: size for v, size in zip(variables, sizes, strict=True)},
+    )
+    moved = copy(terms.mechanism)
+    object.__setattr__(moved, "masses", masses)  # terms: no mechanism could be checked
+    contacts = varied.contacts.numbers if varied.contacts else []
+    moved = copy(terms.mechanism)
+    object.__setattr__(moved, "masses", masses)  # terms: no mechanism could be checked
+    every = [*contacts, *numbers_of(actions_of(moved))]
+    stated = [*contacts, *numbers_of(actions_of(terms.mechanism))]
+    slopes = np.stack([varied.tried_slopes(k) for k in range(len(variables))])
+    known: dict[ExpressionNode, Expr] = {}
+    for number, k, slope in zip(
+        numbers, varied.differing, np.moveaxis(slopes, 2, 0), strict=True
+    ):
+        known[number] = every[k]
+        if isinstance(every[k], ExpressionNode):
+            continue
+        bent = ~np.all(np.isclose(slope, slope[:, :1], rtol=STEADY), axis=1)
+        if np.any(bent):
+            keys = (v.key for v, is_bent in zip(variables, bent, strict=True) if is_bent)
             raise DesignError(
-                f"{varied.document.name}: {variable.key}: what the formulas hold does not "
-                "change in proportion to it; vary another number, or one that it is "
-                "multiplied by alone"
+                f"{document.name}: {listing(keys)}: what the formulas hold does not change "
+                "in proportion; vary other numbers"
             )
-    begun = varied._stated[varied.differing]
-    slopes = np.stack([x for x in steady if x is not None], axis=1) / varied.scale
-    starts = begun - slopes @ (varied.scale * varied.values)
-    return {
-        number: dot([*row.tolist(), 1.0], [*sizes, start])
-        for number, row, start in zip(numbers, slopes, starts.tolist(), strict=True)
-    }
+        row = slope[:, 0] / varied.scale
+        start = stated[k] - row @ (varied.scale * varied.values)
+        known[number] = dot([*row.tolist(), 1.0], [*sizes, float(start)])
+    return known
 
 
-def _modes(varied: VariedMechanism, terms: VariedTerms) -> Iterator[Mode]:
+def _modes(
+    varied: VariedMechanism, terms: VariedTerms, assembly_mode: int | str | None
+) -> Iterator[Mode]:
     """Yield the assembly modes, where they are found on the way through the inputs."""
-    tracer = PositionAnalysis(varied.mechanism, samples=SAMPLES)
+    tracer = PositionAnalysis(varied.mechanism, None, assembly_mode, samples=SAMPLES)
     motion = tracer.motion()
     for mode in tracer.assembly_modes:
         here = motion.rows((motion.assembly_mode == mode.number) & ~motion.failed)

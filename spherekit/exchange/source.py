@@ -23,7 +23,7 @@ from spherekit.exchange.formulas import Formulas
 from spherekit.sphere.profile_series import ProfileSeries
 from spherekit.version import __version__
 
-Language = Literal["c", "cpp", "javascript", "python", "julia", "casadi"]
+Language = Literal["c", "cpp", "js", "python", "julia", "casadi"]
 
 KINDS = ("motion", "mode", "size")
 """The arguments of a source, in the order of `Formulas.variables`."""
@@ -110,7 +110,7 @@ LANGUAGES: Mapping[Language, Printed] = {
             for name, text in _C_HELPERS.items()
         },
     ),
-    "javascript": Printed(
+    "js": Printed(
         _calls("Math.", sign="Math.sign({0})", maximum="Math.max({0}, {1})"),
         "  const {0} = {1};",
         "// ",
@@ -770,7 +770,7 @@ def _casadi(source: _Source) -> str:
 _MAKERS: Mapping[Language, Callable[[_Source], str]] = {
     "c": _c,
     "cpp": _cpp,
-    "javascript": _javascript,
+    "js": _javascript,
     "python": _python,
     "julia": _julia,
     "casadi": _casadi,

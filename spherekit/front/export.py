@@ -1,4 +1,4 @@
-"""Mechanisms for other programs: functions, tables, MuJoCo models, mechanism files.
+"""Mechanisms for other programs: sources, functions, tables, MuJoCo models, files.
 
 The plan of a mechanism, given as such or named.
 """
@@ -16,8 +16,10 @@ from spherekit.dynamics.tabulate import reduced_grid_model, reduced_model
 from spherekit.errors import OutputError, PlanError
 from spherekit.exchange.coupling import CouplingTable, header, write_csv, write_npz
 from spherekit.exchange.coupling_made import coupling_table
+from spherekit.exchange.formulas import formulas
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.posed import posed
+from spherekit.exchange.source import source
 from spherekit.files.atomic import write_text
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import dump
@@ -27,15 +29,26 @@ from spherekit.planning import plan as planning
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Plan, Pole
 
-Kind = Literal["model", "mjcf", "coupling", "file"]
+Kind = Literal[
+    "model", "mjcf", "coupling", "file", "c", "cpp", "js", "python", "julia", "casadi"
+]
 
 SUFFIXES: Mapping[Kind, Names] = {
     "model": (".npz",),
     "mjcf": (".xml",),
     "file": (".toml",),
     "coupling": (".csv", ".npz", ".h"),
+    "c": (".c",),
+    "cpp": (".hpp",),
+    "js": (".mjs", ".js"),
+    "python": (".py",),
+    "julia": (".jl",),
+    "casadi": (".py",),
 }
 """Endings of files; without a kind the first that has the ending is meant."""
+
+SOURCES: tuple[Kind, ...] = ("c", "cpp", "js", "python", "julia", "casadi")
+"""Languages of formulas as source."""
 
 OWN: Mapping[str, tuple[Kind, ...]] = {
     "poles": ("model", "coupling"),
@@ -43,6 +56,8 @@ OWN: Mapping[str, tuple[Kind, ...]] = {
     "pairs": ("coupling",),
     "samples": ("coupling",),
     "at": ("mjcf",),
+    "quantities": SOURCES,
+    "vary": SOURCES,
 }
 """What each argument belongs to, of those that not every kind has."""
 
@@ -68,6 +83,8 @@ def export(
     samples: int | Sequence[int] | None = None,
     tolerance: float | None = None,
     at: float | Sequence[float] | None = None,
+    quantities: Sequence[str] | None = None,
+    vary: Sequence[str] | None = None,
 ) -> Exported:
     """Write a mechanism for other programs, in the format that the file's ending says.
 
@@ -78,10 +95,12 @@ def export(
     path
         ``*.npz``: its functions, for use without it (see `load_reduced`); ``*.xml``: a
         MuJoCo model; ``*.csv`` or ``*.h``: a coupling table for controllers, as C
-        with the function that reads it; ``*.toml``: its file.
+        with the function that reads it; ``*.toml``: its file. Its formulas as source:
+        ``*.c`` (C99), ``*.hpp`` (C++), ``*.mjs`` (JavaScript), ``*.py`` (NumPy), ``*.jl``.
     to
         What to write, where the ending leaves a choice: with ``"coupling"`` the archive
-        ``*.npz`` is a coupling table (see `load_coupling`).
+        ``*.npz`` is a coupling table (see `load_coupling`); ``"casadi"`` writes Python
+        that makes a function of CasADi.
     input_pair, assembly_mode
         The driven pairs, by default the inputs of the mechanism, and the assembly mode, by
         its number or its name; by default the first, of coupling tables all.
@@ -118,6 +137,8 @@ def export(
         "pairs": pairs,
         "samples": samples,
         "at": at,
+        "quantities": quantities,
+        "vary": vary,
     }
     given: Facts = {name: x for name, x in options.items() if x is not None}
     for name in given:
@@ -126,6 +147,8 @@ def export(
                 f"export: {name} does nothing but for {' or '.join(OWN[name])}; this is "
                 f"{kind}"
             )
+    if kind in SOURCES:
+        return _source(mechanism, target, kind, input_pair, assembly_mode, given)
     made = driven_at(mechanism_of(mechanism), input_pair)
     if isinstance(assembly_mode, str):
         assembly_mode = (
@@ -155,6 +178,25 @@ def _kind(target: Path, to: Kind | None) -> Kind:
         f"{target}: {to or 'exported'} files are named *{', *'.join(allowed)}; give it one "
         "of these endings"
     )
+
+
+def _source(
+    mechanism: AnyMechanism,
+    target: Path,
+    kind: Kind,
+    input_pair: str | Sequence[str] | None,
+    assembly_mode: int | str | None,
+    given: Facts,
+) -> Exported:
+    made = formulas(mechanism, input_pair=input_pair, assembly_mode=assembly_mode, **given)
+    write_text(target, source(made, kind))
+    how = "by steps of Newton's method" if made.step else "in closed form"
+    holds = (
+        f"{counted(len(made.results), 'result')} of "
+        f"{listing(x.name for x in (*made.motion, *made.sizes))}, {how}: "
+        f"{made.operations} operations"
+    )
+    return Exported(target, holds)
 
 
 def _coupling(table: CouplingTable, target: Path) -> Exported:

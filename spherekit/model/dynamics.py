@@ -344,9 +344,8 @@ class Gravity(Load):
         weights = []
         for mass in mechanism.masses:
             if mass.link != mechanism.ground:
-                weight = vector_of(mass.mass * part for part in self.acceleration)
-                at = vector_of(mass.centre)
-                weights.append(LinkMoment(mass.link, weight, "ground", at))
+                x, y, z = (mass.mass * part for part in self.acceleration)
+                weights.append(LinkMoment(mass.link, (x, y, z), "ground", mass.centre))
         return acting(mechanism, "1", moments=tuple(weights))
 
 
