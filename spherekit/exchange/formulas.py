@@ -10,7 +10,7 @@ from copy import copy
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from spherekit.arrays import Floats
 from spherekit.conventions import Names, listing, nearest
 from spherekit.design.variables import check_variables, design_variable
 from spherekit.design.varied import STEADY, VariedMechanism
+from spherekit.dynamics.tabulated import StoredModel
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -36,12 +37,13 @@ from spherekit.engine.row_quantities import (
     row_quantities,
 )
 from spherekit.engine.turns import ProfileSide, turning_pairs
-from spherekit.errors import DesignError, EngineError, SpherekitError
+from spherekit.errors import DesignError, EngineError, SolveError, SpherekitError
 from spherekit.exchange.varied_masses import masses_in_terms
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, PositionAnalysis
+from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.planning.inputs import driven_at, driven_pairs
 
 CLOSURE = "closure_"
@@ -74,6 +76,29 @@ class Mode(NamedTuple):
     values: tuple[float, ...]
 
 
+class SeriesTable(NamedTuple):
+    """Functions that `terms` stand for, as series in a place: a variable plus `start`.
+
+    Beyond the cells they are repeated after the `length` of a `closed` curve, else NaN.
+    """
+
+    terms: tuple[ExpressionNode, ...]
+    of: ExpressionNode
+    start: float
+    series: PiecewiseChebyshev
+    length: float
+    closed: bool
+
+    def at(self, variable: Floats) -> Floats:
+        """Return the functions (terms, n) at values (n,) of the variable."""
+        s, low = variable + self.start, self.series.edges[0]
+        if self.closed:
+            s = low + np.mod(s - low, self.length)
+        values = self.series.at(s)
+        values[~((s >= low) & (s <= self.series.edges[-1]))] = np.nan
+        return values.T
+
+
 @dataclass(frozen=True, eq=False)
 class Formulas:
     """What a source computes, and of what.
@@ -100,8 +125,10 @@ class Formulas:
         (rad) loops were open before.
     variables
         The terms that the motion, the places and the sizes are.
-    profiles
-        Those of which columns are read at variables.
+    tables
+        Series of functions that the results are made of, such as profiles.
+    title
+        What the formulas are.
     """
 
     mechanism: Mechanism
@@ -113,7 +140,8 @@ class Formulas:
     outputs: tuple[Expr, ...]
     step: tuple[Expr, ...]
     variables: tuple[tuple[ExpressionNode, ...], ...]
-    profiles: tuple[ProfileSide, ...]
+    tables: tuple[SeriesTable, ...]
+    title: str = "explicit formulas"
 
     def __repr__(self) -> str:
         how = "Newton's method" if self.step else "closed form"
@@ -147,14 +175,11 @@ class Formulas:
             sizes = np.array([size.value for size in self.sizes])[:, None]
         n = np.shape(motion)[1]
         given = [np.broadcast_to(x, (len(x), n)) for x in (motion, places, sizes)]
-        columns = []
-        for profile in self.profiles:
-            s = given[1][profile.track.variable] + profile.track.start
-            last = profile.series.slopes(s)[-1:]
-            columns += [profile.series.at(s), last]
         terms = [x for kind in self.variables for x in kind]
-        terms += [x for y in self.profiles for x in (*y.terms, y.last)]
-        return array_function(items, terms)(np.concatenate([*given, *columns]))
+        values = np.concatenate(given)
+        columns = [table.at(values[terms.index(table.of)]) for table in self.tables]
+        terms += [x for table in self.tables for x in table.terms]
+        return array_function(items, terms)(np.concatenate([values, *columns]))
 
 
 def formulas(
@@ -221,6 +246,7 @@ def formulas(
     motion, of_motion = _motion(terms, outputs)
     used = {x for x in in_order([*outputs, *step]) if x.operation == "variable"}
     profiles = [x for x in terms.structure.pairs.handed_in if used & {*x.terms, x.last}]
+    tables = tuple(_table(profile, terms.places) for profile in profiles)
     return Formulas(
         made,
         motion,
@@ -234,7 +260,68 @@ def formulas(
         tuple(outputs),
         tuple(step),
         (of_motion, tuple(terms.places), tuple(sizes)),
-        tuple(profiles),
+        tables,
+    )
+
+
+def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
+    """Return a stored model along a curve as formulas: what its series give.
+
+    Inertia, its derivative, variables and the driving torque by the coordinate.
+
+    Raises
+    ------
+    SolveError
+        If the model is over a box of several inputs.
+    """
+    heading = model.heading
+    if not heading.alone:
+        raise SolveError(
+            f"{heading.mechanism}: a stored model of several inputs has no source; export "
+            "its formulas (--to c), or the archive *.npz"
+        )
+    (series,) = model.groups[:1]
+    names = [function.name for function in heading.groups[0]]
+    (x,) = symbols(heading.by)
+    given = [x, *heading.motion]
+    kept = {x: Argument(heading.by[0], "rad", 0.0)}
+    units = ("rad/s", "rad/s2", "s", *["N m"] * len(heading.tables))
+    called = (*(f"{kind}{heading.by[0]}" for kind in ("d", "dd")), "t")
+    called = (*called, *(f"torque_{table.name}" for table in heading.tables))
+    for term, name, unit in zip(heading.motion, called, units, strict=True):
+        kept[term] = Argument(name, unit, 0.0)
+    results = {function.name: function.unit for function in heading.groups[0]}
+    terms = tuple(symbols(names))
+    curve: Any = series
+    table = SeriesTable(
+        terms, x, 0.0, curve, heading.high[0] - heading.low[0], heading.periodic
+    )
+    return Formulas(
+        mechanism,
+        tuple(kept.values()),
+        (),
+        (),
+        (Mode(heading.assembly_mode, "", heading.low, ()),),
+        {**results, "torque": "N m"},
+        (*terms, *heading.torques),
+        (),
+        (tuple(given), (), ()),
+        (table,),
+        f"stored functions, errors up to {model.error:.2g} of the largest of each",
+    )
+
+
+def _table(profile: ProfileSide, places: Sequence[ExpressionNode]) -> SeriesTable:
+    """Return what a profile is along its arc, with the derivative of its last column."""
+    of, track = profile.series, profile.track
+    slopes = of.series.derivative.coefficients[:, :, -1:]
+    last = np.pad(slopes, ((0, 0), (0, 1), (0, 0)))
+    series = PiecewiseChebyshev(
+        of.series.edges, np.concatenate([of.series.coefficients, last], axis=2)
+    )
+    terms: Any = (*profile.terms, profile.last)
+    return SeriesTable(
+        terms, places[track.variable], track.start, series, of.length, of.closed
     )
 
 

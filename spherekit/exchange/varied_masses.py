@@ -52,11 +52,12 @@ def _mass(
         ends = mechanism.ends[number]
         return constants(pairs.axes(number)[ends.index(mechanism.link(mass.link))])
 
-    kilograms = stated("mass") if "mass" in item else None
-    centre = None
+    kilograms: Any = stated("mass") if "mass" in item else None
+    tensor: Any
+    centre: Any = None
     if "arc" in item:
-        ends = (axis(pair) for pair in item["arc"])
-        tensor, centre = arc_inertia(*ends, kilograms, stated("radius"))
+        first, second = map(axis, item["arc"])
+        tensor, centre = arc_inertia(first, second, kilograms, stated("radius"))
     else:
         key = "tensor" if "tensor" in item else "tensor_at_centre"
         tensor = np.array([[stated(key, i, j) for j in range(3)] for i in range(3)], object)
@@ -65,7 +66,7 @@ def _mass(
         if key == "tensor_at_centre":
             tensor = moved_to_sphere_centre(tensor, kilograms, centre)
         if "frame" in item:
-            frame = _frame(*(axis(pair) for pair in item["frame"]))
+            frame = _frame(*map(axis, item["frame"]))
             tensor = frame @ tensor @ frame.T
             centre = None if centre is None else frame @ centre
     tensor = 0.5 * (tensor + tensor.T)

@@ -16,7 +16,7 @@ from spherekit.dynamics.tabulate import reduced_grid_model, reduced_model
 from spherekit.errors import OutputError, PlanError
 from spherekit.exchange.coupling import CouplingTable, header, write_csv, write_npz
 from spherekit.exchange.coupling_made import coupling_table
-from spherekit.exchange.formulas import formulas
+from spherekit.exchange.formulas import formulas, reduced_formulas
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.posed import posed
 from spherekit.exchange.source import source
@@ -33,11 +33,7 @@ Kind = Literal[
     "model", "mjcf", "coupling", "file", "c", "cpp", "js", "python", "julia", "casadi"
 ]
 
-SUFFIXES: Mapping[Kind, Names] = {
-    "model": (".npz",),
-    "mjcf": (".xml",),
-    "file": (".toml",),
-    "coupling": (".csv", ".npz", ".h"),
+SOURCES: Mapping[Kind, Names] = {
     "c": (".c",),
     "cpp": (".hpp",),
     "js": (".mjs", ".js"),
@@ -45,10 +41,16 @@ SUFFIXES: Mapping[Kind, Names] = {
     "julia": (".jl",),
     "casadi": (".py",),
 }
-"""Endings of files; without a kind the first that has the ending is meant."""
+"""Languages of formulas, and endings of their files."""
 
-SOURCES: tuple[Kind, ...] = ("c", "cpp", "js", "python", "julia", "casadi")
-"""Languages of formulas as source."""
+SUFFIXES: Mapping[Kind, Names] = {
+    **SOURCES,
+    "model": (".npz", *dict.fromkeys(chain(*SOURCES.values()))),
+    "mjcf": (".xml",),
+    "file": (".toml",),
+    "coupling": (".csv", ".npz", ".h"),
+}
+"""Endings of files; without a kind the first that has the ending is meant."""
 
 OWN: Mapping[str, tuple[Kind, ...]] = {
     "poles": ("model", "coupling"),
@@ -56,8 +58,8 @@ OWN: Mapping[str, tuple[Kind, ...]] = {
     "pairs": ("coupling",),
     "samples": ("coupling",),
     "at": ("mjcf",),
-    "quantities": SOURCES,
-    "vary": SOURCES,
+    "quantities": tuple(SOURCES),
+    "vary": tuple(SOURCES),
 }
 """What each argument belongs to, of those that not every kind has."""
 
@@ -144,8 +146,7 @@ def export(
     for name in given:
         if kind not in OWN[name]:
             raise OutputError(
-                f"export: {name} does nothing but for {' or '.join(OWN[name])}; this is "
-                f"{kind}"
+                f"export: {name} does nothing but for {listing(OWN[name])}; this is {kind}"
             )
     if kind in SOURCES:
         return _source(mechanism, target, kind, input_pair, assembly_mode, given)
@@ -236,7 +237,11 @@ def _functions(
             f"known in {model.heading.covered:.3g} of the box of the inputs' ranges; "
             "elsewhere the assembly mode does not exist or is near a singularity"
         )
-    model.save(target)
+    if target.suffix == ".npz":
+        model.save(target)
+    else:
+        language = next(x for x in SOURCES if target.suffix in SOURCES[x])
+        write_text(target, source(reduced_formulas(mechanism, model), language))
     holds = (
         f"{len(model.heading.functions)} functions of {listing(model.heading.by)}, errors "
         f"up to {model.error:.2g} of the largest value of each"

@@ -1,0 +1,167 @@
+"""Formulas as C99, and as C++ templates: no library but ``<math.h>``, nothing allocated."""
+
+from collections.abc import Iterator
+
+from spherekit.exchange.printed import (
+    CALLS,
+    Function,
+    Language,
+    Source,
+    calls,
+    nested,
+    wrapped,
+)
+
+HELPERS = {
+    "sign": """static inline double sign_of(double x)
+{
+    return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x;
+}
+""",
+    "maximum": """static inline double larger_of(double a, double b)
+{
+    return a >= b || a != a ? a : b;
+}
+""",
+}
+_OWN = {"sign": "sign_of({0})", "maximum": "larger_of({0}, {1})"}
+_TEMPLATE = "template <class Scalar>\n"
+
+C = Language("C", calls("", **_OWN), "    const double {0} = {1};", " * ", HELPERS)
+CPP = Language(
+    "C++",
+    calls("", **_OWN),
+    "    const Scalar {0} = {1};",
+    "// ",
+    {
+        name: _TEMPLATE + text.removeprefix("static inline ").replace("double", "Scalar")
+        for name, text in HELPERS.items()
+    },
+)
+
+SERIES = """\
+static void {name}_table_{k}({scalar} s, {scalar} column[{columns}])
+{{
+    static const double edges[{cells} + 1] = {{
+    {edge_values}}};
+    static const double coefficients[{cells}][{columns}][{order}] = {{
+    {values}}};
+    int cell = 0, beyond = {cells};
+{around}    while (beyond - cell > 1) {{
+        const int middle = (cell + beyond) / 2;
+        if (s >= edges[middle])
+            cell = middle;
+        else
+            beyond = middle;
+    }}
+    const {scalar} low = s - edges[cell], high = s - edges[cell + 1];
+    const {scalar} x = (low + high) / (edges[cell + 1] - edges[cell]);
+    for (int k = 0; k < {columns}; ++k) {{
+        {scalar} sum = 0.0, before = 0.0;
+        for (int n = {order} - 1; n > 0; --n) {{
+            const {scalar} next = coefficients[cell][k][n] + 2.0 * x * sum - before;
+            before = sum;
+            sum = next;
+        }}
+        column[k] = coefficients[cell][k][0] + x * sum - before;
+    }}
+}}
+"""
+CLOSED = "    s = s - floor((s - {low}) / {length}) * {length};\n"
+OPEN = """\
+    if (!(s >= {low} && s <= {high})) {{
+        for (int k = 0; k < {columns}; ++k)
+            column[k] = NAN;
+        return;
+    }}
+"""
+
+
+def _tables(source: Source, scalar: str) -> Iterator[str]:
+    for table in source.series:
+        yield SERIES.format(
+            **table,
+            scalar=scalar,
+            edge_values=wrapped(nested(table["edges"], "{}")[1:-1]),
+            values=wrapped(nested(table["coefficients"], "{}")[1:-1]),
+            around=(CLOSED if table["closed"] else OPEN).format(**table),
+        )
+
+
+def _head(source: Source, function: Function, scalar: str) -> str:
+    mode = f"{scalar} {source.mode}[]"
+    if function.is_step:
+        given = f"const {scalar} motion[], {mode}, const {scalar} size[]"
+        return f"{scalar} {function.name}({given})"
+    given = f"const {scalar} motion[], const {mode}, const {scalar} size[]"
+    return f"void {function.name}({given}, {scalar} result[])"
+
+
+def _function(source: Source, function: Function, scalar: str) -> str:
+    written = [source.mode] if function.is_step else []
+    unused = [x for x in source.given if x not in function.used and x not in written]
+    lines = [f"    (void){word};" for word in unused]
+    for k, place in function.tables.items():
+        count = len(source.of.tables[k].terms)
+        lines.append(f"    {scalar} table_{k}[{count}];")
+        lines.append(f"    {source.name}_table_{k}({place}, table_{k});")
+    lines += source.body(function)
+    if function.is_step:
+        *after, openness = function.results
+        lines += [f"    {source.mode}[{k}] = {x};" for k, x in enumerate(after)]
+        lines.append(f"    return {openness};")
+    else:
+        named = zip(source.results, function.results, strict=True)
+        lines += [f"    result[{source.name}_{name}] = {x};" for name, x in named]
+    body = "\n".join(lines)
+    return f"{_head(source, function, scalar)}\n{{\n{body}\n}}\n"
+
+
+def _data(source: Source, storage: str) -> Iterator[str]:
+    """Yield the places of results, the sizes of the file and the assembly modes."""
+    name, of = source.name, source.of
+    names = ",\n".join(f"    {name}_{x} = {k}" for k, x in enumerate(source.results))
+    yield f"enum {{\n{names}\n}};\n"
+    if of.sizes:
+        values = nested([x.value for x in of.sizes], "{}")
+        yield f"{storage}const double {name}_sizes[{len(of.sizes)}] = {values};\n"
+    if of.modes and of.places:
+        shape = f"[{len(of.modes)}][{len(of.places)}]"
+        rows = ",\n    ".join(nested(mode.values, "{}") for mode in of.modes)
+        yield f"{storage}const double {name}_modes{shape} = {{\n    {rows}\n}};\n"
+
+
+def c(source: Source) -> str:
+    """Return C99, to be compiled on its own or included."""
+    declared = [f"{_head(source, x, 'double')};" for x in source.functions]
+    parts = [
+        f"/*\n{source.comment} */\n#include <math.h>\n",
+        "/* To be declared where they are called. */",
+        *declared,
+        "",
+        *_data(source, ""),
+        *source.helpers,
+        *_tables(source, "double"),
+        *(_function(source, function, "double") for function in source.functions),
+    ]
+    return "\n".join(parts)
+
+
+def cpp(source: Source) -> str:
+    """Return a header of templates, for numbers that differentiate themselves too."""
+    guard = f"{source.name.upper()}_HPP"
+    known = "\n".join(f"using std::{x};" for x in ("atan2", "floor", "pow", *CALLS))
+    tables = (
+        x.replace("static void", f"{_TEMPLATE}void") for x in _tables(source, "Scalar")
+    )
+    functions = (_function(source, x, "Scalar") for x in source.functions)
+    parts = [
+        f"{source.comment}#ifndef {guard}\n#define {guard}\n\n#include <cmath>\n",
+        f"namespace {source.name}_formulas {{\n\n{known}\n",
+        *_data(source, "static "),
+        *source.helpers,
+        *(_TEMPLATE + text.removeprefix("static ") for text in tables),
+        *(_TEMPLATE + text for text in functions),
+        "}\n\n#endif\n",
+    ]
+    return "\n".join(parts)

@@ -1,0 +1,227 @@
+"""Formulas as lines of a language: one assignment for each term, and what stands around.
+
+Terms are printed as they are: what occurs twice is one term already, so no printer of
+expressions makes better code, and C returns what NumPy's arrays do.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from textwrap import wrap
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from spherekit.engine.expression_graph import Expr, ExpressionNode, in_order
+from spherekit.errors import OutputError
+from spherekit.exchange.formulas import Formulas
+from spherekit.version import __version__
+
+KINDS = ("motion", "mode", "size")
+"""The arguments of a source, in the order of `Formulas.variables`."""
+_CIRCULAR = ("sin", "cos", "tan", "asin", "acos", "atan")
+CALLS = (*_CIRCULAR, "sqrt", "exp", "log", "tanh", "cosh", "sinh")
+"""Functions of one argument."""
+WIDTH = 84
+
+
+@dataclass(frozen=True)
+class Language:
+    """How a language writes what others write otherwise.
+
+    `operations` are formats by the name of an operation of terms, `helpers` what some of
+    these need, `assignment` is that of a name, `comment` begins a line, and `index` is the
+    number of the first place of an array.
+    """
+
+    name: str
+    operations: Mapping[str, str]
+    assignment: str
+    comment: str
+    helpers: Mapping[str, str]
+    index: int = 0
+
+
+def calls(prefix: str, **others: str) -> dict[str, str]:
+    """Return the operations of a language whose functions have a prefix, but for others."""
+    made = {name: f"{{0}} {name} {{1}}" for name in "+-*/"}
+    made |= {name: f"{prefix}{name}({{0}})" for name in CALLS}
+    made |= {"atan2": f"{prefix}atan2({{0}}, {{1}})", "**": f"{prefix}pow({{0}}, {{1}})"}
+    return made | others
+
+
+class Function(NamedTuple):
+    """A function in a language.
+
+    Its `lines` are names with what they are, `results` such names or numbers, `tables` the
+    numbers of those that are read, with the places, `used` the arguments that are.
+    """
+
+    name: str
+    lines: list[tuple[str, str]]
+    results: list[str]
+    tables: dict[int, str]
+    used: set[str]
+    is_step: bool
+
+
+class Source:
+    """Formulas with their names and lines in a language.
+
+    Raises
+    ------
+    OutputError
+        If names of results are the same in it.
+    """
+
+    def __init__(self, formulas: Formulas, language: Language) -> None:
+        self.of, self.language = formulas, language
+        self.name = identifier(formulas.mechanism.name)
+        self.results = [identifier(name) for name in formulas.results]
+        if len({*self.results}) < len(self.results):
+            raise OutputError(
+                f"{formulas.mechanism.name}: names of results differ only in signs that "
+                f"names in {language.name} cannot have; give links or pairs other names"
+            )
+        self.mode = "variables" if formulas.step else "mode"
+        self.given = ("motion", self.mode, "size")
+
+    @cached_property
+    def functions(self) -> list[Function]:
+        """The function of the results, and where there is one, that of Newton's step."""
+        made = [self._function(self.name, self.of.outputs, False)]
+        if self.of.step:
+            made.append(self._function(f"{self.name}_step", self.of.step, True))
+        return made
+
+    def _function(self, name: str, outputs: Sequence[Expr], is_step: bool) -> Function:
+        first, called = self.language.index, dict[ExpressionNode, str]()
+        for word, terms in zip(self.given, self.of.variables, strict=True):
+            called |= {term: f"{word}[{k + first}]" for k, term in enumerate(terms)}
+        owners: dict[ExpressionNode, int] = {}
+        for k, table in enumerate(self.of.tables):
+            named = ((x, f"table_{k}[{c + first}]") for c, x in enumerate(table.terms))
+            owners |= dict.fromkeys(table.terms, k)
+            called |= named
+        lines, tables, used = list[tuple[str, str]](), dict[int, str](), set[str]()
+
+        def use(term: ExpressionNode) -> str:
+            used.add(called[term].partition("[")[0])
+            return called[term]
+
+        for term in in_order(outputs):
+            if term.operation != "variable":
+                parts = [self._part(x, called) for x in term.arguments]
+                called[term] = f"t{len(lines)}"
+                made = self.language.operations[term.operation].format(*parts)
+                lines.append((called[term], made))
+            elif term in owners:
+                table = self.of.tables[owners[term]]
+                tables[owners[term]] = f"{use(table.of)} + {number(table.start)}"
+            else:
+                use(term)
+        results = [self._part(x, called) for x in outputs]
+        return Function(name, lines, results, tables, used, is_step)
+
+    def _part(self, item: Expr, called: Mapping[ExpressionNode, str]) -> str:
+        if isinstance(item, ExpressionNode):
+            return called[item]
+        text = number(float(item))
+        return f"({text})" if text[0] == "-" else text
+
+    @property
+    def helpers(self) -> list[str]:
+        """What operations need that the language does not have."""
+        every = {term.operation for term in in_order([*self.of.outputs, *self.of.step])}
+        helpers = self.language.helpers
+        return [text for name, text in helpers.items() if name in every]
+
+    @property
+    def head(self) -> Iterator[str]:
+        """The lines that say what the source is of."""
+        of = self.of
+        title = f"{of.mechanism.name}: {of.title}, made by spherekit {__version__}."
+        yield from wrap(title, WIDTH)
+        if of.mechanism.source:
+            yield from wrap(of.mechanism.source.citation, WIDTH)
+        yield ""
+        yield from wrap(
+            f"Loops are closed by steps of Newton's method, {self.name}_step, from the "
+            "variables of a mode below or of the sample before: repeat until what it "
+            "returns, by how much loops were open (rad), is small."
+            if of.step
+            else "Nothing is iterated; results are NaN where the mode does not close.",
+            WIDTH,
+        )
+        places = "rad" if of.step else "+1 or -1: the side of a dyad"
+        rows = {
+            "motion": [(x.name, x.unit) for x in of.motion],
+            self.mode: [(name, places) for name in of.places],
+            "size": [(x.name, f"{x.unit}; {x.key} = {x.value:.12g}") for x in of.sizes],
+            "result": [*of.results.items()],
+        }
+        for kind, named in rows.items():
+            yield from ("", f"{kind}:" + ("" if named else " none"))
+            for k, (name, note) in enumerate(named):
+                place = k + self.language.index
+                yield f"  [{place}] {name}" + (f" ({note})" if note else "")
+        yield from ("", "assembly modes, each with inputs (rad) at which it is known:")
+        for mode in of.modes:
+            values = ", ".join(f"{x:.9g}" for x in mode.values) or "none"
+            at = ", ".join(f"{q:.6g}" for q in mode.at)
+            yield f"  {mode.number} ({mode.name}): {self.mode} {values}; inputs {at}"
+
+    @property
+    def comment(self) -> str:
+        """The head as a comment."""
+        mark = self.language.comment
+        return "".join(f"{mark}{line}".rstrip() + "\n" for line in self.head)
+
+    def body(self, function: Function) -> list[str]:
+        """Return the assignments of a function."""
+        return [self.language.assignment.format(*line) for line in function.lines]
+
+    @property
+    def series(self) -> Iterator[dict[str, Any]]:
+        """What sources say of each table.
+
+        Cells, columns, the order of the polynomials, their coefficients (cells, columns,
+        order) and edges (cells + 1,) of cells, and the length of what is closed.
+        """
+        for k, table in enumerate(self.of.tables):
+            coefficients = np.swapaxes(table.series.coefficients, 1, 2)
+            yield {
+                "name": self.name,
+                "k": k,
+                **dict(zip(("cells", "columns", "order"), coefficients.shape, strict=True)),
+                "edges": table.series.edges,
+                "coefficients": coefficients,
+                "length": number(table.length),
+                "low": number(table.series.edges[0]),
+                "high": number(table.series.edges[-1]),
+                "closed": table.closed,
+            }
+
+
+def identifier(text: str) -> str:
+    """Return a name that all languages allow."""
+    return re.sub(r"^(?=\d)", "m_", re.sub(r"\W", "_", text, flags=re.ASCII))
+
+
+def number(x: float) -> str:
+    """Return the shortest text that reads as the same number."""
+    return repr(float(x))
+
+
+def nested(values: Any, brackets: str = "[]") -> str:
+    """Return numbers in brackets, arrays of arrays in those of their own."""
+    if np.ndim(values):
+        items = (nested(item, brackets) for item in values)
+        return brackets[0] + ", ".join(items) + brackets[1]
+    return number(values)
+
+
+def wrapped(text: str, indent: str = "    ") -> str:
+    """Return a long list of numbers in lines of bearable length."""
+    return f"\n{indent}".join(wrap(text, WIDTH, break_long_words=False))

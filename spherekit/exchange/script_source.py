@@ -1,0 +1,326 @@
+"""Formulas as JavaScript, Julia, and Python on NumPy or on CasADi's `SX`."""
+
+import json
+from collections.abc import Iterator
+from pprint import pformat
+
+from spherekit.exchange.printed import (
+    WIDTH,
+    Function,
+    Language,
+    Source,
+    calls,
+    nested,
+    wrapped,
+)
+
+_RAISE = {"sqrt": "x < 0", "asin": "abs(x) > 1", "acos": "abs(x) > 1", "log": "x < 0"}
+"""Where functions of Julia raise that elsewhere are NaN."""
+
+JS = Language(
+    "JavaScript",
+    calls("Math.", sign="Math.sign({0})", maximum="Math.max({0}, {1})"),
+    "  const {0} = {1};",
+    "// ",
+    {},
+)
+JULIA = Language(
+    "Julia",
+    calls(
+        "",
+        **{name: f"{name}_or_nan({{0}})" for name in _RAISE},
+        atan2="atan({0}, {1})",
+        sign="sign({0})",
+        maximum="max({0}, {1})",
+        **{"**": "{0} ^ {1}"},
+    ),
+    "    {0} = {1}",
+    "# ",
+    {
+        name: f"{name}_or_nan(x) = {where} ? oftype(float(x), NaN) : {name}(x)\n"
+        for name, where in _RAISE.items()
+    },
+    1,
+)
+PYTHON = Language(
+    "Python",
+    calls(
+        "np.",
+        **{name: f"np.arc{name[1:]}({{0}})" for name in ("asin", "acos", "atan")},
+        atan2="np.arctan2({0}, {1})",
+        sign="np.sign({0})",
+        maximum="np.maximum({0}, {1})",
+        **{"**": "np.power({0}, {1})"},
+    ),
+    "        {0} = {1}",
+    "# ",
+    {},
+)
+CASADI = Language(
+    "Python",
+    calls(
+        "ca.",
+        sign="ca.sign({0})",
+        maximum="ca.fmax({0}, {1})",
+        **{"**": "{0} ** {1}"},
+    ),
+    "    {0} = {1}",
+    "# ",
+    {},
+)
+
+
+def _tables(source: Source, form: str, closed: str, opened: str) -> Iterator[str]:
+    """Yield the functions that read tables, in the form of a language."""
+    for table in source.series:
+        values = {key: wrapped(nested(table[key])) for key in ("edges", "coefficients")}
+        around = (closed if table["closed"] else opened).format(**table)
+        yield form.format(**{**table, **values}, around=around)
+
+
+def _joined(source: Source, parts: list[str]) -> str:
+    return "\n".join([source.comment, *source.helpers, *parts]) + "\n"
+
+
+_SERIES_JS = """\
+const {name}_edges_{k} = {edges};
+const {name}_coefficients_{k} = {coefficients};
+
+function {name}_table_{k}(s) {{
+  const edges = {name}_edges_{k};
+{around}  let cell = 0, beyond = {cells};
+  while (beyond - cell > 1) {{
+    const middle = (cell + beyond) >> 1;
+    if (s >= edges[middle]) cell = middle;
+    else beyond = middle;
+  }}
+  const low = s - edges[cell], high = s - edges[cell + 1];
+  const x = (low + high) / (edges[cell + 1] - edges[cell]);
+  return {name}_coefficients_{k}[cell].map((series) => {{
+    let sum = 0, before = 0;
+    for (let n = {order} - 1; n > 0; --n)
+      [sum, before] = [series[n] + 2 * x * sum - before, sum];
+    return series[0] + x * sum - before;
+  }});
+}}
+"""
+
+
+def javascript(source: Source) -> str:
+    """Return an ES module."""
+    of, name = source.of, source.name
+    about = {
+        "mechanism": of.mechanism.name,
+        "motion": [x.name for x in of.motion],
+        "modes": [mode._asdict() for mode in of.modes],
+        "sizes": [size._asdict() for size in of.sizes],
+        "results": [{"name": x, "unit": unit} for x, unit in of.results.items()],
+        "closed_form": not of.step,
+    }
+    closed = "  s -= Math.floor((s - {low}) / {length}) * {length};\n"
+    opened = (
+        "  if (!(s >= {low} && s <= {high}))\n    return new Array({columns}).fill(NaN);\n"
+    )
+    parts = [f"export const {name}_about = {json.dumps(about, indent=1)};\n"]
+    parts += _tables(source, _SERIES_JS, closed, opened)
+    for function in source.functions:
+        given = ", ".join(source.given)
+        lines = [
+            f"  const table_{k} = {name}_table_{k}({at});"
+            for k, at in function.tables.items()
+        ]
+        lines += source.body(function)
+        if function.is_step:
+            *after, openness = function.results
+            lines += [f"  {source.mode}[{k}] = {x};" for k, x in enumerate(after)]
+            lines.append(f"  return {openness};")
+        else:
+            given += f", result = new Float64Array({len(function.results)})"
+            lines += [f"  result[{k}] = {x};" for k, x in enumerate(function.results)]
+            lines.append("  return result;")
+        body = "\n".join(lines)
+        parts.append(f"export function {function.name}({given}) {{\n{body}\n}}\n")
+    return _joined(source, parts)
+
+
+_SERIES_JULIA = """\
+const {name}_edges_{k} = {edges}
+const {name}_coefficients_{k} = {coefficients}
+
+function {name}_table_{k}(s)
+    edges = {name}_edges_{k}
+{around}    cell = clamp(searchsortedlast(edges, s), 1, {cells})
+    x = ((s - edges[cell]) + (s - edges[cell + 1])) / (edges[cell + 1] - edges[cell])
+    map({name}_coefficients_{k}[cell]) do series
+        sum, before = zero(x), zero(x)
+        for n in {order}:-1:2
+            sum, before = series[n] + 2x * sum - before, sum
+        end
+        series[1] + x * sum - before
+    end
+end
+"""
+
+
+def julia(source: Source) -> str:
+    """Return functions of vectors."""
+    of, name = source.of, source.name
+    modes = ", ".join(f"Float64{nested(mode.values)}" for mode in of.modes)
+    parts = [
+        f"const {name}_results = [\n    {_items(json.dumps(x) for x in of.results)}\n]",
+        f"const {name}_sizes = Float64{nested([x.value for x in of.sizes])}",
+        f"const {name}_modes = [{modes}]\n",
+    ]
+    parts += _tables(
+        source,
+        _SERIES_JULIA,
+        "    s -= floor((s - {low}) / {length}) * {length}\n",
+        "    {low} <= s <= {high} || return fill(oftype(float(s), NaN), {columns})\n",
+    )
+    for function in source.functions:
+        lines = [
+            f"    table_{k} = {name}_table_{k}({at})" for k, at in function.tables.items()
+        ]
+        lines += source.body(function)
+        results = function.results[: len(of.places) if function.is_step else None]
+        open_by = f", {function.results[-1]}" if function.is_step else ""
+        lines.append(f"    return [\n        {_items(results, 8)}\n    ]{open_by}")
+        body = "\n".join(lines)
+        given = f"motion, {source.mode}, size={name}_sizes"
+        parts.append(f"function {function.name}({given})\n{body}\nend\n")
+    return _joined(source, parts)
+
+
+def _items(items: Iterator[str] | list[str], indent: int = 4) -> str:
+    return wrapped(", ".join(items), " " * indent)
+
+
+_DATA = """\
+import {library}
+
+MOTION = {motion}
+SIZES = {sizes}
+RESULTS = {results}
+MODES = {modes}
+"""
+
+
+def _data(source: Source, library: str) -> str:
+    of = source.of
+    words = {
+        "motion": [x.name for x in of.motion],
+        "sizes": {x.name: x.value for x in of.sizes},
+        "results": of.results,
+        "modes": {mode.number: mode.values for mode in of.modes},
+    }
+    texts = {key: pformat(x, width=WIDTH, sort_dicts=False) for key, x in words.items()}
+    return _DATA.format(library=library, **texts)
+
+
+_SERIES_PYTHON = """
+_EDGES_{k} = np.array(
+    {edges}
+)
+_COEFFICIENTS_{k} = np.array(
+    {coefficients}
+)
+
+
+def _table_{k}(s):
+    s = np.asarray(s, dtype=float)
+{around}    cell = np.searchsorted(_EDGES_{k}[1:-1], s, side="right")
+    low, high = s - _EDGES_{k}[cell], s - _EDGES_{k}[cell + 1]
+    x = (low + high) / (_EDGES_{k}[cell + 1] - _EDGES_{k}[cell])
+    series = np.moveaxis(_COEFFICIENTS_{k}[cell], (-2, -1), (0, 1))
+    total, before = 0.0, 0.0
+    for n in range({order} - 1, 0, -1):
+        total, before = series[:, n] + 2.0 * x * total - before, total
+    return series[:, 0] + x * total - before
+
+"""
+
+
+def _results(function: Function) -> tuple[str, str]:
+    """Return the values of a function in brackets' lines, and what else it returns."""
+    last = f", {function.results[-1]}" if function.is_step else ""
+    return _items(function.results[: -1 if last else None], 12), last
+
+
+def python(source: Source) -> str:
+    """Return functions of arrays, by NumPy."""
+    parts = [_data(source, "numpy as np")]
+    parts += _tables(
+        source,
+        _SERIES_PYTHON,
+        "    s = s - np.floor((s - {low}) / {length}) * {length}\n",
+        "    s = np.where((s >= {low}) & (s <= {high}), s, np.nan)\n",
+    )
+    for function in source.functions:
+        lines = [
+            f"        table_{k} = _table_{k}({at})" for k, at in function.tables.items()
+        ]
+        lines += source.body(function)
+        values, last = _results(function)
+        what = "the RESULTS (results, ...)"
+        if function.is_step:
+            what = "variables after a step of Newton's method, and how far loops were open"
+        made = f"np.broadcast_arrays(\n            {values}\n        )"
+        lines.append(f"        return np.array({made}){last}")
+        body = "\n".join(lines)
+        given = f"motion, {source.mode}, size=tuple(SIZES.values())"
+        parts.append(
+            f'\ndef {function.name}({given}):\n    """Return {what}."""\n'
+            f'    with np.errstate(all="ignore"):\n{body}\n'
+        )
+    return _joined(source, parts)
+
+
+_SERIES_CASADI = """
+_EDGES_{k} = {edges}
+_COEFFICIENTS_{k} = {coefficients}
+
+
+def _table_{k}(s):
+{around}    inner = _EDGES_{k}[1:-1]
+    low, high = (ca.pw_const(s, inner, ends) for ends in (_EDGES_{k}[:-1], _EDGES_{k}[1:]))
+    x = ((s - low) + (s - high)) / (high - low)
+    columns = []
+    for column in zip(*_COEFFICIENTS_{k}, strict=True):
+        orders = zip(*column, strict=True)
+        first, *others = (ca.pw_const(s, inner, ca.DM(order)) for order in orders)
+        total, before = 0.0, 0.0
+        for series in reversed(others):
+            total, before = series + 2.0 * x * total - before, total
+        columns.append(first + x * total - before)
+    return columns
+
+"""
+
+
+def casadi(source: Source) -> str:
+    """Return what makes functions of CasADi, which it differentiates and generates."""
+    of, parts = source.of, [_data(source, "casadi as ca")]
+    parts += _tables(
+        source,
+        _SERIES_CASADI,
+        "    s = s - ca.floor((s - {low}) / {length}) * {length}\n",
+        "    s = ca.if_else((s >= {low}) * (s <= {high}), s, ca.nan)\n",
+    )
+    counts = zip(source.given, map(len, (of.motion, of.places, of.sizes)), strict=True)
+    symbols = [f'    {word} = ca.SX.sym("{word}", {n})' for word, n in counts]
+    names = json.dumps([*source.given])
+    for function in source.functions:
+        lines = [f"    table_{k} = _table_{k}({at})" for k, at in function.tables.items()]
+        values, last = _results(function)
+        made = '["after", "open"]' if function.is_step else '["result"]'
+        arguments = f'"{function.name}", given, [values{last}], {names}, {made}'
+        lines += [
+            *source.body(function),
+            f"    values = ca.vertcat(\n            {values}\n    )",
+            f"    given = [{', '.join(source.given)}]",
+            f"    return ca.Function({arguments})",
+        ]
+        body = "\n".join([*symbols, *lines])
+        doc = f'    """Return the function of {", ".join(source.given)}."""'
+        parts.append(f"\ndef {function.name}():\n{doc}\n{body}\n")
+    return _joined(source, parts)
