@@ -151,9 +151,7 @@ def cpp(source: Source) -> str:
     """Return a header of templates, for numbers that differentiate themselves too."""
     guard = f"{source.name.upper()}_HPP"
     known = "\n".join(f"using std::{x};" for x in ("atan2", "floor", "pow", *CALLS))
-    tables = (
-        x.replace("static void", f"{_TEMPLATE}void") for x in _tables(source, "Scalar")
-    )
+    tables = _tables(source, "Scalar")
     functions = (_function(source, x, "Scalar") for x in source.functions)
     parts = [
         f"{source.comment}#ifndef {guard}\n#define {guard}\n\n#include <cmath>\n",

@@ -37,7 +37,7 @@ from spherekit.engine.row_quantities import (
     row_quantities,
 )
 from spherekit.engine.turns import ProfileSide, turning_pairs
-from spherekit.errors import DesignError, EngineError, SolveError, SpherekitError
+from spherekit.errors import DesignError, EngineError, SpherekitError
 from spherekit.exchange.varied_masses import masses_in_terms
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import document_of
@@ -48,6 +48,8 @@ from spherekit.planning.inputs import driven_at, driven_pairs
 
 CLOSURE = "closure_"
 """Of closed forms: the squares that are negative where a dyad does not close."""
+ROUNDING = 1e-15
+"""Derivatives that are smaller are those of numbers that do not change."""
 SAMPLES = 61
 """Places on the way through the inputs at which a mode is looked for."""
 
@@ -268,18 +270,8 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     """Return a stored model along a curve as formulas: what its series give.
 
     Inertia, its derivative, variables and the driving torque by the coordinate.
-
-    Raises
-    ------
-    SolveError
-        If the model is over a box of several inputs.
     """
     heading = model.heading
-    if not heading.alone:
-        raise SolveError(
-            f"{heading.mechanism}: a stored model of several inputs has no source; export "
-            "its formulas (--to c), or the archive *.npz"
-        )
     (series,) = model.groups[:1]
     names = [function.name for function in heading.groups[0]]
     (x,) = symbols(heading.by)
@@ -480,7 +472,8 @@ def _numbers(
         known[number] = every[k]
         if isinstance(every[k], ExpressionNode):
             continue
-        bent = ~np.all(np.isclose(slope, slope[:, :1], rtol=STEADY), axis=1)
+        off = np.abs(slope - slope[:, :1])
+        bent = ~np.all(off <= STEADY * np.abs(slope) + ROUNDING, axis=1)
         if np.any(bent):
             keys = (v.key for v, is_bent in zip(variables, bent, strict=True) if is_bent)
             raise DesignError(

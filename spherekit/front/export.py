@@ -225,6 +225,12 @@ def _coupling(table: CouplingTable, target: Path) -> Exported:
 def _functions(
     mechanism: Mechanism, target: Path, assembly_mode: int, given: Facts
 ) -> Exported:
+    is_source = target.suffix != ".npz"
+    if is_source and len(mechanism.inputs) > 1:
+        raise OutputError(
+            f"{target}: a stored model of several inputs has no source; export the "
+            "formulas (--to c), or the archive *.npz"
+        )
     notes = []
     if mechanism.outputs:
         notes.append(f"outputs left out: {listing(x.name for x in mechanism.outputs)}")
@@ -237,11 +243,11 @@ def _functions(
             f"known in {model.heading.covered:.3g} of the box of the inputs' ranges; "
             "elsewhere the assembly mode does not exist or is near a singularity"
         )
-    if target.suffix == ".npz":
-        model.save(target)
-    else:
+    if is_source:
         language = next(x for x in SOURCES if target.suffix in SOURCES[x])
         write_text(target, source(reduced_formulas(mechanism, model), language))
+    else:
+        model.save(target)
     holds = (
         f"{len(model.heading.functions)} functions of {listing(model.heading.by)}, errors "
         f"up to {model.error:.2g} of the largest value of each"

@@ -1,0 +1,316 @@
+"""Formulas as source: compiled and run in every language, against the terms they are of.
+
+Sizes, masses and loads as arguments against files with other numbers; see also
+`test_latex.py`.
+"""
+
+import ctypes
+import json
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from refusals import TABLES, check_call
+
+import spherekit as sk
+from spherekit.design.variables import design_variable, designed, sizes_of
+from spherekit.errors import SpherekitError
+from spherekit.exchange.formulas import formulas
+from spherekit.exchange.source import source
+from spherekit.files.write import document_of
+
+GCC, GPP, NODE, JULIA = map(shutil.which, ("gcc", "g++", "node", "julia"))
+STRICT = "-O2 -Wall -Wextra -Wconversion -pedantic -Werror -ffp-contract=off -shared -fPIC"
+SEVERAL = ["four_bar", "double_butterfly", "shaped_cam", "five_bar", "planetary_bevel"]
+"""A closed form, Newton's method, profiles, two inputs, wheels."""
+EVERY = [*SEVERAL, *(name for name in sk.mechanisms() if name not in SEVERAL)]
+ROWS = 200
+
+
+def driven(name):
+    mechanism = sk.load(name)
+    return name if mechanism.inputs else mechanism.with_inputs(mechanism.pairs[0].name)
+
+
+def keys_of(given):
+    """Return what can vary: the sizes, or what the file allows of them, a mass, a load."""
+    document = document_of(given)
+    mechanism = sk.load(given) if isinstance(given, str) else given
+    keys = list(sizes_of(mechanism))[:4]
+    mass = next(iter(document.data.get("mass", {})), None)
+    keys += [f"mass.{mass}.mass", f"mass.{mass}.radius"]
+    keys += [f"loads.{load}.stiffness" for load in document.data.get("loads", {})]
+    kept = []
+    for key in keys:
+        try:
+            formulas(given, ["q*"], [key])
+            kept.append(key)
+        except SpherekitError:
+            continue
+    return kept
+
+
+def samples(made, seed=1):
+    """Return motions, places and sizes (k, n) about those of the modes."""
+    rng = np.random.default_rng(seed)
+    which = rng.integers(len(made.modes), size=ROWS)
+    motion = rng.uniform(-3.0, 3.0, (len(made.motion), ROWS))
+    places = np.array([made.modes[k].values for k in which]).T.reshape(-1, ROWS)
+    sizes = np.array([size.value for size in made.sizes])[:, None] * rng.uniform(
+        0.999, 1.001, (len(made.sizes), ROWS)
+    )
+    if made.step:
+        inputs = np.array([made.modes[k].at for k in which]).T
+        motion[: len(inputs)] = inputs + rng.uniform(-1e-3, 1e-3, inputs.shape)
+        for _ in range(5):
+            places = made.stepped(motion, places, sizes)[:-1]
+    return motion, places, sizes
+
+
+def compiled(path, language):
+    """Return the library of a source that is compiled without a warning."""
+    library = path.with_suffix(f".{language}.so")
+    words = [GCC, "-std=c99"] if language == "c" else [GPP, "-std=c++11"]
+    words += [*STRICT.split(), "-o", str(library), str(path), "-lm"]
+    subprocess.run(words, check=True)
+    return ctypes.CDLL(str(library))
+
+
+def c_function(path, name, count, language):
+    """Return a function of columns."""
+    if language == "cpp":
+        header, path = path, path.with_suffix(".cpp")
+        call = f"{name}_formulas::{name}(motion, mode, size, result)"
+        arguments = "const double *motion, const double *mode, const double *size"
+        path.write_text(
+            f'#include "{header.name}"\nextern "C" void {name}({arguments}, '
+            f"double *result)\n{{\n    {call};\n}}\n"
+        )
+    function = getattr(compiled(path, language), name)
+
+    def at(*columns):
+        n = columns[0].shape[1]
+        results = np.empty((n, count))
+        given = [np.ascontiguousarray(np.vstack([x, np.zeros(n)]).T) for x in columns]
+        pointers = ctypes.POINTER(ctypes.c_double)
+        for k in range(n):
+            function(*(x[k].ctypes.data_as(pointers) for x in (*given, results)))
+        return results.T
+
+    return at
+
+
+def rows_of(columns):
+    return [[x[:, k].tolist() for x in columns] for k in range(ROWS)]
+
+
+def js_function(path, name):
+    def at(*columns):
+        program = path.with_name("run.mjs")
+        program.write_text(
+            f"import {{{name} as f}} from './{path.name}';\n"
+            "import { readFileSync } from 'fs';\n"
+            "const rows = JSON.parse(readFileSync(process.argv[2]));\n"
+            "console.log(JSON.stringify(rows.map((x) => Array.from(f(...x)))));\n"
+        )
+        data = path.with_name("rows.json")
+        data.write_text(
+            json.dumps([[x[:, k].tolist() for x in columns] for k in range(ROWS)])
+        )
+        done = subprocess.run(
+            [NODE, str(program), str(data)], check=True, capture_output=True, text=True
+        )
+        return np.array(json.loads(done.stdout), dtype=float).T
+
+    return at
+
+
+def script(path, name):
+    space = {}
+    exec(compile(path.read_text("utf-8"), str(path), "exec"), space)
+    return space[name]
+
+
+def casadi_function(path, name):
+    made = script(path, name)()
+    return lambda *columns: np.array(made.map(ROWS)(*columns))
+
+
+def julia_function(path, name):
+    def at(*columns):
+        calls = "\n".join(
+            f"println({name}({', '.join('Float64' + str(x) for x in row)}))"
+            for row in rows_of(columns)
+        )
+        program = path.with_name("run.jl")
+        program.write_text(f'include("{path.name}")\n{calls}\n')
+        done = subprocess.run(
+            [JULIA, str(program)], check=True, capture_output=True, text=True
+        )
+        lines = done.stdout.replace("NaN", "nan").splitlines()
+        return np.array([[float(x) for x in line[1:-1].split(",")] for line in lines]).T
+
+    return at
+
+
+def languages(tmp_path, name, made):
+    """Yield each language with the function that its source is."""
+    files = {"c": "x.c", "cpp": "x.hpp", "js": "x.mjs", "python": "x.py", "julia": "x.jl"}
+    files["casadi"] = "casadi_x.py"
+    available = {"c": GCC, "cpp": GPP, "js": NODE, "julia": JULIA, "python": "always"}
+    try:
+        import casadi  # noqa: F401
+
+        available["casadi"] = "there"
+    except ImportError:
+        pass
+    for language, file in files.items():
+        if not available.get(language):
+            continue
+        path = tmp_path / file
+        path.write_text(source(made, language))
+        if language in ("c", "cpp"):
+            yield language, c_function(path, name, len(made.results), language)
+        elif language == "python":
+            yield language, script(path, name)
+        else:
+            makers = {"js": js_function, "julia": julia_function, "casadi": casadi_function}
+            yield language, makers[language](path, name)
+
+
+@pytest.mark.parametrize(
+    "name", [x if x in SEVERAL else pytest.param(x, marks=pytest.mark.slow) for x in EVERY]
+)
+def test_sources_return_what_the_terms_do(name, tmp_path):
+    """C to 4 units of the last place, others to 1e-14 or what one unit of a sample does."""
+    given = driven(name)
+    keys = keys_of(given)
+    made = formulas(given, vary=keys)
+    columns = samples(made)
+    wanted = made.at(*columns)
+    rng = np.random.default_rng(3)
+    moved = [x * (1.0 + 2e-16 * rng.choice([-1.0, 1.0], x.shape)) for x in columns]
+    if not made.step:
+        moved[1] = columns[1]
+    shaken = np.abs(made.at(*moved) - wanted)
+    known = np.isfinite(wanted) & np.isfinite(shaken)
+    assert np.mean(known) > 0.5
+    size = np.maximum(1.0, np.abs(wanted))
+    for language, function in languages(tmp_path, name, made):
+        found = function(*columns)
+        off = np.abs(found - wanted)
+        assert np.array_equal(np.isfinite(found[known]), np.isfinite(wanted[known]))
+        if language in ("c", "cpp") and not made.tables:
+            allowed = 4.0 * np.spacing(np.abs(wanted))
+        else:
+            allowed = 1e-14 * size + 100.0 * shaken
+        assert np.all(off[known] <= allowed[known]), language
+
+
+@pytest.mark.parametrize(
+    "name, keys",
+    [
+        ("four_bar", ["links.2.arc", "links.3.arc", "mass.3.tensor.1.1"]),
+        ("five_bar", ["links.2.arc", "links.5.arc", "mass.3.mass", "mass.2.radius"]),
+        ("stephenson", ["links.2.arc", "mass.2.radius"]),
+        ("universal_joint", ["links.3.arc", "mass.2.centre.0"]),
+        ("roller_cam", ["links.frame.arc", "loads.spring.stiffness"]),
+        ("agile_eye", ["links.crank1.arc"]),
+    ],
+)
+def test_arguments_are_numbers_of_the_file(name, keys):
+    """Inertia follows arcs where the file states masses by them."""
+    document = document_of(name)
+    variables = [design_variable(document, key) for key in keys]
+    values = np.array([v.value for v in variables]) * np.linspace(0.99, 1.01, len(keys))
+    quantities = ["theta_*", "velocity_coefficient_*"]
+    quantities += ["B*"] * bool(sk.load(name).masses)
+    other = formulas(designed(document, variables, values), quantities)
+    made = formulas(name, quantities, keys)
+    motion, places, _ = samples(other)
+    units = np.where([size.unit == "rad" for size in made.sizes], np.pi / 180.0, 1.0)
+    wanted = other.at(motion, places)
+    found = made.at(motion, places, (units * values)[:, None])
+    assert np.mean(np.isfinite(wanted)) > 0.5
+    assert found == pytest.approx(wanted, rel=1e-11, abs=1e-12, nan_ok=True)
+
+
+@pytest.mark.parametrize("name", ["stephenson", "roller_cam", "planetary_bevel"])
+def test_formulas_say_what_the_motion_does(name):
+    """Angles and coefficients are those of `sk.evaluate`, which places links otherwise."""
+    made = formulas(name, ["theta_*", "velocity_coefficient_*"])
+    links = sk.load(name).links
+    for mode in made.modes:
+        here = sk.evaluate(
+            name, mode.at[0] + np.linspace(-0.05, 0.05, 5), assembly_mode=mode.number
+        )
+        places = np.reshape(mode.values, (-1, 1))
+        found = dict(zip(made.results, made.at(here.q[None], places), strict=True))
+        for key, values in found.items():
+            kind, _, rest = key.partition("_")
+            if kind == "theta":
+                off = np.exp(1j * values) - np.exp(1j * here.variable(key))
+                assert np.max(np.abs(off)) < 1e-12
+                continue
+            one, other = rest.removeprefix("coefficient_").split("_")[:2]
+            if one in links and other in links:
+                later, earlier = sorted((one, other), key=links.index, reverse=True)
+                rate = here.velocity_coefficient(f"{later}/{earlier}")
+                assert np.abs(values) == pytest.approx(np.abs(rate), abs=1e-12)
+
+
+def test_what_is_asked_for_less_takes_less():
+    whole = formulas("stephenson")
+    angles = formulas("stephenson", ["theta_*"])
+    one = formulas("stephenson", ["theta_16"])
+    assert whole.operations > 1.5 * angles.operations > 2.0 * one.operations > 50
+    assert list(one.results) == ["theta_16"]
+
+
+@pytest.mark.skipif(not GCC, reason="no C compiler")
+def test_a_step_of_newton_s_method_closes_loops(tmp_path):
+    made = formulas("double_butterfly", ["theta_*"])
+    sk.export("double_butterfly", tmp_path / "x.c", quantities=["theta_*"])
+    words = [
+        GCC,
+        *STRICT.split(),
+        "-o",
+        str(tmp_path / "x.so"),
+        str(tmp_path / "x.c"),
+        "-lm",
+    ]
+    subprocess.run(words, check=True)
+    step = ctypes.CDLL(str(tmp_path / "x.so")).double_butterfly_step
+    step.restype = ctypes.c_double
+    mode = made.modes[2]
+    count = len(mode.values)
+    variables = (ctypes.c_double * count)(*mode.values)
+    motion, none = (ctypes.c_double * 1)(mode.at[0] + 0.02), (ctypes.c_double * 1)()
+    opened = [step(motion, variables, none) for _ in range(6)]
+    assert opened[0] > 1e-3 > 1e-5 > opened[2] and max(opened[4:]) < 1e-14
+    there = sk.evaluate("double_butterfly", mode.at[0] + 0.02, assembly_mode=mode.number)
+    for value, name in zip(
+        variables, sk.load("double_butterfly").variable_names, strict=True
+    ):
+        off = np.exp(1j * value) - np.exp(1j * there.variable(name)[0])
+        assert abs(off) < 1e-12
+
+
+@pytest.mark.skipif(not GCC, reason="no C compiler")
+def test_stored_functions_have_their_source(tmp_path):
+    """The inverse dynamics of the archive, in C."""
+    archive = sk.load_reduced(sk.export("four_bar", tmp_path / "x.npz").path)
+    sk.export("four_bar", tmp_path / "x.c", to="model")
+    count = len(archive.heading.groups[0]) + 1
+    function = c_function(tmp_path / "x.c", "four_bar", count, "c")
+    q, dq, ddq, t = np.random.default_rng(4).uniform(-9.0, 9.0, (4, 50))
+    found = function(np.array([q, dq, ddq, t]), np.zeros((0, 50)), np.zeros((0, 50)))
+    wanted = archive.torque(q, dq, ddq, t)
+    assert found[-1] == pytest.approx(wanted, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("call", TABLES["sources"])
+def test_what_has_no_source_is_refused(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    check_call(call, globals(), TABLES["sources"][call])
