@@ -39,9 +39,7 @@ from spherekit.design.variables import (
 from spherekit.design.varied import UNLIKE, VariedMechanism
 from spherekit.engine.design_kernel import DesignKernel, PathKernel, arc_function
 from spherekit.engine.hinges import hinged
-from spherekit.engine.row_quantities import (
-    VariedTerms,
-)
+from spherekit.engine.row_quantities import LOADED, VariedTerms
 from spherekit.engine.turns import turning_pairs
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.document import Document
@@ -245,7 +243,7 @@ class Evaluator:
         self.document, self.mechanism, self.inputs = document, mechanism, samples.inputs
         self.variables, self.samples = tuple(variables), samples
         self.figures = KernelFigures(mechanism, merits, samples)
-        if any(name.startswith("torque") for name in self.figures.columns):
+        if any(name.startswith(LOADED) for name in self.figures.columns):
             need_tabulated(mechanism, samples.rows[:, -1])
         contacts = hinged(mechanism, self.inputs)
         self.varied = VariedMechanism(

@@ -14,7 +14,7 @@ from spherekit.conventions import Names, counted, listing
 from spherekit.design.profile_numbers import columns_of
 from spherekit.design.variables import OK, reason_of
 from spherekit.engine.design_kernel import DesignKernel
-from spherekit.engine.row_quantities import row_quantities, sample_names
+from spherekit.engine.row_quantities import LOADED, row_quantities, sample_names
 from spherekit.errors import (
     DesignError,
     FileError,
@@ -35,7 +35,7 @@ from spherekit.sphere.rotation import all_finite, nans
 
 BLOCK = 4096
 """Designs evaluated together: their rows stay in the cache."""
-INERTIAL = ("B", "dB_dq", "torque")
+INERTIAL = ("B", "dB_dq", "kinetic_energy", *LOADED)
 """How quantities begin that depend on masses or loads."""
 NEVER_CLOSES = "NEVER_CLOSES"
 IMPOSSIBLE = "IMPOSSIBLE"

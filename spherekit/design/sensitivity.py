@@ -28,6 +28,7 @@ from spherekit.design.varied import DesignAt, VariedMechanism
 from spherekit.engine.design_kernel import DesignKernel, PathKernel
 from spherekit.engine.hinges import EquivalentLinkage, hinged
 from spherekit.engine.row_quantities import (
+    LOADED,
     VariedTerms,
     row_quantities,
     sample_names,
@@ -188,8 +189,8 @@ class Sensitivity:
     @property
     def timed(self) -> bool:
         """Whether a quantity depends on how the inputs move."""
-        moving = sample_names(self.inputs)[len(self.inputs) :]
-        return any(name in moving or name.startswith("torque") for name in self.quantities)
+        moving = (*sample_names(self.inputs)[len(self.inputs) :], "kinetic_energy")
+        return any(name in moving or name.startswith(LOADED) for name in self.quantities)
 
     def deviating(self, size: float, singly: Mapping[str, float]) -> tuple[float, ...]:
         """Return by how much each size is off, `size` (rad) or what is said `singly`.
@@ -227,7 +228,10 @@ class Sensitivity:
         }
         for kind in ("velocity_coefficient", "acceleration_coefficient"):
             made |= {f"{kind}_{a}_{b}": (a, b) for a in names for b in names}
-        ends = [made.get(name.split("_by_")[0], ()) for name in self.quantities]
+        ends = [
+            made.get(name.split("_by_")[0], () if name.startswith(INERTIAL) else names)
+            for name in self.quantities
+        ]
         ends += [
             pair.links
             for path in self._named
@@ -243,7 +247,7 @@ class Sensitivity:
     @property
     def wound(self) -> Names:
         """The pairs whose turns count: loads that matter depend on their variables."""
-        if not any(name.startswith("torque") for name in self.quantities):
+        if not any(name.startswith(LOADED) for name in self.quantities):
             return ()
         return wound_pairs(self.mechanism)
 
@@ -284,7 +288,7 @@ class Sensitivity:
         Rad and SI. The inputs are held, and the loops stay closed: from the derivative of
         the closure equations by a size, solved for the variables.
         """
-        if any(name.startswith("torque") for name in self.quantities):
+        if any(name.startswith(LOADED) for name in self.quantities):
             need_tabulated(self.mechanism, samples[:, -1])
         design = self._design
         places = self._placed(values).T

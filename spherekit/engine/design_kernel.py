@@ -27,6 +27,7 @@ from spherekit.engine.expression_graph import (
     dot,
     function,
     hoisted,
+    in_order,
     rewrite,
     symbols,
 )
@@ -148,13 +149,13 @@ class DesignKernel:
             outputs += [slope for slopes in terms.by_sizes(outputs) for slope in slopes]
         self.places, self.columns = terms.places, tuple(columns)
         self.closed_form, self._compiled = terms.closed_form, compiled and available()
-        torques = any(column.split("_by_")[0] == "torque" for column in columns)
-        turns = terms.turns if torques else {}
+        used = set(in_order(outputs))
+        turns = {pair: x for pair, x in terms.turns.items() if x in used}
         self.turning = tuple(turns)
         moving = [*terms.sample, *terms.places, *terms.handed_in, *turns.values()]
-        tables = terms.tables if torques else {}
-        loads = terms.mechanism.loads
-        self._tables = [x for x in loads if torques and isinstance(x, TorqueTable)]
+        tables = {name: x for name, x in terms.tables.items() if x in used}
+        loads = (x for x in terms.mechanism.loads if isinstance(x, TorqueTable))
+        self._tables = [load for load in loads if load.name in tables]
         self._time = len(terms.sample) - 1
         items = [*terms.squares, *outputs, *(terms.angle(pair) for pair in turns)]
         self._rows, fixed = hoisted(items, [*tables.values(), *moving])

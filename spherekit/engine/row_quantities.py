@@ -16,7 +16,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import Names, listing, nearest
-from spherekit.engine.algebra import cross
+from spherekit.engine.algebra import Exprs, cofactors, cross, determinant
 from spherekit.engine.dyads import angle_of, place_by_inputs
 from spherekit.engine.expression_graph import (
     Expr,
@@ -38,6 +38,9 @@ from spherekit.model.expression import Expression
 from spherekit.model.load import Component, LinkMoment, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Assembly, driven_pairs, plan_assembly
+
+LOADED = ("torque", "generalized_force", "free_acceleration")
+"""How quantities begin that loads and rates of the inputs enter."""
 
 Actions = Any
 """Tensors (rows of link axes) by link, and the components of every load, in tuples."""
@@ -91,12 +94,20 @@ def sample_names(inputs: Sequence[str]) -> Names:
 def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     """Return what rows of designs may be asked for, with the unit of each.
 
-    ``q``; of R pairs ``theta_PAIR`` and ``rate_PAIR``, its derivative by q; of links
-    ``velocity_coefficient_LINK_OTHER`` and ``acceleration_coefficient_LINK_OTHER``;
-    ``transmission_angle_PAIR`` of the dyad in whose middle a pair is; ``B``, ``dB_dq``
-    and ``torque`` where links have masses. With several inputs ``q_PAIR`` of each, and
-    all others but angles end in ``_by_PAIR``, the input that moves: the torques too, and
-    the inertias ``B_PAIR_by_PAIR``.
+    ``q``; of R pairs ``theta_PAIR`` and ``rate_PAIR``, its derivative by q, and
+    ``axis_PAIR_x``; of links ``orientation_LINK_xy``, row x and column y of the rotation
+    to ground axes, ``angular_velocity_LINK_x`` by q and its derivative
+    ``angular_velocity_dq_LINK_x``; of two links ``velocity_coefficient_LINK_OTHER``,
+    ``acceleration_coefficient_LINK_OTHER`` and ``pole_LINK_OTHER_x``, the unit vector that
+    times the velocity coefficient is their relative angular velocity; of outputs that point
+    ``direction_OUTPUT_x`` in the axes of the link they are seen from;
+    ``transmission_angle_PAIR`` of the dyad in whose middle a pair is; ``determinant``, 0
+    where the inputs do not say how all else moves. Where links have masses ``B``,
+    ``dB_dq``, ``kinetic_energy``, ``torque``, and ``free_acceleration`` of the input
+    without a torque; where there are loads ``generalized_force``, their power per unit
+    rate. With several inputs ``q_PAIR`` of each, and what depends on the input that moves
+    ends in ``_by_PAIR``: the torques too, and the inertias ``B_PAIR_by_PAIR``;
+    ``free_acceleration_PAIR`` is that of an input while all are free.
     """
     inputs = mechanism.names_of(driven_pairs(mechanism))
     table = _quantities(mechanism, inputs, plan_assembly(mechanism))
@@ -105,6 +116,8 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
 
 Quantity = tuple[str, Callable[..., Expr], tuple[Any, ...]]
 """A unit, what of `VariedTerms` gives the quantity, and of what."""
+
+_Vector = Callable[..., Exprs]
 
 
 def _quantities(
@@ -123,10 +136,15 @@ def _quantities(
             make, of = VariedTerms.unclear, (name, of, table[name][2])
         table[name] = unit, make, of
 
+    def put_vector(name: str, unit: str, make: _Vector, *of: Any, end: str = "") -> None:
+        for place, axis in enumerate("xyz"):
+            put(f"{name}_{axis}{end}", unit, VariedTerms.component, place, make, *of)
+
     angles = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
     moving = [("" if one else f"_by_{pair}", k) for k, pair in enumerate(inputs)]
     for pair in angles:
         put(f"theta_{pair}", "rad", VariedTerms.angle, pair)
+        put_vector(f"axis_{pair}", "", VariedTerms.axis, pair)
     for pair, (end, k) in product(angles, moving):
         put(f"rate_{pair}{end}", "", VariedTerms.rate, pair, k)
     for pair in _middles(mechanism, assembly):
@@ -135,6 +153,22 @@ def _quantities(
         for (a, b), (end, k) in product(permutations(links, 2), moving):
             of = VariedTerms.coefficient, a, b, kind, k
             put(f"{kind}_coefficient_{a}_{b}{end}", unit, *of)
+    for (a, b), (end, k) in product(permutations(links, 2), moving):
+        put_vector(f"pole_{a}_{b}", "", VariedTerms.pole, a, b, k, end=end)
+    for link, (i, j) in product(links, product(range(3), repeat=2)):
+        name = f"orientation_{link}_{'xyz'[i]}{'xyz'[j]}"
+        put(name, "", VariedTerms.orientation, link, i, j)
+    for link, (end, k) in product(links, moving):
+        for kind, unit in (("", ""), ("_dq", "1/rad")):
+            name = f"angular_velocity{kind}_{link}"
+            put_vector(name, unit, VariedTerms.angular_velocity, kind, link, k, end=end)
+    for output in mechanism.outputs:
+        if output.direction is not None:
+            put_vector(f"direction_{output.name}", "", VariedTerms.direction, output.name)
+    put("determinant", "", VariedTerms.determinant)
+    if mechanism.masses or mechanism.loads:
+        for end, k in moving:
+            put(f"generalized_force{end}", "N m", VariedTerms.generalized_force, k)
     if not mechanism.masses:
         return table
     for (i, a), (end, k) in product(enumerate(inputs), moving):
@@ -143,6 +177,10 @@ def _quantities(
         put("dB_dq", "kg m2/rad", VariedTerms.inertia_rate)
     for end, k in moving:
         put(f"torque{end}", "N m", VariedTerms.torque, k)
+    for k, pair in enumerate(inputs):
+        name = "free_acceleration" if one else f"free_acceleration_{pair}"
+        put(name, "rad/s2", VariedTerms.free_acceleration, k)
+    put("kinetic_energy", "J", VariedTerms.kinetic_energy)
     return table
 
 
@@ -272,7 +310,7 @@ class VariedTerms:
 
         Rates are of an input while the others rest.
         """
-        table = _quantities(self.mechanism, self.inputs, self.structure.assembly)
+        table = self._table
         if name not in table:
             raise EngineError(
                 f'{self.mechanism.name}: "{name}" is no quantity of a configuration'
@@ -280,6 +318,10 @@ class VariedTerms:
             )
         _, make, of = table[name]
         return make(self, *of)
+
+    @cached_property
+    def _table(self) -> dict[str, Quantity]:
+        return _quantities(self.mechanism, self.inputs, self.structure.assembly)
 
     def unclear(self, name: str, *several: Sequence[Any]) -> Expr:
         """Raise `EngineError`, for a name may be that of several quantities."""
@@ -289,9 +331,54 @@ class VariedTerms:
             "pairs other names"
         )
 
+    def component(self, place: int, make: _Vector, *of: Any) -> Expr:
+        """Return a component of one of the vectors below."""
+        return make(self, *of)[place]
+
+    @cached_property
+    def _moved(self) -> list[tuple[list[Expr], list[Exprs]]]:
+        """The rates of variables, and of links (3,), while each input moves at 1."""
+        share = 1.0 / self.flow.scale
+        return [
+            ([rate * share for rate in tau], [spin * share for spin in w])
+            for tau, w in zip(self.flow.tau, self.flow.w, strict=True)
+        ]
+
+    @cached_property
+    def _turned(self) -> list[list[Exprs]]:
+        """The derivatives (3,) of the rates of links by each input."""
+        return [self.flow.bias(*moved) for moved in self._moved]
+
+    def determinant(self) -> Expr:
+        """Return that of the velocity equations, whose zeros are those of the inputs."""
+        return self.flow.scale
+
     def rate(self, pair: str, moving: int) -> Expr:
         """Return the rate of a pair's variable by an input."""
         return self.flow.tau[moving][self._variable(pair)] / self.flow.scale
+
+    def axis(self, pair: str) -> Exprs:
+        """Return the axis (3,) of an R pair in ground axes."""
+        return self.flow.vectors[self._variable(pair)]
+
+    def orientation(self, link: str, row: int, column: int) -> Expr:
+        """Return an entry of the rotation from a link's axes to the ground's."""
+        placed = self.flow.placed[self.mechanism.link(link)]
+        return placed.direction(np.eye(3)[column])[row]
+
+    def angular_velocity(self, kind: str, link: str, moving: int) -> Exprs:
+        """Return that (3,) of a link in ground axes by an input, or its derivative."""
+        of_links = self._turned[moving] if kind else self._moved[moving][1]
+        return of_links[self.mechanism.link(link)]
+
+    def direction(self, name: str) -> Exprs:
+        """Return what an output points at (3,), in the axes of the link it is seen from."""
+        (output,) = (x for x in self.mechanism.outputs if x.name == name)
+        link, base = (
+            self.flow.placed[self.mechanism.link(x)]
+            for x in (output.link, output.relative_to)
+        )
+        return base.direction(np.eye(3)).T @ link.direction(np.array(output.direction))
 
     def inertia(self, one: int, other: int) -> Expr:
         """Return the inertia between two inputs."""
@@ -303,36 +390,70 @@ class VariedTerms:
         """Return the derivative of the inertia: half of it resists a rate of 1."""
         return 2.0 * self._moments.resistance(0, [1.0], [0.0])
 
+    @cached_property
+    def _compliance(self) -> list[list[Expr]]:
+        """The inverse of the inertia matrix."""
+        matrix, scale = self._moments.matrix, self.flow.scale
+        share = scale * scale / (self._moments.unit * determinant(matrix))
+        return [[x * share for x in row] for row in cofactors(matrix)]
+
+    def kinetic_energy(self) -> Expr:
+        """Return the kinetic energy of all links."""
+        slow = self.flow.moving(self._speeds)[0]
+        moved = [dot(row, slow) for row in self._moments.matrix]
+        return dot(slow, moved) * (0.5 * self._moments.unit)
+
     def coefficient(self, one: str, two: str, kind: str, moving: int) -> Expr:
         """Return a coefficient of two links: along the axis of a pair, or its size."""
-        flow, mechanism = self.flow, self.mechanism
-        link, other = mechanism.link(one), mechanism.link(two)
-        share = 1.0 / flow.scale
-        rates = [rate * share for rate in flow.tau[moving]]
-        w = [spin * share for spin in flow.w[moving]]
-        variable = mechanism.angle_between(link, other)
+        link, other = self.mechanism.link(one), self.mechanism.link(two)
+        rates, w = self._moved[moving]
+        variable = self.mechanism.angle_between(link, other)
         turning = w[link] - w[other]
-        if variable is None:
-            size = function("sqrt", dot(turning, turning))
-            if kind == "velocity":
-                return size
-            along = turning * (1.0 / size)
-        else:
-            first, _ = mechanism.ends[mechanism.variable_owners[variable]]
-            if kind == "velocity":
-                return rates[variable] * (1.0 if first == other else -1.0)
-            along = flow.vectors[variable]
+        if kind == "velocity":
+            if variable is None:
+                return function("sqrt", dot(turning, turning))
+            first, _ = self.mechanism.ends[self.mechanism.variable_owners[variable]]
+            return rates[variable] * (1.0 if first == other else -1.0)
         # A unit axis turns at right angles to itself.
-        turned = flow.bias(rates, w)
-        return dot(turned[link] - turned[other], along)
+        turned = self._turned[moving]
+        return dot(turned[link] - turned[other], self.pole(one, two, moving))
+
+    def pole(self, one: str, two: str, moving: int) -> Exprs:
+        """Return the unit vector (3,) of two links' pole axis in ground axes.
+
+        Times the velocity coefficient it is their relative angular velocity by an input.
+        """
+        link, other = self.mechanism.link(one), self.mechanism.link(two)
+        variable = self.mechanism.angle_between(link, other)
+        if variable is not None:
+            return self.flow.vectors[variable]
+        w = self._moved[moving][1]
+        return (w[link] - w[other]) * (1.0 / self.coefficient(one, two, "velocity", moving))
+
+    @property
+    def _speeds(self) -> Sequence[Expr]:
+        return self.sample[len(self.inputs) : 2 * len(self.inputs)]
 
     def torque(self, moving: int) -> Expr:
         """Return the torque of an input: what links resist less what loads do."""
+        return self._needed(moving, self.sample[2 * len(self.inputs) : -1])
+
+    def _needed(self, moving: int, accelerations: Sequence[Expr]) -> Expr:
+        """Return the torque of an input while inputs accelerate so."""
+        resisted = self._moments.resistance(moving, self._speeds, accelerations)
+        return resisted - self.generalized_force(moving)
+
+    def free_acceleration(self, one: int) -> Expr:
+        """Return the acceleration of an input while none has a torque."""
+        still = [0.0] * len(self.inputs)
+        needed = (self._needed(k, still) for k in range(len(still)))
+        return -1.0 * dot(self._compliance[one], needed)
+
+    def generalized_force(self, moving: int) -> Expr:
+        """Return the power of all loads per unit rate of an input."""
         mechanism, flow = self.mechanism, self.flow
-        count, sample = len(self.inputs), self.sample
-        speeds, accelerations = sample[count : 2 * count], sample[2 * count : 3 * count]
         name = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
-        figure = "eksergian.eksergian: abs(tau)" if count == 1 else name
+        figure = "eksergian.eksergian: abs(tau)" if len(self.inputs) == 1 else name
         what = f'a kernel of designs does not solve for; runs do: --reduce "max({figure})"'
         need_no_rubbing(mechanism, what)
         angles = self._angles()
@@ -343,13 +464,13 @@ class VariedTerms:
             flow.w,
             angles,
             [0.0] * len(angles),
-            flow.moving(speeds)[1],
+            flow.moving(self._speeds)[1],
             self.sample[-1],
             sign_of,
             self.tables.__getitem__,
         )
-        force = sum((forces_of(parts, state)[moving] for parts in self.actions[1]), 0.0)
-        return self._moments.resistance(moving, speeds, accelerations) - force / flow.scale
+        forces = (forces_of(parts, state)[moving] for parts in self.actions[1])
+        return sum(forces, 0.0) / flow.scale
 
     def _angles(self) -> list[Expr]:
         """Return the variables of R pairs; those of contacts are zero, loads have none."""

@@ -1,0 +1,151 @@
+"""Quantities of rows against evaluation by names, and inverse dynamics, of each mode."""
+
+import re
+from dataclasses import replace
+from itertools import permutations, product
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.design.variables import design_variable
+from spherekit.engine.row_quantities import row_quantities
+from spherekit.files.write import document_of
+from spherekit.model.load import BearingFriction
+from spherekit.model.study import Study
+
+CASES = {
+    "four_bar": ("links.2.arc", [0.7]),
+    "stephenson": ("links.6.arc", [2.0]),
+    "five_bar": ("links.2.arc", [0.9, 1.1]),
+    "two_dof_spm": ("links.1.arcs.81", [0.4, 0.5]),
+    "double_butterfly": ("pairs.C.longitude", [1.3]),
+    "planetary_bevel": ("pairs.sun_planet.pressure_angle", [0.8]),
+    "roller_cam": ("pairs.contact.profiles.cam.radius", [1.2]),
+}
+RATES, ACCELERATIONS = (1.3, -0.7), (0.4, 0.9)
+
+
+def without_bearings(name):
+    """Return a shipped mechanism without friction that follows from reactions."""
+    mechanism = sk.load(name)
+    loads = (x for x in mechanism.loads if not isinstance(x, BearingFriction))
+    return replace(mechanism, loads=tuple(loads))
+
+
+def laws_of(mechanism, q):
+    """Return a law of each input that begins at q with a rate and an acceleration."""
+    numbers = zip(mechanism.input_pairs, q, RATES, ACCELERATIONS, strict=False)
+    return {pair: sk.Polynomial((x, dx, 0.5 * ddx)) for pair, x, dx, ddx in numbers}
+
+
+def first(name, quantities, q):
+    """Return quantities (modes,) by name at the first sample of laws, by a sweep."""
+    mechanism, key = without_bearings(name), CASES[name][0]
+    study = Study("", mechanism, samples=2, duration=1e-3, laws=laws_of(mechanism, q))
+    value = design_variable(document_of(mechanism), key).value
+    figures = [f"F{k}=sum({x}*(1 - sign(t)))" for k, x in enumerate(quantities)]
+    found = sk.sweep(study, {key: [value]}, figures).frame()
+    assert set(found["status"]) == {"OK"}
+    return {x: found[f"F{k}"].to_numpy() for k, x in enumerate(quantities)}
+
+
+class Rows:
+    """Quantities at the first sample, mode by mode as other routes have them."""
+
+    def __init__(self, name, asked=lambda quantity: True):
+        self.mechanism, self.q = without_bearings(name), CASES[name][1]
+        self.inputs = self.mechanism.input_pairs
+        angles = [p.name for p in self.mechanism.pairs if p.kind.has_axis]
+        known = [f"{f}(theta_{p})" for f, p in product(("sin", "cos"), angles)]
+        self.asked = [x for x in row_quantities(self.mechanism) if asked(x)]
+        self.made = first(name, [*known, *self.asked], self.q)
+        self.here = sk.evaluate(self.mechanism, [self.q])
+        self.needed = None
+        if self.mechanism.masses:
+            laws = laws_of(self.mechanism, self.q)
+            self.needed = sk.inverse_dynamics(self.mechanism, laws, [0.0])
+        thetas = np.array([self.here.variable(p) for p in angles])
+        own = np.array([self.made[x] for x in known])
+        there = np.concatenate([np.sin(thetas), np.cos(thetas)])
+        off = np.max(np.abs(own[:, :, None] - there[:, None]), axis=0)
+        self.order = np.argmin(off, axis=0)
+        assert np.all(np.min(off, axis=0) < 1e-9) and len(set(self.order)) == len(own.T)
+
+    def of(self, name, ends=("",)):
+        return np.array([self.made[f"{name}{end}"][self.order] for end in ends]).T
+
+    def vector(self, name, end=""):
+        return self.of(name, [f"_{axis}{end}" for axis in "xyz"])
+
+    def ends(self):
+        """Return how names end, with the input that moves."""
+        one = len(self.inputs) == 1
+        return [("" if one else f"_by_{pair}", pair) for pair in self.inputs]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_vectors_are_those_of_evaluation_by_names(name):
+    mechanism = sk.load(name)
+    links = mechanism.links[:: 1 + len(mechanism.links) // 5]
+    others = "|".join({*mechanism.links} - {*links}) or "-"
+    left_out = re.compile(rf"(orient|angular|pole|veloc|accel).*_({others})(_|$)")
+    rows = Rows(name, lambda quantity: not left_out.match(quantity.split("_by_")[0]))
+    here = rows.here
+    turned = {link: here.rotation(link) for link in mechanism.links}
+    for link in links:
+        ends = [f"_{i}{j}" for i, j in product("xyz", repeat=2)]
+        own = rows.of(f"orientation_{link}", ends).reshape(-1, 3, 3)
+        assert np.max(np.abs(own - turned[link])) < 1e-12
+    for end, moving in rows.ends():
+        w = {link: here.angular_velocity(link, moving) for link in links}
+        scale = 1.0 + np.max(np.abs([*w.values()]), axis=(0, 2))[:, None]
+        for link in links:
+            own = rows.vector(f"angular_velocity_{link}", end)
+            assert np.nanmax(np.abs(own - w[link]) / scale) < 1e-11
+            change = here.angular_velocity_dq(link, moving)
+            own = rows.vector(f"angular_velocity_dq_{link}", end)
+            assert np.nanmax(np.abs(own - change) / scale**2) < 1e-10
+        for a, b in permutations(links, 2):
+            pole = rows.vector(f"pole_{a}_{b}", end)
+            size = rows.of(f"velocity_coefficient_{a}_{b}", [end])
+            off = np.abs(pole * size - (w[a] - w[b])) / scale
+            assert np.nanmax(off, initial=0.0) < 1e-11
+            known = np.abs(size[:, 0]) > 1e-9
+            assert np.allclose(np.linalg.norm(pole[known], axis=1), 1.0, rtol=1e-13)
+    for pair in rows.mechanism.pairs:
+        if not pair.kind.has_axis or not {*pair.links} <= {*links}:
+            continue
+        own = rows.vector(f"axis_{pair.name}")
+        assert np.array_equal(own, rows.vector("pole_{1}_{0}".format(*pair.links), end))
+    for output in rows.mechanism.outputs:
+        if output.direction is not None:
+            seen = np.swapaxes(turned[output.relative_to], 1, 2) @ turned[output.link]
+            own = rows.vector(f"direction_{output.name}")
+            assert np.max(np.abs(own - seen @ output.direction)) < 1e-12
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_forces_and_free_accelerations_are_those_of_inverse_dynamics(name):
+    rows = Rows(name, lambda x: x.startswith(("torque", "gen", "free", "kin", "B_")))
+    needed, ends = rows.needed, [end for end, _ in rows.ends()]
+    good = needed.status == 0
+    assert np.any(good)
+    several = ["" if len(rows.inputs) == 1 else f"_{pair}" for pair in rows.inputs]
+    free = rows.of("free_acceleration", several) - needed.input_accelerations
+    for own, wanted in (
+        (rows.of("generalized_force", ends), needed.Q_all),
+        (rows.of("torque", ends), needed.torques),
+        (rows.of("kinetic_energy"), needed.kinetic[:, None]),
+        (np.einsum("nij,nj->ni", needed.M, free), -needed.torques),
+    ):
+        scale = np.max(np.abs(wanted[good]), axis=1, keepdims=True) + 1e-9
+        assert np.max(np.abs(own - wanted)[good] / scale) < 1e-9
+
+
+def test_the_determinant_is_the_triple_product_of_what_an_input_does_not_hold():
+    rows = Rows("four_bar")
+    axes = np.stack([rows.vector(f"axis_{pair}") for pair in ("32", "43", "41")], axis=1)
+    own = rows.of("determinant")[:, 0]
+    assert np.allclose(np.abs(own), np.abs(np.linalg.det(axes)), rtol=1e-13)
+    assert np.all(np.sign(own[0]) == -np.sign(own[1]))
