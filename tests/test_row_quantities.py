@@ -22,26 +22,37 @@ CASES = {
     "double_butterfly": ("pairs.C.longitude", [1.3]),
     "planetary_bevel": ("pairs.sun_planet.pressure_angle", [0.8]),
     "roller_cam": ("pairs.contact.profiles.cam.radius", [1.2]),
+    "shaped_cam": ("pairs.contact.profiles.cam.cosines.1", [1.2]),
+    "three_rrr": ("links.base.angle", [0.8, 0.9, 0.7]),
 }
-RATES, ACCELERATIONS = (1.3, -0.7), (0.4, 0.9)
+SLOW = ("two_dof_spm", "three_rrr", "double_butterfly", "roller_cam")
+MARKED = [pytest.param(x, marks=[pytest.mark.slow] * (x in SLOW)) for x in CASES]
+RATES, ACCELERATIONS = (1.3, -0.7, 0.5), (0.4, 0.9, -0.6)
 
 
-def without_bearings(name):
+@pytest.fixture(autouse=True)
+def _on_arrays(monkeypatch):
+    """Compiling takes longer than a row does on arrays."""
+    monkeypatch.setattr("spherekit.engine.design_kernel.available", lambda: False)
+
+
+def with_masses(name):
     """Return a shipped mechanism without friction that follows from reactions."""
     mechanism = sk.load(name)
     loads = (x for x in mechanism.loads if not isinstance(x, BearingFriction))
-    return replace(mechanism, loads=tuple(loads))
+    masses = mechanism.masses or sk.load("roller_cam").masses
+    return replace(mechanism, loads=tuple(loads), masses=masses)
 
 
-def laws_of(mechanism, q):
+def laws_of(mechanism, q, rates=RATES):
     """Return a law of each input that begins at q with a rate and an acceleration."""
-    numbers = zip(mechanism.input_pairs, q, RATES, ACCELERATIONS, strict=False)
+    numbers = zip(mechanism.input_pairs, q, rates, ACCELERATIONS, strict=False)
     return {pair: sk.Polynomial((x, dx, 0.5 * ddx)) for pair, x, dx, ddx in numbers}
 
 
 def first(name, quantities, q):
     """Return quantities (modes,) by name at the first sample of laws, by a sweep."""
-    mechanism, key = without_bearings(name), CASES[name][0]
+    mechanism, key = with_masses(name), CASES[name][0]
     study = Study("", mechanism, samples=2, duration=1e-3, laws=laws_of(mechanism, q))
     value = design_variable(document_of(mechanism), key).value
     figures = [f"F{k}=sum({x}*(1 - sign(t)))" for k, x in enumerate(quantities)]
@@ -54,17 +65,15 @@ class Rows:
     """Quantities at the first sample, mode by mode as other routes have them."""
 
     def __init__(self, name, asked=lambda quantity: True):
-        self.mechanism, self.q = without_bearings(name), CASES[name][1]
+        self.mechanism, self.q = with_masses(name), CASES[name][1]
         self.inputs = self.mechanism.input_pairs
         angles = [p.name for p in self.mechanism.pairs if p.kind.has_axis]
         known = [f"{f}(theta_{p})" for f, p in product(("sin", "cos"), angles)]
         self.asked = [x for x in row_quantities(self.mechanism) if asked(x)]
         self.made = first(name, [*known, *self.asked], self.q)
         self.here = sk.evaluate(self.mechanism, [self.q])
-        self.needed = None
-        if self.mechanism.masses:
-            laws = laws_of(self.mechanism, self.q)
-            self.needed = sk.inverse_dynamics(self.mechanism, laws, [0.0])
+        laws = laws_of(self.mechanism, self.q)
+        self.needed = sk.inverse_dynamics(self.mechanism, laws, [0.0])
         thetas = np.array([self.here.variable(p) for p in angles])
         own = np.array([self.made[x] for x in known])
         there = np.concatenate([np.sin(thetas), np.cos(thetas)])
@@ -84,7 +93,7 @@ class Rows:
         return [("" if one else f"_by_{pair}", pair) for pair in self.inputs]
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", MARKED)
 def test_vectors_are_those_of_evaluation_by_names(name):
     mechanism = sk.load(name)
     links = mechanism.links[:: 1 + len(mechanism.links) // 5]
@@ -125,7 +134,7 @@ def test_vectors_are_those_of_evaluation_by_names(name):
             assert np.max(np.abs(own - seen @ output.direction)) < 1e-12
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", MARKED)
 def test_forces_and_free_accelerations_are_those_of_inverse_dynamics(name):
     rows = Rows(name, lambda x: x.startswith(("torque", "gen", "free", "kin", "B_")))
     needed, ends = rows.needed, [end for end, _ in rows.ends()]
@@ -149,3 +158,30 @@ def test_the_determinant_is_the_triple_product_of_what_an_input_does_not_hold():
     own = rows.of("determinant")[:, 0]
     assert np.allclose(np.abs(own), np.abs(np.linalg.det(axes)), rtol=1e-13)
     assert np.all(np.sign(own[0]) == -np.sign(own[1]))
+
+
+@pytest.mark.parametrize("name", MARKED)
+def test_linearised_accelerations_are_differences_of_inverse_dynamics(name):
+    rows = Rows(name, lambda x: x.startswith(("A_", "B_torque")))
+    count, q = len(rows.inputs), np.array(rows.q)
+    several = ["" if count == 1 else f"_{pair}" for pair in rows.inputs]
+    inverse = np.linalg.inv(rows.needed.M)
+    rates = np.array(RATES[:count])
+    for j, (end, _) in enumerate(rows.ends()):
+        step = 2e-3 * np.eye(count)[j]
+        for kind, of_q, of_rates in (("A_q", 1.0, 0.0), ("A_dq", 0.0, 1.0)):
+            torques = []
+            for share in (-2, -1, 1, 2):
+                there = q + share * of_q * step, rates + share * of_rates * step
+                laws = laws_of(rows.mechanism, *there)
+                needed = sk.inverse_dynamics(rows.mechanism, laws, [0.0])
+                torques.append(needed.torques)
+            slope = np.tensordot([1.0, -8.0, 8.0, -1.0], torques, 1) / (12.0 * 2e-3)
+            wanted = -np.einsum("nij,nj->ni", inverse, slope)
+            own = rows.of(kind, [f"{one}{end}" for one in several])
+            scale = np.max(np.abs(wanted), axis=1, keepdims=True) + 1e-3
+            good = np.all(np.isfinite(wanted), axis=1)
+            assert np.any(good)
+            assert np.max(np.abs(own - wanted)[good] / scale[good]) < 3e-7
+        own = rows.of("B_torque", [f"{one}{end}" for one in several])
+        assert np.nanmax(np.abs(own / inverse[:, :, j] - 1.0)) < 1e-12

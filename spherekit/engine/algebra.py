@@ -12,13 +12,14 @@ counts from its value there.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.arrays import Floats
-from spherekit.engine.expression_graph import Expr, ExpressionNode
+from spherekit.engine.expression_graph import Expr, ExpressionNode, dot, function
 from spherekit.errors import EngineError
 from spherekit.model.gears import COLLINEAR, axes_from_sizes, pose_sizes, reference_frame
 from spherekit.model.mechanism import Mechanism
@@ -92,6 +93,26 @@ def cofactors(rows: Sequence[Sequence[Expr]]) -> list[list[Expr]]:
         return (-1.0) ** (i + j) * determinant(rest)
 
     return [[cofactor(i, j) for j in places] for i in places]
+
+
+SWEEPS = 5
+"""Rounds of rotations after which three columns are at right angles, to rounding."""
+
+
+def singular_values(columns: Sequence[Exprs]) -> list[Expr]:
+    """Return the singular values of a matrix of two or three columns, the largest first.
+
+    By rotations that bring two columns at a time to right angles, the longer one first
+    (Hestenes 1958), as often as it takes.
+    """
+    columns = [*columns]
+    pairs = [*combinations(range(len(columns)), 2)]
+    for one, other in pairs * (SWEEPS if len(pairs) > 1 else 1):
+        a, b = columns[one], columns[other]
+        angle = 0.5 * function("atan2", 2.0 * dot(a, b), dot(a, a) - dot(b, b))
+        c, s = cosine(angle), sine(angle)
+        columns[one], columns[other] = a * c + b * s, b * c - a * s
+    return [function("sqrt", dot(column, column)) for column in columns]
 
 
 DesignGeometry = Mapping[tuple[str, Any], Expr]

@@ -16,7 +16,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import Names, listing, nearest
-from spherekit.engine.algebra import Exprs, cofactors, cross, determinant
+from spherekit.engine.algebra import Exprs, cofactors, cross, determinant, singular_values
 from spherekit.engine.dyads import angle_of, place_by_inputs
 from spherekit.engine.expression_graph import (
     Expr,
@@ -39,7 +39,7 @@ from spherekit.model.load import Component, LinkMoment, TorqueTable
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Assembly, driven_pairs, plan_assembly
 
-LOADED = ("torque", "generalized_force", "free_acceleration")
+LOADED = ("torque", "generalized_force", "free_acceleration", "A_q", "A_dq")
 """How quantities begin that loads and rates of the inputs enter."""
 
 Actions = Any
@@ -100,19 +100,25 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     ``angular_velocity_dq_LINK_x``; of two links ``velocity_coefficient_LINK_OTHER``,
     ``acceleration_coefficient_LINK_OTHER`` and ``pole_LINK_OTHER_x``, the unit vector that
     times the velocity coefficient is their relative angular velocity; of outputs that point
-    ``direction_OUTPUT_x`` in the axes of the link they are seen from;
+    ``direction_OUTPUT_x`` in the axes of the link they are seen from; with several inputs
+    ``condition_number_OUTPUT`` of how it turns by them, or of how its direction moves by
+    two, and ``jacobian_determinant_OUTPUT`` where that is square;
     ``transmission_angle_PAIR`` of the dyad in whose middle a pair is; ``determinant``, 0
     where the inputs do not say how all else moves. Where links have masses ``B``,
     ``dB_dq``, ``kinetic_energy``, ``torque``, and ``free_acceleration`` of the input
-    without a torque; where there are loads ``generalized_force``, their power per unit
-    rate. With several inputs ``q_PAIR`` of each, and what depends on the input that moves
-    ends in ``_by_PAIR``: the torques too, and the inertias ``B_PAIR_by_PAIR``;
+    without a torque, with the derivatives of an acceleration at given torques, ``A_q``,
+    ``A_dq`` and ``B_torque``; where there are loads ``generalized_force``, their power per
+    unit rate. With several inputs ``q_PAIR`` of each, and what depends on the input that
+    moves ends in ``_by_PAIR``: torques too, and inertias ``B_PAIR_by_PAIR``;
     ``free_acceleration_PAIR`` is that of an input while all are free.
     """
     inputs = mechanism.names_of(driven_pairs(mechanism))
     table = _quantities(mechanism, inputs, plan_assembly(mechanism))
     return {name: unit for name, (unit, *_) in table.items()}
 
+
+LINEAR = {"A_q": "1/s2", "A_dq": "1/s", "B_torque": "1/(kg m2)"}
+"""The derivatives of the accelerations of inputs at given torques, and their units."""
 
 Quantity = tuple[str, Callable[..., Expr], tuple[Any, ...]]
 """A unit, what of `VariedTerms` gives the quantity, and of what."""
@@ -165,6 +171,11 @@ def _quantities(
     for output in mechanism.outputs:
         if output.direction is not None:
             put_vector(f"direction_{output.name}", "", VariedTerms.direction, output.name)
+        if not one:
+            put(f"condition_number_{output.name}", "", VariedTerms.condition, output.name)
+        if len(inputs) == 3 or (len(inputs) == 2 and output.direction is not None):
+            make = VariedTerms.jacobian_determinant
+            put(f"jacobian_determinant_{output.name}", "", make, output.name)
     put("determinant", "", VariedTerms.determinant)
     if mechanism.masses or mechanism.loads:
         for end, k in moving:
@@ -178,8 +189,10 @@ def _quantities(
     for end, k in moving:
         put(f"torque{end}", "N m", VariedTerms.torque, k)
     for k, pair in enumerate(inputs):
-        name = "free_acceleration" if one else f"free_acceleration_{pair}"
-        put(name, "rad/s2", VariedTerms.free_acceleration, k)
+        own = "" if one else f"_{pair}"
+        put(f"free_acceleration{own}", "rad/s2", VariedTerms.free_acceleration, k)
+        for (kind, unit), (end, j) in product(LINEAR.items(), moving):
+            put(f"{kind}{own}{end}", unit, VariedTerms.linearised, kind, k, j)
     put("kinetic_energy", "J", VariedTerms.kinetic_energy)
     return table
 
@@ -371,14 +384,42 @@ class VariedTerms:
         of_links = self._turned[moving] if kind else self._moved[moving][1]
         return of_links[self.mechanism.link(link)]
 
+    def _output(self, name: str) -> tuple[int, int, Any]:
+        """Return an output's link, the one it is seen from, and where it points (3,)."""
+        (output,) = (x for x in self.mechanism.outputs if x.name == name)
+        link, base = map(self.mechanism.link, (output.link, output.relative_to))
+        if output.direction is None:
+            return link, base, None
+        return link, base, self.flow.placed[link].direction(np.array(output.direction))
+
     def direction(self, name: str) -> Exprs:
         """Return what an output points at (3,), in the axes of the link it is seen from."""
-        (output,) = (x for x in self.mechanism.outputs if x.name == name)
-        link, base = (
-            self.flow.placed[self.mechanism.link(x)]
-            for x in (output.link, output.relative_to)
-        )
-        return base.direction(np.eye(3)).T @ link.direction(np.array(output.direction))
+        _, base, pointed = self._output(name)
+        return self.flow.placed[base].direction(np.eye(3)).T @ pointed
+
+    def _jacobian(self, name: str) -> list[Exprs]:
+        """Return how an output turns (3,) by each input.
+
+        By two, where it points, how its direction moves.
+        """
+        link, base, pointed = self._output(name)
+        turning = [w[link] - w[base] for _, w in self._moved]
+        if pointed is None or len(turning) != 2:
+            return turning
+        return [cross(spin, pointed) for spin in turning]
+
+    def condition(self, name: str) -> Expr:
+        """Return the condition number of an output's Jacobian."""
+        columns = self._jacobian(name)
+        if len(columns) > 3:
+            columns = [*np.transpose(columns)]
+        largest, *_, least = singular_values(columns)
+        return largest / least
+
+    def jacobian_determinant(self, name: str) -> Expr:
+        """Return that of an output's square Jacobian; of a direction, seen along it."""
+        one, two, *three = self._jacobian(name)
+        return dot(cross(one, two), three[0] if three else self._output(name)[2])
 
     def inertia(self, one: int, other: int) -> Expr:
         """Return the inertia between two inputs."""
@@ -448,6 +489,31 @@ class VariedTerms:
         still = [0.0] * len(self.inputs)
         needed = (self._needed(k, still) for k in range(len(still)))
         return -1.0 * dot(self._compliance[one], needed)
+
+    def linearised(self, kind: str, one: int, other: int) -> Expr:
+        """Return a derivative of an input's acceleration, the torques of all held.
+
+        By the variable or rate of an input, all loops closed, or by its torque; about the
+        motion of the sample.
+        """
+        if kind == "B_torque":
+            return self._compliance[one][other]
+        count = len(self.inputs)
+        torques = [self.torque(k) for k in range(count)]
+        rate = {self.sample[count + other]: 1.0}
+        changes = derivatives(torques, rate if kind == "A_dq" else self._along(other))
+        return -1.0 * dot(self._compliance[one], changes)
+
+    def _along(self, moving: int) -> dict[ExpressionNode, Expr]:
+        """Return the rates of the sample, places and profiles while an input moves."""
+        rates: dict[ExpressionNode, Expr] = {self.sample[moving]: 1.0}
+        if not self.closed_form:
+            rates |= zip(self.places, self._moved[moving][0], strict=True)
+        for profile in self.structure.pairs.handed_in:
+            speed = rates[self.places[profile.track.variable]]
+            along = (x * speed for x in profile.along)
+            rates |= zip(profile.terms, along, strict=True)
+        return rates
 
     def generalized_force(self, moving: int) -> Expr:
         """Return the power of all loads per unit rate of an input."""
