@@ -27,6 +27,7 @@ from spherekit.plugin import (
     counted,
     listing,
 )
+from spherekit.plugin.designs import FigureOfMerit
 from spherekit.plugin.dynamics import (
     Bearings,
     Reactions,
@@ -119,6 +120,20 @@ class ReactionAnalysis(AbstractAnalysis):
             ),
         ),
     )
+
+    def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
+        """Return the largest moment that each R pair transmits across its axis."""
+        return tuple(
+            FigureOfMerit(
+                f"largest_reaction_{pair}",
+                "max",
+                "transverse_moment",
+                table="reactions.reactions",
+                meaning=f"N m, the largest moment across the axis of {pair}",
+                only=(("pair", pair),),
+            )
+            for pair in mechanism.angles
+        )
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the motion in time, with the variables that loads see."""

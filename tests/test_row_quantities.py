@@ -9,6 +9,8 @@ import pytest
 
 import spherekit as sk
 from spherekit.design.variables import design_variable
+from spherekit.engine.algebra import singular_values
+from spherekit.engine.expression_graph import array_function, symbols
 from spherekit.engine.row_quantities import row_quantities
 from spherekit.files.write import document_of
 from spherekit.model.load import BearingFriction
@@ -27,6 +29,7 @@ CASES = {
 }
 SLOW = ("two_dof_spm", "three_rrr", "double_butterfly", "roller_cam")
 MARKED = [pytest.param(x, marks=[pytest.mark.slow] * (x in SLOW)) for x in CASES]
+STEP, MOMENT = 2e-3, 1e-9
 RATES, ACCELERATIONS = (1.3, -0.7, 0.5), (0.4, 0.9, -0.6)
 
 
@@ -160,28 +163,73 @@ def test_the_determinant_is_the_triple_product_of_what_an_input_does_not_hold():
     assert np.all(np.sign(own[0]) == -np.sign(own[1]))
 
 
+class Stencil:
+    """A law that is in states (q, rate, acceleration), one after the other."""
+
+    def __init__(self, states):
+        self.states = states
+
+    def at(self, t):
+        return tuple(self.states[:, np.rint(np.asarray(t) / MOMENT).astype(int)])
+
+
 @pytest.mark.parametrize("name", MARKED)
 def test_linearised_accelerations_are_differences_of_inverse_dynamics(name):
     rows = Rows(name, lambda x: x.startswith(("A_", "B_torque")))
-    count, q = len(rows.inputs), np.array(rows.q)
+    count = len(rows.inputs)
     several = ["" if count == 1 else f"_{pair}" for pair in rows.inputs]
+    state = np.array([rows.q, RATES[:count], ACCELERATIONS[:count]])
+    parts = product((0, 1), range(count), (-2, -1, 1, 2))
+    states = np.tile(state, (8 * count, 1, 1))
+    for row, (kind, j, share) in enumerate(parts):
+        states[row, kind, j] += share * STEP
+    laws = {pair: Stencil(states[:, :, k].T) for k, pair in enumerate(rows.inputs)}
+    times = MOMENT * np.arange(len(states))
+    torques = sk.inverse_dynamics(rows.mechanism, laws, times).torques
+    torques = torques.reshape(-1, 2, count, 4, count)
+    slopes = np.einsum("s,nkjsi->nkij", [1.0, -8.0, 8.0, -1.0], torques) / (12.0 * STEP)
     inverse = np.linalg.inv(rows.needed.M)
-    rates = np.array(RATES[:count])
+    wanted = -np.einsum("nim,nkmj->nkij", inverse, slopes)
+    good = np.all(np.isfinite(wanted), axis=(1, 2, 3))
+    assert np.any(good)
     for j, (end, _) in enumerate(rows.ends()):
-        step = 2e-3 * np.eye(count)[j]
-        for kind, of_q, of_rates in (("A_q", 1.0, 0.0), ("A_dq", 0.0, 1.0)):
-            torques = []
-            for share in (-2, -1, 1, 2):
-                there = q + share * of_q * step, rates + share * of_rates * step
-                laws = laws_of(rows.mechanism, *there)
-                needed = sk.inverse_dynamics(rows.mechanism, laws, [0.0])
-                torques.append(needed.torques)
-            slope = np.tensordot([1.0, -8.0, 8.0, -1.0], torques, 1) / (12.0 * 2e-3)
-            wanted = -np.einsum("nij,nj->ni", inverse, slope)
-            own = rows.of(kind, [f"{one}{end}" for one in several])
-            scale = np.max(np.abs(wanted), axis=1, keepdims=True) + 1e-3
-            good = np.all(np.isfinite(wanted), axis=1)
-            assert np.any(good)
-            assert np.max(np.abs(own - wanted)[good] / scale[good]) < 3e-7
-        own = rows.of("B_torque", [f"{one}{end}" for one in several])
+        ends = [f"{one}{end}" for one in several]
+        for kind, name in enumerate(("A_q", "A_dq")):
+            there = wanted[good, kind, :, j]
+            scale = np.max(np.abs(there), axis=1, keepdims=True) + 1e-3
+            assert np.max(np.abs(rows.of(name, ends)[good] - there) / scale) < 3e-7
+        own = rows.of("B_torque", ends)
         assert np.nanmax(np.abs(own / inverse[:, :, j] - 1.0)) < 1e-12
+
+
+@pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
+def test_condition_numbers_are_those_of_inverse_kinematics(name):
+    rows = Rows(name, lambda x: x.startswith(("condition", "jacobian")))
+    (output,) = rows.mechanism.outputs
+    pose = rows.here.rotation(output.link)
+    if output.direction is not None:
+        pose = pose @ output.direction
+    inverse = sk.InverseKinematics(rows.mechanism).at(pose, normals=True)
+    off = np.angle(np.exp(1j * (inverse.inputs - rows.q)))
+    mode = np.argmin(np.max(np.abs(off), axis=2), axis=0)
+    jacobian = inverse.jacobian[mode, np.arange(len(pose))]
+    sizes = np.linalg.svd(jacobian, compute_uv=False)
+    own = rows.of(f"condition_number_{output.name}")[:, 0]
+    assert own == pytest.approx(sizes[:, 0] / sizes[:, -1], rel=1e-9)
+    if output.direction is not None:
+        jacobian = np.concatenate([jacobian, pose[:, :, None]], axis=2)
+    own = rows.of(f"jacobian_determinant_{output.name}")[:, 0]
+    assert own == pytest.approx(np.linalg.det(jacobian), rel=1e-9)
+
+
+def test_singular_values_are_those_of_lapack():
+    rng = np.random.default_rng(4)
+    for count in (2, 3):
+        matrices = rng.normal(size=(20000, 3, count))
+        matrices[::2] *= 10.0 ** rng.uniform(-4.0, 0.0, size=(10000, 1, count))
+        matrices[:3] = np.eye(3)[:, :count], np.ones((3, count)), np.zeros((3, count))
+        names = symbols(f"x{k}" for k in range(3 * count))
+        values = singular_values([*np.reshape(names, (3, count)).T])
+        own = array_function(values, names)(matrices.reshape(len(matrices), -1).T)
+        wanted = np.linalg.svd(matrices, compute_uv=False)
+        assert np.max(np.abs(own.T - wanted) / (wanted[:, :1] + 1e-300)) < 3e-15

@@ -5,11 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import TABLES, changed, check_call, text_of
+from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.design.descent import FigureGradients, HeldMode, least_greatest
 from spherekit.design.requirements import nondominated
 from spherekit.design.synthesis import one_linkage
+from spherekit.errors import FileError
 from spherekit.files.library import find
 from spherekit.front.designs import specification_of
 
@@ -255,3 +257,64 @@ match = { quantity = "theta_41", at = [0.0, 90.0, 180.0], values = [300.0, 60.0,
         off = (theta - [300.0, 60.0, 0.0] + 180.0) % 360.0 - 180.0
         wanted = np.sqrt(np.mean(off**2, axis=1))
         assert np.min(np.abs(sized.figures["match"][row] / wanted - 1.0)) < 1e-9
+
+
+def test_match_of_directions_and_poses_is_how_far_they_are_missed(tmp_path):
+    path = tmp_path / "synthesis.toml"
+    text = """
+format = 1
+mechanism = "five_bar"
+minimise = "match"
+vary = { "links.2.arc" = [59.0, 61.0] }
+[[match]]
+quantity = "direction_pointer"
+at = [[40.0, 110.0], [60.0, 100.0]]
+values = [[0.0, 2.0, 1.0], [30.0, 60.0]]
+[[match]]
+quantity = "orientation_3"
+at = [[50.0, 110.0], [45.0, 100.0]]
+values = [[10.0, 20.0, 30.0], [0.0, 0.0, 0.6, 0.8]]
+"""
+    path.write_text(text)
+    sized = sk.synthesize(path, designs=4, starts=1)
+    q = np.radians([[40.0, 110.0], [60.0, 100.0], [50.0, 110.0], [45.0, 100.0]])
+    azimuth, tilt = np.radians([30.0, 60.0])
+    wanted = np.array(
+        [
+            [0.0, np.sqrt(0.8), np.sqrt(0.2)],
+            [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)],
+        ]
+    )
+    turned = Rotation.from_euler("ZYZ", [10.0, 20.0, 20.0], degrees=True)
+    poses = Rotation.concatenate([turned, Rotation.from_quat([0.0, 0.0, 0.6, 0.8])])
+    for row, own in enumerate(sized.figures["match"]):
+        mechanism = sized.mechanism(row)
+        (output,) = mechanism.outputs
+        turned = sk.evaluate(mechanism, q).rotation("3").reshape(-1, 4, 3, 3)
+        cosines = np.sum((turned[:, :2] @ output.direction) * wanted, axis=2)
+        trace = np.einsum("mkij,kij->mk", turned[:, 2:], poses.as_matrix())
+        angles = np.arccos(np.concatenate([cosines, 0.5 * (trace - 1.0)], axis=1))
+        chords = np.degrees(2.0 * np.sin(0.5 * angles))
+        missed = np.sqrt(np.mean(chords**2, axis=1))
+        assert np.min(np.abs(own / missed - 1.0)) < 1e-9
+    path.write_text(text.replace("[30.0, 60.0]]", "[30.0, 60.0, 0.0, 1.0]]"))
+    with pytest.raises(FileError, match=r"match\[0\]\.values: .* give x, y, z, or azimuth"):
+        sk.synthesize(path)
+
+
+def test_a_linkage_is_found_again_by_the_poses_of_its_coupler(tmp_path):
+    arcs = {"1": 80.0, "2": 25.0, "3": 75.0, "4": 60.0}
+    given = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs)
+    q = [0.0, 40.0, 90.0, 150.0, 230.0, 300.0]
+    turned = sk.evaluate(given, np.radians(q), assembly_mode=0).rotation("3")
+    poses = Rotation.from_matrix(turned).as_quat().tolist()
+    vary = "".join(f'"links.{k}.arc" = [{x - 20.0}, {x + 20.0}]\n' for k, x in arcs.items())
+    path = tmp_path / "synthesis.toml"
+    path.write_text(
+        'format = 1\nmechanism = "four_bar"\nminimise = "match"\n'
+        f'[vary]\n{vary}[match]\nquantity = "orientation_3"\n'
+        f"at = {q}\nvalues = {poses}\n"
+    )
+    found = sk.synthesize(path, designs=256, starts=2)
+    assert found.objectives[0, 0] < 1e-6
+    assert found.values[0] == pytest.approx([*arcs.values()], abs=1e-5)

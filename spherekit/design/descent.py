@@ -366,7 +366,7 @@ class Descent:
         named = {x.arguments[0]: (x, x) for x in terms}
         if synthesis.matched:
             missed = [named[name][0] for name in synthesis.matched]
-            size = np.sqrt(sum(x * x for x in missed) / len(missed))
+            size = np.sqrt(sum(x * x for x in missed) / synthesis.points)
             named[MATCH] = (size, size)
         items = [expression_terms(item, named) for item in synthesis.objectives]
         self._wanted = len(items)

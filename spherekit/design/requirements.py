@@ -42,11 +42,14 @@ class Specification:
         The objectives, expressions of figures and varied numbers.
     matched
         Names of the figures that precision points are missed by.
+    points
+        How many precision points there are.
     """
 
     sweep: Sweep
     minimise: Names
     matched: Names = ()
+    points: int = 1
 
     def __post_init__(self) -> None:
         _ = self.objectives
@@ -72,7 +75,7 @@ class Specification:
         if not self.matched:
             return columns
         missed = np.array([columns[name] for name in self.matched])
-        return {**columns, MATCH: np.sqrt(np.mean(missed * missed, axis=0))}
+        return {**columns, MATCH: np.sqrt(np.sum(missed * missed, axis=0) / self.points)}
 
     def missed(self, designs: Floats, mode: str) -> tuple[Indices, Floats, Floats]:
         """Return which designs (variables, n) have a mode, and what they are worth in it.

@@ -7,15 +7,16 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from spherekit.analysis.contract import FigureOfMerit, parse_merit
 from spherekit.analysis.registry import create
 from spherekit.argument_validation import checked
-from spherekit.conventions import AnyPath, Facts
+from spherekit.conventions import AnyPath
 from spherekit.design.figures import DesignSamples
 from spherekit.design.requirements import Specification
 from spherekit.design.sweep import (
@@ -28,7 +29,7 @@ from spherekit.design.sweep import (
 from spherekit.design.sweep_parts import SweepResult, run_sweep
 from spherekit.design.synthesis import Synthesis, size
 from spherekit.errors import DesignError
-from spherekit.files.document import Document, parse, read_text
+from spherekit.files.document import Document, KeyPath, parse, read_text
 from spherekit.files.library import find, is_study, named_in
 from spherekit.files.read import angle_unit_of, load
 from spherekit.files.schema import check
@@ -37,6 +38,7 @@ from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import in_radians
 from spherekit.planning.inputs import driven_at
+from spherekit.sphere.rotation import from_quaternion, from_tilt_torsion, pointing
 
 if TYPE_CHECKING:
     from spherekit.analysis.contract import AbstractAnalysis
@@ -272,7 +274,7 @@ def specification_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Sp
     variations = [between(key, *map(float, ends)) for key, ends in data["vary"].items()]
     figures = [f"{name}={text}" for name, text in data.get("figures", {}).items()]
     subject = named_in(data["mechanism"], Path(path).parent)
-    missed = _missed(document, data.get("match"), in_radians(1.0, angle_unit_of(subject)))
+    missed, points = _missed(document, in_radians(1.0, angle_unit_of(subject)))
     sweep = sweep_of(
         subject,
         DesignSpace.of(variations, designs, "sobol", seed),
@@ -282,29 +284,62 @@ def specification_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Sp
     sweep = replace(sweep, where=tuple(data.get("where", ())))
     wanted = data["minimise"]
     objectives = (wanted,) if isinstance(wanted, str) else tuple(wanted)
-    return Specification(sweep, objectives, tuple(missed))
+    return Specification(sweep, objectives, tuple(missed), points)
 
 
-def _missed(document: Document, match: Facts | None, unit: float) -> dict[str, str]:
-    """Return the figures that say by how much each precision point is missed."""
-    if match is None:
-        return {}
-    inputs = match["at"]
-    values = match["values"]
-    if len(inputs) != len(values):
+def _missed(document: Document, unit: float) -> tuple[dict[str, str], int]:
+    """Return the figures that say by how much precision points are missed.
+
+    And how many points there are.
+    """
+    match = document.data.get("match", [])
+    made, points = dict[str, str](), 0
+    for number, table in enumerate(match if isinstance(match, list) else [match]):
+        path = ("match", number, "values") if match is not table else ("match", "values")
+        inputs, values = table["at"], table["values"]
+        if len(inputs) != len(values):
+            raise document.fault(
+                path,
+                f"has {len(values)} values for {len(inputs)} inputs; give one for each",
+            )
+        points += len(inputs)
+        for place, value in zip(inputs, values, strict=True):
+            at = ", ".join(repr(float(x)) for x in np.atleast_1d(place))
+            for miss in _misses(document, path, table["quantity"], value, unit):
+                name = f"missed_{len(made) + 1}"
+                made[name] = f"{name}=at({miss}, {at})"
+    return made, points
+
+
+def _misses(
+    document: Document, path: KeyPath, quantity: str, value: Any, unit: float
+) -> list[str]:
+    """Return by how much a quantity misses a value, part by part."""
+    if isinstance(value, int | float):
+        if not quantity.startswith(("theta_", "transmission_angle_")):
+            return [f"{quantity} - ({value!r})"]
+        off = f"{quantity} - ({value * unit!r})"
+        return [f"{1.0 / unit!r}*atan2(sin({off}), cos({off}))"]
+    turned = quantity.startswith("orientation_")
+    numbers = np.array(value, dtype=float)
+    of_any_length = len(numbers) == (4 if turned else 3)
+    if len(numbers) - turned not in (2, 3) or (of_any_length and not np.any(numbers)):
+        poses = "azimuth, tilt and torsion, or qx, qy, qz, qw" if turned else ""
         raise document.fault(
-            ("match", "values"),
-            f"has {len(values)} values for {len(inputs)} inputs; give one for each",
+            path,
+            f"{value} is no value of {quantity}: give "
+            f"{poses or 'x, y, z, or azimuth and tilt'}",
         )
-    quantity = match["quantity"]
-    made = {}
-    for k, (place, value) in enumerate(zip(inputs, values, strict=True)):
-        name = f"missed_{k + 1}"
-        if quantity.startswith(("theta_", "transmission_angle_")):
-            off = f"{quantity} - ({value * unit!r})"
-            miss = f"{1.0 / unit!r}*atan2(sin({off}), cos({off}))"
-        else:
-            miss = f"{quantity} - ({value!r})"
-        points = ", ".join(repr(float(x)) for x in np.atleast_1d(place))
-        made[name] = f"{name}=at({miss}, {points})"
-    return made
+    if of_any_length:
+        numbers = numbers / np.linalg.norm(numbers)
+        wanted = from_quaternion(numbers) if turned else numbers
+    else:
+        made = from_tilt_torsion if turned else pointing
+        wanted = made(numbers[None] * unit)[0]
+    # Twice the sine of half the angle is the chord of a direction; a rotation has it twice.
+    share = 1.0 / (unit * np.sqrt(wanted.ndim))
+    parts = ("".join(axes) for axes in product("xyz", repeat=wanted.ndim))
+    return [
+        f"{float(share)!r}*({quantity}_{part} - ({float(x)!r}))"
+        for part, x in zip(parts, wanted.ravel(), strict=True)
+    ]
