@@ -12,8 +12,10 @@ import subprocess
 import numpy as np
 import pytest
 from refusals import TABLES, check_call
+from sources import ROOT
 
 import spherekit as sk
+from spherekit.cli.main import main
 from spherekit.design.variables import design_variable, designed, sizes_of
 from spherekit.errors import SpherekitError
 from spherekit.exchange.formulas import formulas
@@ -308,6 +310,22 @@ def test_stored_functions_have_their_source(tmp_path):
     found = function(np.array([q, dq, ddq, t]), np.zeros((0, 50)), np.zeros((0, 50)))
     wanted = archive.torque(q, dq, ddq, t)
     assert found[-1] == pytest.approx(wanted, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.skipif(not shutil.which("arm-none-eabi-gcc"), reason="no cross compiler")
+def test_the_wiper_fits_a_microcontroller(tmp_path):
+    """The file of the first page, by one command, without a warning."""
+    page = (ROOT / "docs" / "first_mechanism.md").read_text("utf-8")
+    (tmp_path / "wiper.toml").write_text(page.partition("```toml\n")[2].partition("```")[0])
+    made = str(tmp_path / "wiper.c")
+    assert main(["export", str(tmp_path / "wiper.toml"), "--to", "c", "-o", made]) == 0
+    core = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
+    warned = [x for x in STRICT.split() if x not in ("-shared", "-fPIC")]
+    words = ["arm-none-eabi-gcc", *core, *warned, "-std=c99", "-c", made, "-o", made + ".o"]
+    subprocess.run(words, check=True)
+    sizes = subprocess.check_output(["arm-none-eabi-size", made + ".o"], text=True)
+    text, data, bss = map(int, sizes.splitlines()[1].split()[:3])
+    assert 1000 < text < 8000 and data == bss == 0
 
 
 @pytest.mark.parametrize("call", TABLES["sources"])
