@@ -189,10 +189,10 @@ def _quantities(
     for end, k in moving:
         put(f"torque{end}", "N m", VariedTerms.torque, k)
     for k, pair in enumerate(inputs):
-        own = "" if one else f"_{pair}"
-        put(f"free_acceleration{own}", "rad/s2", VariedTerms.free_acceleration, k)
+        of_pair = "" if one else f"_{pair}"
+        put(f"free_acceleration{of_pair}", "rad/s2", VariedTerms.free_acceleration, k)
         for (kind, unit), (end, j) in product(LINEAR.items(), moving):
-            put(f"{kind}{own}{end}", unit, VariedTerms.linearised, kind, k, j)
+            put(f"{kind}{of_pair}{end}", unit, VariedTerms.linearised, kind, k, j)
     put("kinetic_energy", "J", VariedTerms.kinetic_energy)
     return table
 
