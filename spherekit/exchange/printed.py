@@ -1,7 +1,8 @@
 """Formulas as lines of a language: one assignment for each term, and what stands around.
 
-Terms are printed as they are: what occurs twice is one term already, so no printer of
-expressions makes better code, and C returns what NumPy's arrays do.
+Terms are printed as they are, for what occurs twice is one term already, and C returns what
+NumPy's arrays do. CasADi's generator makes 2 to 6 % fewer operations of them, as it counts
+a square or an opposite for one.
 """
 
 import re
