@@ -1,0 +1,1 @@
+"""A mechanism as one page that any browser opens and moves, without a network."""

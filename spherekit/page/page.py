@@ -1,0 +1,347 @@
+"""The page of a mechanism: what it holds, the kernels that move it, and its parts in one."""
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from fnmatch import fnmatchcase
+from html import escape
+from importlib.resources import files
+from itertools import combinations, permutations
+from string import Template
+from typing import NamedTuple
+
+import numpy as np
+
+from spherekit.analysis.link_scenes import PROFILE_POINTS
+from spherekit.conventions import Facts, Names
+from spherekit.design.variables import DesignVariable, design_variable, sizes_of
+from spherekit.engine.row_quantities import middle_pairs, row_quantities
+from spherekit.errors import CountError, SpherekitError
+from spherekit.exchange.formulas import CLOSURE, Formulas, formulas
+from spherekit.exchange.source import source
+from spherekit.files.read import AnyMechanism, mechanism_of
+from spherekit.files.write import document_of
+from spherekit.model.gears import joints_of, link_axes
+from spherekit.model.parts import Input
+from spherekit.motion.motion import PositionAnalysis
+from spherekit.page.toml_places import text_with_places
+from spherekit.planning.inputs import driven_at, driven_pairs
+from spherekit.planning.plan import plans
+from spherekit.planning.poles import (
+    BlockPoles,
+    LinePole,
+    Plan,
+    Pole,
+    Step,
+    cells,
+    describe,
+    pole_name,
+    pole_of,
+)
+from spherekit.version import __version__
+
+SCRIPTS = (
+    "script/1_state.js",
+    "script/2_motion.js",
+    "script/3_sphere.js",
+    "script/4_mechanism.js",
+    "script/5_poles.js",
+    "script/6_curves.js",
+    "script/7_reach.js",
+    "script/8_controls.js",
+    "script/9_pictures.js",
+)
+AXES = "xyz"
+OF_MOTION = ("torque", "generalized_force", "free_acceleration")
+"""How quantities begin that follow from rates too."""
+ARC = 30.0
+"""Degrees to both sides of an angle that its slider has."""
+
+
+class Page(NamedTuple):
+    """A page as text, the quantities that it shows, and notes on what it leaves out."""
+
+    text: str
+    quantities: Names
+    notes: Names
+
+
+class PageMaker:
+    """What a page holds of a mechanism; arguments as of `spherekit.page`."""
+
+    def __init__(
+        self,
+        given: AnyMechanism,
+        vary: Sequence[str] | None,
+        quantities: Sequence[str] | None,
+        input_pair: str | Sequence[str] | None,
+    ) -> None:
+        self.given, self.input_pair = given, input_pair
+        self.mechanism = driven_at(mechanism_of(given), input_pair)
+        self.document = document_of(given)
+        self.inputs = self.mechanism.names_of(driven_pairs(self.mechanism))
+        self.keys = tuple(sizes_of(self.mechanism) if vary is None else vary)
+        self.every = row_quantities(self.mechanism)
+        self.quantities = quantities
+        self.plans = self._plans()
+        self.notes: list[str] = []
+
+    def page(self) -> Page:
+        """Return the page."""
+        rows = self._rows()
+        asked = self.quantities or self._default(masses=not self.notes)
+        shown = [x for x in rows.results if any(fnmatchcase(x, name) for name in asked)]
+        kernels = {"rows": rows, "picture": self._formulas(self._drawn())}
+        text = self._assembled(shown, _kernels(kernels))
+        return Page(text, tuple(shown), tuple(self.notes))
+
+    # Quantities, and what is drawn.
+
+    @property
+    def _ends(self) -> list[str]:
+        """How quantities end that are of one input while the others rest."""
+        inputs = self.inputs
+        return [""] if len(inputs) == 1 else [f"_by_{pair}" for pair in inputs]
+
+    def _formulas(self, names: Sequence[str]) -> Formulas:
+        return formulas(self.given, names, self.keys, self.input_pair)
+
+    def _coefficients(self, end: str) -> list[str]:
+        """Return the velocity coefficients of outputs, without any of the last link."""
+        mechanism = self.mechanism
+        ends = [(x.link, x.relative_to) for x in mechanism.outputs]
+        return [
+            f"velocity_coefficient_{link}_{other}{end}"
+            for link, other in ends or [(mechanism.links[-1], mechanism.ground)]
+        ]
+
+    def _default(self, masses: bool) -> list[str]:
+        """Return the quantities that are shown by default."""
+        names = [name for end in self._ends for name in self._coefficients(end)]
+        names += [f"transmission_angle_{pair}" for pair in middle_pairs(self.mechanism)]
+        if masses and self.mechanism.masses:
+            names += [f"torque{end}" for end in self._ends]
+        return names
+
+    @property
+    def _paths(self) -> list[tuple[str, str]]:
+        """What paths are drawn of, and the link that carries it."""
+        mechanism = self.mechanism
+        stems = []
+        for output in mechanism.outputs:
+            if output.direction is not None:
+                stems.append((f"direction_{output.name}", output.link))
+                continue
+            for pair in mechanism.pairs:
+                moves = output.link in pair.links and mechanism.ground not in pair.links
+                if pair.kind.has_axis and moves:
+                    stems.append((f"axis_{pair.name}", output.link))
+        return stems
+
+    @property
+    def _stops(self) -> str:
+        """The determinant that is zero where the first output stops, if there is one."""
+        names = (f"jacobian_determinant_{output.name}" for output in self.mechanism.outputs)
+        return next((name for name in names if name in self.every), "")
+
+    def _rows(self) -> Formulas:
+        """Return the formulas of what is computed at every sample of every mode."""
+        needed = [name for end in self._ends for name in self._coefficients(end)]
+        needed += [f"{stem}_{x}" for stem, _ in self._paths for x in AXES]
+        needed += [name for name in ("determinant", self._stops) if name in self.every]
+        asked = self.quantities or self._default(masses=True)
+        try:
+            made = self._formulas([*asked, *needed])
+        except SpherekitError as problem:
+            if self.quantities:
+                raise
+            self.notes.append(f"without driving torques: {problem}")
+            made = self._formulas([*self._default(masses=False), *needed])
+        if made.step or not made.places:
+            return made
+        closures = [f"{CLOSURE}{k + 1}" for k in range(len(made.places))]
+        return self._formulas([*made.results, *closures])
+
+    def _drawn(self) -> list[str]:
+        """Return what is computed at the cursor: axes, orientations, poles."""
+        mechanism = self.mechanism
+        links = mechanism.links
+        names = [
+            f"axis_{pair.name}_{x}"
+            for pair in mechanism.pairs
+            if pair.kind.has_axis
+            for x in AXES
+        ]
+        names += [
+            f"orientation_{link}_{x}{y}"
+            for link in links
+            if link != mechanism.ground
+            for x in AXES
+            for y in AXES
+        ]
+        names += [
+            f"pole_{links[j]}_{links[i]}_{x}{end}"
+            for end, planned in zip(self._ends, self.plans, strict=True)
+            for i, j in combinations(planned.bodies, 2)
+            for x in AXES
+        ]
+        return names
+
+    def _plans(self) -> tuple[Plan, ...]:
+        try:
+            return plans(self.mechanism)
+        except CountError:
+            if not PositionAnalysis(self.mechanism, samples=2).by_rank:
+                raise
+            return plans(self.mechanism, by_rank=True)
+
+    # What the page is told.
+
+    def _assembled(self, shown: Sequence[str], kernels: str) -> str:
+        """Return the page, of its parts."""
+        mechanism = self.mechanism
+        source = mechanism.source
+        return Template(_part("page.html")).substitute(
+            title=escape(mechanism.name),
+            citation=escape(source.citation if source else ""),
+            version=__version__,
+            css=_part("parts/uplot.css") + _part("page.css"),
+            uplot=_part("parts/uplot.js"),
+            model=json.dumps(self._model(shown)).replace("</", "<\\/"),
+            kernels=kernels,
+            scripts="\n".join(map(_part, SCRIPTS)),
+        )
+
+    def _model(self, shown: Sequence[str]) -> Facts:
+        mechanism = self.mechanism
+        numbers = [design_variable(self.document, key) for key in self.keys]
+        return {
+            "name": mechanism.name,
+            "angle_unit": self.document.data["angle_unit"],
+            "inputs": [*map(self._input, mechanism.inputs)],
+            "links": [*map(self._link, mechanism.links)],
+            "pairs": [
+                {"name": x.name, "links": x.links, "axis": x.kind.has_axis}
+                for x in mechanism.pairs
+            ],
+            "outputs": [
+                {"name": x.name, "link": x.link, "direction": x.direction}
+                for x in mechanism.outputs
+            ],
+            "sizes": [self._size(variable) for variable in numbers],
+            "quantities": [self._quantity(name) for name in shown],
+            "coefficients": [*map(self._coefficients, self._ends)],
+            "paths": [{"stem": stem, "link": link} for stem, link in self._paths],
+            "stops": self._stops,
+            "moving": any(name.startswith(OF_MOTION) for name in shown),
+            "plans": [*map(self._plan, self._ends, self.plans)],
+            "toml": text_with_places(self.document, [x.path for x in numbers]),
+        }
+
+    def _input(self, driven: Input) -> Facts:
+        pair = self.mechanism.pairs[self.mechanism.pair_number[driven.pair]]
+        axes = link_axes(self.mechanism)
+        return {
+            "pair": pair.name,
+            "links": pair.links,
+            "from": driven.start,
+            "to": driven.stop,
+            "axes": {link: axes[link][pair.name].tolist() for link in pair.links},
+        }
+
+    def _link(self, link: str) -> Facts:
+        """Return the pairs of a link, and its profiles as points in its axes."""
+        mechanism, profiles = self.mechanism, []
+        for pair, joint in zip(mechanism.pairs, joints_of(mechanism), strict=True):
+            if pair.profiles is None or link not in pair.links:
+                continue
+            which = pair.links.index(link)
+            profile, curve = pair.profiles[which], joint.tracks[which].curve
+            points = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS)).frame
+            profiles.append(
+                {
+                    "pair": pair.name,
+                    "points": np.round(points[:, :, 2], 6).tolist(),
+                    "centre": profile.centre,
+                    "radius": profile.radius,
+                    "rolls": pair.type == "Cr" and profile.kind == "circle",
+                }
+            )
+        return {"name": link, "pairs": [*link_axes(mechanism)[link]], "profiles": profiles}
+
+    def _size(self, number: DesignVariable) -> Facts:
+        value, unit = number.value, "rad" if number.is_angle else ""
+        room = np.degrees(ARC) if self.document.data["angle_unit"] == "rad" else ARC
+        if not number.is_angle:
+            room = abs(value) or 1.0
+        return {
+            "key": number.key,
+            "value": value,
+            "unit": unit,
+            "low": value - room,
+            "high": value + room,
+            "step": 10.0 ** np.floor(np.log10(room / 50.0)),
+        }
+
+    def _quantity(self, name: str) -> Facts:
+        words = {
+            f"{kind}_coefficient_{a}_{b}{end}": f"{kind} coefficient {a}/{b}{end}"
+            for kind in ("velocity", "acceleration")
+            for a, b in permutations(self.mechanism.links, 2)
+            for end in self._ends
+        }
+        label = words.get(name, name).replace("_", " ")
+        return {"name": name, "unit": self.every[name], "label": label}
+
+    def _plan(self, end: str, planned: Plan) -> Facts:
+        """Return the Table and its steps, with poles as pairs of names of links."""
+        links, pairs = planned.mechanism.links, planned.mechanism.pairs
+
+        def named(pole: Pole) -> list[str]:
+            return [links[number] for number in pole[::-1]]
+
+        def steps(step: Step) -> Iterator[Facts]:
+            one = {"text": describe(planned, step).split("\n")[0], "lines": [], "contacts": []}
+            if isinstance(step, BlockPoles):
+                later = {inner.pole for inner in step.passes}
+                yield one | {"poles": [named(x) for x in step.poles if x not in later]}
+                for inner in step.passes:
+                    yield from steps(inner)
+                return
+            if isinstance(step, LinePole):
+                one["lines"] = [
+                    [named(pole_of(k, x)) for x in step.pole] for k in step.via
+                ]
+                one["contacts"] = planned.mechanism.names_of(step.contacts)
+            yield one | {"poles": [named(step.pole)]}
+
+        return {
+            "moves": pairs[planned.input].name,
+            "end": end,
+            "titles": [*map(planned.name, planned.bodies)],
+            "bodies": [links[body] for body in planned.bodies],
+            "cells": cells(planned),
+            "labels": {
+                ",".join(named(pole)): pole_name(planned, pole)
+                for pole in combinations(planned.bodies, 2)
+            },
+            "steps": [facts for step in planned.steps for facts in steps(step)],
+        }
+
+
+def _part(name: str) -> str:
+    return files(__package__).joinpath(name).read_text("utf-8")
+
+
+def _kernels(made: Mapping[str, Formulas]) -> str:
+    """Return the exported functions, by the names under which the page has them."""
+    parts = []
+    for key, of in made.items():
+        text = re.sub(r"^export ", "", source(of, "javascript"), flags=re.M)
+        (name,) = re.findall(r"^const (\w+)_about\b", text, re.M)
+        step = f"{name}_step" if of.step else "null"
+        parts.append(
+            f"{key}: (() => {{\n{text}\n"
+            f"return {{about: {name}_about, at: {name}, step: {step}}};\n}})(),"
+        )
+    return "\n".join(["const KERNELS = {", *parts, "};"])

@@ -1,0 +1,126 @@
+// Pictures: what has changed is computed again, once for each picture.
+
+let playing = false, pending = 0, clock = 0, way = 1;
+const TURN = 9;                            // seconds to play through the range
+const system = matchMedia("(prefers-color-scheme: dark)");
+const timing = {pictures: 0, busy: 0};
+
+function wake() {
+  pending ||= requestAnimationFrame(next);
+}
+
+function start() {
+  playing = true;
+  clock = performance.now();
+  wake();
+  showPlay();
+}
+
+function pause() {
+  playing = false;
+  showPlay();
+}
+
+function showPlay() {
+  play.textContent = playing ? "❚❚" : "▶";
+  play.setAttribute("aria-label", playing ? "Pause" : "Play");
+}
+
+function advance(now) {
+  const k = state.over, {from, to} = inputs[k], span = to - from, whole = span > 2 * Math.PI - 1e-9;
+  let q = state.q[k] + (way * span * Math.min(now - clock, 100)) / 1000 / TURN;
+  clock = now;
+  const turnsBack = x => !whole && (x > to || x < from);
+  if (turnsBack(q) || (!whole && !modes[state.mode].at(state.q.with(k, clamp(q, from, to)), inKernel(state.sizes)))) way = q > state.q[k] ? -1 : 1;
+  if (whole && q > to) q -= span;
+  setInput(k, q);
+}
+
+function next(now) {
+  pending = 0;
+  if (playing) advance(now);
+  const began = performance.now();
+  renew();
+  timing.pictures += 1;
+  timing.busy += performance.now() - began;
+  if (playing) wake();
+}
+
+function renew() {
+  const does = (...names) => names.some(name => changed.has(name)), all = does("all");
+  const now = inKernel(state.sizes);
+  if (all || does("theme")) showTheme();
+  if (all || does("sizes") || (several && does("input")))
+    for (const mode of modes) mode.curve = sampled(mode, state.over, state.q, now);
+  if (several && (all || does("sizes", "mode") || inputs.length > 2)) reach = surveyed(modes[state.mode], now);
+  if (all || does("sizes", "input")) place(now);
+  if (all || does("sizes", "theme", "mode") || (several && does("input"))) fillCurves();
+  else if (does("input")) figures.forEach(x => x.plot.redraw(false));
+  if (all || does("plan")) buildTable();
+  if (all || does("plan", "step")) showStep();
+  if (all || does("sizes", "input", "mode", "theme")) { showControls(); showNumbers(); }
+  if (several && pad.clientWidth) drawPad();
+  changed.clear();
+  draw();
+  clearTimeout(renew.later);
+  if (!playing) renew.later = setTimeout(keepLink, 400);
+}
+
+function place(now) {
+  for (const mode of modes) {
+    const places = mode.at(state.q, now);
+    mode.here = places && Float64Array.from(evaluated(rows, state.q, places, now));
+    mode.row = places && Float64Array.from(evaluated(picture, state.q, places, now));
+    mode.last = mode.row ?? mode.last;
+  }
+}
+
+function draw() {
+  look();
+  drawn = []; words = []; taken = [];
+  graticule();
+  strokes(false);
+  drawn = [];
+  drawReach();
+  const {row, last} = modes[state.mode], shown = row ?? last;
+  let poles = [];
+  if (shown) {
+    drawPaths();
+    inputs.forEach((input, k) => drawTrack(shown, k));
+    drawLinks(shown);
+    if (row) poles = drawPoles(row);
+  }
+  if (!row) for (const one of drawn) one.alpha = 0.35 * (one.alpha ?? 1);
+  strokes(false);
+  ball();
+  const front = drawn;
+  drawn = [];
+  graticule();
+  strokes(true);
+  drawn = front;
+  strokes(true);
+  if (!shown) return;
+  drawPairs(shown);
+  inputs.forEach((input, k) => disc(knobOf(shown, k).far, 6.5, row ? colour("--accent") : colour("--warn"), colour("--card"), {ring: 12}));
+  markPoles(poles);
+  writeNames();
+}
+
+function showTheme() {
+  const wanted = state.theme || (system.matches ? "dark" : "light");
+  document.documentElement.dataset.theme = wanted;
+  document.body.classList.toggle("alone", state.alone);
+  element("theme").setAttribute("aria-pressed", wanted === "dark");
+  element("reach").hidden = !several;
+}
+
+function keepLink() {
+  const words = link(), now = location.hash.slice(1);
+  if (words !== now) history.replaceState(null, "", words ? `#${words}` : location.pathname + location.search);
+}
+
+window.addEventListener("hashchange", () => { if (location.hash.slice(1) !== link()) followLink(); });
+window.addEventListener("resize", () => { resizeCurves(); change("view"); });
+system.addEventListener("change", () => change("theme"));
+window.spherekit = {state, change, timing, toml, modes, link};
+followLink();
