@@ -16,6 +16,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import Names, listing, nearest
+from spherekit.design.figures import INERTIAL
 from spherekit.design.variables import check_variables, design_variable
 from spherekit.design.varied import STEADY, VariedMechanism
 from spherekit.dynamics.tabulated import StoredModel
@@ -374,7 +375,7 @@ def _wanted(
 
 
 def _reads_masses(name: str) -> bool:
-    return not name.startswith(("theta_", "rate_", "velocity_", "acceleration_"))
+    return name.startswith(INERTIAL)
 
 
 def _there(terms: VariedTerms, wanted: Sequence[str], by_default: bool) -> list[str]:

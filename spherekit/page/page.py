@@ -129,7 +129,7 @@ class PageMaker:
         mechanism = self.mechanism
         stems = []
         for output in mechanism.outputs:
-            if output.direction is not None:
+            if output.direction is not None and output.relative_to == mechanism.ground:
                 stems.append((f"direction_{output.name}", output.link))
                 continue
             for pair in mechanism.pairs:

@@ -162,7 +162,7 @@ function drawPaths() {
 // The first configuration and view: a sixth of the way, or where some mode closes.
 
 for (const part of [1 / 6, 0.5, 0.3, 0.7, 0.1, 0.9, 0, 1]) {
-  first.q = inputs.map(({from, to}) => from + part * (to - from));
+  first.q = inputs.map(({from, to}) => Math.round((from + part * (to - from)) / UNIT * 10) / 10 * UNIT);
   const places = modes[0].at(first.q, inKernel(first.sizes));
   if (!places) continue;
   const [x, y, z] = middleOf(evaluated(picture, first.q, places, inKernel(first.sizes)));

@@ -17,11 +17,42 @@ function surveyed(mode, sizes) {
     const places = mode.along(1, axes[1], base, sizes);
     return axes[1].map((b, j) => (places[j] ? Float64Array.from(evaluated(rows, base.with(1, b), places[j], sizes)) : null));
   });
-  const inside = (i, j) => nodes[i][j] !== null;
-  const curves = [borderOf(mode, axes, inside, sizes)];
+  const border = {tint: "--fold", segments: []}, curves = [border], cells = [];
+  for (let i = 0; i + 1 < GRID; i++)
+    for (let j = 0; j + 1 < GRID; j++) {
+      const {outline, edge} = cellOf(mode, axes, nodes, i, j, sizes);
+      if (outline.length > 2) cells.push(outline);
+      if (edge.length === 2) border.segments.push(edge);
+    }
   for (const {tint, place} of KINDS)
     if (place !== undefined) curves.push({tint, segments: zeros(axes, (i, j) => nodes[i][j]?.[place] ?? NaN)});
-  return {axes, nodes, curves: curves.map(curve => ({...curve, on: curve.segments.map(ends => ends.map(q => output(mode, q, sizes)))}))};
+  const on = outline => outline.map(q => output(mode, q, sizes)).filter(p => Number.isFinite(p[0]));
+  return {cells, curves, faces: cells.map(on), lines: curves.flatMap(({tint, segments}) => segments.map(ends => ({tint, ends: on(ends)})))};
+}
+
+// The part of a cell in which a mode closes, and its edge to where it does not.
+
+function cellOf(mode, axes, nodes, i, j, sizes) {
+  const corners = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]], closes = ([a, b]) => nodes[a][b] !== null;
+  const outline = [], edge = [];
+  if (!corners.some(closes)) return {outline, edge};
+  corners.forEach((a, k) => {
+    const b = corners[(k + 1) % 4];
+    if (closes(a)) outline.push(atNode(axes, a));
+    if (closes(a) === closes(b)) return;
+    const place = lastThat(mode, ...(closes(a) ? [a, b] : [b, a]).map(x => atNode(axes, x)), sizes);
+    outline.push(place);
+    edge.push(place);
+  });
+  return {outline, edge};
+}
+
+function lastThat(mode, good, bad, sizes) {  // closes, on the way from one that does
+  const part = refined(0, 1, middle => {
+    const [x, y] = between(good, bad, middle);
+    return mode.at(state.q.with(0, x).with(1, y), sizes);
+  });
+  return between(good, bad, part);
 }
 
 function output(mode, [a, b], sizes) {
@@ -57,43 +88,26 @@ function zeros(axes, value) {
   return crossings(axes, (a, b) => value(...a) * value(...b) < 0, between2);
 }
 
-function borderOf(mode, axes, inside, sizes) {  // where the mode ends, from the side that closes
-  const placed = (a, b) => {
-    const [good, bad] = (inside(...a) ? [a, b] : [b, a]).map(x => atNode(axes, x));
-    let part = [0, 1];
-    for (let k = 0; k < 30; k++) {
-      const middle = 0.5 * (part[0] + part[1]), [x, y] = between(good, bad, middle);
-      part = mode.at(state.q.with(0, x).with(1, y), sizes) ? [middle, part[1]] : [part[0], middle];
-    }
-    return between(good, bad, part[0]);
-  };
-  return {tint: "--fold", segments: crossings(axes, (a, b) => inside(...a) !== inside(...b), placed)};
-}
-
 function drawReach() {
   if (!reach) return;
   const tint = mixed(dark() ? "#6cb6ff" : "#0b63b0", dark() ? 0 : 255, 0.1);
-  const points = reach.nodes.map(column => column.map(row => (row ? directionOf(row) : null)));
-  pen.save();
+  const faces = reach.faces.map(points => points.map(seen));
   for (const front of [false, true]) {
     pen.globalAlpha = front ? 0.2 : 0.07;
     pen.fillStyle = tint;
     pen.beginPath();
-    for (let i = 0; i + 1 < GRID; i++)
-      for (let j = 0; j + 1 < GRID; j++) {
-        const quad = [points[i][j], points[i + 1][j], points[i + 1][j + 1], points[i][j + 1]];
-        if (quad.some(p => !p)) continue;
-        const flat = quad.map(seen);
-        if (flat.every(p => p[2] >= 0) !== front) continue;
-        const turn = (flat[2][0] - flat[0][0]) * (flat[3][1] - flat[1][1]) - (flat[2][1] - flat[0][1]) * (flat[3][0] - flat[1][0]);
-        pen.moveTo(flat[0][0], flat[0][1]);
-        for (const k of turn > 0 ? [1, 2, 3] : [3, 2, 1]) pen.lineTo(flat[k][0], flat[k][1]);
-        pen.closePath();
-      }
+    for (const points of faces) if (points.length > 2 && points.every(p => p[2] >= 0) === front) outlined(pen, points);
     pen.fill();
   }
-  pen.restore();
-  for (const {tint, on} of reach.curves) for (const segment of on) if (segment.every(p => Number.isFinite(p[0]))) line(segment, colour(tint), 2);
+  pen.globalAlpha = 1;
+  for (const {tint, ends} of reach.lines) if (ends.length > 1) line(ends, colour(tint), 2);
+}
+
+function outlined(brush, points) {         // all in one sense, so that what overlaps is filled
+  let area = 0;
+  points.forEach(([x, y], k) => { const [u, v] = points[(k + 1) % points.length]; area += x * v - y * u; });
+  (area < 0 ? [...points].reverse() : points).forEach(([x, y], k) => (k ? brush.lineTo(x, y) : brush.moveTo(x, y)));
+  brush.closePath();
 }
 
 function drawPad() {
@@ -101,11 +115,10 @@ function drawPad() {
   Object.assign(pad, {width: size * ratio, height: size * ratio});
   brush.setTransform(ratio, 0, 0, ratio, 0, 0);
   const [x, y] = [0, 1].map(k => value => padded(k, value, size));
-  const cellSize = (size - 2 * EDGE) / (GRID - 1);
-  brush.fillStyle = `color-mix(in srgb, ${colour("--accent")} 22%, transparent)`;
-  reach.nodes.forEach((column, i) => column.forEach((row, j) => {
-    if (row) brush.fillRect(x(reach.axes[0][i]) - cellSize / 2, y(reach.axes[1][j]) - cellSize / 2, cellSize + 0.3, cellSize + 0.3);
-  }));
+  brush.fillStyle = mixed(dark() ? "#6cb6ff" : "#0b63b0", dark() ? 24 : 255, 0.76);
+  brush.beginPath();
+  for (const outline of reach.cells) outlined(brush, outline.map(([a, b]) => [x(a), y(b)]));
+  brush.fill();
   brush.strokeStyle = colour("--rule");
   brush.strokeRect(EDGE, EDGE, size - 2 * EDGE, size - 2 * EDGE);
   for (const {tint, segments} of reach.curves) {

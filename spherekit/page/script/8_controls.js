@@ -26,7 +26,7 @@ function slider(label, unit, {min, max, step}, set) {
     if (value < Number(range.min)) range.min = value;
     if (value > Number(range.max)) range.max = value;
     range.value = value;
-    if (document.activeElement !== number || Number(number.value) !== value) number.value = +value.toPrecision(12);
+    if (document.activeElement !== number || Number(number.value) !== value) number.value = +value.toPrecision(9);
   }};
 }
 
