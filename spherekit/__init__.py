@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from spherekit.front.evaluate import evaluate as evaluate
     from spherekit.front.export import export as export
     from spherekit.front.export import plan as plan
+    from spherekit.front.page import page as page
     from spherekit.front.run import run as run
     from spherekit.front.run import trade as trade
     from spherekit.guidance.follow import follow_rotation as follow_rotation

@@ -21,7 +21,7 @@ LAYERS = """
 arrays errors conventions guarantee version progress > api_validation argument_validation
 budget lazy_imports markup resources > numeric > sphere > model region > files planning >
 motion > rates > engine > singular output guidance proof > dynamics workspace > analysis >
-tradeoff design > figures view > exchange > front > conformance > plugin > cli
+tradeoff design > figures view > exchange > pages > front > conformance > plugin > cli
 """
 """Each layer may import only layers named before it, and itself."""
 

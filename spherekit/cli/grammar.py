@@ -35,6 +35,7 @@ COMMANDS = {
     "synthesize": "find sizes for a wanted function, or the least of a figure of merit",
     "trade": "measure speed against accuracy, and find the cheapest setting",
     "export": "write a mechanism for others: stored functions, MuJoCo model, table in C",
+    "page": "write a mechanism as one page that any browser opens and moves",
     "import": "read a mechanism from a MuJoCo model (MJCF) or a URDF",
     "view": "open a recording, or a run's folder, in the viewer, or take a picture",
     "mechanisms": "list the mechanisms that come with spherekit or plugins",

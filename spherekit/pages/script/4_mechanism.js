@@ -38,6 +38,7 @@ function drawLinks(row) {
     const longest = arcs.reduce((best, x) => (x.length > best.length ? x : best), []);
     if (longest.length) name(longest[longest.length >> 1], link.name, tint, {bold: true});
     for (const profile of link.profiles) drawProfile(row, link, profile, tint, k);
+    if (!longest.length && link.profiles.length) name(turned(frameOf(row, link.name), link.profiles[0].points[0]), link.name, tint, {bold: true});
   }
 }
 
@@ -70,7 +71,7 @@ function drawProfile(row, link, profile, tint, k) {
     const near = dot(touching, centre) * Math.cos(profile.radius) >= 0 ? touching : scaled(touching, -1);
     const radius = Math.acos(clamp(dot(near, centre), -1, 1));
     line(circle(centre, radius), tint, width);
-    for (let n = 0; n < 6; n++) {
+    for (let n = 0; k && n < 6; n++) {
       const spoke = turned(frame, profile.points[Math.round((n * (profile.points.length - 1)) / 6)]);
       line(arc(centre, spoke), tint, 1.2, {alpha: n ? 0.5 : 1});
     }
@@ -80,7 +81,7 @@ function drawProfile(row, link, profile, tint, k) {
     line(points, tint, width);
   }
   const held = link.pairs.length && axisOf(row, link.pairs[0]);
-  if (held && centre) line(arc(held, centre), tint, width + 1);
+  if (held && centre && Math.abs(dot(held, centre)) < 0.9999) line(arc(held, centre), tint, width + 1);
 }
 
 function touchOf(row, name) {              // of wheels, the pole of their links

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
+from functools import cached_property
 from html import escape
 from importlib.resources import files
 from itertools import combinations, permutations
@@ -21,10 +22,11 @@ from spherekit.exchange.formulas import CLOSURE, Formulas, formulas
 from spherekit.exchange.source import source
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import document_of
+from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.gears import joints_of, link_axes
 from spherekit.model.parts import Input
 from spherekit.motion.motion import PositionAnalysis
-from spherekit.page.toml_places import text_with_places
+from spherekit.pages.toml_places import text_with_places
 from spherekit.planning.inputs import driven_at, driven_pairs
 from spherekit.planning.plan import plans
 from spherekit.planning.poles import (
@@ -59,10 +61,12 @@ ARC = 30.0
 
 
 class Page(NamedTuple):
-    """A page as text, the quantities that it shows, and notes on what it leaves out."""
+    """A page as text: its quantities, sliders and modes, and notes on what it leaves out."""
 
     text: str
     quantities: Names
+    sliders: int
+    modes: int
     notes: Names
 
 
@@ -80,20 +84,21 @@ class PageMaker:
         self.mechanism = driven_at(mechanism_of(given), input_pair)
         self.document = document_of(given)
         self.inputs = self.mechanism.names_of(driven_pairs(self.mechanism))
-        self.keys = tuple(sizes_of(self.mechanism) if vary is None else vary)
         self.every = row_quantities(self.mechanism)
-        self.quantities = quantities
+        self.quantities, self.notes = quantities, list[str]()
+        self.keys = self._sizes() if vary is None else tuple(vary)
         self.plans = self._plans()
-        self.notes: list[str] = []
 
     def page(self) -> Page:
         """Return the page."""
         rows = self._rows()
-        asked = self.quantities or self._default(masses=not self.notes)
+        asked = self._default(masses=True) if self.quantities is None else self.quantities
         shown = [x for x in rows.results if any(fnmatchcase(x, name) for name in asked)]
         kernels = {"rows": rows, "picture": self._formulas(self._drawn())}
         text = self._assembled(shown, _kernels(kernels))
-        return Page(text, tuple(shown), tuple(self.notes))
+        return Page(
+            text, tuple(shown), len(self.keys), len(rows.modes), tuple(self.notes)
+        )
 
     # Quantities, and what is drawn.
 
@@ -105,6 +110,20 @@ class PageMaker:
 
     def _formulas(self, names: Sequence[str]) -> Formulas:
         return formulas(self.given, names, self.keys, self.input_pair)
+
+    def _sizes(self) -> Names:
+        """Return the keys of all arcs and angles, of those that can be varied."""
+        keys, first = sizes_of(self.mechanism), next(iter(self.every))
+        if not self.mechanism.has_contacts:
+            return keys
+        kept = []
+        for key in keys:
+            try:
+                formulas(self.given, [first], [key], self.input_pair)
+                kept.append(key)
+            except SpherekitError as problem:
+                self.notes.append(f"no slider for {key}: {problem}")
+        return tuple(kept)
 
     def _coefficients(self, end: str) -> list[str]:
         """Return the velocity coefficients of outputs, without any of the last link."""
@@ -149,18 +168,24 @@ class PageMaker:
         needed = [name for end in self._ends for name in self._coefficients(end)]
         needed += [f"{stem}_{x}" for stem, _ in self._paths for x in AXES]
         needed += [name for name in ("determinant", self._stops) if name in self.every]
-        asked = self.quantities or self._default(masses=True)
-        try:
-            made = self._formulas([*asked, *needed])
-        except SpherekitError as problem:
-            if self.quantities:
-                raise
-            self.notes.append(f"without driving torques: {problem}")
-            made = self._formulas([*self._default(masses=False), *needed])
+        made = self._formulas_with_masses(needed)
         if made.step or not made.places:
             return made
         closures = [f"{CLOSURE}{k + 1}" for k in range(len(made.places))]
         return self._formulas([*made.results, *closures])
+
+    def _formulas_with_masses(self, needed: Sequence[str]) -> Formulas:
+        """Return the formulas of what is asked for; torques by default if they are known."""
+        if self.quantities is not None:
+            return self._formulas([*self.quantities, *needed])
+        try:
+            need_no_rubbing(self.mechanism, "a page does not solve for")
+            return self._formulas([*self._default(masses=True), *needed])
+        except SpherekitError as problem:
+            if not self.mechanism.masses:
+                raise
+            self.notes.append(f"no driving torque: {problem}")
+            return self._formulas([*self._default(masses=False), *needed])
 
     def _drawn(self) -> list[str]:
         """Return what is computed at the cursor: axes, orientations, poles."""
@@ -207,14 +232,23 @@ class PageMaker:
             version=__version__,
             css=_part("parts/uplot.css") + _part("page.css"),
             uplot=_part("parts/uplot.js"),
-            model=json.dumps(self._model(shown)).replace("</", "<\\/"),
+            model=json.dumps(self.model(shown)).replace("</", "<\\/"),
             kernels=kernels,
             scripts="\n".join(map(_part, SCRIPTS)),
         )
 
-    def _model(self, shown: Sequence[str]) -> Facts:
+    @cached_property
+    def _numbers(self) -> list[DesignVariable]:
+        return [design_variable(self.document, key) for key in self.keys]
+
+    @property
+    def sliders(self) -> list[Facts]:
+        """What each slider is of, in the file's units."""
+        return [*map(self._slider, self._numbers)]
+
+    def model(self, shown: Sequence[str]) -> Facts:
+        """Return what the page's scripts read, with the quantities that are shown."""
         mechanism = self.mechanism
-        numbers = [design_variable(self.document, key) for key in self.keys]
         return {
             "name": mechanism.name,
             "angle_unit": self.document.data["angle_unit"],
@@ -228,14 +262,14 @@ class PageMaker:
                 {"name": x.name, "link": x.link, "direction": x.direction}
                 for x in mechanism.outputs
             ],
-            "sizes": [self._size(variable) for variable in numbers],
+            "sizes": self.sliders,
             "quantities": [self._quantity(name) for name in shown],
             "coefficients": [*map(self._coefficients, self._ends)],
             "paths": [{"stem": stem, "link": link} for stem, link in self._paths],
             "stops": self._stops,
             "moving": any(name.startswith(OF_MOTION) for name in shown),
             "plans": [*map(self._plan, self._ends, self.plans)],
-            "toml": text_with_places(self.document, [x.path for x in numbers]),
+            "toml": text_with_places(self.document, [x.path for x in self._numbers]),
         }
 
     def _input(self, driven: Input) -> Facts:
@@ -269,7 +303,7 @@ class PageMaker:
             )
         return {"name": link, "pairs": [*link_axes(mechanism)[link]], "profiles": profiles}
 
-    def _size(self, number: DesignVariable) -> Facts:
+    def _slider(self, number: DesignVariable) -> Facts:
         value, unit = number.value, "rad" if number.is_angle else ""
         room = np.degrees(ARC) if self.document.data["angle_unit"] == "rad" else ARC
         if not number.is_angle:

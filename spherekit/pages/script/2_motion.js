@@ -113,9 +113,13 @@ class FollowedMode {
   }
 }
 
+function titled({number, name}) {          // names of the file, or signs of dyads after the number
+  return /^[-+~]*$/.test(name) ? `mode ${number} ${name.replaceAll("-", "−").replaceAll("~", "")}`.trim() : name;
+}
+
 const modes = rows.about.modes.map((mode, k) => {
   const made = rows.about.closed_form ? new SignedMode(mode) : new FollowedMode(mode);
-  return Object.assign(made, {number: k, name: mode.name || `mode ${mode.number}`, curve: null});
+  return Object.assign(made, {number: k, name: titled(mode), curve: null});
 });
 
 // A curve: the results of a mode at the samples, its dead centres and where its outputs rest.

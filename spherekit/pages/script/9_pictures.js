@@ -122,5 +122,10 @@ function keepLink() {
 window.addEventListener("hashchange", () => { if (location.hash.slice(1) !== link()) followLink(); });
 window.addEventListener("resize", () => { resizeCurves(); change("view"); });
 system.addEventListener("change", () => change("theme"));
-window.spherekit = {state, change, timing, toml, modes, link};
+function knobPlace(k) {                    // in the window, for who drives this page by program
+  const box = canvas.getBoundingClientRect(), [x, y] = seen(knobOf(modes[state.mode].row, k).far);
+  return [box.left + x, box.top + y];
+}
+
+window.spherekit = {state, change, timing, toml, link, knobPlace};
 followLink();

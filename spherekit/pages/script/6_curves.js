@@ -23,7 +23,7 @@ function axis(more) {
 function plotOf(figure) {
   const made = new uPlot({
     width: figure.figure.clientWidth - 16, height: figures.length > 3 ? 130 : 158,
-    legend: {show: false}, cursor: {show: false}, padding: [8, 8, 0, 0],
+    legend: {show: false}, cursor: {show: false}, padding: [8, 16, 0, 0],
     scales: {x: {time: false}, y: {range: () => figure.range}},
     axes: [axis({size: 24, gap: 2}), axis({size: 46, gap: 3, space: 26})],
     series: [{}, ...lines(), {stroke: () => modeColour(state.mode), width: 2.4, points: {show: false}}],

@@ -31,9 +31,8 @@ def text_with_places(document: Document, paths: Sequence[KeyPath]) -> list[str |
         text = _marked(document, text, path, mark)
     if text is None:
         text = _written(document, paths, marks)
-    parts = re.split("|".join(map(re.escape, marks)) or "(?!)", text)
-    order = [marks.index(mark) for mark in re.findall("|".join(map(re.escape, marks)), text)]
-    return [x for pair in zip(parts, [*order, ""], strict=True) for x in pair if x != ""]
+    split = re.split(f"({'|'.join(map(re.escape, marks)) or '(?!)'})", text)
+    return [marks.index(part) if part in marks else part for part in split if part]
 
 
 def _marked(document: Document, text: str, path: KeyPath, mark: str) -> str | None:

@@ -1,0 +1,67 @@
+"""A mechanism as a page for browsers."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from spherekit.argument_validation import checked
+from spherekit.conventions import AnyPath, counted
+from spherekit.errors import OutputError
+from spherekit.files.atomic import write_text
+from spherekit.files.read import AnyMechanism
+from spherekit.front.export import Exported
+from spherekit.pages.page import PageMaker
+
+
+@checked(OutputError)
+def page(
+    mechanism: AnyMechanism,
+    path: AnyPath,
+    *,
+    vary: Sequence[str] | None = None,
+    quantities: Sequence[str] | None = None,
+    input_pair: str | Sequence[str] | None = None,
+) -> Exported:
+    """Write a mechanism as one HTML file that any browser opens and moves.
+
+    It needs no network and no installation: the page computes all assembly modes by the
+    exported formulas while its reader turns the sphere, drags the inputs and changes sizes.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, the name of a shipped one, or the path of a file.
+    path
+        The file, ``*.html``.
+    vary
+        Keys of the file, such as ``"links.2.arc"``, that have sliders; by default all arcs
+        and angles of links, or the axes of a reference pose.
+    quantities
+        Names of `spherekit.engine.row_quantities`, or patterns of such, that have curves;
+        by default velocity coefficients of outputs, transmission angles and, where links
+        have masses, driving torques.
+    input_pair
+        The driven pairs, by default the inputs of the mechanism.
+
+    Raises
+    ------
+    OutputError
+        If the file has another ending or cannot be written.
+    EngineError, DesignError, SolveError, PlanError
+        If the mechanism has no such formulas, or no assembly mode.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> made = sk.page("four_bar", "four_bar.html", vary=["links.2.arc"])
+    """
+    target = Path(path)
+    if target.suffix not in (".html", ".htm"):
+        raise OutputError(f"{target}: pages are named *.html; give it this ending")
+    made = PageMaker(mechanism, vary, quantities, input_pair).page()
+    write_text(target, made.text)
+    holds = (
+        f"a page with {counted(len(made.quantities), 'curve')} of "
+        f"{counted(made.modes, 'assembly mode')} and {counted(made.sliders, 'slider')}, "
+        f"{len(made.text.encode()) / 1000:.0f} kB"
+    )
+    return Exported(target, holds, made.notes)

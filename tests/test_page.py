@@ -1,0 +1,139 @@
+"""Pages in a browser: dragged, read at the cursor, and compared with Python."""
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.files.read import loads
+from spherekit.pages.page import PageMaker
+from spherekit.planning.inputs import plan_assembly
+from spherekit.sphere.rotation import unit_rows
+
+EVERY = (
+    "four_bar",
+    "stephenson",
+    "roller_cam",
+    "planetary_bevel",
+    "five_bar",
+    "double_butterfly",
+)
+SWITCHES = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    driver = pytest.importorskip("playwright.sync_api", reason="it opens the browser")
+    path = shutil.which("chromium") or shutil.which("google-chrome")
+    if path is None:
+        pytest.skip("there is no Chromium here")
+    with driver.sync_playwright() as started:
+        opened = started.chromium.launch(executable_path=path, args=SWITCHES)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def opened(browser, tmp_path):
+    """Opens a mechanism's page from its file; nothing may be said in the console."""
+    said = []
+
+    def opener(name, fragment="", **options):
+        path = tmp_path / f"{name}.html"
+        if not path.exists():
+            sk.page(name, path)
+        tab = browser.new_page(viewport={"width": 1300, "height": 900}, **options)
+        tab.on("console", lambda message: said.append(message.text))
+        tab.on("pageerror", lambda error: said.append(str(error)))
+        tab.on("request", lambda asked: said.append(asked.url) if "http" in asked.url else 0)
+        tab.goto(f"{path.as_uri()}#{fragment}")
+        tab.wait_for_function("spherekit.timing.pictures > 0")
+        return tab
+
+    yield opener
+    assert not said
+
+
+def test_a_page_is_one_file_without_a_network(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["page", "four_bar", "--vary", "links.2.arc"]) == 0
+    assert "four_bar.html: a page with 3 curves of 2 assembly modes" in capsys.readouterr().err
+    text = (tmp_path / "four_bar.html").read_text("utf-8")
+    kernels = re.search(r"^const KERNELS = \{.*?^\};$", text, re.M | re.S)[0]
+    assert len(text) - len(kernels) < 250_000
+    fetched = re.findall(r"(?:src|href|url)\s*[=(]\s*[\"']?[^\s\"'>)]+", text)
+    assert not [x for x in fetched if "//" in x] and "default-src 'none'" in text
+
+
+@pytest.mark.parametrize("name", ["roller_cam", "double_butterfly"])
+def test_the_saved_text_is_the_file(name):
+    """With its numbers as they are it is read as the same mechanism, comments and all."""
+    maker = PageMaker(name, None, ["q"], None)
+    parts, values = maker.model([])["toml"], [size["value"] for size in maker.sliders]
+    assert sorted(x for x in parts if isinstance(x, int)) == [*range(len(values))]
+    text = "".join(repr(values[x]) if isinstance(x, int) else x for x in parts)
+    assert loads(text, name) == sk.load(name)
+    assert "# Assumed: " in text
+
+
+def dragged(tab, start, way):
+    tab.mouse.move(*start)
+    tab.mouse.down()
+    tab.mouse.move(start[0] + way[0], start[1] + way[1], steps=8)
+    tab.mouse.up()
+
+
+def by_python(mechanism, q, name):
+    """A quantity at inputs in every assembly mode: by rates, axes of pairs, balances."""
+    rows = sk.evaluate(mechanism, q)
+    kind, rest = name.split("_", 1) if "_" in name else (name, "")
+    if kind == "velocity":
+        _, link, other, *moving = rest.split("_")
+        return rows.velocity_coefficient(f"{link}/{other}", *moving[1:])
+    if kind == "transmission":
+        middle = mechanism.pair_number[rest.removeprefix("angle_")]
+        groups = plan_assembly(mechanism).groups
+        (dyad,) = (x for x in groups if x.is_dyad and x.middle == middle)
+        pairs = [mechanism.pairs[dyad.pairs[k]] for k in dyad.dyad_places]
+        near, at, far = (rows.direction("/".join(pair.links)) for pair in pairs)
+        cosine = np.vecdot(unit_rows(np.cross(near, at)), unit_rows(np.cross(at, far)))
+        sine = np.linalg.norm(
+            np.cross(unit_rows(np.cross(near, at)), unit_rows(np.cross(at, far))), axis=1
+        )
+        return np.arctan2(sine, np.abs(cosine))
+    laws = {pair: sk.ConstantSpeed(1.0, x) for pair, x in zip(rows.input_pairs, q, strict=True)}
+    torques = sk.inverse_dynamics(mechanism, laws, [0.0]).torques
+    return torques[:, rows.input_pairs.index(rest[3:]) if rest else 0]
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("name", EVERY)
+def test_numbers_at_the_cursor_are_those_of_python(opened, name, tmp_path):
+    tab = opened(name)
+    before = tab.evaluate("spherekit.state.q")
+    for k in range(len(before)):
+        dragged(tab, tab.evaluate(f"spherekit.knobPlace({k})"), (30, 18))
+    q = tab.evaluate("spherekit.state.q")
+    assert all(abs(a - b) > 0.01 for a, b in zip(q, before, strict=True))
+    sliders = tab.locator("#sliders input[type=range]")
+    if sliders.count():
+        sliders.last.scroll_into_view_if_needed()
+        box = sliders.last.bounding_box()
+        dragged(tab, (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2), (6, 0))
+        assert tab.locator("#sliders .changed").count() == 1
+    tab.wait_for_timeout(100)
+    with tab.expect_download() as saved:
+        tab.click("#save")
+    saved.value.save_as(tmp_path / "changed.toml")
+    changed = sk.load(tmp_path / "changed.toml")
+    assert (changed == sk.load(name)) == (not sliders.count())
+    cells = tab.locator("#values td[data-name]").all()
+    there = {x.get_attribute("data-name"): x.get_attribute("data-value") for x in cells}
+    assert there
+    for quantity, value in there.items():
+        # The sense of an axis is a choice.
+        off = np.abs(np.abs(by_python(changed, q, quantity)) - abs(float(value)))
+        assert np.nanmin(off) < 1e-12, (quantity, value)
