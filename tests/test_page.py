@@ -98,7 +98,8 @@ def by_python(mechanism, q, name):
         groups = plan_assembly(mechanism).groups
         (dyad,) = (x for x in groups if x.is_dyad and x.middle == middle)
         pairs = [mechanism.pairs[dyad.pairs[k]] for k in dyad.dyad_places]
-        near, at, far = (rows.direction("/".join(pair.links)) for pair in pairs)
+        moving = rows.input_pairs[0]
+        near, at, far = (rows.direction("/".join(pair.links), moving) for pair in pairs)
         cosine = np.vecdot(unit_rows(np.cross(near, at)), unit_rows(np.cross(at, far)))
         sine = np.linalg.norm(
             np.cross(unit_rows(np.cross(near, at)), unit_rows(np.cross(at, far))), axis=1
@@ -115,7 +116,8 @@ def test_numbers_at_the_cursor_are_those_of_python(opened, name, tmp_path):
     tab = opened(name)
     before = tab.evaluate("spherekit.state.q")
     for k in range(len(before)):
-        dragged(tab, tab.evaluate(f"spherekit.knobPlace({k})"), (30, 18))
+        for way in ((12, -30), (25, 8)):
+            dragged(tab, tab.evaluate(f"spherekit.knobPlace({k})"), way)
     q = tab.evaluate("spherekit.state.q")
     assert all(abs(a - b) > 0.01 for a, b in zip(q, before, strict=True))
     sliders = tab.locator("#sliders input[type=range]")

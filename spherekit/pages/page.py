@@ -371,7 +371,7 @@ def _kernels(made: Mapping[str, Formulas]) -> str:
     """Return the exported functions, by the names under which the page has them."""
     parts = []
     for key, of in made.items():
-        text = re.sub(r"^export ", "", source(of, "javascript"), flags=re.M)
+        text = re.sub(r"^export ", "", source(of, "js"), flags=re.M)
         (name,) = re.findall(r"^const (\w+)_about\b", text, re.M)
         step = f"{name}_step" if of.step else "null"
         parts.append(

@@ -37,8 +37,11 @@ function change(what, values = {}) {
 function motionOf(kernel) {                // what a kernel's results follow from, by name
   const several = inputs.length > 1, places = new Map();
   for (const kind of LISTS) inputs.forEach(({pair}, k) => places.set(several ? `${kind}_${pair}` : kind, [kind, k]));
-  const slots = kernel.about.motion.map(name => places.get(name));
-  return q => slots.map(slot => (!slot ? 0 : slot[0] === "q" ? q[slot[1]] : state[slot[0]][slot[1]]));
+  const slots = kernel.about.motion.map(name => places.get(name)), given = slots.map(() => 0);
+  return q => {
+    slots.forEach((slot, k) => { if (slot) given[k] = slot[0] === "q" ? q[slot[1]] : state[slot[0]][slot[1]]; });
+    return given;
+  };
 }
 
 function inKernel(sizes) {                 // rad and SI, in the order of the kernel

@@ -1,44 +1,56 @@
 // Motion: the configurations of every assembly mode along one input, in the current sizes.
 
-const SAMPLES = 241;
 const CLOSED = 1e-9;                       // rad; the step made there leaves its square
 const FARTHEST = 0.35;                     // rad that a variable may go in a step
 
 const closures = [...rows.place.entries()].filter(([name]) => /^closure_\d+$/.test(name)).map(([, k]) => k);
 const determinant = rows.place.get("determinant");
-const scratch = new Float64Array(rows.count);
 
 function evaluated(kernel, q, places, sizes, result = new Float64Array(kernel.count)) {
   return kernel.at(kernel.motion(q), places, sizes, result);
 }
 
-function gap(q, places, sizes) {           // negative where a dyad does not close
-  evaluated(rows, q, places, sizes, scratch);
-  return Math.min(...closures.map(k => scratch[k]));
-}
-
-function refined(good, bad, holds) {       // the last place that holds, between two numbers
-  for (let k = 0; k < 50; k++) {
+function refined(good, bad, holds, count = 40) {  // the last place that holds, between two numbers
+  for (let k = 0; k < count; k++) {
     const middle = 0.5 * (good + bad);
     if (holds(middle)) good = middle; else bad = middle;
   }
   return good;
 }
 
+function zero(a, b, fa, fb, f) {           // Illinois' rule: false position, with halved ends
+  for (let k = 0; k < 24 && Math.abs(b - a) > 1e-12; k++) {
+    const x = (a * fb - b * fa) / (fb - fa), y = f(x);
+    if (!(y * fb > 0)) { a = b; fa = fb; } else fa *= 0.5;
+    b = x;
+    fb = y;
+    if (y === 0) break;
+  }
+  return b;
+}
+
 // Where positions follow in closed form, a mode is its signs at every input.
+
+const least = row => closures.reduce((low, k) => Math.min(low, row[k]), Infinity);
 
 class SignedMode {
   constructor({values}) {
     this.places = values;
   }
-  at(q, sizes) {
-    const open = closures.length ? gap(q, this.places, sizes) : 0;
-    return open >= 0 ? this.places : null;
+  settle() {}
+  state(q, sizes) {                        // {places, row}, null where a dyad does not close
+    const row = evaluated(rows, q, this.places, sizes);
+    return least(row) >= 0 ? {places: this.places, row} : null;
   }
   along(over, inputs, q, sizes) {
-    return inputs.map(x => this.at(q.with(over, x), sizes));
+    return inputs.map(x => this.state(q.with(over, x), sizes));
   }
-  settle() {}
+  end(good, bad, sizes) {                  // the last inputs that close, on a straight way
+    const gap = part => least(evaluated(rows, between(good, bad, part), this.places, sizes));
+    let part = zero(0, 1, gap(0), gap(1), gap);
+    for (let back = 1e-12; part > 0 && !(gap(part) >= 0); back *= 8) part = Math.max(part - back, 0);
+    return between(good, bad, part);
+  }
 }
 
 // Others are followed by Newton's steps, from the configuration that is known.
@@ -47,74 +59,81 @@ function between(a, b, part) {
   return a.map((x, k) => x + part * (b[k] - x));
 }
 
-function side(q, values, sizes) {
-  if (determinant === undefined) return 0;
-  return Math.sign(evaluated(rows, q, values, sizes, scratch)[determinant]);
-}
-
-function newton(q, values, sizes) {
+function newton(q, places, sizes) {
   const given = rows.motion(q);
   for (let k = 0; k < 12; k++) {
-    const open = rows.step(given, values, sizes);
+    const open = rows.step(given, places, sizes);
     if (!(open < 4)) return false;
     if (open < CLOSED) return true;
   }
   return false;
 }
 
-function follow(from, to, finest = 5) {    // a configuration {q, values, sizes} goes to {q, sizes}
-  const values = Float64Array.from(from.values);
-  const near = newton(to.q, values, to.sizes)
-    && values.every((x, k) => Math.abs(x - from.values[k]) < FARTHEST)
-    && side(to.q, values, to.sizes) === side(from.q, from.values, from.sizes);
-  if (near) return {...to, values};
+function follow(from, q, sizes, finest = 5) {  // a state {q, places, sizes, row} to other inputs and sizes
+  const places = Float64Array.from(from.places);
+  if (newton(q, places, sizes) && places.every((x, k) => Math.abs(x - from.places[k]) < FARTHEST)) {
+    const row = evaluated(rows, q, places, sizes);
+    if (determinant === undefined || row[determinant] * from.row[determinant] > 0) return {q, places, sizes, row};
+  }
   if (!finest) return null;
-  const half = {q: between(from.q, to.q, 0.5), sizes: between(from.sizes, to.sizes, 0.5)};
-  const reached = follow(from, half, finest - 1);
-  return reached && follow(reached, to, finest - 1);
+  const reached = follow(from, between(from.q, q, 0.5), between(from.sizes, sizes, 0.5), finest - 1);
+  return reached && follow(reached, q, sizes, finest - 1);
 }
 
 class FollowedMode {
   constructor({at, values}) {
-    this.home = {q: at, values, sizes: inKernel(first.sizes)};
+    const sizes = inKernel(first.sizes);
+    this.home = {q: at, places: values, sizes, row: evaluated(rows, at, values, sizes)};
     this.known = [];
   }
-  settle(q, sizes) {                       // the first of what is known that comes along
+  settle(sizes) {                          // the first of what is known that comes along
+    if (String(this.home.sizes) === String(sizes)) return true;
     for (const start of [this.home, ...this.known]) {
-      const way = {q: start.q, sizes};
-      const here = follow(start, way, 7);
-      if (here) { this.home = here; return; }
+      const here = follow(start, start.q, sizes, 7);
+      if (!here) continue;
+      this.home = here;
+      this.known = [];
+      return true;
     }
+    return false;
   }
-  at(q, sizes) {
+  state(q, sizes) {
+    if (!this.settle(sizes)) return null;
     const distance = x => Math.max(...x.q.map((value, k) => Math.abs(value - q[k])));
     const start = this.known.reduce((best, x) => (distance(x) < distance(best) ? x : best), this.home);
-    if (String(start.sizes) !== String(sizes)) return null;
-    return follow(start, {q, sizes}, 7)?.values ?? null;
+    return follow(start, q, sizes, 7);
   }
   along(over, inputs, q, sizes) {
     const reached = inputs.map(() => null);
-    this.settle(q, sizes);
-    let start = this.home;
-    if (String(start.sizes) !== String(sizes)) { this.known = []; return reached; }
-    start = follow(start, {q: q.with(over, start.q[over]), sizes}, 7);
-    if (!start) { this.known = [this.home]; return reached; }
+    if (!this.settle(sizes)) return reached;
+    const start = follow(this.home, q.with(over, this.home.q[over]), sizes, 7);
+    if (!start) return reached;
     const nearest = inputs.findIndex(x => x >= start.q[over] - 1e-12);
     const middle = nearest < 0 ? inputs.length - 1 : nearest;
     for (const way of [1, -1]) {
       let here = start;
       for (let k = way > 0 ? middle : middle - 1; here && k >= 0 && k < inputs.length; k += way) {
-        here = follow(here, {q: q.with(over, inputs[k]), sizes});
-        reached[k] = here?.values ?? null;
+        here = follow(here, q.with(over, inputs[k]), sizes);
+        reached[k] = here;
       }
     }
-    this.known = inputs.flatMap((x, k) => (reached[k] ? [{q: q.with(over, x), values: reached[k], sizes}] : []));
+    this.known = reached.filter(Boolean);
     return reached;
+  }
+  end(good, bad, sizes) {
+    let last = this.state(good, sizes);
+    const part = refined(0, 1, middle => {
+      const there = last && follow(last, between(good, bad, middle), sizes, 1);
+      last = there ?? last;
+      return Boolean(there);
+    }, 24);
+    return between(good, bad, part);
   }
 }
 
-function titled({number, name}) {          // names of the file, or signs of dyads after the number
-  return /^[-+~]*$/.test(name) ? `mode ${number} ${name.replaceAll("-", "−").replaceAll("~", "")}`.trim() : name;
+function titled({number, name}) {          // as the file calls it, or by the signs of its dyads
+  const said = name.split(", ").at(-1);
+  return /^[-+~]*$/.test(said) ? `mode ${number} ${said.replaceAll("-", "−").replaceAll("~", "")}`.trim() : said;
 }
 
 const modes = rows.about.modes.map((mode, k) => {
@@ -124,30 +143,26 @@ const modes = rows.about.modes.map((mode, k) => {
 
 // A curve: the results of a mode at the samples, its dead centres and where its outputs rest.
 
+const SAMPLES = rows.about.closed_form ? 217 : 145;
+
+function grid({from, to}, count) {
+  return Array.from({length: count}, (_, k) => from + (k * (to - from)) / (count - 1));
+}
+
 function sampled(mode, over, q, sizes) {
-  const {from, to} = inputs[over];
-  const grid = Array.from({length: SAMPLES}, (_, k) => from + (k * (to - from)) / (SAMPLES - 1));
-  const places = mode.along(over, grid, q, sizes);
+  const inputsAlong = grid(inputs[over], SAMPLES);
+  const states = mode.along(over, inputsAlong, q, sizes);
   const x = [], values = [], ends = [];
-  const add = (value, place) => {
-    x.push(value);
-    values.push(place ? Float64Array.from(evaluated(rows, q.with(over, value), place, sizes)) : null);
-  };
-  grid.forEach((value, k) => {
-    if (k && !places[k] !== !places[k - 1]) {
-      const [good, bad] = places[k] ? [k, k - 1] : [k - 1, k];
-      const start = {q: q.with(over, grid[good]), values: places[good], sizes};
-      let last = places[good];
-      const end = refined(grid[good], grid[bad], middle => {
-        const way = q.with(over, middle);
-        const there = rows.about.closed_form ? mode.at(way, sizes) : follow(start, {q: way, sizes}, 2)?.values;
-        last = there ?? last;
-        return Boolean(there);
-      });
-      ends.push(end);
-      add(end, last);
+  states.forEach((state, k) => {
+    if (k && !state !== !states[k - 1]) {
+      const [good, bad] = (state ? [k, k - 1] : [k - 1, k]).map(n => q.with(over, inputsAlong[n]));
+      const end = mode.end(good, bad, sizes);
+      ends.push(end[over]);
+      x.push(end[over]);
+      values.push(mode.state(end, sizes)?.row ?? null);
     }
-    add(value, places[k]);
+    x.push(inputsAlong[k]);
+    values.push(state?.row ?? null);
   });
   return {over, x, values, ends, rests: rests(mode, over, q, sizes, x, values)};
 }
@@ -155,21 +170,18 @@ function sampled(mode, over, q, sizes) {
 function rests(mode, over, q, sizes, x, values) {
   const marks = [];
   for (const name of model.coefficients[over]) {
-    const k = rows.place.get(name), column = values.map(row => row?.[k] ?? NaN);
-    const scale = median(column.map(Math.abs).filter(Number.isFinite));
+    const k = rows.place.get(name), column = values.map(row => (row ? row[k] : NaN));
+    const limit = 10 * median(column) + 1;
     for (let n = 1; n < x.length; n++) {
-      const small = Math.max(Math.abs(column[n]), Math.abs(column[n - 1])) < 10 * scale + 1;
-      if (!(column[n] * column[n - 1] < 0) || !small) continue;
-      const sign = Math.sign(column[n - 1]);
-      marks.push(refined(x[n - 1], x[n], middle => {
-        const way = q.with(over, middle), place = mode.at(way, sizes);
-        return place && Math.sign(evaluated(rows, way, place, sizes, scratch)[k]) === sign;
-      }));
+      const [a, b] = [column[n - 1], column[n]];
+      if (!(a * b < 0) || Math.max(Math.abs(a), Math.abs(b)) > limit) continue;
+      marks.push(zero(x[n - 1], x[n], a, b, value => mode.state(q.with(over, value), sizes)?.row[k] ?? NaN));
     }
   }
   return marks;
 }
 
 function median(numbers) {
-  return numbers.length ? numbers.sort((a, b) => a - b)[numbers.length >> 1] : 0;
+  const sizes = Float64Array.from(numbers.filter(Number.isFinite), Math.abs).sort();
+  return sizes.length ? sizes[sizes.length >> 1] : 0;
 }

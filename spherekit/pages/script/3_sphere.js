@@ -32,8 +32,14 @@ function circle(centre, radius, from = 0, to = 2 * Math.PI, start = null) {
   });
 }
 
+const frame = {width: 0, height: 0};       // of the canvas, in pixels of the page
+new ResizeObserver(([{contentRect}]) => {
+  Object.assign(frame, {width: contentRect.width, height: contentRect.height});
+  change("view");
+}).observe(canvas);
+
 function look() {
-  const box = canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
+  const box = frame, ratio = window.devicePixelRatio || 1;
   const wide = Math.round(box.width * ratio), high = Math.round(box.height * ratio);
   if (canvas.width !== wide || canvas.height !== high) Object.assign(canvas, {width: wide, height: high});
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);

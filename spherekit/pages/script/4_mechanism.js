@@ -4,7 +4,11 @@ const LINKS = ["#b0b6c4", "#56b4e9", "#ee6c34", "#20be8e", "#de88bc", "#6884f5",
 const MODES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5b4fa2", "#7a5a2f"];
 const dark = () => document.documentElement.dataset.theme === "dark";
 const style = getComputedStyle(document.documentElement);
-const colour = key => style.getPropertyValue(key).trim();
+const palette = new Map();                 // until the theme changes
+function colour(key) {
+  if (!palette.has(key)) palette.set(key, style.getPropertyValue(key).trim());
+  return palette.get(key);
+}
 
 function mixed(hex, other, part) {
   const parts = [1, 3, 5].map(k => Math.round(parseInt(hex.slice(k, k + 2), 16) * (1 - part) + other * part));
@@ -164,9 +168,9 @@ function drawPaths() {
 
 for (const part of [1 / 6, 0.5, 0.3, 0.7, 0.1, 0.9, 0, 1]) {
   first.q = inputs.map(({from, to}) => Math.round((from + part * (to - from)) / UNIT * 10) / 10 * UNIT);
-  const places = modes[0].at(first.q, inKernel(first.sizes));
-  if (!places) continue;
-  const [x, y, z] = middleOf(evaluated(picture, first.q, places, inKernel(first.sizes)));
+  const closed = modes[0].state(first.q, inKernel(first.sizes));
+  if (!closed) continue;
+  const [x, y, z] = middleOf(evaluated(picture, first.q, closed.places, inKernel(first.sizes)));
   first.yaw = Math.hypot(x, y) > 0.2 ? Math.atan2(y, x) - 0.24 : 0.5;
   first.pitch = clamp(Math.asin(clamp(z, -1, 1)) + 0.17, -1.2, 1.2);
   break;

@@ -1,7 +1,7 @@
 // Two inputs: which of them close, what the output reaches, and the singular curves of both.
 
 const pad = document.getElementById("pad");
-const GRID = 49;
+const GRID = 33;
 const several = inputs.length > 1;
 let reach = null;
 
@@ -11,11 +11,10 @@ const KINDS = [
 ];
 
 function surveyed(mode, sizes) {
-  const axes = inputs.slice(0, 2).map(({from, to}) => Array.from({length: GRID}, (_, k) => from + (k * (to - from)) / (GRID - 1)));
+  const axes = inputs.slice(0, 2).map(input => grid(input, GRID));
   const nodes = axes[0].map(a => {
-    const base = state.q.with(0, a);
-    const places = mode.along(1, axes[1], base, sizes);
-    return axes[1].map((b, j) => (places[j] ? Float64Array.from(evaluated(rows, base.with(1, b), places[j], sizes)) : null));
+    const states = mode.along(1, axes[1], state.q.with(0, a), sizes);
+    return states.map((closed, j) => closed && {q: [a, axes[1][j]], row: closed.row, at: directionOf(closed.row)});
   });
   const border = {tint: "--fold", segments: []}, curves = [border], cells = [];
   for (let i = 0; i + 1 < GRID; i++)
@@ -25,73 +24,56 @@ function surveyed(mode, sizes) {
       if (edge.length === 2) border.segments.push(edge);
     }
   for (const {tint, place} of KINDS)
-    if (place !== undefined) curves.push({tint, segments: zeros(axes, (i, j) => nodes[i][j]?.[place] ?? NaN)});
-  const on = outline => outline.map(q => output(mode, q, sizes)).filter(p => Number.isFinite(p[0]));
-  return {cells, curves, faces: cells.map(on), lines: curves.flatMap(({tint, segments}) => segments.map(ends => ({tint, ends: on(ends)})))};
+    if (place !== undefined) curves.push({tint, segments: zeros(mode, nodes, place, sizes)});
+  return {cells, curves, drawn: null};
+}
+
+function placed(mode, q, sizes) {          // inputs, and where the output then points
+  const closed = mode.state([...q, ...state.q.slice(2)], sizes);
+  return {q, at: closed && directionOf(closed.row)};
 }
 
 // The part of a cell in which a mode closes, and its edge to where it does not.
 
 function cellOf(mode, axes, nodes, i, j, sizes) {
-  const corners = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]], closes = ([a, b]) => nodes[a][b] !== null;
+  const corners = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]].map(([a, b]) => ({closed: nodes[a][b], q: [axes[0][a], axes[1][b]]}));
   const outline = [], edge = [];
-  if (!corners.some(closes)) return {outline, edge};
+  if (!corners.some(corner => corner.closed)) return {outline, edge};
   corners.forEach((a, k) => {
     const b = corners[(k + 1) % 4];
-    if (closes(a)) outline.push(atNode(axes, a));
-    if (closes(a) === closes(b)) return;
-    const place = lastThat(mode, ...(closes(a) ? [a, b] : [b, a]).map(x => atNode(axes, x)), sizes);
-    outline.push(place);
-    edge.push(place);
+    if (a.closed) outline.push(a.closed);
+    if (!a.closed === !b.closed) return;
+    const [good, bad] = (a.closed ? [a, b] : [b, a]).map(({q}) => [...q, ...state.q.slice(2)]);
+    const last = placed(mode, mode.end(good, bad, sizes).slice(0, 2), sizes);
+    outline.push(last);
+    edge.push(last);
   });
   return {outline, edge};
 }
 
-function lastThat(mode, good, bad, sizes) {  // closes, on the way from one that does
-  const part = refined(0, 1, middle => {
-    const [x, y] = between(good, bad, middle);
-    return mode.at(state.q.with(0, x).with(1, y), sizes);
-  });
-  return between(good, bad, part);
-}
-
-function output(mode, [a, b], sizes) {
-  const q = state.q.with(0, a).with(1, b), place = mode.at(q, sizes);
-  return place ? directionOf(evaluated(rows, q, place, sizes, scratch)) : [NaN, NaN, NaN];
-}
-
 function directionOf(row) {
-  return row && model.paths.length ? ["x", "y", "z"].map(x => row[rows.place.get(`${model.paths[0].stem}_${x}`)]) : [NaN, NaN, NaN];
+  return model.paths.length ? ["x", "y", "z"].map(x => row[rows.place.get(`${model.paths[0].stem}_${x}`)]) : null;
 }
 
-function crossings(axes, changes, placed) {  // marching squares: segments between the edges' places
+function zeros(mode, nodes, place, sizes) {  // marching squares: segments between edges' zeros
   const segments = [];
   for (let i = 0; i + 1 < GRID; i++)
     for (let j = 0; j + 1 < GRID; j++) {
-      const corners = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]];
-      const places = corners.flatMap((a, k) => {
+      const corners = [nodes[i][j], nodes[i + 1][j], nodes[i + 1][j + 1], nodes[i][j + 1]], found = [];
+      corners.forEach((a, k) => {
         const b = corners[(k + 1) % 4];
-        return changes(a, b) ? [placed(a, b)] : [];
+        if (!a || !b || !(a.row[place] * b.row[place] < 0)) return;
+        found.push(placed(mode, between(a.q, b.q, a.row[place] / (a.row[place] - b.row[place])), sizes));
       });
-      for (let k = 0; k + 1 < places.length; k += 2) segments.push([places[k], places[k + 1]]);
+      for (let k = 0; k + 1 < found.length; k += 2) segments.push([found[k], found[k + 1]]);
     }
   return segments;
-}
-
-const atNode = (axes, [i, j]) => [axes[0][i], axes[1][j]];
-
-function zeros(axes, value) {
-  const between2 = (a, b) => {
-    const [x, y] = [value(...a), value(...b)];
-    return between(atNode(axes, a), atNode(axes, b), x / (x - y));
-  };
-  return crossings(axes, (a, b) => value(...a) * value(...b) < 0, between2);
 }
 
 function drawReach() {
   if (!reach) return;
   const tint = mixed(dark() ? "#6cb6ff" : "#0b63b0", dark() ? 0 : 255, 0.1);
-  const faces = reach.faces.map(points => points.map(seen));
+  const faces = reach.cells.map(outline => outline.flatMap(({at}) => (at ? [seen(at)] : [])));
   for (const front of [false, true]) {
     pen.globalAlpha = front ? 0.2 : 0.07;
     pen.fillStyle = tint;
@@ -100,7 +82,8 @@ function drawReach() {
     pen.fill();
   }
   pen.globalAlpha = 1;
-  for (const {tint, ends} of reach.lines) if (ends.length > 1) line(ends, colour(tint), 2);
+  for (const {tint, segments} of reach.curves)
+    for (const [a, b] of segments) if (a.at && b.at) line([a.at, b.at], colour(tint), 2);
 }
 
 function outlined(brush, points) {         // all in one sense, so that what overlaps is filled
@@ -112,12 +95,26 @@ function outlined(brush, points) {         // all in one sense, so that what ove
 
 function drawPad() {
   const ratio = window.devicePixelRatio || 1, size = pad.clientWidth, brush = pad.getContext("2d");
-  Object.assign(pad, {width: size * ratio, height: size * ratio});
+  if (reach.drawn?.size !== size) reach.drawn = {size, map: mapOf(size, ratio)};
+  if (pad.width !== Math.round(size * ratio)) Object.assign(pad, {width: size * ratio, height: size * ratio});
   brush.setTransform(ratio, 0, 0, ratio, 0, 0);
+  brush.clearRect(0, 0, size, size);
+  brush.drawImage(reach.drawn.map, 0, 0, size, size);
+  brush.beginPath();
+  brush.arc(padded(0, state.q[0], size), padded(1, state.q[1], size), 6.5, 0, 2 * Math.PI);
+  brush.fillStyle = modes[state.mode].here ? colour("--ink") : colour("--warn");
+  brush.fill();
+  brush.strokeStyle = colour("--card");
+  brush.stroke();
+}
+
+function mapOf(size, ratio) {
+  const map = made("canvas", {width: size * ratio, height: size * ratio}), brush = map.getContext("2d");
   const [x, y] = [0, 1].map(k => value => padded(k, value, size));
+  brush.scale(ratio, ratio);
   brush.fillStyle = mixed(dark() ? "#6cb6ff" : "#0b63b0", dark() ? 24 : 255, 0.76);
   brush.beginPath();
-  for (const outline of reach.cells) outlined(brush, outline.map(([a, b]) => [x(a), y(b)]));
+  for (const outline of reach.cells) outlined(brush, outline.map(({q: [a, b]}) => [x(a), y(b)]));
   brush.fill();
   brush.strokeStyle = colour("--rule");
   brush.strokeRect(EDGE, EDGE, size - 2 * EDGE, size - 2 * EDGE);
@@ -125,25 +122,18 @@ function drawPad() {
     brush.strokeStyle = colour(tint);
     brush.lineWidth = 2;
     brush.beginPath();
-    for (const [[a, b], [c, d]] of segments) { brush.moveTo(x(a), y(b)); brush.lineTo(x(c), y(d)); }
+    for (const [{q: [a, b]}, {q: [c, d]}] of segments) { brush.moveTo(x(a), y(b)); brush.lineTo(x(c), y(d)); }
     brush.stroke();
   }
   brush.fillStyle = colour("--soft");
   brush.font = "11px system-ui, sans-serif";
   brush.textAlign = "center";
-  const [one, other] = inputs, said = value => text(value / UNIT, false);
-  brush.fillText(`${one.pair}: ${said(one.from)} … ${said(one.to)} ${SIGN}`, size / 2, size - 7);
-  brush.save();
+  const said = ({pair, from, to}) => `${pair}: ${text(from / UNIT, false)} … ${text(to / UNIT, false)} ${SIGN}`;
+  brush.fillText(said(inputs[0]), size / 2, size - 6);
   brush.translate(11, size / 2);
   brush.rotate(-Math.PI / 2);
-  brush.fillText(`${other.pair}: ${said(other.from)} … ${said(other.to)} ${SIGN}`, 0, 0);
-  brush.restore();
-  brush.beginPath();
-  brush.arc(x(state.q[0]), y(state.q[1]), 6.5, 0, 2 * Math.PI);
-  brush.fillStyle = modes[state.mode].here ? colour("--ink") : colour("--warn");
-  brush.fill();
-  brush.strokeStyle = colour("--card");
-  brush.stroke();
+  brush.fillText(said(inputs[1]), 0, 0);
+  return map;
 }
 
 const EDGE = 20;

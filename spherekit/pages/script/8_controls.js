@@ -25,7 +25,8 @@ function slider(label, unit, {min, max, step}, set) {
   return {row, range, number, show(value) {
     if (value < Number(range.min)) range.min = value;
     if (value > Number(range.max)) range.max = value;
-    range.value = value;
+    if (this.shown === value) return;
+    this.shown = range.value = value;
     if (document.activeElement !== number || Number(number.value) !== value) number.value = +value.toPrecision(9);
   }};
 }

@@ -31,7 +31,7 @@ function advance(now) {
   let q = state.q[k] + (way * span * Math.min(now - clock, 100)) / 1000 / TURN;
   clock = now;
   const turnsBack = x => !whole && (x > to || x < from);
-  if (turnsBack(q) || (!whole && !modes[state.mode].at(state.q.with(k, clamp(q, from, to)), inKernel(state.sizes)))) way = q > state.q[k] ? -1 : 1;
+  if (turnsBack(q) || (!whole && !modes[state.mode].state(state.q.with(k, clamp(q, from, to)), inKernel(state.sizes)))) way = q > state.q[k] ? -1 : 1;
   if (whole && q > to) q -= span;
   setInput(k, q);
 }
@@ -46,31 +46,40 @@ function next(now) {
   if (playing) wake();
 }
 
+const BUDGET = 9;                          // ms of a picture that curves of other modes may take
+
 function renew() {
+  const began = performance.now();
   const does = (...names) => names.some(name => changed.has(name)), all = does("all");
   const now = inKernel(state.sizes);
   if (all || does("theme")) showTheme();
-  if (all || does("sizes") || (several && does("input")))
-    for (const mode of modes) mode.curve = sampled(mode, state.over, state.q, now);
-  if (several && (all || does("sizes", "mode") || inputs.length > 2)) reach = surveyed(modes[state.mode], now);
+  if (all || does("sizes") || (several && does("input"))) for (const mode of modes) mode.stale = true;
+  const chosen = modes[state.mode], computed = chosen.stale || modes.some(mode => mode.stale);
+  for (const mode of [chosen, ...modes])
+    if (mode.stale && (mode === chosen || !mode.curve || performance.now() - began < BUDGET)) {
+      mode.curve = sampled(mode, state.over, state.q, now);
+      mode.stale = false;
+    }
+  if (several && (all || does("sizes", "mode", "theme") || inputs.length > 2)) reach = surveyed(chosen, now);
   if (all || does("sizes", "input")) place(now);
-  if (all || does("sizes", "theme", "mode") || (several && does("input"))) fillCurves();
+  draw();
+  if (all || computed || does("theme", "mode")) fillCurves();
   else if (does("input")) figures.forEach(x => x.plot.redraw(false));
   if (all || does("plan")) buildTable();
   if (all || does("plan", "step")) showStep();
   if (all || does("sizes", "input", "mode", "theme")) { showControls(); showNumbers(); }
   if (several && pad.clientWidth) drawPad();
   changed.clear();
-  draw();
   clearTimeout(renew.later);
   if (!playing) renew.later = setTimeout(keepLink, 400);
+  if (modes.some(mode => mode.stale)) wake();
 }
 
 function place(now) {
   for (const mode of modes) {
-    const places = mode.at(state.q, now);
-    mode.here = places && Float64Array.from(evaluated(rows, state.q, places, now));
-    mode.row = places && Float64Array.from(evaluated(picture, state.q, places, now));
+    const closed = mode.state(state.q, now);
+    mode.here = closed?.row ?? null;
+    mode.row = closed && evaluated(picture, state.q, closed.places, now);
     mode.last = mode.row ?? mode.last;
   }
 }
@@ -109,6 +118,7 @@ function draw() {
 function showTheme() {
   const wanted = state.theme || (system.matches ? "dark" : "light");
   document.documentElement.dataset.theme = wanted;
+  palette.clear();
   document.body.classList.toggle("alone", state.alone);
   element("theme").setAttribute("aria-pressed", wanted === "dark");
   element("reach").hidden = !several;
