@@ -48,7 +48,7 @@ def opened(browser, tmp_path):
         tab = browser.new_page(viewport={"width": 1300, "height": 900}, **options)
         tab.on("console", lambda message: said.append(message.text))
         tab.on("pageerror", lambda error: said.append(str(error)))
-        tab.on("request", lambda asked: said.append(asked.url) if "http" in asked.url else 0)
+        tab.route(re.compile("^http"), lambda route: said.append(route.request.url))
         tab.goto(f"{path.as_uri()}#{fragment}")
         tab.wait_for_function("spherekit.timing.pictures > 0")
         return tab
@@ -60,7 +60,8 @@ def opened(browser, tmp_path):
 def test_a_page_is_one_file_without_a_network(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["page", "four_bar", "--vary", "links.2.arc"]) == 0
-    assert "four_bar.html: a page with 3 curves of 2 assembly modes" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "four_bar.html: a page with 3 curves of 2 assembly modes and 1 slider" in said
     text = (tmp_path / "four_bar.html").read_text("utf-8")
     kernels = re.search(r"^const KERNELS = \{.*?^\};$", text, re.M | re.S)[0]
     assert len(text) - len(kernels) < 250_000
@@ -89,25 +90,23 @@ def dragged(tab, start, way):
 def by_python(mechanism, q, name):
     """A quantity at inputs in every assembly mode: by rates, axes of pairs, balances."""
     rows = sk.evaluate(mechanism, q)
-    kind, rest = name.split("_", 1) if "_" in name else (name, "")
+    first, *others = rows.input_pairs
+    kind, *of = name.split("_")
     if kind == "velocity":
-        _, link, other, *moving = rest.split("_")
-        return rows.velocity_coefficient(f"{link}/{other}", *moving[1:])
+        return rows.velocity_coefficient("/".join(of[1:3]), of[-1] if others else first)
     if kind == "transmission":
-        middle = mechanism.pair_number[rest.removeprefix("angle_")]
+        middle = mechanism.pair_number["_".join(of[1:])]
         groups = plan_assembly(mechanism).groups
         (dyad,) = (x for x in groups if x.is_dyad and x.middle == middle)
         pairs = [mechanism.pairs[dyad.pairs[k]] for k in dyad.dyad_places]
-        moving = rows.input_pairs[0]
-        near, at, far = (rows.direction("/".join(pair.links), moving) for pair in pairs)
-        cosine = np.vecdot(unit_rows(np.cross(near, at)), unit_rows(np.cross(at, far)))
-        sine = np.linalg.norm(
-            np.cross(unit_rows(np.cross(near, at)), unit_rows(np.cross(at, far))), axis=1
-        )
-        return np.arctan2(sine, np.abs(cosine))
-    laws = {pair: sk.ConstantSpeed(1.0, x) for pair, x in zip(rows.input_pairs, q, strict=True)}
+        near, at, far = (rows.direction("/".join(pair.links), first) for pair in pairs)
+        one, other = unit_rows(np.cross(near, at)), unit_rows(np.cross(at, far))
+        sine = np.linalg.norm(np.cross(one, other), axis=1)
+        return np.arctan2(sine, np.abs(np.vecdot(one, other)))
+    speeds = (sk.ConstantSpeed(1.0, x) for x in q)
+    laws = dict(zip(rows.input_pairs, speeds, strict=True))
     torques = sk.inverse_dynamics(mechanism, laws, [0.0]).torques
-    return torques[:, rows.input_pairs.index(rest[3:]) if rest else 0]
+    return torques[:, rows.input_pairs.index(of[-1]) if others else 0]
 
 
 @pytest.mark.many

@@ -1,4 +1,4 @@
-"""The page of a mechanism: what it holds, the kernels that move it, and its parts in one."""
+"""The page of a mechanism: what it says, the kernels that move it, and its parts."""
 
 import json
 import re
@@ -16,7 +16,7 @@ import numpy as np
 from spherekit.analysis.link_scenes import PROFILE_POINTS
 from spherekit.conventions import Facts, Names
 from spherekit.design.variables import DesignVariable, design_variable, sizes_of
-from spherekit.engine.row_quantities import middle_pairs, row_quantities
+from spherekit.engine.row_quantities import LOADED, middle_pairs, row_quantities
 from spherekit.errors import CountError, SpherekitError
 from spherekit.exchange.formulas import CLOSURE, Formulas, formulas
 from spherekit.exchange.source import source
@@ -54,14 +54,12 @@ SCRIPTS = (
     "script/9_pictures.js",
 )
 AXES = "xyz"
-OF_MOTION = ("torque", "generalized_force", "free_acceleration")
-"""How quantities begin that follow from rates too."""
 ARC = 30.0
 """Degrees to both sides of an angle that its slider has."""
 
 
 class Page(NamedTuple):
-    """A page as text: its quantities, sliders and modes, and notes on what it leaves out."""
+    """A page as text, what it shows, and notes on what it leaves out."""
 
     text: str
     quantities: Names
@@ -96,9 +94,7 @@ class PageMaker:
         shown = [x for x in rows.results if any(fnmatchcase(x, name) for name in asked)]
         kernels = {"rows": rows, "picture": self._formulas(self._drawn())}
         text = self._assembled(shown, _kernels(kernels))
-        return Page(
-            text, tuple(shown), len(self.keys), len(rows.modes), tuple(self.notes)
-        )
+        return Page(text, tuple(shown), len(self.keys), len(rows.modes), tuple(self.notes))
 
     # Quantities, and what is drawn.
 
@@ -175,7 +171,7 @@ class PageMaker:
         return self._formulas([*made.results, *closures])
 
     def _formulas_with_masses(self, needed: Sequence[str]) -> Formulas:
-        """Return the formulas of what is asked for; torques by default if they are known."""
+        """Return the formulas of what is asked for; by default of torques too."""
         if self.quantities is not None:
             return self._formulas([*self.quantities, *needed])
         try:
@@ -267,7 +263,7 @@ class PageMaker:
             "coefficients": [*map(self._coefficients, self._ends)],
             "paths": [{"stem": stem, "link": link} for stem, link in self._paths],
             "stops": self._stops,
-            "moving": any(name.startswith(OF_MOTION) for name in shown),
+            "moving": any(name.startswith((*LOADED, "kinetic_energy")) for name in shown),
             "plans": [*map(self._plan, self._ends, self.plans)],
             "toml": text_with_places(self.document, [x.path for x in self._numbers]),
         }
@@ -335,7 +331,8 @@ class PageMaker:
             return [links[number] for number in pole[::-1]]
 
         def steps(step: Step) -> Iterator[Facts]:
-            one = {"text": describe(planned, step).split("\n")[0], "lines": [], "contacts": []}
+            said = describe(planned, step).split("\n")[0]
+            one: Facts = {"text": said, "lines": [], "contacts": []}
             if isinstance(step, BlockPoles):
                 later = {inner.pole for inner in step.passes}
                 yield one | {"poles": [named(x) for x in step.poles if x not in later]}
@@ -343,9 +340,7 @@ class PageMaker:
                     yield from steps(inner)
                 return
             if isinstance(step, LinePole):
-                one["lines"] = [
-                    [named(pole_of(k, x)) for x in step.pole] for k in step.via
-                ]
+                one["lines"] = [[named(pole_of(k, x)) for x in step.pole] for k in step.via]
                 one["contacts"] = planned.mechanism.names_of(step.contacts)
             yield one | {"poles": [named(step.pole)]}
 

@@ -115,14 +115,18 @@ function middleOf(row) {                   // where most of the mechanism is
 
 // The knob of an input is on the link that it drives; its track shows where the mode closes.
 
-function knobOf(row, k) {
-  const {links, pair} = inputs[k], driven = linkNumber.get(links[1]) ? links[1] : links[0];
+let shown = null;                          // {q, row}: what is drawn; where the mode is lost, its end
+
+function knobOf(k) {
+  const {row, q} = shown, {links, pair} = inputs[k], driven = linkNumber.get(links[1]) ? links[1] : links[0];
   const link = model.links[linkNumber.get(driven)], axis = axisOf(row, pair);
   const apart = point => Math.abs(dot(point, axis)) < 0.995;
-  const far = link.pairs.map(name => axisOf(row, name)).find(apart)
+  const end = link.pairs.map(name => axisOf(row, name)).find(apart)
     ?? link.profiles.flatMap(x => (x.centre ? [turned(frameOf(row, driven), x.centre)] : [])).find(apart)
     ?? turned(frameOf(row, driven), aside(link, k));
-  return {axis, far, sense: driven === links[1] ? 1 : -1, fixed: links.some(name => !linkNumber.get(name))};
+  const sense = driven === links[1] ? 1 : -1, turn = sense * (state.q[k] - q[k]);
+  const far = turn ? circle(axis, Math.acos(clamp(dot(axis, end), -1, 1)), turn, turn, end)[0] : end;
+  return {axis, far, sense, fixed: links.some(name => !linkNumber.get(name))};
 }
 
 function aside(link, k) {                  // a place beside the axis, in link axes
@@ -130,8 +134,8 @@ function aside(link, k) {                  // a place beside the axis, in link a
   return plus(scaled(axis, Math.cos(0.5)), scaled(out, Math.sin(0.5)));
 }
 
-function drawTrack(row, k) {
-  const {axis, far, sense, fixed} = knobOf(row, k), {from, to} = inputs[k];
+function drawTrack(k) {
+  const {axis, far, sense, fixed} = knobOf(k), {from, to} = inputs[k];
   if (!fixed) return;
   const radius = Math.acos(clamp(dot(axis, far), -1, 1)), turn = x => sense * (x - state.q[k]);
   const track = (a, b, tint, more) => line(circle(axis, radius, turn(a), turn(b), far), tint, 1.6, more);

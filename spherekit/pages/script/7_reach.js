@@ -6,15 +6,15 @@ const several = inputs.length > 1;
 let reach = null;
 
 const KINDS = [
-  {tint: "--fold", place: determinant},
-  {tint: "--stop", place: rows.place.get(model.stops)},
+  {tint: "--fold", value: row => row[determinant]},
+  {tint: "--stop", value: row => row[rows.place.get(model.stops)] * row[determinant]},
 ];
 
 function surveyed(mode, sizes) {
   const axes = inputs.slice(0, 2).map(input => grid(input, GRID));
   const nodes = axes[0].map(a => {
     const states = mode.along(1, axes[1], state.q.with(0, a), sizes);
-    return states.map((closed, j) => closed && {q: [a, axes[1][j]], row: closed.row, at: directionOf(closed.row)});
+    return states.map((closed, j) => closed && reachedAt([a, axes[1][j]], closed));
   });
   const border = {tint: "--fold", segments: []}, curves = [border], cells = [];
   for (let i = 0; i + 1 < GRID; i++)
@@ -23,14 +23,16 @@ function surveyed(mode, sizes) {
       if (outline.length > 2) cells.push(outline);
       if (edge.length === 2) border.segments.push(edge);
     }
-  for (const {tint, place} of KINDS)
-    if (place !== undefined) curves.push({tint, segments: zeros(mode, nodes, place, sizes)});
+  for (const {tint, value} of KINDS) curves.push({tint, segments: cells.flatMap(outline => zeros(mode, outline, value, sizes))});
   return {cells, curves, drawn: null};
 }
 
-function placed(mode, q, sizes) {          // inputs, and where the output then points
-  const closed = mode.state([...q, ...state.q.slice(2)], sizes);
-  return {q, at: closed && directionOf(closed.row)};
+function reachedAt(q, closed) {            // inputs, and where the output then points
+  return {q, row: closed?.row, at: closed && directionOf(closed.row)};
+}
+
+function placed(mode, q, sizes) {
+  return reachedAt(q, mode.state([...q, ...state.q.slice(2)], sizes));
 }
 
 // The part of a cell in which a mode closes, and its edge to where it does not.
@@ -55,18 +57,13 @@ function directionOf(row) {
   return model.paths.length ? ["x", "y", "z"].map(x => row[rows.place.get(`${model.paths[0].stem}_${x}`)]) : null;
 }
 
-function zeros(mode, nodes, place, sizes) {  // marching squares: segments between edges' zeros
-  const segments = [];
-  for (let i = 0; i + 1 < GRID; i++)
-    for (let j = 0; j + 1 < GRID; j++) {
-      const corners = [nodes[i][j], nodes[i + 1][j], nodes[i + 1][j + 1], nodes[i][j + 1]], found = [];
-      corners.forEach((a, k) => {
-        const b = corners[(k + 1) % 4];
-        if (!a || !b || !(a.row[place] * b.row[place] < 0)) return;
-        found.push(placed(mode, between(a.q, b.q, a.row[place] / (a.row[place] - b.row[place])), sizes));
-      });
-      for (let k = 0; k + 1 < found.length; k += 2) segments.push([found[k], found[k + 1]]);
-    }
+function zeros(mode, outline, value, sizes) {  // segments between zeros on the sides of a cell
+  const numbers = outline.map(({row}) => (row ? value(row) : NaN)), found = [], segments = [];
+  numbers.forEach((x, k) => {
+    const next = (k + 1) % numbers.length, y = numbers[next];
+    if (x * y < 0) found.push(placed(mode, between(outline[k].q, outline[next].q, x / (x - y)), sizes));
+  });
+  for (let k = 0; k + 1 < found.length; k += 2) segments.push([found[k], found[k + 1]]);
   return segments;
 }
 

@@ -27,7 +27,7 @@ function slider(label, unit, {min, max, step}, set) {
     if (value > Number(range.max)) range.max = value;
     if (this.shown === value) return;
     this.shown = range.value = value;
-    if (document.activeElement !== number || Number(number.value) !== value) number.value = +value.toPrecision(9);
+    if (document.activeElement !== number || Number(number.value) !== value) number.value = +value.toPrecision(7);
   }};
 }
 
@@ -117,11 +117,11 @@ let held = null;
 const fingers = new Map();
 
 function knobAt(event) {
-  const row = modes[state.mode].row, box = canvas.getBoundingClientRect();
-  if (!row) return -1;
+  const box = canvas.getBoundingClientRect();
+  if (!shown) return -1;
   const reachOf = event.pointerType === "touch" ? 26 : 15;
   return inputs.findIndex((input, k) => {
-    const [x, y] = seen(knobOf(row, k).far);
+    const [x, y] = seen(knobOf(k).far);
     return Math.hypot(event.clientX - box.left - x, event.clientY - box.top - y) < reachOf;
   });
 }
@@ -139,7 +139,7 @@ canvas.onpointerdown = event => {
   held = {knob, x: event.clientX, y: event.clientY, apart: 0};
   if (knob >= 0) {
     pause();
-    const {axis, far, sense} = knobOf(modes[state.mode].row, knob);
+    const {axis, far, sense} = knobOf(knob);
     Object.assign(held, {axis, sense, behind: seen(far)[2] < 0, q: state.q[knob]});
     held.last = under(event, held.behind);
   }

@@ -80,8 +80,15 @@ function place(now) {
     const closed = mode.state(state.q, now);
     mode.here = closed?.row ?? null;
     mode.row = closed && evaluated(picture, state.q, closed.places, now);
-    mode.last = mode.row ?? mode.last;
   }
+}
+
+function ghost() {                         // where the chosen mode is lost: it closes there last
+  const {curve} = modes[state.mode], now = inKernel(state.sizes), at = state.q[curve.over];
+  const apart = k => (curve.values[k] ? Math.abs(curve.x[k] - at) : Infinity);
+  const nearest = curve.x.reduce((best, x, k) => (apart(k) < apart(best) ? k : best), 0);
+  const q = state.q.with(curve.over, curve.x[nearest]), closed = modes[state.mode].state(q, now);
+  return closed && {q, row: evaluated(picture, q, closed.places, now)};
 }
 
 function draw() {
@@ -91,12 +98,13 @@ function draw() {
   strokes(false);
   drawn = [];
   drawReach();
-  const {row, last} = modes[state.mode], shown = row ?? last;
+  const {row} = modes[state.mode];
+  shown = row ? {q: state.q, row} : ghost();
   let poles = [];
   if (shown) {
     drawPaths();
-    inputs.forEach((input, k) => drawTrack(shown, k));
-    drawLinks(shown);
+    inputs.forEach((input, k) => drawTrack(k));
+    drawLinks(shown.row);
     if (row) poles = drawPoles(row);
   }
   if (!row) for (const one of drawn) one.alpha = 0.35 * (one.alpha ?? 1);
@@ -109,8 +117,8 @@ function draw() {
   drawn = front;
   strokes(true);
   if (!shown) return;
-  drawPairs(shown);
-  inputs.forEach((input, k) => disc(knobOf(shown, k).far, 6.5, row ? colour("--accent") : colour("--warn"), colour("--card"), {ring: 12}));
+  drawPairs(shown.row);
+  inputs.forEach((input, k) => disc(knobOf(k).far, 6.5, row ? colour("--accent") : colour("--warn"), colour("--card"), {ring: 12}));
   markPoles(poles);
   writeNames();
 }
@@ -133,7 +141,7 @@ window.addEventListener("hashchange", () => { if (location.hash.slice(1) !== lin
 window.addEventListener("resize", () => { resizeCurves(); change("view"); });
 system.addEventListener("change", () => change("theme"));
 function knobPlace(k) {                    // in the window, for who drives this page by program
-  const box = canvas.getBoundingClientRect(), [x, y] = seen(knobOf(modes[state.mode].row, k).far);
+  const box = canvas.getBoundingClientRect(), [x, y] = seen(knobOf(k).far);
   return [box.left + x, box.top + y];
 }
 
