@@ -138,3 +138,54 @@ def test_numbers_at_the_cursor_are_those_of_python(opened, name, tmp_path):
         # The sense of an axis is a choice.
         off = np.abs(np.abs(by_python(changed, q, quantity)) - abs(float(value)))
         assert np.nanmin(off) < 1e-12, (quantity, value)
+
+
+@pytest.mark.slow
+def test_keys_and_links_reach_what_a_mouse_does(opened):
+    """The address keeps the state; every control has a name, and reads what it does."""
+    tab = opened("four_bar", color_scheme="dark")
+    assert tab.evaluate("document.documentElement.dataset.theme") == "dark"
+    tab.focus("#sphere")
+    for key in (".", ">", "ArrowLeft", "+", "m", "n", "n", "n", "n", "n"):
+        tab.keyboard.press(key)
+    tab.focus("#sliders input >> nth=2")
+    tab.keyboard.press("ArrowRight")
+    here = tab.evaluate("structuredClone(spherekit.state)")
+    assert here["q"][0] == pytest.approx(np.radians(71.0)) and here["mode"] == 1
+    assert here["sizes"] == [60.0, 21.0, 70.0, 40.0] and here["step"] == 4
+    assert tab.locator("#table .hand").count() == 2
+    assert "P31 case (a) = (P21 P32) x (P41 P43)" in tab.inner_text("#step")
+    fragment = tab.evaluate("spherekit.link()")
+    again = opened("four_bar", fragment).evaluate("structuredClone(spherekit.state)")
+    assert again["q"] == here["q"] and again["yaw"] == pytest.approx(here["yaw"], abs=1e-4)
+    assert [again[x] for x in ("sizes", "mode", "step")] == [[60, 21, 70, 40], 1, 4]
+    names = tab.evaluate(
+        """[...document.querySelectorAll("button, input, select, [tabindex]")].map(
+        x => (x.ariaLabel || x.labels?.[0]?.innerText || x.innerText).trim())"""
+    )
+    assert len(names) > 30 and all(names)
+
+
+@pytest.mark.slow
+def test_a_mode_that_is_lost_is_red_and_ends_at_its_dead_centre(opened, tmp_path):
+    tab = opened("four_bar", "links.2.arc=44&q=0.2")
+    assert tab.inner_text("#lost") == "assembly lost"
+    assert tab.locator("#drive .gone").count() == 1
+    ends = tab.evaluate("spherekit.modes[0].curve.ends")
+    longer = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": 44.0})
+    exact = dead_centres(longer)
+    assert np.allclose(np.sort(ends), np.sort(exact), rtol=0.0, atol=1e-9)
+    rests = tab.evaluate("spherekit.modes[0].curve.rests")
+    rates = [sk.evaluate(longer, q, assembly_mode=0) for q in rests]
+    assert rests and all(abs(x.velocity_coefficient("4/1")) < 1e-9 for x in rates)
+
+
+def dead_centres(mechanism):
+    """Inputs of a four-bar with coupler and rocker in line, by the law of cosines."""
+    ground, crank, coupler, rocker = (
+        mechanism.geometry.links[link].arcs[0] for link in "1234"
+    )
+    folded = np.cos([coupler - rocker, coupler + rocker])
+    at = (np.cos(ground) * np.cos(crank) - folded) / (-np.sin(ground) * np.sin(crank))
+    angle = np.arccos(at[np.abs(at) < 1.0])
+    return np.concatenate([angle, 2.0 * np.pi - angle])

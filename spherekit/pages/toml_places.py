@@ -38,8 +38,8 @@ def text_with_places(document: Document, paths: Sequence[KeyPath]) -> list[str |
 def _marked(document: Document, text: str, path: KeyPath, mark: str) -> str | None:
     """Return a text with a mark for the number at a path, None where it does not say it."""
     start = len("".join(text.splitlines(keepends=True)[: document.line(path) - 1]))
-    for found in islice(_NUMBER.finditer(text, start), _TRIED):
-        tried = text[: found.start()] + mark + text[found.end() :]
+    for number in islice(_NUMBER.finditer(text, start), _TRIED):
+        tried = text[: number.start()] + mark + text[number.end() :]
         with suppress(FileError, KeyError, IndexError, TypeError, ValueError):
             if number_at(parse(tried, document.name), path) == float(mark):
                 return tried

@@ -145,5 +145,5 @@ function knobPlace(k) {                    // in the window, for who drives this
   return [box.left + x, box.top + y];
 }
 
-window.spherekit = {state, change, timing, toml, link, knobPlace};
+window.spherekit = {state, change, modes, timing, toml, link, knobPlace};
 followLink();
