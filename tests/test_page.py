@@ -152,13 +152,13 @@ def test_keys_and_links_reach_what_a_mouse_does(opened):
     tab.keyboard.press("ArrowRight")
     here = tab.evaluate("structuredClone(spherekit.state)")
     assert here["q"][0] == pytest.approx(np.radians(71.0)) and here["mode"] == 1
-    assert here["sizes"] == [60.0, 21.0, 70.0, 40.0] and here["step"] == 4
+    assert here["sizes"] == [60.0, 20.1, 70.0, 40.0] and here["step"] == 4
     assert tab.locator("#table .hand").count() == 2
     assert "P31 case (a) = (P21 P32) x (P41 P43)" in tab.inner_text("#step")
     fragment = tab.evaluate("spherekit.link()")
     again = opened("four_bar", fragment).evaluate("structuredClone(spherekit.state)")
     assert again["q"] == here["q"] and again["yaw"] == pytest.approx(here["yaw"], abs=1e-4)
-    assert [again[x] for x in ("sizes", "mode", "step")] == [[60, 21, 70, 40], 1, 4]
+    assert [again[x] for x in ("sizes", "mode", "step")] == [[60, 20.1, 70, 40], 1, 4]
     names = tab.evaluate(
         """[...document.querySelectorAll("button, input, select, [tabindex]")].map(
         x => (x.ariaLabel || x.labels?.[0]?.innerText || x.innerText).trim())"""
