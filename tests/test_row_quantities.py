@@ -6,6 +6,7 @@ from itertools import permutations, product
 
 import numpy as np
 import pytest
+from common import with_values
 
 import spherekit as sk
 from spherekit.design.variables import design_variable
@@ -233,3 +234,14 @@ def test_singular_values_are_those_of_lapack():
         own = array_function(values, names)(matrices.reshape(len(matrices), -1).T)
         wanted = np.linalg.svd(matrices, compute_uv=False)
         assert np.max(np.abs(own.T - wanted) / (wanted[:, :1] + 1e-300)) < 3e-15
+
+
+def test_what_points_along_an_axis_follows_it_in_other_designs():
+    key, texts = "links.3.arc", [f"at(direction_pointer_{x}, 50, 60)" for x in "xyz"]
+    figures = [f"{x}={text}" for x, text in zip("xyz", texts, strict=True)]
+    found = sk.sweep("five_bar", {key: [60.0, 80.0]}, figures, samples=3).frame()
+    for arc, rows in found.groupby("links_3_arc"):
+        mechanism = with_values("five_bar", {key: arc})
+        turned = sk.evaluate(mechanism, np.radians([[50.0, 60.0]])).rotation("3")
+        wanted = turned @ mechanism.outputs[0].direction
+        assert np.allclose(rows[["x", "y", "z"]], wanted, rtol=0.0, atol=1e-12)

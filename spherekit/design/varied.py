@@ -148,6 +148,8 @@ class VariedMechanism:
         contacts = self.contacts
         first = self._contacts
         acting = [k - first for k in self.differing if k >= first]
+        outputs = self.document.data.get("outputs", {}).items()
+        pointing = {name: item["axis"] for name, item in outputs if "axis" in item}
         if contacts is not None:
             names = {k: f"turned_{k}" for k in self.of_contacts}
             return VariedTerms(
@@ -157,6 +159,7 @@ class VariedMechanism:
                 lambda terms: contacts.pairs({k: terms[n] for k, n in names.items()}),
                 closed_form,
                 acting,
+                pointing=pointing,
             )
         slots = {v.name: v.slot for v in self.variables if v.slot is not None}
         profiled = self.is_profiled
@@ -170,6 +173,7 @@ class VariedMechanism:
             ),
             False if profiled else closed_form,
             acting,
+            pointing=pointing,
         )
 
     @property

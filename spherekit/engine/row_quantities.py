@@ -24,6 +24,7 @@ from spherekit.engine.expression_graph import (
     derivatives,
     dot,
     function,
+    in_order,
     sign_of,
     symbols,
 )
@@ -206,7 +207,8 @@ class VariedTerms:
 
     By default in closed form where there is one. `differing` says which numbers of masses
     and loads are terms, after the sizes; `closed` is a configuration (variables,) of the
-    mechanism, if one is known.
+    mechanism, if one is known. `pointing` names the pair along whose axis an output points,
+    if that is what its direction follows from.
 
     Attributes
     ----------
@@ -241,10 +243,12 @@ class VariedTerms:
         closed_form: bool | None = None,
         differing: Sequence[int] = (),
         closed: Floats | None = None,
+        pointing: Mapping[str, str] | None = None,
     ) -> None:
         terms = symbols(sizes)
         pairs = geometry(dict(zip(sizes, terms, strict=True))) if geometry else None
         self.mechanism, self.inputs = mechanism, [*inputs]
+        self._pointing = pointing or {}
         self.structure = structure = Structure.of(mechanism, inputs, pairs, closed)
         self.sample = symbols(sample_names(inputs))
         if closed_form is None:
@@ -301,6 +305,12 @@ class VariedTerms:
         """
         if self.closed_form:
             return [derivatives(items, {size: 1.0}) for size in self.sizes]
+        used = set(in_order(items))
+        if any(profile.last in used for profile in self.structure.pairs.handed_in):
+            raise EngineError(
+                f"{self.mechanism.name}: how a linearised motion changes with sizes is not "
+                "known where profiles are no circles; compare designs by a sweep"
+            )
         by_places = [self._by_place(items, v) for v in range(len(self.places))]
         columns = (x for y in self.structure.pairs.handed_in for x in y.terms)
         made = []
@@ -390,6 +400,8 @@ class VariedTerms:
         link, base = map(self.mechanism.link, (output.link, output.relative_to))
         if output.direction is None:
             return link, base, None
+        if name in self._pointing:
+            return link, base, self.axis(self._pointing[name])
         return link, base, self.flow.placed[link].direction(np.array(output.direction))
 
     def direction(self, name: str) -> Exprs:
