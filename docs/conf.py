@@ -1,4 +1,4 @@
-"""How Sphinx builds the site; ``python -m sphinx -W -b html docs build/site`` builds it."""
+"""How Sphinx builds the site: ``python -m sphinx -j auto -W -b html docs build/site``."""
 
 import sys
 from pathlib import Path
@@ -27,13 +27,14 @@ exclude_patterns = [
     "_build",
     "paper",
     "gallery",
+    "generated/extra",
     "generated/messages",
     "generated/files",
-    "generated/gallery/*.ipynb",
+    "generated/gallery/**.ipynb",
     "**.ipynb_checkpoints",
 ]
 
-myst_enable_extensions = ["dollarmath", "deflist"]
+myst_enable_extensions = ["colon_fence", "dollarmath", "deflist"]
 myst_heading_anchors = 4
 smartquotes = False  # would turn the mode -- and options into dashes
 nb_execution_mode = "force"
@@ -48,6 +49,12 @@ numpydoc_show_class_members = False
 sphinx_gallery_conf = {
     "examples_dirs": ["gallery"],
     "gallery_dirs": ["generated/gallery"],
+    "subsection_order": [
+        f"gallery/{part}"
+        for part in ("sphere", "coefficients", "singularities", "dynamics")
+    ],
+    "within_subsection_order": "FileNameSortKey",
+    "thumbnail_size": (640, 320),
     "filename_pattern": "plot_",
     "image_scrapers": ("site_pages.gallery.last_figure",),
     "capture_repr": ("_repr_html_",),
@@ -64,13 +71,18 @@ suppress_warnings = ["config.cache"]
 copybutton_exclude = ".linenos, .gp, .go"
 html_theme = "pydata_sphinx_theme"
 html_title = "spherekit"
+html_logo = html_favicon = "_static/logo.svg"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_extra_path = ["generated/extra"]
 html_copy_source = False
 html_show_sourcelink = False
+html_sidebars = {"**": ["sidebar-nav-bs"], "index": []}
 html_theme_options = {
-    "header_links_before_dropdown": 7,
+    "logo": {"text": "spherekit"},
+    "navbar_align": "left",
     "navigation_with_keys": False,
+    "navigation_depth": 3,
     "secondary_sidebar_items": ["page-toc"],
     "show_prev_next": True,
     "footer_start": ["copyright"],

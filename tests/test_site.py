@@ -28,7 +28,9 @@ from sphinx.cmd.build import main
 sys.exit(main(sys.argv[1:]))
 """
 
-pytestmark = pytest.mark.slow
+slow = pytest.mark.slow
+SECTIONS = ("start", "examples", "guide", "methods", "reference")
+TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```$", re.M | re.S)
 
 
 class Page(HTMLParser):
@@ -48,6 +50,45 @@ class Page(HTMLParser):
             self.loads.append(named["src"])
         if tag == "link" and named.get("rel") in ("stylesheet", "preload", "icon"):
             self.loads.append(named["href"])
+
+
+def listed(page):
+    """The pages that a page's toctrees list, from the folder of the pages."""
+    home = ROOT / "docs"
+    entries = [
+        re.sub(r".*<(.*)>", r"\1", line)
+        for lines in TOCTREE.findall((home / f"{page}.md").read_text("utf-8"))
+        for line in lines.splitlines()
+        if line and line[0] != ":"
+    ]
+    folder = Path(page).parent
+    return [name[1:] if name[0] == "/" else (folder / name).as_posix() for name in entries]
+
+
+def below(page):
+    if page.startswith("generated/"):
+        return [page]
+    return [page, *(name for child in listed(page) for name in below(child))]
+
+
+def test_every_page_is_in_one_of_five_sections():
+    assert listed("index") == [f"sections/{name}" for name in SECTIONS]
+    docs = ROOT / "docs"
+    written = {
+        path.relative_to(docs).with_suffix("").as_posix() for path in docs.rglob("*.md")
+    }
+    written = {name for name in written if not name.startswith(("generated/", "paper/"))}
+    reached = below("index")
+    assert len(reached) == len(set(reached))
+    assert written == {name for name in reached if not name.startswith("generated/")}
+
+
+def test_the_front_page_has_the_commands_of_the_readme():
+    first = [
+        re.search(r"^```sh\n(.*?)^```$", (ROOT / path).read_text("utf-8"), re.M | re.S)[1]
+        for path in ("README.md", "docs/index.md")
+    ]
+    assert first[0] == first[1]
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +122,7 @@ def pages(site):
     return {path: Page(path.read_text("utf-8")) for path in found}
 
 
+@slow
 def test_every_link_within_the_site_leads_somewhere(site, pages):
     checked = 0
     for path, page in pages.items():
@@ -96,12 +138,14 @@ def test_every_link_within_the_site_leads_somewhere(site, pages):
     assert checked > 1000
 
 
+@slow
 def test_pages_load_nothing_from_elsewhere(site, pages):
     for path, page in pages.items():
         for load in page.loads:
             assert not urlsplit(load).netloc, f"{path.relative_to(site)}: {load}"
 
 
+@slow
 def test_formulas_have_their_renderer(site, pages):
     theory = pages[site / "theory.html"]
     (renderer,) = [load for load in theory.loads if "mathjax" in load.lower()]
@@ -109,6 +153,7 @@ def test_formulas_have_their_renderer(site, pages):
     assert 'class="math' in (site / "theory.html").read_text("utf-8")
 
 
+@slow
 def test_search_knows_words_and_names(site):
     text = (site / "searchindex.js").read_text("utf-8")
     index = json.loads(re.fullmatch(r"Search\.setIndex\((.*)\);?", text.strip(), re.S)[1])
@@ -124,6 +169,7 @@ def test_search_knows_words_and_names(site):
     assert set(PUBLIC) <= set(index["objects"])
 
 
+@slow
 def test_mechanisms_have_their_page_with_numbers_and_file(site):
     for name in SOME:
         text = (site / "generated" / "mechanisms" / f"{name}.html").read_text("utf-8")

@@ -1,46 +1,59 @@
 """Pages of the site that are made from the package when Sphinx starts."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 
-from site_pages import analyses, api, mechanisms, messages, root_pages, shown_files
-from site_pages.run import Run
+from site_pages import (
+    analyses,
+    api,
+    mechanisms,
+    messages,
+    moving,
+    root_pages,
+    run,
+    shown_files,
+)
 
 FOLDER = "generated"
 
 
-def make(app: Any, config: Any) -> None:
-    """Write all pages into `generated/`; what did not change keeps its date."""
-    home = Path(app.srcdir) / FOLDER
-    written = set()
-    for part in (
-        mechanisms.pages(Path(app.srcdir), config.site_mechanisms),
-        analyses.pages(),
-        api.pages(),
-        messages.pages(),
-        root_pages.pages(),
-        shown_files.pages(Path(app.srcdir)),
-    ):
-        for name, text in part:
-            _write(home / name, text)
-            written.add(home / name)
-    for folder in {path.parent for path in written}:
-        for path in {*folder.glob("*.md"), *folder.glob("*.rst")} - written:
+def begin(app: Any, config: Any) -> None:
+    """Begin the pages of mechanisms, in other processes, and write all others."""
+    home = Path(app.srcdir)
+    (home / moving.HOME).mkdir(parents=True, exist_ok=True)
+    app.site_mechanisms = mechanisms.pages(home, config.site_mechanisms, app.parallel)
+    for part in (analyses, api, messages, root_pages):
+        _write(home, part.pages())
+    _write(home, shown_files.pages(home))
+
+
+def end(app: Any) -> None:
+    """Write the pages of mechanisms, which were made while the gallery ran."""
+    _write(Path(app.srcdir), app.site_mechanisms())
+
+
+def _write(home: Path, pages: Iterable[tuple[str, str]]) -> None:
+    """Write pages into `generated/`; what did not change keeps its date."""
+    written = {home / FOLDER / name: text for name, text in pages}
+    for path, text in written.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.exists() or path.read_text("utf-8") != text:
+            path.write_text(text, "utf-8")
+    for folder in {path.parent for path in written} - {home / FOLDER}:
+        for path in {*folder.glob("*.md"), *folder.glob("*.rst")} - {*written}:
             path.unlink()  # of a mechanism or a name that is no more
-
-
-def _write(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not path.exists() or path.read_text("utf-8") != text:
-        path.write_text(text, "utf-8")
 
 
 def setup(app: Any) -> dict[str, Any]:
     """Make the pages before Sphinx looks for them, and run the code of the others."""
     app.add_config_value("site_mechanisms", [], "env", list)
     matplotlib.use("Agg")
-    app.add_directive("run", Run)
-    app.connect("config-inited", make)
+    app.add_directive("run", run.Run)
+    app.add_directive("moving", moving.Moving)
+    app.connect("config-inited", begin)
+    app.connect("builder-inited", end, priority=900)
+    app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True  # adds one file
     return {"parallel_read_safe": True}

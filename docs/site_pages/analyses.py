@@ -7,16 +7,32 @@ from spherekit.analysis.arguments import parameters
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.registry import load, names
 
+INDEX = """\
+# Tables of the analyses
+
+Parameters, tables and columns of every analysis; what they mean, and the formulas:
+[analyses](../../analyses.md).
+
+{shown}
+
+```{{toctree}}
+:hidden:
+
+{names}
+```
+"""
+
 
 def pages() -> Iterator[tuple[str, str]]:
-    """Yield a part for the page of each analysis."""
+    """Yield a page for each analysis, and their index."""
+    shown = "\n".join(f"- [{name}]({name}.md): {load(name).summary}" for name in names())
+    yield "analyses/index.md", INDEX.format(shown=shown, names="\n".join(names()))
     for name in names():
         yield f"analyses/{name}.md", "\n".join(_part(load(name)))
 
 
 def _part(cls: type[AbstractAnalysis]) -> Iterator[str]:
-    yield "---\norphan: true\n---\n"
-    yield f"# {cls.name}: parameters, tables and sources\n"
+    yield f"# Analysis `{cls.name}`\n"
     yield f"{cls.summary.capitalize()}.\n"
     yield "| parameter | value | default |\n|---|---|---|"
     for key, (shown, default) in parameters(cls).items():

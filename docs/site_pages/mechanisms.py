@@ -1,31 +1,33 @@
 """A page for every shipped mechanism, from its file and a run of it."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import spherekit as sk
-from site_pages.picture import save_picture
+from site_pages import moving
+from site_pages.picture import save_pictures
 from spherekit.files.library import shipped
 
+FOLDER = "generated/mechanisms"
 SAMPLES = {1: 91, 2: (7, 7), 3: (4, 4, 4)}
 """Samples that a page's numbers are taken from, by the number of inputs."""
-SINGULARITIES_UP_TO = 8
+SINGULARITIES_UP_TO = 6
 """Links up to which a page lists singular positions: a search of seconds."""
+KINDS = ("Four and six bars", "Wrists", "Cams, cones and gears", "Eight bars and more")
+"""The groups of the index."""
 
 INDEX = """\
-# Shipped mechanisms
+# Mechanisms
 
-Each page is made from the mechanism's file by this build: what it is and where it comes
-from, a picture, its Table, its freedoms, assembly modes, swings and singular positions, and
-the file.
+Every mechanism that is shipped, on a page made from its file: it moves, and has its Table,
+freedoms, assembly modes and swings beside it.
 
-| mechanism | links | pairs | inputs | what it is |
-|---|---:|---|---|---|
-{rows}
+{groups}
 
 ```{{toctree}}
 :hidden:
@@ -34,17 +36,34 @@ the file.
 ```
 """
 
+GROUP = """\
+## {title}
+
+::::{{grid}} 2 3 4 4
+:gutter: 3
+
+{cards}
+::::
+"""
+
+CARD = """\
+:::{{grid-item-card}} {name}
+:img-top: {name}_card.png
+:link: {name}
+:link-type: doc
+{said}
+:::
+"""
+
 PAGE = """\
 # {name}
 
 {citation}.
 
+```{{moving}} {name}
+```
+
 {assumed}
-
-![{name} on the unit sphere in a configuration of its first assembly mode]({name}.png)
-
-Links are arcs between the axes of their pairs, wheels and cams the curves that touch;
-dotted is what lies behind.
 
 ## Numbers
 
@@ -79,40 +98,68 @@ spherekit plan {name} --steps
 """
 
 
-LINKED = re.compile(r"generated/mechanisms/(\w+)\.md")
+LINKED = re.compile(r"generated/mechanisms/(\w+?)(?:_card\.png|\.md)|\{moving\} (\w+)")
 
 
-def pages(home: Path, only: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield the pages with their paths: of all, or of those named or linked from pages."""
+Pages = list[tuple[str, str]]
+
+
+def pages(home: Path, only: Sequence[str], workers: int) -> Callable[[], Pages]:
+    """Begin the pages of all, or of those named or linked from pages; return what waits."""
     if only:
-        texts = (page.read_text("utf-8") for page in home.rglob("*.md"))
-        linked = {name for text in texts for name in LINKED.findall(text)} - {"index"}
-        only = sorted({*only, *linked})
-    files = {name: path for pack in shipped() for name, path in pack.files.items()}
-    rows = []
-    for name in sorted(only or sk.mechanisms()):
-        mechanism = sk.load(name)
-        if not mechanism.inputs:
-            mechanism = mechanism.with_inputs(mechanism.pairs[0].name)
-        rows.append(_row(mechanism))
-        folder = home / "generated" / "mechanisms"
-        folder.mkdir(parents=True, exist_ok=True)
-        save_picture(mechanism, folder / f"{name}.png")
-        yield (
-            f"mechanisms/{name}.md",
-            _page(mechanism, files[name].read_text("utf-8").rstrip()),
-        )
-    names = "\n".join(sorted(only or sk.mechanisms()))
-    yield "mechanisms/index.md", INDEX.format(rows="\n".join(rows), names=names)
+        found = (path for path in home.rglob("*.md") if "generated" not in path.parts)
+        texts = [page.read_text("utf-8") for page in found]
+        linked = {"".join(names) for text in texts for names in LINKED.findall(text)}
+        only = sorted({*only, *linked} - {"index"})
+    names = sorted(only or sk.mechanisms())
+    (home / FOLDER).mkdir(parents=True, exist_ok=True)
+    pool = ProcessPoolExecutor(workers)
+    made = [pool.submit(_made, name, home) for name in names]
+
+    def wait() -> Pages:
+        with pool:
+            shown = [each.result() for each in made]
+        return [*(page for page, *_ in shown), ("mechanisms/index.md", _index(shown))]
+
+    return wait
 
 
-def _row(mechanism: sk.Mechanism) -> str:
-    citation = mechanism.source.citation if mechanism.source else ""
-    driven = ", ".join(each.pair for each in mechanism.inputs)
-    return (
-        f"| [{mechanism.name}]({mechanism.name}.md) | {len(mechanism.links)} "
-        f"| {_pairs(mechanism)} | {driven} | {citation} |"
-    )
+def _made(name: str, home: Path) -> tuple[tuple[str, str], str, str]:
+    """Return the path and text of a page, its group in the index, and its card there."""
+    (path,) = (pack.files[name] for pack in shipped() if name in pack.files)
+    mechanism = sk.load(name)
+    if not mechanism.inputs:
+        mechanism = mechanism.with_inputs(mechanism.pairs[0].name)
+    save_pictures(mechanism, home / FOLDER / f"{name}.png")
+    moving.make(mechanism, home)
+    text = _page(mechanism, path.read_text("utf-8").rstrip())
+    return (f"mechanisms/{name}.md", text), _kind(mechanism), _card(mechanism)
+
+
+def _index(made: Sequence[tuple[tuple[str, str], str, str]]) -> str:
+    groups = []
+    for title in KINDS:
+        cards = [card for _, kind, card in made if kind == title]
+        groups += [GROUP.format(title=title, cards="\n".join(cards))] if cards else []
+    names = "\n".join(Path(page).stem for (page, _), *_ in made)
+    return INDEX.format(groups="\n".join(groups), names=names)
+
+
+def _kind(mechanism: sk.Mechanism) -> str:
+    """Return the group of the index that a mechanism is shown in."""
+    bars, wrists, contacts, chains = KINDS
+    if any(pair.type != "R" for pair in mechanism.pairs):
+        return contacts
+    if len(mechanism.inputs) > 1:
+        return wrists
+    return bars if len(mechanism.links) <= 6 else chains
+
+
+def _card(mechanism: sk.Mechanism) -> str:
+    inputs = len(mechanism.inputs)
+    said = f"{len(mechanism.links)} links; {_pairs(mechanism)}"
+    said += f"; {inputs} inputs" if inputs > 1 else ""
+    return CARD.format(name=mechanism.name, said=said)
 
 
 def _pairs(mechanism: sk.Mechanism) -> str:

@@ -2,7 +2,7 @@
 A rotation about a fixed axis
 =============================
 
-From one direction to another in a mid-plane symmetric architecture, the inputs in time.
+From one direction to another in a mid-plane symmetric architecture.
 """
 
 import spherekit as sk
@@ -12,4 +12,9 @@ result = sk.run(
     "equivalent_rotation:start=phi=75+gamma=-20,end=phi=70+gamma=20",
     samples=31,
 )
+result.plot("equivalent rotation on the sphere")
+
+# %%
+# What the inputs do in time.
+
 result.plot("driving angles")

@@ -3,10 +3,15 @@ Singular curves of a wrist
 ==========================
 
 Where locked cranks do not hold the pointer (type II), and where it cannot go on (type
-I), over the two inputs.
+I), as directions of the pointer.
 """
 
 import spherekit as sk
 
-result = sk.run("five_bar", "singularities:slices=8", samples=(5, 5))
+result = sk.run("five_bar", "singularities:slices=4", samples=(3, 3))
+result.plot("on the sphere")
+
+# %%
+# The same curves over the two inputs.
+
 result.plot("singular curves of pointer in the inputs")

@@ -1,0 +1,47 @@
+"""The directive `moving`: a mechanism that the reader moves, with its picture behind."""
+
+from pathlib import Path
+from typing import ClassVar
+
+from docutils import nodes
+from docutils.parsers.rst import directives
+from sphinx.util.docutils import SphinxDirective
+from sphinx.util.typing import OptionSpec
+
+import spherekit as sk
+
+HOME = "generated/extra/moving"
+"""Where the pages are made; the site has them in its folder `moving`."""
+FRAME = '<iframe class="moving" loading="lazy" title="{name} moving" src="{path}"></iframe>'
+
+
+def make(mechanism: sk.Mechanism, home: Path) -> None:
+    """Write the page of a mechanism, if there is one to be made."""
+    page = home / HOME / f"{mechanism.name}.html"
+    page.parent.mkdir(parents=True, exist_ok=True)
+    if hasattr(sk, "page"):
+        sk.page(mechanism, page)
+
+
+class Moving(SphinxDirective):
+    """Shows the page of a mechanism in a frame, and its picture where there is none."""
+
+    required_arguments = 1
+    option_spec: ClassVar[OptionSpec] = {"compact": directives.flag}
+
+    def run(self) -> list[nodes.Node]:
+        """Return the frame and the picture."""
+        (name,) = self.arguments
+        up = "../" * self.env.docname.count("/")
+        compact = "compact" in self.options
+        picture = nodes.image(
+            uri=f"/generated/mechanisms/{name}{'_card' if compact else ''}.png",
+            alt=f"{name} on the unit sphere in a configuration of its first assembly mode",
+            classes=["dark-light", "still"],
+        )
+        if not (Path(self.env.srcdir) / HOME / f"{name}.html").exists():
+            return [picture]
+        frame = FRAME.format(name=name, path=f"{up}moving/{name}.html")
+        shown = nodes.container(classes=["moving"])
+        shown += [picture, nodes.raw("", frame, format="html")]
+        return [shown]
