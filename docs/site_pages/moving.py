@@ -19,8 +19,7 @@ def make(mechanism: sk.Mechanism, home: Path) -> None:
     """Write the page of a mechanism, if there is one to be made."""
     page = home / HOME / f"{mechanism.name}.html"
     page.parent.mkdir(parents=True, exist_ok=True)
-    if hasattr(sk, "page"):
-        sk.page(mechanism, page)
+    sk.page(mechanism, page)
 
 
 class Moving(SphinxDirective):
@@ -41,7 +40,9 @@ class Moving(SphinxDirective):
         )
         if not (Path(self.env.srcdir) / HOME / f"{name}.html").exists():
             return [picture]
-        frame = FRAME.format(name=name, path=f"{up}moving/{name}.html")
+        frame = FRAME.format(
+            name=name, path=f"{up}moving/{name}.html{'#alone=1' * compact}"
+        )
         shown = nodes.container(classes=["moving"])
         shown += [picture, nodes.raw("", frame, format="html")]
         return [shown]
