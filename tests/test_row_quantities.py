@@ -13,9 +13,11 @@ from spherekit.design.variables import design_variable
 from spherekit.engine.algebra import singular_values
 from spherekit.engine.expression_graph import array_function, symbols
 from spherekit.engine.row_quantities import row_quantities
+from spherekit.files.library import find
 from spherekit.files.write import document_of
 from spherekit.model.load import BearingFriction
 from spherekit.model.study import Study
+from spherekit.plugin.designs import Sensitivity
 
 CASES = {
     "four_bar": ("links.2.arc", [0.7]),
@@ -245,3 +247,25 @@ def test_what_points_along_an_axis_follows_it_in_other_designs():
         turned = sk.evaluate(mechanism, np.radians([[50.0, 60.0]])).rotation("3")
         wanted = turned @ mechanism.outputs[0].direction
         assert np.allclose(rows[["x", "y", "z"]], wanted, rtol=0.0, atol=1e-12)
+
+
+def test_where_outputs_point_varies(tmp_path):
+    text = find("five_bar").read_text().replace('axis = "43"', "xyz = [0.36, 0.48, 0.8]")
+    (path := tmp_path / "bar.toml").write_text(text)
+    key = "outputs.pointer.longitude"
+    figures = [f"{x}=at(direction_pointer_{x}, 50, 60)" for x in "xyz"]
+    found = sk.sweep(path, {key: [20.0, 70.0]}, figures, samples=3).frame()
+    assert len(found) == 4
+    turned = sk.evaluate(path, np.radians([[50.0, 60.0]])).rotation("3")
+    for longitude, rows in found.groupby("outputs_pointer_longitude"):
+        direction = with_values(path, {key: longitude}).outputs[0].direction
+        assert np.arctan2(*direction[1::-1]) == pytest.approx(np.radians(longitude))
+        own = rows[["x", "y", "z"]]
+        assert np.allclose(own, turned @ direction, rtol=0.0, atol=1e-12)
+    sensitivity = Sensitivity(sk.load(path), [key], ["direction_pointer_y"])
+    motion = sk.trace(path, samples=(2, 2))
+    _, changes = sensitivity.at(sensitivity.at_rest(motion.inputs), motion.values)
+    turned = sk.evaluate(path, motion.inputs[: len(motion) // 2]).rotation("3")
+    x, y, _ = sk.load(path).outputs[0].direction
+    wanted = turned[:, 1] @ [-y, x, 0.0]
+    assert np.allclose(changes[0, 0], wanted, rtol=0.0, atol=1e-12, equal_nan=True)

@@ -318,3 +318,33 @@ def test_a_linkage_is_found_again_by_the_poses_of_its_coupler(tmp_path):
     found = sk.synthesize(path, designs=256, starts=2)
     assert found.objectives[0, 0] < 1e-6
     assert found.values[0] == pytest.approx([*arcs.values()], abs=1e-5)
+
+
+def test_a_linkage_is_found_again_by_the_path_of_a_point_of_its_coupler(tmp_path):
+    """Sizes, the zero of the crank and the point of the coupler are free."""
+    arcs = {"1": 80.0, "2": 25.0, "3": 75.0, "4": 60.0}
+    given = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs)
+    q = np.arange(0.0, 360.0, 40.0)
+    point = np.array([0.48, 0.36, 0.8])
+    path = sk.evaluate(given, np.radians(q), assembly_mode=0).rotation("3") @ point
+    text = (
+        find("four_bar")
+        .read_text()
+        .replace(
+            "[outputs.rocker]",
+            '[outputs.tip]\nlink = "3"\nlonlat = [20.0, 40.0]\n[outputs.rocker]',
+        )
+    )
+    (tmp_path / "bar.toml").write_text(text)
+    keys = {f"links.{k}.arc": x for k, x in arcs.items()}
+    keys |= {"outputs.tip.longitude": np.degrees(np.arctan2(0.36, 0.48))}
+    keys |= {"outputs.tip.latitude": np.degrees(np.arcsin(0.8)), "pairs.21.zero": 0.0}
+    vary = "".join(f'"{key}" = [{x - 15.0}, {x + 15.0}]\n' for key, x in keys.items())
+    (tmp_path / "path.toml").write_text(
+        'format = 1\nmechanism = "bar.toml"\nminimise = "match"\n'
+        f'[vary]\n{vary}[match]\nquantity = "direction_tip"\n'
+        f"at = {q.tolist()}\nvalues = {path.tolist()}\n"
+    )
+    found = sk.synthesize(tmp_path / "path.toml", designs=512, starts=3)
+    assert found.objectives[0, 0] < 1e-6
+    assert found.values[0] == pytest.approx([*keys.values()], abs=1e-4)

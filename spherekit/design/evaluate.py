@@ -255,7 +255,7 @@ class Evaluator:
     def _kernel(self) -> DesignKernel | None:
         """Return the kernel of all designs, None where they have none."""
         if self.mechanism.has_contacts:
-            if self.varied.contacts is None:
+            if self.varied.contacts is None or self.varied.points:
                 return None
         elif any(v.slot is None and v.path[0] not in ACTIONS for v in self.variables):
             return None

@@ -21,10 +21,12 @@ from spherekit.model.gears import COLLINEAR, pose_sizes
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import PoseGeometry, SizeGeometry
 
-DESIGNED = ("links", "pairs", "mass", "loads")
+DESIGNED = ("links", "pairs", "outputs", "mass", "loads")
 """Tables of a file whose numbers make a design."""
 
 ACTIONS = ("mass", "loads")
+POINTED = "pointed"
+"""The kind of sizes that say where outputs point."""
 """Those that say nothing of where links are."""
 
 
@@ -86,6 +88,8 @@ def _slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
             return f"{kind}s", pair
         case ("pairs", str(pair), "lonlat", int(k)):
             return ("longitudes", "latitudes")[k], pair
+        case ("outputs", str(output), "lonlat", int(k)):
+            return POINTED, (output, k)
     return None
 
 

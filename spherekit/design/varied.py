@@ -6,6 +6,7 @@ Numbers of a kernel that are read from the file of each design, with its checks.
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +17,15 @@ from spherekit.design.profile_numbers import ProfileNumbers, has_other_profiles
 from spherekit.design.variables import (
     ACTIONS,
     OK,
+    POINTED,
     DesignVariable,
     designed,
     reason_of,
     slope_by,
 )
+from spherekit.engine.algebra import Exprs, pointed_at
 from spherekit.engine.design_kernel import DesignKernel
+from spherekit.engine.expression_graph import symbols
 from spherekit.engine.hinges import EquivalentLinkage, hinged
 from spherekit.engine.row_quantities import (
     VariedTerms,
@@ -148,9 +152,12 @@ class VariedMechanism:
         contacts = self.contacts
         first = self._contacts
         acting = [k - first for k in self.differing if k >= first]
-        outputs = self.document.data.get("outputs", {}).items()
-        pointing = {name: item["axis"] for name, item in outputs if "axis" in item}
         if contacts is not None:
+            if self.points:
+                raise DesignError(
+                    f"{self.mechanism.name}: outputs point elsewhere in designs whose "
+                    "contacts stay; vary one or the other"
+                )
             names = {k: f"turned_{k}" for k in self.of_contacts}
             return VariedTerms(
                 contacts.mechanism,
@@ -159,9 +166,10 @@ class VariedMechanism:
                 lambda terms: contacts.pairs({k: terms[n] for k, n in names.items()}),
                 closed_form,
                 acting,
-                pointing=pointing,
+                pointing=self._pointing,
             )
         slots = {v.name: v.slot for v in self.variables if v.slot is not None}
+        shapes = [name for name, (kind, _) in slots.items() if kind != POINTED]
         profiled = self.is_profiled
         mechanism = self.mechanism
         return VariedTerms(
@@ -169,12 +177,32 @@ class VariedMechanism:
             self.inputs,
             list(slots),
             lambda terms: turning_pairs(
-                mechanism, {slots[x]: terms[x] for x in slots}, as_columns=profiled
+                mechanism, {slots[x]: terms[x] for x in shapes}, as_columns=profiled
             ),
             False if profiled else closed_form,
             acting,
-            pointing=pointing,
+            pointing=self._pointing,
         )
+
+    @property
+    def points(self) -> bool:
+        """Whether numbers of outputs vary."""
+        return any(variable.path[0] == "outputs" for variable in self.variables)
+
+    @property
+    def _pointing(self) -> dict[str, str | Exprs]:
+        """Where outputs point, if that varies: along the axis of a pair, or by terms."""
+        outputs = self.document.data.get("outputs", {})
+        made: dict[str, Any] = {x: y["axis"] for x, y in outputs.items() if "axis" in y}
+        unit = DEG if self.document.data["angle_unit"] == "deg" else 1.0
+        for variable in self.variables:
+            kind, place = variable.slot or ("", None)
+            if place is not None and kind == POINTED:
+                name, k = place
+                numbers = [unit * float(x) for x in outputs[name]["lonlat"]]
+                angles = made.setdefault(name, numbers)
+                (angles[k],) = symbols([variable.name])
+        return {x: y if isinstance(y, str) else pointed_at(*y) for x, y in made.items()}
 
     @property
     def nominal(self) -> Floats:

@@ -158,13 +158,18 @@ def _in_pose(
     x, y, z = geometry.axes[pair.name]
     longitude = design.get(("longitudes", pair.name), float(np.arctan2(y, x)))
     latitude = design.get(("latitudes", pair.name), float(np.arctan2(z, np.hypot(x, y))))
-    level = cosine(latitude)
-    axis = vector([level * cosine(longitude), level * sine(longitude), sine(latitude)])
+    axis = pointed_at(longitude, latitude)
     east = vector([-1.0 * sine(longitude), cosine(longitude), 0.0])
     frame = np.stack([east, cross(axis, east), axis], axis=1)
     value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
     one, other = (_off(mechanism, design, link, pair.name, frame) for link in pair.links)
     return one, other @ about_z(value)
+
+
+def pointed_at(longitude: Expr, latitude: Expr) -> Exprs:
+    """Return the unit vector (3,) of numbers or terms."""
+    level = cosine(latitude)
+    return vector([level * cosine(longitude), level * sine(longitude), sine(latitude)])
 
 
 def _off(

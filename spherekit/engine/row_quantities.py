@@ -207,8 +207,8 @@ class VariedTerms:
 
     By default in closed form where there is one. `differing` says which numbers of masses
     and loads are terms, after the sizes; `closed` is a configuration (variables,) of the
-    mechanism, if one is known. `pointing` names the pair along whose axis an output points,
-    if that is what its direction follows from.
+    mechanism, if one is known. `pointing` names pairs along whose axes outputs point, or
+    has directions (3,) in axes of their links, where those of the mechanism vary.
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ class VariedTerms:
         closed_form: bool | None = None,
         differing: Sequence[int] = (),
         closed: Floats | None = None,
-        pointing: Mapping[str, str] | None = None,
+        pointing: Mapping[str, str | Exprs] | None = None,
     ) -> None:
         terms = symbols(sizes)
         pairs = geometry(dict(zip(sizes, terms, strict=True))) if geometry else None
@@ -400,9 +400,10 @@ class VariedTerms:
         link, base = map(self.mechanism.link, (output.link, output.relative_to))
         if output.direction is None:
             return link, base, None
-        if name in self._pointing:
-            return link, base, self.axis(self._pointing[name])
-        return link, base, self.flow.placed[link].direction(np.array(output.direction))
+        given = self._pointing.get(name, np.array(output.direction))
+        if isinstance(given, str):
+            return link, base, self.axis(given)
+        return link, base, self.flow.placed[link].direction(given)
 
     def direction(self, name: str) -> Exprs:
         """Return what an output points at (3,), in the axes of the link it is seen from."""

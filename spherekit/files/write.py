@@ -164,7 +164,8 @@ def document_of(
 ) -> Document:
     """Return the document of a file or shipped name, or of a mechanism, in a unit.
 
-    Axes of a reference pose and points of profiles are there by longitude and latitude.
+    Axes of a reference pose, where outputs point, and points of profiles are there by
+    longitude and latitude.
 
     Raises
     ------
@@ -177,7 +178,8 @@ def document_of(
 
 
 def _with_lonlat(document: Document) -> Document:
-    pairs = copy.deepcopy(document.data["pairs"])
+    tables = ("pairs", "outputs")
+    data = {x: copy.deepcopy(document.data[x]) for x in tables if x in document.data}
     unit = math.degrees if document.data["angle_unit"] == "deg" else float
 
     def lonlat(direction: Sequence[float]) -> list[LiteralNumber]:
@@ -185,15 +187,16 @@ def _with_lonlat(document: Document) -> Document:
         angles = math.atan2(y, x), math.atan2(z, math.hypot(x, y))
         return [LiteralNumber(repr(unit(angle))) for angle in angles]
 
-    for pair in pairs.values():
-        if "xyz" in pair:
-            pair["lonlat"] = lonlat(pair.pop("xyz"))
+    for item in (item for table in data.values() for item in table.values()):
+        if "xyz" in item:
+            item["lonlat"] = lonlat(item.pop("xyz"))
+    for pair in data["pairs"].values():
         for profile in pair.get("profiles", {}).values():
             for key, given in list(profile.items()):
                 if key.endswith("_xyz") and isinstance(given[0], Sequence):
                     del profile[key]
                     profile[key.removesuffix("_xyz")] = [lonlat(point) for point in given]
-    return replace(document, data={**document.data, "pairs": pairs})
+    return replace(document, data={**document.data, **data})
 
 
 def number_path(document: Document, key: str) -> KeyPath:
