@@ -314,13 +314,14 @@ class PageMaker:
         }
 
     def _quantity(self, name: str) -> Facts:
-        words = {
-            f"{kind}_coefficient_{a}_{b}{end}": f"{kind} coefficient {a}/{b}{end}"
-            for kind in ("velocity", "acceleration")
-            for a, b in permutations(self.mechanism.links, 2)
-            for end in self._ends
-        }
-        label = words.get(name, name).replace("_", " ")
+        label = name.replace("dB_dq", "dB/dq").replace("_", " ")
+        for a, b in permutations(self.mechanism.links, 2):
+            of_two = re.fullmatch(
+                rf"(\w+_coefficient|pole)_{re.escape(a)}_{re.escape(b)}(|_.*)", name
+            )
+            if of_two:
+                kind, end = of_two.groups()
+                label = f"{kind} {a}/{b}{end}".replace("_", " ")
         return {"name": name, "unit": self.every[name], "label": label}
 
     def _plan(self, end: str, planned: Plan) -> Facts:

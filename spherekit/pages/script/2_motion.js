@@ -143,7 +143,7 @@ const modes = rows.about.modes.map((mode, k) => {
 
 // A curve: the results of a mode at the samples, its dead centres and where its outputs rest.
 
-const SAMPLES = rows.about.closed_form ? 217 : 145;
+const SAMPLES = rows.about.closed_form ? 181 : 121;
 
 function grid({from, to}, count) {
   return Array.from({length: count}, (_, k) => from + (k * (to - from)) / (count - 1));

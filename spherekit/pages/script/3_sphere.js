@@ -12,10 +12,12 @@ const unitOf = a => scaled(a, 1 / (Math.hypot(...a) || 1));
 const turned = (r, a) => [dot(r.slice(0, 3), a), dot(r.slice(3, 6), a), dot(r.slice(6, 9), a)];
 const beside = a => unitOf(cross(a, Math.abs(a[2]) < 0.8 ? [0, 0, 1] : [1, 0, 0]));
 
-function arc(a, b) {                       // points of the shorter great-circle arc
+const chord = () => 0.09 / Math.sqrt(state.zoom);  // rad; off its arc by a third of a pixel
+
+function arc(a, b, step = chord()) {       // points of the shorter great-circle arc
   const angle = Math.atan2(Math.hypot(...cross(a, b)), dot(a, b));
   if (!(angle > 1e-6)) return [];
-  const toward = unitOf(plus(b, scaled(a, -dot(a, b)))), count = Math.ceil(angle / 0.05) + 1;
+  const toward = unitOf(plus(b, scaled(a, -dot(a, b)))), count = Math.ceil(angle / step) + 1;
   return Array.from({length: count}, (_, k) => {
     const t = (angle * k) / (count - 1);
     return plus(scaled(a, Math.cos(t)), scaled(toward, Math.sin(t)));
@@ -24,7 +26,7 @@ function arc(a, b) {                       // points of the shorter great-circle
 
 function circle(centre, radius, from = 0, to = 2 * Math.PI, start = null) {
   const one = start ? unitOf(plus(start, scaled(centre, -dot(start, centre)))) : beside(centre);
-  const other = cross(centre, one), count = Math.max(2, Math.ceil(Math.abs(to - from) / 0.05) + 1);
+  const other = cross(centre, one), count = Math.max(2, Math.ceil(Math.abs(to - from) / chord()) + 1);
   return Array.from({length: count}, (_, k) => {
     const t = from + ((to - from) * k) / (count - 1);
     const out = plus(scaled(one, Math.cos(t)), scaled(other, Math.sin(t)));

@@ -33,7 +33,7 @@ function drawLinks(row) {
   for (const [k, link] of model.links.entries()) {
     const tint = linkColour(k), corners = convex(distinct(link.pairs.map(pair => axisOf(row, pair))));
     const sides = corners.length < 3 ? corners.slice(1).map((b, n) => [corners[n], b]) : corners.map((a, n) => [a, corners[(n + 1) % corners.length]]);
-    const arcs = sides.map(([a, b]) => arc(a, b)).filter(points => points.length);
+    const arcs = sides.map(([a, b]) => arc(a, b, 0.05)).filter(points => points.length);
     if (corners.length > 2) line(arcs.flat(), tint, 0, {fill: tint, alpha: 0.16, faint: 0.3});
     for (const points of arcs) {
       line(points, tint, k ? 5 : 4);

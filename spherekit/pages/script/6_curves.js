@@ -3,7 +3,7 @@
 const figures = model.quantities.map(figureOf);
 
 function shownUnit(unit) {
-  return unit === "rad" ? [UNIT, SIGN] : [1, unit];
+  return unit === "rad" ? [UNIT, SIGN] : [1, unit.replace(/([a-z])2/g, "$1²")];
 }
 
 function figureOf(quantity) {
@@ -69,12 +69,15 @@ function fillCurves() {
 }
 
 function aligned(xs, {x, values}, place, scale) {
-  const column = [];
+  const column = [], whole = (2 * Math.PI) / UNIT, wraps = scale === UNIT;
+  let last = NaN;
   for (let k = 0, n = 0; k < xs.length; k++) {
     while (n < x.length && x[n] < xs[k]) n++;
     if (x[n] !== xs[k]) { column.push(undefined); continue; }
-    const value = values[n]?.[place];
-    column.push(Number.isFinite(value) ? value / scale : null);
+    const value = values[n] ? values[n][place] / scale : NaN;
+    const jumps = wraps && Math.abs(value - last) > 0.5 * whole;  // an angle passes half a turn
+    column.push(Number.isFinite(value) && !jumps ? value : null);
+    last = value;
   }
   return column;
 }

@@ -1,7 +1,7 @@
 // Two inputs: which of them close, what the output reaches, and the singular curves of both.
 
 const pad = document.getElementById("pad");
-const GRID = 33;
+const GRID = 41;
 const several = inputs.length > 1;
 let reach = null;
 
@@ -63,6 +63,9 @@ function zeros(mode, outline, value, sizes) {  // segments between zeros on the 
     const next = (k + 1) % numbers.length, y = numbers[next];
     if (x * y < 0) found.push(placed(mode, between(outline[k].q, outline[next].q, x / (x - y)), sizes));
   });
+  const apart = (a, b) => Math.hypot(a.q[0] - b.q[0], a.q[1] - b.q[1]);
+  const crosses = found.length === 4 && apart(found[0], found[1]) + apart(found[2], found[3]) > apart(found[1], found[2]) + apart(found[3], found[0]);
+  if (crosses) found.push(found.shift());
   for (let k = 0; k + 1 < found.length; k += 2) segments.push([found[k], found[k + 1]]);
   return segments;
 }
