@@ -8,48 +8,40 @@ from collections.abc import Callable, Mapping
 
 from spherekit.model.expression import Expression, fold
 
-_BRACKETS = re.compile(r"\\(left|right)(\\?[(|)])")
+_BRACKETS = re.compile(r"\\(left|right)\\?[(|)]")
 _INNERMOST = re.compile(r"\{[^{}]*\}")
 _JOINED = re.compile(r" [+-] | \\times | \\cdot |^-")
 _SUM = re.compile(r" [+-] |^-")
-_NAMED: Mapping[str, str] = {
-    "asin": r"\arcsin",
-    "acos": r"\arccos",
-    "atan": r"\arctan",
-    "atan2": r"\operatorname{atan2}",
-    "log": r"\ln",
-    "sign": r"\operatorname{sgn}",
-}
-WIDEST = 72
-"""Letters of a line; longer sums are broken."""
 
 
-def _outside(text: str) -> str:
-    """Return a text with blanks for what stands in braces and brackets."""
-    text = _BRACKETS.sub(lambda found: "{}"[found[1] == "right"].ljust(len(found[0])), text)
-    while (shorter := _INNERMOST.sub(lambda found: "#" * len(found[0]), text)) != text:
+def _has(joint: re.Pattern[str], text: str) -> bool:
+    """Return whether a text is joined so outside of braces and brackets."""
+    text = _BRACKETS.sub(lambda found: "{" if found[1] == "left" else "}", text)
+    while (shorter := _INNERMOST.sub("", text)) != text:
         text = shorter
-    return text
+    return bool(joint.search(text))
 
 
 def grouped(text: str) -> str:
     """Return a text in brackets if it is a sum, a product of vectors or negative."""
-    return rf"\left({text}\right)" if _JOINED.search(_outside(text)) else text
+    return rf"\left({text}\right)" if _has(_JOINED, text) else text
+
+
+def _parted(text: str) -> tuple[str, str]:
+    """Return the sign and the rest of a text that is no sum."""
+    negative = text.startswith("-") and not _has(_SUM, text[1:])
+    return ("-", text[1:]) if negative else ("", text)
 
 
 def product(*factors: str) -> str:
     """Return the product of scalars, or with one vector among them."""
-    negative, parts = False, []
-    for factor in factors:
-        if factor == "0":
-            return "0"
-        if _is_negative(factor):
-            negative, factor = not negative, factor[1:]
-        if factor != "1":
-            parts.append(factor)
-    if len(parts) > 1 or (negative and _SUM.search(_outside("".join(parts)))):
-        parts = [grouped(part) for part in parts]
-    return "-" * negative + (r" \, ".join(parts) or "1")
+    if "0" in factors:
+        return "0"
+    signs, rest = zip(*map(_parted, factors), strict=True)
+    parts, sign = [x for x in rest if x != "1"], "-" * (signs.count("-") % 2)
+    if len(parts) > 1 or (sign and any(_has(_SUM, x) for x in parts)):
+        parts = [*map(grouped, parts)]
+    return sign + (r" \, ".join(parts) or "1")
 
 
 def minus(text: str) -> str:
@@ -66,55 +58,22 @@ def total(*terms: str) -> str:
 
 def quotient(over: str, under: str) -> str:
     """Return a fraction."""
-    if over == "0" or under == "1":
-        return over
-    if _is_negative(over):
-        return rf"-\frac{{{over[1:]}}}{{{under}}}"
-    return rf"\frac{{{over}}}{{{under}}}"
+    sign, over = _parted(over)
+    return sign + (over if over == "0" or under == "1" else rf"\frac{{{over}}}{{{under}}}")
+
+
+def dot(a: str, b: str, operation: str = r"\cdot") -> str:
+    """Return a . b, or another product of vectors."""
+    (one, a), (other, b) = _parted(a), _parted(b)
+    if "0" in (a, b):
+        return "0"
+    made = f"{grouped(a)} {operation} {grouped(b)}"
+    return made if one == other else minus(made)
 
 
 def cross(a: str, b: str) -> str:
     """Return a x b."""
-    return _of_vectors(r"\times", a, b)
-
-
-def dot(a: str, b: str) -> str:
-    """Return a . b."""
-    return _of_vectors(r"\cdot", a, b)
-
-
-def _of_vectors(operation: str, a: str, b: str) -> str:
-    if "0" in (a, b):
-        return "0"
-    for one, other, sides in ((a, b, slice(None)), (b, a, slice(None, None, -1))):
-        if _is_negative(one):
-            return minus(_of_vectors(operation, *(one[1:], other)[sides]))
-    return f"{grouped(a)} {operation} {grouped(b)}"
-
-
-def _is_negative(text: str) -> bool:
-    """Return whether a text is the opposite of what follows its sign."""
-    return text.startswith("-") and not _SUM.search(_outside(text[1:]))
-
-
-def size(text: str) -> str:
-    """Return the norm of a vector."""
-    return rf"\left\|{text}\right\|"
-
-
-def power(base: str, exponent: str) -> str:
-    """Return a power."""
-    plain = re.fullmatch(r"[\w.]+|\\?[a-z]+(\{\w\})?(_\{[\w,]+\})?", base)
-    return rf"{base}^{{{exponent}}}" if plain else rf"\left({base}\right)^{{{exponent}}}"
-
-
-def applied(name: str, *arguments: str) -> str:
-    """Return a function of scalars; of a single symbol without brackets."""
-    name = _NAMED.get(name, f"\\{name}")
-    (argument, *others) = arguments
-    if not others and re.fullmatch(r"[a-z]|\\[a-z]+_\{[\w,]+\}|q_\{\d+\}", argument):
-        return f"{name} {argument}"
-    return rf"{name}\left({', '.join(arguments)}\right)"
+    return dot(a, b, r"\times")
 
 
 def number(value: float) -> str:
@@ -123,42 +82,32 @@ def number(value: float) -> str:
     return rf"{digits}\cdot 10^{{{int(exponent)}}}" if exponent else digits
 
 
+_NAMED: Mapping[str, str] = {
+    "asin": r"\arcsin",
+    "acos": r"\arccos",
+    "atan": r"\arctan",
+    "atan2": r"\operatorname{atan2}",
+    "log": r"\ln",
+    "sign": r"\operatorname{sgn}",
+}
 _OPERATIONS: Mapping[str, Callable[..., str]] = {
     "+": total,
     "-": lambda a, b: total(a, minus(b)),
     "*": product,
     "/": quotient,
-    "**": power,
+    "**": lambda a, b: rf"\left({a}\right)^{{{b}}}",
     "negative": minus,
-    "sqrt": lambda a: rf"\sqrt{{{a}}}",
-    "abs": lambda a: rf"\left|{a}\right|",
+    "sqrt": r"\sqrt{{{}}}".format,
+    "abs": r"\left|{}\right|".format,
 }
 
 
 def law(expression: Expression, named: Callable[[str], str]) -> str:
     """Return the expression of a load, with symbols for its names."""
 
-    def apply(operation: str, parts: list[str]) -> str:
-        if operation in _OPERATIONS:
-            return _OPERATIONS[operation](*parts)
-        return applied(operation, *parts)
+    def apply(name: str, parts: list[str]) -> str:
+        if name in _OPERATIONS:
+            return _OPERATIONS[name](*parts)
+        return rf"{_NAMED.get(name, chr(92) + name)}\left({', '.join(parts)}\right)"
 
     return fold(expression.root, number, named, apply)
-
-
-def broken(text: str) -> str:
-    """Return a sum in lines that are not too wide, as rows of ``align``."""
-    marks = [found.start() for found in _SUM.finditer(_outside(text)) if found.start()]
-    parts = [text[a:b] for a, b in zip([0, *marks], [*marks, len(text)], strict=True)]
-    lines = [parts[0]]
-    for part in parts[1:]:
-        if _letters(lines[-1]) + _letters(part) > WIDEST:
-            lines.append("")
-        lines[-1] += part
-    return " \\nonumber \\\\\n&\\quad {}".join(lines)
-
-
-def _letters(text: str) -> int:
-    """Return about how many letters wide a formula is."""
-    text = re.sub(r"\\(frac|left|right|mathbf|dot)|\\[,;]|[{}_^& ]", "", text)
-    return len(re.sub(r"\\[a-zA-Z]+", "x", text))
