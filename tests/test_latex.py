@@ -115,7 +115,8 @@ def evaluated(node, at):
 
 def computed(text, given):
     """Return all symbols of a document with their values, from what it is given."""
-    known = {**values(text), **given}
+    with mpmath.workdps(40):
+        known = {**values(text), **given}
     rows = formulas(text)
     every = sorted({*known, *rows}, key=len, reverse=True)
     symbols = re.compile(
@@ -136,6 +137,10 @@ def computed(text, given):
             parts = [read(part) for part in several or [right]]
             known[left] = mpmath.matrix(parts) if several else parts[0]
     return known
+
+
+def plain(vector):
+    return np.array([float(x) for x in vector])
 
 
 LAWS = sk.Polynomial((0.7, 1.1, -0.4)), sk.Polynomial((1.1, -0.3, 0.5))
@@ -246,3 +251,111 @@ def test_printed_formulas_give_what_the_engine_gives(number):
     assert len(rows) >= 4
     off = [compare(made, text, here, found, row) for row in rows]
     assert max(off) < 1e-12
+
+
+def four_bar_of_the_paper(q, p):
+    """Return what Di Gregorio 2024 prints of its four-bar, eqs. (22) to (26) and (15)."""
+    a1, a2, a3, a4 = (mpmath.pi / x for x in (3, 9, mpmath.mpf(18) / 7, mpmath.mpf(9) / 2))
+    sin, cos = mpmath.sin, mpmath.cos
+    i1, j1, k1 = (mpmath.matrix(row) for row in np.eye(3).tolist())
+    c0 = cos(a4) * (cos(q) * sin(a2) * sin(a1) + cos(a1) * cos(a2)) - cos(a3)
+    c1 = sin(q) * sin(a2) * sin(a4)
+    c2 = sin(a4) * (cos(q) * sin(a2) * cos(a1) - sin(a1) * cos(a2))
+    root = mpmath.sqrt(c1**2 + c2**2 - c0**2)
+    theta = 2 * mpmath.atan2(-c1 + (-1) ** p * root, c0 - c2)
+    u41, u21 = k1, sin(a1) * j1 + cos(a1) * k1
+    j2 = sin(q) * i1 + cos(q) * (sin(a1) * k1 - cos(a1) * j1)
+    u32 = cos(a2) * u21 + sin(a2) * j2
+    u43 = cos(a4) * k1 + sin(a4) * (sin(theta) * i1 - cos(theta) * j1)
+    i3, i4 = cross(u43, u32) / sin(a3), cross(u41, u43) / sin(a4)
+    poles = cross(cross(u41, u43), cross(u21, u32)), cross(cross(u21, u41), cross(u32, u43))
+    u31, u42 = (pole / mpmath.norm(pole) for pole in poles)
+    dot = mpmath.fdot
+    m3, m4 = (
+        dot(cross(u, u21), cross(v, u21)) / dot(cross(u, u21), cross(v, u))
+        for u, v in ((u31, u32), (u41, u42))
+    )
+    frames = (cross(j2, u21), j2, u21), (i3, cross(u32, i3), u32), (i4, cross(u43, i4), u43)
+    masses = {mass.link: mpmath.matrix(mass.tensor) for mass in sk.load("four_bar").masses}
+    parts = []
+    for frame, m, u, tensor in zip(
+        frames, (1, m3, m4), (u21, u31, u41), masses.values(), strict=True
+    ):
+        seen = mpmath.matrix([dot(axis, u) for axis in frame])
+        parts.append(m**2 * dot(seen, tensor * seen))
+    vectors = {"u_{32}": u32, "u_{43}": u43, "u_{31}": u31, "u_{42}": u42, "i_{3}": i3}
+    vectors |= {"i_{4}": i4, "t^{2}_{21}": j2, "j_{3}": frames[1][1], "j_{4}": frames[2][1]}
+    return theta, vectors, {"m_{31}": m3, "m_{41}": m4}, parts
+
+
+@pytest.mark.parametrize("p", [0, 1])
+def test_the_four_bar_of_the_paper_term_by_term(p):
+    text = latex(sk.load("four_bar"))
+    q, dq, ddq = map(mpmath.mpf, ("0.9", "1.3", "-0.7"))
+    given = {"q": q, r"\dot{q}": dq, r"\ddot{q}": ddq, "s_{1}": -((-1) ** p)}
+    known = computed(text, given)
+    with mpmath.workdps(40):
+        theta, vectors, ratios, parts = four_bar_of_the_paper(q, p)
+        assert abs(mpmath.sin((theta - known[r"\theta_{41}"]) / 2)) < 1e-15
+        for name, vector in vectors.items():
+            sense = -1 if name == "u_{31}" else 1  # of the two ends of an axis
+            ours = known[rf"\mathbf{{{name[0]}}}{name[1:]}"]
+            assert mpmath.norm(sense * vector - ours) < 1e-15
+        assert abs(ratios["m_{31}"] + known["m_{31}"]) < 1e-15
+        assert abs(ratios["m_{41}"] - known["m_{41}"]) < 1e-15
+        slopes = [
+            mpmath.diff(lambda at, name=name: four_bar_of_the_paper(at, p)[2][name], q)
+            for name in ratios
+        ]
+        assert abs(slopes[0] + known["m_{31}'"]) < 1e-12
+        assert abs(slopes[1] - known["m_{41}'"]) < 1e-12
+        for k, part in enumerate(parts):
+            tensor, x = (known[rf"\mathbf{{{name}}}_{{{k + 2}}}"] for name in "Ix")
+            assert abs(part - (x.T * tensor * x)[0]) < 1e-15
+            turned = known.get(rf"\mathbf{{x}}_{{{k + 2}}}'", 0 * x)
+            rate = mpmath.diff(lambda at, k=k: four_bar_of_the_paper(at, p)[3][k], q)
+            assert abs(rate - 2 * (turned.T * tensor * x)[0]) < 1e-12
+        slope = mpmath.diff(lambda at: sum(four_bar_of_the_paper(at, p)[3]), q)
+        m4 = ratios["m_{41}"]
+        loads = -mpmath.sin(q) - 2 * dq + m4 * (-5 * mpmath.sin(theta) - 2 * m4 * dq)
+        torque = sum(parts) * ddq + slope * dq**2 / 2 - loads
+        assert abs(torque - known[r"\tau"]) < 1e-12
+
+
+def test_only_what_is_asked_for_is_printed():
+    made = sk.load("stephenson")
+    whole, few = (formulas(latex(made, x)) for x in (None, ["velocity_coefficient_4_1"]))
+    assert len(few) < 0.3 * len(whole) and set(few.items()) <= set(whole.items())
+    assert list(few)[-1] == "m_{41}" and not any("theta" in x for x in few)
+    assert "crankshaft follows from reactions" in latex(made, ["torque"])
+    assert r"\psi_{2}" in formulas(latex(made, ["transmission_angle_56"]))
+
+
+def test_sizes_that_vary_stay_symbols():
+    made = sk.load("universal_joint")
+    keys = ["links.3.arc", "links.4.arc", "mass.3.tensor.0.0"]
+    with pytest.raises(sk.SpherekitError, match="not a symbol"):
+        latex(made, vary=keys)
+    made = made.with_loads(without=[load.name for load in made.loads])
+    text = latex(made, vary=keys)
+    other = made.with_sizes(angle_unit="deg", arcs={"3": 80.0, "4": 75.0})
+    given = {"q": mpmath.mpf("0.4"), "s_{1}": -1, r"\dot{q}": 0, r"\ddot{q}": 1}
+    arcs = {rf"\alpha_{{{k}}}": mpmath.radians(x) for k, x in ((3, 80), (4, 75))}
+    known = computed(text, given | arcs)
+    here = sk.evaluate(other, 0.4)
+    assert np.min(np.abs(here.variable("41") - float(known[r"\theta_{41}"]))) < 1e-12
+    assert r"\cos \alpha_{3}" in text and r"\cos \alpha_{2}" not in text
+
+
+@pytest.mark.parametrize(
+    ("made", "quantities", "told"),
+    [
+        (sk.load("two_dof_spm"), None, "the triad of links"),
+        (sk.load("roller_cam"), None, "contact group of 2 bodies of links follower"),
+        (sk.load("four_bar"), ["tork"], 'did you mean "torque"'),
+        (sk.load("four_bar").with_inputs("32"), None, "inputs.32: formulas are printed"),
+    ],
+)
+def test_what_has_no_formula_is_refused_by_name(made, quantities, told):
+    with pytest.raises(sk.SpherekitError, match=told):
+        latex(made, quantities)

@@ -172,6 +172,17 @@ def dot(a: Iterable[Any], b: Iterable[Expr]) -> Any:
     return sum((x * y for x, y in zip(a, b, strict=True)), 0.0)
 
 
+def vector_product(operation: str, a: Expr, b: Expr) -> Expr:
+    """Return the ``dot`` or ``cross`` product of terms that stand for vectors."""
+    if 0.0 in (a, b):
+        return 0.0
+    for k, opposite in enumerate((_negated(a), _negated(b))):
+        if opposite is not None:
+            sides = (opposite, b) if k == 0 else (a, opposite)
+            return -1.0 * vector_product(operation, *sides)
+    return function(operation, a, b)
+
+
 def varies(item: Expr) -> bool:
     """Return whether an expression has variables in it."""
     return any(node.operation == "variable" for node in in_order([item]))
@@ -256,6 +267,11 @@ def _power_rate(node: ExpressionNode, x: Sequence[Expr], dx: Sequence[Expr]) -> 
     return total
 
 
+def _vector_rate(node: ExpressionNode, x: Sequence[Expr], dx: Sequence[Expr]) -> Expr:
+    first = vector_product(node.operation, dx[0], x[1])
+    return first + vector_product(node.operation, x[0], dx[1])
+
+
 _DERIVATIVES: Mapping[str, _Chain] = {
     "+": lambda node, x, dx: dx[0] + dx[1],
     "-": lambda node, x, dx: dx[0] - dx[1],
@@ -275,6 +291,9 @@ _DERIVATIVES: Mapping[str, _Chain] = {
     "exp": lambda node, x, dx: node * dx[0],
     "log": lambda node, x, dx: dx[0] / x[0],
     "tanh": lambda node, x, dx: (1.0 - node * node) * dx[0],
+    "dot": _vector_rate,
+    "cross": _vector_rate,
+    "norm": lambda node, x, dx: vector_product("dot", x[0], dx[0]) / node,
     "sign": lambda node, x, dx: 0.0,
     "maximum": lambda node, x, dx: (
         0.5 * (dx[0] + dx[1] + sign_of(x[0] - x[1]) * (dx[0] - dx[1]))

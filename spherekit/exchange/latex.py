@@ -1,5 +1,6 @@
 """The formulas of a mechanism of dyads as a LaTeX document, as printed in a paper."""
 
+import fnmatch
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby, product
@@ -10,10 +11,11 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import listing, nearest
 from spherekit.design.variables import design_variable
+from spherekit.engine.expression_graph import Expr
 from spherekit.errors import EngineError
 from spherekit.exchange.latex_formulas import Formulas, plain
+from spherekit.exchange.latex_text import text_of
 from spherekit.files.write import document_of
-from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.gears import link_axes, pair_frames, reference_frame
 from spherekit.model.locking import restated, sizes_by_frames
 from spherekit.model.mechanism import Mechanism
@@ -91,59 +93,70 @@ def latex(
     return "\n".join(_document(formulas, _wanted(formulas, quantities)))
 
 
-def _wanted(formulas: Formulas, names: Sequence[str] | None) -> list[str]:
-    """Return the symbols of quantities."""
+def _wanted(formulas: Formulas, names: Sequence[str] | None) -> list[Expr]:
+    """Return the terms of quantities, by names or patterns."""
     table, mechanism = formulas.quantities, formulas.mechanism
     if names is None:
-        names = [name for name in table if name.startswith(("theta_", "torque"))]
+        names = [name for name in table if name.startswith(("theta_", "pole_", "torque"))]
         names += [
             f"{kind}_coefficient_{link}_{mechanism.ground}{end}"
             for end, link, kind in product(
                 formulas.ends, mechanism.links[1:], ("velocity", "acceleration")
             )
         ]
-        poles = (pole for found in formulas.poles for pole in found.values())
-        return [*poles, *(symbol for name in names for symbol in table[name])]
-    wanted = []
+    wanted: list[Expr] = []
     for name in names:
-        symbols = table.get(name) or table.get(name.rpartition("_")[0])
-        if symbols is None:
+        found = fnmatch.filter(table, name) or fnmatch.filter(
+            table, name.rpartition("_")[0]
+        )
+        if not found:
             raise EngineError(
                 f'{mechanism.name}: "{name}" is not written as LaTeX'
                 f"{nearest(name, table) or ';'} there are {listing(table)}"
             )
-        if name.startswith(("torque", "generalized_force")):
-            need_no_rubbing(mechanism, "no formula is printed for")
-        wanted += symbols
+        wanted += (term for one in found for term in table[one])
     return wanted
 
 
-def _document(formulas: Formulas, wanted: Sequence[str]) -> Iterator[str]:
-    lines, given = formulas.needed(wanted)
+def _document(formulas: Formulas, wanted: Sequence[Expr]) -> Iterator[str]:
+    lines = formulas.needed(wanted)
     mechanism, index = formulas.mechanism, formulas.index
     yield HEAD + rf"\section*{{The spherical mechanism {plain(mechanism.name)}}}"
     links = (
         name if name == link else f"{name} is {plain(link)}"
         for name, link in zip(index, mechanism.links, strict=True)
     )
-    yield f"Links: {listing(links)}; the first is the ground."
+    yield f"Links: {listing(links)}; the first is the ground. Pairs, axes and angles:"
     pairs = zip(mechanism.pairs, formulas.pair_axes, formulas.angles, strict=True)
-    yield _table((plain(x.name), f"${axis}$", f"${angle}$") for x, axis, angle in pairs)
+    yield _table(
+        (plain(x.name), _dollars(axis), _dollars(angle)) for x, axis, angle in pairs
+    )
     yield NOTATION
-    said = formulas.given
-    yield _table((f"${x}$", said[x][0], f"${said[x][1]}$") for x in given)
+    said = formulas.given.items()
+    yield _table((_dollars(x), meaning, value) for x, (meaning, value) in said)
     for pair, plan in zip(mechanism.names_of(formulas.inputs), formulas.plans, strict=True):
         yield f"Poles while {plain(pair)} moves: x those of pairs, I, II, ... by passes."
         table = as_text(plan).replace("■", "-")
         yield f"\\begin{{verbatim}}\n{table}\n\\end{{verbatim}}"
     for section, of in groupby(lines.items(), lambda item: item[1].section):
-        rows = (f"{left} &= {formula.right}" for left, formula in of)
         yield f"\\section*{{{section}}}\n{SAID.get(section, POLES)}"
+        rows = (f"{text_of(left)} &= {_right(formula.rows)}" for left, formula in of)
         yield "\\begin{align}\n" + " \\\\\n".join(rows) + "\n\\end{align}"
     if formulas.left_out:
         friction = plain(listing(formulas.left_out))
         yield f"Friction of {friction} follows from reactions and is left out."
     yield "\\end{document}\n"
+
+
+def _dollars(term: Expr) -> str:
+    return f"${text_of(term)}$"
+
+
+def _right(rows: Sequence[Expr]) -> str:
+    if len(rows) == 1:
+        return text_of(rows[0])
+    column = r" \\ ".join(map(text_of, rows))
+    return rf"\begin{{pmatrix}} {column} \end{{pmatrix}}"
 
 
 def _table(rows: Iterable[Sequence[str]]) -> str:

@@ -3,57 +3,63 @@
 Each formula gives a quantity by those before it, as in a paper (Di Gregorio 2024).
 """
 
-import re
-from collections.abc import Iterable
-from itertools import permutations
-from itertools import product as couples
+from collections.abc import Sequence
+from functools import partial
+from itertools import permutations, product
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import listing
-from spherekit.errors import EngineError
-from spherekit.exchange.latex_math import (
-    cross,
-    dot,
-    law,
-    minus,
-    number,
-    product,
-    quotient,
-    total,
+from spherekit.engine.expression_graph import (
+    Expr,
+    ExpressionNode,
+    derivatives,
+    expression_terms,
+    function,
+    in_order,
+    substituted,
+    vector_product,
 )
+from spherekit.engine.expression_graph import (
+    dot as sum_of_products,
+)
+from spherekit.errors import EngineError
+from spherekit.exchange.latex_text import number
 from spherekit.model.graph import spanning
 from spherekit.model.load import Component, TorqueTable, expression_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import SizeGeometry, Vector
+from spherekit.model.parts import SizeGeometry
 from spherekit.planning.inputs import Group, plan_assembly
 from spherekit.planning.plan import circles, plan
 from spherekit.planning.poles import LinePole, Plan, PrimaryPole, pole_of, roman
 
+cross, inner = partial(vector_product, "cross"), partial(vector_product, "dot")
+symbol = partial(function, "variable")
+
 
 class Angle(NamedTuple):
-    """An angle by its symbol, its cosine and its sine."""
+    """An angle by its term, its cosine and its sine."""
 
-    symbol: str = "0"
-    cosine: str = "1"
-    sine: str = "0"
+    term: Expr = 0.0
+    cosine: Expr = 1.0
+    sine: Expr = 0.0
 
 
 class Axis(NamedTuple):
     """An axis of a link, its arc from the first one, and the angle of that arc there."""
 
-    symbol: str
+    term: ExpressionNode
     arc: Angle = Angle()
     turn: Angle = Angle()
 
 
 class Formula(NamedTuple):
-    """What a quantity is, and the section that says so."""
+    """What a quantity is, a column where it has rows, and the section that says so."""
 
     section: str
-    right: str
+    rows: list[Expr]
 
 
 class Formulas:
@@ -66,8 +72,10 @@ class Formulas:
     given
         Meanings and values of the symbols that nothing gives.
     quantities
-        The symbols of each quantity, by the names of
+        The terms of each quantity, by the names of
         `spherekit.engine.row_quantities.row_quantities` without components of vectors.
+    left_out
+        Loads whose friction follows from reactions.
 
     Raises
     ------
@@ -77,117 +85,133 @@ class Formulas:
 
     def __init__(self, mechanism: Mechanism, ground: Floats, free: set[Any]) -> None:
         self.mechanism, self._free = mechanism, free
-        self.lines: dict[str, Formula] = {}
-        self.given: dict[str, tuple[str, str]] = {}
-        self.quantities: dict[str, list[str]] = {}
+        self.lines: dict[ExpressionNode, Formula] = {}
+        self.given: dict[ExpressionNode, tuple[str, str]] = {}
+        self.quantities: dict[str, list[Expr]] = {}
         self.left_out: list[str] = []
-        self._assembly = plan_assembly(mechanism)
-        links = mechanism.links
+        self._assembly, links = plan_assembly(mechanism), mechanism.links
         short = all(len(name) < 3 and name.isdigit() for name in links)
         self.index = links if short else [str(k + 1) for k in range(len(links))]
-        self.inputs = inputs = self._assembly.inputs
-        self.moving, names = range(len(inputs)), mechanism.names_of(inputs)
-        self.ends = [f"_by_{name}" * (len(names) > 1) for name in names]
-        ends = [f"_{{{k + 1}}}" * (len(names) > 1) for k in self.moving]
-        self._q, self._speed, self._acceleration = (
-            [self._give(letter + end, what) for end in ends]
+        self.inputs = self._assembly.inputs
+        names = mechanism.names_of(self.inputs)
+        self._several, self.moving = len(names) > 1, range(len(names))
+        self.ends = [f"_by_{name}" * self._several for name in names]
+        self._motion = [
+            [self._give(self._numbered(letter, k), what) for k in self.moving]
             for letter, what in (
                 ("q", "angle of an input (rad)"),
                 (r"\dot{q}", "its rate (rad/s)"),
                 (r"\ddot{q}", "its acceleration (rad/s$^2$)"),
             )
-        )
+        ]
         self.angles = [
-            rf"\theta_{{{self._of(second, first)}}}" for first, second in mechanism.ends
+            symbol(rf"\theta_{{{self._of(*ends[::-1])}}}") for ends in mechanism.ends
         ]
-        for pair, symbol in zip(inputs, self._q, strict=True):
-            self.angles[pair] = symbol
-        self.pair_axes = [
-            _bold("u", self._of(*sorted(ends, reverse=True))) for ends in mechanism.ends
-        ]
+        for pair, q in zip(self.inputs, self._motion[0], strict=True):
+            self.angles[pair] = q
+        self._pairs = [self._of(*sorted(ends)[::-1]) for ends in mechanism.ends]
+        self.pair_axes = [_bold("u", of) for of in self._pairs]
         self._axes = [self._axes_of(link) for link in range(len(links))]
-        self._frames: dict[int, tuple[str, str, str]] = {}
+        self._frames: dict[int, list[Expr]] = {}
         self._place(ground)
         self.plans = [plan(mechanism, None, name) for name in names]
-        self._rate()
+        self.poles = [self._find_poles(k, table) for k, table in enumerate(self.plans)]
+        self._section = "Velocity coefficients"
+        self._w: list[dict[int, Expr]] = []
+        self._m: list[dict[int, Expr]] = []
+        for k, table in enumerate(self.plans):
+            self._find_coefficients(k, table)
+        self._section, moved = "Acceleration coefficients", [*self.lines.items()]
+        self._slopes = [self._find_slopes(k, moved) for k in self.moving]
+        self._section = "Coefficients between moving links"
+        for k in self.moving:
+            self._name_coefficients(k)
         if mechanism.masses or mechanism.loads:
-            self._move()
+            self._section = "Equation of motion"
+            self._move(self._forces())
 
-    def needed(self, wanted: Iterable[str]) -> tuple[dict[str, Formula], list[str]]:
-        """Return the formulas that some texts follow from, and the symbols given."""
-        every = sorted({*self.given, *self.lines}, key=len, reverse=True)
-        symbols = re.compile(
-            "|".join(rf"(?<![a-zA-Z\\]){re.escape(x)}(?![a-zA-Z])" for x in every)
-        )
-        kept = set(symbols.findall("; ".join(wanted)))
-        for left, formula in reversed(self.lines.items()):
-            if left in kept:
-                kept.update(symbols.findall(formula.right))
-        lines = {left: formula for left, formula in self.lines.items() if left in kept}
-        return lines, [symbol for symbol in self.given if symbol in kept]
+    def needed(self, wanted: Sequence[Expr]) -> dict[ExpressionNode, Formula]:
+        """Return the formulas that terms follow from; no more is then given."""
+        kept = {*in_order(wanted)}
+        for term, formula in reversed(self.lines.items()):
+            if term in kept:
+                kept.update(in_order(formula.rows))
+        self.given = {term: said for term, said in self.given.items() if term in kept}
+        return {term: formula for term, formula in self.lines.items() if term in kept}
+
+    # Symbols.
 
     def _of(self, one: int, other: int) -> str:
         both = self.index[one], self.index[other]
         return ("" if max(map(len, both)) == 1 else ",").join(both)
 
-    def _give(self, symbol: str, meaning: str, value: str = "") -> str:
-        self.given[symbol] = meaning, value
-        return symbol
+    def _numbered(self, letter: str, k: int) -> str:
+        return letter + f"_{{{k + 1}}}" * self._several
 
-    def _put(self, left: str, right: str) -> str:
+    def _marked(self, term: ExpressionNode, k: int) -> ExpressionNode:
+        """Return a symbol with the input that moves, if there are several."""
+        return symbol(term.arguments[0] + rf"^{{({k + 1})}}" * self._several)
+
+    def _by(self, k: int, term: ExpressionNode) -> ExpressionNode:
+        """Return the symbol of a derivative by an input."""
+        name = term.arguments[0]
+        return symbol(rf"\partial_{{{k + 1}}}{name}" if self._several else f"{name}'")
+
+    def _give(self, name: str, meaning: str, value: str = "") -> ExpressionNode:
+        self.given[symbol(name)] = meaning, value
+        return symbol(name)
+
+    def _put(self, term: ExpressionNode, *rows: Expr, always: bool = False) -> Expr:
         """Write a formula and return its symbol; of what is a symbol, that alone."""
-        is_axis = re.fullmatch(r"\\mathbf\{u\}_[^']*", left)
-        if not is_axis and not re.search(r"\s|\\frac|\\left|\\begin", right):
-            return right
-        self.lines[left] = Formula(self._section, right)
-        return left
-
-    def _says(self, name: str, *symbols: str) -> None:
-        self.quantities[name] = [*symbols]
+        right = rows[0]
+        if len(rows) == 1 and not always:
+            bare = right.arguments[-1] if _is_opposite(right) else right
+            if not isinstance(bare, ExpressionNode) or bare.operation == "variable":
+                return right
+        self.lines[term] = Formula(self._section, [*rows])
+        return term
 
     # Sizes.
 
-    def _size(self, slot: tuple[str, Any], symbol: str, value: float, what: str) -> Angle:
+    def _size(self, slot: tuple[str, Any], name: str, value: float, what: str) -> Angle:
         free = slot in self._free
-        degrees = rf"{number(float(np.degrees(value)))}^{{\circ}}"
-        self._give(symbol, what + ", free" * free, degrees)
-
-        def of(name: str, size: float) -> str:
-            near = round(size)
-            plain = not free and abs(size - near) < 1e-15
-            return str(near) if plain else rf"\{name} {symbol}"
-
-        return Angle(
-            symbol, of("cos", float(np.cos(value))), of("sin", float(np.sin(value)))
+        degrees = rf"${number(float(np.degrees(value)))}^{{\circ}}$"
+        term = self._give(name, what + ", free" * free, degrees)
+        values = float(np.cos(value)), float(np.sin(value))
+        cosine, sine = (
+            function(of, term) if free or abs(x - round(x)) > 1e-15 else float(round(x))
+            for of, x in zip(("cos", "sin"), values, strict=True)
         )
-
-    def _axes_of(self, link: int) -> list[Axis]:
-        name, index = self.mechanism.links[link], self.index[link]
-        sizes, numbers = self._geometry.links[name], self.mechanism.pair_number
-        symbols = [
-            self.pair_axes[numbers[x]] if x in numbers else _bold("a", f"{index},{k + 1}")
-            for k, x in enumerate(sizes.axes)
-        ]
-        made = [Axis(symbols[0])]
-        if len(symbols) < 2 or not all(0.0 <= arc <= np.pi for arc in sizes.arcs):
-            raise self._refused(link)
-        for k, (pair, arc) in enumerate(zip(sizes.axes[1:], sizes.arcs, strict=True)):
-            of = index if len(symbols) == 2 else f"{index},{k + 1}"
-            ends = f"from ${symbols[0]}$ to ${symbols[k + 1]}$"
-            what = f"arc of link {index} {ends}"
-            length = self._size(("arcs", (name, pair)), rf"\alpha_{{{of}}}", arc, what)
-            turn = Angle()
-            if k:
-                what = f"angle there from ${symbols[1]}$ to ${symbols[k + 1]}$"
-                slot = "angles", (name, pair)
-                turn = self._size(slot, rf"\beta_{{{of}}}", sizes.angles[k - 1], what)
-            made.append(Axis(symbols[k + 1], length, turn))
-        return made
+        return Angle(term, cosine, sine)
 
     @property
     def _geometry(self) -> SizeGeometry:
         assert isinstance(self.mechanism.geometry, SizeGeometry)
         return self.mechanism.geometry
+
+    def _axes_of(self, link: int) -> list[Axis]:
+        name, index = self.mechanism.links[link], self.index[link]
+        sizes, numbers = self._geometry.links[name], self.mechanism.pair_number
+        terms = [
+            self.pair_axes[numbers[x]] if x in numbers else _bold("a", f"{index},{k}")
+            for k, x in enumerate(sizes.axes)
+        ]
+        made = [Axis(terms[0])]
+        if len(terms) < 2 or not all(0.0 <= arc <= np.pi for arc in sizes.arcs):
+            raise self._refused(link)
+        for k, (pair, arc) in enumerate(zip(sizes.axes[1:], sizes.arcs, strict=True)):
+            of = index if len(terms) == 2 else f"{index},{k + 1}"
+            start, second, end = (f"${terms[x].arguments[0]}$" for x in (0, 1, k + 1))
+            slot, what = (name, pair), f"arc of link {index} from {start} to {end}"
+            length, turn = (
+                self._size(("arcs", slot), rf"\alpha_{{{of}}}", arc, what),
+                Angle(),
+            )
+            if k:
+                what, value = f"angle there from {second} to {end}", sizes.angles[k - 1]
+                turn = self._size(("angles", slot), rf"\beta_{{{of}}}", value, what)
+            made.append(Axis(terms[k + 1], length, turn))
+        return made
 
     def _refused(self, link: int) -> EngineError:
         return EngineError(
@@ -198,17 +222,20 @@ class Formulas:
 
     def _axis(self, link: int, pair: int) -> Axis:
         axes = self._axes[link]
-        return next(axis for axis in axes if axis.symbol == self.pair_axes[pair])
+        return next(axis for axis in axes if axis.term is self.pair_axes[pair])
 
     # Positions.
 
     def _place(self, ground: Floats) -> None:
         mechanism, self._section = self.mechanism, "Positions"
-        frame = [_bold(letter, self.index[0]) for letter in "ijk"]
-        for symbol, column in zip(frame, ground.T.tolist(), strict=True):
-            self._give(symbol, "axis of the ground", f"({', '.join(map(number, column))})")
-        i, j, k = frame
-        self._put(self._axes[0][0].symbol, k)
+        i, j, k = (
+            self._give(name, "axis of the ground", f"$({', '.join(map(number, column))})$")
+            for name, column in zip(
+                (rf"\mathbf{{{x}}}_{{{self.index[0]}}}" for x in "ijk"),
+                ground.T.tolist(),
+                strict=True,
+            )
+        )
         self._frame(0, k, j, self._axes[0][1], i)
         ways = spanning(mechanism.ends, [0], self.inputs)
         for pair, parent, child in ways:
@@ -221,192 +248,149 @@ class Formulas:
                 "pair of the ground, or export to another language"
             )
         for place, group in enumerate(self._assembly.groups):
-            self._close(str(place + 1), group)
+            self._close(f"_{{{place + 1}}}", group)
         for pair, (_, second) in enumerate(mechanism.ends):
             name, axis = mechanism.pairs[pair].name, self.pair_axes[pair]
             if pair not in self.inputs:
                 zero, tangent = self._zero(pair), self._tangent(second, pair)
-                over = dot(cross(axis, zero), tangent)
-                half = quotient(over, total("1", dot(zero, tangent)))
-                self._put(self.angles[pair], rf"2 \, \arctan\left({half}\right)")
-            self._says(f"theta_{name}", self.angles[pair])
-            self._says(f"axis_{name}", axis)
+                half = inner(cross(axis, zero), tangent) / (1.0 + inner(zero, tangent))
+                self._put(self.angles[pair], 2.0 * function("atan", half))
+            self.quantities[f"theta_{name}"] = [self.angles[pair]]
+            self.quantities[f"axis_{name}"] = [axis]
         for link, axes in self._frames.items():
-            self._says(f"orientation_{mechanism.links[link]}", *axes)
+            self.quantities[f"orientation_{mechanism.links[link]}"] = axes
 
-    def _across(self, link: int, axis: Axis) -> str:
+    def _across(self, link: int, axis: Axis) -> Expr:
         i, j, _ = self._frames[link]
-        return total(product(axis.turn.cosine, j), minus(product(axis.turn.sine, i)))
+        return axis.turn.cosine * j - axis.turn.sine * i
 
-    def _tangent(self, link: int, pair: int) -> str:
+    def _tangent(self, link: int, pair: int) -> Expr:
         """Return the unit tangent to the reference arc at an axis of a placed link."""
         axis, (_, right, k) = self._axis(link, pair), self._frames[link]
-        if axis.symbol != k:
-            back = product(axis.arc.cosine, self._across(link, axis))
-            right = total(product(axis.arc.sine, k), minus(back))
-            if axis.arc.sine == "0":
+        if axis.term is not k:
+            right = axis.arc.sine * k - axis.arc.cosine * self._across(link, axis)
+            if axis.arc.sine == 0.0:
                 raise self._refused(link)
         return self._put(self._tangent_symbol(link, pair), right)
 
-    def _tangent_symbol(self, link: int, pair: int) -> str:
-        return rf"\mathbf{{t}}^{{{self.index[link]}}}{self.pair_axes[pair][10:]}"
+    def _tangent_symbol(self, link: int, pair: int) -> ExpressionNode:
+        return symbol(rf"\mathbf{{t}}^{{{self.index[link]}}}_{{{self._pairs[pair]}}}")
 
-    def _zero(self, pair: int) -> str:
+    def _zero(self, pair: int) -> Expr:
         """Return where the tangent of a pair's second link is at zero."""
         start = self._tangent(self.mechanism.ends[pair][0], pair)
-        return self._zeroed(pair, start, "1", self.pair_axes[pair].replace("u", "z"))
+        right = self._turned(pair, start, self._zero_angle(pair))
+        return self._put(_bold("z", self._pairs[pair]), right)
 
-    def _zeroed(self, pair: int, start: str, sense: str, symbol: str) -> str:
+    def _zero_angle(self, pair: int) -> Angle:
         name = self.mechanism.pairs[pair].name
-        value, angle = self._geometry.zeros.get(name, 0.0), Angle()
-        if value or ("zeros", name) in self._free:
-            zero = self.pair_axes[pair].replace(r"\mathbf{u}", r"\theta^{0}")
-            angle = self._size(("zeros", name), zero, value, f"zero of pair {plain(name)}")
-        return self._put(symbol, self._turned(pair, start, angle, sense))
+        value, slot = self._geometry.zeros.get(name, 0.0), ("zeros", name)
+        if not value and slot not in self._free:
+            return Angle()
+        zero = rf"\theta^{{0}}_{{{self._pairs[pair]}}}"
+        return self._size(slot, zero, value, f"zero of pair {plain(name)}")
 
-    def _turned(self, pair: int, start: str, by: Angle, sense: str) -> str:
-        beside = product(sense, by.sine, cross(self.pair_axes[pair], start))
-        return total(product(by.cosine, start), beside)
+    def _turned(self, pair: int, start: Expr, by: Angle, sense: float = 1.0) -> Expr:
+        axis = self.pair_axes[pair]
+        return by.cosine * start + sense * by.sine * cross(axis, start)
 
     def _drive(self, pair: int, parent: int, child: int) -> None:
         """Place the link that an input joins to a placed one."""
         q, axis = self.angles[pair], self._axis(child, pair)
-        angle, symbol = Angle(q, rf"\cos {q}", rf"\sin {q}"), self.pair_axes[pair]
-        tangent = self._tangent_symbol(child, pair)
+        angle = Angle(q, function("cos", q), function("sin", q))
         if self.mechanism.ends[pair][0] == parent:
-            self._put(tangent, self._turned(pair, self._zero(pair), angle, "1"))
+            right = self._turned(pair, self._zero(pair), angle)
         else:
-            back = self._turned(pair, self._tangent(parent, pair), angle, "-1")
-            zero = self._put(symbol.replace("u", "z"), back)
-            tangent = self._zeroed(pair, zero, "-1", tangent)
-        along, beside = (
-            [product(x, symbol), product(y, tangent)]
-            for x, y in ((axis.arc.cosine, axis.arc.sine), (axis.arc.sine, axis.arc.cosine))
-        )
-        if axis == self._axes[child][0]:
-            self._frame(child, symbol, tangent, self._axes[child][1])
+            back = self._turned(pair, self._tangent(parent, pair), angle, -1.0)
+            zero = self._put(_bold("z", self._pairs[pair]), back)
+            right = self._turned(pair, zero, self._zero_angle(pair), -1.0)
+        tangent = self._put(self._tangent_symbol(child, pair), right)
+        if axis is self._axes[child][0]:
+            self._frame(child, axis.term, tangent, self._axes[child][1])
         else:
-            toward = total(beside[0], minus(beside[1]))
-            self._frame(child, total(*along), toward, axis)
+            first = axis.arc.cosine * axis.term + axis.arc.sine * tangent
+            toward = axis.arc.sine * axis.term - axis.arc.cosine * tangent
+            self._frame(child, first, toward, axis)
 
-    def _close(self, k: str, group: Group) -> None:
-        """Place both links of a dyad, the k-th."""
+    def _close(self, of: str, group: Group) -> None:
+        """Place both links of a dyad."""
         near, middle, far = group.dyad_places
         if group.dyad_parity < 0:
             near, far = far, near
-        links = [group.bodies[sum(group.ends[outer])][0] for outer in (near, far)]
         a, b, c = (self.pair_axes[group.pairs[x]] for x in (near, middle, far))
-        places = [
-            sorted(
-                (self._axis(link, group.pairs[x]) for x in (outer, middle)),
-                key=self._axes[link].index,
-            )
-            for link, outer in zip(links, (near, far), strict=True)
-        ]
-        one, other = (
-            self._cosine(link, *both) for link, both in zip(links, places, strict=True)
-        )
-        between = self._put(rf"\gamma_{{{k}}}", dot(a, c))
-        under = total("1", minus(f"{between}^{{2}}"))
-        first, second = (
-            self._put(
-                rf"\{x}_{{{k}}}", quotient(total(y, minus(product(between, z))), under)
-            )
-            for x, y, z in (("lambda", one, other), ("mu", other, one))
-        )
-        rest = total("1", minus(product(first, one)), minus(product(second, other)))
-        order = ", ".join(f"${self.pair_axes[pair]}$" for pair in group.pairs)
-        sign = self._give(f"s_{{{k}}}", f"sign of the triple product of {order}")
-        root = rf"\sqrt{{{quotient(rest, under)}}}"
-        height = self._put(rf"\nu_{{{k}}}", product(sign, root))
-        upright = product(height, cross(a, c))
-        self._put(b, total(product(first, a), product(second, c), upright))
-        for link, both in zip(links, places, strict=True):
-            self._by_two(link, *both)
+        sides = []
+        for outer in (near, far):
+            link = group.bodies[sum(group.ends[outer])][0]
+            both = (self._axis(link, group.pairs[x]) for x in (outer, middle))
+            sides.append((link, *sorted(both, key=self._axes[link].index)))
+        one, other = (self._cosine(*side) for side in sides)
+        between = self._put(symbol(rf"\gamma{of}"), inner(a, c))
+        under = 1.0 - between * between
+        first = self._put(symbol(rf"\lambda{of}"), (one - between * other) / under)
+        second = self._put(symbol(rf"\mu{of}"), (other - between * one) / under)
+        order = ", ".join(f"${self.pair_axes[pair].arguments[0]}$" for pair in group.pairs)
+        sign = self._give(f"s{of}", f"sign of the triple product of {order}")
+        rest = (1.0 - first * one - second * other) / under
+        height = self._put(symbol(rf"\nu{of}"), sign * function("sqrt", rest))
+        self._put(b, first * a + second * c + height * cross(a, c), always=True)
+        for side in sides:
+            self._by_two(*side)
         planes = cross(a, b), cross(b, c)
-        sine, cosine = rf"\left\|{cross(*planes)}\right\|", rf"\left|{dot(*planes)}\right|"
-        share = quotient(sine, cosine)
+        share = function("norm", cross(*planes)) / function("norm", inner(*planes))
         (name,) = self.mechanism.names_of([group.middle])
-        angle = self._put(rf"\psi_{{{k}}}", rf"\arctan\left({share}\right)")
-        self._says(f"transmission_angle_{name}", angle)
+        angle = self._put(symbol(rf"\psi{of}"), function("atan", share))
+        self.quantities[f"transmission_angle_{name}"] = [angle]
 
-    def _cosine(self, link: int, one: Axis, other: Axis) -> str:
+    def _cosine(self, link: int, one: Axis, other: Axis) -> Expr:
         """Return the cosine of the arc between two axes of a link."""
-        if one == self._axes[link][0]:
-            return other.arc.cosine
-        cosines = product(one.arc.cosine, other.arc.cosine)
-        apart = _less(other.turn, one.turn).cosine
-        sines = product(one.arc.sine, other.arc.sine, apart)
-        return self._put(rf"\kappa_{{{self.index[link]}}}", total(cosines, sines))
+        sines = one.arc.sine * other.arc.sine * _less(other.turn, one.turn).cosine
+        right = one.arc.cosine * other.arc.cosine + sines
+        of_axis = one is self._axes[link][0]
+        return (
+            right
+            if of_axis
+            else self._put(symbol(rf"\kappa_{{{self.index[link]}}}"), right)
+        )
 
     def _by_two(self, link: int, one: Axis, other: Axis) -> None:
         """Place a link two axes of which are placed."""
-        first, start = one.symbol, self._axes[link][0]
-        if one != start:
+        first, start = one.term, self._axes[link][0]
+        if one is not start:
             cosine = self._cosine(link, one, other)
             shares = (
-                product(total(x.arc.cosine, minus(product(cosine, y.arc.cosine))), x.symbol)
+                (x.arc.cosine - cosine * y.arc.cosine) * x.term
                 for x, y in ((one, other), (other, one))
             )
-            sines = one.arc.sine, other.arc.sine, _less(other.turn, one.turn).sine
-            upright = product(*sines, cross(one.symbol, other.symbol))
-            under = total("1", minus(f"{cosine}^{{2}}"))
-            first = quotient(total(*shares, upright), under)
-        if other.arc.sine == "0":
+            sines = one.arc.sine * other.arc.sine * _less(other.turn, one.turn).sine
+            upright = sines * cross(one.term, other.term)
+            first = (sum(shares, 0.0) + upright) / (1.0 - cosine * cosine)
+        if other.arc.sine == 0.0:
             raise self._refused(link)
-        back = minus(product(other.arc.cosine, start.symbol))
-        toward = quotient(total(other.symbol, back), other.arc.sine)
+        toward = (other.term - other.arc.cosine * start.term) / other.arc.sine
         self._frame(link, first, toward, other)
 
-    def _frame(self, link: int, first: str, toward: str, axis: Axis, i: str = "") -> None:
+    def _frame(
+        self, link: int, first: Expr, toward: Expr, axis: Axis, i: Expr = 0.0
+    ) -> None:
         """Place a link by its first axis and what leads from there toward another one."""
-        index, k = self.index[link], self._axes[link][0].symbol
+        index, k = self.index[link], self._axes[link][0].term
         if k not in self.lines:
-            self._put(k, first)
-        if axis.turn.sine != "0":
+            self._put(k, first, always=True)
+        if axis.turn.sine != 0.0:
             toward = self._put(_bold("d", index), toward)
-        beside = product(axis.turn.sine, cross(toward, k))
-        j = self._put(_bold("j", index), total(product(axis.turn.cosine, toward), beside))
-        i = i or self._put(_bold("i", index), cross(j, k))
-        self._frames[link] = i, j, k
+        right = axis.turn.cosine * toward + axis.turn.sine * cross(toward, k)
+        j = self._put(_bold("j", index), right)
+        self._frames[link] = [i or self._put(_bold("i", index), cross(j, k)), j, k]
         for other in self._axes[link]:
-            if other.symbol not in self.lines:
-                side = product(other.arc.sine, self._across(link, other))
-                self._put(other.symbol, total(product(other.arc.cosine, k), side))
+            if other.term not in self.lines:
+                along = other.arc.cosine * k
+                right = along + other.arc.sine * self._across(link, other)
+                self._put(other.term, right, always=True)
 
     # Poles and coefficients.
 
-    def _marked(self, symbol: str, k: int) -> str:
-        """Return a symbol with the input that moves, if there are several."""
-        return symbol if len(self.moving) == 1 else rf"{symbol}^{{({k + 1})}}"
-
-    def _by(self, k: int, symbol: str) -> str:
-        """Return the symbol of a derivative by an input."""
-        return f"{symbol}'" if len(self.moving) == 1 else rf"\partial_{{{k + 1}}}{symbol}"
-
-    def _rate(self) -> None:
-        """Write poles, coefficients, then the derivatives of both."""
-        self.poles: list[dict[tuple[int, int], str]] = []
-        self._planes: dict[str, tuple[str, list[tuple[str, ...]]]] = {}
-        self._coefficients: list[dict[int, str]] = []
-        self._ratios: dict[tuple[int, int], tuple[int, str, str]] = {}
-        self._w: list[dict[int, str]] = []
-        self._slopes: list[dict[str, str]] = []
-        for k, table in enumerate(self.plans):
-            self._find_poles(k, table)
-        self._section = "Velocity coefficients"
-        for k, table in enumerate(self.plans):
-            self._find_coefficients(k, table)
-        self._section = "Acceleration coefficients"
-        for by in self.moving:
-            self._find_slopes(by)
-        self._section = "Coefficients between moving links"
-        for k, end in enumerate(self.ends):
-            self._name_coefficients(k, end)
-
-    def _find_poles(self, k: int, table: Plan) -> None:
-        found: dict[tuple[int, int], str] = {}
-        self.poles.append(found)
+    def _find_poles(self, k: int, table: Plan) -> dict[tuple[int, int], Expr]:
+        found: dict[tuple[int, int], Expr] = {}
         for step in table.steps:
             if isinstance(step, PrimaryPole):
                 found[step.pole] = self.pair_axes[step.pair]
@@ -419,33 +403,29 @@ class Formulas:
                     "for; export to another language"
                 )
             both = self._of(*step.pole[::-1])
-            self._section = f"Poles of pass {roman(step.round)}"
-            if len(self.moving) > 1:
-                self._section += f" while ${self._q[k]}$ moves"
+            moves = f" while ${self._motion[0][k].arguments[0]}$ moves" * self._several
+            self._section = f"Poles of pass {roman(step.round)}{moves}"
             planes = []
             for third, *_ in circles({*step.via}, step.pole, table.coaxial)[:2]:
-                ends = [found[pole_of(end, third)] for end in step.pole]
-                of = _bold("n", f"{both}|{self.index[third]}")
-                planes.append((self._put(self._marked(of, k), cross(*ends)), *ends))
-            line = self._put(
-                self._marked(_bold("v", both), k), cross(*(x[0] for x in planes))
-            )
-            size = self._put(self._marked(f"v_{{{both}}}", k), rf"\left\|{line}\right\|")
+                ends = (found[pole_of(end, third)] for end in step.pole)
+                plane = self._marked(_bold("n", f"{both}|{self.index[third]}"), k)
+                planes.append(self._put(plane, cross(*ends)))
+            line = self._put(self._marked(_bold("v", both), k), cross(*planes))
+            size = self._marked(symbol(f"v_{{{both}}}"), k)
+            size = self._put(size, function("norm", line))
             axis = self._marked(_bold("u", both), k)
-            found[step.pole] = self._put(axis, quotient(line, size))
-            self._planes[axis] = size, planes
+            found[step.pole] = self._put(axis, line / size)
+        return found
 
     def _find_coefficients(self, k: int, table: Plan) -> None:
         """Write ratios of Aronhold and Kennedy by a third link whose rate is known."""
         ground, poles = table.body[0], self.poles[k]
         first, second = table.ends[table.input]
-        found = {second: "1"} if first == ground else {first: "-1"}
-        velocities = {ground: "0"}
-        self._coefficients.append(found)
+        found: dict[int, Expr] = {second: 1.0} if first == ground else {first: -1.0}
+        velocities: dict[int, Expr] = {ground: 0.0}
+        self._m.append(found)
         self._w.append(velocities)
-        for body in sorted(table.bodies, key=lambda body: body not in found):
-            if body == ground:
-                continue
+        for body in sorted({*table.bodies} - {ground}, key=lambda body: body not in found):
             axis, both = poles[pole_of(body, ground)], self._of(body, ground)
             if body not in found:
                 third = next(
@@ -454,237 +434,204 @@ class Formulas:
                     if not any({x, body, ground} <= links for links, _ in table.coaxial)
                 )
                 between, there = poles[pole_of(body, third)], poles[pole_of(third, ground)]
-                plane = self._put(self._marked(_bold("c", both), k), cross(axis, there))
-                under = self._put(
-                    self._marked(f"D_{{{both}}}", k), dot(plane, cross(axis, between))
+                plane = self._marked(_bold("c", both), k)
+                plane = self._put(plane, cross(axis, there))
+                over, under = (
+                    self._put(
+                        self._marked(symbol(f"{letter}_{{{both}}}"), k),
+                        inner(plane, cross(between, end)),
+                    )
+                    for letter, end in (("N", there), ("D", axis))
                 )
-                over = product(found[third], dot(plane, cross(there, between)))
-                ratio = self._marked(f"m_{{{both}}}", k)
-                found[body] = self._put(ratio, quotient(over, under))
-                self._ratios[k, body] = third, plane, under
+                ratio = self._marked(symbol(f"m_{{{both}}}"), k)
+                found[body] = self._put(ratio, found[third] * over / under)
             w = self._marked(_bold("w", self.index[body]), k)
-            velocities[body] = self._put(w, product(found[body], axis))
+            velocities[body] = self._put(w, found[body] * axis)
 
-    def _velocity(self, k: int, link: int) -> str:
+    def _velocity(self, k: int, link: int) -> Expr:
         return self._w[k][self.plans[k].body[link]]
 
-    def _find_slopes(self, by: int) -> None:
-        """Write the derivatives by an input."""
-        made: dict[str, str] = {"0": "0"}
-        self._slopes.append(made)
-
-        def turned(a: str, b: str) -> str:
-            return total(cross(made[a], b), cross(a, made[b]))
-
+    def _find_slopes(
+        self, by: int, moved: Sequence[tuple[ExpressionNode, Formula]]
+    ) -> dict[Any, Expr]:
+        """Write the derivatives by an input of what follows from axes of pairs."""
+        made: dict[Any, Expr] = {0.0: 0.0, 1.0: 0.0, -1.0: 0.0}
         for axis, ends in zip(self.pair_axes, self.mechanism.ends, strict=True):
-            w = min((self._velocity(by, end) for end in ends), key=len)
-            still = any(self._velocity(by, end) == "0" for end in ends)
-            made[axis] = "0" if still else self._put(self._by(by, axis), cross(w, axis))
-            made[f"-{axis}"] = minus(made[axis])
-        for axis, (size, planes) in self._planes.items():
-            (one, *first), (other, *second) = planes
-            sides = [
-                product(dot(axis, self._put(self._by(by, plane), turned(*ends))), across)
-                for plane, ends, across in (
-                    (other, second, cross(one, axis)),
-                    (one, first, minus(cross(other, axis))),
-                )
-            ]
-            made[axis] = self._put(self._by(by, axis), quotient(total(*sides), size))
-        for k, table in enumerate(self.plans):
-            for body, share in self._coefficients[k].items():
-                axis = self.poles[k][pole_of(body, table.body[0])]
-                w, change = self._w[k][body], "0"
-                if (k, body) in self._ratios:
-                    third, plane, under = self._ratios[k, body]
-                    between = self.poles[k][pole_of(body, third)]
-                    there = self._w[k][third]
-                    late = total(made[there], minus(product(share, made[axis])))
-                    moved = cross(total(there, minus(w)), made[between])
-                    over = dot(plane, total(cross(late, between), moved))
-                    change = self._put(self._by(by, share), quotient(over, under))
-                made[share] = change
-                right = total(product(change, axis), product(share, made[axis]))
-                made[w] = self._put(self._by(by, w), right)
+            velocities = [self._velocity(by, end) for end in ends]
+            w = 0.0 if 0.0 in velocities else min(velocities, key=_is_opposite)
+            made[axis] = self._put(self._by(by, axis), cross(w, axis))
+            made[-1.0 * axis] = -1.0 * made[axis]
+        for term, (section, (right, *_)) in moved:
+            if section != "Positions":
+                rates = {
+                    x: rate for x, rate in made.items() if isinstance(x, ExpressionNode)
+                }
+                (change,) = substituted(derivatives([right], rates), {right: term})
+                made[term] = self._put(self._by(by, term), change)
+        return made
 
-    def _name_coefficients(self, k: int, end: str) -> None:
+    def _name_coefficients(self, k: int) -> None:
         """Name the coefficients of all links while an input moves."""
-        mechanism, slopes = self.mechanism, self._slopes[k]
+        mechanism, slopes, end = self.mechanism, self._slopes[k], self.ends[k]
         for link, name in enumerate(mechanism.links):
             w = self._velocity(k, link)
-            self._says(f"angular_velocity_{name}{end}", w)
-            self._says(f"angular_velocity_dq_{name}{end}", slopes[w])
+            self.quantities[f"angular_velocity_{name}{end}"] = [w]
+            self.quantities[f"angular_velocity_dq_{name}{end}"] = [slopes[w]]
         for a, b in permutations(range(len(mechanism.links)), 2):
-            bodies = [self.plans[k].body[link] for link in (a, b)]
-            axis, ratio, slope = "0", "0", "0"
-            if bodies[0] != bodies[1]:
-                axis = self.poles[k][pole_of(*bodies)]
-                ratio = self._marked(f"m_{{{self._of(a, b)}}}", k)
+            one, other = (self.plans[k].body[link] for link in (a, b))
+            axis = ratio = slope = 0.0
+            if one != other:
+                axis = self.poles[k][pole_of(one, other)]
                 w, v = (self._velocity(k, link) for link in (a, b))
-                if "0" in (w, v):
-                    moved, turn = (bodies[0], "1") if v == "0" else (bodies[1], "-1")
-                    ratio = self._coefficients[k][moved]
-                    ratio, slope = product(turn, ratio), product(turn, slopes[ratio])
+                if 0.0 in (w, v):
+                    ratio = self._m[k][one if v == 0.0 else other]
+                    sense = 1.0 if v == 0.0 else -1.0
+                    ratio, slope = sense * ratio, sense * slopes[ratio]
                 else:
-                    ratio = self._put(ratio, dot(total(w, minus(v)), axis))
-                    change = total(slopes[w], minus(slopes[v]))
-                    slope = self._put(self._by(k, ratio), dot(change, axis))
+                    term = self._marked(symbol(f"m_{{{self._of(a, b)}}}"), k)
+                    ratio = self._put(term, inner(w - v, axis))
+                    slope = self._put(self._by(k, term), inner(slopes[w] - slopes[v], axis))
             of = f"{mechanism.links[a]}_{mechanism.links[b]}{end}"
-            self._says(f"pole_{of}", axis)
-            self._says(f"velocity_coefficient_{of}", ratio)
-            self._says(f"acceleration_coefficient_{of}", slope)
-
-    def _rate_of(self, k: int, pair: int) -> str:
-        """Return the derivative of a pair's variable by an input."""
-        first, second = (self.mechanism.links[x] for x in self.mechanism.ends[pair])
-        name = f"velocity_coefficient_{second}_{first}{self.ends[k]}"
-        (ratio,) = self.quantities[name]
-        return ratio
+            self.quantities[f"pole_{of}"] = [axis]
+            self.quantities[f"velocity_coefficient_{of}"] = [ratio]
+            self.quantities[f"acceleration_coefficient_{of}"] = [slope]
 
     # The equation of motion.
 
-    def _move(self) -> None:
-        """Write inertia, loads and torques."""
+    def _rate(self, k: int, pair: int) -> Expr:
+        """Return the derivative of a pair's variable by an input."""
+        first, second = self.mechanism.pairs[pair].links
+        of = f"{second}_{first}{self.ends[k]}"
+        return self.quantities[f"velocity_coefficient_{of}"][0]
+
+    def _move(self, forces: Sequence[Expr]) -> None:
+        """Write inertia and torques."""
         mechanism, moving, ends = self.mechanism, self.moving, self.ends
-        self._section = "Equation of motion"
-        forces = self._forces()
-        numbers = mechanism.link_number
-        bodies = [(numbers[x.link], x.tensor) for x in mechanism.masses if numbers[x.link]]
-        parts: dict[tuple[int, int], list[str]] = {x: [] for x in couples(moving, moving)}
-        slopes: list[str] = []
-        rates = [*zip(moving, self._speed, self._acceleration, strict=True)]
-        torques: list[list[str]] = [[] for _ in moving]
-        for link, tensor in bodies:
-            index = self.index[link]
-            matrix = rf"\mathbf{{I}}_{{{index}}}"
-            free = ", free" * (("mass", mechanism.links[link]) in self._free)
-            rows = r" \\ ".join(" & ".join(map(number, row)) for row in tensor)
-            value = rf"\begin{{pmatrix}}{rows}\end{{pmatrix}}"
-            self._give(matrix, f"inertia tensor of link {index} (kg m$^2$){free}", value)
-            w = [self._velocity(k, link) for k in moving]
-            seen = [
-                self._seen(self._marked(_bold("x", index), k), link, w[k]) for k in moving
-            ]
-            for k, i in parts:
-                parts[k, i].append(dot(seen[k], _times(matrix, seen[i])))
-            if len(moving) == 1:
-                (x,), slope = seen, self._slopes[0][w[0]]
-                change = self._seen(self._by(0, _bold("x", index)), link, slope)
-                slopes.append(product("2", dot(change, _times(matrix, x))))
+        _, speeds, accelerations = self._motion
+        inertia = dict.fromkeys(product(moving, moving), 0.0)
+        resisting, slope = [0.0 for _ in moving], 0.0
+        for mass in mechanism.masses:
+            link = mechanism.link_number[mass.link]
+            index, free = self.index[link], ", free" * (("mass", mass.link) in self._free)
+            rows = r" \\ ".join(" & ".join(map(number, row)) for row in mass.tensor)
+            matrix = self._give(
+                rf"\mathbf{{I}}_{{{index}}}",
+                f"inertia tensor of link {index} (kg m$^2$){free}",
+                rf"$\begin{{pmatrix}}{rows}\end{{pmatrix}}$",
+            )
+            w, x = [self._velocity(k, link) for k in moving], _bold("x", index)
+            seen = [self._seen(self._marked(x, k), link, w[k]) for k in moving]
+            for k, i in inertia:
+                inertia[k, i] += inner(seen[k], matrix * seen[i])
+            if not self._several:
+                change = self._seen(self._by(0, x), link, self._slopes[0][w[0]])
+                slope += 2.0 * inner(change, matrix * seen[0])
                 continue
-            spin = total(*(product(speed, w[k]) for k, speed, _ in rates))
-            late = [
-                product(one, other, self._slopes[i][w[k]])
-                for (k, one, _), (i, other, _) in couples(rates, rates)
-            ]
-            spin, late_spin = (
-                self._seen(_bold(letter, index), link, x)
-                for letter, x in (("y", spin), ("z", total(*late)))
+            late = sum(
+                (speeds[k] * speeds[i] * self._slopes[i][w[k]] for k, i in inertia), 0.0
             )
-            turning = cross(spin, _times(matrix, spin))
-            turned = self._put(
-                _bold("h", index), total(product(matrix, late_spin), turning)
+            turning, late = (
+                self._seen(_bold(low, index), link, self._put(_bold(high, index), given))
+                for low, high, given in (
+                    ("y", "W", sum_of_products(speeds, w)),
+                    ("z", "A", late),
+                )
             )
-            for k, terms in enumerate(torques):
-                terms.append(dot(seen[k], turned))
+            pull = matrix * late + cross(turning, matrix * turning)
+            pull = self._put(_bold("h", index), pull)
+            resisting = [y + inner(x, pull) for x, y in zip(seen, resisting, strict=True)]
         names = mechanism.names_of(self.inputs)
-        made = {}
-        for (k, i), terms in parts.items():
-            symbol = "B" if len(moving) == 1 else f"B_{{{k + 1},{i + 1}}}"
-            made[k, i] = self._put(symbol, total(*terms))
-            self._says(f"B_{names[k]}{ends[i]}" if ends[i] else "B", made[k, i])
-        if len(moving) == 1:
-            slope = self._put("B'", total(*slopes))
-            self._says("dB_dq", slope)
-            torques = [[product(r"\frac{1}{2}", slope, rf"{self._speed[0]}^{{2}}")]]
-        for k, terms in enumerate(torques):
-            pushed = (product(made[k, i], rate) for i, _, rate in rates)
-            right = total(*pushed, *terms, minus(forces[k]))
-            self._says(f"generalized_force{ends[k]}", forces[k])
-            self._says(f"torque{ends[k]}", self._put(self._numbered(r"\tau", k), right))
+        for k, i in inertia:
+            term = symbol(f"B_{{{k + 1},{i + 1}}}" if self._several else "B")
+            inertia[k, i] = self._put(term, inertia[k, i])
+            name = f"B_{names[k]}{ends[i]}" if self._several else "B"
+            self.quantities[name] = [inertia[k, i]]
+        if not self._several:
+            slope = self._put(symbol("B'"), slope)
+            self.quantities["dB_dq"] = [slope]
+        for k, end in enumerate(ends):
+            right = sum_of_products((inertia[k, i] for i in moving), accelerations)
+            half = 0.5 * slope * (speeds[k] * speeds[k])
+            right = right + (resisting[k] if self._several else half) - forces[k]
+            self.quantities[f"generalized_force{end}"] = [forces[k]]
+            torque = self._put(symbol(self._numbered(r"\tau", k)), right, always=True)
+            self.quantities[f"torque{end}"] = [torque]
 
-    def _numbered(self, symbol: str, k: int) -> str:
-        return symbol if len(self.moving) == 1 else f"{symbol}_{{{k + 1}}}"
-
-    def _seen(self, symbol: str, link: int, given: str) -> str:
+    def _seen(self, term: ExpressionNode, link: int, given: Expr) -> Expr:
         """Return a vector by its components along the axes of a link."""
-        if given == "0":
-            return "0"
+        if given == 0.0:
+            return 0.0
         frame = self._frames[link]
-        own = [str(int(axis == given)) for axis in frame if given in frame]
-        rows = r" \\ ".join(own or [dot(axis, given) for axis in frame])
-        return self._put(symbol, rf"\begin{{pmatrix}} {rows} \end{{pmatrix}}")
+        own = [float(axis is given) for axis in frame]
+        return self._put(term, *(own if any(own) else (inner(x, given) for x in frame)))
 
-    def _forces(self) -> list[str]:
+    def _forces(self) -> list[Expr]:
         """Return the generalized forces of all loads that rub by no reactions."""
-        works: list[list[str]] = [[] for _ in self.moving]
+        totals: list[Expr] = [0.0 for _ in self.moving]
         for place, load in enumerate(self.mechanism.loads):
             parts = load.components(self.mechanism)
             if any(part.rubs and part.rubs.grip for part in parts):
                 self.left_out.append(load.name)
                 continue
             for count, part in enumerate(parts):
-                of = str(place + 1) + f",{count + 1}" * (len(parts) > 1)
+                of = f"{place + 1},{count + 1}" if len(parts) > 1 else str(place + 1)
+                term = f"T_{{{of}}}"
                 if isinstance(part.magnitude, TorqueTable):
                     what = f"torque of {plain(load.name)} at the time (N m)"
-                    size = self._give(f"T_{{{of}}}", what)
+                    size = self._give(term, what)
                 else:
-                    right = law(expression_of(part.magnitude), self._named)
-                    size = self._put(f"T_{{{of}}}", right)
-                for k, terms in enumerate(works):
-                    terms.append(product(size, self._work(k, part, of)))
+                    law = expression_of(part.magnitude)
+                    named = {name: self._named(name) for name in law.names}
+                    size = self._put(symbol(term), expression_terms(law, named))
+                for k in self.moving:
+                    totals[k] += size * self._work(k, part, of)
         return [
-            self._put(self._numbered("Q", k), total(*terms))
-            for k, terms in enumerate(works)
+            self._put(symbol(self._numbered("Q", k)), works)
+            for k, works in enumerate(totals)
         ]
 
-    def _work(self, k: int, part: Component, of: str) -> str:
+    def _work(self, k: int, part: Component, of: str) -> Expr:
         """Return what a load of magnitude 1 does per unit rate of an input."""
-        numbers, terms = self.mechanism.link_number, list[str]()
+        works = self._rate(k, self.mechanism.pair_number[part.pair]) if part.pair else 0.0
         for count, moment in enumerate(part.moments):
-            link = numbers[moment.link]
-            along = self._vector(link if moment.axes == "link" else 0, moment.direction)
+            link = self.mechanism.link_number[moment.link]
+            frame = self._frames[link if moment.axes == "link" else 0]
+            along = sum_of_products(moment.direction, frame)
             if moment.arm is not None:
-                along = cross(self._vector(link, moment.arm), along)
+                along = cross(sum_of_products(moment.arm, self._frames[link]), along)
             turning = self._put(_bold("M", f"{of},{count + 1}"), along)
-            terms.append(dot(turning, self._velocity(k, link)))
-        if part.pair:
-            terms.append(self._rate_of(k, self.mechanism.pair_number[part.pair]))
-        return total(*terms)
+            works += inner(turning, self._velocity(k, link))
+        return works
 
-    def _vector(self, link: int, components: Vector) -> str:
-        both = zip(components, self._frames[link], strict=True)
-        return total(*(product(number(x), axis) for x, axis in both))
-
-    def _named(self, name: str) -> str:
-        """Return the symbol of a name in the expression of a load."""
+    def _named(self, name: str) -> tuple[Expr, Expr]:
+        """Return twice the term of a name in the expression of a load."""
         kind, _, pair = name.partition("_")
         if kind == "t":
-            return self._give("t", "time (s)")
+            return (self._give("t", "time (s)"),) * 2
         place = self.mechanism.pair_number[pair]
-        angle = self.angles[place]
-        if kind == "theta":
-            return angle
-        rates = [
-            product(self._rate_of(k, place), speed) for k, speed in enumerate(self._speed)
-        ]
-        return self._put(angle.replace(r"\theta", r"\dot{\theta}"), total(*rates))
+        term = self.angles[place]
+        if kind == "dtheta":
+            rates = (self._rate(k, place) for k in self.moving)
+            speed = term.arguments[0].replace(r"\theta", r"\dot{\theta}")
+            right = sum_of_products(rates, self._motion[1])
+            return (self._put(symbol(speed), right),) * 2
+        return term, term
 
 
-def _bold(letter: str, index: str) -> str:
-    return rf"\mathbf{{{letter}}}_{{{index}}}"
+def _bold(letter: str, index: str) -> ExpressionNode:
+    return symbol(rf"\mathbf{{{letter}}}_{{{index}}}")
 
 
-def _times(matrix: str, given: str) -> str:
-    return "0" if given == "0" else rf"\left({matrix} \, {given}\right)"
+def _is_opposite(item: Expr) -> bool:
+    return isinstance(item, ExpressionNode) and item.arguments[0] == -1.0
 
 
 def _less(one: Angle, other: Angle) -> Angle:
-    """Return the difference of two angles, the first of which is none of an arc's own."""
-    if other == Angle():
+    """Return the difference of two angles."""
+    apart = one.term - other.term
+    if other.term == 0.0:
         return one
-    apart = rf"\left({one.symbol} - {other.symbol}\right)"
-    return Angle(apart, rf"\cos{apart}", rf"\sin{apart}")
+    return Angle(apart, function("cos", apart), function("sin", apart))
 
 
 def plain(name: str) -> str:
