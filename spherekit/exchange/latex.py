@@ -106,15 +106,15 @@ def _wanted(formulas: Formulas, names: Sequence[str] | None) -> list[Expr]:
         ]
     wanted: list[Expr] = []
     for name in names:
-        found = fnmatch.filter(table, name) or fnmatch.filter(
+        matching = fnmatch.filter(table, name) or fnmatch.filter(
             table, name.rpartition("_")[0]
         )
-        if not found:
+        if not matching:
             raise EngineError(
                 f'{mechanism.name}: "{name}" is not written as LaTeX'
                 f"{nearest(name, table) or ';'} there are {listing(table)}"
             )
-        wanted += (term for one in found for term in table[one])
+        wanted += (term for one in matching for term in table[one])
     return wanted
 
 

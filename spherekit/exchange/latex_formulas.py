@@ -318,21 +318,22 @@ class Formulas:
         if group.dyad_parity < 0:
             near, far = far, near
         a, b, c = (self.pair_axes[group.pairs[x]] for x in (near, middle, far))
-        sides = []
+        sides: list[tuple[int, Axis, Axis]] = []
         for outer in (near, far):
             link = group.bodies[sum(group.ends[outer])][0]
             both = (self._axis(link, group.pairs[x]) for x in (outer, middle))
-            sides.append((link, *sorted(both, key=self._axes[link].index)))
+            first, second = sorted(both, key=self._axes[link].index)
+            sides.append((link, first, second))
         one, other = (self._cosine(*side) for side in sides)
         between = self._put(symbol(rf"\gamma{of}"), inner(a, c))
         under = 1.0 - between * between
-        first = self._put(symbol(rf"\lambda{of}"), (one - between * other) / under)
-        second = self._put(symbol(rf"\mu{of}"), (other - between * one) / under)
+        along = self._put(symbol(rf"\lambda{of}"), (one - between * other) / under)
+        beside = self._put(symbol(rf"\mu{of}"), (other - between * one) / under)
         order = ", ".join(f"${self.pair_axes[pair].arguments[0]}$" for pair in group.pairs)
         sign = self._give(f"s{of}", f"sign of the triple product of {order}")
-        rest = (1.0 - first * one - second * other) / under
+        rest = (1.0 - along * one - beside * other) / under
         height = self._put(symbol(rf"\nu{of}"), sign * function("sqrt", rest))
-        self._put(b, first * a + second * c + height * cross(a, c), always=True)
+        self._put(b, along * a + beside * c + height * cross(a, c), always=True)
         for side in sides:
             self._by_two(*side)
         planes = cross(a, b), cross(b, c)
@@ -390,10 +391,10 @@ class Formulas:
     # Poles and coefficients.
 
     def _find_poles(self, k: int, table: Plan) -> dict[tuple[int, int], Expr]:
-        found: dict[tuple[int, int], Expr] = {}
+        poles: dict[tuple[int, int], Expr] = {}
         for step in table.steps:
             if isinstance(step, PrimaryPole):
-                found[step.pole] = self.pair_axes[step.pair]
+                poles[step.pole] = self.pair_axes[step.pair]
                 continue
             if not isinstance(step, LinePole):
                 raise EngineError(
@@ -407,30 +408,30 @@ class Formulas:
             self._section = f"Poles of pass {roman(step.round)}{moves}"
             planes = []
             for third, *_ in circles({*step.via}, step.pole, table.coaxial)[:2]:
-                ends = (found[pole_of(end, third)] for end in step.pole)
+                ends = (poles[pole_of(end, third)] for end in step.pole)
                 plane = self._marked(_bold("n", f"{both}|{self.index[third]}"), k)
                 planes.append(self._put(plane, cross(*ends)))
             line = self._put(self._marked(_bold("v", both), k), cross(*planes))
             size = self._marked(symbol(f"v_{{{both}}}"), k)
             size = self._put(size, function("norm", line))
             axis = self._marked(_bold("u", both), k)
-            found[step.pole] = self._put(axis, line / size)
-        return found
+            poles[step.pole] = self._put(axis, line / size)
+        return poles
 
     def _find_coefficients(self, k: int, table: Plan) -> None:
         """Write ratios of Aronhold and Kennedy by a third link whose rate is known."""
         ground, poles = table.body[0], self.poles[k]
         first, second = table.ends[table.input]
-        found: dict[int, Expr] = {second: 1.0} if first == ground else {first: -1.0}
+        ratios: dict[int, Expr] = {second: 1.0} if first == ground else {first: -1.0}
         velocities: dict[int, Expr] = {ground: 0.0}
-        self._m.append(found)
+        self._m.append(ratios)
         self._w.append(velocities)
-        for body in sorted({*table.bodies} - {ground}, key=lambda body: body not in found):
+        for body in sorted({*table.bodies} - {ground}, key=lambda body: body not in ratios):
             axis, both = poles[pole_of(body, ground)], self._of(body, ground)
-            if body not in found:
+            if body not in ratios:
                 third = next(
                     x
-                    for x in found
+                    for x in ratios
                     if not any({x, body, ground} <= links for links, _ in table.coaxial)
                 )
                 between, there = poles[pole_of(body, third)], poles[pole_of(third, ground)]
@@ -444,9 +445,9 @@ class Formulas:
                     for letter, end in (("N", there), ("D", axis))
                 )
                 ratio = self._marked(symbol(f"m_{{{both}}}"), k)
-                found[body] = self._put(ratio, found[third] * over / under)
+                ratios[body] = self._put(ratio, ratios[third] * over / under)
             w = self._marked(_bold("w", self.index[body]), k)
-            velocities[body] = self._put(w, found[body] * axis)
+            velocities[body] = self._put(w, ratios[body] * axis)
 
     def _velocity(self, k: int, link: int) -> Expr:
         return self._w[k][self.plans[k].body[link]]
@@ -562,8 +563,8 @@ class Formulas:
         if given == 0.0:
             return 0.0
         frame = self._frames[link]
-        own = [float(axis is given) for axis in frame]
-        return self._put(term, *(own if any(own) else (inner(x, given) for x in frame)))
+        alone = [float(axis is given) for axis in frame]
+        return self._put(term, *(alone if any(alone) else (inner(x, given) for x in frame)))
 
     def _forces(self) -> list[Expr]:
         """Return the generalized forces of all loads that rub by no reactions."""
