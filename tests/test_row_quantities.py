@@ -238,6 +238,35 @@ def test_singular_values_are_those_of_lapack():
         assert np.max(np.abs(own.T - wanted) / (wanted[:, :1] + 1e-300)) < 3e-15
 
 
+@pytest.mark.parametrize(
+    "name, key, quantities",
+    [
+        ("four_bar", "links.3.arc", ["A_q", "A_dq", "pole_4_2_y", "determinant"]),
+        ("five_bar", "links.2.arc", ["A_q_21_by_51", "condition_number_pointer"]),
+    ],
+)
+def test_derivatives_by_sizes_are_differences_of_designs(name, key, quantities):
+    nominal = with_masses(name)
+    count = len(nominal.inputs)
+    value = design_variable(document_of(nominal), key).value
+
+    def at(mechanism):
+        samples = 4 if count == 1 else (2,) * count
+        motion = sk.trace(mechanism, samples=samples, search=False)
+        sensitivity = Sensitivity(mechanism, [key], quantities)
+        rows = np.pad(motion.inputs, ((0, 0), (0, 2 * count + 1)))
+        rows[:, count:-1] = [*RATES[:count], *ACCELERATIONS[:count]]
+        return sensitivity.at(rows, motion.values)
+
+    shares = (-2, -1, 1, 2)
+    moved = [with_values(nominal, {key: value + np.degrees(1e-4 * k)}) for k in shares]
+    values = [at(mechanism)[0] for mechanism in moved]
+    wanted = np.tensordot([1.0, -8.0, 8.0, -1.0], values, 1) / 12e-4
+    own = at(nominal)[1][0]
+    assert np.all(np.any(np.isfinite(own) & np.isfinite(wanted), axis=1))
+    assert np.nanmax(np.abs(own - wanted) / (np.abs(wanted) + 1e-2)) < 1e-8
+
+
 def test_what_points_along_an_axis_follows_it_in_other_designs():
     key, texts = "links.3.arc", [f"at(direction_pointer_{x}, 50, 60)" for x in "xyz"]
     figures = [f"{x}={text}" for x, text in zip("xyz", texts, strict=True)]

@@ -151,7 +151,6 @@ def _quantities(
     moving = [("" if one else f"_by_{pair}", k) for k, pair in enumerate(inputs)]
     for pair in angles:
         put(f"theta_{pair}", "rad", VariedTerms.angle, pair)
-        put_vector(f"axis_{pair}", "", VariedTerms.axis, pair)
     for pair, (end, k) in product(angles, moving):
         put(f"rate_{pair}{end}", "", VariedTerms.rate, pair, k)
     for pair in _middles(mechanism, assembly):
@@ -160,6 +159,8 @@ def _quantities(
         for (a, b), (end, k) in product(permutations(links, 2), moving):
             of = VariedTerms.coefficient, a, b, kind, k
             put(f"{kind}_coefficient_{a}_{b}{end}", unit, *of)
+    for pair in angles:
+        put_vector(f"axis_{pair}", "", VariedTerms.axis, pair)
     for (a, b), (end, k) in product(permutations(links, 2), moving):
         put_vector(f"pole_{a}_{b}", "", VariedTerms.pole, a, b, k, end=end)
     for link, (i, j) in product(links, product(range(3), repeat=2)):
