@@ -1,8 +1,10 @@
 """How Sphinx builds the site: ``python -m sphinx -j auto -W -b html docs build/site``."""
 
+import os
 import sys
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # processes side by side instead
 sys.path.insert(0, str(Path(__file__).parent))
 
 from spherekit import __version__
@@ -74,6 +76,7 @@ html_title = "spherekit"
 html_logo = html_favicon = "_static/logo.svg"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_extra_path = ["generated/extra"]
 html_copy_source = False
 html_show_sourcelink = False

@@ -4,6 +4,7 @@ Of a test marked `many` the first case runs by default; the others are slow.
 """
 
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -13,6 +14,21 @@ os.environ.setdefault("CI", "true")
 os.environ.setdefault("RERUN_STRICT", "1")
 os.environ.setdefault("RUST_LOG", "error")
 sys.path.insert(0, str(Path(__file__).parent))
+
+SWITCHES = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A Chromium that is installed, without a window."""
+    driver = pytest.importorskip("playwright.sync_api", reason="it opens the browser")
+    path = shutil.which("chromium") or shutil.which("google-chrome")
+    if path is None:
+        pytest.skip("there is no Chromium here")
+    with driver.sync_playwright() as started:
+        opened = started.chromium.launch(executable_path=path, args=SWITCHES)
+        yield opened
+        opened.close()
 
 
 @pytest.hookimpl(tryfirst=True)

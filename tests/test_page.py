@@ -1,7 +1,6 @@
 """Pages in a browser: dragged, read at the cursor, and compared with Python."""
 
 import re
-import shutil
 
 import numpy as np
 import pytest
@@ -21,19 +20,6 @@ EVERY = (
     "five_bar",
     "double_butterfly",
 )
-SWITCHES = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    driver = pytest.importorskip("playwright.sync_api", reason="it opens the browser")
-    path = shutil.which("chromium") or shutil.which("google-chrome")
-    if path is None:
-        pytest.skip("there is no Chromium here")
-    with driver.sync_playwright() as started:
-        opened = started.chromium.launch(executable_path=path, args=SWITCHES)
-        yield opened
-        opened.close()
 
 
 @pytest.fixture

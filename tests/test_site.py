@@ -106,7 +106,14 @@ def site(tmp_path_factory, worker_id):
             command += ["-D", "nb_execution_mode=off"]  # test_notebooks runs them
             command += ["-D", "suppress_warnings=config.cache,myst-nb.lexer"]
             command += ["-b", "html", "-D", f"site_mechanisms={','.join(SOME)}"]
-            command += ["-d", str(home / "trees"), str(ROOT / "docs"), str(home / "html")]
+            command += [
+                "-j",
+                "auto",
+                "-d",
+                str(home / "trees"),
+                str(ROOT / "docs"),
+                str(home / "html"),
+            ]
             built = subprocess.run(
                 command, capture_output=True, text=True, timeout=900, cwd=ROOT
             )
@@ -118,7 +125,7 @@ def site(tmp_path_factory, worker_id):
 
 @pytest.fixture(scope="module")
 def pages(site):
-    found = [path for path in site.rglob("*.html") if "_static" not in path.parts]
+    found = [x for x in site.rglob("*.html") if not {"_static", "moving"} & {*x.parts}]
     return {path: Page(path.read_text("utf-8")) for path in found}
 
 
@@ -175,3 +182,42 @@ def test_mechanisms_have_their_page_with_numbers_and_file(site):
         text = (site / "generated" / "mechanisms" / f"{name}.html").read_text("utf-8")
         for asked in ("mobility", "assembly modes", "angle_unit", "■"):
             assert asked in text, (name, asked)
+
+
+CUT = """() => {
+    const scrolls = at => at !== document.body &&
+        (/auto|scroll/.test(getComputedStyle(at).overflowX) || scrolls(at.parentElement));
+    const wide = at => at.getBoundingClientRect().right > innerWidth + 1
+        || at.matches("pre") && at.scrollWidth > at.clientWidth + 1;
+    const shown = [...document.querySelectorAll(".bd-article *")];
+    const cut = shown.filter(at => wide(at) && !scrolls(at)).map(at => at.outerHTML);
+    const over = document.documentElement.scrollWidth - innerWidth;
+    return over > 0 ? [`the page, by ${over} px`, ...cut] : cut;
+}"""
+
+
+@slow
+@pytest.mark.parametrize("width", [1300, 400])
+def test_nothing_is_cut_off_at_the_right(site, pages, browser, width):
+    tab = browser.new_page(viewport={"width": width, "height": 900})
+    for path in pages:
+        tab.goto(path.as_uri())
+        cut = tab.evaluate(CUT)
+        assert not cut, f"{path.relative_to(site)}: {[x[:200] for x in cut[:3]]}"
+    tab.close()
+
+
+@slow
+def test_mechanisms_move_in_their_pages(site, browser):
+    for page in ("index", "generated/mechanisms/five_bar"):
+        tab = browser.new_page(viewport={"width": 1300, "height": 900})
+        tab.goto((site / f"{page}.html").as_uri())
+        frame = tab.frame_locator("iframe.moving")
+        sphere, driven = frame.locator("#sphere"), frame.locator("input[type=range]").first
+        driven.press("ArrowRight")
+        before = sphere.screenshot()
+        for _ in range(20):
+            driven.press("ArrowRight")
+        tab.wait_for_timeout(200)
+        assert sphere.screenshot() != before, page
+        tab.close()

@@ -16,8 +16,6 @@ from spherekit.files.library import shipped
 FOLDER = "generated/mechanisms"
 SAMPLES = {1: 91, 2: (7, 7), 3: (4, 4, 4)}
 """Samples that a page's numbers are taken from, by the number of inputs."""
-SINGULARITIES_UP_TO = 6
-"""Links up to which a page lists singular positions: a search of seconds."""
 KINDS = ("Four and six bars", "Wrists", "Cams, cones and gears", "Eight bars and more")
 """The groups of the index."""
 
@@ -63,6 +61,9 @@ PAGE = """\
 ```{{moving}} {name}
 ```
 
+Drag the sphere to turn it and the ringed knob to drive the input; what else moves is on
+[pages](../../pages.md). `spherekit page {name} -o {name}.html` makes this page as one file.
+
 {assumed}
 
 ## Numbers
@@ -94,6 +95,8 @@ spherekit view {name}
 spherekit run {name} --save {name}.rrd
 spherekit view {name}.rrd --web
 spherekit plan {name} --steps
+spherekit run {name} -a singularities
+spherekit page {name} -o {name}.html
 ```
 """
 
@@ -172,7 +175,7 @@ def _pairs(mechanism: sk.Mechanism) -> str:
 def _page(mechanism: sk.Mechanism, file: str) -> str:
     source = mechanism.source
     inputs = len(mechanism.inputs)
-    asked = inputs == 1 and len(mechanism.links) <= SINGULARITIES_UP_TO
+    asked = _kind(mechanism) == KINDS[0]  # a search of a second; of others up to twenty
     result = sk.run(
         mechanism, ["singularities"] if asked else ["poles"], samples=SAMPLES[inputs]
     )

@@ -12,11 +12,11 @@ import spherekit as sk
 
 HOME = "generated/extra/moving"
 """Where the pages are made; the site has them in its folder `moving`."""
-FRAME = '<iframe class="moving" loading="lazy" title="{name} moving" src="{path}"></iframe>'
+FRAME = '<iframe class="{kind}" loading="lazy" title="{name}" src="{path}"></iframe>'
 
 
 def make(mechanism: sk.Mechanism, home: Path) -> None:
-    """Write the page of a mechanism, if there is one to be made."""
+    """Write the page of a mechanism."""
     page = home / HOME / f"{mechanism.name}.html"
     page.parent.mkdir(parents=True, exist_ok=True)
     sk.page(mechanism, page)
@@ -38,11 +38,9 @@ class Moving(SphinxDirective):
             alt=f"{name} on the unit sphere in a configuration of its first assembly mode",
             classes=["dark-light", "still"],
         )
-        if not (Path(self.env.srcdir) / HOME / f"{name}.html").exists():
-            return [picture]
-        frame = FRAME.format(
-            name=name, path=f"{up}moving/{name}.html{'#alone=1' * compact}"
-        )
+        kind, state = ("moving compact", "#alone=1") if compact else ("moving", "")
+        path = f"{up}moving/{name}.html{state}"
+        frame = FRAME.format(kind=kind, name=f"{name}, moving", path=path)
         shown = nodes.container(classes=["moving"])
         shown += [picture, nodes.raw("", frame, format="html")]
         return [shown]
