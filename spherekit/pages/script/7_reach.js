@@ -1,7 +1,7 @@
 // Two inputs: which of them close, what the output reaches, and the singular curves of both.
 
 const pad = document.getElementById("pad");
-const GRID = 41;
+const FINE = 33, QUICK = 17;               // nodes along each input, the fewer while sizes move
 const several = inputs.length > 1;
 let reach = null;
 
@@ -10,15 +10,15 @@ const KINDS = [
   {tint: "--stop", value: row => row[rows.place.get(model.stops)] * row[determinant]},
 ];
 
-function surveyed(mode, sizes) {
-  const axes = inputs.slice(0, 2).map(input => grid(input, GRID));
+function surveyed(mode, sizes, count) {
+  const axes = inputs.slice(0, 2).map(input => grid(input, count));
   const nodes = axes[0].map(a => {
     const states = mode.along(1, axes[1], state.q.with(0, a), sizes);
     return states.map((closed, j) => closed && reachedAt([a, axes[1][j]], closed));
   });
   const border = {tint: "--fold", segments: []}, curves = [border], cells = [];
-  for (let i = 0; i + 1 < GRID; i++)
-    for (let j = 0; j + 1 < GRID; j++) {
+  for (let i = 0; i + 1 < count; i++)
+    for (let j = 0; j + 1 < count; j++) {
       const {outline, edge} = cellOf(mode, axes, nodes, i, j, sizes);
       if (outline.length > 2) cells.push(outline);
       if (edge.length === 2) border.segments.push(edge);

@@ -201,7 +201,7 @@ const KEYS = {
 };
 
 function keyed(event) {
-  const act = KEYS[event.key];
+  const act = KEYS[event.key] ?? KEYS[event.key.toLowerCase()];
   if (!act || event.ctrlKey || event.metaKey || event.altKey) return;
   event.preventDefault();
   act();

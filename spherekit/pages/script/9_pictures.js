@@ -60,7 +60,7 @@ function renew() {
       mode.curve = sampled(mode, state.over, state.q, now);
       mode.stale = false;
     }
-  if (several && (all || does("sizes", "mode", "theme") || inputs.length > 2)) reach = surveyed(chosen, now);
+  if (several && (all || does("sizes", "mode", "theme", "reach") || inputs.length > 2)) survey(chosen, now, does("reach"));
   if (all || does("sizes", "input")) place(now);
   draw();
   if (all || computed || does("theme", "mode")) fillCurves();
@@ -73,6 +73,14 @@ function renew() {
   clearTimeout(renew.later);
   if (!playing) renew.later = setTimeout(keepLink, 400);
   if (modes.some(mode => mode.stale)) wake();
+}
+
+function survey(mode, now, fine) {         // quick while changes follow each other, then fine
+  const moves = !fine && performance.now() - survey.last < 400;
+  reach = surveyed(mode, now, moves ? QUICK : FINE);
+  survey.last = performance.now();
+  clearTimeout(survey.later);
+  if (moves) survey.later = setTimeout(() => change("reach"), 250);
 }
 
 function place(now) {
