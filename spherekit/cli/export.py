@@ -11,17 +11,17 @@ PAGE = (
     + """
 FILE
     path or shipped name
---to {c,cpp,js,python,julia,casadi,model,mjcf,coupling} !
-    c, cpp, js, python, julia, casadi: its formulas as source; model: its functions for
-    use without it (.npz); mjcf: a MuJoCo model; coupling: a table for controllers (.csv,
-    .npz or .h)
+--to {c,cpp,js,python,julia,casadi,latex,model,mjcf,coupling} !
+    c, cpp, js, python, julia, casadi: its formulas as source; latex: in print; model: its
+    functions for use without it (.npz, or source); mjcf: a MuJoCo model; coupling: a
+    table for controllers (.csv, .npz or .h)
 -o, --output X
     file to write (default: NAME.c, NAME.npz and so on)
 --quantities [NAME ...]
-    sources: what they compute, names or patterns such as theta_* (default: angles,
+    sources, latex: what they compute, names or patterns such as theta_* (default: angles,
     coefficients of links, transmission angles, inertia and driving torque)
 --vary [KEY ...]
-    sources: numbers of the file that are arguments, such as links.2.arc
+    sources, latex: numbers of the file that are arguments, such as links.2.arc
 --assembly-mode N-or-NAME
     assembly mode, by number or name (default: 0; sources and coupling: all)
 --poles [POLE ...]

@@ -34,7 +34,7 @@ COMMANDS = {
     "sweep": "compare designs: figures of merit while sizes are varied",
     "synthesize": "find sizes for a wanted function, or the least of a figure of merit",
     "trade": "measure speed against accuracy, and find the cheapest setting",
-    "export": "write a mechanism for others: stored functions, MuJoCo model, table in C",
+    "export": "write a mechanism for others: C and other sources, LaTeX, MuJoCo, tables",
     "page": "write a mechanism as one page that any browser opens and moves",
     "import": "read a mechanism from a MuJoCo model (MJCF) or a URDF",
     "view": "open a recording, or a run's folder, in the viewer, or take a picture",

@@ -17,6 +17,7 @@ from spherekit.errors import OutputError, PlanError
 from spherekit.exchange.coupling import CouplingTable, header, write_csv, write_npz
 from spherekit.exchange.coupling_made import coupling_table
 from spherekit.exchange.formulas import formulas, reduced_formulas
+from spherekit.exchange.latex import latex
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.posed import posed
 from spherekit.exchange.source import source
@@ -30,7 +31,17 @@ from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Plan, Pole
 
 Kind = Literal[
-    "model", "mjcf", "coupling", "file", "c", "cpp", "js", "python", "julia", "casadi"
+    "c",
+    "cpp",
+    "js",
+    "python",
+    "julia",
+    "casadi",
+    "latex",
+    "model",
+    "mjcf",
+    "coupling",
+    "file",
 ]
 
 SOURCES: Mapping[Kind, Names] = {
@@ -45,6 +56,7 @@ SOURCES: Mapping[Kind, Names] = {
 
 SUFFIXES: Mapping[Kind, Names] = {
     **SOURCES,
+    "latex": (".tex",),
     "model": (".npz", *dict.fromkeys(chain(*SOURCES.values()))),
     "mjcf": (".xml",),
     "file": (".toml",),
@@ -58,8 +70,8 @@ OWN: Mapping[str, tuple[Kind, ...]] = {
     "pairs": ("coupling",),
     "samples": ("coupling",),
     "at": ("mjcf",),
-    "quantities": tuple(SOURCES),
-    "vary": tuple(SOURCES),
+    "quantities": (*SOURCES, "latex"),
+    "vary": (*SOURCES, "latex"),
 }
 """What each argument belongs to, of those that not every kind has."""
 
@@ -98,7 +110,8 @@ def export(
         ``*.npz``: its functions, for use without it (see `load_reduced`); ``*.xml``: a
         MuJoCo model; ``*.csv`` or ``*.h``: a coupling table for controllers, as C
         with the function that reads it; ``*.toml``: its file. Its formulas as source:
-        ``*.c`` (C99), ``*.hpp`` (C++), ``*.mjs`` (JavaScript), ``*.py`` (NumPy), ``*.jl``.
+        ``*.c`` (C99), ``*.hpp`` (C++), ``*.mjs`` (JavaScript), ``*.py`` (NumPy), ``*.jl``,
+        and in print: ``*.tex``.
     to
         What to write, where the ending leaves a choice: with ``"coupling"`` the archive
         ``*.npz`` is a coupling table (see `load_coupling`); ``"casadi"`` writes Python
@@ -151,6 +164,9 @@ def export(
     if kind in SOURCES:
         return _source(mechanism, target, kind, input_pair, assembly_mode, given)
     made = driven_at(mechanism_of(mechanism), input_pair)
+    if kind == "latex":
+        write_text(target, latex(made, quantities, vary or ()))
+        return Exported(target, "formulas as LaTeX, of any assembly mode")
     if isinstance(assembly_mode, str):
         assembly_mode = (
             PositionAnalysis(made, assembly_mode=assembly_mode).assembly_modes[0].number
