@@ -6,16 +6,17 @@ Newton's method brings them nearer to where loops close.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from itertools import product
+from itertools import chain, product
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import Names, listing, nearest
+from spherekit.conventions import Names, listing
 from spherekit.design.figures import INERTIAL
 from spherekit.design.variables import check_variables, design_variable
 from spherekit.design.varied import STEADY, VariedMechanism
@@ -37,8 +38,8 @@ from spherekit.engine.row_quantities import (
     numbers_of,
     row_quantities,
 )
-from spherekit.engine.turns import ProfileSide, turning_pairs
-from spherekit.errors import DesignError, EngineError, SpherekitError
+from spherekit.engine.turns import ProfileSide
+from spherekit.errors import DesignError, SpherekitError
 from spherekit.exchange.varied_masses import masses_in_terms
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import document_of
@@ -225,27 +226,25 @@ def formulas(
     inputs = tuple(made.names_of(driven_pairs(made)))
     wanted = _wanted(made, inputs, quantities)
     contacts = hinged(made, inputs)
-    of_masses = any(_reads_masses(name) for name in wanted)
-    varied = VariedMechanism(
-        document, made, variables, inputs, contacts, of_masses and bool(vary)
-    )
-    terms = _terms(varied)
+    follows = bool(vary) and any(name.startswith(INERTIAL) for name in wanted)
+    varied = VariedMechanism(document, made, variables, inputs, contacts, follows)
+    terms = varied.terms()
     sizes = symbols(variable.name for variable in variables)
     known = _numbers(varied, terms, sizes)
-    wanted = _there(terms, wanted, quantities is None)
-    outputs = [
-        terms.squares[int(name.removeprefix(CLOSURE)) - 1]
-        if name.startswith(CLOSURE)
-        else terms.quantity(name)
-        for name in wanted
-    ]
+    found = {f"{CLOSURE}{k + 1}": x for k, x in enumerate(terms.squares)}
+    found = {name: found[name] for name in wanted if name in found}
+    for name in wanted:
+        if name not in found:
+            with suppress(*[SpherekitError] * (quantities is None)):
+                found[name] = terms.quantity(name)
     step: list[Expr] = []
     if not terms.closed_form:
         step = _step(terms)
-    driven = dict(zip(_driven_places(terms), terms.sample, strict=False))
-    outputs, step = (substituted(items, known | driven) for items in (outputs, step))
+        driven = (terms.places[v] for v in terms.structure.inputs)
+        known |= zip(driven, terms.sample, strict=False)
+    outputs, step = (substituted(x, known) for x in ([*found.values()], step))
     units = row_quantities(made)
-    results = {name: units.get(name, "") for name in wanted}
+    results = {name: units.get(name, "") for name in found}
     motion, of_motion = _motion(terms, outputs)
     used = {x for x in in_order([*outputs, *step]) if x.operation == "variable"}
     profiles = [x for x in terms.structure.pairs.handed_in if used & {*x.terms, x.last}]
@@ -255,8 +254,8 @@ def formulas(
         motion,
         tuple(place.arguments[0] for place in terms.places),
         tuple(
-            Argument(v.name, _unit_of(v.is_angle), float(value * scale), v.key)
-            for v, value, scale in zip(variables, varied.values, varied.scale, strict=True)
+            Argument(v.name, ("as in the file", "rad")[v.is_angle], float(value), v.key)
+            for v, value in zip(variables, varied.scale * varied.values, strict=True)
         ),
         tuple(_modes(varied, terms, assembly_mode)),
         results,
@@ -274,31 +273,26 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     """
     heading = model.heading
     (series,) = model.groups[:1]
-    names = [function.name for function in heading.groups[0]]
-    (x,) = symbols(heading.by)
-    given = [x, *heading.motion]
-    kept = {x: Argument(heading.by[0], "rad", 0.0)}
-    units = ("rad/s", "rad/s2", "s", *["N m"] * len(heading.tables))
-    called = (*(f"{kind}{heading.by[0]}" for kind in ("d", "dd")), "t")
-    called = (*called, *(f"torque_{table.name}" for table in heading.tables))
-    for term, name, unit in zip(heading.motion, called, units, strict=True):
-        kept[term] = Argument(name, unit, 0.0)
     results = {function.name: function.unit for function in heading.groups[0]}
-    terms = tuple(symbols(names))
+    (x,) = symbols(heading.by)
+    given = (x, *heading.motion)
+    units = ("rad", "rad/s", "rad/s2", "s", *["N m"] * len(heading.tables))
+    motion = zip((y.arguments[0] for y in given), units, strict=True)
+    terms = tuple(symbols(results))
     curve: Any = series
     table = SeriesTable(
         terms, x, 0.0, curve, heading.high[0] - heading.low[0], heading.periodic
     )
     return Formulas(
         mechanism,
-        tuple(kept.values()),
+        tuple(Argument(name, unit, 0.0) for name, unit in motion),
         (),
         (),
         (Mode(heading.assembly_mode, "", heading.low, ()),),
         {**results, "torque": "N m"},
         (*terms, *heading.torques),
         (),
-        (tuple(given), (), ()),
+        (given, (), ()),
         (table,),
         f"stored functions, errors up to {model.error:.2g} of the largest of each",
     )
@@ -318,37 +312,16 @@ def _table(profile: ProfileSide, places: Sequence[ExpressionNode]) -> SeriesTabl
     )
 
 
-def _unit_of(is_angle: bool) -> str:
-    return "rad" if is_angle else "as in the file"
-
-
-def _terms(varied: VariedMechanism) -> VariedTerms:
-    """Return what a mechanism is written in, circles in contact as links or ratios."""
-    if varied.contacts is not None:
-        return varied.terms()
-    if varied.is_profiled and not varied.variables:
-        mechanism = varied.mechanism
-        pairs = turning_pairs(mechanism, any_profile=True)
-        return VariedTerms(mechanism, varied.inputs, (), lambda _: pairs, False)
-    return varied.terms()
-
-
 def _wanted(
     mechanism: Mechanism, inputs: Names, quantities: Sequence[str] | None
 ) -> list[str]:
-    """Return the names that are asked for; which there are `_there` says."""
+    """Return the names that are asked for, whether there are such or not."""
     every = row_quantities(mechanism)
     if quantities is not None:
-        wanted = []
-        for name in quantities:
-            found = [x for x in every if fnmatchcase(x, name)]
-            if not found and not name.startswith(CLOSURE):
-                raise EngineError(
-                    f'{mechanism.name}: "{name}" is no quantity of a configuration'
-                    f"{nearest(name, every) or '.'} Quantities: {listing(every)}"
-                )
-            wanted += found or [name]
-        return list(dict.fromkeys(wanted))
+        found = (
+            [x for x in every if fnmatchcase(x, name)] or [name] for name in quantities
+        )
+        return list(dict.fromkeys(chain(*found)))
     ground = mechanism.links[mechanism.link(mechanism.ground)]
     links = [link for link in mechanism.links if link != ground]
     stems = [
@@ -372,37 +345,6 @@ def _wanted(
         if any(fnmatchcase(name, stem + end) for end in ends)
         and not name.startswith("B_torque")
     ]
-
-
-def _reads_masses(name: str) -> bool:
-    return name.startswith(INERTIAL)
-
-
-def _there(terms: VariedTerms, wanted: Sequence[str], by_default: bool) -> list[str]:
-    """Return the names of quantities that there are; raise for those asked for."""
-    there = []
-    for name in wanted:
-        if name.startswith(CLOSURE):
-            number = name.removeprefix(CLOSURE)
-            if not (number.isdigit() and 1 <= int(number) <= len(terms.squares)):
-                raise EngineError(
-                    f"{terms.mechanism.name}: {name}: there are "
-                    f"{listing(f'{CLOSURE}{k + 1}' for k in range(len(terms.squares)))}"
-                )
-        elif by_default:
-            try:
-                terms.quantity(name)
-            except SpherekitError:
-                continue
-        there.append(name)
-    return there
-
-
-def _driven_places(terms: VariedTerms) -> list[ExpressionNode]:
-    """Return the places that the inputs are, none of signs."""
-    if terms.closed_form:
-        return []
-    return [terms.places[v] for v in terms.structure.inputs]
 
 
 def _step(terms: VariedTerms) -> list[Expr]:
