@@ -148,9 +148,9 @@ class Formulas:
     def _numbered(self, letter: str, k: int) -> str:
         return letter + f"_{{{k + 1}}}" * self._several
 
-    def _marked(self, term: ExpressionNode, k: int) -> ExpressionNode:
-        """Return a symbol with the input that moves, if there are several."""
-        return symbol(term.arguments[0] + rf"^{{({k + 1})}}" * self._several)
+    def _moves(self, k: int) -> None:
+        """Mark symbols by the input that moves, if there are several."""
+        self._mark = rf"^{{({k + 1})}}" * self._several
 
     def _by(self, k: int, term: ExpressionNode) -> ExpressionNode:
         """Return the symbol of a derivative by an input."""
@@ -170,6 +170,13 @@ class Formulas:
                 return right
         self.lines[term] = Formula(self._section, [*rows])
         return term
+
+    def _line(self, letter: str, index: str, *rows: Expr) -> Expr:
+        """Write a formula of a quantity with an index, while an input moves if one does."""
+        return self._put(symbol(f"{letter}_{{{index}}}{self._mark}"), *rows)
+
+    def _say(self, kind: str, of: str, *terms: Expr) -> None:
+        self.quantities[f"{kind}_{of}"] = [*terms]
 
     # Sizes.
 
@@ -227,7 +234,7 @@ class Formulas:
     # Positions.
 
     def _place(self, ground: Floats) -> None:
-        mechanism, self._section = self.mechanism, "Positions"
+        mechanism, self._section, self._mark = self.mechanism, "Positions", ""
         i, j, k = (
             self._give(name, "axis of the ground", f"$({', '.join(map(number, column))})$")
             for name, column in zip(
@@ -248,17 +255,17 @@ class Formulas:
                 "pair of the ground, or export to another language"
             )
         for place, group in enumerate(self._assembly.groups):
-            self._close(f"_{{{place + 1}}}", group)
+            self._close(str(place + 1), group)
         for pair, (_, second) in enumerate(mechanism.ends):
             name, axis = mechanism.pairs[pair].name, self.pair_axes[pair]
             if pair not in self.inputs:
                 zero, tangent = self._zero(pair), self._tangent(second, pair)
                 half = inner(cross(axis, zero), tangent) / (1.0 + inner(zero, tangent))
                 self._put(self.angles[pair], 2.0 * function("atan", half))
-            self.quantities[f"theta_{name}"] = [self.angles[pair]]
-            self.quantities[f"axis_{name}"] = [axis]
+            self._say("theta", name, self.angles[pair])
+            self._say("axis", name, axis)
         for link, axes in self._frames.items():
-            self.quantities[f"orientation_{mechanism.links[link]}"] = axes
+            self._say("orientation", mechanism.links[link], *axes)
 
     def _across(self, link: int, axis: Axis) -> Expr:
         i, j, _ = self._frames[link]
@@ -280,7 +287,7 @@ class Formulas:
         """Return where the tangent of a pair's second link is at zero."""
         start = self._tangent(self.mechanism.ends[pair][0], pair)
         right = self._turned(pair, start, self._zero_angle(pair))
-        return self._put(_bold("z", self._pairs[pair]), right)
+        return self._line(r"\mathbf{z}", self._pairs[pair], right)
 
     def _zero_angle(self, pair: int) -> Angle:
         name = self.mechanism.pairs[pair].name
@@ -302,7 +309,7 @@ class Formulas:
             right = self._turned(pair, self._zero(pair), angle)
         else:
             back = self._turned(pair, self._tangent(parent, pair), angle, -1.0)
-            zero = self._put(_bold("z", self._pairs[pair]), back)
+            zero = self._line(r"\mathbf{z}", self._pairs[pair], back)
             right = self._turned(pair, zero, self._zero_angle(pair), -1.0)
         tangent = self._put(self._tangent_symbol(child, pair), right)
         if axis is self._axes[child][0]:
@@ -325,33 +332,29 @@ class Formulas:
             first, second = sorted(both, key=self._axes[link].index)
             sides.append((link, first, second))
         one, other = (self._cosine(*side) for side in sides)
-        between = self._put(symbol(rf"\gamma{of}"), inner(a, c))
+        between = self._line(r"\gamma", of, inner(a, c))
         under = 1.0 - between * between
-        along = self._put(symbol(rf"\lambda{of}"), (one - between * other) / under)
-        beside = self._put(symbol(rf"\mu{of}"), (other - between * one) / under)
+        along = self._line(r"\lambda", of, (one - between * other) / under)
+        beside = self._line(r"\mu", of, (other - between * one) / under)
         order = ", ".join(f"${self.pair_axes[pair].arguments[0]}$" for pair in group.pairs)
-        sign = self._give(f"s{of}", f"sign of the triple product of {order}")
+        sign = self._give(f"s_{{{of}}}", f"sign of the triple product of {order}")
         rest = (1.0 - along * one - beside * other) / under
-        height = self._put(symbol(rf"\nu{of}"), sign * function("sqrt", rest))
+        height = self._line(r"\nu", of, sign * function("sqrt", rest))
         self._put(b, along * a + beside * c + height * cross(a, c), always=True)
         for side in sides:
             self._by_two(*side)
         planes = cross(a, b), cross(b, c)
         share = function("norm", cross(*planes)) / function("norm", inner(*planes))
         (name,) = self.mechanism.names_of([group.middle])
-        angle = self._put(symbol(rf"\psi{of}"), function("atan", share))
-        self.quantities[f"transmission_angle_{name}"] = [angle]
+        angle = self._line(r"\psi", of, function("atan", share))
+        self._say("transmission_angle", name, angle)
 
     def _cosine(self, link: int, one: Axis, other: Axis) -> Expr:
         """Return the cosine of the arc between two axes of a link."""
         sines = one.arc.sine * other.arc.sine * _less(other.turn, one.turn).cosine
         right = one.arc.cosine * other.arc.cosine + sines
         of_axis = one is self._axes[link][0]
-        return (
-            right
-            if of_axis
-            else self._put(symbol(rf"\kappa_{{{self.index[link]}}}"), right)
-        )
+        return right if of_axis else self._line(r"\kappa", self.index[link], right)
 
     def _by_two(self, link: int, one: Axis, other: Axis) -> None:
         """Place a link two axes of which are placed."""
@@ -378,10 +381,10 @@ class Formulas:
         if k not in self.lines:
             self._put(k, first, always=True)
         if axis.turn.sine != 0.0:
-            toward = self._put(_bold("d", index), toward)
+            toward = self._line(r"\mathbf{d}", index, toward)
         right = axis.turn.cosine * toward + axis.turn.sine * cross(toward, k)
-        j = self._put(_bold("j", index), right)
-        self._frames[link] = [i or self._put(_bold("i", index), cross(j, k)), j, k]
+        j = self._line(r"\mathbf{j}", index, right)
+        self._frames[link] = [i or self._line(r"\mathbf{i}", index, cross(j, k)), j, k]
         for other in self._axes[link]:
             if other.term not in self.lines:
                 along = other.arc.cosine * k
@@ -391,6 +394,7 @@ class Formulas:
     # Poles and coefficients.
 
     def _find_poles(self, k: int, table: Plan) -> dict[tuple[int, int], Expr]:
+        self._moves(k)
         poles: dict[tuple[int, int], Expr] = {}
         for step in table.steps:
             if isinstance(step, PrimaryPole):
@@ -409,19 +413,18 @@ class Formulas:
             planes = []
             for third, *_ in circles({*step.via}, step.pole, table.coaxial)[:2]:
                 ends = (poles[pole_of(end, third)] for end in step.pole)
-                plane = self._marked(_bold("n", f"{both}|{self.index[third]}"), k)
-                planes.append(self._put(plane, cross(*ends)))
-            line = self._put(self._marked(_bold("v", both), k), cross(*planes))
-            size = self._marked(symbol(f"v_{{{both}}}"), k)
-            size = self._put(size, function("norm", line))
-            axis = self._marked(_bold("u", both), k)
-            poles[step.pole] = self._put(axis, line / size)
+                of = f"{both}|{self.index[third]}"
+                planes.append(self._line(r"\mathbf{n}", of, cross(*ends)))
+            line = self._line(r"\mathbf{v}", both, cross(*planes))
+            size = self._line("v", both, function("norm", line))
+            poles[step.pole] = self._line(r"\mathbf{u}", both, line / size)
         return poles
 
     def _find_coefficients(self, k: int, table: Plan) -> None:
         """Write ratios of Aronhold and Kennedy by a third link whose rate is known."""
         ground, poles = table.body[0], self.poles[k]
         first, second = table.ends[table.input]
+        self._moves(k)
         ratios: dict[int, Expr] = {second: 1.0} if first == ground else {first: -1.0}
         velocities: dict[int, Expr] = {ground: 0.0}
         self._m.append(ratios)
@@ -435,67 +438,58 @@ class Formulas:
                     if not any({x, body, ground} <= links for links, _ in table.coaxial)
                 )
                 between, there = poles[pole_of(body, third)], poles[pole_of(third, ground)]
-                plane = self._marked(_bold("c", both), k)
-                plane = self._put(plane, cross(axis, there))
-                over, under = (
-                    self._put(
-                        self._marked(symbol(f"{letter}_{{{both}}}"), k),
-                        inner(plane, cross(between, end)),
-                    )
-                    for letter, end in (("N", there), ("D", axis))
-                )
-                ratio = self._marked(symbol(f"m_{{{both}}}"), k)
-                ratios[body] = self._put(ratio, ratios[third] * over / under)
-            w = self._marked(_bold("w", self.index[body]), k)
-            velocities[body] = self._put(w, ratios[body] * axis)
+                plane = self._line(r"\mathbf{c}", both, cross(axis, there))
+                over = self._line("N", both, inner(plane, cross(between, there)))
+                under = self._line("D", both, inner(plane, cross(between, axis)))
+                ratios[body] = self._line("m", both, ratios[third] * over / under)
+            w = ratios[body] * axis
+            velocities[body] = self._line(r"\mathbf{w}", self.index[body], w)
 
     def _velocity(self, k: int, link: int) -> Expr:
         return self._w[k][self.plans[k].body[link]]
 
     def _find_slopes(
         self, by: int, moved: Sequence[tuple[ExpressionNode, Formula]]
-    ) -> dict[Any, Expr]:
+    ) -> dict[ExpressionNode, Expr]:
         """Write the derivatives by an input of what follows from axes of pairs."""
-        made: dict[Any, Expr] = {0.0: 0.0, 1.0: 0.0, -1.0: 0.0}
+        made: dict[ExpressionNode, Expr] = {}
         for axis, ends in zip(self.pair_axes, self.mechanism.ends, strict=True):
             velocities = [self._velocity(by, end) for end in ends]
             w = 0.0 if 0.0 in velocities else min(velocities, key=_is_opposite)
             made[axis] = self._put(self._by(by, axis), cross(w, axis))
-            made[-1.0 * axis] = -1.0 * made[axis]
         for term, (section, (right, *_)) in moved:
             if section != "Positions":
-                rates = {
-                    x: rate for x, rate in made.items() if isinstance(x, ExpressionNode)
-                }
-                (change,) = substituted(derivatives([right], rates), {right: term})
+                (change,) = substituted(derivatives([right], made), {right: term})
                 made[term] = self._put(self._by(by, term), change)
         return made
 
+    def _slope(self, by: int, item: Expr) -> Expr:
+        return derivatives([item], self._slopes[by])[0]
+
     def _name_coefficients(self, k: int) -> None:
         """Name the coefficients of all links while an input moves."""
-        mechanism, slopes, end = self.mechanism, self._slopes[k], self.ends[k]
+        self._moves(k)
+        mechanism, end, body = self.mechanism, self.ends[k], self.plans[k].body
         for link, name in enumerate(mechanism.links):
             w = self._velocity(k, link)
-            self.quantities[f"angular_velocity_{name}{end}"] = [w]
-            self.quantities[f"angular_velocity_dq_{name}{end}"] = [slopes[w]]
+            self._say("angular_velocity", name + end, w)
+            self._say("angular_velocity_dq", name + end, self._slope(k, w))
         for a, b in permutations(range(len(mechanism.links)), 2):
-            one, other = (self.plans[k].body[link] for link in (a, b))
             axis = ratio = slope = 0.0
-            if one != other:
-                axis = self.poles[k][pole_of(one, other)]
-                w, v = (self._velocity(k, link) for link in (a, b))
+            if body[a] != body[b]:
+                axis = self.poles[k][pole_of(body[a], body[b])]
+                w, v = self._velocity(k, a), self._velocity(k, b)
                 if 0.0 in (w, v):
-                    ratio = self._m[k][one if v == 0.0 else other]
-                    sense = 1.0 if v == 0.0 else -1.0
-                    ratio, slope = sense * ratio, sense * slopes[ratio]
+                    ratio = self._m[k][body[a]] if v == 0.0 else -1.0 * self._m[k][body[b]]
+                    slope = self._slope(k, ratio)
                 else:
-                    term = self._marked(symbol(f"m_{{{self._of(a, b)}}}"), k)
-                    ratio = self._put(term, inner(w - v, axis))
-                    slope = self._put(self._by(k, term), inner(slopes[w] - slopes[v], axis))
+                    ratio = self._line("m", self._of(a, b), inner(w - v, axis))
+                    turn = inner(self._slope(k, w) - self._slope(k, v), axis)
+                    slope = self._put(self._by(k, ratio), turn)
             of = f"{mechanism.links[a]}_{mechanism.links[b]}{end}"
-            self.quantities[f"pole_{of}"] = [axis]
-            self.quantities[f"velocity_coefficient_{of}"] = [ratio]
-            self.quantities[f"acceleration_coefficient_{of}"] = [slope]
+            self._say("pole", of, axis)
+            self._say("velocity_coefficient", of, ratio)
+            self._say("acceleration_coefficient", of, slope)
 
     # The equation of motion.
 
@@ -520,27 +514,25 @@ class Formulas:
                 f"inertia tensor of link {index} (kg m$^2$){free}",
                 rf"$\begin{{pmatrix}}{rows}\end{{pmatrix}}$",
             )
-            w, x = [self._velocity(k, link) for k in moving], _bold("x", index)
-            seen = [self._seen(self._marked(x, k), link, w[k]) for k in moving]
+            w, seen = [self._velocity(k, link) for k in moving], list[Expr]()
+            for k in moving:
+                self._moves(k)
+                seen.append(self._seen("x", link, w[k]))
             for k, i in inertia:
                 inertia[k, i] += inner(seen[k], matrix * seen[i])
+            self._mark = "" if self._several else "'"
             if not self._several:
-                change = self._seen(self._by(0, x), link, self._slopes[0][w[0]])
+                change = self._seen("x", link, self._slope(0, w[0]))
                 slope += 2.0 * inner(change, matrix * seen[0])
                 continue
-            late = sum(
-                (speeds[k] * speeds[i] * self._slopes[i][w[k]] for k, i in inertia), 0.0
-            )
-            turning, late = (
-                self._seen(_bold(low, index), link, self._put(_bold(high, index), given))
-                for low, high, given in (
-                    ("y", "W", sum_of_products(speeds, w)),
-                    ("z", "A", late),
-                )
-            )
+            late = (speeds[k] * speeds[i] * self._slope(i, w[k]) for k, i in inertia)
+            turning = self._line(r"\mathbf{W}", index, sum_of_products(speeds, w))
+            turning = self._seen("y", link, turning)
+            late = self._seen("z", link, self._line(r"\mathbf{A}", index, sum(late, 0.0)))
             pull = matrix * late + cross(turning, matrix * turning)
-            pull = self._put(_bold("h", index), pull)
+            pull = self._line(r"\mathbf{h}", index, pull)
             resisting = [y + inner(x, pull) for x, y in zip(seen, resisting, strict=True)]
+        self._mark = ""
         names = mechanism.names_of(self.inputs)
         for k, i in inertia:
             term = symbol(f"B_{{{k + 1},{i + 1}}}" if self._several else "B")
@@ -558,32 +550,34 @@ class Formulas:
             torque = self._put(symbol(self._numbered(r"\tau", k)), right, always=True)
             self.quantities[f"torque{end}"] = [torque]
 
-    def _seen(self, term: ExpressionNode, link: int, given: Expr) -> Expr:
+    def _seen(self, letter: str, link: int, given: Expr) -> Expr:
         """Return a vector by its components along the axes of a link."""
         if given == 0.0:
             return 0.0
         frame = self._frames[link]
         alone = [float(axis is given) for axis in frame]
-        return self._put(term, *(alone if any(alone) else (inner(x, given) for x in frame)))
+        rows = alone if any(alone) else [inner(axis, given) for axis in frame]
+        return self._line(rf"\mathbf{{{letter}}}", self.index[link], *rows)
 
     def _forces(self) -> list[Expr]:
         """Return the generalized forces of all loads that rub by no reactions."""
         totals: list[Expr] = [0.0 for _ in self.moving]
-        for place, load in enumerate(self.mechanism.loads):
+        self._mark, self._acting = "", 0
+        for load in self.mechanism.loads:
             parts = load.components(self.mechanism)
             if any(part.rubs and part.rubs.grip for part in parts):
                 self.left_out.append(load.name)
                 continue
-            for count, part in enumerate(parts):
-                of = f"{place + 1},{count + 1}" if len(parts) > 1 else str(place + 1)
-                term = f"T_{{{of}}}"
-                if isinstance(part.magnitude, TorqueTable):
+            for part in parts:
+                self._acting += 1
+                of, law = str(self._acting), part.magnitude
+                if isinstance(law, TorqueTable):
                     what = f"torque of {plain(load.name)} at the time (N m)"
-                    size = self._give(term, what)
+                    size = self._give(f"T_{{{of}}}", what)
                 else:
-                    law = expression_of(part.magnitude)
+                    law = expression_of(law)
                     named = {name: self._named(name) for name in law.names}
-                    size = self._put(symbol(term), expression_terms(law, named))
+                    size = self._line("T", of, expression_terms(law, named))
                 for k in self.moving:
                     totals[k] += size * self._work(k, part, of)
         return [
@@ -600,7 +594,7 @@ class Formulas:
             along = sum_of_products(moment.direction, frame)
             if moment.arm is not None:
                 along = cross(sum_of_products(moment.arm, self._frames[link]), along)
-            turning = self._put(_bold("M", f"{of},{count + 1}"), along)
+            turning = self._line(r"\mathbf{M}", f"{of},{count + 1}", along)
             works += inner(turning, self._velocity(k, link))
         return works
 
