@@ -21,6 +21,7 @@ import spherekit as sk
 from spherekit.exchange.latex import latex
 
 ALIGNED = re.compile(r"\\begin\{align\}\n(.*?)\n\\end\{align\}", re.DOTALL)
+CONTINUED = " \\nonumber \\\\\n&\\quad {}"
 VALUE = re.compile(r"^\$([^$]+)\$ & .+ & \$([^$]+)\$( \\\\)?$", re.MULTILINE)
 SIGN = re.compile(r"^\$(s_\{\d+\})\$ & sign of the triple product of (.*) & ", re.MULTILINE)
 POLE = re.compile(
@@ -30,7 +31,11 @@ POLE = re.compile(
 
 def formulas(text):
     """Return the printed formulas, by left-hand sides."""
-    rows = (row for body in ALIGNED.findall(text) for row in body.split(" \\\\\n"))
+    rows = (
+        row
+        for body in ALIGNED.findall(text)
+        for row in body.replace(CONTINUED, "").split(" \\\\\n")
+    )
     return dict(row.split(" &= ") for row in rows)
 
 

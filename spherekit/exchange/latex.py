@@ -1,6 +1,7 @@
 """The formulas of a mechanism of dyads as a LaTeX document, as printed in a paper."""
 
 import fnmatch
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby, product
@@ -49,6 +50,10 @@ as these turn with the link, its derivative is that of the vector along them."""
 }
 POLES = r"""Each pole is where two great circles meet, case (a): $\mathbf{n}_{ij|k}$ is at
 right angles to the plane of $\mathbf{u}_{ik}$ and $\mathbf{u}_{jk}$."""
+
+
+LONGEST = 230
+"""Characters in a row of LaTeX, about a line of a page."""
 
 
 def latex(
@@ -154,9 +159,21 @@ def _dollars(term: Expr) -> str:
 
 def _right(rows: Sequence[Expr]) -> str:
     if len(rows) == 1:
-        return text_of(rows[0])
+        return _broken(text_of(rows[0]))
     column = r" \\ ".join(map(text_of, rows))
     return rf"\begin{{pmatrix}} {column} \end{{pmatrix}}"
+
+
+def _broken(text: str) -> str:
+    """Return a sum as rows of ``align`` that are not too long."""
+    rows, before = [""], ""
+    for part in re.split(r"(?= [+-] )", text):
+        inside = before.count("{") - before.count("}") + before.count(r"\left")
+        if inside == before.count(r"\right") and len(rows[-1] + part) > LONGEST:
+            rows.append("")
+        rows[-1] += part
+        before += part
+    return " \\nonumber \\\\\n&\\quad {}".join(rows)
 
 
 def _table(rows: Iterable[Sequence[str]]) -> str:
