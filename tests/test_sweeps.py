@@ -126,6 +126,13 @@ def test_figures_of_analyses_are_those_of_their_tables(name, middle):
             assert row["largest_inertia"] == pytest.approx(table["B"].max(), rel=1e-9)
 
 
+def test_reactions_are_figures():
+    found = sk.sweep("four_bar", {"links.2.arc": [20.0]}, analyses=["reactions"], samples=7)
+    run = sk.run("four_bar", "reactions", samples=7).frame("reactions", "reactions")
+    most = run[run["pair"] == "43"].groupby("assembly_mode")["transverse_moment"].max()
+    assert found.frame()["largest_reaction_43"].tolist() == most.tolist()
+
+
 def test_tables_of_runs_give_figures_of_what_no_kernel_knows():
     key = "pairs.contact.profiles.cam.cosines.1"
     text = (
