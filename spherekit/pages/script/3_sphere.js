@@ -148,7 +148,8 @@ function writeNames() {
       const angle = out + (turn * Math.PI) / 4, reach = far + half * Math.abs(Math.cos(angle));
       return [x + reach * Math.cos(angle), y + far * Math.sin(angle)];
     }));
-    const free = boxes.find(([u, v]) => taken.every(t => Math.abs(t[0] - u) > t[2] + half || Math.abs(t[1] - v) > t[3] + 7)) ?? boxes[0];
+    const inside = boxes.map(([u, v]) => [clamp(u, half, frame.width - half), v]);
+    const free = inside.find(([u, v]) => taken.every(t => Math.abs(t[0] - u) > t[2] + half || Math.abs(t[1] - v) > t[3] + 7)) ?? inside[0];
     taken.push([...free, half, 7]);
     pen.globalAlpha = depth < -0.05 ? 0.35 : 1;
     pen.lineWidth = 3.5;

@@ -8,12 +8,12 @@ function made(tag, properties = {}, ...children) {
   return one;
 }
 
-function slider(label, unit, {min, max, step}, set) {
+function slider(key, unit, {min, max, step}, set, label = key) {
   const id = `of-${slider.count = (slider.count ?? 0) + 1}`;
   const range = made("input", {type: "range", min, max, step: "any", id});
   const number = made("input", {type: "number", step});
-  number.setAttribute("aria-label", `${label} in ${unit === "°" ? "degrees" : unit || "its unit"}`);
-  const row = made("div", {className: "row"}, made("label", {htmlFor: id, textContent: label, title: label}), range, number, made("span", {className: "unit", textContent: unit}));
+  number.setAttribute("aria-label", `${key} in ${unit === "°" ? "degrees" : unit || "its unit"}`);
+  const row = made("div", {className: "row"}, made("label", {htmlFor: id, textContent: label, title: key}), range, number, made("span", {className: "unit", textContent: unit}));
   range.oninput = () => set(Number(range.value));
   range.onkeydown = event => {
     const way = {ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1}[event.key];
@@ -40,7 +40,7 @@ const drives = inputs.map(({pair, from, to}, k) => {
 const play = made("button", {id: "play", type: "button", textContent: "▶"});
 play.setAttribute("aria-label", "Play");
 play.onclick = () => (playing ? pause() : start());
-drives[0].row.style.gridTemplateColumns = "auto auto minmax(0, 1fr) 6.2rem 1.6rem";
+drives[0].row.classList.add("played");
 drives[0].row.prepend(play);
 
 function rateField(key, k, label, unit) {
@@ -56,7 +56,7 @@ const rates = model.moving ? inputs.flatMap(({pair}, k) => {
 if (rates.length) element("drive").append(made("div", {className: "rates"}, ...rates.map(({row}) => row)));
 
 const sizes = model.sizes.map(({key, unit, low, high, step}, k) => {
-  const one = slider(key, unit === "rad" ? SIGN : unit, {min: low, max: high, step}, value => change("sizes", {sizes: state.sizes.with(k, value)}));
+  const one = slider(key, unit === "rad" ? SIGN : unit, {min: low, max: high, step}, value => change("sizes", {sizes: state.sizes.with(k, value)}), key.replace(/^(links|pairs)\./, "").replaceAll(".", " "));
   element("sliders").append(one.row);
   return one;
 });
