@@ -25,6 +25,7 @@ NAMES = (
     "long_run",
     "pruning",
     "road",
+    "source",
     "extremes",
 )
 """Modules of this package with a function `run(quick)` that returns sections."""
