@@ -38,8 +38,8 @@ and `forwardKinematics` in SX follow two rows of closure a cut, dependent rates 
 elimination with pivots chosen beforehand, and the torque by projection; `cse` comes last.
 Positions: `given` as arguments; `Newton`, one step from the sample before; `closed`, from
 the input alone."""
-END = """Medians of processor time; `times` is Pinocchio's over spherekit's, `difference` the
-largest of results over their size or 1; two Newton steps do not end in the same place."""
+END = """Medians of processor time; `times` is Pinocchio's over spherekit's, `difference`
+the largest of results over their size or 1; two Newton steps end in different places."""
 ABSENT = " Pinocchio is not here: it needs `pin`, `casadi`, their headers, Eigen's and g++."
 DRIVER = """#include "{path}"
 #include <string.h>
