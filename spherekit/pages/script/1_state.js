@@ -21,7 +21,7 @@ const first = {
   dq: inputs.map(() => 1),
   ddq: inputs.map(() => 0),
   sizes: model.sizes.map(size => size.value),
-  mode: 0, over: 0, moving: 0, step: -1, every: false,
+  mode: 0, over: 0, moving: 0, step: -1, every: false, others: false,
   yaw: 0, pitch: 0, zoom: 1,
   theme: "", alone: false,
 };
@@ -59,7 +59,7 @@ function link() {
     if (state.sizes[k] !== first.sizes[k]) words.set(size.key, state.sizes[k]);
   });
   for (const key of NUMBERS) if (state[key] !== first[key]) words.set(key, +state[key].toPrecision(6));
-  for (const key of ["every", "alone"]) if (state[key]) words.set(key, 1);
+  for (const key of ["every", "others", "alone"]) if (state[key]) words.set(key, 1);
   if (state.theme) words.set("theme", state.theme);
   return words.toString();
 }
@@ -81,7 +81,7 @@ function followLink() {
   read.moving = clamp(Math.round(read.moving), 0, model.plans.length - 1);
   read.step = clamp(Math.round(read.step), -1, model.plans[read.moving].steps.length - 1);
   read.zoom = clamp(read.zoom, 0.4, 6);
-  for (const key of ["every", "alone"]) read[key] = words.has(key);
+  for (const key of ["every", "others", "alone"]) read[key] = words.has(key);
   if (["light", "dark"].includes(words.get("theme"))) read.theme = words.get("theme");
   change("all", read);
 }

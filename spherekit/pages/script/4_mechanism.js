@@ -29,11 +29,23 @@ function frameOf(row, link) {
   return linkNumber.get(link) ? entries : [1, 0, 0, 0, 1, 0, 0, 0, 1];
 }
 
+function sidesOf(row, link) {              // arcs between the axes of a link's pairs, in convex order
+  const corners = convex(distinct(link.pairs.map(pair => axisOf(row, pair))));
+  const sides = corners.length < 3 ? corners.slice(1).map((b, n) => [corners[n], b]) : corners.map((a, n) => [a, corners[(n + 1) % corners.length]]);
+  return {corners, arcs: sides.map(([a, b]) => arc(a, b, 0.05)).filter(points => points.length)};
+}
+
+function drawOthers() {                    // the other assembly modes, thin, in their colours
+  modes.forEach((mode, n) => {
+    if (n === state.mode || !mode.row) return;
+    for (const link of model.links.slice(1))
+      for (const points of sidesOf(mode.row, link).arcs) line(points, modeColour(n), 1.8, {alpha: 0.7});
+  });
+}
+
 function drawLinks(row) {
   for (const [k, link] of model.links.entries()) {
-    const tint = linkColour(k), corners = convex(distinct(link.pairs.map(pair => axisOf(row, pair))));
-    const sides = corners.length < 3 ? corners.slice(1).map((b, n) => [corners[n], b]) : corners.map((a, n) => [a, corners[(n + 1) % corners.length]]);
-    const arcs = sides.map(([a, b]) => arc(a, b, 0.05)).filter(points => points.length);
+    const tint = linkColour(k), {corners, arcs} = sidesOf(row, link);
     if (corners.length > 2) line(arcs.flat(), tint, 0, {fill: tint, alpha: 0.16, faint: 0.3});
     for (const points of arcs) {
       line(points, tint, k ? 5 : 4);

@@ -56,7 +56,7 @@ const rates = model.moving ? inputs.flatMap(({pair}, k) => {
 if (rates.length) element("drive").append(made("div", {className: "rates"}, ...rates.map(({row}) => row)));
 
 const sizes = model.sizes.map(({key, unit, low, high, step}, k) => {
-  const one = slider(key, unit === "rad" ? SIGN : unit, {min: low, max: high, step}, value => change("sizes", {sizes: state.sizes.with(k, value)}), key.replace(/^(links|pairs)\./, "").replaceAll(".", " "));
+  const one = slider(key, unit === "rad" ? SIGN : unit, {min: low, max: high, step}, value => change("sizes", {sizes: state.sizes.with(k, value)}), key.replace(/^pairs\./, "").replace(/^links/, "link").replaceAll(".", " "));
   element("sliders").append(one.row);
   return one;
 });
@@ -69,6 +69,10 @@ const choices = modes.map((mode, k) => {
   element("modes").append(label);
   return {radio, label};
 });
+
+const others = made("input", {type: "checkbox"});
+others.onchange = () => change("others", {others: others.checked});
+if (modes.length > 1) element("over").append(made("label", {}, others, " all modes on the sphere"));
 
 function chooser(place, label, names, key, what) {
   if (names.length < 2) return;
@@ -97,6 +101,7 @@ function showControls() {
     label.classList.toggle("gone", !modes[k].here);
     label.title = modes[k].here ? "" : "does not close here";
   });
+  others.checked = state.others;
   if (over) over.value = state.over;
   if (moving) moving.value = state.moving;
   element("lost").textContent = modes[state.mode].here ? "" : "assembly lost";

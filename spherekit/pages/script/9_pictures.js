@@ -61,7 +61,7 @@ function renew() {
       mode.stale = false;
     }
   if (several && (all || does("sizes", "mode", "theme", "reach") || inputs.length > 2)) survey(chosen, now, does("reach"));
-  if (all || does("sizes", "input")) place(now);
+  if (all || does("sizes", "input", "mode", "others")) place(now);
   draw();
   if (all || computed || does("theme", "mode")) fillCurves();
   else if (does("input")) figures.forEach(x => x.plot.redraw(false));
@@ -87,7 +87,8 @@ function place(now) {
   for (const mode of modes) {
     const closed = mode.state(state.q, now);
     mode.here = closed?.row ?? null;
-    mode.row = closed && evaluated(picture, state.q, closed.places, now);
+    const drawn = closed && (state.others || mode.number === state.mode);
+    mode.row = drawn ? evaluated(picture, state.q, closed.places, now) : null;
   }
 }
 
@@ -112,6 +113,7 @@ function draw() {
   if (shown) {
     drawPaths();
     inputs.forEach((input, k) => drawTrack(k));
+    if (state.others) drawOthers();
     drawLinks(shown.row);
     if (row) poles = drawPoles(row);
   }
