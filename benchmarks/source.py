@@ -129,28 +129,28 @@ def _rows(
     wanted["both"] = [x for names in wanted.values() for x in names]
     motions, rows = np.column_stack([*sample.values()]), []
     peers = _peers(folder, mechanism, values, motions) if there else {}
-    for (kind, names), how in product(wanted.items(), ("given", "Newton")):
-        made = formulas(mechanism, names)
-        path = folder / f"{name}.c"
+    for kind, names in wanted.items():
+        made, path = formulas(mechanism, names), folder / f"{name}.c"
         path.write_text(source(made, "c"), "utf-8")
-        call, places = f"{name}(motion, place, 0, result);", values
-        if not made.step:
-            places = np.array([made.modes[0].values])
-        elif how == "Newton":
-            call, places = f"{name}_step(motion, place, 0); {call}", values[-1:]
         own = np.column_stack([sample[x.name] for x in made.motion])
-        jobs = {"own": _job(path, call, own, places, len(names))}
-        jobs |= {"peer": peers[kind, how]} if there else {}
-        times: dict[str, list[float]] = {key: [] for key in jobs}
-        for key, job in [*jobs.items()] * repeats:
-            times[key].append(job()[0])
-        compared: tuple[Cell, ...] = None, None, None
-        if there:
-            one, two = (job()[1] for job in jobs.values())
-            off = float(np.max(np.abs(one - two) / np.maximum(1.0, np.abs(one))))
-            compared = median(times, "peer"), ratio(times, "peer", "own"), off
-        row = name, kind, how if made.step else "closed", how if there else None
-        rows.append((*row, median(times, "own"), *compared))
+        for how in ("given", "Newton") if there or made.step else ("given",):
+            call, places = f"{name}(motion, place, 0, result);", values
+            if not made.step:
+                places = np.array([made.modes[0].values])
+            elif how == "Newton":
+                call, places = f"{name}_step(motion, place, 0); {call}", values[-1:]
+            jobs = {"own": _job(path, call, own, places, len(names))}
+            jobs |= {"peer": peers[kind, how]} if there else {}
+            times: dict[str, list[float]] = {key: [] for key in jobs}
+            for key, job in [*jobs.items()] * repeats:
+                times[key].append(job()[0])
+            compared: tuple[Cell, ...] = None, None, None
+            if there:
+                one, two = (job()[1] for job in jobs.values())
+                off = float(np.max(np.abs(one - two) / np.maximum(1.0, np.abs(one))))
+                compared = median(times, "peer"), ratio(times, "peer", "own"), off
+            row = name, kind, how if made.step else "closed", how if there else None
+            rows.append((*row, median(times, "own"), *compared))
     return rows
 
 
@@ -160,8 +160,8 @@ def _job(path: Path, call: str, motions: Floats, places: Floats, count: int) -> 
     widths = dict(zip(("motion", "place", "result"), steps, strict=True))
     made = Path(tempfile.mkdtemp(dir=path.parent))
     (made / "run.c").write_text(DRIVER.format(path=path, call=call, **widths), "utf-8")
-    words = ["gcc", "-O2", "-shared", "-fPIC", "-o", made / "run.so", made / "run.c", "-lm"]
-    subprocess.run(words, check=True)
+    words = ["gcc", "-O2", "-shared", "-fPIC", "-o", f"{made}/run.so", f"{made}/run.c"]
+    subprocess.run([*words, "-lm"], check=True)
     function = ctypes.CDLL(str(made / "run.so")).run
     function.restype = ctypes.c_double
     pointers = [x.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for x in arrays]
@@ -175,7 +175,7 @@ def _compiled_tree(folder: Path) -> bool:
         return False
     pin, casadi = (Path(str(x)).parent for x in wheels)
     (folder / "tree.cpp").write_text(TREE, "utf-8")
-    words = ["g++", *DEFINED.split(), "-o", folder / "tree", folder / "tree.cpp"]
+    words = ["g++", *DEFINED.split(), "-o", f"{folder}/tree", f"{folder}/tree.cpp"]
     for place in (pin.parents[3] / "include", casadi / "include", "/usr/include/eigen3"):
         words.append(f"-I{place}")
     for place in (pin.parents[2], casadi):
@@ -280,8 +280,8 @@ def _peers(
         spin, change, pair = w[:, k], dw[:, k], pairs[k]
         first, second = ca.norm_2(spin), ca.dot(spin, change) / ca.norm_2(spin)
         if made.hinges[k].parent == ground:
-            along = mechanism.pairs[mechanism.pair_number[pair]].links[0] == ground
-            first, second = (x if along else -x for x in (spin[2], change[2]))
+            onward = mechanism.pairs[mechanism.pair_number[pair]].links[0] == ground
+            first, second = (x if onward else -x for x in (spin[2], change[2]))
         firsts.append(first)
         seconds.append(second)
     made_of["coefficients"] = ca.vertcat(*firsts, *seconds)
