@@ -27,11 +27,23 @@ HELPERS = {
 _OWN = {"sign": "sign_of({0})", "maximum": "larger_of({0}, {1})"}
 _TEMPLATE = "template <class Scalar>\n"
 
-C = Language("C", calls("", **_OWN), "    const double {0} = {1};", " * ", HELPERS)
+_TABLE = """\
+    {scalar} table_{{k}}[{{columns}}];
+    {{name}}_table_{{k}}({{place}}, table_{{k}});"""
+
+C = Language(
+    "C",
+    calls("", _OWN),
+    "    const double {0} = {1};",
+    _TABLE.format(scalar="double"),
+    " * ",
+    HELPERS,
+)
 CPP = Language(
     "C++",
-    calls("", **_OWN),
+    calls("", _OWN),
     "    const Scalar {0} = {1};",
+    _TABLE.format(scalar="Scalar"),
     "// ",
     {
         name: _TEMPLATE + text.removeprefix("static inline ").replace("double", "Scalar")
@@ -90,7 +102,7 @@ def _tables(source: Source, scalar: str) -> Iterator[str]:
 
 def _head(source: Source, function: Function, scalar: str) -> str:
     mode = f"{scalar} {source.mode}[]"
-    if function.is_step:
+    if function.opening:
         given = f"const {scalar} motion[], {mode}, const {scalar} size[]"
         return f"{scalar} {function.name}({given})"
     given = f"const {scalar} motion[], const {mode}, const {scalar} size[]"
@@ -98,18 +110,11 @@ def _head(source: Source, function: Function, scalar: str) -> str:
 
 
 def _function(source: Source, function: Function, scalar: str) -> str:
-    written = [source.mode] if function.is_step else []
-    unused = [x for x in source.given if x not in function.used and x not in written]
-    lines = [f"    (void){word};" for word in unused]
-    for k, place in function.tables.items():
-        count = len(source.of.tables[k].terms)
-        lines.append(f"    {scalar} table_{k}[{count}];")
-        lines.append(f"    {source.name}_table_{k}({place}, table_{k});")
-    lines += source.body(function)
-    if function.is_step:
-        *after, openness = function.results
-        lines += [f"    {source.mode}[{k}] = {x};" for k, x in enumerate(after)]
-        lines.append(f"    return {openness};")
+    unused = [x for x in source.given if x not in function.used]
+    lines = [f"    (void){word};" for word in unused] + function.lines
+    if function.opening:
+        lines += [f"    {source.mode}[{k}] = {x};" for k, x in enumerate(function.results)]
+        lines.append(f"    return {function.opening};")
     else:
         named = zip(source.results, function.results, strict=True)
         lines += [f"    result[{source.name}_{name}] = {x};" for name, x in named]
@@ -150,12 +155,12 @@ def c(source: Source) -> str:
 def cpp(source: Source) -> str:
     """Return a header of templates, for numbers that differentiate themselves too."""
     guard = f"{source.name.upper()}_HPP"
-    known = "\n".join(f"using std::{x};" for x in ("atan2", "floor", "pow", *CALLS))
+    calls_of = "\n".join(f"using std::{x};" for x in ("atan2", "floor", "pow", *CALLS))
     tables = _tables(source, "Scalar")
     functions = (_function(source, x, "Scalar") for x in source.functions)
     parts = [
         f"{source.comment}#ifndef {guard}\n#define {guard}\n\n#include <cmath>\n",
-        f"namespace {source.name}_formulas {{\n\n{known}\n",
+        f"namespace {source.name}_formulas {{\n\n{calls_of}\n",
         *_data(source, "static "),
         *source.helpers,
         *(_TEMPLATE + text.removeprefix("static ") for text in tables),

@@ -230,21 +230,19 @@ def formulas(
     varied = VariedMechanism(document, made, variables, inputs, contacts, follows)
     terms = varied.terms()
     sizes = symbols(variable.name for variable in variables)
-    known = _numbers(varied, terms, sizes)
-    found = {f"{CLOSURE}{k + 1}": x for k, x in enumerate(terms.squares)}
-    found = {name: found[name] for name in wanted if name in found}
+    stands = _numbers(varied, terms, sizes)
+    closures = {f"{CLOSURE}{k + 1}": x for k, x in enumerate(terms.squares)}
+    results: dict[str, Expr] = {}
     for name in wanted:
-        if name not in found:
-            with suppress(*[SpherekitError] * (quantities is None)):
-                found[name] = terms.quantity(name)
+        with suppress(*[SpherekitError] * (quantities is None)):
+            results[name] = closures[name] if name in closures else terms.quantity(name)
     step: list[Expr] = []
     if not terms.closed_form:
         step = _step(terms)
         driven = (terms.places[v] for v in terms.structure.inputs)
-        known |= zip(driven, terms.sample, strict=False)
-    outputs, step = (substituted(x, known) for x in ([*found.values()], step))
+        stands |= zip(driven, terms.sample, strict=False)
+    outputs, step = (substituted(x, stands) for x in ([*results.values()], step))
     units = row_quantities(made)
-    results = {name: units.get(name, "") for name in found}
     motion, of_motion = _motion(terms, outputs)
     used = {x for x in in_order([*outputs, *step]) if x.operation == "variable"}
     profiles = [x for x in terms.structure.pairs.handed_in if used & {*x.terms, x.last}]
@@ -258,7 +256,7 @@ def formulas(
             for v, value in zip(variables, varied.scale * varied.values, strict=True)
         ),
         tuple(_modes(varied, terms, assembly_mode)),
-        results,
+        {name: units.get(name, "") for name in results},
         tuple(outputs),
         tuple(step),
         (of_motion, tuple(terms.places), tuple(sizes)),
@@ -408,11 +406,11 @@ def _numbers(
     every = [*contacts, *numbers_of(actions_of(moved))]
     stated = [*contacts, *numbers_of(actions_of(terms.mechanism))]
     slopes = np.stack([varied.tried_slopes(k) for k in range(len(variables))])
-    known: dict[ExpressionNode, Expr] = {}
+    stands: dict[ExpressionNode, Expr] = {}
     for number, k, slope in zip(
         numbers, varied.differing, np.moveaxis(slopes, 2, 0), strict=True
     ):
-        known[number] = every[k]
+        stands[number] = every[k]
         if isinstance(every[k], ExpressionNode):
             continue
         off = np.abs(slope - slope[:, :1])
@@ -425,8 +423,8 @@ def _numbers(
             )
         row = slope[:, 0] / varied.scale
         start = stated[k] - row @ (varied.scale * varied.values)
-        known[number] = dot([*row.tolist(), 1.0], [*sizes, float(start)])
-    return known
+        stands[number] = dot([*row.tolist(), 1.0], [*sizes, float(start)])
+    return stands
 
 
 def _modes(
@@ -459,9 +457,9 @@ def _places(varied: VariedMechanism, terms: VariedTerms, row: Motion) -> list[fl
     n = signs.shape[1]
     fixed = np.concatenate([row.inputs[0], varied.nominal])[:, None] * np.ones(n)
     q, sizes = np.split(fixed, [len(terms.inputs)])
-    found = angles(np.concatenate([q, signs, sizes]))
+    turned = angles(np.concatenate([q, signs, sizes]))
     variables = [terms.mechanism.angles[pair] for pair in pairs]
-    apart = np.cos(found - values[0, variables][:, None])
+    apart = np.cos(turned - values[0, variables][:, None])
     best = int(np.nanargmin(np.sum(1.0 - apart, axis=0))) if pairs else 0
     made = signs[:, best].tolist()
     return made

@@ -32,39 +32,39 @@ class Language:
     """How a language writes what others write otherwise.
 
     `operations` are formats by the name of an operation of terms, `helpers` what some of
-    these need, `assignment` is that of a name, `comment` begins a line, and `index` is the
-    number of the first place of an array.
+    these need, `assignment` is that of a name, `table` that of what a table gives,
+    `comment` begins a line, and `index` is the number of the first place of an array.
     """
 
     name: str
     operations: Mapping[str, str]
     assignment: str
+    table: str
     comment: str
     helpers: Mapping[str, str]
     index: int = 0
 
 
-def calls(prefix: str, **others: str) -> dict[str, str]:
+def calls(prefix: str, others: Mapping[str, str]) -> dict[str, str]:
     """Return the operations of a language whose functions have a prefix, but for others."""
     made = {name: f"{{0}} {name} {{1}}" for name in "+-*/"}
     made |= {name: f"{prefix}{name}({{0}})" for name in CALLS}
     made |= {"atan2": f"{prefix}atan2({{0}}, {{1}})", "**": f"{prefix}pow({{0}}, {{1}})"}
-    return made | others
+    return {**made, **others}
 
 
 class Function(NamedTuple):
     """A function in a language.
 
-    Its `lines` are names with what they are, `results` such names or numbers, `tables` the
-    numbers of those that are read, with the places, `used` the arguments that are.
+    Its `lines` are assignments, `results` names or numbers, and of Newton's step `opening`
+    how far loops were open; `used` are the arguments that are.
     """
 
     name: str
-    lines: list[tuple[str, str]]
+    lines: list[str]
     results: list[str]
-    tables: dict[int, str]
+    opening: str
     used: set[str]
-    is_step: bool
 
 
 class Source:
@@ -91,39 +91,39 @@ class Source:
     @cached_property
     def functions(self) -> list[Function]:
         """The function of the results, and where there is one, that of Newton's step."""
-        made = [self._function(self.name, self.of.outputs, False)]
+        made = [self._function(self.name, self.of.outputs)]
         if self.of.step:
-            made.append(self._function(f"{self.name}_step", self.of.step, True))
+            made.append(self._function(f"{self.name}_step", self.of.step))
         return made
 
-    def _function(self, name: str, outputs: Sequence[Expr], is_step: bool) -> Function:
+    def _function(self, name: str, outputs: Sequence[Expr]) -> Function:
         first, called = self.language.index, dict[ExpressionNode, str]()
         for word, terms in zip(self.given, self.of.variables, strict=True):
             called |= {term: f"{word}[{k + first}]" for k, term in enumerate(terms)}
         owners: dict[ExpressionNode, int] = {}
         for k, table in enumerate(self.of.tables):
-            named = ((x, f"table_{k}[{c + first}]") for c, x in enumerate(table.terms))
             owners |= dict.fromkeys(table.terms, k)
-            called |= named
-        lines, tables, used = list[tuple[str, str]](), dict[int, str](), set[str]()
-
-        def use(term: ExpressionNode) -> str:
-            used.add(called[term].partition("[")[0])
-            return called[term]
-
+            columns = enumerate(table.terms, first)
+            called |= {term: f"table_{k}[{c}]" for c, term in columns}
+        lines, tables, used = list[str](), dict[int, str](), set[str]()
         for term in in_order(outputs):
             if term.operation != "variable":
                 parts = [self._part(x, called) for x in term.arguments]
                 called[term] = f"t{len(lines)}"
-                made = self.language.operations[term.operation].format(*parts)
-                lines.append((called[term], made))
-            elif term in owners:
-                table = self.of.tables[owners[term]]
-                tables[owners[term]] = f"{use(table.of)} + {number(table.start)}"
-            else:
-                use(term)
+                text = self.language.operations[term.operation].format(*parts)
+                lines.append(self.language.assignment.format(called[term], text))
+                continue
+            if term in owners:
+                k = owners[term]
+                table, term = self.of.tables[k], self.of.tables[k].of
+                place = f"{called[term]} + {number(table.start)}"
+                tables[k] = self.language.table.format(
+                    k=k, name=self.name, place=place, columns=len(table.terms)
+                )
+            used.add(called[term].partition("[")[0])
         results = [self._part(x, called) for x in outputs]
-        return Function(name, lines, results, tables, used, is_step)
+        opening = results.pop() if outputs is self.of.step else ""
+        return Function(name, [*tables.values(), *lines], results, opening, used)
 
     def _part(self, item: Expr, called: Mapping[ExpressionNode, str]) -> str:
         if isinstance(item, ExpressionNode):
@@ -178,10 +178,6 @@ class Source:
         """The head as a comment."""
         mark = self.language.comment
         return "".join(f"{mark}{line}".rstrip() + "\n" for line in self.head)
-
-    def body(self, function: Function) -> list[str]:
-        """Return the assignments of a function."""
-        return [self.language.assignment.format(*line) for line in function.lines]
 
     @property
     def series(self) -> Iterator[dict[str, Any]]:

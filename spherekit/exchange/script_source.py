@@ -6,7 +6,6 @@ from pprint import pformat
 
 from spherekit.exchange.printed import (
     WIDTH,
-    Function,
     Language,
     Source,
     calls,
@@ -19,8 +18,9 @@ _RAISE = {"sqrt": "x < 0", "asin": "abs(x) > 1", "acos": "abs(x) > 1", "log": "x
 
 JS = Language(
     "JavaScript",
-    calls("Math.", sign="Math.sign({0})", maximum="Math.max({0}, {1})"),
+    calls("Math.", {"sign": "Math.sign({0})", "maximum": "Math.max({0}, {1})"}),
     "  const {0} = {1};",
+    "  const table_{k} = {name}_table_{k}({place});",
     "// ",
     {},
 )
@@ -28,13 +28,16 @@ JULIA = Language(
     "Julia",
     calls(
         "",
-        **{name: f"{name}_or_nan({{0}})" for name in _RAISE},
-        atan2="atan({0}, {1})",
-        sign="sign({0})",
-        maximum="max({0}, {1})",
-        **{"**": "{0} ^ {1}"},
+        {name: f"{name}_or_nan({{0}})" for name in _RAISE}
+        | {
+            "atan2": "atan({0}, {1})",
+            "sign": "sign({0})",
+            "maximum": "max({0}, {1})",
+            "**": "{0} ^ {1}",
+        },
     ),
     "    {0} = {1}",
+    "    table_{k} = {name}_table_{k}({place})",
     "# ",
     {
         name: f"{name}_or_nan(x) = {where} ? oftype(float(x), NaN) : {name}(x)\n"
@@ -46,13 +49,16 @@ PYTHON = Language(
     "Python",
     calls(
         "np.",
-        **{name: f"np.arc{name[1:]}({{0}})" for name in ("asin", "acos", "atan")},
-        atan2="np.arctan2({0}, {1})",
-        sign="np.sign({0})",
-        maximum="np.maximum({0}, {1})",
-        **{"**": "np.power({0}, {1})"},
+        {name: f"np.arc{name[1:]}({{0}})" for name in ("asin", "acos", "atan")}
+        | {
+            "atan2": "np.arctan2({0}, {1})",
+            "sign": "np.sign({0})",
+            "maximum": "np.maximum({0}, {1})",
+            "**": "np.power({0}, {1})",
+        },
     ),
     "        {0} = {1}",
+    "        table_{k} = _table_{k}({place})",
     "# ",
     {},
 )
@@ -60,11 +66,14 @@ CASADI = Language(
     "Python",
     calls(
         "ca.",
-        sign="ca.sign({0})",
-        maximum="ca.fmax({0}, {1})",
-        **{"**": "{0} ** {1}"},
+        {
+            "sign": "ca.sign({0})",
+            "maximum": "ca.fmax({0}, {1})",
+            "**": "{0} ** {1}",
+        },
     ),
     "    {0} = {1}",
+    "    table_{k} = _table_{k}({place})",
     "# ",
     {},
 )
@@ -124,20 +133,13 @@ def javascript(source: Source) -> str:
     parts = [f"export const {name}_about = {json.dumps(about, indent=1)};\n"]
     parts += _tables(source, _SERIES_JS, closed, opened)
     for function in source.functions:
-        given = ", ".join(source.given)
-        lines = [
-            f"  const table_{k} = {name}_table_{k}({at});"
-            for k, at in function.tables.items()
-        ]
-        lines += source.body(function)
-        if function.is_step:
-            *after, openness = function.results
-            lines += [f"  {source.mode}[{k}] = {x};" for k, x in enumerate(after)]
-            lines.append(f"  return {openness};")
-        else:
+        given, lines = ", ".join(source.given), [*function.lines]
+        to = source.mode
+        if not function.opening:
+            to = "result"
             given += f", result = new Float64Array({len(function.results)})"
-            lines += [f"  result[{k}] = {x};" for k, x in enumerate(function.results)]
-            lines.append("  return result;")
+        lines += [f"  {to}[{k}] = {x};" for k, x in enumerate(function.results)]
+        lines.append(f"  return {function.opening or to};")
         body = "\n".join(lines)
         parts.append(f"export function {function.name}({given}) {{\n{body}\n}}\n")
     return _joined(source, parts)
@@ -178,13 +180,9 @@ def julia(source: Source) -> str:
         "    {low} <= s <= {high} || return fill(oftype(float(s), NaN), {columns})\n",
     )
     for function in source.functions:
-        lines = [
-            f"    table_{k} = {name}_table_{k}({at})" for k, at in function.tables.items()
-        ]
-        lines += source.body(function)
-        results = function.results[: len(of.places) if function.is_step else None]
-        open_by = f", {function.results[-1]}" if function.is_step else ""
-        lines.append(f"    return [\n        {_items(results, 8)}\n    ]{open_by}")
+        last = function.opening and f", {function.opening}"
+        values = _items(function.results, 8)
+        lines = [*function.lines, f"    return [\n        {values}\n    ]{last}"]
         body = "\n".join(lines)
         given = f"motion, {source.mode}, size={name}_sizes"
         parts.append(f"function {function.name}({given})\n{body}\nend\n")
@@ -240,12 +238,6 @@ def _table_{k}(s):
 """
 
 
-def _results(function: Function) -> tuple[str, str]:
-    """Return the values of a function in brackets' lines, and what else it returns."""
-    last = f", {function.results[-1]}" if function.is_step else ""
-    return _items(function.results[: -1 if last else None], 12), last
-
-
 def python(source: Source) -> str:
     """Return functions of arrays, by NumPy."""
     parts = [_data(source, "numpy as np")]
@@ -256,17 +248,14 @@ def python(source: Source) -> str:
         "    s = np.where((s >= {low}) & (s <= {high}), s, np.nan)\n",
     )
     for function in source.functions:
-        lines = [
-            f"        table_{k} = _table_{k}({at})" for k, at in function.tables.items()
-        ]
-        lines += source.body(function)
-        values, last = _results(function)
+        last = function.opening and f", {function.opening}"
         what = "the RESULTS (results, ...)"
-        if function.is_step:
+        if last:
             what = "variables after a step of Newton's method, and how far loops were open"
-        made = f"np.broadcast_arrays(\n            {values}\n        )"
-        lines.append(f"        return np.array({made}){last}")
-        body = "\n".join(lines)
+        made = (
+            f"np.broadcast_arrays(\n            {_items(function.results, 12)}\n        )"
+        )
+        body = "\n".join([*function.lines, f"        return np.array({made}){last}"])
         given = f"motion, {source.mode}, size=tuple(SIZES.values())"
         parts.append(
             f'\ndef {function.name}({given}):\n    """Return {what}."""\n'
@@ -310,13 +299,12 @@ def casadi(source: Source) -> str:
     symbols = [f'    {word} = ca.SX.sym("{word}", {n})' for word, n in counts]
     names = json.dumps([*source.given])
     for function in source.functions:
-        lines = [f"    table_{k} = _table_{k}({at})" for k, at in function.tables.items()]
-        values, last = _results(function)
-        made = '["after", "open"]' if function.is_step else '["result"]'
+        last = function.opening and f", {function.opening}"
+        made = '["after", "open"]' if last else '["result"]'
         arguments = f'"{function.name}", given, [values{last}], {names}, {made}'
-        lines += [
-            *source.body(function),
-            f"    values = ca.vertcat(\n            {values}\n    )",
+        lines = [
+            *function.lines,
+            f"    values = ca.vertcat(\n        {_items(function.results, 8)}\n    )",
             f"    given = [{', '.join(source.given)}]",
             f"    return ca.Function({arguments})",
         ]
