@@ -217,7 +217,8 @@ def test_sources_return_what_the_terms_do(name, tmp_path):
         ("five_bar", ["links.2.arc", "links.5.arc", "mass.3.mass", "mass.2.radius"]),
         ("stephenson", ["links.2.arc", "mass.2.radius"]),
         ("universal_joint", ["links.3.arc", "mass.2.centre.0"]),
-        ("roller_cam", ["links.frame.arc", "loads.spring.stiffness"]),
+        ("roller_cam", ["links.frame.arc", "pairs.contact.profiles.cam.radius"]),
+        ("bevel_pair", ["links.0.arc"]),
         ("agile_eye", ["links.crank1.arc"]),
     ],
 )

@@ -50,7 +50,7 @@ from spherekit.planning.inputs import driven_at, driven_pairs
 
 CLOSURE = "closure_"
 """Of closed forms: the squares that are negative where a dyad does not close."""
-ROUNDING = 1e-15
+ROUNDING = 1e-13
 """Derivatives that are smaller are those of numbers that do not change."""
 SAMPLES = 61
 """Places on the way through the inputs at which a mode is looked for."""
@@ -421,7 +421,7 @@ def _numbers(
                 f"{document.name}: {listing(keys)}: what the formulas hold does not change "
                 "in proportion; vary other numbers"
             )
-        row = slope[:, 0] / varied.scale
+        row = np.where(np.abs(slope[:, 0]) < ROUNDING, 0.0, slope[:, 0]) / varied.scale
         start = stated[k] - row @ (varied.scale * varied.values)
         stands[number] = dot([*row.tolist(), 1.0], [*sizes, float(start)])
     return stands
