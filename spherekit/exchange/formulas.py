@@ -20,6 +20,7 @@ from spherekit.conventions import Names, listing
 from spherekit.design.figures import INERTIAL
 from spherekit.design.variables import check_variables, design_variable
 from spherekit.design.varied import STEADY, VariedMechanism
+from spherekit.dynamics.start import traced
 from spherekit.dynamics.tabulated import StoredModel
 from spherekit.engine.expression_graph import (
     Expr,
@@ -44,7 +45,7 @@ from spherekit.exchange.varied_masses import masses_in_terms
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Motion, PositionAnalysis
+from spherekit.motion.motion import Motion
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.planning.inputs import driven_at, driven_pairs
 
@@ -431,9 +432,11 @@ def _modes(
     varied: VariedMechanism, terms: VariedTerms, assembly_mode: int | str | None
 ) -> Iterator[Mode]:
     """Yield the assembly modes, where they are found on the way through the inputs."""
-    tracer = PositionAnalysis(varied.mechanism, None, assembly_mode, samples=SAMPLES)
-    motion = tracer.motion()
-    for mode in tracer.assembly_modes:
+    tracer = traced(varied.mechanism)
+    modes, motion = tracer.assembly_modes, tracer.sparse(SAMPLES)
+    if assembly_mode is not None:
+        modes = (modes[tracer.place_of(assembly_mode)],)
+    for mode in modes:
         here = motion.rows((motion.assembly_mode == mode.number) & ~motion.failed)
         if not len(here):
             continue

@@ -301,7 +301,7 @@ class PageMaker:
 
     def _slider(self, number: DesignVariable) -> Facts:
         value, unit = number.value, "rad" if number.is_angle else ""
-        room = np.degrees(ARC) if self.document.data["angle_unit"] == "rad" else ARC
+        room = np.radians(ARC) if self.document.data["angle_unit"] == "rad" else ARC
         if not number.is_angle:
             room = abs(value) or 1.0
         return {
