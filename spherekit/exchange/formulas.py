@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spherekit.arrays import Floats
 from spherekit.conventions import Names, listing
 from spherekit.design.figures import INERTIAL
 from spherekit.design.variables import check_variables, design_variable
@@ -94,17 +93,8 @@ class SeriesTable(NamedTuple):
     length: float
     closed: bool
 
-    def at(self, variable: Floats) -> Floats:
-        """Return the functions (terms, n) at values (n,) of the variable."""
-        s, low = variable + self.start, self.series.edges[0]
-        if self.closed:
-            s = low + np.mod(s - low, self.length)
-        values = self.series.at(s)
-        values[~((s >= low) & (s <= self.series.edges[-1]))] = np.nan
-        return values.T
 
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Formulas:
     """What a source computes, and of what.
 
@@ -148,43 +138,10 @@ class Formulas:
     tables: tuple[SeriesTable, ...]
     title: str = "explicit formulas"
 
-    def __repr__(self) -> str:
-        how = "Newton's method" if self.step else "closed form"
-        return (
-            f"<Formulas of {self.mechanism.name}: {len(self.results)} results by {how}, "
-            f"{self.operations} operations>"
-        )
-
     @property
     def operations(self) -> int:
         """How many operations the results take."""
         return sum(term.operation != "variable" for term in in_order(self.outputs))
-
-    def at(self, motion: Floats, places: Floats, sizes: Floats | None = None) -> Floats:
-        """Return the results (results, n) at motions (k, n), by NumPy; see `Formulas`.
-
-        By default with the sizes of the file; NaN where the mode does not close.
-        """
-        return self._read(self.outputs, motion, places, sizes)
-
-    def stepped(
-        self, motion: Floats, places: Floats, sizes: Floats | None = None
-    ) -> Floats:
-        """Return the `step` (variables + 1, n), by NumPy."""
-        return self._read(self.step, motion, places, sizes)
-
-    def _read(
-        self, items: Sequence[Expr], motion: Floats, places: Floats, sizes: Floats | None
-    ) -> Floats:
-        if sizes is None:
-            sizes = np.array([size.value for size in self.sizes])[:, None]
-        n = np.shape(motion)[1]
-        given = [np.broadcast_to(x, (len(x), n)) for x in (motion, places, sizes)]
-        terms = [x for kind in self.variables for x in kind]
-        values = np.concatenate(given)
-        columns = [table.at(values[terms.index(table.of)]) for table in self.tables]
-        terms += [x for table in self.tables for x in table.terms]
-        return array_function(items, terms)(np.concatenate([values, *columns]))
 
 
 def formulas(
@@ -321,28 +278,17 @@ def _wanted(
             [x for x in every if fnmatchcase(x, name)] or [name] for name in quantities
         )
         return list(dict.fromkeys(chain(*found)))
-    ground = mechanism.links[mechanism.link(mechanism.ground)]
-    links = [link for link in mechanism.links if link != ground]
-    stems = [
-        *(f"theta_{pair}" for pair in mechanism.angles if pair not in inputs),
-        *(
-            f"{kind}_coefficient_{link}_{ground}"
-            for kind in ("velocity", "acceleration")
-            for link in links
-        ),
+    patterns = [
+        "theta_*",
+        f"*_coefficient_*_{mechanism.ground}",
         "transmission_angle_*",
-        "B",
-        "B_*",
-        "dB_dq",
-        "torque",
+        *("B", "dB_dq", "torque"),
+        *(f"B_{pair}" for pair in inputs),
     ]
-    ends = ("", "_by_*")
+    patterns += [f"{pattern}_by_*" for pattern in patterns]
+    driven = {f"theta_{pair}" for pair in inputs}
     return [
-        name
-        for stem in stems
-        for name in every
-        if any(fnmatchcase(name, stem + end) for end in ends)
-        and not name.startswith("B_torque")
+        x for x in every if x not in driven and any(fnmatchcase(x, y) for y in patterns)
     ]
 
 
